@@ -1,0 +1,28 @@
+# Compiler flags as a target. Never -ffast-math: stick-slip transitions are signs.
+add_library(entroslip_flags INTERFACE)
+set(strict -fimplicit-none -std=f2018 -fopenmp-simd)   # directives only, no threads
+# gfortran takes the descriptor of every array allocated on assignment for uninitialized: those two warnings are noise
+set(warnings -Wall -Wextra -Wimplicit-interface -Wno-compare-reals -Wno-uninitialized -Wno-maybe-uninitialized)
+set(debug -Og -g -fcheck=all -fbacktrace -ffpe-trap=invalid,zero,overflow
+  -finit-real=snan -finit-derived -Werror)
+# -fno-trapping-math changes no value; it lets both arms of a merge be computed (bench/README.md)
+set(release -O3 -g1 -march=${ENTROSLIP_ARCH} -fno-trapping-math)
+if(ENTROSLIP_ARCH STREQUAL "native")
+  list(APPEND release -mprefer-vector-width=512)
+endif()
+if(ENTROSLIP_SANITIZE)
+  list(APPEND debug -fsanitize=address,undefined -fno-omit-frame-pointer)
+  target_link_options(entroslip_flags INTERFACE -fsanitize=address,undefined)
+endif()
+target_compile_options(entroslip_flags INTERFACE
+  "$<$<COMPILE_LANGUAGE:Fortran>:${strict};${warnings}>"
+  "$<$<AND:$<COMPILE_LANGUAGE:Fortran>,$<CONFIG:Debug>>:${debug}>"
+  "$<$<AND:$<COMPILE_LANGUAGE:Fortran>,$<CONFIG:Release>>:${release}>")
+set(CMAKE_Fortran_FLAGS_RELEASE "")
+set(CMAKE_Fortran_FLAGS_DEBUG "")
+if(CMAKE_BUILD_TYPE STREQUAL "Debug")
+  set(ENTROSLIP_FLAGS_TEXT ${debug})
+else()
+  set(ENTROSLIP_FLAGS_TEXT ${release})
+endif()
+list(JOIN ENTROSLIP_FLAGS_TEXT " " ENTROSLIP_FLAGS_TEXT)

@@ -1,0 +1,18 @@
+# A floor sees only the modules of the floors it names, and the libraries it holds the door to.
+function(add_floor name)
+  cmake_parse_arguments(PARSE_ARGV 1 floor "" "" "SOURCES;USES;DOORS")
+  set(modules ${PROJECT_BINARY_DIR}/modules/${name})
+  add_library(${name} STATIC ${floor_SOURCES})
+  file(MAKE_DIRECTORY ${modules})   # else gfortran warns of it before the first module is written
+  set_target_properties(${name} PROPERTIES
+    OUTPUT_NAME entroslip_${name}
+    Fortran_MODULE_DIRECTORY ${modules})
+  target_include_directories(${name} INTERFACE $<BUILD_INTERFACE:${modules}>)
+  foreach(floor IN LISTS floor_USES)
+    # its modules are seen here, but not passed on: what the floor above wants, it names itself
+    target_include_directories(${name} PRIVATE ${PROJECT_BINARY_DIR}/modules/${floor})
+    add_dependencies(${name} ${floor})
+    target_link_libraries(${name} INTERFACE $<LINK_ONLY:${floor}>)
+  endforeach()
+  target_link_libraries(${name} PRIVATE ${floor_DOORS} $<BUILD_INTERFACE:entroslip_flags>)
+endfunction()

@@ -1,0 +1,176 @@
+!> Random streams that belong to a sample, not to a rank: Philox4x32-10 (Salmon et al., 2011).
+!>
+!> A stream is a key (seed and label) and the upper half of the counter (sample number); the lower half
+!> of the counter walks along it. Any stream starts anywhere at no cost, and two never meet.
+module core_random
+   use core_kinds, only: long, wp
+   implicit none(type, external)
+   private
+   public :: stream_type, new_stream, label_of, philox
+
+   integer(long), parameter :: mask32 = int(z'FFFFFFFF', long)
+   integer, parameter :: width = 64   !! values per full block: what shares a block must not matter
+
+   !> One stream; `uniforms` and `normals` take the next numbers from it.
+   type :: stream_type
+      private
+      integer(long) :: key(2) = 0      !! 32 bits in each word
+      integer(long) :: sample(2) = 0   !! upper half of the counter
+      integer(long) :: position = 0    !! lower half: Philox blocks already used
+   contains
+      procedure :: uniforms
+      procedure :: normals
+   end type stream_type
+
+   !> Fingerprint of what a stream belongs to; extend it value by value: label = label_of(label, x).
+   interface label_of
+      module procedure label_of_text, label_with_long, label_with_integer, label_with_real
+   end interface label_of
+
+contains
+
+   !> The stream of (seed, label, sample); label from `label_of`, sample counts from 1, 0: shared by all.
+   pure function new_stream(seed, label, sample) result(stream)
+      integer(long), intent(in) :: seed
+      integer(long), intent(in) :: label
+      integer, intent(in) :: sample
+      type(stream_type) :: stream
+      integer(long) :: key
+
+      key = label_of(label, seed)
+      stream%key = words_of(key)
+      stream%sample = words_of(int(sample, long))
+   end function new_stream
+
+   !> The next numbers, uniform on the open interval (0, 1), 53 bits each.
+   !> Two numbers share a Philox block; an odd request leaves the second one unused.
+   pure subroutine uniforms(self, values)
+      class(stream_type), intent(inout) :: self
+      real(wp), intent(out) :: values(:)
+      real(wp), parameter :: unit = 2.0_wp**(-53)
+      integer(long) :: counter(width/2, 4), word(width/2, 4)
+      real(wp) :: block(width)
+      integer :: first, last, i
+
+      do first = 1, size(values), width
+         last = min(first + width - 1, size(values))
+         do i = 1, width/2
+            counter(i, 1) = iand(self%position + i - 1, mask32)
+            counter(i, 2) = ishft(self%position + i - 1, -32)
+            counter(i, 3:4) = self%sample
+         end do
+         call philox(counter, self%key, word)
+         do i = 1, width/2
+            block(2*i - 1) = (real(ishft(word(i, 1), 21) + ishft(word(i, 2), -11), wp) + 0.5_wp)*unit
+            block(2*i) = (real(ishft(word(i, 3), 21) + ishft(word(i, 4), -11), wp) + 0.5_wp)*unit
+         end do
+         values(first:last) = block(:last - first + 1)
+         self%position = self%position + (last - first + 2)/2
+      end do
+   end subroutine uniforms
+
+   !> The next numbers, standard normal (Box and Muller; pairs share two uniforms).
+   pure subroutine normals(self, values)
+      class(stream_type), intent(inout) :: self
+      real(wp), intent(out) :: values(:)
+      real(wp), parameter :: two_pi = 8.0_wp*atan(1.0_wp)
+      real(wp) :: u(width), z(width), radius(width/2), angle(width/2)
+      integer :: first, last
+
+      do first = 1, size(values), width
+         last = min(first + width - 1, size(values))
+         u = 0.5_wp
+         call self%uniforms(u(:2*((last - first + 2)/2)))
+         radius = sqrt(-2.0_wp*log(u(1::2)))
+         angle = two_pi*u(2::2)
+         z(1::2) = radius*cos(angle)
+         z(2::2) = radius*sin(angle)
+         values(first:last) = z(:last - first + 1)
+      end do
+   end subroutine normals
+
+   !> Philox4x32-10 on several counters at once; each word holds 32 bits.
+   pure subroutine philox(counter, key, word)
+      integer(long), intent(in) :: counter(:, :)   !! (block, word 1..4)
+      integer(long), intent(in) :: key(2)
+      integer(long), intent(out) :: word(:, :)     !! (block, word 1..4)
+      integer(long), parameter :: weyl(2) = [int(z'9E3779B9', long), int(z'BB67AE85', long)]
+      integer(long), parameter :: multiplier(2) = [int(z'D2511F53', long), int(z'CD9E8D57', long)]
+      integer(long) :: k(2), high1, low1, high2, low2
+      integer :: i, round
+
+      word = counter
+      k = key
+      do round = 1, 10
+         !$omp simd private(high1, low1, high2, low2)
+         do i = 1, size(word, 1)
+            call multiply(multiplier(1), word(i, 1), high1, low1)
+            call multiply(multiplier(2), word(i, 3), high2, low2)
+            word(i, 1) = ieor(ieor(high2, word(i, 2)), k(1))
+            word(i, 3) = ieor(ieor(high1, word(i, 4)), k(2))
+            word(i, 2) = low2
+            word(i, 4) = low1
+         end do
+         k = iand(k + weyl, mask32)
+      end do
+   end subroutine philox
+
+   !> Upper and lower 32 bits of a 32 x 32 bit product, without leaving the signed 64 bits.
+   pure subroutine multiply(a, b, high, low)
+      integer(long), intent(in) :: a, b
+      integer(long), intent(out) :: high, low
+      integer(long) :: lower, upper
+
+      lower = iand(a, 65535_long)*b
+      upper = ishft(a, -16)*b + ishft(lower, -16)
+      high = ishft(upper, -16)
+      low = ior(ishft(iand(upper, 65535_long), 16), iand(lower, 65535_long))
+   end subroutine multiply
+
+   pure function words_of(value) result(words)
+      integer(long), intent(in) :: value
+      integer(long) :: words(2)
+
+      words = [iand(value, mask32), ishft(value, -32)]
+   end function words_of
+
+   !> A fixed permutation of (label, value), cut to 64 bits: Philox under a key of its own.
+   pure function label_with_long(label, value) result(mixed)
+      integer(long), intent(in) :: label, value
+      integer(long) :: mixed
+      integer(long), parameter :: key(2) = [int(z'656E7472', long), int(z'6F736C70', long)]
+      integer(long) :: word(1, 4)
+
+      call philox(reshape([words_of(label), words_of(value)], [1, 4]), key, word)
+      mixed = ior(ishft(word(1, 1), 32), word(1, 2))
+   end function label_with_long
+
+   pure function label_with_integer(label, value) result(mixed)
+      integer(long), intent(in) :: label
+      integer, intent(in) :: value
+      integer(long) :: mixed
+
+      mixed = label_with_long(label, int(value, long))
+   end function label_with_integer
+
+   !> The value's bits; 0.0 and -0.0 are one value.
+   pure function label_with_real(label, value) result(mixed)
+      integer(long), intent(in) :: label
+      real(wp), intent(in) :: value
+      integer(long) :: mixed
+
+      mixed = label_with_long(label, transfer(value + 0.0_wp, 0_long))
+   end function label_with_real
+
+   pure function label_of_text(text) result(label)
+      character(*), intent(in) :: text
+      integer(long) :: label
+      integer :: i
+
+      label = len(text)
+      do i = 1, len(text)
+         label = label_with_long(label, int(iachar(text(i:i)), long))
+      end do
+   end function label_of_text
+
+end module core_random

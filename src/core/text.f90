@@ -1,0 +1,64 @@
+!> Numbers as a person would write them, for messages.
+module core_text
+   use core_kinds, only: long, wp
+   implicit none(type, external)
+   private
+   public :: to_text
+
+   !> Shortest usual form of a number, without blanks: 7, -2.0, 1.5E-9, T.
+   interface to_text
+      module procedure text_of_integer, text_of_long, text_of_real, text_of_logical
+   end interface to_text
+
+contains
+
+   pure function text_of_integer(value) result(text)
+      integer, intent(in) :: value
+      character(:), allocatable :: text
+
+      text = text_of_long(int(value, long))
+   end function text_of_integer
+
+   pure function text_of_long(value) result(text)
+      integer(long), intent(in) :: value
+      character(:), allocatable :: text
+      character(24) :: buffer
+
+      write (buffer, '(i0)') value
+      text = trim(buffer)
+   end function text_of_long
+
+   !> The fewest digits that read back as the same number; nan and inf as such.
+   pure function text_of_real(value) result(text)
+      real(wp), intent(in) :: value
+      character(:), allocatable :: text
+      character(32) :: buffer
+      character(12) :: format
+      real(wp) :: back
+      integer :: digits, status
+
+      do digits = 1, 17
+         if (abs(value) >= 1.0e-3_wp .and. abs(value) < 1.0e6_wp .or. .not. abs(value) > 0.0_wp) then
+            write (format, '(a, i0, a)') '(f0.', max(digits - 1, 1), ')'
+         else
+            write (format, '(a, i0, a)') '(es0.', max(digits - 1, 1), ')'
+         end if
+         write (buffer, format) value
+         read (buffer, *, iostat=status) back
+         if (status /= 0 .or. .not. abs(back - value) > 0.0_wp) exit
+      end do
+      text = trim(adjustl(buffer))
+      if (text(1:1) == '.') text = '0'//text
+      if (len(text) > 1) then
+         if (text(1:2) == '-.') text = '-0'//text(2:)
+      end if
+   end function text_of_real
+
+   pure function text_of_logical(value) result(text)
+      logical, intent(in) :: value
+      character(:), allocatable :: text
+
+      text = trim(merge('.true. ', '.false.', value))
+   end function text_of_logical
+
+end module core_text

@@ -1,0 +1,139 @@
+!> What a block of samples carries through the march, and what a marcher must do with it.
+module dynamics_response
+   use core_error, only: error_type
+   use core_kinds, only: long, wp
+   use dynamics_chain, only: chain_type
+   implicit none(type, external)
+   private
+   public :: block_state, marcher_type, transition_list, start_block, stored_energy
+
+   !> Stick-slip transitions of one sample, in time order.
+   type :: transition_list
+      integer :: n = 0
+      real(wp), allocatable :: time(:)   !! [s]; valid to n
+      integer, allocatable :: dof(:)
+      integer, allocatable :: kind(:)    !! +1, -1: slip starts in that direction; 0: sticks
+   contains
+      procedure :: append
+   end type transition_list
+
+   !> Samples marched together under one case. No result depends on who shares the block.
+   type :: block_state
+      integer :: n_dof = 0
+      integer :: n_samples = 0
+      integer(long) :: step = 0                         !! steps done
+      real(wp), allocatable :: displacement(:, :)       !! x (dof, sample) [m]
+      real(wp), allocatable :: velocity(:, :)           !! (dof, sample) [m/s]
+      real(wp), allocatable :: slider(:, :)             !! (dof, sample) [m]; spring force = k (x - slider)
+      integer, allocatable :: direction(:, :)           !! (dof, sample) 0: stuck, +1 or -1: slipping that way
+      real(wp), allocatable :: slip_limit(:, :)         !! mu N (dof, sample) [N]
+      real(wp), allocatable :: slip_time(:, :)          !! (dof, sample) [s]
+      integer(long), allocatable :: slip_starts(:, :)   !! (dof, sample)
+      integer(long), allocatable :: stick_starts(:, :)  !! (dof, sample)
+      logical :: keeps_ledger = .false.
+      real(wp), allocatable :: work_input(:)            !! (sample) [J]; kept when keeps_ledger
+      real(wp), allocatable :: work_viscous(:)          !! (sample) [J]
+      real(wp), allocatable :: work_friction(:)         !! (sample) [J]
+      logical :: keeps_transitions = .false.
+      type(transition_list), allocatable :: transitions(:)   !! (sample)
+   end type block_state
+
+   !> A time integration method, prepared for one chain, one time step and one forced dof.
+   type, abstract :: marcher_type
+      type(chain_type) :: chain
+      real(wp) :: dt = 0.0_wp       !! [s]
+      integer :: forced_dof = 0
+   contains
+      procedure(advance_block), deferred :: advance
+   end type marcher_type
+
+   abstract interface
+      !> Marches a block on by as many steps as the force has intervals.
+      !> Recorded are the displacements after each `every`-th step, counted from the start of the march.
+      subroutine advance_block(self, state, force, every, displacement, velocity, error)
+         import :: block_state, error_type, marcher_type, wp
+         class(marcher_type), intent(inout) :: self
+         type(block_state), intent(inout) :: state
+         real(wp), intent(in) :: force(0:, :)   !! (step, 1 or sample) [N], linear between its values
+         integer, intent(in) :: every
+         real(wp), intent(out) :: displacement(:, :, :)         !! (record, dof, sample) [m]; may have size 0
+         real(wp), intent(out), optional :: velocity(:, :, :)   !! (record, dof, sample) [m/s]
+         type(error_type), allocatable, intent(out) :: error
+      end subroutine advance_block
+   end interface
+
+contains
+
+   !> At rest, sliders at zero, all stuck (a slider that carries nothing, mu N = 0, slips from the start).
+   pure subroutine start_block(chain, friction, state)
+      type(chain_type), intent(in) :: chain
+      real(wp), intent(in) :: friction(:, :)   !! mu_S = mu_D (dof, sample), not negative
+      type(block_state), intent(inout) :: state   !! keeps_ledger and keeps_transitions are kept
+      integer :: n, w
+
+      n = chain%n_dof
+      w = size(friction, 2)
+      state%n_dof = n
+      state%n_samples = w
+      state%step = 0
+      state%slip_limit = friction*spread(chain%normal_load, 2, w)
+      call zeros(state%displacement)
+      call zeros(state%velocity)
+      call zeros(state%slider)
+      call zeros(state%slip_time)
+      state%direction = merge(0, 1, state%slip_limit > 0.0_wp)
+      if (allocated(state%slip_starts)) deallocate (state%slip_starts, state%stick_starts)
+      allocate (state%slip_starts(n, w), state%stick_starts(n, w), source=0_long)
+      state%work_input = spread(0.0_wp, 1, w)
+      state%work_viscous = state%work_input
+      state%work_friction = state%work_input
+      if (allocated(state%transitions)) deallocate (state%transitions)
+      allocate (state%transitions(w))
+
+   contains
+
+      pure subroutine zeros(array)
+         real(wp), allocatable, intent(inout) :: array(:, :)
+
+         if (allocated(array)) deallocate (array)
+         allocate (array(n, w), source=0.0_wp)
+      end subroutine zeros
+
+   end subroutine start_block
+
+   !> Kinetic energy, and strain energy of the coupling and contact springs [J], per sample.
+   pure function stored_energy(chain, state) result(energy)
+      type(chain_type), intent(in) :: chain
+      type(block_state), intent(in) :: state
+      real(wp) :: energy(state%n_samples)
+      integer :: w
+
+      do w = 1, state%n_samples
+         associate (x => state%displacement(:, w), v => state%velocity(:, w), s => state%slider(:, w))
+            energy(w) = 0.5_wp*(sum(chain%mass*v**2) + dot_product(x, matmul(chain%coupling, x)) &
+                                + sum(chain%contact_stiffness*(x - s)**2))
+         end associate
+      end do
+   end function stored_energy
+
+   !> One more transition at the end of the list.
+   pure subroutine append(self, time, dof, kind)
+      class(transition_list), intent(inout) :: self
+      real(wp), intent(in) :: time
+      integer, intent(in) :: dof, kind
+      integer :: room
+
+      if (.not. allocated(self%time)) allocate (self%time(64), self%dof(64), self%kind(64))
+      if (self%n == size(self%time)) then
+         room = 2*self%n
+         self%time = [self%time, spread(0.0_wp, 1, room - self%n)]
+         self%dof = [self%dof, spread(0, 1, room - self%n)]
+         self%kind = [self%kind, spread(0, 1, room - self%n)]
+      end if
+      self%n = self%n + 1
+      self%time(self%n) = time
+      self%dof(self%n) = dof
+      self%kind(self%n) = kind
+   end subroutine append
+
+end module dynamics_response

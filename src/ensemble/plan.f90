@@ -1,0 +1,66 @@
+!> What a scene asks for, as numbers: processes to fit, cases to run, how to march, what to keep.
+module ensemble_plan
+   use core_kinds, only: long, wp
+   use dynamics_chain, only: chain_type
+   use process_model, only: process_request
+   implicit none(type, external)
+   private
+   public :: plan_type, case_type, excitation_settings, integration_settings, output_settings
+
+   !> One excitation level with one process: n_samples structures that differ in friction only
+   !> (and in the force record, when every sample has its own).
+   type :: case_type
+      integer :: process = 0           !! into plan%processes; 0: none, friction as given
+      real(wp) :: variance = 0.0_wp    !! of the force [N^2]; 0 with a force file
+      integer :: n_samples = 1
+   end type case_type
+
+   type :: excitation_settings
+      character(:), allocatable :: kind      !! 'band_limited' or 'file'
+      real(wp) :: band(2) = 0.0_wp           !! [Hz]
+      integer :: dof = 0                     !! the forced mass, resolved: never 0 in a plan
+      character(:), allocatable :: file
+      logical :: per_sample = .false.        !! a record of its own for each sample
+   end type excitation_settings
+
+   type :: integration_settings
+      character(:), allocatable :: method    !! 'newmark' or 'event'
+      real(wp) :: dt = 0.0_wp                !! [s]
+      integer :: n_steps = 0
+      integer :: n_discard = 0               !! steps left out of every statistic
+      integer :: max_halvings = 0            !! newmark
+      real(wp) :: beta = 0.25_wp             !! newmark
+      real(wp) :: gamma = 0.5_wp             !! newmark
+      real(wp) :: tolerance = 0.0_wp         !! event: displacement error relative to its rms
+   end type integration_settings
+
+   !> What is kept; what is not asked for is not computed.
+   type :: output_settings
+      logical :: slip = .false.
+      logical :: spectrum = .false.
+      logical :: energy = .false.
+      logical :: history = .false.
+      logical :: realizations = .false.
+      logical :: transitions = .false.
+      real(wp), allocatable :: percentiles(:)   !! [%], ascending
+      integer :: segment_length = 0             !! steps of a Welch segment
+      integer :: spectrum_every = 0             !! every k-th step enters the spectra; 0: chosen
+   end type output_settings
+
+   type :: plan_type
+      character(:), allocatable :: title
+      integer(long) :: seed = 0
+      type(process_request), allocatable :: processes(:)
+      integer :: n_points = 0                   !! of a written realization
+      integer :: n_realizations = 0
+      logical :: has_chain = .false.            !! without a chain only processes are solved
+      type(chain_type) :: chain
+      real(wp), allocatable :: friction(:)      !! (dof) for cases without process
+      type(excitation_settings) :: excitation
+      type(integration_settings) :: integration
+      type(case_type), allocatable :: cases(:)  !! in case-number order, c001 first
+      type(output_settings) :: output
+      real(wp) :: walltime = 0.0_wp             !! [min]; 0: no limit
+   end type plan_type
+
+end module ensemble_plan

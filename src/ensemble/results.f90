@@ -1,0 +1,53 @@
+!> What samples hand back, and what becomes of them over a case. Index orders are Fortran's;
+!> the results file, read from Python, has them reversed.
+module ensemble_results
+   use core_kinds, only: long, wp
+   use dynamics_response, only: transition_list
+   implicit none(type, external)
+   private
+   public :: block_result, case_statistics, spectrum_layout
+
+   !> How spectra were formed; the same for every sample of a campaign.
+   type :: spectrum_layout
+      integer :: every = 1                      !! every k-th step was used
+      integer :: segment_length = 0             !! values of a segment, after thinning
+      integer :: overlap = 0                    !! values shared by neighbouring segments
+      integer :: n_segments = 0
+      real(wp), allocatable :: frequency(:)     !! (frequency) [Hz], 0 to the kept Nyquist
+   end type spectrum_layout
+
+   !> Results of consecutive samples of one case; what was not asked for is not allocated.
+   type :: block_result
+      integer :: case_number = 0
+      integer :: first_sample = 0
+      integer :: n_samples = 0
+      real(wp), allocatable :: friction(:, :)           !! (dof, sample)
+      real(wp), allocatable :: slip_fraction(:, :)      !! (dof, sample)
+      integer(long), allocatable :: slip_starts(:, :)   !! (dof, sample)
+      integer(long), allocatable :: stick_starts(:, :)  !! (dof, sample)
+      real(wp), allocatable :: psd(:, :, :)             !! (dof, frequency, sample), one-sided [m^2/Hz]
+      real(wp), allocatable :: folded_share(:, :)       !! (dof, sample) power above the kept Nyquist, relative
+      real(wp), allocatable :: energy(:, :)             !! (input viscous friction stored defect, sample) [J]
+      real(wp), allocatable :: displacement(:, :, :)    !! (dof, step, sample) 'history'
+      real(wp), allocatable :: velocity(:, :, :)        !! (dof, step, sample) 'history'
+      type(transition_list), allocatable :: transitions(:)   !! (sample)
+   end type block_result
+
+   !> Statistics over the samples of one case. Errors are standard errors, intervals are of 95 %.
+   type :: case_statistics
+      integer :: n_samples = 0
+      real(wp), allocatable :: slip_mean(:), slip_std(:)               !! (dof)
+      real(wp), allocatable :: slip_mean_error(:), slip_std_error(:)   !! (dof)
+      real(wp), allocatable :: psd_mean(:, :)                !! (dof, frequency)
+      real(wp), allocatable :: psd_mean_error(:, :)          !! (dof, frequency)
+      real(wp), allocatable :: psd_percentiles(:, :, :)      !! (dof, frequency, percentile)
+      real(wp), allocatable :: psd_percentiles_low(:, :, :)  !! lower end of the interval
+      real(wp), allocatable :: psd_percentiles_high(:, :, :) !! upper end
+      real(wp), allocatable :: pseudo_variance_mean(:)            !! (dof), Eq. (46) [m^2]
+      real(wp), allocatable :: pseudo_variance_percentiles(:, :)  !! (dof, percentile)
+      real(wp), allocatable :: band_ratio(:)                      !! (dof) last over first percentile
+      real(wp), allocatable :: band_ratio_low(:), band_ratio_high(:)
+      real(wp), allocatable :: folded_share(:)                    !! (dof) largest over samples
+   end type case_statistics
+
+end module ensemble_results

@@ -1,0 +1,59 @@
+!> What is asked of a maximum-entropy process, and what was found (Sec. 2).
+module process_model
+   use core_kinds, only: wp
+   implicit none(type, external)
+   private
+   public :: process_request, process_model_type, process_solution
+
+   !> A wanted process. Lengths are in lags; mean and std in the unit of X.
+   type :: process_request
+      character(:), allocatable :: method        !! 'autoregressive' or 'direct'
+      character(:), allocatable :: correlation   !! the definition imposed: 'L0' Eq. (8), 'L1' Eq. (9)
+      real(wp) :: correlation_length = 0.0_wp
+      integer :: order = 0                       !! M, or m_max of 'direct'; 0: choose it
+      real(wp) :: bound_l0 = 0.0_wp              !! order = 0: the other length's bound; 0: none
+      real(wp) :: bound_l1 = 0.0_wp
+      integer :: max_order = 30                  !! order = 0: search no further
+      real(wp) :: mean = 0.0_wp
+      real(wp) :: std = 0.0_wp
+      logical :: positive = .false.
+      character(:), allocatable :: sampler       !! positive: 'sequential' (Sec. 2.4) or 'exact' (Eq. 25)
+   end type process_request
+
+   !> One consistent solution of the direct method's sign search.
+   type :: process_solution
+      integer, allocatable :: signs(:)   !! s_m, m = 1..m_max
+      real(wp) :: delta = 0.0_wp         !! lambda_2/lambda_3
+      real(wp) :: lambda_3 = 0.0_wp
+      real(wp) :: entropy = 0.0_wp       !! per point [nat]
+   end type process_solution
+
+   !> A solved (or refused) process. Entropies are per point, in nats.
+   type :: process_model_type
+      type(process_request) :: request
+      logical :: is_solved = .false.
+      character(:), allocatable :: reason        !! why not, with the nearest request that is feasible
+      integer :: order = 0                       !! M of the recursion below
+      real(wp), allocatable :: a(:)              !! a_q, Eq. (39): z_n = b0 w_n - sum a_q z_(n-q)
+      real(wp) :: b0 = 0.0_wp
+      real(wp) :: mu = 0.0_wp                    !! of the underlying Gaussian; the mean itself without sign
+      complex(wp), allocatable :: poles(:)       !! (order), Eq. (40)
+      real(wp), allocatable :: autocovariance(:) !! K_XX(lag), lag = 0.. [unit of X squared]
+      real(wp), allocatable :: autocovariance_error(:)   !! standard error where sampled, else 0
+      real(wp) :: l0 = 0.0_wp, l1 = 0.0_wp           !! infinite sums
+      real(wp) :: l0_cut = 0.0_wp, l1_cut = 0.0_wp   !! sums cut at the order, Eq. (11)
+      real(wp) :: mean = 0.0_wp, std = 0.0_wp        !! achieved
+      real(wp) :: mean_error = 0.0_wp, std_error = 0.0_wp, l0_error = 0.0_wp, l1_error = 0.0_wp
+      real(wp) :: entropy = 0.0_wp, entropy_error = 0.0_wp
+      real(wp) :: entropy_bound = 0.0_wp         !! white noise, Eq. (42)
+      real(wp) :: optimality = 0.0_wp            !! largest residual of the optimality conditions
+      real(wp) :: lambda = 1.0_wp                !! exact law: Lambda, limit of p_acc^(s) of Eq. (45)
+      real(wp) :: acceptance_ratio = 1.0_wp      !! accepted/proposed = 1/E[1/alpha]
+      real(wp) :: acceptance_mean = 1.0_wp       !! E[alpha]
+      real(wp) :: acceptance_geometric = 1.0_wp  !! exp E[ln alpha]
+      integer, allocatable :: signs(:)           !! direct: s_m
+      real(wp) :: delta = 0.0_wp, lambda_3 = 0.0_wp   !! direct
+      type(process_solution), allocatable :: solutions(:)   !! direct: all that were found
+   end type process_model_type
+
+end module process_model
