@@ -1,0 +1,106 @@
+"""A results file as labelled data."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+
+import h5py
+import xarray as xr
+
+
+class ResultsError(Exception):
+    """The file is not a results file, or not one that this version reads."""
+
+
+@dataclass(frozen=True)
+class Case:
+    """One case of the campaign: a process (or none) under one excitation."""
+
+    name: str  # c001
+    data: xr.Dataset
+
+    @property
+    def process(self) -> str:
+        """Name of the process, or 'none'."""
+        return str(self.data.attrs["process"])
+
+    @property
+    def is_deterministic(self) -> bool:
+        """Friction as given, one sample."""
+        return self.process == "none"
+
+    @property
+    def variance(self) -> float:
+        """Of the force; 0 where the force came from a file."""
+        return float(self.data.attrs["variance"])
+
+    @property
+    def std(self) -> float:
+        """Of the friction coefficients."""
+        return float(self.data.attrs["std"])
+
+    @property
+    def correlation_length(self) -> float:
+        """Imposed on the friction coefficients, in lags."""
+        return float(self.data.attrs["correlation_length"])
+
+    @property
+    def n_dof(self) -> int:
+        """Oscillators of the chain."""
+        return int(self.data.sizes["dof"])
+
+    def has(self, *names: str) -> bool:
+        """Whether the scene asked for all of these."""
+        return all(name in self.data for name in names)
+
+
+@dataclass(frozen=True)
+class Results:
+    """Everything of one results file; what the scene did not ask for is absent."""
+
+    path: Path
+    attrs: dict[str, object]
+    processes: dict[str, xr.Dataset]  # by name, p001 first
+    chain: xr.Dataset | None
+    cases: list[Case]  # c001 first
+
+    @property
+    def deterministic(self) -> list[Case]:
+        """Cases with friction as given."""
+        return [case for case in self.cases if case.is_deterministic]
+
+    @property
+    def random(self) -> list[Case]:
+        """Cases with drawn friction."""
+        return [case for case in self.cases if not case.is_deterministic]
+
+
+def _text(value: object) -> object:
+    return value.decode() if isinstance(value, bytes) else value
+
+
+def open_results(path: str | Path) -> Results:
+    """Load a results file; every dataset carries `units` and `long_name`."""
+    path = Path(path)
+    try:
+        with h5py.File(path) as file:
+            attrs = {name: _text(value) for name, value in file.attrs.items()}
+            groups = {kind: sorted(file[kind]) for kind in ("process", "campaign") if kind in file}
+            has_chain = "chain" in file
+    except OSError as error:
+        raise ResultsError(f"{path}: cannot be read as HDF5: {error}") from error
+    if attrs.get("program") != "entroslip":
+        raise ResultsError(f"{path}: not written by entroslip")
+
+    def load(group: str) -> xr.Dataset:
+        with xr.open_dataset(path, group=group, engine="h5netcdf") as data:
+            return data.load()
+
+    return Results(
+        path=path,
+        attrs=attrs,
+        processes={name: load(f"process/{name}") for name in groups.get("process", [])},
+        chain=load("chain") if has_chain else None,
+        cases=[Case(name, load(f"campaign/{name}")) for name in groups.get("campaign", [])],
+    )

@@ -1,0 +1,56 @@
+# What both commands of the README do first: packages, build, Python. Sourced, not run.
+# Each step looks before it acts, so a second run changes nothing.
+
+say() { printf '\n== %s\n' "$*"; }
+
+build_packages="gcc gfortran cmake ninja-build git pkg-config libopenmpi-dev openmpi-bin libopenblas-dev
+  libfftw3-dev libhdf5-dev libnlopt-dev python3 python3-venv"
+
+# install_packages NAME...: whatever is missing, as root or through sudo.
+install_packages() {
+  local missing=() name as_root=()
+  if ! command -v dpkg-query >/dev/null; then
+    say "Not a Debian system: taking these packages, or what they are called here, as installed: $*"
+    return
+  fi
+  for name in "$@"; do
+    dpkg-query -W -f='${Status}' "$name" 2>/dev/null | grep -q 'ok installed' || missing+=("$name")
+  done
+  [ ${#missing[@]} -eq 0 ] && return
+  if [ "$(id -u)" -ne 0 ]; then
+    if ! sudo -n true 2>/dev/null; then
+      say "Packages are missing. Run this line, then start again:"
+      echo "sudo apt-get update && sudo apt-get install -y --no-install-recommends ${missing[*]}"
+      exit 1
+    fi
+    as_root=(sudo)
+  fi
+  say "Installing ${missing[*]}"
+  "${as_root[@]}" apt-get update -q
+  DEBIAN_FRONTEND=noninteractive "${as_root[@]}" apt-get install -y -q --no-install-recommends "${missing[@]}"
+}
+
+# build PRESET: configures and builds into build/PRESET.
+build() {
+  say "Building: $1"
+  cmake --preset "$1" >"$2" 2>&1 || { cat "$2"; exit 1; }
+  cmake --build --preset "$1"
+}
+
+# make_venv REQUIREMENTS: .venv with exactly the pinned Python packages.
+make_venv() {
+  local stamp=.venv/installed-$(sha256sum "$1" | cut -c1-16)
+  [ -e "$stamp" ] && return
+  say "Python packages into .venv"
+  rm -rf .venv
+  python3 -m venv .venv
+  .venv/bin/pip install --quiet --disable-pip-version-check -r "$1"
+  touch "$stamp"
+}
+
+# Open MPI: root may run, ranks may share cores; one thread of BLAS per rank.
+if [ "$(id -u)" -eq 0 ]; then
+  export OMPI_ALLOW_RUN_AS_ROOT=1 OMPI_ALLOW_RUN_AS_ROOT_CONFIRM=1
+fi
+export OPENBLAS_NUM_THREADS=1
+mpi_run=(mpirun --oversubscribe -n)

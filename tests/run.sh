@@ -1,0 +1,21 @@
+#!/usr/bin/env bash
+# Every test: packages, both builds, unit and MPI tests, the program end to end, postproc.
+set -euo pipefail
+cd "$(dirname "$0")/.."
+. scripts/prepare.sh
+
+# shellcheck disable=SC2086   # one word a package
+install_packages $build_packages
+mkdir -p build
+build debug build/configure.log
+build release build/configure.log
+make_venv tests/requirements.txt
+
+failed=0
+for preset in debug release; do
+  say "Unit and MPI tests: $preset"
+  ctest --preset "$preset" || failed=1
+done
+say "The program end to end, and postproc"
+.venv/bin/python -m pytest -q tests || failed=1
+exit $failed
