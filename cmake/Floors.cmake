@@ -6,6 +6,7 @@ function(add_floor name)
   file(MAKE_DIRECTORY ${modules})   # else gfortran warns of it before the first module is written
   set_target_properties(${name} PROPERTIES
     OUTPUT_NAME entroslip_${name}
+    Fortran_PREPROCESS OFF   # no source needs it, and each file is compiled once instead of twice
     Fortran_MODULE_DIRECTORY ${modules})
   target_include_directories(${name} INTERFACE $<BUILD_INTERFACE:${modules}>)
   foreach(floor IN LISTS floor_USES)

@@ -47,6 +47,7 @@ module ensemble_results
       real(wp), allocatable :: pseudo_variance_percentiles(:, :)  !! (dof, percentile)
       real(wp), allocatable :: band_ratio(:)                      !! (dof) last over first percentile
       real(wp), allocatable :: band_ratio_low(:), band_ratio_high(:)
+      real(wp), allocatable :: band_ratio_bias(:)                 !! relative, estimated by bootstrap
       real(wp), allocatable :: folded_share(:)                    !! (dof) largest over samples
    end type case_statistics
 

@@ -1,0 +1,168 @@
+!> What the user typed: a command, a scene, options.
+module driver_command_line
+   use core_error, only: error_type, exit_bad_input, raise
+   use core_kinds, only: wp
+   implicit none(type, external)
+   private
+   public :: command_line, read_command_line, help_text, text_item
+
+   type :: text_item
+      character(:), allocatable :: text
+   end type text_item
+
+   type :: command_line
+      character(:), allocatable :: command             !! run, check, tradeoff, replay, template, help, version
+      character(:), allocatable :: scene               !! path of the scene file
+      character(:), allocatable :: output              !! path of the results file
+      type(text_item), allocatable :: overrides(:)     !! group%name=value, in the order typed
+      logical :: is_fresh = .false.
+      logical :: is_quiet = .false.
+      integer :: case_number = 0                       !! replay; counts from 1
+      integer :: sample = 0                            !! replay; counts from 1
+   end type command_line
+
+   character(*), parameter :: commands(*) = [character(8) :: &
+                                             'run', 'check', 'replay', 'template']
+   character(*), parameter :: options(*) = [character(9) :: '--output', '--fresh', '--set', '--quiet', &
+                                            '--case', '--sample', '--help', '--version']
+
+contains
+
+   !> Reads the arguments of the program; complains about what it does not know.
+   subroutine read_command_line(line, error)
+      type(command_line), intent(out) :: line
+      type(error_type), allocatable, intent(out) :: error
+      character(:), allocatable :: word, value
+      integer :: i
+
+      allocate (line%overrides(0))
+      i = 0
+      do while (i < command_argument_count())
+         i = i + 1
+         word = argument(i)
+         if (word == '--help' .or. word == '-h') then
+            line%command = 'help'
+            return
+         else if (word == '--version') then
+            line%command = 'version'
+            return
+         else if (word == '--fresh') then
+            line%is_fresh = .true.
+         else if (word == '--quiet') then
+            line%is_quiet = .true.
+         else if (any(word == ['--output', '--set   ', '--case  ', '--sample'])) then
+            i = i + 1
+            if (i > command_argument_count()) then
+               call raise(error, exit_bad_input, word//' needs a value')
+               return
+            end if
+            value = argument(i)
+            call take_value(line, word, value, error)
+         else if (index(word, '-') == 1) then
+            call raise(error, exit_bad_input, 'unknown option '//word//'; there are '//listed(options))
+         else if (.not. allocated(line%command)) then
+            line%command = word
+            if (.not. any(word == commands)) call raise(error, exit_bad_input, 'unknown command '// &
+                                                        word//'; there are '//listed(commands))
+         else if (.not. allocated(line%scene)) then
+            line%scene = word
+         else
+            call raise(error, exit_bad_input, 'one scene at a time: '//line%scene//' and '//word)
+         end if
+         if (allocated(error)) return
+      end do
+      call check_together(line, error)
+   end subroutine read_command_line
+
+   !> An option that has a value.
+   subroutine take_value(line, option, value, error)
+      type(command_line), intent(inout) :: line
+      character(*), intent(in) :: option, value
+      type(error_type), allocatable, intent(out) :: error
+      integer :: status
+
+      status = 0
+      select case (option)
+      case ('--output')
+         line%output = value
+      case ('--set')
+         line%overrides = [line%overrides, text_item(value)]
+      case ('--case')
+         read (value, *, iostat=status) line%case_number
+         if (line%case_number < 1) status = 1
+      case ('--sample')
+         read (value, *, iostat=status) line%sample
+         if (line%sample < 1) status = 1
+      end select
+      if (status /= 0 .or. verify(value, '0123456789') /= 0 .and. &
+          (option == '--case' .or. option == '--sample')) &
+         call raise(error, exit_bad_input, option//' '//value//': needs a whole number from 1')
+   end subroutine take_value
+
+   !> What a command cannot do without, or does not take.
+   subroutine check_together(line, error)
+      type(command_line), intent(inout) :: line
+      type(error_type), allocatable, intent(out) :: error
+
+      if (.not. allocated(line%command)) then
+         call raise(error, exit_bad_input, 'no command; there are '//listed(commands)// &
+                    ' (entroslip --help)')
+      else if (line%command == 'template') then
+         if (allocated(line%scene)) call raise(error, exit_bad_input, 'template takes no scene')
+      else if (.not. allocated(line%scene)) then
+         call raise(error, exit_bad_input, line%command//' needs a scene: entroslip '// &
+                    line%command//' SCENE')
+      else if (line%command == 'replay' .and. (line%case_number == 0 .or. line%sample == 0)) then
+         call raise(error, exit_bad_input, 'replay needs --case and --sample')
+      else if (line%command /= 'replay' .and. (line%case_number /= 0 .or. line%sample /= 0)) then
+         call raise(error, exit_bad_input, '--case and --sample belong to replay')
+      end if
+   end subroutine check_together
+
+   pure function help_text() result(text)
+      character(:), allocatable :: text
+      character, parameter :: nl = new_line('a')
+
+      text = 'entroslip: maximum-entropy uncertain properties, and the vibration of structures held by friction' &
+             //nl//nl// &
+             'usage: [mpirun -n RANKS] entroslip COMMAND [SCENE] [options]'//nl//nl// &
+             '  run SCENE       everything the scene asks for; continues where an interrupted run stopped'//nl// &
+             '  check SCENE     read and validate, print what will run, its cost and memory; no work'//nl// &
+             '  replay SCENE    one sample again, alone, with its full history (--case, --sample)'//nl// &
+             '  template        print a complete commented scene'//nl//nl// &
+             '  --output FILE   results file; default SCENE.h5 in the current directory'//nl// &
+             '  --fresh         discard what an earlier run of the scene left'//nl// &
+             '  --set G%N=V     override one value of the scene: --set integration%n_steps=2000; repeatable'//nl// &
+             '  --case I        replay: case number, from 1'//nl// &
+             '  --sample J      replay: sample number, from 1'//nl// &
+             '  --quiet         no progress, no summary'//nl// &
+             '  --version       version, compiler, flags, libraries'//nl//nl// &
+             'exit codes: 0 done; 2 bad usage, scene or input file; 3 a file cannot be written, is locked, damaged'// &
+             nl// &
+             'or foreign; 4 no solution, or a target out of reach; 75 stopped early, start again to continue'
+   end function help_text
+
+   !> The i-th argument.
+   function argument(i) result(text)
+      integer, intent(in) :: i
+      character(:), allocatable :: text
+      integer :: length
+
+      call get_command_argument(i, length=length)
+      allocate (character(length) :: text)
+      call get_command_argument(i, text)
+   end function argument
+
+   !> 'a, b, c'
+   pure function listed(names) result(text)
+      character(*), intent(in) :: names(:)
+      character(:), allocatable :: text
+      integer :: i
+
+      text = trim(names(1))
+      do i = 2, size(names)
+         text = text//', '//trim(names(i))
+      end do
+   end function listed
+
+end module driver_command_line
