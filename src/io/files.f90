@@ -1,0 +1,198 @@
+!> Files and folders. Failures carry the system's own words.
+module io_files
+   use, intrinsic :: iso_c_binding, only: c_associated, c_char, c_f_pointer, c_int, c_long, c_null_char, &
+                                          c_null_ptr, c_ptr, c_size_t
+   use core_error, only: error_type
+   use core_kinds, only: long
+   use io_posix, only: c_access, c_fclose, c_fileno, c_fopen, c_fsync, c_gethostname, c_getpid, c_glob, &
+                       c_globfree, c_isatty, c_mkdir, c_remove, c_rename, raise_system, system_error, text_at
+   implicit none(type, external)
+   private
+   public :: exists, file_size, folder_of, host_name, is_folder, is_terminal, is_writable
+   public :: list_files, make_folder, process_id, remove_file, rename_file, sync_file, sync_folder
+
+   integer(c_int), parameter :: ask_exists = 0, ask_write = 2   !! of access(2)
+
+contains
+
+   !> Whether there is a file or folder of this name.
+   function exists(path)
+      character(*), intent(in) :: path
+      logical :: exists
+
+      exists = c_access(path//c_null_char, ask_exists) == 0
+   end function exists
+
+   function is_folder(path)
+      character(*), intent(in) :: path
+      logical :: is_folder
+
+      is_folder = c_access(path//'/.'//c_null_char, ask_exists) == 0
+   end function is_folder
+
+   !> Whether this process may write to an existing file, or make files in an existing folder.
+   function is_writable(path)
+      character(*), intent(in) :: path
+      logical :: is_writable
+
+      is_writable = c_access(path//c_null_char, ask_write) == 0
+   end function is_writable
+
+   !> Bytes; -1 where there is no such file.
+   function file_size(path) result(bytes)
+      character(*), intent(in) :: path
+      integer(long) :: bytes
+
+      inquire (file=path, size=bytes)
+   end function file_size
+
+   !> The folder that a path lies in, '.' for a bare name.
+   pure function folder_of(path) result(folder)
+      character(*), intent(in) :: path
+      character(:), allocatable :: folder
+      integer :: slash
+
+      slash = index(path, '/', back=.true.)
+      select case (slash)
+      case (0)
+         folder = '.'
+      case (1)
+         folder = '/'
+      case default
+         folder = path(:slash - 1)
+      end select
+   end function folder_of
+
+   !> Makes a folder and those above it that are missing; one that stands already is fine.
+   recursive subroutine make_folder(path, error)
+      character(*), intent(in) :: path
+      type(error_type), allocatable, intent(out) :: error
+      integer(c_int), parameter :: mode = int(o'777', c_int)   !! less the user's umask
+      integer(c_int) :: number
+
+      if (is_folder(path)) return
+      if (.not. exists(folder_of(path))) then
+         call make_folder(folder_of(path), error)
+         if (allocated(error)) return
+      end if
+      if (c_mkdir(path//c_null_char, mode) == 0) return
+      number = system_error()
+      if (.not. is_folder(path)) call raise_system(number, path//': cannot make this folder', error)
+   end subroutine make_folder
+
+   !> Removes a file or an empty folder; one that is not there is fine.
+   subroutine remove_file(path, error)
+      character(*), intent(in) :: path
+      type(error_type), allocatable, intent(out) :: error
+
+      if (.not. exists(path)) return
+      if (c_remove(path//c_null_char) /= 0) call raise_system(system_error(), path//': cannot be removed', error)
+   end subroutine remove_file
+
+   !> Replaces whatever `to` was, in one step.
+   subroutine rename_file(from, to, error)
+      character(*), intent(in) :: from, to
+      type(error_type), allocatable, intent(out) :: error
+
+      if (c_rename(from//c_null_char, to//c_null_char) /= 0) then
+         call raise_system(system_error(), to//': cannot be made from '//from, error)
+      end if
+   end subroutine rename_file
+
+   !> Returns when the contents of a file are on the disk.
+   subroutine sync_file(path, error)
+      character(*), intent(in) :: path
+      type(error_type), allocatable, intent(out) :: error
+      type(c_ptr) :: stream
+      integer(c_int) :: status, closed
+
+      stream = c_fopen(path//c_null_char, 'r'//c_null_char)
+      if (.not. c_associated(stream)) then
+         call raise_system(system_error(), path//': cannot be opened to be synced', error)
+         return
+      end if
+      status = c_fsync(c_fileno(stream))
+      if (status /= 0) call raise_system(system_error(), path//': cannot be brought to the disk', error)
+      closed = c_fclose(stream)
+   end subroutine sync_file
+
+   !> Returns when the names in a folder are on the disk.
+   subroutine sync_folder(path, error)
+      character(*), intent(in) :: path
+      type(error_type), allocatable, intent(out) :: error
+
+      call sync_file(path, error)   ! a folder is opened and synced as a file is
+   end subroutine sync_folder
+
+   !> Paths folder/name of what is in a folder, sorted, hidden files left out.
+   subroutine list_files(folder, paths, error)
+      character(*), intent(in) :: folder
+      character(:), allocatable, intent(out) :: paths(:)   !! padded with blanks
+      type(error_type), allocatable, intent(out) :: error
+      integer(c_int), parameter :: fail_when_unreadable = 1, no_match = 3
+      integer(c_long) :: found(16)   ! glob_t has 9 words
+      type(c_ptr) :: list
+      type(c_ptr), pointer :: names(:)
+      integer(c_int) :: status
+      integer :: i
+
+      found = 0
+      status = c_glob(escaped(folder)//'/*'//c_null_char, fail_when_unreadable, c_null_ptr, found)
+      if (status /= 0) then
+         allocate (character(0) :: paths(0))
+         if (status /= no_match .or. .not. is_folder(folder)) then
+            call raise_system(system_error(), folder//': cannot list this folder', error)
+         end if
+         return
+      end if
+      list = transfer(found(2), list)
+      call c_f_pointer(list, names, [found(1)])
+      allocate (character(maxval([(len(text_at(names(i))), i=1, size(names))])) :: paths(size(names)))
+      do i = 1, size(names)
+         paths(i) = text_at(names(i))
+      end do
+      call c_globfree(found)
+   end subroutine list_files
+
+   !> The path with glob's wildcards made ordinary characters.
+   pure function escaped(path) result(pattern)
+      character(*), intent(in) :: path
+      character(:), allocatable :: pattern
+      integer :: i
+
+      pattern = ''
+      do i = 1, len(path)
+         if (scan(path(i:i), '*?[]\') > 0) pattern = pattern//'\'
+         pattern = pattern//path(i:i)
+      end do
+   end function escaped
+
+   function process_id() result(number)
+      integer :: number
+
+      number = int(c_getpid())
+   end function process_id
+
+   function host_name() result(name)
+      character(:), allocatable :: name
+      character(kind=c_char) :: buffer(256)
+      integer :: i
+
+      buffer = c_null_char
+      if (c_gethostname(buffer, size(buffer, kind=c_size_t) - 1) /= 0) buffer(1) = '?'
+      name = ''
+      do i = 1, size(buffer)
+         if (buffer(i) == c_null_char) exit
+         name = name//buffer(i)
+      end do
+   end function host_name
+
+   !> Whether standard output (1) or standard error (2) is a terminal.
+   function is_terminal(descriptor)
+      integer, intent(in) :: descriptor
+      logical :: is_terminal
+
+      is_terminal = c_isatty(int(descriptor, c_int)) == 1
+   end function is_terminal
+
+end module io_files

@@ -1,0 +1,180 @@
+!> The door to POSIX: the calls that files, folders and locks need, as libc declares them.
+module io_posix
+   use, intrinsic :: iso_c_binding, only: c_char, c_f_pointer, c_int, c_long, c_ptr, c_size_t
+   use core_error, only: error_type, exit_file, raise
+   implicit none(type, external)
+   private
+   public :: c_access, c_fclose, c_fflush, c_fileno, c_fopen, c_fputs, c_fstat, c_fsync, c_gethostname, &
+             c_getpid, c_glob, c_globfree, c_isatty, c_lockf, c_mkdir, c_remove, c_rename, c_stat
+   public :: raise_system, system_error, text_at
+
+   interface
+      function c_access(path, mode) result(status) bind(c, name='access')
+         import :: c_char, c_int
+         character(kind=c_char), intent(in) :: path(*)
+         integer(c_int), value :: mode
+         integer(c_int) :: status
+      end function c_access
+
+      function c_mkdir(path, mode) result(status) bind(c, name='mkdir')
+         import :: c_char, c_int
+         character(kind=c_char), intent(in) :: path(*)
+         integer(c_int), value :: mode
+         integer(c_int) :: status
+      end function c_mkdir
+
+      function c_remove(path) result(status) bind(c, name='remove')
+         import :: c_char, c_int
+         character(kind=c_char), intent(in) :: path(*)
+         integer(c_int) :: status
+      end function c_remove
+
+      function c_rename(from, to) result(status) bind(c, name='rename')
+         import :: c_char, c_int
+         character(kind=c_char), intent(in) :: from(*), to(*)
+         integer(c_int) :: status
+      end function c_rename
+
+      function c_fopen(path, mode) result(stream) bind(c, name='fopen')
+         import :: c_char, c_ptr
+         character(kind=c_char), intent(in) :: path(*), mode(*)
+         type(c_ptr) :: stream
+      end function c_fopen
+
+      function c_fclose(stream) result(status) bind(c, name='fclose')
+         import :: c_int, c_ptr
+         type(c_ptr), value :: stream
+         integer(c_int) :: status
+      end function c_fclose
+
+      function c_fileno(stream) result(descriptor) bind(c, name='fileno')
+         import :: c_int, c_ptr
+         type(c_ptr), value :: stream
+         integer(c_int) :: descriptor
+      end function c_fileno
+
+      function c_fsync(descriptor) result(status) bind(c, name='fsync')
+         import :: c_int
+         integer(c_int), value :: descriptor
+         integer(c_int) :: status
+      end function c_fsync
+
+      function c_glob(pattern, flags, on_error, found) result(status) bind(c, name='glob')
+         import :: c_char, c_int, c_long, c_ptr
+         character(kind=c_char), intent(in) :: pattern(*)
+         integer(c_int), value :: flags
+         type(c_ptr), value :: on_error
+         integer(c_long), intent(inout) :: found(*)   !! glob_t: count, list, and what only libc reads
+         integer(c_int) :: status
+      end function c_glob
+
+      subroutine c_globfree(found) bind(c, name='globfree')
+         import :: c_long
+         integer(c_long), intent(inout) :: found(*)
+      end subroutine c_globfree
+
+      function c_strlen(text) result(length) bind(c, name='strlen')
+         import :: c_ptr, c_size_t
+         type(c_ptr), value :: text
+         integer(c_size_t) :: length
+      end function c_strlen
+
+      function c_strerror(number) result(text) bind(c, name='strerror')
+         import :: c_int, c_ptr
+         integer(c_int), value :: number
+         type(c_ptr) :: text
+      end function c_strerror
+
+      function c_errno_location() result(location) bind(c, name='__errno_location')
+         import :: c_ptr
+         type(c_ptr) :: location
+      end function c_errno_location
+
+      function c_getpid() result(number) bind(c, name='getpid')
+         import :: c_int
+         integer(c_int) :: number
+      end function c_getpid
+
+      function c_gethostname(name, length) result(status) bind(c, name='gethostname')
+         import :: c_char, c_int, c_size_t
+         character(kind=c_char), intent(out) :: name(*)
+         integer(c_size_t), value :: length
+         integer(c_int) :: status
+      end function c_gethostname
+
+      function c_isatty(descriptor) result(answer) bind(c, name='isatty')
+         import :: c_int
+         integer(c_int), value :: descriptor
+         integer(c_int) :: answer
+      end function c_isatty
+
+      function c_fputs(text, stream) result(status) bind(c, name='fputs')
+         import :: c_char, c_int, c_ptr
+         character(kind=c_char), intent(in) :: text(*)
+         type(c_ptr), value :: stream
+         integer(c_int) :: status
+      end function c_fputs
+
+      function c_fflush(stream) result(status) bind(c, name='fflush')
+         import :: c_int, c_ptr
+         type(c_ptr), value :: stream
+         integer(c_int) :: status
+      end function c_fflush
+
+      function c_lockf(descriptor, command, length) result(status) bind(c, name='lockf')
+         import :: c_int, c_long
+         integer(c_int), value :: descriptor, command
+         integer(c_long), value :: length
+         integer(c_int) :: status
+      end function c_lockf
+
+      function c_fstat(descriptor, facts) result(status) bind(c, name='fstat')
+         import :: c_int, c_long
+         integer(c_int), value :: descriptor
+         integer(c_long), intent(out) :: facts(*)   !! struct stat: device, inode, and more
+         integer(c_int) :: status
+      end function c_fstat
+
+      function c_stat(path, facts) result(status) bind(c, name='stat')
+         import :: c_char, c_int, c_long
+         character(kind=c_char), intent(in) :: path(*)
+         integer(c_long), intent(out) :: facts(*)
+         integer(c_int) :: status
+      end function c_stat
+   end interface
+
+contains
+
+   !> Number of the error of the call that has just failed (errno).
+   function system_error() result(number)
+      integer(c_int) :: number
+      integer(c_int), pointer :: errno
+
+      call c_f_pointer(c_errno_location(), errno)
+      number = errno
+   end function system_error
+
+   !> Message, and the system's words for one of its error numbers.
+   subroutine raise_system(number, message, error)
+      integer(c_int), intent(in) :: number   !! of `system_error`
+      character(*), intent(in) :: message
+      type(error_type), allocatable, intent(out) :: error
+
+      call raise(error, exit_file, message//': '//text_at(c_strerror(number)))
+   end subroutine raise_system
+
+   !> A C string.
+   function text_at(location) result(text)
+      type(c_ptr), intent(in) :: location
+      character(:), allocatable :: text
+      character(kind=c_char), pointer :: characters(:)
+      integer :: i
+
+      call c_f_pointer(location, characters, [c_strlen(location)])
+      allocate (character(size(characters)) :: text)
+      do i = 1, size(characters)
+         text(i:i) = characters(i)
+      end do
+   end function text_at
+
+end module io_posix

@@ -1,0 +1,103 @@
+!> Work shared out as ranks come for it: a counter in the root's memory, read and raised in one step.
+module parallel_work
+   use, intrinsic :: iso_c_binding, only: c_f_pointer, c_ptr
+   use core_kinds, only: long
+   use mpi_f08, only: MPI_ADDRESS_KIND, MPI_Fetch_and_op, MPI_INFO_NULL, MPI_INTEGER8, MPI_MODE_NOCHECK, &
+                      MPI_Op, MPI_REPLACE, MPI_SUM, MPI_Win, MPI_Win_allocate, MPI_Win_flush, MPI_Win_free, &
+                      MPI_Win_lock_all, MPI_Win_sync, MPI_Win_unlock_all
+   use parallel_world, only: world_type
+   implicit none(type, external)
+   private
+   public :: work_counter, new_counter
+
+   integer, parameter :: word_bytes = 8
+
+   !> Hands out the items 1..n_items, each once, over all ranks. One claim is one atomic operation on the
+   !> root's memory, without a message that the root would have to answer (on a network without remote
+   !> memory access Open MPI answers whenever the root is inside any MPI call).
+   type :: work_counter
+      private
+      type(world_type) :: world
+      integer(long) :: n_items = 0
+      integer(long) :: taken = 0           !! without other ranks: all there is to it
+      type(MPI_Win) :: window
+   contains
+      procedure :: next
+      procedure :: request_stop
+      procedure :: close => close_counter
+   end type work_counter
+
+contains
+
+   !> Collective.
+   subroutine new_counter(world, n_items, counter)
+      type(world_type), intent(in) :: world
+      integer(long), intent(in) :: n_items
+      type(work_counter), intent(out) :: counter
+      integer(MPI_ADDRESS_KIND) :: bytes
+      type(c_ptr) :: memory
+      integer(long), pointer :: taken
+
+      counter%world = world
+      counter%n_items = n_items
+      if (world%n_ranks == 1) return
+      bytes = merge(word_bytes, 0, world%is_root())
+      call MPI_Win_allocate(bytes, word_bytes, MPI_INFO_NULL, world%comm, memory, counter%window)
+      call MPI_Win_lock_all(MPI_MODE_NOCHECK, counter%window)
+      if (world%is_root()) then
+         call c_f_pointer(memory, taken)
+         taken = 0
+         call MPI_Win_sync(counter%window)
+      end if
+      call world%wait_for_all()
+   end subroutine new_counter
+
+   !> The next item for this rank; 0 when there is none left or a stop was requested.
+   function next(self) result(item)
+      class(work_counter), intent(inout) :: self
+      integer(long) :: item
+
+      if (self%world%n_ranks == 1) then
+         item = self%taken + 1
+         self%taken = min(item, self%n_items)
+      else
+         item = exchange(self, 1_long, MPI_SUM) + 1
+      end if
+      if (item > self%n_items) item = 0
+   end function next
+
+   !> From now on no rank gets an item; any rank may call.
+   subroutine request_stop(self)
+      class(work_counter), intent(inout) :: self
+      integer(long) :: before
+
+      if (self%world%n_ranks == 1) then
+         self%taken = self%n_items
+      else
+         before = exchange(self, self%n_items, MPI_REPLACE)
+      end if
+   end subroutine request_stop
+
+   !> Collective; afterwards there is nothing left to claim.
+   subroutine close_counter(self)
+      class(work_counter), intent(inout) :: self
+
+      self%n_items = 0
+      if (self%world%n_ranks == 1) return
+      call MPI_Win_unlock_all(self%window)
+      call MPI_Win_free(self%window)
+   end subroutine close_counter
+
+   !> Combines a value into the root's word; returns what stood there before.
+   function exchange(self, value, operation) result(before)
+      class(work_counter), intent(inout) :: self
+      integer(long), intent(in) :: value
+      type(MPI_Op), intent(in) :: operation
+      integer(long), asynchronous :: before, sent
+
+      sent = value
+      call MPI_Fetch_and_op(sent, before, MPI_INTEGER8, 0, 0_MPI_ADDRESS_KIND, operation, self%window)
+      call MPI_Win_flush(0, self%window)
+   end function exchange
+
+end module parallel_work

@@ -1,0 +1,339 @@
+!> The ranks of one run, and what they tell each other.
+!>
+!> This floor is the one door to MPI: this module, and beside it parallel_work and parallel_shared, which
+!> each own a piece of memory that several ranks reach.
+!> Every procedure that is called collective must be called by all ranks of the world in the same order.
+module parallel_world
+   use, intrinsic :: iso_c_binding, only: c_char, c_int, c_null_char
+   use, intrinsic :: iso_fortran_env, only: error_unit, int8, output_unit
+   use core_error, only: error_type, exit_done
+   use core_kinds, only: long, wp
+   use mpi_f08, only: MPI_Allreduce, MPI_Barrier, MPI_Bcast, MPI_CHARACTER, MPI_Comm, MPI_Comm_rank, &
+                      MPI_Comm_size, MPI_COMM_WORLD, MPI_DOUBLE_PRECISION, MPI_Finalize, MPI_Gather, &
+                      MPI_Gatherv, MPI_IN_PLACE, MPI_Init, MPI_INTEGER, MPI_INTEGER1, MPI_INTEGER8, &
+                      MPI_LOGICAL, MPI_MAX, MPI_MIN, MPI_SUM
+   implicit none(type, external)
+   private
+   public :: world_type, new_world, start_world, stop_world
+
+   !> A group of ranks. Ranks count from 0, as MPI does; rank 0 is the root.
+   type :: world_type
+      type(MPI_Comm) :: comm
+      integer :: rank = 0
+      integer :: n_ranks = 1
+   contains
+      procedure :: is_root
+      procedure :: stop_on
+      procedure :: wait_for_all
+      generic :: broadcast => broadcast_integer, broadcast_integers, broadcast_long, broadcast_longs, &
+         broadcast_real, broadcast_reals, broadcast_matrix, broadcast_text, broadcast_logical
+      generic :: sum => sum_long, sum_longs
+      generic :: maximum => maximum_long, maximum_real
+      procedure :: any_true
+      procedure :: gather
+      procedure, private :: broadcast_integer, broadcast_integers, broadcast_long, broadcast_longs, &
+         broadcast_real, broadcast_reals, broadcast_matrix, broadcast_text, broadcast_logical
+      procedure, private :: sum_long, sum_longs, maximum_long, maximum_real
+   end type world_type
+
+   !> The world of a communicator, as an MPI handle of either kind.
+   interface new_world
+      module procedure world_of_comm, world_of_handle
+   end interface new_world
+
+   interface
+      function c_setenv(name, value, overwrite) result(status) bind(c, name='setenv')
+         import :: c_char, c_int
+         character(kind=c_char), intent(in) :: name(*), value(*)
+         integer(c_int), value :: overwrite
+         integer(c_int) :: status
+      end function c_setenv
+   end interface
+
+contains
+
+   !> All ranks that mpirun started, or this process alone.
+   subroutine start_world(world)
+      type(world_type), intent(out) :: world
+
+      if (.not. was_launched()) then
+         ! else Open MPI starts a daemon and probes every network that there is: 0.3 s
+         call suggest('OMPI_MCA_ess_singleton_isolated', '1')
+         call suggest('OMPI_MCA_pml', 'ob1')
+         call suggest('OMPI_MCA_btl', 'self')
+      end if
+      call MPI_Init()
+      world = new_world(MPI_COMM_WORLD)
+   end subroutine start_world
+
+   !> Whether a launcher (mpirun, or a batch system's own) started this process.
+   function was_launched()
+      logical :: was_launched
+      character(*), parameter :: sign(*) = [character(20) :: 'OMPI_COMM_WORLD_SIZE', 'PMIX_RANK', &
+                                            'PMI_RANK', 'SLURM_PROCID']
+      integer :: i, status
+
+      was_launched = .true.
+      do i = 1, size(sign)
+         call get_environment_variable(trim(sign(i)), status=status)
+         if (status == 0) return
+      end do
+      was_launched = .false.
+   end function was_launched
+
+   !> Sets an environment variable that the user has not set.
+   subroutine suggest(name, value)
+      character(*), intent(in) :: name, value
+      integer(c_int) :: status
+
+      status = c_setenv(name//c_null_char, value//c_null_char, 0_c_int)
+   end subroutine suggest
+
+   !> Ends the run with an exit code, the same on every rank; collective.
+   subroutine stop_world(exit_code)
+      integer, intent(in) :: exit_code
+
+      flush (output_unit)
+      flush (error_unit)
+      call MPI_Finalize()
+      if (exit_code /= exit_done) stop exit_code, quiet=.true.
+   end subroutine stop_world
+
+   function world_of_comm(comm) result(world)
+      type(MPI_Comm), intent(in) :: comm
+      type(world_type) :: world
+
+      world%comm = comm
+      call MPI_Comm_rank(comm, world%rank)
+      call MPI_Comm_size(comm, world%n_ranks)
+   end function world_of_comm
+
+   function world_of_handle(handle) result(world)
+      integer, intent(in) :: handle
+      type(world_type) :: world
+      type(MPI_Comm) :: comm
+
+      comm%mpi_val = handle
+      world = world_of_comm(comm)
+   end function world_of_handle
+
+   pure function is_root(self)
+      class(world_type), intent(in) :: self
+      logical :: is_root
+
+      is_root = self%rank == 0
+   end function is_root
+
+   !> Where any rank has an error, the root says the one of the lowest such rank, and all end with its code;
+   !> collective, and called by the drivers alone.
+   subroutine stop_on(self, error)
+      class(world_type), intent(in) :: self
+      type(error_type), allocatable, intent(in) :: error
+      character(:), allocatable :: message
+      integer :: exit_code, failed
+
+      failed = merge(self%rank, self%n_ranks, allocated(error))
+      if (self%n_ranks > 1) call MPI_Allreduce(MPI_IN_PLACE, failed, 1, MPI_INTEGER, MPI_MIN, self%comm)
+      if (failed == self%n_ranks) return
+
+      exit_code = exit_done
+      message = ''
+      if (failed == self%rank) then
+         exit_code = error%exit_code
+         message = error%message
+      end if
+      call self%broadcast(exit_code, from=failed)
+      call self%broadcast(message, from=failed)
+      if (self%is_root()) write (error_unit, '(a)') message
+      call stop_world(exit_code)
+   end subroutine stop_on
+
+   !> Nobody returns before everybody has called; collective.
+   subroutine wait_for_all(self)
+      class(world_type), intent(in) :: self
+
+      if (self%n_ranks > 1) call MPI_Barrier(self%comm)
+   end subroutine wait_for_all
+
+   !> Whether it is so on any rank; collective.
+   function any_true(self, value) result(is_true)
+      class(world_type), intent(in) :: self
+      logical, intent(in) :: value
+      logical :: is_true
+
+      is_true = self%maximum(merge(1_long, 0_long, value)) == 1
+   end function any_true
+
+   !> Sum over the ranks, known to all; collective.
+   function sum_long(self, value) result(total)
+      class(world_type), intent(in) :: self
+      integer(long), intent(in) :: value
+      integer(long) :: total
+
+      total = value
+      if (self%n_ranks > 1) call MPI_Allreduce(value, total, 1, MPI_INTEGER8, MPI_SUM, self%comm)
+   end function sum_long
+
+   function sum_longs(self, values) result(total)
+      class(world_type), intent(in) :: self
+      integer(long), intent(in) :: values(:)
+      integer(long) :: total(size(values))
+
+      total = values
+      if (self%n_ranks > 1) then
+         call MPI_Allreduce(MPI_IN_PLACE, total, size(total), MPI_INTEGER8, MPI_SUM, self%comm)
+      end if
+   end function sum_longs
+
+   !> Largest over the ranks, known to all; collective.
+   function maximum_long(self, value) result(largest)
+      class(world_type), intent(in) :: self
+      integer(long), intent(in) :: value
+      integer(long) :: largest
+
+      largest = value
+      if (self%n_ranks > 1) call MPI_Allreduce(value, largest, 1, MPI_INTEGER8, MPI_MAX, self%comm)
+   end function maximum_long
+
+   function maximum_real(self, value) result(largest)
+      class(world_type), intent(in) :: self
+      real(wp), intent(in) :: value
+      real(wp) :: largest
+
+      largest = value
+      if (self%n_ranks > 1) then
+         call MPI_Allreduce(value, largest, 1, MPI_DOUBLE_PRECISION, MPI_MAX, self%comm)
+      end if
+   end function maximum_real
+
+   !> Every rank's bytes one after the other on the root, in rank order; elsewhere empty; collective.
+   subroutine gather(self, bytes, gathered, sizes)
+      class(world_type), intent(in) :: self
+      integer(int8), intent(in) :: bytes(:)
+      integer(int8), allocatable, intent(out) :: gathered(:)
+      integer, allocatable, intent(out) :: sizes(:)   !! (rank + 1) bytes of each
+      integer, allocatable :: offsets(:)
+      integer :: i
+
+      allocate (sizes(merge(self%n_ranks, 0, self%is_root())))
+      call MPI_Gather(size(bytes), 1, MPI_INTEGER, sizes, 1, MPI_INTEGER, 0, self%comm)
+      offsets = [(sum(sizes(:i - 1)), i=1, size(sizes))]
+      allocate (gathered(sum(sizes)))
+      call MPI_Gatherv(bytes, size(bytes), MPI_INTEGER1, gathered, sizes, offsets, MPI_INTEGER1, 0, self%comm)
+   end subroutine gather
+
+   !> What one rank (the root, unless `from` says otherwise) knows becomes known to all; collective.
+   !> Allocatable values take its shape.
+   subroutine broadcast_integer(self, value, from)
+      class(world_type), intent(in) :: self
+      integer, intent(inout) :: value
+      integer, intent(in), optional :: from
+
+      if (self%n_ranks > 1) call MPI_Bcast(value, 1, MPI_INTEGER, source(from), self%comm)
+   end subroutine broadcast_integer
+
+   subroutine broadcast_integers(self, values, from)
+      class(world_type), intent(in) :: self
+      integer, allocatable, intent(inout) :: values(:)
+      integer, intent(in), optional :: from
+      integer(long), allocatable :: longs(:)
+
+      if (self%rank == source(from)) longs = int(values, long)
+      call self%broadcast(longs, from)
+      values = int(longs)
+   end subroutine broadcast_integers
+
+   subroutine broadcast_long(self, value, from)
+      class(world_type), intent(in) :: self
+      integer(long), intent(inout) :: value
+      integer, intent(in), optional :: from
+
+      if (self%n_ranks > 1) call MPI_Bcast(value, 1, MPI_INTEGER8, source(from), self%comm)
+   end subroutine broadcast_long
+
+   subroutine broadcast_longs(self, values, from)
+      class(world_type), intent(in) :: self
+      integer(long), allocatable, intent(inout) :: values(:)
+      integer, intent(in), optional :: from
+      integer :: n
+
+      if (self%n_ranks == 1) return
+      n = 0
+      if (self%rank == source(from)) n = size(values)
+      call self%broadcast(n, from)
+      if (self%rank /= source(from)) then
+         if (allocated(values)) deallocate (values)
+         allocate (values(n))
+      end if
+      call MPI_Bcast(values, n, MPI_INTEGER8, source(from), self%comm)
+   end subroutine broadcast_longs
+
+   subroutine broadcast_real(self, value, from)
+      class(world_type), intent(in) :: self
+      real(wp), intent(inout) :: value
+      integer, intent(in), optional :: from
+
+      if (self%n_ranks > 1) call MPI_Bcast(value, 1, MPI_DOUBLE_PRECISION, source(from), self%comm)
+   end subroutine broadcast_real
+
+   subroutine broadcast_reals(self, values, from)
+      class(world_type), intent(in) :: self
+      real(wp), allocatable, intent(inout) :: values(:)
+      integer, intent(in), optional :: from
+      real(wp), allocatable :: column(:, :)
+
+      if (self%rank == source(from)) column = reshape(values, [size(values), 1])
+      call self%broadcast(column, from)
+      values = column(:, 1)
+   end subroutine broadcast_reals
+
+   subroutine broadcast_matrix(self, values, from)
+      class(world_type), intent(in) :: self
+      real(wp), allocatable, intent(inout) :: values(:, :)
+      integer, intent(in), optional :: from
+      integer, allocatable :: extent(:)
+
+      if (self%n_ranks == 1) return
+      if (self%rank == source(from)) extent = shape(values)
+      call self%broadcast(extent, from)
+      if (self%rank /= source(from)) then
+         if (allocated(values)) deallocate (values)
+         allocate (values(extent(1), extent(2)))
+      end if
+      call MPI_Bcast(values, size(values), MPI_DOUBLE_PRECISION, source(from), self%comm)
+   end subroutine broadcast_matrix
+
+   subroutine broadcast_text(self, text, from)
+      class(world_type), intent(in) :: self
+      character(:), allocatable, intent(inout) :: text
+      integer, intent(in), optional :: from
+      integer :: n
+
+      if (self%n_ranks == 1) return
+      n = 0
+      if (self%rank == source(from)) n = len(text)
+      call self%broadcast(n, from)
+      if (self%rank /= source(from)) then
+         if (allocated(text)) deallocate (text)
+         allocate (character(n) :: text)
+      end if
+      call MPI_Bcast(text, n, MPI_CHARACTER, source(from), self%comm)
+   end subroutine broadcast_text
+
+   subroutine broadcast_logical(self, value, from)
+      class(world_type), intent(in) :: self
+      logical, intent(inout) :: value
+      integer, intent(in), optional :: from
+
+      if (self%n_ranks > 1) call MPI_Bcast(value, 1, MPI_LOGICAL, source(from), self%comm)
+   end subroutine broadcast_logical
+
+   pure function source(from)
+      integer, intent(in), optional :: from
+      integer :: source
+
+      source = 0
+      if (present(from)) source = from
+   end function source
+
+end module parallel_world
