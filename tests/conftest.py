@@ -1,0 +1,52 @@
+"""What the end-to-end tests share: the program, a way to run it, small scenes."""
+
+from __future__ import annotations
+
+import os
+import subprocess
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).resolve().parent.parent
+PROGRAM = Path(os.environ.get("ENTROSLIP", ROOT / "build/release/bin/entroslip"))
+
+
+@pytest.fixture(scope="session")
+def program() -> Path:
+    assert PROGRAM.exists(), f"{PROGRAM} is not built"
+    return PROGRAM
+
+
+@pytest.fixture
+def entroslip(program, tmp_path):
+    """Runs the program in a folder of its own: entroslip("run", scene, ranks=2)."""
+
+    def run(*arguments, ranks=0, cwd=tmp_path, timeout=300):
+        launcher = []
+        if ranks:
+            launcher = ["mpirun", "--oversubscribe", "--bind-to", "none", "-n", str(ranks)]
+        return subprocess.run(
+            [*launcher, program, *map(str, arguments)],
+            cwd=cwd, capture_output=True, text=True, timeout=timeout, check=False,
+        )  # fmt: skip
+
+    return run
+
+
+SMALL_SCENE = """\
+&scene title = 'small' seed = 7 /
+&process correlation_length = 0.3 order = 2 mean = 0.2 std = 0.067 positive = .true. /
+&chain /
+&excitation variance = 3.7, 41.1 /
+&integration n_steps = 4000 max_halvings = 6 /
+&campaign n_samples = 6 deterministic = .true. /
+&output segment_length = 1024 /
+"""
+
+
+@pytest.fixture
+def small_scene(tmp_path):
+    path = tmp_path / "small.nml"
+    path.write_text(SMALL_SCENE)
+    return path
