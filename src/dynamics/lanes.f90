@@ -1,0 +1,268 @@
+!> Eight samples side by side through one step, with every stick-slip transition in it.
+!>
+!> The motion is a Taylor polynomial up to the first transition of each lane, where the regime of that
+!> mass is changed and the series begins anew; lanes that are done wait. No lane reads another.
+module dynamics_lanes
+   use core_error, only: error_type, exit_no_solution, raise
+   use core_kinds, only: wp
+   use core_text, only: to_text
+   use dynamics_chain, only: chain_type
+   use dynamics_events, only: first_transition, no_crossing
+   use dynamics_ledger, only: ledger_type, new_ledger
+   use dynamics_response, only: block_state
+   use dynamics_taylor, only: lanes, taylor_type
+   implicit none(type, external)
+   private
+   public :: lane_group, new_lane_group
+
+   !> Samples 1 .. 8 of a group; a lane without a sample (0) carries a chain at rest that cannot slip.
+   !> Displacements in m, velocities in m per step; arrays (lane, dof).
+   type :: lane_group
+      type(taylor_type) :: taylor
+      type(ledger_type) :: ledger
+      integer :: max_transitions = 1000             !! rounds of transitions in one step before it is an error
+      integer :: sample(lanes) = 0
+      real(wp) :: begin(lanes) = 0.0_wp             !! steps done when this one begins
+      real(wp) :: force(lanes, 0:1) = 0.0_wp        !! at the beginning, and its rise in the step [N]
+      real(wp), allocatable :: x(:, :, :)           !! Taylor coefficients (lane, 0:n+1, power)
+      real(wp), allocatable :: direction(:, :)      !! 0: stuck, +1 or -1: slipping that way
+      real(wp), allocatable :: slider(:, :)
+      real(wp), allocatable :: reach(:, :)          !! mu N/k: extension at which the contact slips
+      real(wp), allocatable :: held(:, :)           !! 1: stuck, 0: slipping
+      real(wp), allocatable :: anchor(:, :)         !! where the contact pulls to (stuck), or what it adds (slipping)
+      real(wp), allocatable :: crossing(:, :)       !! next transition of each mass, from now [steps]
+   contains
+      procedure :: load
+      procedure :: store
+      procedure :: march_step
+   end type lane_group
+
+contains
+
+   pure function new_lane_group(chain, taylor) result(group)
+      type(chain_type), intent(in) :: chain
+      type(taylor_type), intent(in) :: taylor
+      type(lane_group) :: group
+      integer :: n
+
+      n = taylor%n
+      group%taylor = taylor
+      group%ledger = new_ledger(chain, taylor)
+      allocate (group%x(lanes, 0:n + 1, 0:taylor%order), source=0.0_wp)
+      allocate (group%direction(lanes, n), group%slider(lanes, n), group%reach(lanes, n), &
+                group%held(lanes, n), group%anchor(lanes, n), group%crossing(lanes, n), source=0.0_wp)
+      group%held = 1.0_wp
+      group%reach = huge(1.0_wp)
+   end function new_lane_group
+
+   !> Puts a sample of the block into a lane.
+   pure subroutine load(self, chain, lane, sample, state)
+      class(lane_group), intent(inout) :: self
+      type(chain_type), intent(in) :: chain
+      integer, intent(in) :: lane, sample
+      type(block_state), intent(in) :: state
+
+      self%sample(lane) = sample
+      self%x(lane, 1:chain%n_dof, 0) = state%displacement(:, sample)
+      self%x(lane, 1:chain%n_dof, 1) = self%taylor%h*state%velocity(:, sample)
+      self%slider(lane, :) = state%slider(:, sample)
+      self%direction(lane, :) = real(state%direction(:, sample), wp)
+      self%reach(lane, :) = state%slip_limit(:, sample)/chain%contact_stiffness
+      self%held(lane, :) = merge(1.0_wp, 0.0_wp, state%direction(:, sample) == 0)
+      self%anchor(lane, :) = merge(self%slider(lane, :), -self%direction(lane, :)*self%reach(lane, :), &
+                                   state%direction(:, sample) == 0)
+   end subroutine load
+
+   !> Takes a sample back from its lane; the slider of a slipping mass has followed it.
+   pure subroutine store(self, chain, lane, state)
+      class(lane_group), intent(in) :: self
+      type(chain_type), intent(in) :: chain
+      integer, intent(in) :: lane
+      type(block_state), intent(inout) :: state
+      integer :: sample
+
+      sample = self%sample(lane)
+      state%displacement(:, sample) = self%x(lane, 1:chain%n_dof, 0)
+      state%velocity(:, sample) = self%x(lane, 1:chain%n_dof, 1)/self%taylor%h
+      state%direction(:, sample) = nint(self%direction(lane, :))
+      state%slider(:, sample) = merge(self%slider(lane, :), self%x(lane, 1:chain%n_dof, 0) - &
+                                      self%direction(lane, :)*self%reach(lane, :), &
+                                      state%direction(:, sample) == 0)
+   end subroutine store
+
+   !> Marches all lanes by one step.
+   subroutine march_step(self, state, slip_begin, error)
+      class(lane_group), intent(inout) :: self
+      type(block_state), intent(inout) :: state           !! transitions are counted and logged here
+      real(wp), intent(inout) :: slip_begin(:, :)         !! (dof, sample) where the slip under way began [steps]
+      type(error_type), allocatable, intent(out) :: error
+      real(wp) :: tau(lanes), span(lanes), force(lanes, 0:1)
+      logical :: is_crossing(lanes)
+      integer :: l, round
+
+      tau = 0.0_wp
+      force = self%force
+      do round = 0, self%max_transitions
+         call self%taylor%expand(self%held, self%anchor, force, self%x)
+         call find_transitions(self, 1.0_wp - tau, span)
+         is_crossing = span < no_crossing
+         span = merge(span, 1.0_wp - tau, is_crossing)
+         if (state%keeps_ledger) call add_work(self, force, span, state)
+         call self%taylor%move(span, self%x)
+         if (.not. any(is_crossing)) return
+         tau = merge(tau + span, 1.0_wp, is_crossing)
+         force(:, 0) = self%force(:, 0) + tau*self%force(:, 1)
+         do l = 1, lanes
+            if (is_crossing(l)) call change_regimes(self, l, span(l), self%begin(l) + tau(l), state, &
+                                                    slip_begin)
+         end do
+      end do
+      l = findloc(is_crossing, .true., 1)
+      call raise(error, exit_no_solution, 'dof '//to_text(minloc(self%crossing(l, :), 1))// &
+                 ' of sample '//to_text(self%sample(l))//' of its block: more than '// &
+                 to_text(self%max_transitions)//' transitions in the step that ends at t = '// &
+                 to_text((self%begin(l) + 1.0_wp)*self%taylor%h))
+   end subroutine march_step
+
+   !> The first transition of every mass from now, and of every lane (no_crossing: none before the end).
+   pure subroutine find_transitions(self, left, first)
+      type(lane_group), intent(inout) :: self
+      real(wp), intent(in) :: left(lanes)   !! what is left of the step; 0: nothing is looked for
+      real(wp), intent(out) :: first(lanes)
+      real(wp) :: slack(lanes, self%taylor%n)
+      integer :: i, l
+
+      first = no_crossing
+      call bound_slack(self, left, slack)
+      self%crossing = no_crossing
+      if (.not. any(slack < 0.0_wp)) return
+      do i = 1, self%taylor%n
+         do l = 1, lanes
+            if (slack(l, i) >= 0.0_wp .or. left(l) <= 0.0_wp) cycle
+            self%crossing(l, i) = first_transition(self%x(l, i, :), self%direction(l, i), &
+                                                   self%slider(l, i), self%reach(l, i), left(l))
+            first(l) = min(first(l), self%crossing(l, i))
+         end do
+      end do
+   end subroutine find_transitions
+
+   !> A lower bound of every guard over what is left of the step: the terms up to the velocity (stuck) or
+   !> the acceleration (slipping) as they are, all higher ones by their absolute values.
+   pure subroutine bound_slack(self, left, slack)
+      type(lane_group), intent(in) :: self
+      real(wp), intent(in) :: left(lanes)
+      real(wp), intent(out) :: slack(lanes, self%taylor%n)
+      real(wp) :: path(lanes), slope(lanes)
+      integer :: i, k, l
+
+      do i = 1, self%taylor%n
+         path = 0.0_wp
+         slope = 0.0_wp
+         do k = self%taylor%order, 3, -1
+            !$omp simd
+            do l = 1, lanes
+               path(l) = (path(l) + abs(self%x(l, i, k)))*left(l)
+               slope(l) = (slope(l) + k*abs(self%x(l, i, k)))*left(l)
+            end do
+         end do
+         !$omp simd
+         do l = 1, lanes
+            block
+               real(wp) :: extension, run, stuck, slipping
+               path(l) = (path(l) + abs(self%x(l, i, 2)))*left(l)**2
+               extension = self%x(l, i, 0) - self%slider(l, i)
+               run = self%x(l, i, 1)*left(l)
+               stuck = self%reach(l, i) - path(l) - max(extension + max(run, 0.0_wp), &
+                                                        -extension - min(run, 0.0_wp))
+               slipping = self%direction(l, i)*self%x(l, i, 1) - slope(l)*left(l) + &
+                          min(2.0_wp*self%direction(l, i)*self%x(l, i, 2)*left(l), 0.0_wp)
+               slack(l, i) = merge(stuck, slipping, self%held(l, i) > 0.0_wp)
+            end block
+         end do
+      end do
+   end subroutine bound_slack
+
+   !> Changes the regime of every mass that crosses its guard now: one pass for all of an instant.
+   !> Sticking stops the mass and puts the slider where the spring carries mu N, so no drift gathers.
+   subroutine change_regimes(self, l, span, now, state, slip_begin)
+      type(lane_group), intent(inout) :: self
+      integer, intent(in) :: l
+      real(wp), intent(in) :: span   !! time of the transition since the last one [steps]
+      real(wp), intent(in) :: now    !! [steps]
+      type(block_state), intent(inout) :: state
+      real(wp), intent(inout) :: slip_begin(:, :)
+      real(wp), parameter :: same_instant = 4.0_wp*epsilon(1.0_wp)
+      integer :: i, w
+
+      w = self%sample(l)
+      do i = 1, self%taylor%n
+         if (self%crossing(l, i) > span + same_instant) cycle
+         if (self%held(l, i) > 0.0_wp) then
+            self%direction(l, i) = sign(1.0_wp, self%x(l, i, 0) - self%slider(l, i))
+            call start_slip(i)
+         else
+            state%stick_starts(i, w) = state%stick_starts(i, w) + 1
+            state%slip_time(i, w) = state%slip_time(i, w) + (now - slip_begin(i, w))*self%taylor%h
+            call note(i, 0)
+            self%x(l, i, 1) = 0.0_wp
+            if (self%reach(l, i) > 0.0_wp) then
+               self%slider(l, i) = self%x(l, i, 0) - self%direction(l, i)*self%reach(l, i)
+               self%anchor(l, i) = self%slider(l, i)
+               self%direction(l, i) = 0.0_wp
+               self%held(l, i) = 1.0_wp
+            else   ! without friction the stick has no length: the velocity only changes its sign
+               self%direction(l, i) = -self%direction(l, i)
+               call start_slip(i)
+            end if
+         end if
+      end do
+
+   contains
+
+      subroutine start_slip(i)
+         integer, intent(in) :: i
+
+         state%slip_starts(i, w) = state%slip_starts(i, w) + 1
+         slip_begin(i, w) = now
+         call note(i, nint(self%direction(l, i)))
+         self%held(l, i) = 0.0_wp
+         self%anchor(l, i) = -self%direction(l, i)*self%reach(l, i)
+      end subroutine start_slip
+
+      subroutine note(i, kind)
+         integer, intent(in) :: i, kind
+
+         if (state%keeps_transitions) call state%transitions(w)%append(now*self%taylor%h, i, kind)
+      end subroutine note
+
+   end subroutine change_regimes
+
+   !> Adds the work of the piece of motion that follows to the ledger of each sample.
+   pure subroutine add_work(self, force, span, state)
+      type(lane_group), intent(inout) :: self
+      real(wp), intent(in) :: force(lanes, 0:1), span(lanes)
+      type(block_state), intent(inout) :: state
+      real(wp) :: input(lanes), viscous(lanes), advance
+      integer :: i, k, l, w
+
+      input = 0.0_wp
+      viscous = 0.0_wp
+      call self%ledger%add_input_and_viscous(self%taylor, self%x, force, span, input, viscous)
+      do l = 1, lanes
+         w = self%sample(l)
+         if (w == 0) cycle
+         state%work_input(w) = state%work_input(w) + input(l)
+         state%work_viscous(w) = state%work_viscous(w) + viscous(l)
+         do i = 1, self%taylor%n
+            if (self%held(l, i) > 0.0_wp) cycle
+            advance = 0.0_wp
+            do k = self%taylor%order, 1, -1
+               advance = (advance + self%x(l, i, k))*span(l)
+            end do
+            state%work_friction(w) = state%work_friction(w) + &
+                                     state%slip_limit(i, w)*self%direction(l, i)*advance
+         end do
+      end do
+   end subroutine add_work
+
+end module dynamics_lanes
