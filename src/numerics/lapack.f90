@@ -5,7 +5,7 @@ module numerics_lapack
    use core_text, only: to_text
    implicit none(type, external)
    private
-   public :: solve_symmetric_eigenproblem
+   public :: find_eigenvalues, solve_linear_system, solve_symmetric_eigenproblem
 
    interface
       subroutine dsygv(itype, jobz, uplo, n, a, lda, b, ldb, w, work, lwork, info)
@@ -16,6 +16,22 @@ module numerics_lapack
          real(wp), intent(out) :: w(*)
          integer, intent(out) :: info
       end subroutine dsygv
+
+      subroutine dgeev(jobvl, jobvr, n, a, lda, wr, wi, vl, ldvl, vr, ldvr, work, lwork, info)
+         import :: wp
+         integer, intent(in) :: n, lda, ldvl, ldvr, lwork
+         character, intent(in) :: jobvl, jobvr
+         real(wp), intent(inout) :: a(lda, *), work(*)
+         real(wp), intent(out) :: wr(*), wi(*), vl(ldvl, *), vr(ldvr, *)
+         integer, intent(out) :: info
+      end subroutine dgeev
+
+      subroutine dgesv(n, nrhs, a, lda, ipiv, b, ldb, info)
+         import :: wp
+         integer, intent(in) :: n, nrhs, lda, ldb
+         real(wp), intent(inout) :: a(lda, *), b(ldb, *)
+         integer, intent(out) :: ipiv(*), info
+      end subroutine dgesv
    end interface
 
 contains
@@ -37,5 +53,49 @@ contains
       if (info /= 0) call raise(error, exit_no_solution, 'symmetric eigenproblem of order '// &
                                 to_text(n)//': LAPACK dsygv returned '//to_text(info))
    end subroutine solve_symmetric_eigenproblem
+
+   !> All eigenvalues of a general matrix, in LAPACK's order.
+   subroutine find_eigenvalues(a, eigenvalues, error)
+      real(wp), intent(in) :: a(:, :)                         !! (n, n)
+      complex(wp), allocatable, intent(out) :: eigenvalues(:) !! (n)
+      type(error_type), allocatable, intent(out) :: error
+      real(wp), allocatable :: copy(:, :), re(:), im(:), work(:)
+      real(wp) :: no_vectors(1, 1)
+      integer :: info, n
+
+      n = size(a, 1)
+      copy = a
+      allocate (re(n), im(n), work(34*n))
+      call dgeev('N', 'N', n, copy, n, re, im, no_vectors, 1, no_vectors, 1, work, size(work), info)
+      if (info /= 0) then
+         call raise(error, exit_no_solution, 'eigenvalues of a matrix of order '//to_text(n)// &
+                    ': LAPACK dgeev returned '//to_text(info))
+         return
+      end if
+      eigenvalues = cmplx(re, im, wp)
+   end subroutine find_eigenvalues
+
+   !> x of A x = b, A general.
+   subroutine solve_linear_system(a, b, x, error)
+      real(wp), intent(in) :: a(:, :)            !! (n, n)
+      real(wp), intent(in) :: b(:)               !! (n)
+      real(wp), allocatable, intent(out) :: x(:) !! (n)
+      type(error_type), allocatable, intent(out) :: error
+      real(wp), allocatable :: factor(:, :), column(:, :)
+      integer, allocatable :: pivots(:)
+      integer :: info, n
+
+      n = size(b)
+      factor = a
+      column = reshape(b, [n, 1])
+      allocate (pivots(n))
+      call dgesv(n, 1, factor, n, pivots, column, n, info)
+      if (info /= 0) then
+         call raise(error, exit_no_solution, 'linear system of order '//to_text(n)// &
+                    ': LAPACK dgesv returned '//to_text(info))
+         return
+      end if
+      x = column(:, 1)
+   end subroutine solve_linear_system
 
 end module numerics_lapack

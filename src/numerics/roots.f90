@@ -1,0 +1,95 @@
+!> Roots of polynomials.
+module numerics_roots
+   use core_error, only: error_type
+   use core_kinds, only: wp
+   use numerics_lapack, only: find_eigenvalues
+   implicit none(type, external)
+   private
+   public :: find_polynomial_roots
+
+contains
+
+   !> All roots of x**n + sum c_q x**(n-q), by descending modulus, conjugates together.
+   !!
+   !! Eigenvalues of the companion matrix, each polished by Newton steps that lower the polynomial's value.
+   subroutine find_polynomial_roots(coefficients, roots, error)
+      real(wp), intent(in) :: coefficients(:)             !! c_q, q = 1..n
+      complex(wp), allocatable, intent(out) :: roots(:)   !! (n)
+      type(error_type), allocatable, intent(out) :: error
+      real(wp), allocatable :: companion(:, :)
+      integer :: i, n
+
+      n = size(coefficients)
+      if (n == 0) then
+         allocate (roots(0))
+         return
+      end if
+      allocate (companion(n, n), source=0.0_wp)
+      companion(1, :) = -coefficients
+      do i = 2, n
+         companion(i, i - 1) = 1.0_wp
+      end do
+      call find_eigenvalues(companion, roots, error)
+      if (allocated(error)) return
+      call polish(coefficients, roots)
+      call sort_by_modulus(roots)
+   end subroutine find_polynomial_roots
+
+   !> Newton steps while they lower |p|; of a conjugate pair the upper root is polished and mirrored.
+   pure subroutine polish(coefficients, roots)
+      real(wp), intent(in) :: coefficients(:)
+      complex(wp), intent(inout) :: roots(:)
+      integer, parameter :: max_steps = 4   ! eigenvalues are good to a few digits less than all
+      complex(wp) :: slope, trial, trial_slope, trial_value, value
+      integer :: i, step
+
+      do i = 1, size(roots)
+         if (roots(i)%im < 0.0_wp) cycle
+         call evaluate(coefficients, roots(i), value, slope)
+         do step = 1, max_steps
+            if (.not. abs(slope) > 0.0_wp) exit
+            trial = roots(i) - value/slope
+            call evaluate(coefficients, trial, trial_value, trial_slope)
+            if (.not. abs(trial_value) < abs(value)) exit
+            roots(i) = trial
+            value = trial_value
+            slope = trial_slope
+         end do
+         if (i < size(roots) .and. roots(i)%im > 0.0_wp) roots(i + 1) = conjg(roots(i))
+      end do
+   end subroutine polish
+
+   !> Polynomial and its derivative by Horner's rule.
+   pure subroutine evaluate(coefficients, x, value, slope)
+      real(wp), intent(in) :: coefficients(:)
+      complex(wp), intent(in) :: x
+      complex(wp), intent(out) :: value, slope
+      integer :: q
+
+      value = (1.0_wp, 0.0_wp)
+      slope = (0.0_wp, 0.0_wp)
+      do q = 1, size(coefficients)
+         slope = slope*x + value
+         value = value*x + coefficients(q)
+      end do
+   end subroutine evaluate
+
+   !> Insertion sort, stable: a conjugate pair has one modulus and stays together.
+   pure subroutine sort_by_modulus(roots)
+      complex(wp), intent(inout) :: roots(:)
+      complex(wp) :: moving
+      integer :: i, place
+
+      do i = 2, size(roots)
+         moving = roots(i)
+         place = i
+         do while (place > 1)
+            if (abs(roots(place - 1)) >= abs(moving)) exit
+            roots(place) = roots(place - 1)
+            place = place - 1
+         end do
+         roots(place) = moving
+      end do
+   end subroutine sort_by_modulus
+
+end module numerics_roots
