@@ -60,13 +60,14 @@ contains
       complex(wp), allocatable, intent(out) :: eigenvalues(:) !! (n)
       type(error_type), allocatable, intent(out) :: error
       real(wp), allocatable :: copy(:, :), re(:), im(:), work(:)
-      real(wp) :: no_vectors(1, 1)
+      real(wp) :: no_left(1, 1), no_right(1, 1)
       integer :: info, n
 
       n = size(a, 1)
       copy = a
       allocate (re(n), im(n), work(34*n))
-      call dgeev('N', 'N', n, copy, n, re, im, no_vectors, 1, no_vectors, 1, work, size(work), info)
+      call dgeev('N', 'N', n, copy, n, re, im, no_left, 1, no_right, 1, work, size(work), &
+                 info)
       if (info /= 0) then
          call raise(error, exit_no_solution, 'eigenvalues of a matrix of order '//to_text(n)// &
                     ': LAPACK dgeev returned '//to_text(info))

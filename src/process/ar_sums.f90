@@ -38,7 +38,7 @@ contains
       complex(wp), allocatable :: poles(:)
       real(wp) :: folded(size(kappa)), n_certain, n_negligible
       logical :: is_closed
-      integer :: m, order
+      integer :: order
 
       order = size(kappa)
       do while (order > 0)   ! a vanishing last coefficient is a lower order
