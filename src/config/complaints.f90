@@ -1,0 +1,181 @@
+!> What is wrong with a scene: all of it, in the order of its lines, each with the line and a caret.
+module config_complaints
+   use config_source, only: source_type
+   use core_text, only: to_text
+   implicit none(type, external)
+   private
+   public :: complaint_list, printable, nearest_name
+
+   integer, parameter :: max_kept = 200   !! more are counted, not shown
+   integer, parameter :: window = 76      !! characters of the offending line that are shown
+   integer, parameter :: tab = 9, first_printable = 32, delete = 127, first_continuation = 128, &
+                         last_continuation = 191
+
+   type :: complaint_type
+      integer :: line = 0, column = 0
+      logical :: is_override = .false.         !! --set options come after the file
+      character(:), allocatable :: text
+   end type complaint_type
+
+   !> `text` is ready to be printed when `n` > 0.
+   type :: complaint_list
+      integer :: n = 0                         !! complaints made
+      character(:), allocatable :: text        !! all of them, a line feed after each line but the last
+      type(complaint_type), allocatable, private :: kept(:)
+      integer, private :: n_kept = 0
+   contains
+      procedure :: add
+      procedure :: add_general
+      procedure, private :: keep
+   end type complaint_list
+
+contains
+
+   !> `message` follows `file:line: `; the column is that of the offending character.
+   subroutine add(self, source, line, column, message)
+      class(complaint_list), intent(inout) :: self
+      type(source_type), intent(in) :: source
+      integer, intent(in) :: line, column
+      character(*), intent(in) :: message
+      type(complaint_type) :: complaint
+
+      complaint%line = line
+      complaint%column = column
+      complaint%is_override = source%name == '--set'
+      complaint%text = source%name//':'//to_text(line)//': '//message//excerpt(source%line(line), column)
+      call self%keep(complaint)
+   end subroutine add
+
+   !> A complaint that belongs to no line, such as a scene that cannot be opened.
+   subroutine add_general(self, message)
+      class(complaint_list), intent(inout) :: self
+      character(*), intent(in) :: message
+      type(complaint_type) :: complaint
+
+      complaint%text = message
+      call self%keep(complaint)
+   end subroutine add_general
+
+   !> Puts a complaint behind those of its line and the lines before, and renews the text.
+   subroutine keep(self, complaint)
+      class(complaint_list), intent(inout) :: self
+      type(complaint_type), intent(in) :: complaint
+      integer :: i
+
+      self%n = self%n + 1
+      if (.not. allocated(self%kept)) allocate (self%kept(max_kept))
+      if (self%n_kept < max_kept) then
+         do i = self%n_kept, 1, -1
+            if (.not. precedes(complaint, self%kept(i))) exit
+            self%kept(i + 1) = self%kept(i)
+         end do
+         self%kept(i + 1) = complaint
+         self%n_kept = self%n_kept + 1
+      else if (self%n > max_kept + 1) then
+         self%text = self%text(:index(self%text, new_line('a'), back=.true.) - 1)
+         self%text = self%text//new_line('a')//'... and '//to_text(self%n - max_kept)//' more'
+         return
+      end if
+      self%text = self%kept(1)%text
+      do i = 2, self%n_kept
+         self%text = self%text//new_line('a')//self%kept(i)%text
+      end do
+      if (self%n > max_kept) self%text = self%text//new_line('a')//'... and 1 more'
+   end subroutine keep
+
+   pure logical function precedes(a, b)
+      type(complaint_type), intent(in) :: a, b
+
+      if (a%is_override .neqv. b%is_override) then
+         precedes = b%is_override
+      else if (a%line /= b%line) then
+         precedes = a%line < b%line
+      else
+         precedes = a%column < b%column
+      end if
+   end function precedes
+
+   !> The line and a caret under the column, on lines of their own; long lines are cut around it.
+   pure function excerpt(line, column) result(text)
+      character(*), intent(in) :: line
+      integer, intent(in) :: column
+      character(:), allocatable :: text
+      integer :: first, last, i, blanks
+
+      first = max(1, column - window/2)
+      if (column <= window) first = 1
+      last = min(len(line), first + window - 1)
+      blanks = 0
+      do i = first, min(column - 1, last)
+         if (.not. is_continuation(line(i:i))) blanks = blanks + 1
+      end do
+      text = new_line('a')//'   | '//printable(line(first:last))//new_line('a')//'   | '// &
+             repeat(' ', blanks)//'^'
+   end function excerpt
+
+   !> Control characters replaced, so that a hostile line cannot write to the terminal.
+   pure function printable(text) result(clean)
+      character(*), intent(in) :: text
+      character(:), allocatable :: clean
+      integer :: i, code
+
+      clean = text
+      do i = 1, len(text)
+         code = iachar(text(i:i))
+         if (code == tab) then
+            clean(i:i) = ' '
+         else if (code < first_printable .or. code == delete) then
+            clean(i:i) = '?'
+         end if
+      end do
+      if (len(clean) > 0) then
+         if (text(len(text):) == achar(13)) clean = clean(:len(clean) - 1)
+      end if
+   end function printable
+
+   !> Second and later bytes of a UTF-8 character take no place on the screen.
+   elemental logical function is_continuation(byte)
+      character, intent(in) :: byte
+
+      is_continuation = ichar(byte) >= first_continuation .and. ichar(byte) <= last_continuation
+   end function is_continuation
+
+   !> The known name nearest to `name`; blank where none is within a third of its letters.
+   pure function nearest_name(name, known) result(nearest)
+      character(*), intent(in) :: name
+      character(*), intent(in) :: known(:)
+      character(len(known)) :: nearest
+      integer :: i, distance, least
+
+      nearest = ''
+      if (len(name) > len(known)) return
+      least = max(1, len(name)/3) + 1
+      do i = 1, size(known)
+         distance = edit_distance(name, trim(known(i)))
+         if (distance >= least) cycle
+         least = distance
+         nearest = known(i)
+      end do
+   end function nearest_name
+
+   !> Letters to insert, delete, replace or swap with their neighbour.
+   pure integer function edit_distance(a, b) result(distance)
+      character(*), intent(in) :: a, b
+      integer :: d(0:len(a), 0:len(b)), i, j
+
+      d(:, 0) = [(i, i=0, len(a))]
+      d(0, :) = [(j, j=0, len(b))]
+      do j = 1, len(b)
+         do i = 1, len(a)
+            d(i, j) = min(d(i - 1, j) + 1, d(i, j - 1) + 1, &
+                          d(i - 1, j - 1) + merge(0, 1, a(i:i) == b(j:j)))
+            if (i > 1 .and. j > 1) then
+               if (a(i:i) == b(j - 1:j - 1) .and. a(i - 1:i - 1) == b(j:j)) &
+                  d(i, j) = min(d(i, j), d(max(i, 2) - 2, max(j, 2) - 2) + 1)
+            end if
+         end do
+      end do
+      distance = d(len(a), len(b))
+   end function edit_distance
+
+end module config_complaints

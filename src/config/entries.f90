@@ -1,0 +1,229 @@
+!> What the table of a group says of each of its values, and who may visit such a table.
+!>
+!> Reading with defaults, checking, the template, the scene reference and the fingerprint all walk the
+!> same tables: each group lists its entries once, in its procedure `visit`.
+module config_entries
+   use core_kinds, only: long, wp
+   use core_text, only: to_text
+   implicit none(type, external)
+   private
+   public :: entry_type, rule_type, visitor_type
+   public :: about, any_value, at_least, between, inside, not_negative, positive
+   public :: choice_length, name_length
+
+   integer, parameter :: name_length = 24, choice_length = 16, doc_length = 100
+
+   !> The interval that a number must lie in.
+   type :: rule_type
+      real(wp) :: lower = -huge(1.0_wp), upper = huge(1.0_wp)
+      logical :: excludes_lower = .false., excludes_upper = .false.
+   contains
+      procedure :: admits
+      procedure :: text => rule_text
+   end type rule_type
+
+   type :: entry_type
+      character(name_length) :: name
+      character(doc_length) :: doc = ''
+      character(8) :: unit = ''
+      type(rule_type) :: rule
+      character(choice_length) :: choices(8) = ''   !! texts: the ones to choose from
+      integer :: n_choices = 0                      !! 0: any text
+      integer :: length = 0                         !! lists: the number of values; 0: any
+      integer :: per_dof = -1                       !! lists: the number of dofs, where one value stands for all
+      logical :: is_required = .false.
+      logical :: shapes_samples = .true.            !! no: left out of the fingerprint
+      logical :: is_used = .true.                   !! no: of no effect beside the group's other values
+   end type entry_type
+
+   !> Walks the table of a group. A list without default must be given.
+   type, abstract :: visitor_type
+   contains
+      generic :: visit => visit_integer, visit_long, visit_real, visit_logical, visit_choice, &
+                          visit_integers, visit_reals
+      procedure(visit_integer), deferred :: visit_integer
+      procedure(visit_long), deferred :: visit_long
+      procedure(visit_real), deferred :: visit_real
+      procedure(visit_logical), deferred :: visit_logical
+      procedure(visit_choice), deferred :: visit_choice
+      procedure(visit_text), deferred :: visit_text
+      procedure(visit_integers), deferred :: visit_integers
+      procedure(visit_reals), deferred :: visit_reals
+      procedure(visit_choices), deferred :: visit_choices
+   end type visitor_type
+
+   abstract interface
+      subroutine visit_integer(self, value, entry)
+         import :: entry_type, visitor_type
+         class(visitor_type), intent(inout) :: self
+         integer, intent(inout) :: value
+         type(entry_type), intent(in) :: entry
+      end subroutine visit_integer
+
+      subroutine visit_long(self, value, entry)
+         import :: entry_type, long, visitor_type
+         class(visitor_type), intent(inout) :: self
+         integer(long), intent(inout) :: value
+         type(entry_type), intent(in) :: entry
+      end subroutine visit_long
+
+      subroutine visit_real(self, value, entry)
+         import :: entry_type, visitor_type, wp
+         class(visitor_type), intent(inout) :: self
+         real(wp), intent(inout) :: value
+         type(entry_type), intent(in) :: entry
+      end subroutine visit_real
+
+      subroutine visit_logical(self, value, entry)
+         import :: entry_type, visitor_type
+         class(visitor_type), intent(inout) :: self
+         logical, intent(inout) :: value
+         type(entry_type), intent(in) :: entry
+      end subroutine visit_logical
+
+      !> One of the entry's choices.
+      subroutine visit_choice(self, value, entry)
+         import :: choice_length, entry_type, visitor_type
+         class(visitor_type), intent(inout) :: self
+         character(choice_length), intent(inout) :: value
+         type(entry_type), intent(in) :: entry
+      end subroutine visit_choice
+
+      !> Any text; its default is the empty one.
+      subroutine visit_text(self, value, entry)
+         import :: entry_type, visitor_type
+         class(visitor_type), intent(inout) :: self
+         character(:), allocatable, intent(inout) :: value
+         type(entry_type), intent(in) :: entry
+      end subroutine visit_text
+
+      subroutine visit_integers(self, values, entry, default)
+         import :: entry_type, visitor_type
+         class(visitor_type), intent(inout) :: self
+         integer, allocatable, intent(inout) :: values(:)
+         type(entry_type), intent(in) :: entry
+         integer, intent(in) :: default(:)
+      end subroutine visit_integers
+
+      subroutine visit_reals(self, values, entry, default)
+         import :: entry_type, visitor_type, wp
+         class(visitor_type), intent(inout) :: self
+         real(wp), allocatable, intent(inout) :: values(:)
+         type(entry_type), intent(in) :: entry
+         real(wp), intent(in), optional :: default(:)
+      end subroutine visit_reals
+
+      !> Some of the entry's choices, each once.
+      subroutine visit_choices(self, values, entry, default)
+         import :: choice_length, entry_type, visitor_type
+         class(visitor_type), intent(inout) :: self
+         character(choice_length), allocatable, intent(inout) :: values(:)
+         type(entry_type), intent(in) :: entry
+         character(*), intent(in) :: default(:)
+      end subroutine visit_choices
+   end interface
+
+contains
+
+   !> An entry of a table.
+   pure function about(name, doc, unit, rule, choices, length, per_dof, required, shapes_samples, &
+                       used) result(entry)
+      character(*), intent(in) :: name, doc
+      character(*), intent(in), optional :: unit
+      type(rule_type), intent(in), optional :: rule
+      character(*), intent(in), optional :: choices(:)
+      integer, intent(in), optional :: length, per_dof
+      logical, intent(in), optional :: required, shapes_samples, used
+      type(entry_type) :: entry
+
+      entry%name = name
+      entry%doc = doc
+      if (present(unit)) entry%unit = unit
+      if (present(rule)) entry%rule = rule
+      if (present(choices)) then
+         entry%n_choices = size(choices)
+         entry%choices(:size(choices)) = choices
+      end if
+      if (present(length)) entry%length = length
+      if (present(per_dof)) entry%per_dof = per_dof
+      if (present(required)) entry%is_required = required
+      if (present(shapes_samples)) entry%shapes_samples = shapes_samples
+      if (present(used)) entry%is_used = used
+   end function about
+
+   pure type(rule_type) function any_value()
+
+      any_value = rule_type()
+   end function any_value
+
+   pure type(rule_type) function positive()
+
+      positive = rule_type(lower=0.0_wp, excludes_lower=.true.)
+   end function positive
+
+   pure type(rule_type) function not_negative()
+
+      not_negative = rule_type(lower=0.0_wp)
+   end function not_negative
+
+   elemental type(rule_type) function at_least(lower)
+      real(wp), intent(in) :: lower
+
+      at_least = rule_type(lower=lower)
+   end function at_least
+
+   !> The ends belong to it.
+   elemental type(rule_type) function between(lower, upper)
+      real(wp), intent(in) :: lower, upper
+
+      between = rule_type(lower, upper)
+   end function between
+
+   !> The ends do not belong to it.
+   elemental type(rule_type) function inside(lower, upper)
+      real(wp), intent(in) :: lower, upper
+
+      inside = rule_type(lower, upper, .true., .true.)
+   end function inside
+
+   elemental logical function admits(self, value)
+      class(rule_type), intent(in) :: self
+      real(wp), intent(in) :: value
+
+      admits = value >= self%lower .and. value <= self%upper
+      if (self%excludes_lower) admits = admits .and. value > self%lower
+      if (self%excludes_upper) admits = admits .and. value < self%upper
+   end function admits
+
+   !> `must be positive`, `must be from 1 to 200`; empty where every number will do.
+   pure function rule_text(self) result(text)
+      class(rule_type), intent(in) :: self
+      character(:), allocatable :: text
+
+      if (self%lower > -huge(1.0_wp) .and. self%upper < huge(1.0_wp)) then
+         if (self%excludes_lower) then
+            text = 'must lie between '//short(self%lower)//' and '//short(self%upper)
+         else
+            text = 'must be from '//short(self%lower)//' to '//short(self%upper)
+         end if
+      else if (self%lower > -huge(1.0_wp)) then
+         if (abs(self%lower) > 0.0_wp) then
+            text = 'must be at least '//short(self%lower)
+         else
+            text = trim(merge('must be positive    ', 'must not be negative', self%excludes_lower))
+         end if
+      else
+         text = ''
+      end if
+   end function rule_text
+
+   !> Whole numbers without their decimal point.
+   pure function short(value) result(text)
+      real(wp), intent(in) :: value
+      character(:), allocatable :: text
+
+      text = to_text(value)
+      if (index(text, '.0', back=.true.) == len(text) - 1 .and. len(text) > 2) text = text(:len(text) - 2)
+   end function short
+
+end module config_entries

@@ -1,0 +1,119 @@
+!> Force histories of the user's own: text files, and the rules that any history must keep.
+module config_force_file
+   use config_complaints, only: complaint_list, printable
+   use config_values, only: parse_real
+   use core_kinds, only: wp
+   use core_text, only: to_text
+   use, intrinsic :: ieee_arithmetic, only: ieee_is_finite
+   implicit none(type, external)
+   private
+   public :: check_force, is_hdf5_file, read_force_text
+
+   integer, parameter :: max_shown = 10   !! bad lines that are named one by one
+   character(*), parameter :: blanks = ' '//achar(9)//achar(13)
+
+contains
+
+   !> Does the file begin as HDF5 does? Any other is taken for text.
+   logical function is_hdf5_file(path)
+      character(*), intent(in) :: path
+      character(8) :: signature
+      integer :: unit, status
+
+      is_hdf5_file = .false.
+      open (newunit=unit, file=path, access='stream', form='unformatted', action='read', &
+            status='old', iostat=status)
+      if (status /= 0) return
+      read (unit, iostat=status) signature
+      if (status == 0) is_hdf5_file = &
+         signature == char(137)//'HDF'//achar(13)//achar(10)//achar(26)//achar(10)
+      close (unit, iostat=status)
+   end function is_hdf5_file
+
+   !> One value a line; what follows a # is a comment. Every bad line is a complaint.
+   subroutine read_force_text(path, force, complaints)
+      character(*), intent(in) :: path
+      real(wp), allocatable, intent(out) :: force(:)   !! (step), from 0 [N]
+      type(complaint_list), intent(inout) :: complaints
+      character(256) :: line, reason
+      character(:), allocatable :: rule
+      real(wp) :: value
+      integer :: unit, status, number, n, n_bad
+
+      allocate (force(1024))
+      n = 0
+      n_bad = 0
+      open (newunit=unit, file=path, access='stream', form='formatted', action='read', &
+            status='old', iostat=status, iomsg=reason)
+      if (status == 0) then
+         number = 0
+         do
+            read (unit, '(a)', iostat=status, iomsg=reason) line
+            if (status /= 0) exit
+            number = number + 1
+            call parse_line(line, value, rule)
+            if (allocated(rule)) then
+               n_bad = n_bad + 1
+               if (n_bad <= max_shown .and. len(rule) > 0) call complaints%add_general( &
+                  path//':'//to_text(number)//': '//printable(trim(line(:40)))//': '//rule)
+               if (len(rule) == 0) n_bad = n_bad - 1
+               cycle
+            end if
+            if (n == size(force)) force = [force, spread(0.0_wp, 1, n)]
+            n = n + 1
+            force(n) = value
+         end do
+         close (unit)
+         if (is_iostat_end(status)) status = 0
+      end if
+      if (status /= 0) call complaints%add_general(path//': cannot be read: '//trim(reason))
+      if (n_bad > max_shown) &
+         call complaints%add_general(path//': '//to_text(n_bad - max_shown)//' more bad lines')
+      force = force(:n)
+   end subroutine read_force_text
+
+   !> The value of a line; `rule` is empty where there is none, and says what is wrong with a bad one.
+   pure subroutine parse_line(line, value, rule)
+      character(*), intent(in) :: line
+      real(wp), intent(out) :: value
+      character(:), allocatable, intent(out) :: rule
+      integer :: first, last
+
+      value = 0.0_wp
+      last = index(line, '#') - 1
+      if (last < 0) last = len(line)
+      first = verify(line(:last), blanks)
+      last = verify(line(:last), blanks, back=.true.)
+      if (first == 0) then
+         rule = ''
+      else if (scan(line(first:last), blanks//',;') > 0) then
+         rule = 'must be one value'
+      else if (last == len(line)) then
+         rule = 'the line is too long'
+      else
+         call parse_real(line(first:last), value, rule)
+      end if
+   end subroutine parse_line
+
+   !> The rules of a history, whatever file it comes from: enough finite values, enough records.
+   subroutine check_force(path, force, n_steps, n_records, complaints)
+      character(*), intent(in) :: path
+      real(wp), intent(in) :: force(0:, :)   !! (step, record) [N]
+      integer, intent(in) :: n_steps         !! 0: as many as there are
+      integer, intent(in) :: n_records       !! that are needed
+      type(complaint_list), intent(inout) :: complaints
+
+      if (size(force, 1) < 2) then
+         call complaints%add_general(path//': must hold at least two values')
+      else if (n_steps > 0 .and. size(force, 1) /= n_steps + 1) then
+         call complaints%add_general(path//': holds '//to_text(size(force, 1))//' values: must be '// &
+                                     to_text(n_steps + 1)//', integration%n_steps + 1')
+      end if
+      if (size(force, 2) < n_records) &
+         call complaints%add_general(path//': holds '//to_text(size(force, 2))//' records: must be '// &
+                                     to_text(n_records)//', one per sample')
+      if (.not. all(ieee_is_finite(force))) &
+         call complaints%add_general(path//': every value must be finite')
+   end subroutine check_force
+
+end module config_force_file

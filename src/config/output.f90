@@ -1,0 +1,46 @@
+!> &output: what is kept. What is not asked for is not computed.
+module config_output
+   use config_entries, only: about, between, choice_length, inside, not_negative, visitor_type
+   use core_kinds, only: wp
+   implicit none(type, external)
+   private
+   public :: output_group
+
+   type :: output_group
+      character(choice_length), allocatable :: quantities(:)
+      real(wp), allocatable :: percentiles(:)
+      integer :: segment_length = 8192
+      integer :: spectrum_every = 0
+   contains
+      procedure :: visit
+      procedure :: keeps
+   end type output_group
+
+contains
+
+   subroutine visit(self, visitor)
+      class(output_group), intent(inout) :: self
+      class(visitor_type), intent(inout) :: visitor
+
+      call visitor%visit_choices(self%quantities, about('quantities', 'what is computed and kept', &
+         choices=[character(choice_length) :: 'slip', 'spectrum', 'energy', 'history', &
+                  'realizations', 'transitions']), &
+         default=[character(choice_length) :: 'slip', 'spectrum'])
+      call visitor%visit(self%percentiles, about('percentiles', &
+         'of the spectra over samples, ascending', '%', inside(0.0_wp, 100.0_wp), &
+         shapes_samples=.false.), default=[5.0_wp, 95.0_wp])
+      call visitor%visit(self%segment_length, about('segment_length', &
+         'of the spectra: steps of a Welch segment, or all there are', &
+         rule=between(8.0_wp, 16777216.0_wp)))
+      call visitor%visit(self%spectrum_every, about('spectrum_every', &
+         'every so many steps enter the spectra; 0: chosen and stated', rule=not_negative()))
+   end subroutine visit
+
+   pure logical function keeps(self, quantity)
+      class(output_group), intent(in) :: self
+      character(*), intent(in) :: quantity
+
+      keeps = any(self%quantities == quantity)
+   end function keeps
+
+end module config_output

@@ -1,0 +1,166 @@
+!> What a scene asks for becomes a plan: processes to fit, cases in the order of their numbers.
+module config_plan
+   use config_complaints, only: complaint_list
+   use config_groups, only: scene_type
+   use config_process, only: process_group
+   use core_error, only: error_type
+   use core_kinds, only: wp
+   use dynamics_chain, only: build_chain
+   use ensemble_plan, only: case_type, plan_type
+   use process_model, only: process_request
+   implicit none(type, external)
+   private
+   public :: build_plan
+
+contains
+
+   !> Expands a scene that nothing was complained of. With an HDF5 force file scene%n_force_values is set before.
+   subroutine build_plan(scene, plan, complaints)
+      type(scene_type), intent(in) :: scene
+      type(plan_type), intent(out) :: plan
+      type(complaint_list), intent(inout) :: complaints
+      integer :: i
+
+      plan%title = scene%heading%title
+      if (plan%title == '') plan%title = stem(scene%path)
+      plan%seed = scene%heading%seed
+      allocate (plan%processes(0), plan%cases(0))
+      do i = 1, size(scene%processes)
+         call expand_process(scene%processes(i), plan%processes)
+      end do
+      if (size(scene%processes) > 0) then
+         plan%n_points = scene%processes(1)%n_points
+         if (scene%has_chain) plan%n_points = scene%chain%n_dof
+         plan%n_realizations = scene%processes(1)%n_realizations
+      end if
+      plan%walltime = scene%campaign%walltime
+      plan%has_chain = scene%has_chain
+      if (.not. scene%has_chain) return
+      call plan_chain(scene, plan, complaints)
+      call plan_march(scene, plan)
+      call plan_cases(scene, plan)
+   end subroutine build_plan
+
+   !> correlation_length slowest, then order, then std.
+   pure subroutine expand_process(group, processes)
+      type(process_group), intent(in) :: group
+      type(process_request), allocatable, intent(inout) :: processes(:)
+      type(process_request) :: process
+      integer, allocatable :: orders(:)
+      integer :: i, j, k
+
+      process%method = trim(group%method)
+      process%correlation = trim(group%correlation)
+      process%bound_l0 = group%bound_l0
+      process%bound_l1 = group%bound_l1
+      process%max_order = group%max_order
+      process%mean = group%mean
+      process%positive = group%positive
+      process%sampler = trim(group%sampler)
+      do i = 1, size(group%correlation_length)
+         process%correlation_length = group%correlation_length(i)
+         orders = group%order
+         if (group%pairing == 'zip' .and. size(orders) > 1) orders = group%order(i:i)
+         do j = 1, size(orders)
+            process%order = orders(j)
+            do k = 1, size(group%std)
+               process%std = group%std(k)
+               processes = [processes, process]
+            end do
+         end do
+      end do
+   end subroutine expand_process
+
+   subroutine plan_chain(scene, plan, complaints)
+      type(scene_type), intent(in) :: scene
+      type(plan_type), intent(inout) :: plan
+      type(complaint_list), intent(inout) :: complaints
+      type(error_type), allocatable :: error
+
+      associate (chain => scene%chain)
+         call build_chain(per_dof(chain%mass), per_dof(chain%coupling_stiffness), &
+                          per_dof(chain%contact_stiffness), per_dof(chain%normal_load), &
+                          per_dof(chain%damping_ratio), plan%chain, error)
+         if (allocated(error)) call complaints%add_general(scene%path//': '//error%message)
+         plan%friction = per_dof(chain%friction)
+      end associate
+
+   contains
+
+      pure function per_dof(values) result(all_values)
+         real(wp), intent(in) :: values(:)   !! one, or one per dof
+         real(wp) :: all_values(scene%chain%n_dof)
+
+         if (size(values) == 1) then
+            all_values = values(1)
+         else
+            all_values = values
+         end if
+      end function per_dof
+
+   end subroutine plan_chain
+
+   pure subroutine plan_march(scene, plan)
+      type(scene_type), intent(in) :: scene
+      type(plan_type), intent(inout) :: plan
+
+      associate (excitation => scene%excitation, integration => scene%integration, output => scene%output)
+         plan%excitation%kind = trim(excitation%kind)
+         plan%excitation%band = excitation%band
+         plan%excitation%dof = excitation%dof
+         if (excitation%dof == 0) plan%excitation%dof = scene%chain%n_dof
+         plan%excitation%file = ''
+         if (allocated(scene%force_path)) plan%excitation%file = scene%force_path
+         plan%excitation%per_sample = excitation%per_sample
+
+         plan%integration%method = trim(integration%method)
+         plan%integration%dt = integration%dt
+         plan%integration%n_steps = integration%n_steps
+         if (integration%n_steps == 0) plan%integration%n_steps = scene%n_force_values - 1
+         plan%integration%n_discard = integration%n_discard
+         plan%integration%max_halvings = integration%max_halvings
+         plan%integration%beta = integration%beta
+         plan%integration%gamma = integration%gamma
+         plan%integration%tolerance = integration%tolerance
+
+         plan%output%slip = output%keeps('slip')
+         plan%output%spectrum = output%keeps('spectrum')
+         plan%output%energy = output%keeps('energy')
+         plan%output%history = output%keeps('history')
+         plan%output%realizations = plan%n_realizations > 0
+         plan%output%transitions = output%keeps('transitions')
+         plan%output%percentiles = output%percentiles
+         plan%output%segment_length = min(output%segment_length, &
+                                          plan%integration%n_steps - integration%n_discard)
+         plan%output%spectrum_every = output%spectrum_every
+      end associate
+   end subroutine plan_march
+
+   !> Deterministic cases first, then process by process, variance fastest.
+   pure subroutine plan_cases(scene, plan)
+      type(scene_type), intent(in) :: scene
+      type(plan_type), intent(inout) :: plan
+      real(wp), allocatable :: variances(:)
+      integer :: i, j
+
+      variances = scene%excitation%variance
+      if (size(variances) == 0) variances = [0.0_wp]   ! a force file is taken as it is
+      if (scene%runs_deterministic()) &
+         plan%cases = [(case_type(0, variances(j), 1), j=1, size(variances))]
+      if (scene%runs_samples()) &
+         plan%cases = [plan%cases, ((case_type(i, variances(j), scene%campaign%n_samples), &
+                                     j=1, size(variances)), i=1, size(plan%processes))]
+   end subroutine plan_cases
+
+   !> The file's name without folder and ending.
+   pure function stem(path)
+      character(*), intent(in) :: path
+      character(:), allocatable :: stem
+      integer :: dot
+
+      stem = path(index(path, '/', back=.true.) + 1:)
+      dot = index(stem, '.', back=.true.)
+      if (dot > 1) stem = stem(:dot - 1)
+   end function stem
+
+end module config_plan

@@ -1,0 +1,75 @@
+!> &process: maximum-entropy processes that are wanted (Sec. 2). The group may be repeated.
+module config_process
+   use config_entries, only: about, any_value, at_least, between, choice_length, not_negative, &
+                             positive, visitor_type
+   use core_kinds, only: wp
+   implicit none(type, external)
+   private
+   public :: process_group
+
+   type :: process_group
+      character(choice_length) :: method = 'autoregressive'
+      character(choice_length) :: correlation = 'L0'
+      real(wp), allocatable :: correlation_length(:)
+      integer, allocatable :: order(:)
+      character(choice_length) :: pairing = 'zip'
+      real(wp) :: bound_l0 = 0.0_wp
+      real(wp) :: bound_l1 = 0.0_wp
+      integer :: max_order = 30
+      real(wp) :: mean = 0.0_wp               !! no default: must be given
+      real(wp), allocatable :: std(:)
+      logical :: positive = .true.
+      character(choice_length) :: sampler = 'sequential'
+      integer :: n_points = 5
+      integer :: n_realizations = 0
+   contains
+      procedure :: visit
+   end type process_group
+
+contains
+
+   subroutine visit(self, visitor)
+      class(process_group), intent(inout) :: self
+      class(visitor_type), intent(inout) :: visitor
+
+      call visitor%visit(self%method, about('method', &
+         'Sec. 2.3: recursion of a finite order; Sec. 2.2: covariances up to m_max', &
+         choices=[character(choice_length) :: 'autoregressive', 'direct']))
+      call visitor%visit(self%correlation, about('correlation', &
+         'definition of the correlation length, Eq. 8 or 9', &
+         choices=[character(choice_length) :: 'L0', 'L1']))
+      call visitor%visit(self%correlation_length, about('correlation_length', &
+         'one or several', 'points', positive(), required=.true.))
+      call visitor%visit(self%order, about('order', &
+         'M of the recursion, m_max of direct; 0: found from the bounds', &
+         rule=between(0.0_wp, 200.0_wp)), default=[2, 5, 10])
+      call visitor%visit(self%pairing, about('pairing', &
+         'zip: an order for each correlation length, or one for all; product: every one with every one', &
+         choices=[character(choice_length) :: 'zip', 'product']))
+      call visitor%visit(self%bound_l0, about('bound_l0', 'order 0 with L1 imposed: bound of L0; 0: none', &
+         'points', not_negative(), used=any_zero(self%order)))
+      call visitor%visit(self%bound_l1, about('bound_l1', 'order 0 with L0 imposed: bound of L1; 0: none', &
+         'points', not_negative(), used=any_zero(self%order)))
+      call visitor%visit(self%max_order, about('max_order', 'order 0: search no further', &
+         rule=between(1.0_wp, 200.0_wp), used=any_zero(self%order)))
+      call visitor%visit(self%mean, about('mean', 'homogeneous', rule=any_value(), required=.true.))
+      call visitor%visit(self%std, about('std', 'one or several, each with every pair', rule=positive(), &
+         required=.true.))
+      call visitor%visit(self%positive, about('positive', 'no negative values (Sec. 2.4)'))
+      call visitor%visit(self%sampler, about('sampler', &
+         'positive values: one at a time as Sec. 2.4, or the law of Eq. 25 itself', &
+         choices=[character(choice_length) :: 'sequential', 'exact'], used=self%positive))
+      call visitor%visit(self%n_points, about('n_points', &
+         'of a written realization; with &chain n_dof', rule=at_least(1.0_wp), shapes_samples=.false.))
+      call visitor%visit(self%n_realizations, about('n_realizations', 'to be written', &
+         rule=not_negative(), shapes_samples=.false.))
+   end subroutine visit
+
+   pure logical function any_zero(order)
+      integer, allocatable, intent(in) :: order(:)
+
+      any_zero = .false.
+      if (allocated(order)) any_zero = any(order == 0)
+   end function any_zero
+
+end module config_process

@@ -1,0 +1,96 @@
+!> The text that a scene is read from, by lines: a file, or the --set options of the command line.
+module config_source
+   implicit none(type, external)
+   private
+   public :: source_type, new_source, read_source
+
+   integer, parameter :: max_size = 16*1024**2   !! [bytes]; whoever exceeds it did not mean a scene
+   integer, parameter :: line_feed = 10
+
+   type :: source_type
+      character(:), allocatable :: name       !! as complaints call it
+      character(:), allocatable :: text
+      integer, allocatable :: line_start(:)   !! (line) position of its first character
+   contains
+      procedure :: n_lines
+      procedure :: line
+   end type source_type
+
+contains
+
+   pure function new_source(name, text) result(source)
+      character(*), intent(in) :: name, text
+      type(source_type) :: source
+      integer :: i, n
+
+      source%name = name
+      source%text = text
+      n = 1
+      do i = 1, len(text)
+         if (iachar(text(i:i)) == line_feed) n = n + 1
+      end do
+      allocate (source%line_start(n))
+      source%line_start(1) = 1
+      n = 1
+      do i = 1, len(text)
+         if (iachar(text(i:i)) /= line_feed) cycle
+         n = n + 1
+         source%line_start(n) = i + 1
+      end do
+   end function new_source
+
+   !> Reads a whole file; `refusal` is allocated when that cannot be done, and says why.
+   subroutine read_source(path, source, refusal)
+      character(*), intent(in) :: path
+      type(source_type), intent(out) :: source
+      character(:), allocatable, intent(out) :: refusal
+      character(:), allocatable :: text
+      character(256) :: reason
+      integer :: unit, status, size
+      logical :: exists
+
+      inquire (file=path, exist=exists)
+      if (.not. exists .or. len_trim(path) == 0) then
+         refusal = 'no such file'
+         return
+      end if
+      open (newunit=unit, file=path, access='stream', form='unformatted', action='read', &
+            status='old', iostat=status, iomsg=reason)
+      if (status /= 0) then
+         refusal = 'cannot be opened: '//trim(reason)
+         return
+      end if
+      inquire (unit=unit, size=size)
+      if (size < 0) then
+         refusal = 'is not a regular file'
+      else if (size > max_size) then
+         refusal = 'is larger than 16 MB'
+      else
+         allocate (character(size) :: text)
+         if (size > 0) read (unit, iostat=status, iomsg=reason) text
+         if (status /= 0) refusal = 'cannot be read: '//trim(reason)
+      end if
+      close (unit, iostat=status)
+      if (.not. allocated(refusal)) source = new_source(path, text)
+   end subroutine read_source
+
+   pure integer function n_lines(self)
+      class(source_type), intent(in) :: self
+
+      n_lines = size(self%line_start)
+   end function n_lines
+
+   !> One line without its line feed.
+   pure function line(self, number) result(text)
+      class(source_type), intent(in) :: self
+      integer, intent(in) :: number
+      character(:), allocatable :: text
+
+      if (number < self%n_lines()) then
+         text = self%text(self%line_start(number):self%line_start(number + 1) - 2)
+      else
+         text = self%text(self%line_start(number):)
+      end if
+   end function line
+
+end module config_source
