@@ -134,15 +134,16 @@ contains
       type(c_ptr) :: list
       type(c_ptr), pointer :: names(:)
       integer(c_int) :: status
+      logical :: stands
       integer :: i
 
       found = 0
       status = c_glob(escaped(folder)//'/*'//c_null_char, fail_when_unreadable, c_null_ptr, found)
       if (status /= 0) then
          allocate (character(0) :: paths(0))
-         if (status /= no_match .or. .not. is_folder(folder)) then
-            call raise_system(system_error(), folder//': cannot list this folder', error)
-         end if
+         stands = is_folder(folder)
+         if (stands .and. status == no_match) return
+         call raise_system(system_error(), folder//': cannot list this folder', error)
          return
       end if
       list = transfer(found(2), list)

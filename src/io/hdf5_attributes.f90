@@ -1,0 +1,213 @@
+!> Attributes of groups and datasets: texts as UTF-8 of variable length, logicals as 0 and 1.
+module io_hdf5_attributes
+   use, intrinsic :: iso_c_binding, only: c_associated, c_char, c_loc, c_null_char, c_null_ptr, c_ptr
+   use core_error, only: error_type
+   use core_kinds, only: long, wp
+   use hdf5
+   use io_hdf5_file, only: hdf5_file
+   use io_hdf5_outcome, only: outcome_type
+   use io_posix, only: text_at
+   implicit none(type, external)
+   private
+   public :: has_attribute, read_attribute, write_attribute
+
+   !> write_attribute(file, object, name, value, error); the object is a group or dataset, '/' the file itself.
+   interface write_attribute
+      module procedure write_text, write_integer, write_long, write_real, write_logical
+   end interface write_attribute
+
+   interface read_attribute
+      module procedure read_text, read_integer, read_long, read_real
+   end interface read_attribute
+
+contains
+
+   function has_attribute(file, object, name)
+      type(hdf5_file), intent(in) :: file
+      character(*), intent(in) :: object, name
+      logical :: has_attribute
+      integer :: status
+
+      call h5aexists_by_name_f(file%id, object, name, has_attribute, status)
+      has_attribute = has_attribute .and. status >= 0
+   end function has_attribute
+
+   subroutine write_text(file, object, name, value, error)
+      type(hdf5_file), intent(in) :: file
+      character(*), intent(in) :: object, name, value
+      type(error_type), allocatable, intent(out) :: error
+      character(kind=c_char), allocatable, target :: characters(:)
+      type(c_ptr), target :: location
+      type(outcome_type) :: outcome
+      integer(hid_t) :: kind
+      integer :: status
+
+      characters = transfer(value//c_null_char, [c_char_'x'])
+      location = c_loc(characters)
+      call new_text_kind(kind, outcome)
+      call write_value(file, object, name, kind, c_loc(location), outcome, error)
+      call h5tclose_f(kind, status)
+   end subroutine write_text
+
+   subroutine write_integer(file, object, name, value, error)
+      type(hdf5_file), intent(in) :: file
+      character(*), intent(in) :: object, name
+      integer, intent(in), target :: value
+      type(error_type), allocatable, intent(out) :: error
+      type(outcome_type) :: outcome
+
+      call write_value(file, object, name, H5T_NATIVE_INTEGER, c_loc(value), outcome, error)
+   end subroutine write_integer
+
+   subroutine write_long(file, object, name, value, error)
+      type(hdf5_file), intent(in) :: file
+      character(*), intent(in) :: object, name
+      integer(long), intent(in), target :: value
+      type(error_type), allocatable, intent(out) :: error
+      type(outcome_type) :: outcome
+
+      call write_value(file, object, name, h5kind_to_type(long, H5_INTEGER_KIND), c_loc(value), outcome, error)
+   end subroutine write_long
+
+   subroutine write_real(file, object, name, value, error)
+      type(hdf5_file), intent(in) :: file
+      character(*), intent(in) :: object, name
+      real(wp), intent(in), target :: value
+      type(error_type), allocatable, intent(out) :: error
+      type(outcome_type) :: outcome
+
+      call write_value(file, object, name, H5T_NATIVE_DOUBLE, c_loc(value), outcome, error)
+   end subroutine write_real
+
+   subroutine write_logical(file, object, name, value, error)
+      type(hdf5_file), intent(in) :: file
+      character(*), intent(in) :: object, name
+      logical, intent(in) :: value
+      type(error_type), allocatable, intent(out) :: error
+
+      call write_integer(file, object, name, merge(1, 0, value), error)
+   end subroutine write_logical
+
+   subroutine write_value(file, object, name, kind, value, outcome, error)
+      type(hdf5_file), intent(in) :: file
+      character(*), intent(in) :: object, name
+      integer(hid_t), intent(in) :: kind
+      type(c_ptr), intent(in) :: value
+      type(outcome_type), intent(inout) :: outcome
+      type(error_type), allocatable, intent(out) :: error
+      integer(hid_t) :: attribute, space
+      integer :: status
+
+      call h5screate_f(H5S_SCALAR_F, space, status)
+      call outcome%note(status)
+      call h5acreate_by_name_f(file%id, object, name, kind, space, attribute, status)
+      call outcome%note(status)
+      call h5awrite_f(attribute, kind, value, status)
+      call outcome%note(status)
+      call h5aclose_f(attribute, status)
+      call outcome%note(status)
+      call h5sclose_f(space, status)
+      call outcome%conclude(file%path//': attribute '//name//' of '//object//': cannot be written', error)
+   end subroutine write_value
+
+   subroutine read_text(file, object, name, value, error)
+      type(hdf5_file), intent(in) :: file
+      character(*), intent(in) :: object, name
+      character(:), allocatable, intent(out) :: value
+      type(error_type), allocatable, intent(out) :: error
+      type(c_ptr), target :: location
+      type(c_ptr) :: address
+      type(outcome_type) :: outcome
+      integer(hid_t) :: kind, space
+      integer :: status
+
+      value = ''
+      location = c_null_ptr
+      call new_text_kind(kind, outcome)
+      call read_value(file, object, name, kind, c_loc(location), outcome, error)
+      if (allocated(error)) return
+      if (c_associated(location)) value = text_at(location)
+      call h5screate_f(H5S_SCALAR_F, space, status)
+      address = c_loc(location)
+      call h5dvlen_reclaim_f(kind, space, H5P_DEFAULT_F, address, status)
+      call h5sclose_f(space, status)
+      call h5tclose_f(kind, status)
+   end subroutine read_text
+
+   subroutine read_integer(file, object, name, value, error)
+      type(hdf5_file), intent(in) :: file
+      character(*), intent(in) :: object, name
+      integer, intent(out), target :: value
+      type(error_type), allocatable, intent(out) :: error
+      type(outcome_type) :: outcome
+
+      value = 0
+      call read_value(file, object, name, H5T_NATIVE_INTEGER, c_loc(value), outcome, error)
+   end subroutine read_integer
+
+   subroutine read_long(file, object, name, value, error)
+      type(hdf5_file), intent(in) :: file
+      character(*), intent(in) :: object, name
+      integer(long), intent(out), target :: value
+      type(error_type), allocatable, intent(out) :: error
+      type(outcome_type) :: outcome
+
+      value = 0
+      call read_value(file, object, name, h5kind_to_type(long, H5_INTEGER_KIND), c_loc(value), outcome, error)
+   end subroutine read_long
+
+   subroutine read_real(file, object, name, value, error)
+      type(hdf5_file), intent(in) :: file
+      character(*), intent(in) :: object, name
+      real(wp), intent(out), target :: value
+      type(error_type), allocatable, intent(out) :: error
+      type(outcome_type) :: outcome
+
+      value = 0.0_wp
+      call read_value(file, object, name, H5T_NATIVE_DOUBLE, c_loc(value), outcome, error)
+   end subroutine read_real
+
+   !> Refuses what is not one single value: `value` has room for no more.
+   subroutine read_value(file, object, name, kind, value, outcome, error)
+      type(hdf5_file), intent(in) :: file
+      character(*), intent(in) :: object, name
+      integer(hid_t), intent(in) :: kind
+      type(c_ptr), value :: value
+      type(outcome_type), intent(inout) :: outcome
+      type(error_type), allocatable, intent(out) :: error
+      integer(hid_t) :: attribute, space
+      integer(hsize_t) :: n_values
+      integer :: status
+
+      call h5aopen_by_name_f(file%id, object, name, attribute, status)
+      call outcome%note(status)
+      call h5aget_space_f(attribute, space, status)
+      call outcome%note(status)
+      n_values = 0
+      call h5sget_simple_extent_npoints_f(space, n_values, status)
+      call outcome%note(status)
+      if (n_values == 1) then
+         call h5aread_f(attribute, kind, value, status)
+         call outcome%note(status)
+      else if (.not. allocated(outcome%reason)) then
+         outcome%reason = 'it is not one value'
+      end if
+      call h5sclose_f(space, status)
+      call h5aclose_f(attribute, status)
+      call outcome%conclude(file%path//': attribute '//name//' of '//object//': cannot be read', error)
+   end subroutine read_value
+
+   subroutine new_text_kind(kind, outcome)
+      integer(hid_t), intent(out) :: kind
+      type(outcome_type), intent(inout) :: outcome
+      integer :: status
+
+      call h5tcopy_f(H5T_STRING, kind, status)
+      call outcome%note(status)
+      call h5tset_cset_f(kind, H5T_CSET_UTF8_F, status)
+      call outcome%note(status)
+      call h5tset_strpad_f(kind, H5T_STR_NULLTERM_F, status)
+      call outcome%note(status)
+   end subroutine new_text_kind
+
+end module io_hdf5_attributes

@@ -1,0 +1,384 @@
+!> Labelled datasets: numbers of any rank, whole or in parts, each axis joined to its scale.
+!>
+!> Arrays are Fortran's here; Python sees their axes reversed, and axis names are given in Python's order.
+module io_hdf5_datasets
+   use, intrinsic :: iso_c_binding, only: c_loc, c_ptr
+   use core_error, only: error_type, exit_file, raise
+   use core_kinds, only: long, wp
+   use hdf5
+   use h5ds, only: h5dsattach_scale_f, h5dsset_scale_f
+   use io_hdf5_attributes, only: write_attribute
+   use io_hdf5_file, only: hdf5_file, new_link_list
+   use io_hdf5_outcome, only: outcome_type
+   implicit none(type, external)
+   private
+   public :: label_type, make_dataset, read_dataset, read_extent, read_part, write_dataset, write_part
+
+   integer, parameter :: chunk_bytes = 2**18
+   integer, parameter :: word_bytes = 8
+
+   !> What a dataset says of itself.
+   type :: label_type
+      character(:), allocatable :: units       !! '1' for pure numbers
+      character(:), allocatable :: long_name
+      character(:), allocatable :: axes        !! 'sample dof': as Python sees them; '' for a scalar
+   end type label_type
+
+   !> A whole dataset of any rank, with its label; its groups are made where missing. A dataset that bears
+   !> the name of its only axis becomes that axis: write it before those that have the axis.
+   interface write_dataset
+      module procedure write_real, write_integer, write_long
+   end interface write_dataset
+
+   !> Values into a dataset of just their shape.
+   interface read_dataset
+      module procedure read_real, read_integer, read_long
+   end interface read_dataset
+
+contains
+
+   !> Extent of each axis of a dataset in Fortran's order; empty for a scalar.
+   subroutine read_extent(file, path, extents, error)
+      type(hdf5_file), intent(in) :: file
+      character(*), intent(in) :: path
+      integer(long), allocatable, intent(out) :: extents(:)
+      type(error_type), allocatable, intent(out) :: error
+      type(outcome_type) :: outcome
+      integer(hid_t) :: dataset, space
+      integer(hsize_t), allocatable :: now(:), most(:)
+      integer :: n_axes, status
+
+      n_axes = 0
+      call h5dopen_f(file%id, path, dataset, status)
+      call outcome%note(status)
+      call h5dget_space_f(dataset, space, status)
+      call outcome%note(status)
+      call h5sget_simple_extent_ndims_f(space, n_axes, status)
+      call outcome%note(status)
+      allocate (now(max(n_axes, 0)), most(max(n_axes, 0)), source=0_hsize_t)
+      if (n_axes > 0) call h5sget_simple_extent_dims_f(space, now, most, status)
+      call outcome%note(status)
+      extents = int(now, long)
+      call h5sclose_f(space, status)
+      call h5dclose_f(dataset, status)
+      call outcome%conclude(file%path//': '//path//': is not a readable dataset', error)
+   end subroutine read_extent
+
+   !> A dataset of reals without values yet, for write_part.
+   subroutine make_dataset(file, path, extents, label, error)
+      type(hdf5_file), intent(in) :: file
+      character(*), intent(in) :: path
+      integer, intent(in) :: extents(:)   !! Fortran's order
+      type(label_type), intent(in) :: label
+      type(error_type), allocatable, intent(out) :: error
+      type(outcome_type) :: outcome
+      integer(hid_t) :: dataset
+      integer :: status
+
+      call create(file, path, H5T_NATIVE_DOUBLE, int(extents, hsize_t), dataset, outcome)
+      call h5dclose_f(dataset, status)
+      call outcome%note(status)
+      call outcome%conclude(file%path//': '//path//': cannot be made', error)
+      if (.not. allocated(error)) call describe(file, path, label, error)
+   end subroutine make_dataset
+
+   subroutine write_real(file, path, values, label, error)
+      type(hdf5_file), intent(in) :: file
+      character(*), intent(in) :: path
+      real(wp), intent(in), target, contiguous :: values(..)
+      type(label_type), intent(in) :: label
+      type(error_type), allocatable, intent(out) :: error
+
+      call write_whole(file, path, H5T_NATIVE_DOUBLE, max(shape(values, hsize_t), 0_hsize_t), &
+                       c_loc(values), label, error)
+   end subroutine write_real
+
+   subroutine write_integer(file, path, values, label, error)
+      type(hdf5_file), intent(in) :: file
+      character(*), intent(in) :: path
+      integer, intent(in), target, contiguous :: values(..)
+      type(label_type), intent(in) :: label
+      type(error_type), allocatable, intent(out) :: error
+
+      call write_whole(file, path, H5T_NATIVE_INTEGER, max(shape(values, hsize_t), 0_hsize_t), &
+                       c_loc(values), label, error)
+   end subroutine write_integer
+
+   subroutine write_long(file, path, values, label, error)
+      type(hdf5_file), intent(in) :: file
+      character(*), intent(in) :: path
+      integer(long), intent(in), target, contiguous :: values(..)
+      type(label_type), intent(in) :: label
+      type(error_type), allocatable, intent(out) :: error
+
+      call write_whole(file, path, h5kind_to_type(long, H5_INTEGER_KIND), &
+                       max(shape(values, hsize_t), 0_hsize_t), c_loc(values), label, error)
+   end subroutine write_long
+
+   subroutine write_whole(file, path, kind, extents, values, label, error)
+      type(hdf5_file), intent(in) :: file
+      character(*), intent(in) :: path
+      integer(hid_t), intent(in) :: kind
+      integer(hsize_t), intent(in) :: extents(:)
+      type(c_ptr), value :: values
+      type(label_type), intent(in) :: label
+      type(error_type), allocatable, intent(out) :: error
+      type(outcome_type) :: outcome
+      integer(hid_t) :: dataset
+      integer :: status
+
+      call create(file, path, kind, extents, dataset, outcome)
+      if (all(extents > 0)) call h5dwrite_f(dataset, kind, values, status)
+      call outcome%note(status)
+      call h5dclose_f(dataset, status)
+      call outcome%note(status)
+      call outcome%conclude(file%path//': '//path//': cannot be written', error)
+      if (.not. allocated(error)) call describe(file, path, label, error)
+   end subroutine write_whole
+
+   !> Scalars lie in the object header and arrays in chunks: both under a checksum of HDF5's own.
+   subroutine create(file, path, kind, extents, dataset, outcome)
+      type(hdf5_file), intent(in) :: file
+      character(*), intent(in) :: path
+      integer(hid_t), intent(in) :: kind
+      integer(hsize_t), intent(in) :: extents(:)
+      integer(hid_t), intent(out) :: dataset
+      type(outcome_type), intent(inout) :: outcome
+      integer(hid_t) :: links, properties, space
+      integer :: n_axes, status
+
+      n_axes = size(extents)
+      call new_link_list(links, outcome)
+      call h5pcreate_f(H5P_DATASET_CREATE_F, properties, status)
+      call outcome%note(status)
+      call h5pset_obj_track_times_f(properties, .false., status)   ! the same run, the same bytes
+      call outcome%note(status)
+      if (n_axes == 0) then
+         call h5screate_f(H5S_SCALAR_F, space, status)
+         call outcome%note(status)
+         call h5pset_layout_f(properties, H5D_COMPACT_F, status)
+      else
+         call h5screate_simple_f(n_axes, extents, space, status)
+         call outcome%note(status)
+         if (all(extents > 0)) then
+            call h5pset_chunk_f(properties, n_axes, chunk_of(extents), status)
+            call outcome%note(status)
+            call h5pset_fletcher32_f(properties, status)
+         end if
+      end if
+      call outcome%note(status)
+      call h5dcreate_f(file%id, path, kind, space, dataset, status, dcpl_id=properties, lcpl_id=links)
+      call outcome%note(status)
+      call h5sclose_f(space, status)
+      call h5pclose_f(properties, status)
+      call h5pclose_f(links, status)
+   end subroutine create
+
+   !> Whole rows of the fast axes, until a chunk is full.
+   pure function chunk_of(extents) result(chunk)
+      integer(hsize_t), intent(in) :: extents(:)
+      integer(hsize_t) :: chunk(size(extents))
+      integer :: axis
+
+      chunk = extents
+      do axis = size(extents), 1, -1
+         chunk(axis) = max(1_hsize_t, min(extents(axis), chunk_bytes/(word_bytes*product(chunk(:axis - 1)))))
+      end do
+   end function chunk_of
+
+   !> Units, long name and axes of a dataset that stands.
+   subroutine describe(file, path, label, error)
+      type(hdf5_file), intent(in) :: file
+      character(*), intent(in) :: path
+      type(label_type), intent(in) :: label
+      type(error_type), allocatable, intent(out) :: error
+
+      call write_attribute(file, path, 'units', label%units, error)
+      if (allocated(error)) return
+      call write_attribute(file, path, 'long_name', label%long_name, error)
+      if (allocated(error)) return
+      call attach_axes(file, path, label%axes, error)
+   end subroutine describe
+
+   !> Joins each axis of a dataset to the scale of that name in the same group.
+   subroutine attach_axes(file, path, axes, error)
+      type(hdf5_file), intent(in) :: file
+      character(*), intent(in) :: path, axes
+      type(error_type), allocatable, intent(out) :: error
+      type(outcome_type) :: outcome
+      integer(hid_t) :: dataset, scale
+      character(len(axes)) :: names(len(axes) + 1)   ! more than enough
+      integer :: i, n_axes, slash, status
+
+      slash = index(path, '/', back=.true.)
+      call split(axes, names, n_axes)
+      call h5dopen_f(file%id, path, dataset, status)
+      call outcome%note(status)
+      if (n_axes == 1 .and. path(slash + 1:) == names(1)) then
+         call h5dsset_scale_f(dataset, status, path(slash + 1:))
+         call outcome%note(status)
+         n_axes = 0
+      end if
+      do i = 1, n_axes
+         call h5dopen_f(file%id, path(:slash)//trim(names(i)), scale, status)
+         call outcome%note(status)
+         call h5dsattach_scale_f(dataset, scale, i, status)   ! counted as Python counts
+         call outcome%note(status)
+         call h5dclose_f(scale, status)
+         call outcome%note(status)
+      end do
+      call h5dclose_f(dataset, status)
+      call outcome%note(status)
+      call outcome%conclude(file%path//': '//path//': cannot be given its axes ('//axes//')', error)
+   end subroutine attach_axes
+
+   !> Words of a line.
+   pure subroutine split(line, words, n_words)
+      character(*), intent(in) :: line
+      character(*), intent(inout) :: words(:)
+      integer, intent(out) :: n_words
+      integer :: i
+
+      n_words = 0
+      do i = 1, len(line)
+         if (line(i:i) == ' ') cycle
+         if (i == 1) then
+            n_words = 1
+            words(1) = ''
+         else if (line(i - 1:i - 1) == ' ') then
+            n_words = n_words + 1
+            words(n_words) = ''
+         end if
+         words(n_words) = trim(words(n_words))//line(i:i)
+      end do
+   end subroutine split
+
+   subroutine read_real(file, path, values, error)
+      type(hdf5_file), intent(in) :: file
+      character(*), intent(in) :: path
+      real(wp), intent(out), target, contiguous :: values(..)
+      type(error_type), allocatable, intent(out) :: error
+
+      call read_whole(file, path, H5T_NATIVE_DOUBLE, shape(values, long), c_loc(values), error)
+   end subroutine read_real
+
+   subroutine read_integer(file, path, values, error)
+      type(hdf5_file), intent(in) :: file
+      character(*), intent(in) :: path
+      integer, intent(out), target, contiguous :: values(..)
+      type(error_type), allocatable, intent(out) :: error
+
+      call read_whole(file, path, H5T_NATIVE_INTEGER, shape(values, long), c_loc(values), error)
+   end subroutine read_integer
+
+   subroutine read_long(file, path, values, error)
+      type(hdf5_file), intent(in) :: file
+      character(*), intent(in) :: path
+      integer(long), intent(out), target, contiguous :: values(..)
+      type(error_type), allocatable, intent(out) :: error
+
+      call read_whole(file, path, h5kind_to_type(long, H5_INTEGER_KIND), shape(values, long), &
+                      c_loc(values), error)
+   end subroutine read_long
+
+   subroutine read_whole(file, path, kind, extents, values, error)
+      type(hdf5_file), intent(in) :: file
+      character(*), intent(in) :: path
+      integer(hid_t), intent(in) :: kind
+      integer(long), intent(in) :: extents(:)
+      type(c_ptr), value :: values
+      type(error_type), allocatable, intent(out) :: error
+      type(outcome_type) :: outcome
+      integer(long), allocatable :: found(:)
+      integer(hid_t) :: dataset
+      integer :: status
+
+      call read_extent(file, path, found, error)
+      if (allocated(error)) return
+      if (size(found) /= size(extents)) then
+         call raise(error, exit_file, file%path//': '//path//': has another number of axes than expected')
+         return
+      else if (any(found /= max(extents, 0_long))) then
+         call raise(error, exit_file, file%path//': '//path//': has another shape than expected')
+         return
+      end if
+      if (any(found == 0)) return
+      call h5dopen_f(file%id, path, dataset, status)
+      call outcome%note(status)
+      call h5dread_f(dataset, kind, values, status)
+      call outcome%note(status)
+      call h5dclose_f(dataset, status)
+      call outcome%conclude(file%path//': '//path//': cannot be read', error)
+   end subroutine read_whole
+
+   !> Values into a part of a dataset, which begins at `first` (counted from 1, Fortran's order).
+   subroutine write_part(file, path, first, values, error)
+      type(hdf5_file), intent(in) :: file
+      character(*), intent(in) :: path
+      integer, intent(in) :: first(:)
+      real(wp), intent(in), target, contiguous :: values(..)
+      type(error_type), allocatable, intent(out) :: error
+      type(outcome_type) :: outcome
+      integer(hid_t) :: dataset, part, memory
+      integer :: status
+
+      if (size(values) == 0) return
+      call select_part(file, path, first, shape(values, hsize_t), dataset, part, memory, outcome)
+      call h5dwrite_f(dataset, H5T_NATIVE_DOUBLE, c_loc(values), status, memory, part)
+      call outcome%note(status)
+      call close_part(dataset, part, memory, outcome)
+      call outcome%conclude(file%path//': '//path//': cannot be written', error)
+   end subroutine write_part
+
+   !> The part of a dataset that begins at `first` (counted from 1, Fortran's order).
+   subroutine read_part(file, path, first, values, error)
+      type(hdf5_file), intent(in) :: file
+      character(*), intent(in) :: path
+      integer, intent(in) :: first(:)
+      real(wp), intent(out), target, contiguous :: values(..)
+      type(error_type), allocatable, intent(out) :: error
+      type(outcome_type) :: outcome
+      type(c_ptr) :: address
+      integer(hid_t) :: dataset, part, memory
+      integer :: status
+
+      if (size(values) == 0) return
+      call select_part(file, path, first, shape(values, hsize_t), dataset, part, memory, outcome)
+      address = c_loc(values)
+      call h5dread_f(dataset, H5T_NATIVE_DOUBLE, address, status, memory, part)
+      call outcome%note(status)
+      call close_part(dataset, part, memory, outcome)
+      call outcome%conclude(file%path//': '//path//': cannot be read', error)
+   end subroutine read_part
+
+   subroutine select_part(file, path, first, extents, dataset, part, memory, outcome)
+      type(hdf5_file), intent(in) :: file
+      character(*), intent(in) :: path
+      integer, intent(in) :: first(:)
+      integer(hsize_t), intent(in) :: extents(:)
+      integer(hid_t), intent(out) :: dataset, part, memory
+      type(outcome_type), intent(inout) :: outcome
+      integer :: status
+
+      call h5dopen_f(file%id, path, dataset, status)
+      call outcome%note(status)
+      call h5dget_space_f(dataset, part, status)
+      call outcome%note(status)
+      call h5sselect_hyperslab_f(part, H5S_SELECT_SET_F, int(first, hsize_t) - 1, extents, status)
+      call outcome%note(status)
+      call h5screate_simple_f(size(extents), extents, memory, status)
+      call outcome%note(status)
+   end subroutine select_part
+
+   subroutine close_part(dataset, part, memory, outcome)
+      integer(hid_t), intent(in) :: dataset, part, memory
+      type(outcome_type), intent(inout) :: outcome
+      integer :: status
+
+      call h5sclose_f(memory, status)
+      call h5sclose_f(part, status)
+      call h5dclose_f(dataset, status)
+      call outcome%note(status)
+   end subroutine close_part
+
+end module io_hdf5_datasets

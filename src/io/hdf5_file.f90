@@ -1,0 +1,225 @@
+!> HDF5 files and their groups.
+module io_hdf5_file
+   use, intrinsic :: iso_c_binding, only: c_bool, c_int, c_int64_t
+   use core_error, only: error_type
+   use hdf5
+   use io_files, only: exists
+   use io_hdf5_outcome, only: outcome_type
+   implicit none(type, external)
+   private
+   public :: hdf5_file, create_hdf5, is_hdf5, new_link_list, open_hdf5
+
+   !> One open file. After an error only `abandon` makes sense.
+   type :: hdf5_file
+      character(:), allocatable :: path
+      integer(hid_t) :: id = -1   !! HDF5's; of no use outside the door
+   contains
+      procedure :: close => close_file
+      procedure :: abandon
+      procedure :: has
+      procedure :: is_group
+      procedure :: list
+      procedure :: make_group
+   end type hdf5_file
+
+   interface
+      !> The Fortran door of HDF5 1.10 lacks this one
+      function c_set_file_locking(access, use_locks, ignore_when_disabled) result(status) &
+         bind(c, name='H5Pset_file_locking')
+         import :: c_bool, c_int, c_int64_t
+         integer(c_int64_t), value :: access
+         logical(c_bool), value :: use_locks, ignore_when_disabled
+         integer(c_int) :: status
+      end function c_set_file_locking
+   end interface
+
+   logical :: is_started = .false.
+
+contains
+
+   !> A new file in place of any other.
+   subroutine create_hdf5(path, file, error)
+      character(*), intent(in) :: path
+      type(hdf5_file), intent(out) :: file
+      type(error_type), allocatable, intent(out) :: error
+      type(outcome_type) :: outcome
+      integer(hid_t) :: access
+      integer :: status
+
+      call start_library()
+      file%path = path
+      call new_access_list(access, outcome)
+      call h5fcreate_f(path, H5F_ACC_TRUNC_F, file%id, status, access_prp=access)
+      call outcome%note(status)
+      call h5pclose_f(access, status)
+      call outcome%conclude(path//': cannot be made', error)
+   end subroutine create_hdf5
+
+   !> An existing file, to be read.
+   subroutine open_hdf5(path, file, error)
+      character(*), intent(in) :: path
+      type(hdf5_file), intent(out) :: file
+      type(error_type), allocatable, intent(out) :: error
+      type(outcome_type) :: outcome
+      integer(hid_t) :: access
+      integer :: status
+
+      call start_library()
+      file%path = path
+      call new_access_list(access, outcome)
+      call h5fopen_f(path, H5F_ACC_RDONLY_F, file%id, status, access_prp=access)
+      call outcome%note(status)
+      call h5pclose_f(access, status)
+      call outcome%conclude(path//': cannot be opened as HDF5', error)
+   end subroutine open_hdf5
+
+   !> Whether a file is HDF5, judged by its signature.
+   function is_hdf5(path)
+      character(*), intent(in) :: path
+      logical :: is_hdf5
+      integer :: status
+
+      is_hdf5 = exists(path)
+      if (.not. is_hdf5) return
+      call start_library()
+      call h5fis_hdf5_f(path, is_hdf5, status)
+      is_hdf5 = is_hdf5 .and. status >= 0
+   end function is_hdf5
+
+   !> A full disk may show only here: a file counts as written when this succeeded.
+   subroutine close_file(self, error)
+      class(hdf5_file), intent(inout) :: self
+      type(error_type), allocatable, intent(out) :: error
+      type(outcome_type) :: outcome
+      integer :: status
+
+      if (self%id < 0) return
+      call h5fclose_f(self%id, status)
+      call outcome%note(status)
+      self%id = -1
+      call outcome%conclude(self%path//': cannot be written to its end', error)
+   end subroutine close_file
+
+   !> Closes after an error, or a file that was only read; what fails now does not matter any more.
+   subroutine abandon(self)
+      class(hdf5_file), intent(inout) :: self
+      type(error_type), allocatable :: error
+
+      call self%close(error)
+   end subroutine abandon
+
+   !> Whether there is a group or dataset of this path, whose parents may be missing too.
+   function has(self, path)
+      class(hdf5_file), intent(in) :: self
+      character(*), intent(in) :: path
+      logical :: has
+      integer :: i, status
+
+      has = .true.
+      do i = 2, len(path) + 1
+         if (i <= len(path)) then
+            if (path(i:i) /= '/') cycle
+         end if
+         call h5lexists_f(self%id, path(:i - 1), has, status)
+         has = has .and. status >= 0
+         if (.not. has) return
+      end do
+   end function has
+
+   function is_group(self, path)
+      class(hdf5_file), intent(in) :: self
+      character(*), intent(in) :: path
+      logical :: is_group
+      integer(hid_t) :: object
+      integer :: kind, status
+
+      is_group = .false.
+      call h5oopen_f(self%id, path, object, status)
+      if (status < 0) return
+      call h5iget_type_f(object, kind, status)
+      is_group = status >= 0 .and. kind == H5I_GROUP_F
+      call h5oclose_f(object, status)
+   end function is_group
+
+   !> Names in a group, sorted.
+   subroutine list(self, group, names, error)
+      class(hdf5_file), intent(in) :: self
+      character(*), intent(in) :: group
+      character(:), allocatable, intent(out) :: names(:)   !! padded with blanks
+      type(error_type), allocatable, intent(out) :: error
+      integer, parameter :: longest = 64
+      type(outcome_type) :: outcome
+      integer :: i, n, status
+
+      n = 0
+      call h5gn_members_f(self%id, group, n, status)
+      call outcome%note(status)
+      allocate (character(longest) :: names(max(n, 0)))
+      do i = 1, size(names)
+         names(i) = ''
+         call h5lget_name_by_idx_f(self%id, group, H5_INDEX_NAME_F, H5_ITER_INC_F, int(i - 1, hsize_t), &
+                                   names(i), status)
+         call outcome%note(status)
+      end do
+      call outcome%conclude(self%path//': '//group//': cannot be listed', error)
+   end subroutine list
+
+   !> A group, with those above it.
+   subroutine make_group(self, path, error)
+      class(hdf5_file), intent(in) :: self
+      character(*), intent(in) :: path
+      type(error_type), allocatable, intent(out) :: error
+      type(outcome_type) :: outcome
+      integer(hid_t) :: group, links
+      integer :: status
+
+      call new_link_list(links, outcome)
+      call h5gcreate_f(self%id, path, group, status, lcpl_id=links)
+      call outcome%note(status)
+      call h5gclose_f(group, status)
+      call outcome%note(status)
+      call h5pclose_f(links, status)
+      call outcome%conclude(self%path//': '//path//': cannot be made', error)
+   end subroutine make_group
+
+   !> For objects whose parents are made with them.
+   subroutine new_link_list(links, outcome)
+      integer(hid_t), intent(out) :: links
+      type(outcome_type), intent(inout) :: outcome
+      integer :: status
+
+      call h5pcreate_f(H5P_LINK_CREATE_F, links, status)
+      call outcome%note(status)
+      call h5pset_create_inter_group_f(links, 1, status)
+      call outcome%note(status)
+   end subroutine new_link_list
+
+   !> Format of HDF5 1.10, whose metadata have checksums; closing closes everything in the file. HDF5's own
+   !> file locks, which some network file systems refuse, are off: outputs have a lock of their own.
+   subroutine new_access_list(access, outcome)
+      integer(hid_t), intent(out) :: access
+      type(outcome_type), intent(inout) :: outcome
+      integer :: status
+
+      call h5pcreate_f(H5P_FILE_ACCESS_F, access, status)
+      call outcome%note(status)
+      call h5pset_libver_bounds_f(access, H5F_LIBVER_V110_F, H5F_LIBVER_V110_F, status)
+      call outcome%note(status)
+      call h5pset_fclose_degree_f(access, H5F_CLOSE_STRONG_F, status)
+      call outcome%note(status)
+      status = c_set_file_locking(access, .false._c_bool, .true._c_bool)
+      call outcome%note(status)
+   end subroutine new_access_list
+
+   !> Once for a process; errors come back as errors, HDF5 itself says nothing.
+   subroutine start_library()
+      integer :: status
+
+      if (is_started) return
+      call h5open_f(status)
+      if (status < 0) error stop 'io_hdf5_file: the HDF5 library does not start'
+      call h5eset_auto_f(0, status)
+      is_started = .true.
+   end subroutine start_library
+
+end module io_hdf5_file
