@@ -5,6 +5,7 @@ module process_fit
    use core_text, only: to_text
    use process_ar_fit, only: fit_ar
    use process_model, only: process_model_type, process_request
+   use process_positive_fit, only: fit_positive
    implicit none(type, external)
    private
    public :: fit_process, differ_only_in_scale
@@ -18,7 +19,11 @@ contains
       type(process_model_type), intent(out) :: model
       type(error_type), allocatable :: error
 
-      if (request%method == 'autoregressive' .and. .not. request%positive) then
+      if (request%method == 'autoregressive' .and. request%positive) then
+         call fit_positive(request, seed, model)
+         return
+      end if
+      if (request%method == 'autoregressive') then
          call fit_ar(request%correlation, request%correlation_length, request%order, request%std, model, error)
          model%mu = request%mean
          model%mean = request%mean

@@ -1,0 +1,185 @@
+!> Maximum of a smooth function under a few equality constraints, from a start that is not far off.
+!>
+!> Sequential quadratic programming on the inverse Hessian (BFGS), gradients by differences: meant for
+!> functions that are sampled with common random numbers, smooth but dear and without derivatives.
+module numerics_constrained_maximum
+   use core_kinds, only: wp
+   implicit none(type, external)
+   private
+   public :: objective_type, search_result, maximize, solve_along
+
+   !> What is maximized; extended by whoever owns the function.
+   type, abstract :: objective_type
+   contains
+      procedure(evaluate_objective), deferred :: evaluate
+   end type objective_type
+
+   abstract interface
+      !> The value to maximize and the constraints, zero where satisfied. Outside of its domain: is_inside false.
+      subroutine evaluate_objective(self, point, value, constraints, is_inside)
+         import :: objective_type, wp
+         class(objective_type), intent(inout) :: self
+         real(wp), intent(in) :: point(:)
+         real(wp), intent(out) :: value
+         real(wp), intent(out) :: constraints(:)
+         logical, intent(out) :: is_inside
+      end subroutine evaluate_objective
+   end interface
+
+   type :: search_result
+      logical :: is_converged = .false.
+      real(wp) :: value = 0.0_wp
+      real(wp) :: violation = 0.0_wp                !! largest constraint
+      real(wp) :: residual = 0.0_wp                 !! largest component of the Lagrangian's gradient
+      real(wp), allocatable :: jacobian(:, :)       !! (constraint, variable) of the last point differentiated
+      real(wp), allocatable :: metric(:, :)         !! inverse Hessian of the Lagrangian, as far as it was seen
+      integer :: n_iterations = 0
+   end type search_result
+
+contains
+
+   !> Moves `point` to the maximum.
+   subroutine maximize(objective, point, n_constraints, step, tolerance, max_iterations, found)
+      class(objective_type), intent(inout) :: objective
+      real(wp), intent(inout) :: point(:)
+      integer, intent(in) :: n_constraints
+      real(wp), intent(in) :: step          !! of the differences
+      real(wp), intent(in) :: tolerance     !! on constraints and on the Lagrangian's gradient
+      integer, intent(in) :: max_iterations
+      type(search_result), intent(out) :: found
+      real(wp), dimension(size(point)) :: change, gradient, lagrangian, old_lagrangian, trial
+      real(wp) :: constraints(n_constraints), multipliers(n_constraints), old_merit, weight
+      real(wp) :: old_jacobian(n_constraints, size(point)), old_gradient(size(point)), value
+      integer :: i, iteration
+      logical :: is_inside
+
+      allocate (found%jacobian(n_constraints, size(point)), found%metric(size(point), size(point)))
+      found%metric = 0.0_wp
+      do i = 1, size(point)
+         found%metric(i, i) = 1.0_wp
+      end do
+      call objective%evaluate(point, value, constraints, is_inside)
+      if (.not. is_inside) return
+      weight = 0.0_wp
+      do iteration = 1, max_iterations
+         call differentiate(objective, point, value, constraints, step, gradient, found%jacobian, is_inside)
+         if (.not. is_inside) return
+         if (iteration > 1) then
+            lagrangian = gradient - matmul(multipliers, found%jacobian)
+            old_lagrangian = old_gradient - matmul(multipliers, old_jacobian)
+            call update_metric(change, old_lagrangian - lagrangian, found%metric)
+         end if
+         multipliers = multipliers_of(found%metric, found%jacobian, gradient, constraints)
+         lagrangian = gradient - matmul(multipliers, found%jacobian)
+         found%n_iterations = iteration
+         found%value = value
+         found%violation = maxval(abs(constraints))
+         found%residual = maxval(abs(lagrangian))
+         found%is_converged = max(found%violation, found%residual) <= tolerance
+         if (found%is_converged) return
+         change = matmul(found%metric, lagrangian)
+         change = change*min(1.0_wp, 0.5_wp/max(norm2(change), tiny(1.0_wp)))
+         weight = max(weight, 2.0_wp*maxval(abs(multipliers)))
+         old_merit = value - weight*sum(abs(constraints))
+         old_gradient = gradient
+         old_jacobian = found%jacobian
+         do i = 1, 12   ! shorter until the merit does not fall
+            trial = point + change
+            call objective%evaluate(trial, value, constraints, is_inside)
+            if (is_inside) then
+               if (value - weight*sum(abs(constraints)) >= old_merit - tolerance**2) exit
+            end if
+            change = 0.4_wp*change
+         end do
+         if (.not. is_inside) return
+         point = trial
+      end do
+   end subroutine maximize
+
+   !> Moves `point` onto the constraints by the shortest steps in the metric, the Jacobian kept.
+   subroutine solve_along(objective, point, jacobian, metric, tolerance, max_iterations, violation)
+      class(objective_type), intent(inout) :: objective
+      real(wp), intent(inout) :: point(:)
+      real(wp), intent(in) :: jacobian(:, :), metric(:, :)
+      real(wp), intent(in) :: tolerance
+      integer, intent(in) :: max_iterations
+      real(wp), intent(out) :: violation
+      real(wp) :: constraints(size(jacobian, 1)), multipliers(size(jacobian, 1)), value
+      real(wp) :: nothing(size(point))
+      integer :: i
+      logical :: is_inside
+
+      nothing = 0.0_wp
+      violation = huge(1.0_wp)
+      do i = 1, max_iterations
+         call objective%evaluate(point, value, constraints, is_inside)
+         if (.not. is_inside) return
+         violation = maxval(abs(constraints))
+         if (violation <= tolerance) return
+         multipliers = multipliers_of(metric, jacobian, nothing, constraints)
+         point = point - matmul(metric, matmul(multipliers, jacobian))
+      end do
+   end subroutine solve_along
+
+   !> Gradient and Jacobian by forward differences; backward where forward leaves the domain.
+   subroutine differentiate(objective, point, value, constraints, step, gradient, jacobian, is_inside)
+      class(objective_type), intent(inout) :: objective
+      real(wp), intent(in) :: point(:), value, constraints(:), step
+      real(wp), intent(out) :: gradient(:), jacobian(:, :)
+      logical, intent(out) :: is_inside
+      real(wp) :: moved(size(point)), moved_constraints(size(constraints)), moved_value
+      integer :: i, way
+
+      do i = 1, size(point)
+         do way = 1, -1, -2
+            moved = point
+            moved(i) = moved(i) + way*step
+            call objective%evaluate(moved, moved_value, moved_constraints, is_inside)
+            if (is_inside) exit
+         end do
+         if (.not. is_inside) return
+         gradient(i) = (moved_value - value)/(way*step)
+         jacobian(:, i) = (moved_constraints - constraints)/(way*step)
+      end do
+   end subroutine differentiate
+
+   !> Multipliers that make the step H (g - J' lambda) land on the linearized constraints.
+   pure function multipliers_of(metric, jacobian, gradient, constraints) result(multipliers)
+      real(wp), intent(in) :: metric(:, :), jacobian(:, :), gradient(:), constraints(:)
+      real(wp) :: multipliers(size(constraints))
+      real(wp) :: matrix(size(constraints), size(constraints)), right(size(constraints))
+      integer :: i, j
+
+      matrix = matmul(jacobian, matmul(metric, transpose(jacobian)))
+      right = matmul(jacobian, matmul(metric, gradient)) + constraints
+      do i = 1, size(right)   ! positive definite: no pivots needed
+         do j = i + 1, size(right)
+            right(j) = right(j) - matrix(j, i)/matrix(i, i)*right(i)
+            matrix(j, i:) = matrix(j, i:) - matrix(j, i)/matrix(i, i)*matrix(i, i:)
+         end do
+      end do
+      do i = size(right), 1, -1
+         multipliers(i) = (right(i) - dot_product(matrix(i, i + 1:), multipliers(i + 1:)))/matrix(i, i)
+      end do
+   end function multipliers_of
+
+   !> BFGS on the inverse Hessian; a pair without positive curvature teaches nothing.
+   pure subroutine update_metric(change, curvature, metric)
+      real(wp), intent(in) :: change(:), curvature(:)
+      real(wp), intent(inout) :: metric(:, :)
+      real(wp) :: image(size(change)), inner, scale
+      integer :: i, j
+
+      inner = dot_product(change, curvature)
+      if (.not. inner > 1.0e-3_wp*norm2(change)*norm2(curvature)) return
+      image = matmul(metric, curvature)
+      scale = (1.0_wp + dot_product(curvature, image)/inner)/inner
+      do j = 1, size(change)
+         do i = 1, size(change)
+            metric(i, j) = metric(i, j) + scale*change(i)*change(j) &
+                           - (image(i)*change(j) + change(i)*image(j))/inner
+         end do
+      end do
+   end subroutine update_metric
+
+end module numerics_constrained_maximum

@@ -1,0 +1,58 @@
+!> Realizations of a solved process: consecutive values of one stationary run (Secs. 2.2 to 2.4).
+!>
+!> Each call walks along the stream that it is handed and nothing else, so a sample's values do not depend
+!> on who else is drawn.
+module process_positive
+   use core_kinds, only: wp
+   use core_random, only: stream_type
+   use process_ar_model, only: innovation_std, reflection_of
+   use process_model, only: process_model_type
+   use process_positive_sequential, only: march_sequential, memory_of
+   implicit none(type, external)
+   private
+   public :: draw_points
+
+   real(wp), parameter :: forgotten = 1.0e-10_wp   !! weight of the start when the burn-in ends
+
+contains
+
+   !> The next realization of the process; its size is the number of points.
+   subroutine draw_points(model, stream, values)
+      type(process_model_type), intent(in) :: model   !! solved
+      type(stream_type), intent(inout) :: stream
+      real(wp), intent(out) :: values(:)              !! (point) [unit of X]
+
+      if (.not. model%is_solved) error stop 'draw_points: the process is not solved'
+      if (model%request%positive) then
+         call march_sequential(model%a, model%mu/model%b0, model%mean/model%b0, &
+                               memory_of(model%poles, forgotten), stream, values)
+         values = model%b0*values
+      else
+         call march_gaussian(model%a, stream, values)
+         values = model%mu + model%b0*values
+      end if
+   end subroutine draw_points
+
+   !> Eq. (39) with unit innovations, stationary from its first value: while fewer values than the order have
+   !> passed, each follows from the best predictor of the order that there is.
+   pure subroutine march_gaussian(a, stream, values)
+      real(wp), intent(in) :: a(:)
+      type(stream_type), intent(inout) :: stream
+      real(wp), intent(out) :: values(:)
+      real(wp) :: kappa(size(a)), predictor(size(a))
+      integer :: m, n
+
+      kappa = reflection_of(a)
+      call stream%normals(values)
+      do n = 1, size(values)
+         m = min(n - 1, size(a))
+         if (m > 0 .and. m == n - 1) then   ! one order up (Levinson)
+            predictor(m) = kappa(m)
+            predictor(:m - 1) = predictor(:m - 1) + kappa(m)*predictor(m - 1:1:-1)
+         end if
+         values(n) = values(n)/innovation_std(kappa(m + 1:), 1.0_wp) &
+                     - dot_product(predictor(:m), values(n - 1:n - m:-1))
+      end do
+   end subroutine march_gaussian
+
+end module process_positive

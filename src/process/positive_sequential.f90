@@ -1,0 +1,173 @@
+!> The law of one-at-a-time rejection (Sec. 2.4), marched in many chains side by side.
+!>
+!> A value redrawn until it is positive follows the truncated conditional law exactly, so one draw by
+!> its inverse distribution function replaces the rejection; the acceptance probability of each step
+!> is then known in closed form instead of counted. Everything is in units of b0.
+module process_positive_sequential
+   use core_kinds, only: wp
+   use core_random, only: stream_type
+   use process_positive_moments, only: batch_averages, n_acceptance_sums
+   use process_truncated_normal, only: draw_truncated, draw_truncated_lanes, lanes
+   implicit none(type, external)
+   private
+   public :: memory_of, march_sequential, sample_sequential
+
+   integer, parameter :: block_steps = 128
+
+   real(wp), parameter :: smallest_exponent = -600.0_wp   ! alpha below exp of this counts as that
+
+contains
+
+   !> Averages over batches of a stationary run: batch = one lane over one stretch of time.
+   !>
+   !> Beside the process x runs its linear companion y, driven by the part of x that the past does not
+   !> foretell, scaled to unit variance: the second moments of y are exactly those of its coefficients,
+   !> whatever the law of x, and its noise is almost that of x.
+   subroutine sample_sequential(a, location, companion, centre, n_burn_in, n_lags, n_steps, stream, batches)
+      real(wp), intent(in) :: a(:)           !! a_q, Eq. (39)
+      real(wp), intent(in) :: location       !! mu/b0
+      real(wp), intent(in) :: companion(:)   !! coefficients of y, as many as of x; unit innovations
+      real(wp), intent(in) :: centre         !! start of every chain, near the mean [b0]
+      integer, intent(in) :: n_burn_in       !! steps until stationary
+      integer, intent(in) :: n_lags
+      integer, intent(in) :: n_steps         !! of a batch; rounded up to whole blocks
+      type(stream_type), intent(inout) :: stream
+      type(batch_averages), intent(inout) :: batches   !! allocated; a multiple of `lanes` batches
+      real(wp), allocatable :: d(:, :), y(:, :), sums(:, :, :)
+      real(wp) :: acceptance(lanes, n_acceptance_sums)
+      integer :: block, first, history, last, n_blocks, stretch
+
+      history = max(n_lags, size(a))
+      n_blocks = (n_steps + block_steps - 1)/block_steps
+      allocate (d(lanes, 1 - history:block_steps), y(lanes, 1 - history:block_steps), sums(lanes, -1:n_lags, 2))
+      batches%centre = centre
+      acceptance = 0.0_wp
+      d = 0.0_wp
+      y = 0.0_wp
+      do block = 1, (n_burn_in + block_steps - 1)/block_steps
+         call march_block(a, location, companion, centre, history, stream, d, y, acceptance)
+      end do
+      do stretch = 1, size(batches%acceptance, 2)/lanes
+         sums = 0.0_wp
+         acceptance = 0.0_wp
+         do block = 1, n_blocks
+            call march_block(a, location, companion, centre, history, stream, d, y, acceptance)
+            call add_products(history, n_lags, d, sums(:, :, 1))
+            call add_products(history, n_lags, y, sums(:, :, 2))
+         end do
+         first = (stretch - 1)*lanes + 1
+         last = stretch*lanes
+         batches%x(:, first:last) = transpose(sums(:, :, 1))/(n_blocks*block_steps)
+         batches%y(:, first:last) = transpose(sums(:, :, 2))/(n_blocks*block_steps)
+         batches%acceptance(:, first:last) = transpose(acceptance)/(n_blocks*block_steps)
+      end do
+   end subroutine sample_sequential
+
+   !> One block of steps of all lanes; the newest values become the history of the next block.
+   subroutine march_block(a, location, companion, centre, history, stream, d, y, acceptance)
+      real(wp), intent(in) :: a(:), location, companion(:), centre
+      integer, intent(in) :: history
+      type(stream_type), intent(inout) :: stream
+      real(wp), intent(inout) :: d(lanes, 1 - history:block_steps), y(lanes, 1 - history:block_steps)
+      real(wp), intent(inout) :: acceptance(lanes, n_acceptance_sums)
+      real(wp) :: u(lanes*block_steps)
+      real(wp) :: c(lanes), hazard(lanes), factor(lanes), x(lanes)
+      real(wp) :: offset
+      integer :: lane, n, q
+
+      d(:, 1 - history:0) = d(:, block_steps + 1 - history:block_steps)
+      y(:, 1 - history:0) = y(:, block_steps + 1 - history:block_steps)
+      call stream%uniforms(u)
+      offset = location + sum(a)*(location - centre)
+      do n = 1, block_steps
+         c = offset
+         do q = 1, size(a)
+            !$omp simd
+            do lane = 1, lanes
+               c(lane) = c(lane) - a(q)*d(lane, n - q)
+            end do
+         end do
+         call draw_truncated_lanes(c, u(lanes*(n - 1) + 1:lanes*n), x, hazard, factor)
+         d(:, n) = x - centre
+         y(:, n) = (x - c - hazard)/sqrt(1.0_wp - hazard*(c + hazard))
+         do q = 1, size(a)
+            !$omp simd
+            do lane = 1, lanes
+               y(lane, n) = y(lane, n) - companion(q)*y(lane, n - q)
+            end do
+         end do
+         call add_acceptance(c, hazard, factor, acceptance)
+      end do
+   end subroutine march_block
+
+   !> Adds alpha, 1/alpha, ln alpha and c phi(c)/(2 alpha) of one step.
+   subroutine add_acceptance(c, hazard, factor, acceptance)
+      real(wp), intent(in) :: c(lanes), hazard(lanes), factor(lanes)
+      real(wp), intent(inout) :: acceptance(lanes, n_acceptance_sums)
+      real(wp) :: log_acceptance(lanes), alpha(lanes)
+
+      log_acceptance = log(factor) - 0.5_wp*min(c, 0.0_wp)**2
+      alpha = exp(max(log_acceptance, smallest_exponent))
+      acceptance(:, 1) = acceptance(:, 1) + alpha
+      acceptance(:, 2) = acceptance(:, 2) + 1.0_wp/alpha
+      acceptance(:, 3) = acceptance(:, 3) + log_acceptance
+      acceptance(:, 4) = acceptance(:, 4) + 0.5_wp*c*hazard
+   end subroutine add_acceptance
+
+   !> Adds d_n and d_n d_(n-m) over a block.
+   subroutine add_products(history, n_lags, d, sums)
+      integer, intent(in) :: history, n_lags
+      real(wp), intent(in) :: d(lanes, 1 - history:block_steps)
+      real(wp), intent(inout) :: sums(lanes, -1:n_lags)
+      real(wp) :: total(lanes)
+      integer :: lane, m, n
+
+      total = 0.0_wp
+      do n = 1, block_steps
+         total = total + d(:, n)
+      end do
+      sums(:, -1) = sums(:, -1) + total
+      do m = 0, n_lags
+         total = 0.0_wp
+         do n = 1, block_steps
+            !$omp simd
+            do lane = 1, lanes
+               total(lane) = total(lane) + d(lane, n)*d(lane, n - m)
+            end do
+         end do
+         sums(:, m) = sums(:, m) + total
+      end do
+   end subroutine add_products
+
+   !> Consecutive values of one chain, after its burn-in [b0].
+   subroutine march_sequential(a, location, start, n_burn_in, stream, values)
+      real(wp), intent(in) :: a(:), location
+      real(wp), intent(in) :: start         !! the chain's past, near the mean [b0]
+      integer, intent(in) :: n_burn_in
+      type(stream_type), intent(inout) :: stream
+      real(wp), intent(out) :: values(:)
+      real(wp), allocatable :: u(:), x(:)
+      real(wp) :: factor, hazard
+      integer :: n
+
+      allocate (u(n_burn_in + size(values)), x(1 - size(a):n_burn_in + size(values)))
+      call stream%uniforms(u)
+      x(:0) = start
+      do n = 1, size(u)
+         call draw_truncated(location - sum(a*(x(n - 1:n - size(a):-1) - location)), u(n), x(n), &
+                             hazard, factor)
+      end do
+      values = x(n_burn_in + 1:)
+   end subroutine march_sequential
+
+   !> Steps until what went before has lost all but a tolerance of its weight. The Gaussian's largest pole is
+   !> a conservative measure: truncation only shortens the memory.
+   pure function memory_of(poles, tolerance) result(steps)
+      complex(wp), intent(in) :: poles(:)   !! by descending modulus
+      real(wp), intent(in) :: tolerance
+      integer :: steps
+
+      steps = ceiling(log(tolerance)/log(min(max(abs(poles(1)), 1.0e-3_wp), 1.0_wp - 1.0e-6_wp)))
+   end function memory_of
+
+end module process_positive_sequential

@@ -1,0 +1,241 @@
+!> The normal law N(m, b^2) kept where it is positive: moments, acceptance, draws, fit.
+!>
+!> Everything is written in c = m/b and holds its accuracy when the bound lies far in the tail
+!> (c = -1000 and beyond); the cost does not grow there. The kernels have no branches, so that a
+!> loop over lanes becomes vector instructions; they therefore bring their own exponential.
+module process_truncated_normal
+   use core_error, only: error_type, exit_no_solution, raise
+   use core_kinds, only: long, wp
+   use core_text, only: to_text
+   implicit none(type, external)
+   private
+   public :: lanes, draw_truncated, draw_truncated_lanes
+   public :: log_acceptance, hazard_ratio, relative_moments
+   public :: truncated_normal_moments, fit_truncated_normal
+
+   integer, parameter :: lanes = 32   !! chains marched side by side; constant: no result depends on it
+
+   real(wp), parameter :: sqrt_two_pi = 2.5066282746310005_wp
+   real(wp), parameter :: log_sqrt_two_pi = 0.91893853320467274_wp
+
+contains
+
+   !> The draw x > 0, in units of b, whose conditional distribution function is 1 - u.
+   !>
+   !> The acceptance probability Phi(c) is factor exp(-max(-c, 0)^2/2); hazard is phi(c)/Phi(c).
+   elemental subroutine draw_truncated(c, u, x, hazard, factor)
+      real(wp), intent(in) :: c   !! conditional mean over b
+      real(wp), intent(in) :: u   !! uniform on (0, 1)
+      real(wp), intent(out) :: x, hazard, factor
+      real(wp) :: beyond, density, excess, lower, mills, rest, tail, upper
+
+      beyond = max(-c, 0.0_wp)
+      tail = abs(c)
+      mills = mills_ratio(tail)
+      density = exp_in_range(-0.5_wp*min(tail, 37.0_wp)**2)/sqrt_two_pi
+      rest = mills*density   ! the mass beyond |c|, where c > 0
+      factor = merge(mills/sqrt_two_pi, 1.0_wp - rest, c < 0.0_wp)
+      hazard = merge(1.0_wp, density, c < 0.0_wp)/merge(mills, 1.0_wp - rest, c < 0.0_wp)
+      ! c < 0: how far beyond -c. c > 0: how far from the mode, on the side where x falls.
+      upper = u*(1.0_wp - rest)
+      lower = (1.0_wp - u) + u*rest
+      excess = tail_excess(beyond, merge(mills, 0.5_wp*sqrt_two_pi, c < 0.0_wp), &
+                           merge(hazard, 2.0_wp/sqrt_two_pi, c < 0.0_wp), &
+                           merge(u, 2.0_wp*min(upper, lower), c < 0.0_wp))
+      x = merge(excess, merge(c + excess, max(c - excess, 0.0_wp), upper < lower), c < 0.0_wp)
+   end subroutine draw_truncated
+
+   !> `draw_truncated` on all lanes at once.
+   pure subroutine draw_truncated_lanes(c, u, x, hazard, factor)
+      real(wp), intent(in) :: c(lanes), u(lanes)
+      real(wp), intent(out) :: x(lanes), hazard(lanes), factor(lanes)
+      integer :: lane
+
+      !$omp simd
+      do lane = 1, lanes
+         call draw_truncated(c(lane), u(lane), x(lane), hazard(lane), factor(lane))
+      end do
+   end subroutine draw_truncated_lanes
+
+   !> ln Phi(c), the logarithm of the probability that a draw is positive.
+   elemental function log_acceptance(c) result(value)
+      real(wp), intent(in) :: c
+      real(wp) :: value
+
+      if (c < 0.0_wp) then
+         value = log(mills_ratio(-c)) - 0.5_wp*c**2 - log_sqrt_two_pi
+      else
+         value = log(1.0_wp - 0.5_wp*erfc(c/sqrt(2.0_wp)))
+         if (c > 5.0_wp) value = -0.5_wp*erfc(c/sqrt(2.0_wp))
+      end if
+   end function log_acceptance
+
+   !> phi(c)/Phi(c), the mean over b less c.
+   elemental function hazard_ratio(c) result(hazard)
+      real(wp), intent(in) :: c
+      real(wp) :: hazard
+
+      if (c < 0.0_wp) then
+         hazard = 1.0_wp/mills_ratio(-c)
+      else
+         hazard = exp(-0.5_wp*min(c, 37.0_wp)**2)/sqrt_two_pi/(1.0_wp - 0.5_wp*erfc(c/sqrt(2.0_wp)))
+      end if
+   end function hazard_ratio
+
+   !> Mean and variance of the truncated law in units of b and b^2.
+   elemental subroutine relative_moments(c, mean, variance)
+      real(wp), intent(in) :: c
+      real(wp), intent(out) :: mean, variance
+      real(wp), parameter :: far = -100.0_wp   ! beyond, the differences below cancel
+      real(wp) :: hazard, t
+
+      if (c > far) then
+         hazard = hazard_ratio(c)
+         mean = c + hazard
+         variance = 1.0_wp - hazard*mean
+      else
+         t = 1.0_wp/c**2   ! the asymptotic series of the Mills ratio
+         mean = -(1.0_wp - t*(2.0_wp - t*(10.0_wp - t*(74.0_wp - t*706.0_wp))))/c
+         variance = t*(1.0_wp - t*(6.0_wp - t*(50.0_wp - t*(518.0_wp - t*6354.0_wp))))
+      end if
+   end subroutine relative_moments
+
+   !> Mean, standard deviation and acceptance of N(mu, sigma^2) kept where positive.
+   elemental subroutine truncated_normal_moments(mu, sigma, mean, std, acceptance)
+      real(wp), intent(in) :: mu, sigma
+      real(wp), intent(out) :: mean, std, acceptance
+      real(wp) :: variance
+
+      call relative_moments(mu/sigma, mean, variance)
+      mean = sigma*mean
+      std = sigma*sqrt(variance)
+      acceptance = exp(max(log_acceptance(mu/sigma), -700.0_wp))
+   end subroutine truncated_normal_moments
+
+   !> The normal law that, kept where positive, has this mean and std. std < mean is necessary and
+   !> sufficient; at std = mean the exponential law is reached, with mu = -infinity.
+   pure subroutine fit_truncated_normal(mean, std, mu, sigma, error)
+      real(wp), intent(in) :: mean, std
+      real(wp), intent(out) :: mu, sigma
+      type(error_type), allocatable, intent(out) :: error
+      real(wp) :: c, high, low, m, v
+      integer :: i
+
+      mu = 0.0_wp
+      sigma = 0.0_wp
+      if (.not. (std > 0.0_wp .and. std < mean)) then
+         call raise(error, exit_no_solution, 'positive law with mean = '//to_text(mean)//', std = '// &
+                    to_text(std)//': needs 0 < std < mean, the limit of the exponential law')
+         return
+      end if
+      ! std/mean falls with c: about 1/c for c >> 1, 1 - 1/c^2 for c << -1
+      high = mean/std
+      low = -2.0_wp/sqrt(1.0_wp - std/mean)
+      do i = 1, 200
+         c = 0.5_wp*(low + high)
+         if (c <= low .or. c >= high) exit
+         call relative_moments(c, m, v)
+         if (sqrt(v)*mean > std*m) then
+            low = c
+         else
+            high = c
+         end if
+      end do
+      call relative_moments(c, m, v)
+      sigma = mean/m
+      mu = c*sigma
+   end subroutine fit_truncated_normal
+
+   !> The t >= 0 with Q(k + t) = u Q(k), Q the upper tail of the normal law, mills = Q(k)/phi(k),
+   !> hazard = 1/mills. Two Halley steps reach 1e-12 of t from the first guess, for every k >= 0.
+   elemental function tail_excess(k, mills, hazard, u) result(t)
+      real(wp), intent(in) :: k, mills, hazard, u
+      real(wp) :: t
+      real(wp) :: exponent, slope
+
+      ! first guess: -ln u is the integral of the hazard, which is nearly linear
+      exponent = rough_minus_log(u)
+      slope = min(max(hazard*(hazard - k), 0.6_wp), 1.0_wp)
+      slope = (slope + 0.06_wp*exponent)/(1.0_wp + 0.06_wp*exponent)
+      t = 2.0_wp*exponent/(hazard + sqrt(hazard**2 + 2.0_wp*slope*exponent))
+      t = halley_step(t, k, u*mills)
+      t = max(halley_step(t, k, u*mills), 0.0_wp)
+   end function tail_excess
+
+   !> One Halley step on ln Q(k + t) = ln u + ln Q(k).
+   elemental function halley_step(t, k, target) result(next)
+      real(wp), intent(in) :: t, k
+      real(wp), intent(in) :: target   !! u Q(k)/phi(k)
+      real(wp) :: next
+      real(wp) :: mills, residual, s, wanted
+
+      mills = mills_ratio(k + t)
+      wanted = target*exp_in_range(t*(k + 0.5_wp*t))
+      s = (wanted - mills)/(wanted + mills)
+      residual = 2.0_wp*s*(1.0_wp + s**2*(1.0_wp/3.0_wp + s**2*(0.2_wp + s**2/7.0_wp)))   ! ln(wanted/mills)
+      next = t - mills*residual/(1.0_wp - 0.5_wp*residual*(1.0_wp - (k + t)*mills))
+   end function halley_step
+
+   !> Q(x)/phi(x) for x >= 0, to 4e-16: (1 + x) Q/phi as a Chebyshev series in (x - 5)/(x + 5),
+   !> computed in 40 digits and written in powers.
+   elemental function mills_ratio(x) result(ratio)
+      real(wp), intent(in) :: x
+      real(wp) :: ratio
+      real(wp) :: inverse, y
+
+      inverse = 1.0_wp/((x + 5.0_wp)*(x + 1.0_wp))
+      y = (x - 5.0_wp)*(x + 1.0_wp)*inverse
+      ratio = -7.07389857556158864e-10_wp + y*(-9.56483293471255114e-10_wp)
+      ratio = 9.09247613401914649e-9_wp + y*(1.10320711515743365e-8_wp + y*ratio)
+      ratio = -6.58897449110895375e-8_wp + y*(-7.75852023678634269e-8_wp + y*ratio)
+      ratio = 3.20543166525895722e-7_wp + y*(4.91996233147834049e-7_wp + y*ratio)
+      ratio = -1.76332392657367463e-7_wp + y*(-3.2772876332088651e-6_wp + y*ratio)
+      ratio = -0.0000248058384519231898_wp + y*(0.0000227096127092376818_wp + y*ratio)
+      ratio = 0.000457043923579536555_wp + y*(-0.000134374278557113508_wp + y*ratio)
+      ratio = -0.00420129032918730683_wp + y*(0.0000195306383707907867_wp + y*ratio)
+      ratio = -0.0380265921858413864_wp + y*(0.016348231281029381_wp + y*ratio)
+      ratio = -0.0661776007790963056_wp + y*(0.0615050458401864988_wp + y*ratio)
+      ratio = 0.0777815988687376876_wp + y*(0.0250721793016388_wp + y*ratio)
+      ratio = (1.15684862829189458_wp + y*(-0.229487538252113159_wp + y*ratio))*(x + 5.0_wp)*inverse
+   end function mills_ratio
+
+   !> exp(x) for |x| < 700, to a unit in the last place or two.
+   elemental function exp_in_range(x) result(value)
+      real(wp), intent(in) :: x
+      real(wp) :: value
+      real(wp), parameter :: ln2_high = 0.693147180369123816490_wp, ln2_low = 1.90821492927058770002e-10_wp
+      real(wp), parameter :: rounder = 6755399441055744.0_wp   ! 1.5 2^52: adding it rounds
+      real(wp) :: n, r
+
+      n = x*1.44269504088896341_wp + rounder
+      r = (x - (n - rounder)*ln2_high) - (n - rounder)*ln2_low
+      value = 1.0_wp/6227020800.0_wp
+      value = 1.0_wp/39916800.0_wp + r*(1.0_wp/479001600.0_wp + r*value)
+      value = 1.0_wp/362880.0_wp + r*(1.0_wp/3628800.0_wp + r*value)
+      value = 1.0_wp/5040.0_wp + r*(1.0_wp/40320.0_wp + r*value)
+      value = 1.0_wp/120.0_wp + r*(1.0_wp/720.0_wp + r*value)
+      value = 1.0_wp/6.0_wp + r*(1.0_wp/24.0_wp + r*value)
+      value = 1.0_wp + r*(1.0_wp + r*(0.5_wp + r*value))
+      value = transfer(transfer(value, 1_long) + ishft(transfer(n, 1_long), 52), value)
+   end function exp_in_range
+
+   !> -ln u for u in (0, 1], to 1e-5: a first guess.
+   elemental function rough_minus_log(u) result(value)
+      real(wp), intent(in) :: u
+      real(wp) :: value
+      integer(long), parameter :: root_half = int(z'3FE6A09E667F3BCD', long)
+      integer(long), parameter :: bias = int(z'3FF0000000000000', long)
+      real(wp), parameter :: two52 = 4503599627370496.0_wp
+      integer(long) :: power
+      real(wp) :: s
+
+      ! u = m 2^(power - 1023) with m in [sqrt(1/2), sqrt(2))
+      power = ishft(transfer(u, 1_long) - root_half + bias, -52)
+      s = transfer(transfer(u, 1_long) - ishft(power, 52) + bias, u)
+      s = (s - 1.0_wp)/(s + 1.0_wp)
+      value = transfer(ior(power, transfer(two52, 1_long)), u) - two52 - 1023.0_wp
+      value = -(value*0.693147180559945309_wp + 2.0_wp*s*(1.0_wp + s**2*(1.0_wp/3.0_wp + 0.2_wp*s**2)))
+      value = max(value, 0.0_wp)
+   end function rough_minus_log
+
+end module process_truncated_normal
