@@ -1,36 +1,230 @@
 !> Blocks of samples: friction drawn, marched under the case's force, spectra formed as the march goes.
 module ensemble_sample
-   use core_error, only: error_type, exit_bad_input, raise
-   use core_kinds, only: long, wp
-   use core_random, only: label_of, new_stream, stream_type
-   use core_text, only: to_text
-   use dynamics_event, only: new_event_marcher
-   use dynamics_excitation, only: band_limited_force
-   use dynamics_newmark, only: new_newmark
-   use dynamics_response, only: block_state, marcher_type, start_block, stored_energy
-   use ensemble_plan, only: plan_type
-   use ensemble_results, only: block_result, spectrum_layout
-   use numerics_spectrum, only: welch_type
-   use process_model, only: process_model_type, request_label
-   use process_positive, only: draw_points
+   use core_error, only: error_type
+   use core_kinds, only: wp
+   use dynamics_response, only: block_state, start_block, stored_energy
+   use ensemble_results, only: block_result
+   use ensemble_runner, only: runner_type
    implicit none(type, external)
    private
-   public :: runner_type, prepare_runner, run_block, draw_friction, block_width
-
-   integer, parameter :: records_per_piece = 256   !! of a march that is interrupted to form spectra
-
-   !> All that blocks of one plan share.
-   type :: runner_type
-      type(plan_type) :: plan
-      class(marcher_type), allocatable :: marcher
-      real(wp), allocatable :: force(:)    !! (step) the shared record; of unit variance unless from a file
-      type(spectrum_layout) :: layout
-   end type runner_type
+   public :: run_block, stop_query
 
    abstract interface
       !> Whether the run has been asked to end.
       logical function stop_query()
       end function stop_query
    end interface
+
+   !> A march on its way: the block and what listens to it.
+   type :: march_type
+      type(block_state) :: state
+      real(wp), allocatable :: force(:, :)            !! (0:n_steps, 1 or sample) before scaling
+      real(wp) :: scale = 1.0_wp                      !! of the force: root of the variance
+      logical :: is_measuring = .false.               !! past n_discard
+      real(wp), allocatable :: energy_before(:)       !! (sample) stored at the end of n_discard [J]
+   end type march_type
+
 contains
+
+   !> Runs samples first, first + 1, ... of a case. Abandoned, without a result, when `should_stop`.
+   subroutine run_block(runner, case_number, friction, first, should_stop, result, is_abandoned, error)
+      type(runner_type), intent(inout) :: runner
+      integer, intent(in) :: case_number
+      real(wp), intent(in) :: friction(:, :)   !! (dof, sample)
+      integer, intent(in) :: first             !! number of the first sample, from 1
+      procedure(stop_query) :: should_stop
+      type(block_result), intent(out) :: result
+      logical, intent(out) :: is_abandoned
+      type(error_type), allocatable, intent(out) :: error
+      type(march_type) :: march
+      integer :: next, last
+
+      result%case_number = case_number
+      result%first_sample = first
+      result%n_samples = size(friction, 2)
+      result%friction = friction
+      call start_march(runner, case_number, result, march, error)
+      if (allocated(error)) return
+      is_abandoned = .false.
+      associate (integration => runner%plan%integration)
+         last = 0
+         do while (last < integration%n_steps)
+            is_abandoned = should_stop()
+            if (is_abandoned) return
+            if (last == integration%n_discard) call start_measuring(runner, march)
+            next = last + runner%piece_steps
+            if (last < integration%n_discard) next = min(next, integration%n_discard)
+            next = min(next, integration%n_steps)
+            call march_piece(runner, last, next, march, result, error)
+            if (allocated(error)) return
+            last = next
+         end do
+      end associate
+      call collect(runner, march, result)
+   end subroutine run_block
+
+   !> Samples at rest, their force, and room for what was asked.
+   subroutine start_march(runner, case_number, result, march, error)
+      type(runner_type), intent(in) :: runner
+      integer, intent(in) :: case_number
+      type(block_result), intent(inout) :: result
+      type(march_type), intent(inout) :: march
+      type(error_type), allocatable, intent(out) :: error
+
+      associate (plan => runner%plan, output => runner%plan%output, n => result%n_samples)
+         march%state%keeps_ledger = output%energy
+         march%state%keeps_transitions = output%transitions
+         call start_block(plan%chain, result%friction, march%state)
+         call take_force(runner, result, march%force, error)
+         if (allocated(error)) return
+         if (plan%excitation%kind == 'band_limited') &
+            march%scale = sqrt(plan%cases(case_number)%variance)
+         if (output%history) then
+            allocate (result%displacement(plan%chain%n_dof, 0:plan%integration%n_steps, n), &
+                      result%velocity(plan%chain%n_dof, 0:plan%integration%n_steps, n))
+            result%displacement(:, 0, :) = march%state%displacement
+            result%velocity(:, 0, :) = march%state%velocity
+         end if
+      end associate
+   end subroutine start_march
+
+   !> The records of these samples: the shared one, those of the file, or new ones from their streams.
+   subroutine take_force(runner, result, force, error)
+      type(runner_type), intent(in) :: runner
+      type(block_result), intent(in) :: result
+      real(wp), allocatable, intent(out) :: force(:, :)   !! (0:n_steps, 1 or sample)
+      type(error_type), allocatable, intent(out) :: error
+      integer :: w
+
+      associate (plan => runner%plan)
+         if (.not. plan%excitation%per_sample) then
+            allocate (force(0:plan%integration%n_steps, 1))
+            force(:, 1) = runner%force(:, 1)
+            return
+         end if
+         allocate (force(0:plan%integration%n_steps, result%n_samples))
+         do w = 1, result%n_samples
+            if (plan%excitation%kind == 'file') then
+               force(:, w) = runner%force(:, result%first_sample + w - 1)
+            else
+               call runner%draw_force(result%first_sample + w - 1, force(:, w), error)
+               if (allocated(error)) return
+            end if
+         end do
+      end associate
+   end subroutine take_force
+
+   !> The transient is over: what was counted in it is forgotten.
+   subroutine start_measuring(runner, march)
+      type(runner_type), intent(inout) :: runner
+      type(march_type), intent(inout) :: march
+
+      march%is_measuring = .true.
+      associate (state => march%state, layout => runner%layout)
+         state%slip_time = 0.0_wp
+         state%slip_starts = 0
+         state%stick_starts = 0
+         state%work_input = 0.0_wp
+         state%work_viscous = 0.0_wp
+         state%work_friction = 0.0_wp
+         march%energy_before = stored_energy(runner%plan%chain, state)
+         if (runner%plan%output%spectrum) &
+            call runner%spectra%start(state%n_dof*state%n_samples, layout%segment_length, layout%overlap, &
+                                      layout%every*runner%marcher%dt)
+      end associate
+   end subroutine start_measuring
+
+   !> Marches from one step to another and hands the displacements to the spectra and the history.
+   subroutine march_piece(runner, from, to, march, result, error)
+      type(runner_type), intent(inout) :: runner
+      integer, intent(in) :: from, to
+      type(march_type), intent(inout) :: march
+      type(block_result), intent(inout) :: result
+      type(error_type), allocatable, intent(out) :: error
+      real(wp), allocatable :: x(:, :, :), v(:, :, :)   ! (record, dof, sample)
+      real(wp), allocatable :: force(:, :)
+      integer :: every, n
+
+      associate (state => march%state, output => runner%plan%output)
+         every = merge(1, runner%layout%every, output%history)
+         n = to/every - from/every
+         if (.not. (output%history .or. output%spectrum .and. march%is_measuring)) n = 0
+         allocate (x(n, state%n_dof, state%n_samples))
+         force = march%scale*march%force(from:to, :)
+         if (output%history) then
+            allocate (v, mold=x)
+            call runner%marcher%advance(state, force, every, x, v, error)
+         else
+            call runner%marcher%advance(state, force, every, x, error=error)
+         end if
+         if (allocated(error)) return
+         if (output%history) then
+            result%displacement(:, from + 1:to, :) = by_dof(x)
+            result%velocity(:, from + 1:to, :) = by_dof(v)
+         end if
+         if (output%spectrum .and. march%is_measuring) call listen(runner, from, every, x)
+      end associate
+   end subroutine march_piece
+
+   !> Of the displacements recorded every so many steps, those of the layout enter the spectra.
+   subroutine listen(runner, from, every, x)
+      type(runner_type), intent(inout) :: runner
+      integer, intent(in) :: from, every     !! steps before the first record; steps between records
+      real(wp), intent(in) :: x(:, :, :)     !! (record, dof, sample)
+      integer :: first, stride, n
+
+      stride = runner%layout%every/every
+      first = stride - modulo(from/every, stride)
+      n = (size(x, 1) - first + stride)/stride
+      call runner%spectra%add(reshape(x(first::stride, :, :), [n, size(x, 2)*size(x, 3)]))
+   end subroutine listen
+
+   !> (record, dof, sample) as (dof, record, sample)
+   pure function by_dof(x) result(swapped)
+      real(wp), intent(in) :: x(:, :, :)
+      real(wp) :: swapped(size(x, 2), size(x, 1), size(x, 3))
+      integer :: i
+
+      do i = 1, size(x, 1)
+         swapped(:, i, :) = x(i, :, :)
+      end do
+   end function by_dof
+
+   !> What the march has left behind becomes the block's result.
+   subroutine collect(runner, march, result)
+      type(runner_type), intent(in) :: runner
+      type(march_type), intent(inout) :: march
+      type(block_result), intent(inout) :: result
+      real(wp) :: duration
+      real(wp), allocatable :: psd(:, :), stored(:)   ! (frequency, series)
+      integer :: dof, w
+
+      associate (state => march%state, output => runner%plan%output, how => runner%plan%integration)
+         duration = how%dt*(how%n_steps - how%n_discard)
+         result%slip_fraction = state%slip_time/duration
+         result%slip_starts = state%slip_starts
+         result%stick_starts = state%stick_starts
+         if (output%transitions) call move_alloc(state%transitions, result%transitions)
+         if (output%energy) then
+            stored = stored_energy(runner%plan%chain, state) - march%energy_before
+            allocate (result%energy(5, result%n_samples))
+            result%energy(1, :) = state%work_input
+            result%energy(2, :) = state%work_viscous
+            result%energy(3, :) = state%work_friction
+            result%energy(4, :) = stored
+            result%energy(5, :) = state%work_input - state%work_viscous - state%work_friction - stored
+         end if
+         if (output%spectrum) then
+            allocate (psd(size(runner%layout%frequency), state%n_dof*state%n_samples))
+            call runner%spectra%finish(psd)
+            allocate (result%psd(state%n_dof, size(psd, 1), state%n_samples))
+            do w = 1, state%n_samples
+               do dof = 1, state%n_dof
+                  result%psd(dof, :, w) = psd(:, (w - 1)*state%n_dof + dof)
+               end do
+            end do
+         end if
+      end associate
+   end subroutine collect
+
 end module ensemble_sample

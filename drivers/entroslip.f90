@@ -1,0 +1,34 @@
+!> entroslip: maximum-entropy uncertain properties, and the vibration of structures held by friction.
+program entroslip
+   use, intrinsic :: iso_fortran_env, only: error_unit, output_unit
+   use config_template, only: template_text
+   use core_error, only: error_type
+   use driver_check, only: check
+   use driver_command_line, only: command_line, help_text, read_command_line
+   use driver_replay, only: replay
+   use driver_run, only: run
+   use driver_version, only: version_text
+   implicit none(type, external)
+   type(command_line) :: line
+   type(error_type), allocatable :: error
+
+   call read_command_line(line, error)
+   if (allocated(error)) then
+      write (error_unit, '(a)') 'entroslip: '//error%message
+      stop error%exit_code, quiet=.true.
+   end if
+   select case (line%command)
+   case ('run')
+      call run(line)
+   case ('check')
+      call check(line)
+   case ('replay')
+      call replay(line)
+   case ('template')
+      write (output_unit, '(a)') template_text()
+   case ('version')
+      write (output_unit, '(a)') version_text()
+   case ('help')
+      write (output_unit, '(a)') help_text()
+   end select
+end program entroslip

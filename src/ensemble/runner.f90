@@ -1,0 +1,118 @@
+!> What all blocks of a plan share: the marcher, the force record, the layout of the spectra.
+module ensemble_runner
+   use core_error, only: error_type
+   use core_kinds, only: wp
+   use core_random, only: label_of, new_stream, stream_type
+   use dynamics_event, only: new_event_marcher, event_marcher
+   use dynamics_excitation, only: band_limited_force
+   use dynamics_newmark, only: new_newmark, newmark_marcher
+   use dynamics_response, only: marcher_type
+   use ensemble_plan, only: plan_type
+   use ensemble_results, only: spectrum_layout
+   use numerics_spectrum, only: count_segments, welch_type
+   implicit none(type, external)
+   private
+   public :: runner_type, prepare_runner, block_width
+
+   integer, parameter :: widest_block = 32                   !! samples marched together
+   integer, parameter :: records_per_piece = 256             !! between two looks at the spectra
+   real(wp), parameter :: block_memory = 128.0e6_wp          !! [byte] of forces and histories in a block
+
+   type :: runner_type
+      type(plan_type) :: plan
+      class(marcher_type), allocatable :: marcher
+      real(wp), allocatable :: force(:, :)   !! (0:n_steps, 1 or sample); of unit variance unless a file's
+      type(spectrum_layout) :: layout
+      type(welch_type) :: spectra            !! of the block that is marching
+      integer :: piece_steps = records_per_piece
+   contains
+      procedure :: draw_force
+      procedure :: use_every
+   end type runner_type
+
+contains
+
+   !> Prepares the march of a plan. `file_force` is used when the excitation is a file's.
+   subroutine prepare_runner(plan, file_force, runner, error)
+      type(plan_type), intent(in) :: plan
+      real(wp), intent(in) :: file_force(0:, :)   !! (step, 1 or sample) [N]; else of size 0
+      type(runner_type), intent(out) :: runner
+      type(error_type), allocatable, intent(out) :: error
+
+      runner%plan = plan
+      call new_marcher(plan, runner%marcher, error)
+      if (allocated(error)) return
+      if (plan%excitation%kind == 'file') then
+         runner%force = file_force
+      else if (.not. plan%excitation%per_sample) then
+         allocate (runner%force(0:plan%integration%n_steps, 1))
+         call runner%draw_force(0, runner%force(:, 1), error)
+         if (allocated(error)) return
+      end if
+      call runner%use_every(max(plan%output%spectrum_every, 1))
+   end subroutine prepare_runner
+
+   subroutine new_marcher(plan, marcher, error)
+      type(plan_type), intent(in) :: plan
+      class(marcher_type), allocatable, intent(out) :: marcher
+      type(error_type), allocatable, intent(out) :: error
+      type(newmark_marcher), allocatable :: newmark
+      type(event_marcher), allocatable :: event
+
+      associate (how => plan%integration, dof => plan%excitation%dof)
+         if (how%method == 'newmark') then
+            allocate (newmark)
+            call new_newmark(plan%chain, how%dt, how%max_halvings, how%beta, how%gamma, dof, newmark, error)
+            call move_alloc(newmark, marcher)
+         else
+            allocate (event)
+            call new_event_marcher(plan%chain, how%dt, how%tolerance, dof, event, error)
+            call move_alloc(event, marcher)
+         end if
+      end associate
+   end subroutine new_marcher
+
+   !> The band-limited record of a sample (0: the one shared by all), of unit variance in expectation.
+   subroutine draw_force(self, sample, force, error)
+      class(runner_type), intent(in) :: self
+      integer, intent(in) :: sample
+      real(wp), intent(out) :: force(0:)   !! (step)
+      type(error_type), allocatable, intent(out) :: error
+      type(stream_type) :: stream
+
+      stream = new_stream(self%plan%seed, label_of('force'), sample)
+      call band_limited_force(self%plan%excitation%band, self%plan%integration%dt, stream, force, error)
+   end subroutine draw_force
+
+   !> Lays out the spectra for every `every`-th step.
+   pure subroutine use_every(self, every)
+      class(runner_type), intent(inout) :: self
+      integer, intent(in) :: every
+      integer :: i, n
+
+      associate (layout => self%layout, plan => self%plan)
+         layout%every = every
+         layout%segment_length = plan%output%segment_length/every
+         layout%overlap = layout%segment_length/2
+         n = (plan%integration%n_steps - plan%integration%n_discard)/every
+         layout%n_segments = count_segments(n, layout%segment_length, layout%overlap)
+         layout%frequency = [(i/(layout%segment_length*every*plan%integration%dt), &
+                              i=0, layout%segment_length/2)]
+      end associate
+      self%piece_steps = records_per_piece*every
+   end subroutine use_every
+
+   !> Samples of a block: as many as march well together, fewer where each carries a long record.
+   pure function block_width(plan) result(width)
+      type(plan_type), intent(in) :: plan
+      integer :: width
+      real(wp) :: bytes
+
+      bytes = 0.0_wp
+      if (plan%excitation%per_sample) bytes = 8.0_wp*plan%integration%n_steps
+      if (plan%output%history) bytes = bytes + 16.0_wp*plan%chain%n_dof*plan%integration%n_steps
+      width = widest_block
+      if (bytes > 0.0_wp) width = max(1, min(widest_block, int(block_memory/bytes)))
+   end function block_width
+
+end module ensemble_runner
