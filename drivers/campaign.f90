@@ -1,13 +1,15 @@
-!> What the commands that march have in common: scene and plan, processes solved, friction drawn.
+!> What the commands have in common: from the command line to a plan, and from a plan to solved processes.
 module driver_campaign
-   use config_force_file, only: read_force_file
+   use config_force_file, only: check_force, read_force_text
    use config_plan, only: build_plan
-   use config_scene, only: read_scene, scene_type
+   use config_scene, only: complaint_list, read_scene, scene_type
    use core_error, only: error_type, exit_bad_input, exit_no_solution, raise
    use core_kinds, only: long, wp
    use core_text, only: to_text
    use driver_command_line, only: command_line
    use ensemble_plan, only: plan_type
+   use io_force, only: read_force_hdf5
+   use numerics_sorting, only: sort_order
    use parallel_signals, only: stop_requested
    use parallel_work, only: new_counter, work_counter
    use parallel_world, only: world_type
@@ -16,12 +18,71 @@ module driver_campaign
    use process_packing, only: pack_model, unpack_model
    implicit none(type, external)
    private
-   public :: solve_processes
+   public :: load_plan, output_path, refuse_unsolved, solve_processes
 
 contains
 
+   !> Reads the scene and the force file it names; all that is wrong with them becomes one error.
+   subroutine load_plan(line, scene, plan, force, error)
+      type(command_line), intent(in) :: line
+      type(scene_type), intent(out) :: scene
+      type(plan_type), intent(out) :: plan
+      real(wp), allocatable, intent(out) :: force(:, :)   !! (0:n_steps, 1 or sample) [N]; none: size 0
+      type(error_type), allocatable, intent(out) :: error
+      type(complaint_list) :: complaints
+
+      call read_scene(line%scene, line%overrides, scene, complaints)
+      if (complaints%n == 0) call load_force(scene, force, complaints)
+      if (complaints%n == 0) call build_plan(scene, plan, complaints)
+      if (complaints%n > 0) call raise(error, exit_bad_input, complaints%text)
+   end subroutine load_plan
+
+   subroutine load_force(scene, force, complaints)
+      type(scene_type), intent(inout) :: scene
+      real(wp), allocatable, intent(out) :: force(:, :)
+      type(complaint_list), intent(inout) :: complaints
+      type(error_type), allocatable :: error
+      real(wp), allocatable :: record(:)
+
+      allocate (force(0:0, 0))
+      if (.not. allocated(scene%force_path)) return
+      deallocate (force)
+      if (scene%force_is_hdf5) then
+         call read_force_hdf5(scene%force_path, scene%integration%dt, force, error)
+         if (allocated(error)) then
+            call complaints%add_general(error%message)
+            return
+         end if
+      else
+         call read_force_text(scene%force_path, record, complaints)
+         if (complaints%n > 0) return
+         allocate (force(0:size(record) - 1, 1))
+         force(:, 1) = record
+      end if
+      scene%n_force_values = size(force, 1)
+      call check_force(scene%force_path, force, scene%integration%n_steps, &
+                       merge(scene%campaign%n_samples, 1, scene%excitation%per_sample), complaints)
+   end subroutine load_force
+
+   !> What --output says, or the scene's name in the current directory with an ending.
+   function output_path(line, ending) result(path)
+      type(command_line), intent(in) :: line
+      character(*), intent(in) :: ending   !! '.h5', '_tradeoff.h5'
+      character(:), allocatable :: path
+      integer :: dot
+
+      if (allocated(line%output)) then
+         path = line%output
+         return
+      end if
+      path = line%scene(index(line%scene, '/', back=.true.) + 1:)
+      dot = index(path, '.', back=.true.)
+      if (dot > 1) path = path(:dot - 1)
+      path = path//ending
+   end function output_path
+
    !> Each process once, spread over the ranks, the longest first; all ranks get all models; collective.
-   !> Stopped early, the rest stays unsolved without a reason.
+   !> When a stop is requested meanwhile, the rest stays unsolved, without a reason.
    subroutine solve_processes(world, plan, models)
       type(world_type), intent(in) :: world
       type(plan_type), intent(in) :: plan
@@ -33,7 +94,6 @@ contains
 
       allocate (models(size(plan%processes)))
       if (size(models) == 0) return
-      models%request = plan%processes
       order = sort_order(-real(plan%processes%order, wp))
       owner = -1
       call new_counter(world, size(models, kind=long), counter)
@@ -47,6 +107,7 @@ contains
       end do
       call counter%close()
       do i = 1, size(models)
+         models(i)%request = plan%processes(i)
          owner(i) = world%maximum(owner(i))
          if (owner(i) < 0) cycle
          if (owner(i) == world%rank) numbers = pack_model(models(i))
@@ -54,5 +115,25 @@ contains
          call unpack_model(numbers, models(i))
       end do
    end subroutine solve_processes
+
+   !> An error where a campaign needs a process that has no solution, or where there is none to write.
+   subroutine refuse_unsolved(plan, models, error)
+      type(plan_type), intent(in) :: plan
+      type(process_model_type), intent(in) :: models(:)
+      type(error_type), allocatable, intent(out) :: error
+      character(:), allocatable :: reasons
+      integer :: i, n
+
+      n = 0
+      reasons = ''
+      do i = 1, size(models)
+         if (models(i)%is_solved) cycle
+         n = n + 1
+         if (n > 1) reasons = reasons//new_line('a')
+         reasons = reasons//'process '//to_text(i)//': '//models(i)%reason
+      end do
+      if (n == 0) return
+      if (plan%has_chain .or. n == size(models)) call raise(error, exit_no_solution, reasons)
+   end subroutine refuse_unsolved
 
 end module driver_campaign

@@ -1,20 +1,15 @@
 !> What the user typed: a command, a scene, options.
 module driver_command_line
    use core_error, only: error_type, exit_bad_input, raise
-   use core_kinds, only: wp
    implicit none(type, external)
    private
-   public :: command_line, read_command_line, help_text, text_item
-
-   type :: text_item
-      character(:), allocatable :: text
-   end type text_item
+   public :: command_line, read_command_line, help_text
 
    type :: command_line
       character(:), allocatable :: command             !! run, check, tradeoff, replay, template, help, version
       character(:), allocatable :: scene               !! path of the scene file
       character(:), allocatable :: output              !! path of the results file
-      type(text_item), allocatable :: overrides(:)     !! group%name=value, in the order typed
+      character(:), allocatable :: overrides(:)        !! group%name=value, in the order typed
       logical :: is_fresh = .false.
       logical :: is_quiet = .false.
       integer :: case_number = 0                       !! replay; counts from 1
@@ -35,7 +30,7 @@ contains
       character(:), allocatable :: word, value
       integer :: i
 
-      allocate (line%overrides(0))
+      allocate (character(longest_argument()) :: line%overrides(0))
       i = 0
       do while (i < command_argument_count())
          i = i + 1
@@ -86,7 +81,7 @@ contains
       case ('--output')
          line%output = value
       case ('--set')
-         line%overrides = [line%overrides, text_item(value)]
+         line%overrides = [character(len(line%overrides)) :: line%overrides, value]
       case ('--case')
          read (value, *, iostat=status) line%case_number
          if (line%case_number < 1) status = 1
@@ -152,6 +147,16 @@ contains
       allocate (character(length) :: text)
       call get_command_argument(i, text)
    end function argument
+
+   integer function longest_argument()
+      integer :: i, length
+
+      longest_argument = 1
+      do i = 1, command_argument_count()
+         call get_command_argument(i, length=length)
+         longest_argument = max(longest_argument, length)
+      end do
+   end function longest_argument
 
    !> 'a, b, c'
    pure function listed(names) result(text)

@@ -1,9 +1,10 @@
 !> What is asked of a maximum-entropy process, and what was found (Sec. 2).
 module process_model
-   use core_kinds, only: wp
+   use core_kinds, only: long, wp
+   use core_random, only: label_of
    implicit none(type, external)
    private
-   public :: process_request, process_model_type, process_solution
+   public :: process_request, process_model_type, process_solution, request_label
 
    !> A wanted process. Lengths are in lags; mean and std in the unit of X.
    type :: process_request
@@ -55,5 +56,24 @@ module process_model
       real(wp) :: delta = 0.0_wp, lambda_3 = 0.0_wp   !! direct
       type(process_solution), allocatable :: solutions(:)   !! direct: all that were found
    end type process_model_type
+
+contains
+
+   !> Names the streams of random numbers that belong to a process: its own values, whatever stands
+   !> beside it in the scene.
+   pure function request_label(request) result(label)
+      type(process_request), intent(in) :: request
+      integer(long) :: label
+
+      label = label_of(request%method//' '//request%correlation//' '//request%sampler)
+      label = label_of(label, request%correlation_length)
+      label = label_of(label, request%order)
+      label = label_of(label, request%bound_l0)
+      label = label_of(label, request%bound_l1)
+      label = label_of(label, request%max_order)
+      label = label_of(label, request%mean)
+      label = label_of(label, request%std)
+      label = label_of(label, merge(1, 0, request%positive))
+   end function request_label
 
 end module process_model

@@ -1,0 +1,88 @@
+!> A campaign as blocks of samples, and the statistics of a case once its samples are there.
+module ensemble_study
+   use core_kinds, only: long, wp
+   use core_random, only: new_stream, stream_type
+   use ensemble_plan, only: plan_type
+   use ensemble_results, only: case_statistics
+   use ensemble_runner, only: block_width
+   use numerics_statistics, only: error_of_deviation, error_of_mean, mean, standard_deviation
+   use process_draw, only: draw_points
+   use process_model, only: process_model_type, request_label
+   implicit none(type, external)
+   private
+   public :: block_range, open_blocks, draw_friction, slip_statistics
+
+   !> Consecutive samples of a case.
+   type :: block_range
+      integer :: case_number = 0
+      integer :: first = 0, last = 0   !! sample numbers, from 1
+   end type block_range
+
+contains
+
+   !> The blocks that are still to be run, widest first so that ranks end together.
+   pure function open_blocks(plan, is_finished) result(blocks)
+      type(plan_type), intent(in) :: plan
+      logical, intent(in) :: is_finished(:, :)   !! (sample, case)
+      type(block_range), allocatable :: blocks(:)
+      integer :: c, first, last, width
+
+      width = block_width(plan)
+      allocate (blocks(0))
+      do c = 1, size(plan%cases)
+         first = 1
+         do while (first <= plan%cases(c)%n_samples)
+            if (is_finished(first, c)) then
+               first = first + 1
+               cycle
+            end if
+            last = first
+            do while (last < min(plan%cases(c)%n_samples, first + width - 1))
+               if (is_finished(last + 1, c)) exit
+               last = last + 1
+            end do
+            blocks = [blocks, block_range(c, first, last)]
+            first = last + 1
+         end do
+      end do
+      blocks = [pack(blocks, blocks%last - blocks%first + 1 == width), &
+                pack(blocks, blocks%last - blocks%first + 1 < width)]
+   end function open_blocks
+
+   !> The friction coefficients of a block: each sample from its own stream, or as given.
+   subroutine draw_friction(plan, models, block, friction)
+      type(plan_type), intent(in) :: plan
+      type(process_model_type), intent(in) :: models(:)   !! (process)
+      type(block_range), intent(in) :: block
+      real(wp), allocatable, intent(out) :: friction(:, :)   !! (dof, sample)
+      type(stream_type) :: stream
+      integer :: w
+
+      allocate (friction(plan%chain%n_dof, block%last - block%first + 1))
+      associate (process => plan%cases(block%case_number)%process)
+         if (process == 0) then
+            friction = spread(plan%friction, 2, size(friction, 2))
+            return
+         end if
+         do w = 1, size(friction, 2)
+            stream = new_stream(plan%seed, request_label(plan%processes(process)), block%first + w - 1)
+            call draw_points(models(process), stream, friction(:, w))
+         end do
+      end associate
+   end subroutine draw_friction
+
+   !> Mean and scatter over samples of the fraction of time in slip; needs two samples.
+   pure subroutine slip_statistics(slip_fraction, statistics)
+      real(wp), intent(in) :: slip_fraction(:, :)   !! (dof, sample)
+      type(case_statistics), intent(inout) :: statistics
+      integer :: dof, n
+
+      n = size(slip_fraction, 1)
+      statistics%n_samples = size(slip_fraction, 2)
+      statistics%slip_mean = [(mean(slip_fraction(dof, :)), dof=1, n)]
+      statistics%slip_std = [(standard_deviation(slip_fraction(dof, :)), dof=1, n)]
+      statistics%slip_mean_error = [(error_of_mean(slip_fraction(dof, :)), dof=1, n)]
+      statistics%slip_std_error = [(error_of_deviation(slip_fraction(dof, :)), dof=1, n)]
+   end subroutine slip_statistics
+
+end module ensemble_study
