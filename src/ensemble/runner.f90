@@ -5,7 +5,6 @@ module ensemble_runner
    use core_random, only: label_of, new_stream, stream_type
    use dynamics_event, only: new_event_marcher, event_marcher
    use dynamics_excitation, only: band_limited_force
-   use dynamics_newmark, only: new_newmark, newmark_marcher
    use dynamics_response, only: marcher_type
    use ensemble_plan, only: plan_type
    use ensemble_results, only: spectrum_layout
@@ -56,19 +55,12 @@ contains
       type(plan_type), intent(in) :: plan
       class(marcher_type), allocatable, intent(out) :: marcher
       type(error_type), allocatable, intent(out) :: error
-      type(newmark_marcher), allocatable :: newmark
       type(event_marcher), allocatable :: event
 
       associate (how => plan%integration, dof => plan%excitation%dof)
-         if (how%method == 'newmark') then
-            allocate (newmark)
-            call new_newmark(plan%chain, how%dt, how%max_halvings, how%beta, how%gamma, dof, newmark, error)
-            call move_alloc(newmark, marcher)
-         else
             allocate (event)
             call new_event_marcher(plan%chain, how%dt, how%tolerance, dof, event, error)
             call move_alloc(event, marcher)
-         end if
       end associate
    end subroutine new_marcher
 

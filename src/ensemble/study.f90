@@ -6,8 +6,8 @@ module ensemble_study
    use ensemble_results, only: case_statistics
    use ensemble_runner, only: block_width
    use numerics_statistics, only: error_of_deviation, error_of_mean, mean, standard_deviation
-   use process_draw, only: draw_points
    use process_model, only: process_model_type, request_label
+   use process_positive, only: draw_points
    implicit none(type, external)
    private
    public :: block_range, open_blocks, draw_friction, slip_statistics

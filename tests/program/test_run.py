@@ -1,0 +1,106 @@
+"""entroslip run: results, restart, exit codes."""
+
+from __future__ import annotations
+
+import h5py
+import numpy as np
+import xarray as xr
+
+RUN_DEPENDENT = {"created", "wall_seconds", "n_ranks"}
+
+
+def datasets(path):
+    """Every dataset and attribute of a file that the scene alone decides, by name."""
+    found = {}
+
+    def take(name, item):
+        if isinstance(item, h5py.Dataset):
+            found[name] = item[()]
+
+    with h5py.File(path) as file:
+        file.visititems(take)
+        for name, value in file.attrs.items():
+            if name not in RUN_DEPENDENT:
+                found["/" + name] = value
+    return found
+
+
+def assert_same_bits(first, second):
+    a, b = datasets(first), datasets(second)
+    assert a.keys() == b.keys()
+    for name in a:
+        assert np.asarray(a[name]).tobytes() == np.asarray(b[name]).tobytes(), name
+
+
+def test_same_bits_on_one_and_four_ranks(entroslip, small_scene, tmp_path):
+    assert entroslip("run", small_scene, "--output", "one.h5").returncode == 0
+    done = entroslip("run", small_scene, "--output", "four.h5", ranks=4)
+    assert done.returncode == 0, done.stderr
+    assert_same_bits(tmp_path / "one.h5", tmp_path / "four.h5")
+
+
+def test_a_finished_scene_has_nothing_to_do(entroslip, small_scene, tmp_path):
+    assert entroslip("run", small_scene).returncode == 0
+    before = (tmp_path / "small.h5").read_bytes()
+    again = entroslip("run", small_scene)
+    assert again.returncode == 0
+    assert "nothing to do" in again.stdout
+    assert (tmp_path / "small.h5").read_bytes() == before
+    assert not (tmp_path / "small.h5.shards").exists()
+
+
+def test_results_open_labelled(entroslip, small_scene, tmp_path):
+    assert entroslip("run", small_scene, "--output", "r.h5").returncode == 0
+    with xr.open_dataset(tmp_path / "r.h5", group="campaign/c003", engine="h5netcdf") as case:
+        assert case["slip_fraction"].dims == ("sample", "dof")
+        assert case["psd"].dims == ("sample", "frequency", "dof")
+        assert case["psd_percentiles"].dims == ("percentile", "frequency", "dof")
+        assert case["psd"].attrs["units"] and case["psd"].attrs["long_name"]
+        assert case.sizes["sample"] == 6
+        # the density integrates to what Eq. 46 reports
+        step = float(case["frequency"][1] - case["frequency"][0])
+        integral = case["psd_mean"].sum("frequency") * step
+        np.testing.assert_allclose(integral, case["pseudo_variance_mean"], rtol=1e-12)
+
+
+def test_one_process_meets_both_variances_with_the_same_friction(entroslip, small_scene, tmp_path):
+    assert entroslip("run", small_scene, "--output", "r.h5").returncode == 0
+    with h5py.File(tmp_path / "r.h5") as file:
+        low, high = (file[f"campaign/{c}/friction"][()] for c in ("c003", "c004"))
+        assert low.tobytes() == high.tobytes()
+        assert (file["campaign/c001/friction"][()] == 0.2).all()
+        assert file["campaign/c001"].attrs["process"] in (b"none", "none")
+
+
+def test_first_samples_of_a_longer_campaign_are_the_same(entroslip, small_scene, tmp_path):
+    assert entroslip("run", small_scene, "--output", "six.h5").returncode == 0
+    more = ("--set", "campaign%n_samples=40")
+    assert entroslip("run", small_scene, *more, "--output", "forty.h5", ranks=2).returncode == 0
+    with h5py.File(tmp_path / "six.h5") as six, h5py.File(tmp_path / "forty.h5") as forty:
+        for name in ("friction", "slip_fraction", "psd", "slip_starts"):
+            a, b = six[f"campaign/c004/{name}"][()], forty[f"campaign/c004/{name}"][:6]
+            assert a.tobytes() == b.tobytes(), name
+
+
+def test_replay_is_the_sample_of_the_campaign(entroslip, small_scene, tmp_path):
+    assert entroslip("run", small_scene, "--output", "r.h5").returncode == 0
+    done = entroslip("replay", small_scene, "--case", 4, "--sample", 5)
+    assert done.returncode == 0, done.stderr
+    with (
+        h5py.File(tmp_path / "r.h5") as campaign,
+        h5py.File(tmp_path / "small_c004_s0005.h5") as replay,
+    ):
+        ours, theirs = replay["campaign/c004"], campaign["campaign/c004"]
+        assert ours["friction"][0].tobytes() == theirs["friction"][4].tobytes()
+        assert ours["slip_starts"][0].tobytes() == theirs["slip_starts"][4].tobytes()
+        np.testing.assert_allclose(ours["slip_fraction"][0], theirs["slip_fraction"][4], rtol=1e-9)
+        assert ours["displacement"].shape == (1, 4001, 5)
+        times = ours["transition_time"][()]
+        assert (np.diff(times) >= 0).all() and len(times) > 0
+
+
+def test_set_overrides_and_is_recorded(entroslip, small_scene, tmp_path):
+    done = entroslip("run", small_scene, "--set", "integration%n_steps=2048", "--output", "r.h5")
+    assert done.returncode == 0, done.stderr
+    with h5py.File(tmp_path / "r.h5") as file:
+        assert "integration%n_steps=2048" in str(file.attrs["scene"])
