@@ -26,6 +26,7 @@ module ensemble_results
       integer(long), allocatable :: slip_starts(:, :)   !! (dof, sample)
       integer(long), allocatable :: stick_starts(:, :)  !! (dof, sample)
       real(wp), allocatable :: psd(:, :, :)             !! (dof, frequency, sample), one-sided [m^2/Hz]
+      real(wp), allocatable :: folded_share(:, :)       !! (dof, sample) power above the kept Nyquist, by the pilot
       real(wp), allocatable :: energy(:, :)             !! (input viscous friction stored defect, sample) [J]
       real(wp), allocatable :: displacement(:, :, :)    !! (dof, step, sample) 'history'
       real(wp), allocatable :: velocity(:, :, :)        !! (dof, step, sample) 'history'
@@ -47,7 +48,6 @@ module ensemble_results
       real(wp), allocatable :: band_ratio(:)                      !! (dof) last over first percentile
       real(wp), allocatable :: band_ratio_low(:), band_ratio_high(:)
       real(wp), allocatable :: band_ratio_bias(:)                 !! relative, estimated by bootstrap
-      real(wp), allocatable :: folded_share(:)                    !! (dof) power above the kept Nyquist, by the pilot
    end type case_statistics
 
 end module ensemble_results

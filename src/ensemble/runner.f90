@@ -22,6 +22,7 @@ module ensemble_runner
       class(marcher_type), allocatable :: marcher
       real(wp), allocatable :: force(:, :)   !! (0:n_steps, 1 or sample); of unit variance unless a file's
       type(spectrum_layout) :: layout
+      real(wp), allocatable :: folded_share(:, :)   !! (dof, case) power above the kept Nyquist, by the pilot
       type(welch_type) :: spectra            !! of the block that is marching
       integer :: piece_steps = records_per_piece
    contains
