@@ -32,7 +32,8 @@ contains
          'wanted standard error of mean slip fractions, in points of percent; 0: none', '%', &
          not_negative(), shapes_samples=.false.))
       call visitor%visit(self%sample_until_met, about('sample_until_met', &
-         'take samples until target_statistical is met, n_samples at a time', shapes_samples=.false.))
+         'take samples until target_statistical is met, n_samples at a time', &
+         shapes_samples=.false.))
       call visitor%visit(self%audit, about('audit', &
          'share of the samples repeated by the event method at a thousandth of its tolerance', &
          rule=between(0.0_wp, 1.0_wp), shapes_samples=.false.))

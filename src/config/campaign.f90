@@ -24,7 +24,8 @@ contains
          'of every case with drawn friction; 0: no such case', rule=not_negative(), &
          shapes_samples=.false.))
       call visitor%visit(self%deterministic, about('deterministic', &
-         'also one sample per variance with chain%friction, before the others', shapes_samples=.false.))
+         'also one sample per variance with chain%friction, before the others', &
+         shapes_samples=.false.))
       call visitor%visit(self%walltime, about('walltime', &
          'stop at a sample boundary after that long; 0: no limit', 'min', not_negative(), &
          shapes_samples=.false.))

@@ -25,8 +25,8 @@ contains
       class(chain_group), intent(inout) :: self
       class(visitor_type), intent(inout) :: visitor
 
-      call visitor%visit(self%n_dof, about('n_dof', 'number of masses; the first is next to the wall', &
-         rule=between(1.0_wp, 200.0_wp)))
+      call visitor%visit(self%n_dof, about('n_dof', &
+         'number of masses; the first is next to the wall', rule=between(1.0_wp, 200.0_wp)))
       call visitor%visit(self%mass, about('mass', 'one value, or one per dof', 'kg', positive(), &
          per_dof=self%n_dof), default=[1.0_wp])
       call visitor%visit(self%coupling_stiffness, about('coupling_stiffness', &
@@ -35,14 +35,14 @@ contains
       call visitor%visit(self%contact_stiffness, about('contact_stiffness', &
          'of the springs of the Jenkins elements', 'N/m', positive(), per_dof=self%n_dof), &
          default=[50.0_wp])
-      call visitor%visit(self%normal_load, about('normal_load', 'on the sliders', 'N', not_negative(), &
-         per_dof=self%n_dof), default=[10.0_wp])
+      call visitor%visit(self%normal_load, about('normal_load', 'on the sliders', 'N', &
+         not_negative(), per_dof=self%n_dof), default=[10.0_wp])
       call visitor%visit(self%friction, about('friction', &
          'friction coefficients of the deterministic cases', rule=not_negative(), &
          per_dof=self%n_dof), default=[0.2_wp])
       call visitor%visit(self%damping_ratio, about('damping_ratio', &
-         'of critical, for each mode of the stuck chain', rule=not_negative(), per_dof=self%n_dof), &
-         default=[0.005_wp])
+         'of critical, for each mode of the stuck chain', rule=not_negative(), &
+         per_dof=self%n_dof), default=[0.005_wp])
    end subroutine visit
 
 end module config_chain

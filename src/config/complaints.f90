@@ -17,10 +17,10 @@ module config_complaints
       character(:), allocatable :: text
    end type complaint_type
 
-   !> `text` is ready to be printed when `n` > 0.
+   !> `text` is there when `n` > 0.
    type :: complaint_list
       integer :: n = 0                         !! complaints made
-      character(:), allocatable :: text        !! all of them, a line feed after each line but the last
+      character(:), allocatable :: text        !! all of them, ready to be printed
       type(complaint_type), allocatable, private :: kept(:)
       integer, private :: n_kept = 0
    contains
@@ -42,7 +42,8 @@ contains
       complaint%line = line
       complaint%column = column
       complaint%is_override = source%name == '--set'
-      complaint%text = source%name//':'//to_text(line)//': '//message//excerpt(source%line(line), column)
+      complaint%text = source%name//':'//to_text(line)//': '//message// &
+                       excerpt(source%line(line), column)
       call self%keep(complaint)
    end subroutine add
 

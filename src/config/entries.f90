@@ -1,7 +1,7 @@
 !> What the table of a group says of each of its values, and who may visit such a table.
 !>
-!> Reading with defaults, checking, the template, the scene reference and the fingerprint all walk the
-!> same tables: each group lists its entries once, in its procedure `visit`.
+!> Reading with defaults, checking, the template, the scene reference and the fingerprint all walk
+!> the same tables: each group lists its entries once, in its procedure `visit`.
 module config_entries
    use core_kinds, only: long, wp
    use core_text, only: to_text
@@ -30,10 +30,12 @@ module config_entries
       character(choice_length) :: choices(8) = ''   !! texts: the ones to choose from
       integer :: n_choices = 0                      !! 0: any text
       integer :: length = 0                         !! lists: the number of values; 0: any
-      integer :: per_dof = -1                       !! lists: the number of dofs, where one value stands for all
+      integer :: per_dof = -1                       !! lists: dofs; one value stands for all
       logical :: is_required = .false.
       logical :: shapes_samples = .true.            !! no: left out of the fingerprint
-      logical :: is_used = .true.                   !! no: of no effect beside the group's other values
+      logical :: is_used = .true.                   !! no: without effect beside the other values
+   contains
+      procedure :: choices_text
    end type entry_type
 
    !> Walks the table of a group. A list without default must be given.
@@ -151,6 +153,20 @@ contains
       if (present(used)) entry%is_used = used
    end function about
 
+   !> 'one', 'another' or 'a third'.
+   pure function choices_text(self) result(text)
+      class(entry_type), intent(in) :: self
+      character(:), allocatable :: text
+      integer :: i
+
+      text = ''
+      do i = 1, self%n_choices
+         if (i > 1 .and. i < self%n_choices) text = text//', '
+         if (i > 1 .and. i == self%n_choices) text = text//' or '
+         text = text//"'"//trim(self%choices(i))//"'"
+      end do
+   end function choices_text
+
    pure type(rule_type) function any_value()
 
       any_value = rule_type()
@@ -195,25 +211,23 @@ contains
       if (self%excludes_upper) admits = admits .and. value < self%upper
    end function admits
 
-   !> `must be positive`, `must be from 1 to 200`; empty where every number will do.
+   !> What follows `must be`: `positive`, `from 1 to 200`; empty where every number will do.
    pure function rule_text(self) result(text)
       class(rule_type), intent(in) :: self
       character(:), allocatable :: text
+      logical :: is_bounded
 
-      if (self%lower > -huge(1.0_wp) .and. self%upper < huge(1.0_wp)) then
-         if (self%excludes_lower) then
-            text = 'must lie between '//short(self%lower)//' and '//short(self%upper)
-         else
-            text = 'must be from '//short(self%lower)//' to '//short(self%upper)
-         end if
-      else if (self%lower > -huge(1.0_wp)) then
-         if (abs(self%lower) > 0.0_wp) then
-            text = 'must be at least '//short(self%lower)
-         else
-            text = trim(merge('must be positive    ', 'must not be negative', self%excludes_lower))
-         end if
-      else
+      is_bounded = self%upper < huge(1.0_wp)
+      if (self%lower <= -huge(1.0_wp)) then
          text = ''
+      else if (is_bounded .and. self%excludes_lower) then
+         text = 'above '//short(self%lower)//' and below '//short(self%upper)
+      else if (is_bounded) then
+         text = 'from '//short(self%lower)//' to '//short(self%upper)
+      else if (abs(self%lower) > 0.0_wp) then
+         text = 'at least '//short(self%lower)
+      else
+         text = trim(merge('positive        ', 'zero or positive', self%excludes_lower))
       end if
    end function rule_text
 
@@ -222,8 +236,11 @@ contains
       real(wp), intent(in) :: value
       character(:), allocatable :: text
 
-      text = to_text(value)
-      if (index(text, '.0', back=.true.) == len(text) - 1 .and. len(text) > 2) text = text(:len(text) - 2)
+      if (abs(value) < 1.0e15_wp .and. .not. abs(value - anint(value)) > 0.0_wp) then
+         text = to_text(nint(value, long))
+      else
+         text = to_text(value)
+      end if
    end function short
 
 end module config_entries

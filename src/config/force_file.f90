@@ -2,12 +2,13 @@
 module config_force_file
    use config_complaints, only: complaint_list, printable
    use config_values, only: parse_real
-   use core_kinds, only: wp
+   use core_kinds, only: long, wp
+   use core_random, only: label_of
    use core_text, only: to_text
    use, intrinsic :: ieee_arithmetic, only: ieee_is_finite
    implicit none(type, external)
    private
-   public :: check_force, is_hdf5_file, read_force_text
+   public :: check_force, force_label, is_hdf5_file, read_force_text
 
    integer, parameter :: max_shown = 10   !! bad lines that are named one by one
    character(*), parameter :: blanks = ' '//achar(9)//achar(13)
@@ -72,7 +73,8 @@ contains
       force = force(:n)
    end subroutine read_force_text
 
-   !> The value of a line; `rule` is empty where there is none, and says what is wrong with a bad one.
+   !> The value of a line. `rule` is empty where there is none, and says what is wrong with a bad
+   !> one.
    pure subroutine parse_line(line, value, rule)
       character(*), intent(in) :: line
       real(wp), intent(out) :: value
@@ -105,15 +107,30 @@ contains
 
       if (size(force, 1) < 2) then
          call complaints%add_general(path//': must hold at least two values')
-      else if (n_steps > 0 .and. size(force, 1) /= n_steps + 1) then
-         call complaints%add_general(path//': holds '//to_text(size(force, 1))//' values: must be '// &
-                                     to_text(n_steps + 1)//', integration%n_steps + 1')
+      else if (n_steps > 0 .and. size(force, 1, kind=long) /= n_steps + 1_long) then
+         call complaints%add_general(path//': holds '//to_text(size(force, 1))// &
+                                     ' values: must be integration%n_steps + 1 = '// &
+                                     to_text(n_steps + 1_long))
       end if
       if (size(force, 2) < n_records) &
-         call complaints%add_general(path//': holds '//to_text(size(force, 2))//' records: must be '// &
-                                     to_text(n_records)//', one per sample')
+         call complaints%add_general(path//': holds '//to_text(size(force, 2))// &
+                                     ' records: must be one per sample, '//to_text(n_records))
       if (.not. all(ieee_is_finite(force))) &
          call complaints%add_general(path//': every value must be finite')
    end subroutine check_force
+
+   !> Fingerprint of the values.
+   pure function force_label(force) result(label)
+      real(wp), intent(in) :: force(:, :)   !! (step, record)
+      integer(long) :: label
+      integer :: i, j
+
+      label = label_of('force')
+      do j = 1, size(force, 2)
+         do i = 1, size(force, 1)
+            label = label_of(label, force(i, j))
+         end do
+      end do
+   end function force_label
 
 end module config_force_file

@@ -3,20 +3,33 @@ module config_groups
    use config_accuracy, only: accuracy_group
    use config_campaign, only: campaign_group
    use config_chain, only: chain_group
-   use config_complaints, only: complaint_list
+   use config_entries, only: visitor_type
    use config_excitation, only: excitation_group
    use config_heading, only: heading_group
    use config_integration, only: integration_group
    use config_output, only: output_group
    use config_process, only: process_group
+   use core_kinds, only: long
    implicit none(type, external)
    private
-   public :: scene_type
+   public :: group_docs, group_names, scene_type
+
+   character(*), parameter :: group_names(8) = [character(12) :: 'scene', 'process', 'chain', &
+                              'excitation', 'integration', 'campaign', 'accuracy', 'output']
+   character(*), parameter :: group_docs(8) = [character(72) :: &
+      'what the study is called, and its seed', &
+      'wanted maximum-entropy processes (Sec. 2); the group may be repeated', &
+      'oscillators held by Jenkins elements (Sec. 3, Fig. 7); needs &excitation', &
+      'the force on one mass of the chain', &
+      'how the motion is marched through time', &
+      'how many samples, and how long they may take', &
+      'errors that are wanted, and how they are watched', &
+      'what is kept; what is not asked for is not computed']
 
    !> A group that is absent has its defaults here.
    type :: scene_type
       character(:), allocatable :: path
-      character(:), allocatable :: text            !! the file's, with the --set options as comments behind it
+      character(:), allocatable :: text            !! the file's, then the --set options as comments
       type(heading_group) :: heading
       type(process_group), allocatable :: processes(:)   !! (group), in file order
       type(chain_group) :: chain
@@ -31,19 +44,49 @@ module config_groups
       character(:), allocatable :: force_path      !! where excitation%file was found
       logical :: force_is_hdf5 = .false.           !! then who has read it sets n_force_values
       integer :: n_force_values = 0                !! of a record of the force file
+      integer(long) :: force_label = 0             !! fingerprint of its values
       character(80), allocatable :: unused(:)      !! group%name of what is given and has no effect
    contains
+      procedure :: visit
       procedure :: runs_deterministic
       procedure :: runs_samples
    end type scene_type
 
 contains
 
+   !> Shows a visitor the table of one group.
+   subroutine visit(self, group, number, visitor)
+      class(scene_type), intent(inout) :: self
+      character(*), intent(in) :: group
+      integer, intent(in) :: number   !! which &process
+      class(visitor_type), intent(inout) :: visitor
+
+      select case (group)
+      case ('scene')
+         call self%heading%visit(visitor)
+      case ('process')
+         call self%processes(number)%visit(visitor)
+      case ('chain')
+         call self%chain%visit(visitor)
+      case ('excitation')
+         call self%excitation%visit(visitor)
+      case ('integration')
+         call self%integration%visit(visitor)
+      case ('campaign')
+         call self%campaign%visit(visitor)
+      case ('accuracy')
+         call self%accuracy%visit(visitor)
+      case ('output')
+         call self%output%visit(visitor)
+      end select
+   end subroutine visit
+
    !> Are there cases with the friction of &chain?
    pure logical function runs_deterministic(self)
       class(scene_type), intent(in) :: self
 
-      runs_deterministic = self%has_chain .and. (self%campaign%deterministic .or. .not. self%runs_samples())
+      runs_deterministic = self%has_chain .and. &
+                           (self%campaign%deterministic .or. .not. self%runs_samples())
    end function runs_deterministic
 
    !> Are there cases with drawn friction?

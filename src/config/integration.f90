@@ -1,6 +1,7 @@
 !> &integration: how the motion is marched through time.
 module config_integration
-   use config_entries, only: about, between, choice_length, inside, not_negative, positive, visitor_type
+   use config_entries, only: about, between, choice_length, inside, not_negative, &
+                             positive, visitor_type
    use core_kinds, only: wp
    implicit none(type, external)
    private
@@ -30,7 +31,7 @@ contains
          choices=[character(choice_length) :: 'newmark', 'event']))
       call visitor%visit(self%dt, about('dt', 'time step', 's', positive()))
       call visitor%visit(self%n_steps, about('n_steps', '0: as many as a force file has', &
-         rule=not_negative()))
+         rule=between(0.0_wp, 2.0e9_wp)))
       call visitor%visit(self%n_discard, about('n_discard', &
          'first steps that enter no statistic', rule=not_negative()))
       call visitor%visit(self%max_halvings, about('max_halvings', &

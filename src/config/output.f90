@@ -28,12 +28,13 @@ contains
          default=[character(choice_length) :: 'slip', 'spectrum'])
       call visitor%visit(self%percentiles, about('percentiles', &
          'of the spectra over samples, ascending', '%', inside(0.0_wp, 100.0_wp), &
-         shapes_samples=.false.), default=[5.0_wp, 95.0_wp])
+         shapes_samples=.false., used=self%keeps('spectrum')), default=[5.0_wp, 95.0_wp])
       call visitor%visit(self%segment_length, about('segment_length', &
          'of the spectra: steps of a Welch segment, or all there are', &
-         rule=between(8.0_wp, 16777216.0_wp)))
+         rule=between(8.0_wp, 1.0e8_wp), used=self%keeps('spectrum')))
       call visitor%visit(self%spectrum_every, about('spectrum_every', &
-         'every so many steps enter the spectra; 0: chosen and stated', rule=not_negative()))
+         'every so many steps enter the spectra; 0: chosen and stated', rule=not_negative(), &
+         used=self%keeps('spectrum')))
    end subroutine visit
 
    pure logical function keeps(self, quantity)

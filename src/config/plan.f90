@@ -14,7 +14,8 @@ module config_plan
 
 contains
 
-   !> Expands a scene that nothing was complained of. With an HDF5 force file scene%n_force_values is set before.
+   !> Expands a scene that nothing was complained of.
+   !> With an HDF5 force file, scene%n_force_values is set before.
    subroutine build_plan(scene, plan, complaints)
       type(scene_type), intent(in) :: scene
       type(plan_type), intent(out) :: plan
@@ -104,7 +105,8 @@ contains
       type(scene_type), intent(in) :: scene
       type(plan_type), intent(inout) :: plan
 
-      associate (excitation => scene%excitation, integration => scene%integration, output => scene%output)
+      associate (excitation => scene%excitation, integration => scene%integration, &
+                 output => scene%output)
          plan%excitation%kind = trim(excitation%kind)
          plan%excitation%band = excitation%band
          plan%excitation%dof = excitation%dof

@@ -44,23 +44,26 @@ contains
          'M of the recursion, m_max of direct; 0: found from the bounds', &
          rule=between(0.0_wp, 200.0_wp)), default=[2, 5, 10])
       call visitor%visit(self%pairing, about('pairing', &
-         'zip: an order for each correlation length, or one for all; product: every one with every one', &
+         'zip: an order for each correlation length, or one for all; product: all with all', &
          choices=[character(choice_length) :: 'zip', 'product']))
-      call visitor%visit(self%bound_l0, about('bound_l0', 'order 0 with L1 imposed: bound of L0; 0: none', &
-         'points', not_negative(), used=any_zero(self%order)))
-      call visitor%visit(self%bound_l1, about('bound_l1', 'order 0 with L0 imposed: bound of L1; 0: none', &
-         'points', not_negative(), used=any_zero(self%order)))
+      call visitor%visit(self%bound_l0, about('bound_l0', &
+         'order 0 with L1 imposed: bound of L0; 0: none', 'points', not_negative(), &
+         used=any_zero(self%order)))
+      call visitor%visit(self%bound_l1, about('bound_l1', &
+         'order 0 with L0 imposed: bound of L1; 0: none', 'points', not_negative(), &
+         used=any_zero(self%order)))
       call visitor%visit(self%max_order, about('max_order', 'order 0: search no further', &
          rule=between(1.0_wp, 200.0_wp), used=any_zero(self%order)))
       call visitor%visit(self%mean, about('mean', 'homogeneous', rule=any_value(), required=.true.))
-      call visitor%visit(self%std, about('std', 'one or several, each with every pair', rule=positive(), &
-         required=.true.))
+      call visitor%visit(self%std, about('std', 'one or several, each with every pair', &
+         rule=positive(), required=.true.))
       call visitor%visit(self%positive, about('positive', 'no negative values (Sec. 2.4)'))
       call visitor%visit(self%sampler, about('sampler', &
          'positive values: one at a time as Sec. 2.4, or the law of Eq. 25 itself', &
          choices=[character(choice_length) :: 'sequential', 'exact'], used=self%positive))
       call visitor%visit(self%n_points, about('n_points', &
-         'of a written realization; with &chain n_dof', rule=at_least(1.0_wp), shapes_samples=.false.))
+         'of a written realization; with &chain n_dof', rule=at_least(1.0_wp), &
+         shapes_samples=.false.))
       call visitor%visit(self%n_realizations, about('n_realizations', 'to be written', &
          rule=not_negative(), shapes_samples=.false.))
    end subroutine visit

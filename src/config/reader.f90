@@ -1,11 +1,12 @@
-!> Fills a group from what the scene file and the --set options give, and complains of what they should not.
+!> Fills a group from what the scene file and the --set options give, and complains of what they
+!> should not.
 module config_reader
    use config_complaints, only: complaint_list, nearest_name
+   use config_conversion, only: convert_choice, convert_integer, convert_real, convert_text
+   use config_document, only: document_type
    use config_entries, only: choice_length, entry_type, name_length, visitor_type
-   use config_namelist, only: document_type
    use config_slots, only: find_slots
-   use config_tokens, only: lowered, token_type, token_word
-   use config_values, only: parse_integer, parse_logical, parse_real, parse_text
+   use config_values, only: parse_logical
    use core_kinds, only: long, wp
    use core_text, only: to_text
    implicit none(type, external)
@@ -15,17 +16,18 @@ module config_reader
    type, extends(visitor_type) :: reader_type
       type(document_type) :: document
       type(complaint_list) :: complaints
-      integer :: block = 0                                  !! being read; 0: absent, all is default
-      character(name_length), allocatable :: known(:)       !! names of the group visited so far
-      logical, allocatable :: is_known(:)                   !! (assignment)
-      logical, allocatable :: is_refused(:)                 !! (assignment) complained of
-      integer, private :: current = 0                       !! assignment being read, the last of its name
-      character(80), allocatable :: unused(:)               !! given, but of no effect: group%name
+      character(2*name_length), allocatable :: unused(:)   !! group%name: given, of no effect
+      integer, private :: block = 0      !! the group being read; 0: absent, all is default
+      integer, private :: current = 0    !! assignment being read, the last of its name; 0: none
+      integer, private :: last_slot = 0  !! the token that was refused last
+      logical, allocatable, private :: is_known(:)     !! (assignment) some entry has its name
+      logical, allocatable, private :: is_refused(:)   !! (assignment) complained of
+      character(name_length), allocatable, private :: known(:)   !! the group's names so far
    contains
       procedure :: begin_group
       procedure :: end_group
-      procedure :: require
       procedure :: was_given
+      procedure :: require
       procedure :: visit_integer
       procedure :: visit_long
       procedure :: visit_real
@@ -35,24 +37,27 @@ module config_reader
       procedure :: visit_integers
       procedure :: visit_reals
       procedure :: visit_choices
+      procedure, private :: read_integer
       procedure, private :: gather
       procedure, private :: gather_one
-      procedure, private :: refuse
+      procedure, private :: refuse_slot
+      procedure, private :: refuse_assignment
    end type reader_type
 
 contains
 
    !> Before a group's table is visited.
-   subroutine begin_group(self, block)
+   subroutine begin_group(self, group, number)
       class(reader_type), intent(inout) :: self
-      integer, intent(in) :: block   !! into document%blocks; 0: absent
+      character(*), intent(in) :: group
+      integer, intent(in) :: number   !! which of several groups of that name
 
-      self%block = block
+      self%block = self%document%find_block(group, number)
       self%known = [character(name_length) ::]
-      if (.not. allocated(self%is_known)) &
-         allocate (self%is_known(self%document%n_assignments), &
-                   self%is_refused(self%document%n_assignments), source=.false.)
-      if (.not. allocated(self%unused)) allocate (self%unused(0))
+      if (allocated(self%is_known)) return
+      allocate (self%is_known(self%document%n_assignments), &
+                self%is_refused(self%document%n_assignments), source=.false.)
+      allocate (self%unused(0))
    end subroutine begin_group
 
    !> After it: whatever was given and not visited has a name that the group does not know.
@@ -65,60 +70,57 @@ contains
       do i = 1, self%document%n_assignments
          associate (given => self%document%assignments(i))
             if (given%block /= self%block .or. self%is_known(i)) cycle
-            self%current = i
             nearest = nearest_name(trim(given%name), self%known)
             rule = 'unknown name'
             if (nearest /= '') rule = rule//', did you mean '//trim(nearest)//'?'
-            call self%refuse(given%place, self%document%text_of(given%place), &
-                             self%document%values_text(given), rule)
+            call self%document%refuse(self%block, given%place, &
+                                      self%document%text_of(given%place), &
+                                      self%document%values_text(given), rule, self%complaints)
          end associate
       end do
    end subroutine end_group
 
-   !> A rule between values: complains of `name` where it was given, else at its group.
-   !> A value that was refused already is not judged again.
-   subroutine require(self, condition, block, name, value, rule)
-      class(reader_type), intent(inout) :: self
-      logical, intent(in) :: condition
-      integer, intent(in) :: block              !! 0: the group is absent
-      character(*), intent(in) :: name, value   !! `value` is shown where the scene does not give it
-      character(*), intent(in) :: rule
-      integer :: i, last
-
-      if (condition) return
-      self%block = block
-      last = 0
-      do i = 1, self%document%n_assignments
-         associate (given => self%document%assignments(i))
-            if (given%block == block .and. given%name == name) last = i
-         end associate
-      end do
-      self%current = last
-      if (last > 0) then
-         if (self%is_refused(last)) return
-         associate (given => self%document%assignments(last))
-            call self%refuse(given%place, name, self%document%values_text(given), rule)
-         end associate
-      else if (block > 0) then
-         call self%refuse(self%document%blocks(block)%place, name, value, rule)
-      else
-         call self%complaints%add_general(self%document%source(1)%name//': '//name//': '//rule)
-      end if
-   end subroutine require
-
-   pure logical function was_given(self, block, name)
+   pure logical function was_given(self, group, name)
       class(reader_type), intent(in) :: self
-      integer, intent(in) :: block
-      character(*), intent(in) :: name
+      character(*), intent(in) :: group, name
       integer :: i
 
-      was_given = .false.
-      do i = 1, self%document%n_assignments
-         associate (given => self%document%assignments(i))
-            was_given = was_given .or. given%block == block .and. given%name == name
-         end associate
-      end do
+      associate (block => self%document%find_block(group, 1))
+         was_given = any([(self%document%is_for(i, block, name), &
+                           i=1, self%document%n_assignments)])
+      end associate
    end function was_given
+
+   !> A rule between values: complains of `name` where it was given, else at its group.
+   !> A value that was refused already is not judged again.
+   subroutine require(self, condition, group, name, rule, default, number)
+      class(reader_type), intent(inout) :: self
+      logical, intent(in) :: condition
+      character(*), intent(in) :: group, name, rule
+      character(*), intent(in), optional :: default   !! the value, where the scene gives none
+      integer, intent(in), optional :: number         !! which of several groups, default 1
+      character(:), allocatable :: value
+      integer :: block, i
+
+      if (condition) return
+      i = 1
+      if (present(number)) i = number
+      block = self%document%find_block(group, i)
+      do i = self%document%n_assignments, 1, -1
+         if (.not. self%document%is_for(i, block, name)) cycle
+         if (.not. self%is_refused(i)) call self%refuse_assignment(block, i, rule)
+         return
+      end do
+      value = ''
+      if (present(default)) value = default
+      if (block > 0) then
+         call self%document%refuse(block, self%document%blocks(block)%place, name, value, rule, &
+                                   self%complaints)
+      else
+         call self%complaints%add_general(self%document%source(1)%name//': '//group//'%'//name// &
+                                          ': '//rule)
+      end if
+   end subroutine require
 
    subroutine visit_integer(self, value, entry)
       class(reader_type), intent(inout) :: self
@@ -127,7 +129,7 @@ contains
       integer(long) :: wide
 
       wide = value
-      call read_integer(self, wide, entry, int(huge(1), long))
+      call self%read_integer(wide, entry, int(huge(1), long))
       value = int(wide)
    end subroutine visit_integer
 
@@ -136,31 +138,39 @@ contains
       integer(long), intent(inout) :: value
       type(entry_type), intent(in) :: entry
 
-      call read_integer(self, value, entry, huge(1_long))
+      call self%read_integer(value, entry, huge(1_long))
    end subroutine visit_long
 
+   !> A refused value becomes 0, so that no other one is judged by it.
    subroutine read_integer(self, value, entry, limit)
       class(reader_type), intent(inout) :: self
       integer(long), intent(inout) :: value
       type(entry_type), intent(in) :: entry
       integer(long), intent(in) :: limit
+      character(:), allocatable :: rule
       integer :: slot
 
       call self%gather_one(entry, slot)
-      if (slot > 0) call convert_integer(self, slot, 1, entry, limit, value)
-      if (self%current > 0) then
-         if (self%is_refused(self%current)) value = 0   ! so that no other value is judged by it
+      if (slot > 0) then
+         call convert_integer(self%document%text_of(self%document%tokens(slot)), entry, limit, &
+                              value, rule)
+         if (allocated(rule)) call self%refuse_slot(slot, trim(entry%name), rule)
       end if
+      if (self%current == 0) return
+      if (self%is_refused(self%current)) value = 0
    end subroutine read_integer
 
    subroutine visit_real(self, value, entry)
       class(reader_type), intent(inout) :: self
       real(wp), intent(inout) :: value
       type(entry_type), intent(in) :: entry
+      character(:), allocatable :: rule
       integer :: slot
 
       call self%gather_one(entry, slot)
-      if (slot > 0) call convert_real(self, slot, 1, entry, value)
+      if (slot == 0) return
+      call convert_real(self%document%text_of(self%document%tokens(slot)), entry, value, rule)
+      if (allocated(rule)) call self%refuse_slot(slot, trim(entry%name), rule)
    end subroutine visit_real
 
    subroutine visit_logical(self, value, entry)
@@ -172,31 +182,35 @@ contains
 
       call self%gather_one(entry, slot)
       if (slot == 0) return
-      associate (token => self%document%tokens(slot))
-         call parse_logical(self%document%text_of(token), value, rule)
-         if (allocated(rule)) call self%refuse(token, trim(entry%name), self%document%text_of(token), rule)
-      end associate
+      call parse_logical(self%document%text_of(self%document%tokens(slot)), value, rule)
+      if (allocated(rule)) call self%refuse_slot(slot, trim(entry%name), rule)
    end subroutine visit_logical
 
    subroutine visit_choice(self, value, entry)
       class(reader_type), intent(inout) :: self
       character(choice_length), intent(inout) :: value
       type(entry_type), intent(in) :: entry
+      character(:), allocatable :: rule
       integer :: slot
 
       call self%gather_one(entry, slot)
-      if (slot > 0) call convert_choice(self, slot, entry, value)
+      if (slot == 0) return
+      call convert_choice(self%document, slot, entry, value, rule)
+      if (allocated(rule)) call self%refuse_slot(slot, trim(entry%name), rule)
    end subroutine visit_choice
 
    subroutine visit_text(self, value, entry)
       class(reader_type), intent(inout) :: self
       character(:), allocatable, intent(inout) :: value
       type(entry_type), intent(in) :: entry
+      character(:), allocatable :: rule
       integer :: slot
 
       if (.not. allocated(value)) value = ''
       call self%gather_one(entry, slot)
-      if (slot > 0) call convert_text(self, slot, entry, value)
+      if (slot == 0) return
+      call convert_text(self%document, slot, value, rule)
+      if (allocated(rule)) call self%refuse_slot(slot, trim(entry%name), rule)
    end subroutine visit_text
 
    subroutine visit_integers(self, values, entry, default)
@@ -204,17 +218,19 @@ contains
       integer, allocatable, intent(inout) :: values(:)
       type(entry_type), intent(in) :: entry
       integer, intent(in) :: default(:)
+      character(:), allocatable :: rule
       integer, allocatable :: slots(:)
-      integer(long) :: wide
+      integer(long) :: value
       integer :: i
 
       call self%gather(entry, size(default), slots)
       values = default(min([(i, i=1, size(slots))], size(default)))
       do i = 1, size(slots)
          if (slots(i) == 0) cycle
-         wide = values(i)
-         call convert_integer(self, slots(i), i, entry, int(huge(1), long), wide)
-         values(i) = int(wide)
+         call convert_integer(self%document%text_of(self%document%tokens(slots(i))), entry, &
+                              int(huge(1), long), value, rule)
+         if (allocated(rule)) call self%refuse_slot(slots(i), element_name(entry, i, slots), rule)
+         values(i) = int(value)
       end do
    end subroutine visit_integers
 
@@ -223,6 +239,7 @@ contains
       real(wp), allocatable, intent(inout) :: values(:)
       type(entry_type), intent(in) :: entry
       real(wp), intent(in), optional :: default(:)
+      character(:), allocatable :: rule
       integer, allocatable :: slots(:)
       integer :: i
 
@@ -234,7 +251,10 @@ contains
          values = spread(0.0_wp, 1, size(slots))
       end if
       do i = 1, size(slots)
-         if (slots(i) > 0) call convert_real(self, slots(i), i, entry, values(i))
+         if (slots(i) == 0) cycle
+         call convert_real(self%document%text_of(self%document%tokens(slots(i))), entry, &
+                           values(i), rule)
+         if (allocated(rule)) call self%refuse_slot(slots(i), element_name(entry, i, slots), rule)
       end do
    end subroutine visit_reals
 
@@ -243,6 +263,7 @@ contains
       character(choice_length), allocatable, intent(inout) :: values(:)
       type(entry_type), intent(in) :: entry
       character(*), intent(in) :: default(:)
+      character(:), allocatable :: rule
       integer, allocatable :: slots(:)
       integer :: i
 
@@ -250,10 +271,9 @@ contains
       values = default(min([(i, i=1, size(slots))], size(default)))
       do i = 1, size(slots)
          if (slots(i) == 0) cycle
-         call convert_choice(self, slots(i), entry, values(i))
-         if (any(values(:i - 1) == values(i))) &
-            call self%refuse(self%document%tokens(slots(i)), trim(entry%name), &
-                             self%document%text_of(self%document%tokens(slots(i))), 'is named twice')
+         call convert_choice(self%document, slots(i), entry, values(i), rule)
+         if (.not. allocated(rule) .and. any(values(:i - 1) == values(i))) rule = 'is named twice'
+         if (allocated(rule)) call self%refuse_slot(slots(i), element_name(entry, i, slots), rule)
       end do
    end subroutine visit_choices
 
@@ -278,136 +298,68 @@ contains
       type(entry_type), intent(in) :: entry
       integer, intent(in) :: default_size
       integer, allocatable, intent(out) :: slots(:)
-      integer :: i, last_given, n_before
+      character(2*name_length) :: full_name
+      integer :: i, n_before
 
-      last_given = 0
-      do i = 1, self%document%n_assignments
-         associate (given => self%document%assignments(i))
-            if (given%block /= self%block .or. given%name /= entry%name) cycle
-            self%is_known(i) = .true.
-            last_given = i
-         end associate
-      end do
-      self%current = last_given
       self%known = [self%known, entry%name]
-      if (last_given > 0) then
-         n_before = self%complaints%n
-         call find_slots(self%document, self%block, entry, default_size, slots, self%complaints)
-         self%is_refused(last_given) = self%complaints%n > n_before
-         if (.not. entry%is_used) call note_unused()
-      else
+      self%current = 0
+      do i = 1, self%document%n_assignments
+         if (.not. self%document%is_for(i, self%block, trim(entry%name))) cycle
+         self%is_known(i) = .true.
+         self%current = i
+      end do
+      if (self%current == 0) then
          slots = spread(0, 1, default_size)
-         if (entry%is_required) &
-            call self%require(.false., self%block, trim(entry%name), '', 'must be given')
+         if (self%block == 0 .or. .not. entry%is_required) return
+         call self%document%refuse(self%block, self%document%blocks(self%block)%place, &
+                                   trim(entry%name), '', 'must be given', self%complaints)
+         return
       end if
-
-   contains
-
-      subroutine note_unused()
-         character(len(self%unused)) :: name
-
-         name = self%document%blocks(self%block)%name//'%'//entry%name
-         self%unused = [self%unused, name]
-      end subroutine note_unused
-
+      n_before = self%complaints%n
+      call find_slots(self%document, self%block, entry, default_size, slots, self%complaints)
+      self%is_refused(self%current) = self%complaints%n > n_before
+      if (entry%is_used) return
+      full_name = self%document%blocks(self%block)%name//'%'//entry%name
+      self%unused = [self%unused, full_name]
    end subroutine gather
 
-   subroutine convert_integer(self, slot, i, entry, limit, value)
+   !> A complaint at one value.
+   subroutine refuse_slot(self, slot, name, rule)
       class(reader_type), intent(inout) :: self
-      integer, intent(in) :: slot, i
-      type(entry_type), intent(in) :: entry
-      integer(long), intent(in) :: limit
-      integer(long), intent(inout) :: value
-      character(:), allocatable :: rule
+      integer, intent(in) :: slot   !! into document%tokens
+      character(*), intent(in) :: name, rule
 
+      self%is_refused(self%current) = .true.
+      if (slot == self%last_slot) return   ! r*value: once will do
+      self%last_slot = slot
       associate (token => self%document%tokens(slot))
-         call parse_integer(self%document%text_of(token), limit, value, rule)
-         if (.not. allocated(rule) .and. .not. entry%rule%admits(real(value, wp))) rule = entry%rule%text()
-         if (allocated(rule)) &
-            call self%refuse(token, element_name(entry, i), self%document%text_of(token), rule)
+         call self%document%refuse(self%block, token, name, self%document%text_of(token), rule, &
+                                   self%complaints)
       end associate
-   end subroutine convert_integer
+   end subroutine refuse_slot
 
-   subroutine convert_real(self, slot, i, entry, value)
+   !> A complaint at a name, with all its values.
+   subroutine refuse_assignment(self, block, assignment, rule)
       class(reader_type), intent(inout) :: self
-      integer, intent(in) :: slot, i
-      type(entry_type), intent(in) :: entry
-      real(wp), intent(inout) :: value
-      character(:), allocatable :: rule
+      integer, intent(in) :: block, assignment
+      character(*), intent(in) :: rule
 
-      associate (token => self%document%tokens(slot))
-         call parse_real(self%document%text_of(token), value, rule)
-         if (.not. allocated(rule) .and. .not. entry%rule%admits(value)) rule = entry%rule%text()
-         if (allocated(rule)) &
-            call self%refuse(token, element_name(entry, i), self%document%text_of(token), rule)
+      self%is_refused(assignment) = .true.
+      associate (given => self%document%assignments(assignment))
+         call self%document%refuse(block, given%place, self%document%name_text(given), &
+                                   self%document%values_text(given), rule, self%complaints)
       end associate
-   end subroutine convert_real
+   end subroutine refuse_assignment
 
-   !> Text in quotes; on the command line, where the shell takes them away, also without.
-   subroutine convert_text(self, slot, entry, value)
-      class(reader_type), intent(inout) :: self
-      integer, intent(in) :: slot
-      type(entry_type), intent(in) :: entry
-      character(:), allocatable, intent(inout) :: value
-      character(:), allocatable :: rule
-
-      associate (token => self%document%tokens(slot))
-         if (token%source == 2 .and. token%kind == token_word) then
-            value = self%document%text_of(token)
-         else
-            call parse_text(self%document%text_of(token), value, rule)
-         end if
-         if (allocated(rule)) call self%refuse(token, trim(entry%name), self%document%text_of(token), rule)
-      end associate
-   end subroutine convert_text
-
-   subroutine convert_choice(self, slot, entry, value)
-      class(reader_type), intent(inout) :: self
-      integer, intent(in) :: slot
-      type(entry_type), intent(in) :: entry
-      character(choice_length), intent(inout) :: value
-      character(:), allocatable :: text, rule
-      character(choice_length) :: nearest
-      integer :: i, n
-
-      n = self%complaints%n
-      call convert_text(self, slot, entry, text)
-      if (self%complaints%n > n) return
-      do i = 1, entry%n_choices
-         if (lowered(text) /= lowered(trim(entry%choices(i)))) cycle
-         value = entry%choices(i)
-         return
-      end do
-      rule = 'must be '
-      do i = 1, entry%n_choices
-         if (i > 1 .and. i < entry%n_choices) rule = rule//', '
-         if (i > 1 .and. i == entry%n_choices) rule = rule//' or '
-         rule = rule//"'"//trim(entry%choices(i))//"'"
-      end do
-      nearest = nearest_name(lowered(text), entry%choices(:entry%n_choices))
-      if (nearest /= '') rule = rule//", did you mean '"//trim(nearest)//"'?"
-      associate (token => self%document%tokens(slot))
-         call self%refuse(token, trim(entry%name), self%document%text_of(token), rule)
-      end associate
-   end subroutine convert_choice
-
-   !> A complaint at a token of the group being read.
-   subroutine refuse(self, token, name, value, rule)
-      class(reader_type), intent(inout) :: self
-      type(token_type), intent(in) :: token
-      character(*), intent(in) :: name, value, rule
-
-      if (self%current > 0) self%is_refused(self%current) = .true.
-      call self%document%refuse(self%block, token, name, value, rule, self%complaints)
-   end subroutine refuse
-
-   pure function element_name(entry, i) result(text)
+   !> name(i) in a list of several values.
+   pure function element_name(entry, i, slots) result(text)
       type(entry_type), intent(in) :: entry
       integer, intent(in) :: i
+      integer, intent(in) :: slots(:)
       character(:), allocatable :: text
 
       text = trim(entry%name)
-      if (i > 1) text = text//'('//to_text(i)//')'
+      if (size(slots) > 1) text = text//'('//to_text(i)//')'
    end function element_name
 
 end module config_reader

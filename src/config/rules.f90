@@ -1,6 +1,6 @@
 !> Rules between the values of a scene. What one value must keep alone stands in its group's table.
 module config_rules
-   use config_force_file, only: check_force, is_hdf5_file, read_force_text
+   use config_force_file, only: check_force, force_label, is_hdf5_file, read_force_text
    use config_groups, only: scene_type
    use config_process, only: process_group
    use config_reader, only: reader_type
@@ -8,184 +8,173 @@ module config_rules
    use core_text, only: to_text
    implicit none(type, external)
    private
-   public :: block_numbers, check_rules, max_cases
+   public :: check_rules
 
    integer, parameter :: max_cases = 10000   !! processes, and cases, of one scene
 
-   !> Where each group stands in the document; 0: absent.
-   type :: block_numbers
-      integer :: heading = 0, chain = 0, excitation = 0, integration = 0, campaign = 0, &
-                 accuracy = 0, output = 0
-      integer, allocatable :: processes(:)
-   end type block_numbers
-
 contains
 
-   !> Every rule, each with its own complaint. `was_read`: every value alone is as it must be.
-   subroutine check_rules(scene, blocks, reader)
+   !> Every rule, each with its own complaint; also finds the force file.
+   subroutine check_rules(scene, reader)
       type(scene_type), intent(inout) :: scene
-      type(block_numbers), intent(in) :: blocks
       type(reader_type), intent(inout) :: reader
       integer :: i
 
-      call reader%require(scene%has_chain .or. size(scene%processes) > 0, 0, '&process or &chain', '', &
-                          'a scene must have one of them')
+      if (.not. scene%has_chain .and. size(scene%processes) == 0) &
+         call reader%complaints%add_general(scene%path//': must have &process or &chain')
       do i = 1, size(scene%processes)
-         call check_process(scene, i, blocks, reader)
+         call check_process(scene, i, reader)
       end do
-      call check_realizations(scene, blocks, reader)
+      call check_realizations(scene, reader)
       if (.not. scene%has_chain) return
-      call reader%require(scene%has_excitation, blocks%chain, 'n_dof', to_text(scene%chain%n_dof), &
-                          '&chain needs &excitation')
-      if (scene%has_excitation) call check_excitation(scene, blocks, reader)
-      call check_steps(scene, blocks, reader)
-      call check_output(scene, blocks, reader)
-      call check_number_of_cases(scene, blocks, reader)
+      call reader%require(scene%has_excitation, 'chain', 'n_dof', '&chain needs &excitation', &
+                          to_text(scene%chain%n_dof))
+      if (scene%has_excitation) call check_excitation(scene, reader)
+      call check_steps(scene, reader)
+      call check_statistics(scene, reader)
+      call check_number_of_cases(scene, reader)
    end subroutine check_rules
 
-   subroutine check_process(scene, i, blocks, reader)
+   subroutine check_process(scene, i, reader)
       type(scene_type), intent(in) :: scene
       integer, intent(in) :: i
-      type(block_numbers), intent(in) :: blocks
       type(reader_type), intent(inout) :: reader
 
-      associate (process => scene%processes(i), block => blocks%processes(i))
-         if (size(process%order) > 0 .and. size(process%correlation_length) > 0) &
-            call reader%require(process%pairing /= 'zip' .or. size(process%order) == 1 .or. &
-                                size(process%order) == size(process%correlation_length), &
-                                block, 'order', '2, 5, 10', 'must be one order for each of the '// &
-                                to_text(size(process%correlation_length))// &
-                                " correlation lengths, or one for all, with pairing = 'zip'")
-         call reader%require(.not. process%positive .or. process%mean > 0.0_wp, block, 'mean', &
-                             to_text(process%mean), 'must be positive with positive = .true.')
-         call reader%require(process%positive .or. .not. scene%runs_samples(), block, 'positive', &
-                             '.false.', 'must be .true. with &chain: a friction coefficient is not negative')
+      associate (this => scene%processes(i), n_orders => size(scene%processes(i)%order), &
+                 n_lengths => size(scene%processes(i)%correlation_length))
+         if (n_orders > 0 .and. n_lengths > 0) &
+            call reader%require(this%pairing /= 'zip' .or. any(n_orders == [1, n_lengths]), &
+                                'process', 'order', 'must be one for all correlation lengths, '// &
+                                'or one for each of the '//to_text(n_lengths)// &
+                                ", with pairing = 'zip'", '2, 5, 10', i)
+         call reader%require(.not. this%positive .or. this%mean > 0.0_wp, 'process', 'mean', &
+                             'must be positive with positive = .true.', number=i)
+         call reader%require(this%positive .or. .not. scene%runs_samples(), 'process', 'positive', &
+                             'must be .true. with &chain: no friction coefficient is negative', &
+                             number=i)
       end associate
    end subroutine check_process
 
    !> The results file has one length and one number of realizations.
-   subroutine check_realizations(scene, blocks, reader)
+   subroutine check_realizations(scene, reader)
       type(scene_type), intent(in) :: scene
-      type(block_numbers), intent(in) :: blocks
       type(reader_type), intent(inout) :: reader
+      character(*), parameter :: same = 'must be the same in every &process'
       integer :: i
 
       do i = 2, size(scene%processes)
-         associate (process => scene%processes(i), first => scene%processes(1))
-            call reader%require(process%n_points == first%n_points, blocks%processes(i), 'n_points', &
-                                to_text(process%n_points), 'must be the same in every &process')
-            call reader%require(process%n_realizations == first%n_realizations, blocks%processes(i), &
-                                'n_realizations', to_text(process%n_realizations), &
-                                'must be the same in every &process')
+         associate (this => scene%processes(i), first => scene%processes(1))
+            call reader%require(this%n_points == first%n_points, 'process', 'n_points', same, &
+                                to_text(this%n_points), i)
+            call reader%require(this%n_realizations == first%n_realizations, 'process', &
+                                'n_realizations', same, to_text(this%n_realizations), i)
          end associate
       end do
       if (.not. scene%output%keeps('realizations')) return
-      if (size(scene%processes) == 0) then
-         call reader%require(.false., blocks%output, 'quantities', '', "'realizations' needs &process")
-      else
-         call reader%require(scene%processes(1)%n_realizations > 0, blocks%output, 'quantities', '', &
-                             "'realizations' needs process%n_realizations")
-      end if
+      call reader%require(any(scene%processes%n_realizations > 0), 'output', 'quantities', &
+                          "'realizations' needs process%n_realizations")
    end subroutine check_realizations
 
-   subroutine check_excitation(scene, blocks, reader)
+   subroutine check_excitation(scene, reader)
       type(scene_type), intent(inout) :: scene
-      type(block_numbers), intent(in) :: blocks
       type(reader_type), intent(inout) :: reader
+      character(*), parameter :: group = 'excitation', with_file = "with kind = 'file'", &
+                                 with_band = "with kind = 'band_limited'"
       real(wp) :: nyquist
 
-      associate (excitation => scene%excitation, block => blocks%excitation)
-         if (scene%chain%n_dof > 0) &
-            call reader%require(excitation%dof <= scene%chain%n_dof, block, 'dof', to_text(excitation%dof), &
-                             'must not exceed chain%n_dof = '//to_text(scene%chain%n_dof))
+      associate (excitation => scene%excitation, n_dof => scene%chain%n_dof)
+         if (n_dof > 0) call reader%require(excitation%dof <= n_dof, group, 'dof', &
+                                            'must not exceed chain%n_dof = '//to_text(n_dof))
          if (excitation%kind == 'file') then
-            call reader%require(size(excitation%variance) == 0, block, 'variance', '', &
-                                "must be absent with kind = 'file'")
-            call reader%require(excitation%file /= '', block, 'file', '', "must be given with kind = 'file'")
-            if (excitation%file /= '') call check_force_file(scene, blocks, reader)
+            call reader%require(size(excitation%variance) == 0, group, 'variance', &
+                                'must be absent '//with_file)
+            call reader%require(excitation%file /= '', group, 'file', 'must be given '//with_file)
+            if (excitation%file /= '') call check_force_file(scene, reader)
             return
          end if
-         call reader%require(excitation%file == '', block, 'file', '', &
-                             "must be absent with kind = 'band_limited'")
-         call reader%require(size(excitation%variance) > 0 .or. reader%was_given(block, 'variance'), &
-                             block, 'variance', '', "must be given with kind = 'band_limited'")
+
+         call reader%require(excitation%file == '', group, 'file', 'must be absent '//with_band)
+         call reader%require(size(excitation%variance) > 0 .or. &
+                             reader%was_given('excitation', 'variance'), group, 'variance', &
+                             'must be given '//with_band)
          if (size(excitation%band) < 2 .or. .not. scene%integration%dt > 0.0_wp) return
-         call reader%require(excitation%band(1) < excitation%band(2), block, 'band', '0.0, 2.5', &
-                             'must ascend')
+         call reader%require(excitation%band(1) < excitation%band(2), group, 'band', 'must ascend')
          nyquist = 0.5_wp/scene%integration%dt
-         call reader%require(excitation%band(2) <= nyquist, block, 'band', '0.0, 2.5', &
-                             'must not exceed '//to_text(real(nint(nyquist*1.0e3_wp, long), wp)/1.0e3_wp)// &
-                             ' Hz, half the sampling rate of integration%dt')
+         call reader%require(excitation%band(2) <= nyquist, group, 'band', &
+                             'must not exceed half the sampling rate, 0.5/integration%dt = '// &
+                             to_text(nyquist)//' Hz', '0.0, 2.5')
       end associate
    end subroutine check_excitation
 
-   !> A text file is read here and now; whoever can read HDF5 reads such a file.
-   subroutine check_force_file(scene, blocks, reader)
+   !> Finds the force file. A text is read here and now; whoever can read HDF5 reads such a file.
+   subroutine check_force_file(scene, reader)
       type(scene_type), intent(inout) :: scene
-      type(block_numbers), intent(in) :: blocks
       type(reader_type), intent(inout) :: reader
+      character(*), parameter :: group = 'excitation'
       real(wp), allocatable :: force(:)
       logical :: exists
       integer :: n_before
 
-      scene%force_path = scene%path(:index(scene%path, '/', back=.true.))//scene%excitation%file
-      if (scene%excitation%file(1:1) == '/') scene%force_path = scene%excitation%file
-      inquire (file=scene%force_path, exist=exists)
-      if (.not. exists) then
-         scene%force_path = scene%excitation%file
+      associate (file => scene%excitation%file)
+         scene%force_path = file
+         if (file(1:1) /= '/') &
+            scene%force_path = scene%path(:index(scene%path, '/', back=.true.))//file
          inquire (file=scene%force_path, exist=exists)
-      end if
-      call reader%require(exists, blocks%excitation, 'file', scene%excitation%file, 'no such file')
+         if (.not. exists) then
+            scene%force_path = file
+            inquire (file=file, exist=exists)
+         end if
+      end associate
+      call reader%require(exists, group, 'file', 'no such file')
       if (.not. exists) return
       scene%force_is_hdf5 = is_hdf5_file(scene%force_path)
       if (scene%force_is_hdf5) return
-      call reader%require(.not. scene%excitation%per_sample, blocks%excitation, 'per_sample', '.true.', &
+
+      call reader%require(.not. scene%excitation%per_sample, group, 'per_sample', &
                           'needs an HDF5 file with one record per sample')
       n_before = reader%complaints%n
       call read_force_text(scene%force_path, force, reader%complaints)
       if (reader%complaints%n > n_before) return
-      call check_force(scene%force_path, reshape(force, [size(force), 1]), scene%integration%n_steps, 1, &
-                       reader%complaints)
+      call check_force(scene%force_path, reshape(force, [size(force), 1]), &
+                       scene%integration%n_steps, 1, reader%complaints)
       scene%n_force_values = size(force)
+      scene%force_label = force_label(reshape(force, [size(force), 1]))
    end subroutine check_force_file
 
-   subroutine check_steps(scene, blocks, reader)
+   subroutine check_steps(scene, reader)
       type(scene_type), intent(in) :: scene
-      type(block_numbers), intent(in) :: blocks
       type(reader_type), intent(inout) :: reader
       integer :: n_steps
 
-      associate (integration => scene%integration)
+      associate (integration => scene%integration, every => scene%output%spectrum_every)
+         call reader%require(integration%n_steps > 0 .or. scene%excitation%kind == 'file', &
+                             'integration', 'n_steps', &
+                             "must be positive, except with excitation%kind = 'file'")
          n_steps = integration%n_steps
          if (n_steps == 0) n_steps = scene%n_force_values - 1
-         call reader%require(integration%n_steps > 0 .or. scene%excitation%kind == 'file', &
-                             blocks%integration, 'n_steps', to_text(integration%n_steps), &
-                             "must be positive, except with excitation%kind = 'file'")
-         if (n_steps > 0) call reader%require(integration%n_discard < n_steps, blocks%integration, &
-                                              'n_discard', to_text(integration%n_discard), &
-                                              'must be less than the number of steps, '//to_text(n_steps))
-         if (n_steps > 0) call reader%require(scene%output%spectrum_every <= n_steps/8, blocks%output, &
-                                              'spectrum_every', to_text(scene%output%spectrum_every), &
-                                              'leaves too few steps for a spectrum')
+         if (n_steps < 1) return
+         call reader%require(integration%n_discard < n_steps, 'integration', 'n_discard', &
+                             'must be less than the number of steps, '//to_text(n_steps))
+         call reader%require(every <= n_steps/8, 'output', 'spectrum_every', &
+                             'leaves too few of the '//to_text(n_steps)//' steps for a spectrum')
       end associate
    end subroutine check_steps
 
-   subroutine check_output(scene, blocks, reader)
+   subroutine check_statistics(scene, reader)
       type(scene_type), intent(in) :: scene
-      type(block_numbers), intent(in) :: blocks
       type(reader_type), intent(inout) :: reader
 
-      associate (p => scene%output%percentiles)
-         call reader%require(all(p(2:) > p(:size(p) - 1)), blocks%output, 'percentiles', '', 'must ascend')
-         call reader%require(scene%accuracy%target_statistical > 0.0_wp .or. &
-                             .not. scene%accuracy%sample_until_met, blocks%accuracy, &
-                             'sample_until_met', '.true.', 'needs accuracy%target_statistical')
+      associate (p => scene%output%percentiles, accuracy => scene%accuracy)
+         call reader%require(all(p(2:) > p(:size(p) - 1)), 'output', 'percentiles', &
+                             'must ascend')
+         call reader%require(.not. accuracy%sample_until_met .or. &
+                             accuracy%target_statistical > 0.0_wp, 'accuracy', &
+                             'sample_until_met', 'needs a target_statistical')
       end associate
-   end subroutine check_output
+   end subroutine check_statistics
 
-   subroutine check_number_of_cases(scene, blocks, reader)
+   subroutine check_number_of_cases(scene, reader)
       type(scene_type), intent(in) :: scene
-      type(block_numbers), intent(in) :: blocks
       type(reader_type), intent(inout) :: reader
       integer(long) :: n
       integer :: i
@@ -195,8 +184,9 @@ contains
          n = n + n_processes(scene%processes(i))
       end do
       n = n*max(1, size(scene%excitation%variance))
-      call reader%require(n <= max_cases, blocks%excitation, 'variance', '', 'makes '//to_text(n)// &
-                          ' cases: must be at most '//to_text(max_cases))
+      call reader%require(n <= max_cases, 'chain', 'n_dof', &
+                          'the scene makes '//to_text(n)//' cases: must be at most '// &
+                          to_text(max_cases), to_text(scene%chain%n_dof))
    end subroutine check_number_of_cases
 
    !> Combinations that a group asks for.

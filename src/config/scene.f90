@@ -1,24 +1,22 @@
 !> Reads a scene: the scene file and the --set options become checked groups, or complaints.
 module config_scene
    use config_complaints, only: complaint_list, nearest_name
-   use config_entries, only: visitor_type
-   use config_groups, only: scene_type
-   use config_namelist, only: document_type, parse_namelist
-   use config_process, only: process_group
+   use config_document, only: document_type
+   use config_groups, only: group_names, scene_type
+   use config_namelist, only: parse_groups
+   use config_overrides, only: override_text, parse_overrides
    use config_reader, only: reader_type
-   use config_rules, only: block_numbers, check_rules
+   use config_rules, only: check_rules
    use config_source, only: new_source, read_source, source_type
+   use config_tokens, only: token_type, tokenize
    use core_text, only: to_text
    implicit none(type, external)
    private
    public :: complaint_list, parse_scene, read_scene, scene_type
 
-   character(*), parameter :: group_names(*) = [character(12) :: 'scene', 'process', 'chain', &
-                              'excitation', 'integration', 'campaign', 'accuracy', 'output']
-
 contains
 
-   !> Reads and checks a scene file. The scene is of use when nothing is complained of (complaints%n = 0).
+   !> Reads and checks a scene file. The scene is of use when complaints%n is 0.
    subroutine read_scene(path, overrides, scene, complaints)
       character(*), intent(in) :: path
       character(*), intent(in) :: overrides(:)   !! `group%name=value`, as --set has them
@@ -42,7 +40,6 @@ contains
       type(scene_type), intent(out) :: scene
       type(complaint_list), intent(out) :: complaints
       type(reader_type) :: reader
-      type(block_numbers) :: blocks
       integer :: i
 
       scene%path = source%name
@@ -50,123 +47,93 @@ contains
       do i = 1, size(overrides)
          scene%text = scene%text//'! --set '//trim(overrides(i))//new_line('a')
       end do
-      call parse_namelist(source, overrides, reader%document, reader%complaints)
-      call find_groups(reader%document, blocks, reader%complaints)
-      call read_groups(reader, blocks, scene)
-      call check_rules(scene, blocks, reader)
+      call parse_document(source, overrides, reader%document, reader%complaints)
+      call check_groups(reader%document, reader%complaints)
+      call read_groups(reader, scene)
+      call check_rules(scene, reader)
       complaints = reader%complaints
    end subroutine parse_scene
 
-   !> The number of each group; complains of unknown ones, and of those that are there twice.
-   subroutine find_groups(document, blocks, complaints)
-      type(document_type), intent(in) :: document
-      type(block_numbers), intent(out) :: blocks
+   subroutine parse_document(source, overrides, document, complaints)
+      type(source_type), intent(in) :: source
+      character(*), intent(in) :: overrides(:)
+      type(document_type), intent(out) :: document
       type(complaint_list), intent(inout) :: complaints
-      character(12) :: nearest
-      integer :: i
+      type(token_type), allocatable :: file_tokens(:), set_tokens(:)
 
-      allocate (blocks%processes(0))
+      document%source(1) = source
+      document%source(2) = new_source('--set', override_text(overrides))
+      call tokenize(document%source(1), 1, file_tokens)
+      call tokenize(document%source(2), 2, set_tokens)
+      document%tokens = [file_tokens, set_tokens]
+      allocate (document%blocks(0))
+      call parse_groups(document, size(file_tokens), complaints)
+      call parse_overrides(document, size(file_tokens) + 1, complaints)
+   end subroutine parse_document
+
+   !> Complains of groups that are unknown, and of those that are there twice.
+   subroutine check_groups(document, complaints)
+      type(document_type), intent(in) :: document
+      type(complaint_list), intent(inout) :: complaints
+      character(:), allocatable :: rule
+      character(len(group_names)) :: nearest
+      integer :: i, first
+
       do i = 1, size(document%blocks)
-         associate (name => document%blocks(i)%name)
-            select case (name)
-            case ('scene')
-               call take(blocks%heading)
-            case ('process')
-               blocks%processes = [blocks%processes, i]
-            case ('chain')
-               call take(blocks%chain)
-            case ('excitation')
-               call take(blocks%excitation)
-            case ('integration')
-               call take(blocks%integration)
-            case ('campaign')
-               call take(blocks%campaign)
-            case ('accuracy')
-               call take(blocks%accuracy)
-            case ('output')
-               call take(blocks%output)
-            case default
-               nearest = nearest_name(name, group_names)
-               if (nearest == '') then
-                  call complain('unknown group')
-               else
-                  call complain('unknown group, did you mean &'//trim(nearest)//'?')
-               end if
-            end select
+         associate (block => document%blocks(i))
+            first = document%find_block(block%name, 1)
+            if (all(group_names /= block%name)) then
+               rule = 'unknown group'
+               nearest = nearest_name(block%name, group_names)
+               if (nearest /= '') rule = rule//', did you mean &'//trim(nearest)//'?'
+            else if (first < i .and. block%name /= 'process') then
+               rule = 'the group is there twice, first on line '// &
+                      to_text(document%blocks(first)%place%line)
+            else
+               cycle
+            end if
+            call document%complain(block%place, '&'//block%name, rule, complaints)
          end associate
       end do
+   end subroutine check_groups
+
+   !> Visits every group's table; an absent group has its defaults then.
+   subroutine read_groups(reader, scene)
+      type(reader_type), intent(inout) :: reader
+      type(scene_type), intent(inout) :: scene
+      integer :: i, number, n_processes
+
+      n_processes = 0
+      do while (reader%document%find_block('process', n_processes + 1) > 0)
+         n_processes = n_processes + 1
+      end do
+      allocate (scene%processes(n_processes))
+      do i = 1, size(group_names)
+         do number = 1, merge(n_processes, 1, group_names(i) == 'process')
+            call reader%begin_group(trim(group_names(i)), number)
+            call scene%visit(trim(group_names(i)), number, reader)
+            call reader%end_group()
+         end do
+      end do
+      scene%has_heading = is_there('scene')
+      scene%has_chain = is_there('chain')
+      scene%has_excitation = is_there('excitation')
+      scene%has_integration = is_there('integration')
+      scene%has_campaign = is_there('campaign')
+      scene%has_accuracy = is_there('accuracy')
+      scene%has_output = is_there('output')
+      scene%unused = reader%unused
+      if (reader%was_given('chain', 'friction') .and. .not. scene%runs_deterministic()) &
+         scene%unused = [character(len(scene%unused)) :: scene%unused, 'chain%friction']
 
    contains
 
-      subroutine take(number)
-         integer, intent(inout) :: number
+      pure logical function is_there(group)
+         character(*), intent(in) :: group
 
-         if (number > 0) then
-            call complain('the group is there twice, first on line '// &
-                          to_text(document%blocks(number)%place%line))
-         else
-            number = i
-         end if
-      end subroutine take
+         is_there = reader%document%find_block(group, 1) > 0
+      end function is_there
 
-      subroutine complain(rule)
-         character(*), intent(in) :: rule
-
-         call document%complain(document%blocks(i)%place, '&'//document%blocks(i)%name, rule, complaints)
-      end subroutine complain
-
-   end subroutine find_groups
-
-   !> Visits every group's table; an absent group has its defaults then.
-   subroutine read_groups(reader, blocks, scene)
-      type(reader_type), intent(inout) :: reader
-      type(block_numbers), intent(in) :: blocks
-      type(scene_type), intent(inout) :: scene
-      integer :: i
-
-      call reader%begin_group(blocks%heading)
-      call scene%heading%visit(reader)
-      call reader%end_group()
-
-      allocate (scene%processes(size(blocks%processes)))
-      do i = 1, size(blocks%processes)
-         call reader%begin_group(blocks%processes(i))
-         call scene%processes(i)%visit(reader)
-         call reader%end_group()
-      end do
-
-      call reader%begin_group(blocks%chain)
-      call scene%chain%visit(reader)
-      call reader%end_group()
-
-      call reader%begin_group(blocks%excitation)
-      call scene%excitation%visit(reader)
-      call reader%end_group()
-
-      call reader%begin_group(blocks%integration)
-      call scene%integration%visit(reader)
-      call reader%end_group()
-
-      call reader%begin_group(blocks%campaign)
-      call scene%campaign%visit(reader)
-      call reader%end_group()
-
-      call reader%begin_group(blocks%accuracy)
-      call scene%accuracy%visit(reader)
-      call reader%end_group()
-
-      call reader%begin_group(blocks%output)
-      call scene%output%visit(reader)
-      call reader%end_group()
-
-      scene%has_heading = blocks%heading > 0
-      scene%has_chain = blocks%chain > 0
-      scene%has_excitation = blocks%excitation > 0
-      scene%has_integration = blocks%integration > 0
-      scene%has_campaign = blocks%campaign > 0
-      scene%has_accuracy = blocks%accuracy > 0
-      scene%has_output = blocks%output > 0
-      scene%unused = reader%unused
    end subroutine read_groups
 
 end module config_scene

@@ -2,7 +2,7 @@
 module config_slots
    use config_complaints, only: complaint_list
    use config_entries, only: entry_type
-   use config_namelist, only: assignment_type, document_type
+   use config_document, only: assignment_type, document_type
    use config_tokens, only: token_comma, token_open_quote, token_quoted, token_word
    use core_text, only: to_text
    implicit none(type, external)
@@ -13,7 +13,8 @@ module config_slots
 
 contains
 
-   !> The token of each value, 0: its default; empty after a complaint. The entry is given at least once.
+   !> The token of each value, 0: its default; empty after a complaint.
+   !> The entry must be given at least once.
    subroutine find_slots(document, block, entry, default_size, slots, complaints)
       type(document_type), intent(in) :: document
       integer, intent(in) :: block
@@ -30,10 +31,11 @@ contains
       first = 0
       do i = 1, document%n_assignments
          associate (given => document%assignments(i))
-            if (given%block /= block .or. given%name /= entry%name) cycle
+            if (.not. document%is_for(i, block, trim(entry%name))) cycle
             call expand_values(document, given, values, complaints)
             if (first > 0 .and. given%lower == 0 .and. given%place%source == 1) then
-               rule = 'is given twice, first on line '//to_text(document%assignments(first)%place%line)
+               rule = 'is given twice, first on line '// &
+                      to_text(document%assignments(first)%place%line)
             else if (size(values) > 0) then
                call place_values(given, entry, values, slots, rule)
             end if

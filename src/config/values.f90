@@ -1,5 +1,5 @@
-!> What the characters of a value mean. Nothing is guessed: what is not exactly a value of the wanted
-!> type is refused, with the rule that it breaks.
+!> What the characters of a value mean. Nothing is guessed: what is not exactly a value of the
+!> wanted type is refused, with the rule that it breaks.
 module config_values
    use config_tokens, only: lowered
    use core_kinds, only: long, wp
@@ -8,11 +8,12 @@ module config_values
    public :: parse_integer, parse_real, parse_logical, parse_text
 
    character(*), parameter :: digits = '0123456789'
-   integer, parameter :: largest_exponent = 300   !! of ten: products of a few values stay in range
+   integer, parameter :: largest_exponent = 100   !! of ten: products of a few values stay in range
 
 contains
 
-   !> Digits with an optional sign; `rule` is allocated when the text is not a whole number from -limit to limit.
+   !> Digits with an optional sign; `rule` is allocated when the text is not a whole number from
+   !> -limit to limit.
    pure subroutine parse_integer(text, limit, value, rule)
       character(*), intent(in) :: text
       integer(long), intent(in) :: limit
@@ -69,7 +70,7 @@ contains
       point = index(mantissa, '.')
       if (point == 0) point = len(mantissa) + 1
       if (abs(exponent + point - leading) > largest_exponent) then
-         rule = 'must be zero or of a magnitude from 1e-300 to 1e300'
+         rule = 'must be zero or of a magnitude from 1e-100 to 1e100'
          return
       end if
       decimal = text(:letter - 1)//'e'//integer_text(exponent)

@@ -1,0 +1,63 @@
+!> What of a scene changes a sample, as one text and its hash; shards and results are named by it.
+module config_fingerprint
+   use config_groups, only: group_names, scene_type
+   use config_lister, only: lister_type
+   use core_kinds, only: long
+   use core_random, only: label_of
+   use core_text, only: to_text
+   implicit none(type, external)
+   private
+   public :: canonical_text, fingerprint
+
+contains
+
+   !> 16 hexadecimal digits of the hash of the canonical text.
+   function fingerprint(scene) result(text)
+      type(scene_type), intent(in) :: scene
+      character(16) :: text
+
+      write (text, '(z16.16)') label_of(canonical_text(scene))
+   end function fingerprint
+
+   !> One line per value in use, in the order of the tables. The same however the scene is laid out;
+   !> without titles, numbers of samples, time limits and what else leaves every sample as it is.
+   function canonical_text(scene) result(text)
+      type(scene_type), intent(in) :: scene
+      character(:), allocatable :: text
+      type(lister_type) :: lister
+      type(scene_type) :: copy
+      integer :: i, j, number
+
+      copy = scene
+      text = 'cases deterministic '//to_text(scene%runs_deterministic())//' drawn '// &
+             to_text(scene%runs_samples())//new_line('a')
+      do i = 1, size(group_names)
+         if (.not. takes_part(group_names(i))) cycle
+         do number = 1, merge(size(scene%processes), 1, group_names(i) == 'process')
+            lister = lister_type()
+            call copy%visit(trim(group_names(i)), number, lister)
+            do j = 1, size(lister%rows)
+               associate (row => lister%rows(j))
+                  if (.not. (row%entry%shapes_samples .and. row%entry%is_used)) cycle
+                  if (row%entry%name == 'friction' .and. .not. scene%runs_deterministic()) cycle
+                  text = text//trim(group_names(i))//'%'//trim(row%entry%name)//' = '//row%value// &
+                         new_line('a')
+               end associate
+            end do
+         end do
+      end do
+      if (scene%has_chain .and. scene%excitation%kind == 'file') &
+         text = text//'force '//to_text(scene%force_label)//new_line('a')
+
+   contains
+
+      !> Without a chain, no group about motion changes anything.
+      pure logical function takes_part(group)
+         character(*), intent(in) :: group
+
+         takes_part = scene%has_chain .or. any(group == ['scene  ', 'process'])
+      end function takes_part
+
+   end function canonical_text
+
+end module config_fingerprint

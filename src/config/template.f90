@@ -1,0 +1,135 @@
+!> Text made of the tables: a complete commented scene, and the scene reference.
+module config_template
+   use config_entries, only: entry_type
+   use config_groups, only: group_docs, group_names, scene_type
+   use config_lister, only: lister_type, row_type
+   use core_kinds, only: wp
+   implicit none(type, external)
+   private
+   public :: scene_reference, template_text
+
+   integer, parameter :: value_width = 39, line_width = 100
+   character(*), parameter :: line_feed = new_line('a')
+
+contains
+
+   !> A complete commented scene: the paper's study where values must be given, else the defaults.
+   function template_text() result(text)
+      character(:), allocatable :: text
+      type(lister_type) :: lister
+      type(scene_type) :: scene
+      integer :: i, j
+
+      call example(scene)
+      text = '! A scene of entroslip: groups of name = value.'//line_feed// &
+             '! A group that is absent is a part that is not run; a value that is absent has the'// &
+             line_feed//'! default shown here, except those marked (required).'//line_feed
+      do i = 1, size(group_names)
+         lister = lister_type()
+         call scene%visit(trim(group_names(i)), 1, lister)
+         text = text//line_feed//'! '//trim(group_docs(i))//line_feed//'&'//trim(group_names(i))// &
+                line_feed
+         do j = 1, size(lister%rows)
+            associate (row => lister%rows(j))
+               text = text//with_comment('   '//trim(row%entry%name)//' = '//row%value, &
+                                         description(row))
+            end associate
+         end do
+         text = text//'/'//line_feed
+      end do
+   end function template_text
+
+   !> The scene reference in Markdown, one table a group.
+   function scene_reference() result(text)
+      character(:), allocatable :: text
+      type(lister_type) :: lister
+      type(scene_type) :: scene
+      integer :: i, j
+
+      allocate (scene%processes(1))
+      text = ''
+      do i = 1, size(group_names)
+         lister = lister_type()
+         call scene%visit(trim(group_names(i)), 1, lister)
+         text = text//'## &'//trim(group_names(i))//line_feed//line_feed// &
+                capital(trim(group_docs(i)))//'.'//line_feed//line_feed// &
+                '| name | type | default | unit | meaning |'//line_feed// &
+                '|---|---|---|---|---|'//line_feed
+         do j = 1, size(lister%rows)
+            text = text//reference_row(lister%rows(j))//line_feed
+         end do
+         text = text//line_feed
+      end do
+   end function scene_reference
+
+   !> What must be given has the paper's values.
+   subroutine example(scene)
+      type(scene_type), intent(out) :: scene
+
+      scene%heading%title = 'paper'
+      allocate (scene%processes(1))
+      scene%processes(1)%correlation_length = [0.3_wp, 1.0_wp, 3.0_wp]
+      scene%processes(1)%mean = 0.2_wp
+      scene%processes(1)%std = [0.067_wp, 0.1_wp]
+      scene%excitation%variance = [3.7_wp, 41.1_wp]
+   end subroutine example
+
+   !> Unit, meaning, choices and rule in one line.
+   function description(row) result(text)
+      type(row_type), intent(in) :: row
+      character(:), allocatable :: text
+
+      associate (entry => row%entry)
+         text = trim(entry%doc)
+         if (entry%unit /= '') text = '['//trim(entry%unit)//'] '//text
+         if (entry%n_choices > 0) text = text//'; '//entry%choices_text()
+         if (len(entry%rule%text()) > 0) text = text//'; '//entry%rule%text()
+         if (entry%is_required) text = text//' (required)'
+      end associate
+   end function description
+
+   !> The comment behind the value, going on below it where it is long.
+   function with_comment(value, comment) result(text)
+      character(*), intent(in) :: value, comment
+      character(:), allocatable :: text, rest
+      integer :: last
+
+      text = value//repeat(' ', max(1, value_width - len(value)))
+      rest = comment
+      do
+         last = len(rest)
+         if (last > line_width - value_width - 2) &
+            last = index(rest(:line_width - value_width - 2), ' ', back=.true.)
+         text = text//'! '//trim(rest(:last))//line_feed
+         if (last == len(rest)) exit
+         rest = rest(last + 1:)
+         text = text//repeat(' ', value_width)
+      end do
+   end function with_comment
+
+   function reference_row(row) result(text)
+      type(row_type), intent(in) :: row
+      character(:), allocatable :: text, default, meaning
+
+      associate (entry => row%entry)
+         default = '`'//row%value//'`'
+         if (row%value == '') default = 'none'
+         if (entry%is_required) default = '**must be given**'
+         meaning = trim(entry%doc)
+         if (entry%n_choices > 0) meaning = meaning//'; '//entry%choices_text()
+         if (len(entry%rule%text()) > 0) meaning = meaning//'; '//entry%rule%text()
+         text = '| `'//trim(entry%name)//'` | '//trim(row%kind)// &
+                trim(merge(' list', '     ', row%is_list))//' | '//default//' | '// &
+                trim(entry%unit)//' | '//meaning//' |'
+      end associate
+   end function reference_row
+
+   pure function capital(text)
+      character(*), intent(in) :: text
+      character(len(text)) :: capital
+
+      capital = text
+      if (text(1:1) >= 'a' .and. text(1:1) <= 'z') capital(1:1) = achar(iachar(text(1:1)) - 32)
+   end function capital
+
+end module config_template
