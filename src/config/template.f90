@@ -22,8 +22,8 @@ contains
 
       call example(scene)
       text = '! A scene of entroslip: groups of name = value.'//line_feed// &
-             '! A group that is absent is a part that is not run; a value that is absent has the'// &
-             line_feed//'! default shown here, except those marked (required).'//line_feed
+             '! A group that is absent is a part that is not run; a value that is absent has'// &
+             line_feed//'! the default shown here, except those marked (required).'//line_feed
       do i = 1, size(group_names)
          lister = lister_type()
          call scene%visit(trim(group_names(i)), 1, lister)

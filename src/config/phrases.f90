@@ -1,0 +1,110 @@
+!> Numbers in the words of a person: counts, durations, sizes, labelled lines.
+module config_phrases
+   use core_kinds, only: long, wp
+   use core_text, only: to_text
+   implicit none(type, external)
+   private
+   public :: brief, counted, duration, joined, labelled, numbered, padded, size_text
+
+   character(*), parameter :: line_feed = new_line('a')
+   integer, parameter :: label_width = 13
+
+contains
+
+   !> A line of a report: the label in a column of its own.
+   pure function labelled(label, text) result(line)
+      character(*), intent(in) :: label, text
+      character(:), allocatable :: line
+
+      line = padded(label, label_width)//text//line_feed
+   end function labelled
+
+   !> At least one blank behind it.
+   pure function padded(text, width)
+      character(*), intent(in) :: text
+      integer, intent(in) :: width
+      character(:), allocatable :: padded
+
+      padded = text//repeat(' ', max(1, width - len(text)))
+   end function padded
+
+   pure function joined(names) result(text)
+      character(*), intent(in) :: names(:)
+      character(:), allocatable :: text
+      integer :: i
+
+      text = ''
+      do i = 1, size(names)
+         if (i > 1) text = text//', '
+         text = text//trim(names(i))
+      end do
+      if (text == '') text = 'nothing'
+   end function joined
+
+   !> 1 case, 2 cases.
+   pure function counted(n, one, many) result(text)
+      integer, intent(in) :: n
+      character(*), intent(in) :: one, many
+      character(:), allocatable :: text
+
+      text = to_text(n)//' '//many
+      if (n == 1) text = to_text(n)//' '//one
+   end function counted
+
+   !> c007; more than three digits where they are needed.
+   pure function numbered(letter, n) result(text)
+      character, intent(in) :: letter
+      integer, intent(in) :: n
+      character(:), allocatable :: text
+
+      text = to_text(n)
+      text = letter//repeat('0', max(0, 3 - len(text)))//text
+   end function numbered
+
+   !> Three significant digits, no decimal point where it says nothing.
+   pure function brief(value) result(text)
+      real(wp), intent(in) :: value
+      character(:), allocatable :: text
+      character(16) :: buffer
+      real(wp) :: rounded
+
+      write (buffer, '(es16.2e3)') value
+      read (buffer, *) rounded
+      if (abs(rounded) < 1.0e6_wp .and. .not. abs(rounded - anint(rounded)) > 0.0_wp) then
+         text = to_text(nint(rounded, long))
+      else
+         text = to_text(rounded)
+      end if
+   end function brief
+
+   pure function duration(seconds) result(text)
+      real(wp), intent(in) :: seconds
+      character(:), allocatable :: text
+
+      if (seconds < 1.0_wp) then
+         text = 'less than 1 s'
+      else if (seconds < 120.0_wp) then
+         text = brief(seconds)//' s'
+      else if (seconds < 7200.0_wp) then
+         text = brief(seconds/60.0_wp)//' min'
+      else if (seconds < 172800.0_wp) then
+         text = brief(seconds/3600.0_wp)//' h'
+      else
+         text = brief(seconds/86400.0_wp)//' days'
+      end if
+   end function duration
+
+   pure function size_text(bytes) result(text)
+      real(wp), intent(in) :: bytes
+      character(:), allocatable :: text
+
+      if (bytes < 1.0e6_wp) then
+         text = brief(bytes/1.0e3_wp)//' kB'
+      else if (bytes < 1.0e9_wp) then
+         text = brief(bytes/1.0e6_wp)//' MB'
+      else
+         text = brief(bytes/1.0e9_wp)//' GB'
+      end if
+   end function size_text
+
+end module config_phrases

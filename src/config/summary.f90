@@ -1,0 +1,208 @@
+!> The text of `entroslip check`: what a scene will do, what it will not, and what that will cost.
+module config_summary
+   use config_fingerprint, only: fingerprint
+   use config_groups, only: scene_type
+   use config_phrases, only: brief, counted, duration, joined, labelled, numbered, padded, size_text
+   use core_kinds, only: wp
+   use core_text, only: to_text
+   use ensemble_plan, only: plan_type
+   implicit none(type, external)
+   private
+   public :: summary_text
+
+   character(*), parameter :: line_feed = new_line('a')
+   integer, parameter :: max_rows = 40   !! of a table
+   real(wp), parameter :: word = 8.0_wp  !! bytes of a number
+
+contains
+
+   !> Aligned and short; ends without a line feed.
+   function summary_text(scene, plan, nanoseconds, n_ranks, block_width, verdicts) result(text)
+      type(scene_type), intent(in) :: scene
+      type(plan_type), intent(in) :: plan
+      real(wp), intent(in) :: nanoseconds   !! cost of a sample-step; 0: not known
+      integer, intent(in) :: n_ranks
+      integer, intent(in) :: block_width    !! samples marched together
+      character(*), intent(in), optional :: verdicts(:)   !! (process) whether it has a solution
+      character(:), allocatable :: text
+      integer :: i
+
+      text = labelled('scene', plan%title//', '//scene%path//', fingerprint '//fingerprint(scene))
+      text = text//labelled('runs', joined(parts(scene, plan, wanted=.true.)))
+      text = text//labelled('does not run', joined(parts(scene, plan, wanted=.false.)))
+      if (size(plan%processes) > 0) text = text//line_feed//process_table(plan, verdicts)
+      if (plan%has_chain) then
+         text = text//line_feed//case_table(plan)//line_feed//motion_text(plan)
+         text = text//cost_text(plan, nanoseconds, n_ranks, block_width)
+      end if
+      do i = 1, size(scene%unused)
+         text = text//labelled('note', trim(scene%unused(i))//' is given and not used')
+      end do
+      text = text(:len(text) - 1)
+   end function summary_text
+
+   !> What the plan does, or what it leaves out.
+   pure function parts(scene, plan, wanted) result(names)
+      type(scene_type), intent(in) :: scene
+      type(plan_type), intent(in) :: plan
+      logical, intent(in) :: wanted
+      character(40), allocatable :: names(:)
+      logical :: is_there(9)
+
+      associate (output => plan%output)
+         is_there = [size(plan%processes) > 0, size(plan%cases) > 0, &
+                     any(plan%cases%process > 0), &
+                     plan%has_chain .and. [output%spectrum, output%energy, output%history, &
+                                           output%transitions, scene%accuracy%audit > 0.0_wp], &
+                     plan%n_realizations > 0]
+      end associate
+      names = [character(40) :: 'processes', 'motion', 'samples with drawn friction', 'spectrum', &
+               'energy', 'history', 'transitions', 'audit', 'realizations']
+      if (wanted) then
+         names(1) = counted(size(plan%processes), 'process', 'processes')
+         names(2) = counted(size(plan%cases), 'case of motion', 'cases of motion')
+         names(3) = counted(sum(plan%cases%n_samples), 'sample', 'samples')
+         names(9) = counted(plan%n_realizations, 'realization', 'realizations')//' of '// &
+                    counted(plan%n_points, 'point', 'points')
+      end if
+      names = pack(names, is_there .eqv. wanted)
+   end function parts
+
+   !> One row per process.
+   function process_table(plan, verdicts) result(text)
+      type(plan_type), intent(in) :: plan
+      character(*), intent(in), optional :: verdicts(:)
+      character(:), allocatable :: text, order, law
+      integer :: i
+
+      text = 'process  method          correlation  order   mean    std     law'//line_feed
+      do i = 1, min(size(plan%processes), max_rows)
+         associate (p => plan%processes(i))
+            order = to_text(p%order)
+            if (p%order == 0) order = 'chosen'
+            law = 'any sign'
+            if (p%positive) law = p%sampler
+            text = text//padded(numbered('p', i), 9)//padded(p%method, 16)// &
+                   padded(p%correlation//' = '//brief(p%correlation_length), 13)// &
+                   padded(order, 8)//padded(brief(p%mean), 8)//padded(brief(p%std), 8)
+         end associate
+         if (present(verdicts)) law = padded(law, 12)//trim(verdicts(i))
+         text = text//trim(law)//line_feed
+      end do
+      if (size(plan%processes) > max_rows) &
+         text = text//'... and '//to_text(size(plan%processes) - max_rows)//' more'//line_feed
+   end function process_table
+
+   !> One row per process: its cases differ in variance only.
+   function case_table(plan) result(text)
+      type(plan_type), intent(in) :: plan
+      character(:), allocatable :: text, numbers, name
+      integer :: first, last, n_rows
+
+      text = 'case       process  samples  variance'//line_feed
+      n_rows = 0
+      first = 1
+      do while (first <= size(plan%cases))
+         last = first
+         do while (last < size(plan%cases))
+            if (plan%cases(last + 1)%process /= plan%cases(first)%process) exit
+            last = last + 1
+         end do
+         n_rows = n_rows + 1
+         if (n_rows > max_rows) then
+            text = text//'... and '//to_text(size(plan%cases) - first + 1)//' more'//line_feed
+            exit
+         end if
+         numbers = numbered('c', first)
+         if (last > first) numbers = numbers//'-'//numbered('c', last)
+         name = 'none'
+         if (plan%cases(first)%process > 0) name = numbered('p', plan%cases(first)%process)
+         text = text//padded(numbers, 11)//padded(name, 9)// &
+                padded(to_text(plan%cases(first)%n_samples), 9)// &
+                variances_text(plan, first, last)//line_feed
+         first = last + 1
+      end do
+   end function case_table
+
+   !> Those of the cases from first to last, a long list cut in the middle.
+   function variances_text(plan, first, last) result(text)
+      type(plan_type), intent(in) :: plan
+      integer, intent(in) :: first, last
+      character(:), allocatable :: text
+      integer, parameter :: shown = 6
+      integer :: i
+
+      text = 'as in the file'
+      if (plan%excitation%kind == 'file') return
+      text = brief(plan%cases(first)%variance)
+      do i = first + 1, last
+         if (i - first < shown .or. i == last) then
+            text = text//', '//brief(plan%cases(i)%variance)
+         else if (i - first == shown) then
+            text = text//', ...'
+         end if
+      end do
+   end function variances_text
+
+   function motion_text(plan) result(text)
+      type(plan_type), intent(in) :: plan
+      character(:), allocatable :: text, force, method, steps
+
+      associate (chain => plan%chain, how => plan%integration, excitation => plan%excitation, &
+                 n => plan%chain%n_dof)
+         text = labelled('chain', counted(n, 'dof', 'dofs')//', '// &
+                         brief(chain%frequencies_stuck(1))//' to '// &
+                         brief(chain%frequencies_stuck(n))//' Hz stuck, '// &
+                         brief(chain%frequencies_slip(1))//' to '// &
+                         brief(chain%frequencies_slip(n))//' Hz slipping')
+         force = 'noise from '//brief(excitation%band(1))//' to '//brief(excitation%band(2))//' Hz'
+         if (excitation%kind == 'file') force = excitation%file
+         text = text//labelled('force', force//' on dof '//to_text(excitation%dof)// &
+                               ', one record for '//trim(merge('each sample', 'all samples', &
+                                                               excitation%per_sample)))
+         method = 'event, tolerance '//to_text(how%tolerance)
+         if (how%method == 'newmark') &
+            method = 'newmark, at most '//counted(how%max_halvings, 'halving', 'halvings')
+         steps = to_text(how%n_steps)//' steps of '//to_text(how%dt)//' s, '// &
+                 duration(how%n_steps*how%dt)//' of motion'
+         if (how%n_discard > 0) steps = steps//', the first '//to_text(how%n_discard)//' discarded'
+         text = text//labelled('integration', method//', '//steps)
+         if (plan%output%spectrum) &
+            text = text//labelled('spectra', 'segments of '// &
+                                  to_text(plan%output%segment_length)//' steps, '// &
+                                  brief(1.0_wp/(plan%output%segment_length*how%dt))//' Hz apart')
+      end associate
+   end function motion_text
+
+   !> Work, memory of a rank, size of the results; the last two are bounds.
+   function cost_text(plan, nanoseconds, n_ranks, block_width) result(text)
+      type(plan_type), intent(in) :: plan
+      real(wp), intent(in) :: nanoseconds
+      integer, intent(in) :: n_ranks, block_width
+      character(:), allocatable :: text
+      real(wp) :: n_samples, sample_steps, spectrum, history, force, memory, results
+
+      n_samples = sum(real(plan%cases%n_samples, wp))
+      sample_steps = n_samples*plan%integration%n_steps
+      text = brief(sample_steps)//' sample-steps'
+      if (nanoseconds > 0.0_wp) &
+         text = text//', '//duration(sample_steps*nanoseconds*1.0e-9_wp/n_ranks)//' at '// &
+                brief(nanoseconds)//' ns each on '//counted(n_ranks, 'rank', 'ranks')
+
+      associate (output => plan%output, n_dof => plan%chain%n_dof)
+         spectrum = 0.0_wp   ! of one sample, as the two below
+         if (output%spectrum) spectrum = word*n_dof*(output%segment_length/ &
+                                                     max(2, 2*output%spectrum_every) + 1.0_wp)
+         history = 0.0_wp
+         if (output%history) history = 2.0_wp*word*n_dof*(plan%integration%n_steps + 1.0_wp)
+         force = word*(plan%integration%n_steps + 1.0_wp)
+         memory = force + block_width*(3.0_wp*spectrum + history) + &
+                  maxval(plan%cases%n_samples)*spectrum
+         if (plan%excitation%per_sample) memory = memory + block_width*force
+         results = n_samples*(spectrum + history + 4.0_wp*word*n_dof)
+      end associate
+      text = labelled('work', text)//labelled('memory', 'up to '//size_text(memory)//' a rank')// &
+             labelled('results', 'up to '//size_text(results))
+   end function cost_text
+
+end module config_summary
