@@ -1,4 +1,8 @@
-!> Attributes of groups and datasets: texts as UTF-8 of variable length, logicals as 0 and 1.
+!> Attributes of groups and datasets: texts as UTF-8, logicals as 0 and 1.
+!>
+!> Texts are of variable length, as Python likes them best. HDF5 keeps those in a heap without checksum, and
+!> may crash on a damaged one: what must be read from files of unknown health is written with
+!> write_sealed_attribute, of fixed length, which lies under the checksum of its object.
 module io_hdf5_attributes
    use, intrinsic :: iso_c_binding, only: c_associated, c_char, c_loc, c_null_char, c_null_ptr, c_ptr
    use core_error, only: error_type
@@ -9,7 +13,7 @@ module io_hdf5_attributes
    use io_posix, only: text_at
    implicit none(type, external)
    private
-   public :: has_attribute, read_attribute, write_attribute
+   public :: has_attribute, read_attribute, write_attribute, write_sealed_attribute
 
    !> write_attribute(file, object, name, value, error); the object is a group or dataset, '/' the file itself.
    interface write_attribute
@@ -48,6 +52,23 @@ contains
       call write_value(file, object, name, kind, c_loc(location), outcome, error)
       call h5tclose_f(kind, status)
    end subroutine write_text
+
+   subroutine write_sealed_attribute(file, object, name, value, error)
+      type(hdf5_file), intent(in) :: file
+      character(*), intent(in) :: object, name
+      character(*), intent(in) :: value
+      type(error_type), allocatable, intent(out) :: error
+      character(:), allocatable, target :: text
+      type(outcome_type) :: outcome
+      integer(hid_t) :: kind
+      integer :: status
+
+      text = value
+      if (len(text) == 0) text = ' '
+      call new_text_kind(kind, outcome, len(text))
+      call write_value(file, object, name, kind, c_loc(text), outcome, error)
+      call h5tclose_f(kind, status)
+   end subroutine write_sealed_attribute
 
    subroutine write_integer(file, object, name, value, error)
       type(hdf5_file), intent(in) :: file
@@ -113,26 +134,57 @@ contains
    subroutine read_text(file, object, name, value, error)
       type(hdf5_file), intent(in) :: file
       character(*), intent(in) :: object, name
-      character(:), allocatable, intent(out) :: value
+      character(:), allocatable, intent(out), target :: value
       type(error_type), allocatable, intent(out) :: error
       type(c_ptr), target :: location
       type(c_ptr) :: address
       type(outcome_type) :: outcome
       integer(hid_t) :: kind, space
+      integer(size_t) :: length
       integer :: status
 
       value = ''
-      location = c_null_ptr
-      call new_text_kind(kind, outcome)
-      call read_value(file, object, name, kind, c_loc(location), outcome, error)
-      if (allocated(error)) return
-      if (c_associated(location)) value = text_at(location)
-      call h5screate_f(H5S_SCALAR_F, space, status)
-      address = c_loc(location)
-      call h5dvlen_reclaim_f(kind, space, H5P_DEFAULT_F, address, status)
-      call h5sclose_f(space, status)
+      call find_text_length(file, object, name, length, outcome)
+      if (length > 0) then
+         value = repeat(' ', int(length))
+         call new_text_kind(kind, outcome, int(length))
+         call read_value(file, object, name, kind, c_loc(value), outcome, error)
+         value = trim(value)
+      else
+         location = c_null_ptr
+         call new_text_kind(kind, outcome)
+         call read_value(file, object, name, kind, c_loc(location), outcome, error)
+         if (c_associated(location)) value = text_at(location)
+         call h5screate_f(H5S_SCALAR_F, space, status)
+         address = c_loc(location)
+         call h5dvlen_reclaim_f(kind, space, H5P_DEFAULT_F, address, status)
+         call h5sclose_f(space, status)
+      end if
       call h5tclose_f(kind, status)
    end subroutine read_text
+
+   !> Bytes of a text of fixed length; 0 for one of variable length.
+   subroutine find_text_length(file, object, name, length, outcome)
+      type(hdf5_file), intent(in) :: file
+      character(*), intent(in) :: object, name
+      integer(size_t), intent(out) :: length
+      type(outcome_type), intent(inout) :: outcome
+      integer(hid_t) :: attribute, kind
+      logical :: is_variable
+      integer :: status
+
+      length = 0
+      is_variable = .true.
+      call h5aopen_by_name_f(file%id, object, name, attribute, status)
+      call outcome%note(status)
+      call h5aget_type_f(attribute, kind, status)
+      call outcome%note(status)
+      call h5tis_variable_str_f(kind, is_variable, status)
+      call outcome%note(status)
+      if (.not. (is_variable .or. allocated(outcome%reason))) call h5tget_size_f(kind, length, status)
+      call h5tclose_f(kind, status)
+      call h5aclose_f(attribute, status)
+   end subroutine find_text_length
 
    subroutine read_integer(file, object, name, value, error)
       type(hdf5_file), intent(in) :: file
@@ -197,16 +249,25 @@ contains
       call outcome%conclude(file%path//': attribute '//name//' of '//object//': cannot be read', error)
    end subroutine read_value
 
-   subroutine new_text_kind(kind, outcome)
+   !> UTF-8 of a fixed length, or of variable length.
+   subroutine new_text_kind(kind, outcome, length)
       integer(hid_t), intent(out) :: kind
       type(outcome_type), intent(inout) :: outcome
+      integer, intent(in), optional :: length   !! bytes
       integer :: status
 
-      call h5tcopy_f(H5T_STRING, kind, status)
-      call outcome%note(status)
+      if (present(length)) then
+         call h5tcopy_f(H5T_FORTRAN_S1, kind, status)
+         call outcome%note(status)
+         call h5tset_size_f(kind, int(length, size_t), status)
+         call outcome%note(status)
+      else
+         call h5tcopy_f(H5T_STRING, kind, status)
+         call outcome%note(status)
+         call h5tset_strpad_f(kind, H5T_STR_NULLTERM_F, status)
+         call outcome%note(status)
+      end if
       call h5tset_cset_f(kind, H5T_CSET_UTF8_F, status)
-      call outcome%note(status)
-      call h5tset_strpad_f(kind, H5T_STR_NULLTERM_F, status)
       call outcome%note(status)
    end subroutine new_text_kind
 

@@ -5,6 +5,7 @@ module io_hdf5_datasets
    use, intrinsic :: iso_c_binding, only: c_loc, c_ptr
    use core_error, only: error_type, exit_file, raise
    use core_kinds, only: long, wp
+   use core_text, only: to_text
    use hdf5
    use h5ds, only: h5dsattach_scale_f, h5dsset_scale_f
    use io_hdf5_attributes, only: write_attribute
@@ -12,7 +13,8 @@ module io_hdf5_datasets
    use io_hdf5_outcome, only: outcome_type
    implicit none(type, external)
    private
-   public :: label_type, make_dataset, read_dataset, read_extent, read_part, write_dataset, write_part
+   public :: label_type, check_dataset, make_dataset, read_dataset, read_extent, read_part, &
+             write_dataset, write_part
 
    integer, parameter :: chunk_bytes = 2**18
    integer, parameter :: word_bytes = 8
@@ -22,6 +24,7 @@ module io_hdf5_datasets
       character(:), allocatable :: units       !! '1' for pure numbers
       character(:), allocatable :: long_name
       character(:), allocatable :: axes        !! 'sample dof': as Python sees them; '' for a scalar
+      integer, allocatable :: chunk(:)         !! Fortran's order; unallocated: chosen
    end type label_type
 
    !> A whole dataset of any rank, with its label; its groups are made where missing. A dataset that bears
@@ -30,52 +33,68 @@ module io_hdf5_datasets
       module procedure write_real, write_integer, write_long
    end interface write_dataset
 
-   !> Values into a dataset of just their shape.
+   !> Values into a part of a dataset, which begins at `first` (counted from 1, Fortran's order).
+   interface write_part
+      module procedure write_real_part, write_integer_part
+   end interface write_part
+
+   !> Values from a dataset of just their shape.
    interface read_dataset
       module procedure read_real, read_integer, read_long
    end interface read_dataset
 
 contains
 
-   !> Extent of each axis of a dataset in Fortran's order; empty for a scalar.
-   subroutine read_extent(file, path, extents, error)
+   !> Extent of each axis of a dataset in Fortran's order; an error when the axes are not as many.
+   subroutine read_extent(file, path, n_axes, extents, error)
       type(hdf5_file), intent(in) :: file
       character(*), intent(in) :: path
+      integer, intent(in) :: n_axes   !! expected; 0 for a scalar
       integer(long), allocatable, intent(out) :: extents(:)
       type(error_type), allocatable, intent(out) :: error
       type(outcome_type) :: outcome
       integer(hid_t) :: dataset, space
-      integer(hsize_t), allocatable :: now(:), most(:)
-      integer :: n_axes, status
+      integer(hsize_t) :: now(n_axes), most(n_axes)
+      integer :: found, status
 
-      n_axes = 0
+      found = 0
+      now = 0
       call h5dopen_f(file%id, path, dataset, status)
       call outcome%note(status)
       call h5dget_space_f(dataset, space, status)
       call outcome%note(status)
-      call h5sget_simple_extent_ndims_f(space, n_axes, status)
+      call h5sget_simple_extent_ndims_f(space, found, status)
       call outcome%note(status)
-      allocate (now(max(n_axes, 0)), most(max(n_axes, 0)), source=0_hsize_t)
-      if (n_axes > 0) call h5sget_simple_extent_dims_f(space, now, most, status)
-      call outcome%note(status)
+      if (found == n_axes .and. n_axes > 0) then
+         call h5sget_simple_extent_dims_f(space, now, most, status)
+         call outcome%note(status)
+      else if (found /= n_axes .and. .not. allocated(outcome%reason)) then
+         outcome%reason = to_text(found)//' axes where '//to_text(n_axes)//' are expected'
+      end if
       extents = int(now, long)
       call h5sclose_f(space, status)
       call h5dclose_f(dataset, status)
-      call outcome%conclude(file%path//': '//path//': is not a readable dataset', error)
+      call outcome%conclude(file%path//': '//path//': cannot be read', error)
    end subroutine read_extent
 
-   !> A dataset of reals without values yet, for write_part.
-   subroutine make_dataset(file, path, extents, label, error)
+   !> A dataset without values yet, for write_part; of the type of `mold`.
+   subroutine make_dataset(file, path, mold, extents, label, error)
       type(hdf5_file), intent(in) :: file
       character(*), intent(in) :: path
+      class(*), intent(in) :: mold        !! a real or an integer
       integer, intent(in) :: extents(:)   !! Fortran's order
       type(label_type), intent(in) :: label
       type(error_type), allocatable, intent(out) :: error
       type(outcome_type) :: outcome
-      integer(hid_t) :: dataset
+      integer(hid_t) :: dataset, kind
       integer :: status
 
-      call create(file, path, H5T_NATIVE_DOUBLE, int(extents, hsize_t), dataset, outcome)
+      kind = H5T_NATIVE_DOUBLE
+      select type (mold)
+      type is (integer)
+         kind = H5T_NATIVE_INTEGER
+      end select
+      call create(file, path, kind, int(extents, hsize_t), label, dataset, outcome)
       call h5dclose_f(dataset, status)
       call outcome%note(status)
       call outcome%conclude(file%path//': '//path//': cannot be made', error)
@@ -127,7 +146,7 @@ contains
       integer(hid_t) :: dataset
       integer :: status
 
-      call create(file, path, kind, extents, dataset, outcome)
+      call create(file, path, kind, extents, label, dataset, outcome)
       if (all(extents > 0)) call h5dwrite_f(dataset, kind, values, status)
       call outcome%note(status)
       call h5dclose_f(dataset, status)
@@ -137,13 +156,15 @@ contains
    end subroutine write_whole
 
    !> Scalars lie in the object header and arrays in chunks: both under a checksum of HDF5's own.
-   subroutine create(file, path, kind, extents, dataset, outcome)
+   subroutine create(file, path, kind, extents, label, dataset, outcome)
       type(hdf5_file), intent(in) :: file
       character(*), intent(in) :: path
       integer(hid_t), intent(in) :: kind
       integer(hsize_t), intent(in) :: extents(:)
+      type(label_type), intent(in) :: label
       integer(hid_t), intent(out) :: dataset
       type(outcome_type), intent(inout) :: outcome
+      integer(hsize_t) :: chunk(size(extents))
       integer(hid_t) :: links, properties, space
       integer :: n_axes, status
 
@@ -161,7 +182,9 @@ contains
          call h5screate_simple_f(n_axes, extents, space, status)
          call outcome%note(status)
          if (all(extents > 0)) then
-            call h5pset_chunk_f(properties, n_axes, chunk_of(extents), status)
+            chunk = chunk_of(extents)
+            if (allocated(label%chunk)) chunk = int(label%chunk, hsize_t)
+            call h5pset_chunk_f(properties, n_axes, chunk, status)
             call outcome%note(status)
             call h5pset_fletcher32_f(properties, status)
          end if
@@ -293,12 +316,9 @@ contains
       integer(hid_t) :: dataset
       integer :: status
 
-      call read_extent(file, path, found, error)
+      call read_extent(file, path, size(extents), found, error)
       if (allocated(error)) return
-      if (size(found) /= size(extents)) then
-         call raise(error, exit_file, file%path//': '//path//': has another number of axes than expected')
-         return
-      else if (any(found /= max(extents, 0_long))) then
+      if (any(found /= max(extents, 0_long))) then
          call raise(error, exit_file, file%path//': '//path//': has another shape than expected')
          return
       end if
@@ -311,24 +331,45 @@ contains
       call outcome%conclude(file%path//': '//path//': cannot be read', error)
    end subroutine read_whole
 
-   !> Values into a part of a dataset, which begins at `first` (counted from 1, Fortran's order).
-   subroutine write_part(file, path, first, values, error)
+   subroutine write_real_part(file, path, first, values, error)
       type(hdf5_file), intent(in) :: file
       character(*), intent(in) :: path
       integer, intent(in) :: first(:)
       real(wp), intent(in), target, contiguous :: values(..)
       type(error_type), allocatable, intent(out) :: error
+
+      call write_any_part(file, path, H5T_NATIVE_DOUBLE, first, shape(values, hsize_t), c_loc(values), error)
+   end subroutine write_real_part
+
+   subroutine write_integer_part(file, path, first, values, error)
+      type(hdf5_file), intent(in) :: file
+      character(*), intent(in) :: path
+      integer, intent(in) :: first(:)
+      integer, intent(in), target, contiguous :: values(..)
+      type(error_type), allocatable, intent(out) :: error
+
+      call write_any_part(file, path, H5T_NATIVE_INTEGER, first, shape(values, hsize_t), c_loc(values), error)
+   end subroutine write_integer_part
+
+   subroutine write_any_part(file, path, kind, first, extents, values, error)
+      type(hdf5_file), intent(in) :: file
+      character(*), intent(in) :: path
+      integer(hid_t), intent(in) :: kind
+      integer, intent(in) :: first(:)
+      integer(hsize_t), intent(in) :: extents(:)
+      type(c_ptr), value :: values
+      type(error_type), allocatable, intent(out) :: error
       type(outcome_type) :: outcome
       integer(hid_t) :: dataset, part, memory
       integer :: status
 
-      if (size(values) == 0) return
-      call select_part(file, path, first, shape(values, hsize_t), dataset, part, memory, outcome)
-      call h5dwrite_f(dataset, H5T_NATIVE_DOUBLE, c_loc(values), status, memory, part)
+      if (any(extents <= 0)) return
+      call select_part(file, path, first, extents, dataset, part, memory, outcome)
+      call h5dwrite_f(dataset, kind, values, status, memory, part)
       call outcome%note(status)
       call close_part(dataset, part, memory, outcome)
       call outcome%conclude(file%path//': '//path//': cannot be written', error)
-   end subroutine write_part
+   end subroutine write_any_part
 
    !> The part of a dataset that begins at `first` (counted from 1, Fortran's order).
    subroutine read_part(file, path, first, values, error)
@@ -350,6 +391,47 @@ contains
       call close_part(dataset, part, memory, outcome)
       call outcome%conclude(file%path//': '//path//': cannot be read', error)
    end subroutine read_part
+
+   !> Reads all of a dataset, a piece at a time, for HDF5 to see that its checksums are right.
+   subroutine check_dataset(file, path, error)
+      type(hdf5_file), intent(in) :: file
+      character(*), intent(in) :: path
+      type(error_type), allocatable, intent(out) :: error
+      integer, parameter :: most_axes = 4, piece = 2**20   ! values
+      integer(long), allocatable :: extents(:)
+      real(wp), allocatable, target :: values(:)
+      type(outcome_type) :: outcome
+      type(c_ptr) :: address
+      integer(hsize_t) :: count(most_axes)
+      integer(hid_t) :: dataset, memory, part
+      integer :: first(most_axes), i, n, rows, status
+
+      do n = 0, most_axes
+         call read_extent(file, path, n, extents, error)
+         if (.not. allocated(error)) exit
+      end do
+      if (allocated(error)) return
+      if (n == 0) then
+         allocate (values(1))
+         call read_dataset(file, path, values(1), error)
+         return
+      end if
+      if (any(extents == 0)) return
+      rows = int(max(1_long, min(extents(n), piece/product(extents(:n - 1)))))
+      count(:n) = extents
+      first = 1
+      allocate (values(product(extents(:n - 1))*rows))
+      do i = 1, int(extents(n)), rows
+         first(n) = i
+         count(n) = min(int(rows, hsize_t), extents(n) - i + 1)
+         call select_part(file, path, first(:n), count(:n), dataset, part, memory, outcome)
+         address = c_loc(values)
+         call h5dread_f(dataset, H5T_NATIVE_DOUBLE, address, status, memory, part)
+         call outcome%note(status)
+         call close_part(dataset, part, memory, outcome)
+      end do
+      call outcome%conclude(file%path//': '//path//': cannot be read back', error)
+   end subroutine check_dataset
 
    subroutine select_part(file, path, first, extents, dataset, part, memory, outcome)
       type(hdf5_file), intent(in) :: file

@@ -1,0 +1,259 @@
+!> A block of samples as datasets of one HDF5 file, whole or without what is long.
+module io_blocks
+   use core_error, only: error_type
+   use core_kinds, only: long, wp
+   use ensemble_results, only: block_result
+   use io_checksum, only: checksum_type
+   use io_hdf5, only: hdf5_file, label_type, read_dataset, read_extent, write_dataset
+   implicit none(type, external)
+   private
+   public :: find_checksum, read_block, sample_label, write_block
+
+   integer, parameter :: writes = 1, reads = 2, checks = 3
+
+   !> Walks through the components of a block; one list of them serves all that is done with it.
+   type :: walker
+      integer :: deed = writes
+      logical :: skips_long = .false.   !! spectra, histories and transitions left out
+      type(hdf5_file) :: file
+      character(:), allocatable :: group   !! with its last slash
+      type(checksum_type) :: checksum
+      type(error_type), allocatable :: error
+   contains
+      generic :: pass => pass_matrix, pass_counts, pass_cube
+      procedure, private :: pass_matrix, pass_counts, pass_cube
+   end type walker
+
+contains
+
+   subroutine write_block(file, block, error)
+      type(hdf5_file), intent(in) :: file
+      type(block_result), intent(inout) :: block   !! left as it was
+      type(error_type), allocatable, intent(out) :: error
+      type(walker) :: w
+
+      w%file = file
+      w%group = '/'
+      call walk(w, block)
+      if (allocated(w%error)) call move_alloc(w%error, error)
+   end subroutine write_block
+
+   !> What the file has of a block; the numbers of case and samples are the caller's to fill.
+   subroutine read_block(file, group, block, error, skips_long)
+      type(hdf5_file), intent(in) :: file
+      character(*), intent(in) :: group   !! with its last slash
+      type(block_result), intent(inout) :: block
+      type(error_type), allocatable, intent(out) :: error
+      logical, intent(in), optional :: skips_long   !! without spectra, histories and transitions
+      type(walker) :: w
+
+      w%deed = reads
+      if (present(skips_long)) w%skips_long = skips_long
+      w%file = file
+      w%group = group
+      call walk(w, block)
+      if (allocated(w%error)) call move_alloc(w%error, error)
+   end subroutine read_block
+
+   !> Of every value of a block and of its place in the campaign.
+   subroutine find_checksum(block, checksum)
+      type(block_result), intent(inout) :: block   !! left as it was
+      integer(long), intent(out) :: checksum
+      type(walker) :: w
+
+      w%deed = checks
+      call w%checksum%add([block%case_number, block%first_sample, block%n_samples])
+      call walk(w, block)
+      checksum = w%checksum%value()
+   end subroutine find_checksum
+
+   subroutine walk(w, block)
+      type(walker), intent(inout) :: w
+      type(block_result), intent(inout) :: block
+      real(wp), allocatable :: rows(:, :)
+      integer(long), allocatable :: counts(:, :)
+
+      call w%pass('friction', block%friction)
+      call w%pass('slip_fraction', block%slip_fraction)
+      call w%pass('slip_starts', block%slip_starts)
+      call w%pass('stick_starts', block%stick_starts)
+      call w%pass('folded_share', block%folded_share)
+      call w%pass('energy', block%energy)
+      if (w%skips_long) return
+      call w%pass('psd', block%psd)
+      call w%pass('displacement', block%displacement)
+      call w%pass('velocity', block%velocity)
+      if (w%deed /= reads) call lay_out_transitions(block, counts, rows)
+      call w%pass('transition_count', counts)
+      call w%pass('transitions', rows)
+      if (w%deed == reads .and. allocated(rows)) call take_up_transitions(counts, rows, block)
+   end subroutine walk
+
+   subroutine pass_matrix(self, name, values)
+      class(walker), intent(inout) :: self
+      character(*), intent(in) :: name
+      real(wp), allocatable, intent(inout) :: values(:, :)
+      integer(long), allocatable :: n(:)
+
+      call look(self, name, allocated(values), 2, n)
+      if (.not. allocated(n)) return
+      select case (self%deed)
+      case (writes)
+         call write_dataset(self%file, self%group//name, values, bare_label(name, shape(values)), self%error)
+      case (reads)
+         allocate (values(n(1), n(2)))
+         call read_dataset(self%file, self%group//name, values, self%error)
+      case (checks)
+         call self%checksum%add(name)
+         call self%checksum%add(values)
+      end select
+   end subroutine pass_matrix
+
+   subroutine pass_counts(self, name, values)
+      class(walker), intent(inout) :: self
+      character(*), intent(in) :: name
+      integer(long), allocatable, intent(inout) :: values(:, :)
+      integer(long), allocatable :: n(:)
+
+      call look(self, name, allocated(values), 2, n)
+      if (.not. allocated(n)) return
+      select case (self%deed)
+      case (writes)
+         call write_dataset(self%file, self%group//name, values, bare_label(name, shape(values)), self%error)
+      case (reads)
+         allocate (values(n(1), n(2)))
+         call read_dataset(self%file, self%group//name, values, self%error)
+      case (checks)
+         call self%checksum%add(name)
+         call self%checksum%add(values)
+      end select
+   end subroutine pass_counts
+
+   subroutine pass_cube(self, name, values)
+      class(walker), intent(inout) :: self
+      character(*), intent(in) :: name
+      real(wp), allocatable, intent(inout) :: values(:, :, :)
+      integer(long), allocatable :: n(:)
+
+      call look(self, name, allocated(values), 3, n)
+      if (.not. allocated(n)) return
+      select case (self%deed)
+      case (writes)
+         call write_dataset(self%file, self%group//name, values, bare_label(name, shape(values)), self%error)
+      case (reads)
+         allocate (values(n(1), n(2), n(3)))
+         call read_dataset(self%file, self%group//name, values, self%error)
+      case (checks)
+         call self%checksum%add(name)
+         call self%checksum%add(values)
+      end select
+   end subroutine pass_cube
+
+   !> Whether there is something to do with a component: then its extents, those of the file when reading.
+   subroutine look(self, name, is_there, n_axes, extents)
+      class(walker), intent(inout) :: self
+      character(*), intent(in) :: name
+      logical, intent(in) :: is_there
+      integer, intent(in) :: n_axes
+      integer(long), allocatable, intent(out) :: extents(:)
+
+      if (allocated(self%error)) return
+      if (self%deed /= reads) then
+         if (is_there) allocate (extents(n_axes), source=0_long)
+      else if (self%file%has(self%group//name)) then
+         call read_extent(self%file, self%group//name, n_axes, extents, self%error)
+         if (allocated(self%error)) deallocate (extents)
+      end if
+   end subroutine look
+
+   !> The lists of all samples one below the other.
+   subroutine lay_out_transitions(block, counts, rows)
+      type(block_result), intent(in) :: block
+      integer(long), allocatable, intent(out) :: counts(:, :)   !! (1, sample)
+      real(wp), allocatable, intent(out) :: rows(:, :)          !! (time dof kind, row)
+      integer :: first, i
+
+      if (.not. allocated(block%transitions)) return
+      counts = reshape(int(block%transitions%n, long), [1, size(block%transitions)])
+      allocate (rows(3, sum(block%transitions%n)))
+      first = 1
+      do i = 1, size(block%transitions)
+         associate (list => block%transitions(i), last => first + block%transitions(i)%n - 1)
+            if (list%n == 0) cycle
+            rows(1, first:last) = list%time(:list%n)
+            rows(2, first:last) = list%dof(:list%n)
+            rows(3, first:last) = list%kind(:list%n)
+         end associate
+         first = first + block%transitions(i)%n
+      end do
+   end subroutine lay_out_transitions
+
+   subroutine take_up_transitions(counts, rows, block)
+      integer(long), intent(in) :: counts(:, :)   !! (1, sample)
+      real(wp), intent(in) :: rows(:, :)          !! (time dof kind, row)
+      type(block_result), intent(inout) :: block
+      integer :: first, i, last
+
+      allocate (block%transitions(size(counts, 2)))
+      first = 1
+      do i = 1, size(counts, 2)
+         last = first + int(counts(1, i)) - 1
+         block%transitions(i)%n = int(counts(1, i))
+         block%transitions(i)%time = rows(1, first:last)
+         block%transitions(i)%dof = nint(rows(2, first:last))
+         block%transitions(i)%kind = nint(rows(3, first:last))
+         first = last + 1
+      end do
+   end subroutine take_up_transitions
+
+   !> Label of a dataset in a block's own file: without axes, and with spectra cut into ranges of
+   !> frequencies, which is how statistics read them.
+   pure function bare_label(name, extents) result(label)
+      character(*), intent(in) :: name
+      integer, intent(in) :: extents(:)
+      type(label_type) :: label
+      integer, parameter :: frequencies_read_together = 64
+
+      label = sample_label(name)
+      label%axes = ''
+      if (name == 'psd') label%chunk = [extents(1), min(extents(2), frequencies_read_together), extents(3)]
+   end function bare_label
+
+   !> Units, meaning and axes of what a sample hands back.
+   pure function sample_label(name) result(label)
+      character(*), intent(in) :: name
+      type(label_type) :: label
+
+      select case (name)
+      case ('friction')
+         label = label_type('1', 'friction coefficient', 'sample dof')
+      case ('slip_fraction')
+         label = label_type('1', 'fraction of time in slip', 'sample dof')
+      case ('slip_starts')
+         label = label_type('1', 'number of transitions from stick to slip', 'sample dof')
+      case ('stick_starts')
+         label = label_type('1', 'number of transitions from slip to stick', 'sample dof')
+      case ('folded_share')
+         label = label_type('1', 'share of the power above the highest frequency kept, which is folded below it', &
+                            'sample dof')
+      case ('energy')
+         label = label_type('J', 'input, viscous and friction work, energy stored, defect of their balance', &
+                            'sample term')
+      case ('psd')
+         label = label_type('m^2/Hz', 'power spectral density of the displacement, one-sided', &
+                            'sample frequency dof')
+      case ('displacement')
+         label = label_type('m', 'displacement', 'sample step dof')
+      case ('velocity')
+         label = label_type('m/s', 'velocity', 'sample step dof')
+      case ('transitions')
+         label = label_type('1', 'time [s], dof and kind (+1, -1: slip starts, 0: sticks) of each transition', &
+                            'transition column')
+      case ('transition_count')
+         label = label_type('1', 'number of transitions', 'sample one')
+      case default
+         error stop 'io_blocks: sample_label of an unknown name'
+      end select
+   end function sample_label
+
+end module io_blocks

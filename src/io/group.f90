@@ -1,0 +1,187 @@
+!> A group of a file being filled: after a first error everything else passes by, and the error is taken once.
+module io_group
+   use core_error, only: error_type
+   use core_kinds, only: long, wp
+   use io_hdf5, only: hdf5_file, label_type, make_dataset, write_attribute, write_dataset, write_part
+   implicit none(type, external)
+   private
+   public :: group_type, new_group, counted
+
+   type :: group_type
+      type(hdf5_file) :: file
+      character(:), allocatable :: path
+      type(error_type), allocatable :: error
+   contains
+      generic :: attribute => text_attribute, integer_attribute, long_attribute, real_attribute, &
+         logical_attribute
+      generic :: put => put_reals, put_integers, put_longs
+      generic :: put_part => put_real_part, put_integer_part
+      procedure :: put_allocated
+      procedure :: put_value
+      procedure :: make
+      procedure :: take_error
+      procedure, private :: text_attribute, integer_attribute, long_attribute, real_attribute, &
+         logical_attribute
+      procedure, private :: put_reals, put_integers, put_longs, put_real_part, put_integer_part
+   end type group_type
+
+contains
+
+   function new_group(file, path) result(group)
+      type(hdf5_file), intent(in) :: file
+      character(*), intent(in) :: path
+      type(group_type) :: group
+
+      group%file = file
+      group%path = path
+      call file%make_group(path, group%error)
+   end function new_group
+
+   !> The first error of all that was done with the group.
+   subroutine take_error(self, error)
+      class(group_type), intent(inout) :: self
+      type(error_type), allocatable, intent(out) :: error
+
+      if (allocated(self%error)) call move_alloc(self%error, error)
+   end subroutine take_error
+
+   subroutine text_attribute(self, name, value)
+      class(group_type), intent(inout) :: self
+      character(*), intent(in) :: name, value
+
+      if (.not. allocated(self%error)) call write_attribute(self%file, self%path, name, value, self%error)
+   end subroutine text_attribute
+
+   subroutine integer_attribute(self, name, value)
+      class(group_type), intent(inout) :: self
+      character(*), intent(in) :: name
+      integer, intent(in) :: value
+
+      if (.not. allocated(self%error)) call write_attribute(self%file, self%path, name, value, self%error)
+   end subroutine integer_attribute
+
+   subroutine long_attribute(self, name, value)
+      class(group_type), intent(inout) :: self
+      character(*), intent(in) :: name
+      integer(long), intent(in) :: value
+
+      if (.not. allocated(self%error)) call write_attribute(self%file, self%path, name, value, self%error)
+   end subroutine long_attribute
+
+   subroutine real_attribute(self, name, value)
+      class(group_type), intent(inout) :: self
+      character(*), intent(in) :: name
+      real(wp), intent(in) :: value
+
+      if (.not. allocated(self%error)) call write_attribute(self%file, self%path, name, value, self%error)
+   end subroutine real_attribute
+
+   subroutine logical_attribute(self, name, value)
+      class(group_type), intent(inout) :: self
+      character(*), intent(in) :: name
+      logical, intent(in) :: value
+
+      if (.not. allocated(self%error)) call write_attribute(self%file, self%path, name, value, self%error)
+   end subroutine logical_attribute
+
+   !> A whole dataset of any rank.
+   subroutine put_reals(self, name, values, label)
+      class(group_type), intent(inout) :: self
+      character(*), intent(in) :: name
+      real(wp), intent(in), contiguous :: values(..)
+      type(label_type), intent(in) :: label
+
+      if (.not. allocated(self%error)) then
+         call write_dataset(self%file, self%path//'/'//name, values, label, self%error)
+      end if
+   end subroutine put_reals
+
+   !> The same for an array that may not be allocated: then nothing is written.
+   subroutine put_allocated(self, name, values, label)
+      class(group_type), intent(inout) :: self
+      character(*), intent(in) :: name
+      real(wp), intent(in), contiguous, optional :: values(..)
+      type(label_type), intent(in) :: label
+
+      if (present(values)) call self%put(name, values, label)
+   end subroutine put_allocated
+
+   subroutine put_integers(self, name, values, label)
+      class(group_type), intent(inout) :: self
+      character(*), intent(in) :: name
+      integer, intent(in), contiguous :: values(..)
+      type(label_type), intent(in) :: label
+
+      if (.not. allocated(self%error)) then
+         call write_dataset(self%file, self%path//'/'//name, values, label, self%error)
+      end if
+   end subroutine put_integers
+
+   subroutine put_longs(self, name, values, label)
+      class(group_type), intent(inout) :: self
+      character(*), intent(in) :: name
+      integer(long), intent(in), contiguous :: values(..)
+      type(label_type), intent(in) :: label
+
+      if (.not. allocated(self%error)) then
+         call write_dataset(self%file, self%path//'/'//name, values, label, self%error)
+      end if
+   end subroutine put_longs
+
+   !> A scalar, and beside it its standard error where it has one.
+   subroutine put_value(self, name, value, units, long_name, standard_error)
+      class(group_type), intent(inout) :: self
+      character(*), intent(in) :: name, units, long_name
+      real(wp), intent(in) :: value
+      real(wp), intent(in), optional :: standard_error
+
+      call self%put(name, value, label_type(units, long_name, ''))
+      if (.not. present(standard_error)) return
+      call self%put(name//'_error', standard_error, label_type(units, 'standard error: '//long_name, ''))
+   end subroutine put_value
+
+   !> A dataset to be filled in parts; of the type of `mold`.
+   subroutine make(self, name, mold, extents, label)
+      class(group_type), intent(inout) :: self
+      character(*), intent(in) :: name
+      class(*), intent(in) :: mold
+      integer, intent(in) :: extents(:)
+      type(label_type), intent(in) :: label
+
+      if (.not. allocated(self%error)) then
+         call make_dataset(self%file, self%path//'/'//name, mold, extents, label, self%error)
+      end if
+   end subroutine make
+
+   subroutine put_real_part(self, name, first, values)
+      class(group_type), intent(inout) :: self
+      character(*), intent(in) :: name
+      integer, intent(in) :: first(:)
+      real(wp), intent(in), contiguous :: values(..)
+
+      if (.not. allocated(self%error)) then
+         call write_part(self%file, self%path//'/'//name, first, values, self%error)
+      end if
+   end subroutine put_real_part
+
+   subroutine put_integer_part(self, name, first, values)
+      class(group_type), intent(inout) :: self
+      character(*), intent(in) :: name
+      integer, intent(in) :: first(:)
+      integer, intent(in), contiguous :: values(..)
+
+      if (.not. allocated(self%error)) then
+         call write_part(self%file, self%path//'/'//name, first, values, self%error)
+      end if
+   end subroutine put_integer_part
+
+   !> 1, 2, ... n: the values of an axis without others.
+   pure function counted(n) result(numbers)
+      integer, intent(in) :: n
+      integer :: numbers(n)
+      integer :: i
+
+      numbers = [(i, i=1, n)]
+   end function counted
+
+end module io_group

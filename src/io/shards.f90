@@ -1,0 +1,254 @@
+!> Finished blocks of samples as immutable files, each written whole or not at all, in `<output>.shards/`.
+module io_shards
+   use core_error, only: error_type, exit_file, raise
+   use core_kinds, only: long
+   use core_text, only: to_text
+   use ensemble_results, only: block_result
+   use io_blocks, only: find_checksum, read_block, write_block
+   use io_files, only: exists, host_name, list_files, make_folder, process_id, remove_file, &
+                       rename_file, sync_file, sync_folder
+   use io_hdf5, only: create_hdf5, hdf5_file, open_hdf5, read_attribute, write_attribute
+   use io_identity, only: identity_type, require_same, write_identity
+   implicit none(type, external)
+   private
+   public :: shard_store, shard_type, new_store
+   public :: list_shards, open_shard, read_shard, remove_leftovers, remove_store, verify_shard, write_shard
+
+   character(*), parameter :: unfinished = '.part'
+   character(*), parameter :: advice = '; remove it to have its samples computed again'
+
+   !> Where the shards of one output lie.
+   type :: shard_store
+      character(:), allocatable :: folder
+      type(identity_type) :: identity
+   end type shard_store
+
+   !> One shard, as its name tells it.
+   type :: shard_type
+      character(:), allocatable :: path
+      integer :: case_number = 0
+      integer :: first_sample = 0
+      integer :: n_samples = 0
+   end type shard_type
+
+contains
+
+   !> The store of a results file; nothing is made before the first shard is.
+   pure function new_store(output, identity) result(store)
+      character(*), intent(in) :: output   !! path of the results file
+      type(identity_type), intent(in) :: identity
+      type(shard_store) :: store
+
+      store%folder = output//'.shards'
+      store%identity = identity
+   end function new_store
+
+   !> A finished block, on the disk when this returns without error: under another name until it is whole.
+   subroutine write_shard(store, block, error)
+      type(shard_store), intent(in) :: store
+      type(block_result), intent(inout) :: block   !! left as it was
+      type(error_type), allocatable, intent(out) :: error
+      type(error_type), allocatable :: ignored
+      character(:), allocatable :: path, temporary
+
+      path = store%folder//'/'//shard_name(block)
+      temporary = path//'.'//host_name()//'-'//to_text(process_id())//unfinished
+      call make_folder(store%folder, error)
+      if (allocated(error)) return
+      call fill_shard(temporary, store%identity, block, error)
+      if (.not. allocated(error)) call sync_file(temporary, error)
+      if (.not. allocated(error)) call rename_file(temporary, path, error)
+      if (allocated(error)) then
+         call remove_file(temporary, ignored)
+      else
+         call sync_folder(store%folder, error)
+      end if
+   end subroutine write_shard
+
+   subroutine fill_shard(path, identity, block, error)
+      character(*), intent(in) :: path
+      type(identity_type), intent(in) :: identity
+      type(block_result), intent(inout) :: block
+      type(error_type), allocatable, intent(out) :: error
+      type(hdf5_file) :: file
+      integer(long) :: checksum
+
+      call find_checksum(block, checksum)
+      call create_hdf5(path, file, error)
+      if (allocated(error)) return
+      call write_identity(file, identity, error)
+      if (.not. allocated(error)) call write_attribute(file, '/', 'case', block%case_number, error)
+      if (.not. allocated(error)) call write_attribute(file, '/', 'first_sample', block%first_sample, error)
+      if (.not. allocated(error)) call write_attribute(file, '/', 'n_samples', block%n_samples, error)
+      if (.not. allocated(error)) call write_attribute(file, '/', 'checksum', checksum, error)
+      if (.not. allocated(error)) call write_block(file, block, error)
+      if (allocated(error)) then
+         call file%abandon()
+      else
+         call file%close(error)
+      end if
+   end subroutine fill_shard
+
+   !> The shards of a store by their names alone; a file that is none is refused by name.
+   subroutine list_shards(store, shards, error)
+      type(shard_store), intent(in) :: store
+      type(shard_type), allocatable, intent(out) :: shards(:)
+      type(error_type), allocatable, intent(out) :: error
+      character(:), allocatable :: paths(:)
+      type(shard_type) :: shard
+      integer :: i, n
+
+      allocate (shards(0))
+      if (.not. exists(store%folder)) return
+      call list_files(store%folder, paths, error)
+      if (allocated(error)) return
+      deallocate (shards)
+      allocate (shards(size(paths)))
+      n = 0
+      do i = 1, size(paths)
+         if (is_unfinished(trim(paths(i)))) cycle
+         call parse_name(trim(paths(i)), shard, error)
+         if (allocated(error)) return
+         n = n + 1
+         shards(n) = shard
+      end do
+      shards = shards(:n)
+   end subroutine list_shards
+
+   !> Reads a shard whole: refused by name when it is another scene's, another program's, or damaged.
+   subroutine verify_shard(store, shard, error)
+      type(shard_store), intent(in) :: store
+      type(shard_type), intent(in) :: shard
+      type(error_type), allocatable, intent(out) :: error
+      type(block_result) :: block
+
+      call read_shard(store, shard, block, error)
+   end subroutine verify_shard
+
+   !> All that a shard holds, verified as verify_shard does.
+   subroutine read_shard(store, shard, block, error)
+      type(shard_store), intent(in) :: store
+      type(shard_type), intent(in) :: shard
+      type(block_result), intent(out) :: block
+      type(error_type), allocatable, intent(out) :: error
+      type(hdf5_file) :: file
+      integer(long) :: expected, found
+
+      call open_shard(store, shard, file, block, error)
+      if (allocated(error)) return
+      call read_attribute(file, '/', 'checksum', expected, error)
+      if (.not. allocated(error)) call read_block(file, '/', block, error)
+      call file%abandon()
+      if (allocated(error)) then
+         error%message = error%message//advice
+         return
+      end if
+      call find_checksum(block, found)
+      if (found /= expected) call raise(error, exit_file, shard%path// &
+                                        ' is damaged: its values do not have its checksum'//advice)
+   end subroutine read_shard
+
+   !> A shard whose header is as its name and the store have it.
+   subroutine open_shard(store, shard, file, block, error)
+      type(shard_store), intent(in) :: store
+      type(shard_type), intent(in) :: shard
+      type(hdf5_file), intent(out) :: file
+      type(block_result), intent(out) :: block
+      type(error_type), allocatable, intent(out) :: error
+
+      call open_hdf5(shard%path, file, error)
+      if (.not. allocated(error)) call require_same(file, store%identity, error)
+      if (.not. allocated(error)) call read_attribute(file, '/', 'case', block%case_number, error)
+      if (.not. allocated(error)) call read_attribute(file, '/', 'first_sample', block%first_sample, error)
+      if (.not. allocated(error)) call read_attribute(file, '/', 'n_samples', block%n_samples, error)
+      if (.not. allocated(error)) then
+         if (any([block%case_number, block%first_sample, block%n_samples] /= &
+                 [shard%case_number, shard%first_sample, shard%n_samples])) then
+            call raise(error, exit_file, shard%path//' does not hold the samples that its name tells')
+         end if
+      end if
+      if (.not. allocated(error)) return
+      error%message = error%message//advice
+      call file%abandon()
+   end subroutine open_shard
+
+   !> Removes what a killed run left half-written; only for who holds the lock of the output.
+   subroutine remove_leftovers(store, error)
+      type(shard_store), intent(in) :: store
+      type(error_type), allocatable, intent(out) :: error
+
+      call remove_files(store, only_unfinished=.true., error=error)
+   end subroutine remove_leftovers
+
+   !> Removes the store and all in it; one that was never made is fine.
+   subroutine remove_store(store, error)
+      type(shard_store), intent(in) :: store
+      type(error_type), allocatable, intent(out) :: error
+
+      call remove_files(store, only_unfinished=.false., error=error)
+      if (.not. allocated(error)) call remove_file(store%folder, error)
+   end subroutine remove_store
+
+   subroutine remove_files(store, only_unfinished, error)
+      type(shard_store), intent(in) :: store
+      logical, intent(in) :: only_unfinished
+      type(error_type), allocatable, intent(out) :: error
+      character(:), allocatable :: paths(:)
+      integer :: i
+
+      if (.not. exists(store%folder)) return
+      call list_files(store%folder, paths, error)
+      if (allocated(error)) return
+      do i = 1, size(paths)
+         if (only_unfinished .and. .not. is_unfinished(trim(paths(i)))) cycle
+         call remove_file(trim(paths(i)), error)
+         if (allocated(error)) return
+      end do
+   end subroutine remove_files
+
+   !> c007_s00033-00064.h5: case 7, samples 33 to 64.
+   function shard_name(block) result(name)
+      type(block_result), intent(in) :: block
+      character(:), allocatable :: name
+      character(64) :: buffer
+
+      write (buffer, '(a, i0.3, a, i0.5, a, i0.5, a)') 'c', block%case_number, '_s', block%first_sample, &
+         '-', block%first_sample + block%n_samples - 1, '.h5'
+      name = trim(buffer)
+   end function shard_name
+
+   subroutine parse_name(path, shard, error)
+      character(*), intent(in) :: path
+      type(shard_type), intent(out) :: shard
+      type(error_type), allocatable, intent(out) :: error
+      type(block_result) :: block
+      character(:), allocatable :: name
+      integer :: dash, last, mark, status
+
+      name = path(index(path, '/', back=.true.) + 1:)
+      mark = index(name, '_s')
+      dash = index(name, '-')
+      status = 1
+      if (name(1:1) == 'c' .and. mark > 2 .and. dash > mark + 2 .and. len(name) > dash + 3) then
+         read (name(2:mark - 1), *, iostat=status) block%case_number
+         if (status == 0) read (name(mark + 2:dash - 1), *, iostat=status) block%first_sample
+         if (status == 0) read (name(dash + 1:len(name) - 3), *, iostat=status) last
+      end if
+      if (status == 0) then
+         block%n_samples = last - block%first_sample + 1
+         if (shard_name(block) == name) then
+            shard = shard_type(path, block%case_number, block%first_sample, block%n_samples)
+            return
+         end if
+      end if
+      call raise(error, exit_file, path//' is not the name of a shard: only shards may lie in this folder')
+   end subroutine parse_name
+
+   pure function is_unfinished(path)
+      character(*), intent(in) :: path
+      logical :: is_unfinished
+
+      is_unfinished = index(path//' ', unfinished//' ') > 0
+   end function is_unfinished
+
+end module io_shards

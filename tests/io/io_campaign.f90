@@ -1,0 +1,152 @@
+!> A small campaign whose every number follows from case, sample and dof: nothing needs to be marched.
+module io_campaign
+   use core_error, only: error_type
+   use core_kinds, only: long, wp
+   use dynamics_chain, only: build_chain
+   use ensemble_plan, only: plan_type
+   use ensemble_results, only: block_result, case_statistics, spectrum_layout
+   use io_files, only: make_folder, process_id
+   use io_identity, only: identity_type
+   use process_model, only: process_model_type
+   use core_text, only: to_text
+   implicit none(type, external)
+   private
+   public :: fresh_folder, made_block, made_identity, made_layout, made_model, made_plan, made_statistics
+
+   integer, parameter, public :: n_dof = 3, n_frequencies = 130, n_steps = 20
+
+contains
+
+   !> A folder of its own for each test and process.
+   function fresh_folder(name) result(folder)
+      character(*), intent(in) :: name
+      character(:), allocatable :: folder
+      type(error_type), allocatable :: error
+
+      folder = '/tmp/entroslip_test_io/'//name//'_'//to_text(process_id())
+      call execute_command_line('rm -rf '//folder)
+      call make_folder(folder, error)
+      if (allocated(error)) error stop 'fresh_folder'
+   end function fresh_folder
+
+   function made_identity() result(identity)
+      type(identity_type) :: identity
+
+      identity = identity_type('00ab00cd', '0.1.0', 'x86-64, gfortran')
+   end function made_identity
+
+   !> Case 1: none, one sample; case 2: process 1. Everything is asked for.
+   function made_plan(n_samples) result(plan)
+      integer, intent(in) :: n_samples
+      type(plan_type) :: plan
+      type(error_type), allocatable :: error
+      real(wp) :: one(n_dof)
+
+      one = 1.0_wp
+      call build_chain(one, 25.0_wp*one, 50.0_wp*one, 10.0_wp*one, 0.005_wp*one, plan%chain, error)
+      if (allocated(error)) error stop 'made_plan'
+      plan%title = 'made'
+      allocate (plan%processes(1), plan%cases(2))
+      plan%processes(1)%correlation_length = 0.3_wp
+      plan%processes(1)%std = 0.067_wp
+      plan%cases%n_samples = [1, n_samples]
+      plan%cases%process = [0, 1]
+      plan%cases%variance = [3.7_wp, 41.1_wp]
+      plan%integration%n_steps = n_steps
+      plan%integration%dt = 0.01_wp
+      plan%output%slip = .true.
+      plan%output%spectrum = .true.
+      plan%output%energy = .true.
+      plan%output%history = .true.
+      plan%output%transitions = .true.
+      plan%output%percentiles = [5.0_wp, 95.0_wp]
+      plan%has_chain = .true.
+   end function made_plan
+
+   function made_layout() result(layout)
+      type(spectrum_layout) :: layout
+      integer :: i
+
+      layout%segment_length = 2*(n_frequencies - 1)
+      layout%overlap = n_frequencies - 1
+      layout%n_segments = 7
+      layout%frequency = [(0.1_wp*i, i=0, n_frequencies - 1)]
+   end function made_layout
+
+   !> Samples first..last of a case; sample s has s transitions.
+   function made_block(case_number, first, last) result(block)
+      integer, intent(in) :: case_number, first, last
+      type(block_result) :: block
+      integer :: d, f, i, s, n
+
+      n = last - first + 1
+      block%case_number = case_number
+      block%first_sample = first
+      block%n_samples = n
+      block%friction = reshape([((value(1, d, s), d=1, n_dof), s=first, last)], [n_dof, n])
+      block%slip_fraction = reshape([((value(2, d, s), d=1, n_dof), s=first, last)], [n_dof, n])
+      block%slip_starts = reshape([((5000000000_long + 10*s + d, d=1, n_dof), s=first, last)], [n_dof, n])
+      block%stick_starts = block%slip_starts + 1
+      block%folded_share = 0.001_wp*block%friction
+      block%energy = reshape([((value(3, d, s), d=1, 5), s=first, last)], [5, n])
+      block%psd = reshape([(((value(10 + f, d, s), d=1, n_dof), f=1, n_frequencies), s=first, last)], &
+                          [n_dof, n_frequencies, n])
+      block%displacement = reshape([(((value(f, d, -s), d=1, n_dof), f=0, n_steps), s=first, last)], &
+                                   [n_dof, n_steps + 1, n])
+      block%velocity = -2.0_wp*block%displacement
+      allocate (block%transitions(n))
+      do s = first, last
+         do i = 1, s
+            call block%transitions(s - first + 1)%append(0.1_wp*i, 1 + mod(i, n_dof), mod(i, 3) - 1)
+         end do
+      end do
+
+   contains
+
+      pure function value(what, dof, sample)
+         integer, intent(in) :: what, dof, sample
+         real(wp) :: value
+
+         value = 1.0_wp/(case_number + 3*what + 7*dof + 1000*sample)
+      end function value
+
+   end function made_block
+
+   function made_statistics(n_samples) result(statistics)
+      integer, intent(in) :: n_samples
+      type(case_statistics) :: statistics
+      integer :: d
+
+      statistics%n_samples = n_samples
+      statistics%slip_mean = [(0.1_wp*d, d=1, n_dof)]
+      statistics%slip_std = 0.1_wp*statistics%slip_mean
+      statistics%slip_mean_error = 0.01_wp*statistics%slip_mean
+      statistics%slip_std_error = 0.01_wp*statistics%slip_std
+      allocate (statistics%psd_mean(n_dof, n_frequencies), source=1.5_wp)
+      allocate (statistics%psd_percentiles(n_dof, n_frequencies, 2), source=2.5_wp)
+      allocate (statistics%pseudo_variance_percentiles(n_dof, 2), source=3.5_wp)
+   end function made_statistics
+
+   function made_model() result(model)
+      type(process_model_type) :: model
+
+      model%request%method = 'autoregressive'
+      model%request%correlation = 'L0'
+      model%request%sampler = 'sequential'
+      model%request%correlation_length = 0.3_wp
+      model%request%order = 2
+      model%request%mean = 0.2_wp
+      model%request%std = 0.067_wp
+      model%request%positive = .true.
+      model%is_solved = .true.
+      model%order = 2
+      model%a = [-0.25_wp, 0.0625_wp]
+      model%b0 = 0.5_wp
+      model%poles = [cmplx(0.1_wp, 0.2_wp, wp), cmplx(0.1_wp, -0.2_wp, wp)]
+      model%autocovariance = [1.0_wp, 0.5_wp, 0.25_wp]
+      model%autocovariance_error = [0.0_wp, 0.01_wp, 0.02_wp]
+      model%l0 = 0.3_wp
+      model%l0_error = 0.001_wp
+   end function made_model
+
+end module io_campaign
