@@ -6,18 +6,24 @@ module dynamics_event
    use dynamics_chain, only: chain_type
    use dynamics_lanes, only: lane_group, new_lane_group
    use dynamics_response, only: block_state, marcher_type
+   use dynamics_propagator, only: new_propagator, series_order, width
+   use dynamics_tabulated, only: tabulated_march
    use dynamics_taylor, only: fastest_rate, lanes, new_taylor, order_for
    implicit none(type, external)
    private
    public :: event_marcher, new_event_marcher
 
-   !> Marches by Taylor series with located transitions.
+   !> Marches by tables of exact steps, and by Taylor series where the chain is too long for tables.
    type, extends(marcher_type) :: event_marcher
       real(wp) :: tolerance = 0.0_wp     !! displacement error relative to its rms
-      integer :: substeps = 1            !! parts of a step, so that rate h <= 1
+      integer :: substeps = 1            !! equal parts of a step
+      logical :: has_tables = .false.
       type(lane_group) :: group
+      type(tabulated_march) :: tabulated
    contains
       procedure :: advance
+      procedure :: advance_by_tables
+      procedure :: advance_by_series
    end type event_marcher
 
 contains
@@ -30,10 +36,11 @@ contains
       integer, intent(in) :: forced_dof
       type(event_marcher), intent(out) :: marcher
       type(error_type), allocatable, intent(out) :: error
-      real(wp), parameter :: largest_rate_step = 1.0_wp
+      real(wp), parameter :: table_rate_step = 0.5_wp    ! longest step in units of the fastest time constant,
+      real(wp), parameter :: series_rate_step = 1.0_wp   ! for sharp bounds of the guards and for few powers
       !> a step's error lives on for some 1/zeta periods of many steps each
       real(wp), parameter :: share_of_step = 1.0e-3_wp
-      real(wp) :: h
+      real(wp) :: h, rate
 
       if (.not. dt > 0.0_wp) then
          call raise(error, exit_bad_input, 'dt = '//to_text(dt)//': must be positive')
@@ -50,10 +57,22 @@ contains
       marcher%dt = dt
       marcher%forced_dof = forced_dof
       marcher%tolerance = tolerance
-      marcher%substeps = max(1, ceiling(fastest_rate(chain)*dt/largest_rate_step))
+      rate = fastest_rate(chain)
+      marcher%has_tables = chain%n_dof <= width
+      marcher%substeps = max(1, ceiling(rate*dt/merge(table_rate_step, series_rate_step, &
+                                                      marcher%has_tables)))
       h = dt/marcher%substeps
       marcher%group = new_lane_group(chain, new_taylor(chain, h, forced_dof, &
-                                                       order_for(fastest_rate(chain)*h, share_of_step*tolerance)))
+                                                       order_for(rate*h, share_of_step*tolerance)))
+      if (.not. marcher%has_tables) return
+      associate (tables => marcher%tabulated)
+         tables%chain = chain
+         tables%h = h
+         tables%floor = (rate*h)**4/384.0_wp
+         tables%has_series = order_for(rate*h, share_of_step*tolerance) <= series_order
+         tables%group = marcher%group
+         call new_propagator(chain, h, forced_dof, tables%propagator)
+      end associate
    end subroutine new_event_marcher
 
    subroutine advance(self, state, force, every, displacement, velocity, error)
@@ -64,14 +83,67 @@ contains
       real(wp), intent(out) :: displacement(:, :, :)         !! (record, dof, sample) [m]; may have size 0
       real(wp), intent(out), optional :: velocity(:, :, :)   !! (record, dof, sample) [m/s]
       type(error_type), allocatable, intent(out) :: error
-      type(lane_group) :: group
-      real(wp), allocatable :: slip_begin(:, :)
-      integer(long) :: total
-      integer :: column(lanes), first, l, last, n_steps, record, step, sub
+      real(wp), allocatable :: slip_begin(:, :)   ! (dof, sample) where the slip under way began [parts of a step]
+      real(wp) :: h
+
+      allocate (slip_begin(state%n_dof, state%n_samples), source=real(state%step*self%substeps, wp))
+      if (self%has_tables .and. .not. state%keeps_ledger) then
+         call self%advance_by_tables(state, force, every, slip_begin, displacement, velocity, error)
+      else
+         call self%advance_by_series(state, force, every, slip_begin, displacement, velocity, error)
+      end if
+      if (allocated(error)) return
+      state%step = state%step + ubound(force, 1)
+      h = self%dt/self%substeps
+      where (state%direction /= 0) state%slip_time = state%slip_time + &
+                                                     (real(state%step*self%substeps, wp) - slip_begin)*h
+   end subroutine advance
+
+   !> In pieces whose force, with a value at every part of a step, stays in the cache.
+   subroutine advance_by_tables(self, state, force, every, slip_begin, displacement, velocity, error)
+      class(event_marcher), intent(inout) :: self
+      type(block_state), intent(inout) :: state
+      real(wp), intent(in) :: force(0:, :)
+      integer, intent(in) :: every
+      real(wp), intent(inout) :: slip_begin(:, :), displacement(:, :, :)
+      real(wp), intent(inout), optional :: velocity(:, :, :)
+      type(error_type), allocatable, intent(out) :: error
+      integer, parameter :: longest_piece = 8192   ! parts of steps
+      real(wp), allocatable :: piece(:, :)
+      integer :: first, last, n_steps, recorded, step, sub
 
       n_steps = ubound(force, 1)
-      total = (state%step + n_steps)*self%substeps
-      allocate (slip_begin(state%n_dof, state%n_samples), source=real(state%step*self%substeps, wp))
+      first = 0
+      do while (first < n_steps)
+         last = min(first + max(1, longest_piece/self%substeps), n_steps)
+         allocate (piece(0:(last - first)*self%substeps, size(force, 2)))
+         do step = first, last - 1
+            do sub = 0, self%substeps - 1
+               piece((step - first)*self%substeps + sub, :) = force(step, :) + &
+                  (force(step + 1, :) - force(step, :))*(real(sub, wp)/self%substeps)
+            end do
+         end do
+         piece((last - first)*self%substeps, :) = force(last, :)
+         recorded = int((state%step + first)/every - state%step/every)
+         call self%tabulated%march(state, piece, real((state%step + first)*self%substeps, wp), &
+                                   every*self%substeps, recorded, slip_begin, displacement, velocity, error)
+         if (allocated(error)) return
+         deallocate (piece)
+         first = last
+      end do
+   end subroutine advance_by_tables
+
+   subroutine advance_by_series(self, state, force, every, slip_begin, displacement, velocity, error)
+      class(event_marcher), intent(inout) :: self
+      type(block_state), intent(inout) :: state
+      real(wp), intent(in) :: force(0:, :)
+      integer, intent(in) :: every
+      real(wp), intent(inout) :: slip_begin(:, :), displacement(:, :, :)
+      real(wp), intent(inout), optional :: velocity(:, :, :)
+      type(error_type), allocatable, intent(out) :: error
+      type(lane_group) :: group
+      integer :: column(lanes), first, l, last, record, step, sub
+
       do first = 1, state%n_samples, lanes
          last = min(first + lanes - 1, state%n_samples)
          group = self%group
@@ -81,7 +153,7 @@ contains
             if (size(force, 2) > 1) column(l) = first + l - 1
          end do
          record = 0
-         do step = 0, n_steps - 1
+         do step = 0, ubound(force, 1) - 1
             group%force(:, 1) = (force(step + 1, column) - force(step, column))/self%substeps
             do sub = 0, self%substeps - 1
                group%force(:, 0) = force(step, column) + sub*group%force(:, 1)
@@ -101,10 +173,6 @@ contains
             call group%store(self%chain, l, state)
          end do
       end do
-      where (state%direction /= 0)
-         state%slip_time = state%slip_time + (total - slip_begin)*self%group%taylor%h
-      end where
-      state%step = state%step + n_steps
-   end subroutine advance
+   end subroutine advance_by_series
 
 end module dynamics_event

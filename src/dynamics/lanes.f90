@@ -32,6 +32,7 @@ module dynamics_lanes
       real(wp), allocatable :: anchor(:, :)         !! where the contact pulls to (stuck), or what it adds (slipping)
       real(wp), allocatable :: crossing(:, :)       !! next transition of each mass, from now [steps]
    contains
+      procedure :: clear
       procedure :: load
       procedure :: store
       procedure :: march_step
@@ -43,7 +44,7 @@ contains
       type(chain_type), intent(in) :: chain
       type(taylor_type), intent(in) :: taylor
       type(lane_group) :: group
-      integer :: n
+      integer :: l, n
 
       n = taylor%n
       group%taylor = taylor
@@ -51,9 +52,25 @@ contains
       allocate (group%x(lanes, 0:n + 1, 0:taylor%order), source=0.0_wp)
       allocate (group%direction(lanes, n), group%slider(lanes, n), group%reach(lanes, n), &
                 group%held(lanes, n), group%anchor(lanes, n), group%crossing(lanes, n), source=0.0_wp)
-      group%held = 1.0_wp
-      group%reach = huge(1.0_wp)
+      do l = 1, lanes
+         call group%clear(l)
+      end do
    end function new_lane_group
+
+   !> A lane without a sample.
+   pure subroutine clear(self, lane)
+      class(lane_group), intent(inout) :: self
+      integer, intent(in) :: lane
+
+      self%sample(lane) = 0
+      self%force(lane, :) = 0.0_wp
+      self%x(lane, :, :) = 0.0_wp
+      self%slider(lane, :) = 0.0_wp
+      self%direction(lane, :) = 0.0_wp
+      self%reach(lane, :) = huge(1.0_wp)
+      self%held(lane, :) = 1.0_wp
+      self%anchor(lane, :) = 0.0_wp
+   end subroutine clear
 
    !> Puts a sample of the block into a lane.
    pure subroutine load(self, chain, lane, sample, state)

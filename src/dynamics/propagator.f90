@@ -1,0 +1,208 @@
+!> Exact solutions of one step for every stick pattern: what is the same for all samples is tabulated once.
+!>
+!> With the pattern of stuck masses fixed, the chain under a linear force is z' = A z + loads, z = (x, u),
+!> time in steps, u = h v. The matrix exponential gives the state after a step; the powers of A give the
+!> Taylor series of any mass, and how a load that sets in on one mass spreads. Rows 1..8 and 9..16 of a
+!> state vector are x and u; the tables of a pattern are built when it is met first.
+module dynamics_propagator
+   use core_kinds, only: wp
+   use dynamics_chain, only: chain_type
+   use, intrinsic :: iso_c_binding, only: c_intptr_t, c_loc
+   implicit none(type, external)
+   private
+   public :: propagator_type, new_propagator, alignment_gap
+   public :: width, state_size, series_order, column_force, column_anchor, row_columns
+
+   integer, parameter :: width = 8                   !! most masses; one 64-byte vector
+   integer, parameter :: state_size = 2*width
+   integer, parameter :: series_order = 9            !! highest power of the tabulated series
+   integer, parameter :: column_force = state_size + 1    !! this and the next: force at both ends of the step
+   integer, parameter :: column_anchor = state_size + 3   !! the anchors of the masses
+   integer, parameter :: row_columns = state_size + 2 + width
+
+   integer, parameter :: step_length = state_size*(state_size + 2)
+   integer, parameter :: load_length = state_size*width
+   integer, parameter :: row_length = (series_order - 1)*row_columns*width
+   integer, parameter :: kick_length = state_size*width*width
+
+   !> Tables for the 2^n patterns; bit i-1 of a pattern says that mass i is stuck.
+   !> They lie in one pool, each beginning on a cache line: pool(step) is table(16, 18, 0:2^n-1) and so on.
+   type :: propagator_type
+      integer :: n = 0
+      real(wp), allocatable :: pool(:)
+      integer :: step = 0   !! (16, x u force, pattern): state after a step
+      integer :: load = 0   !! (16, mass, pattern): what the anchors add to it
+      integer :: row = 0    !! (power 2..9, x u force anchor, mass, pattern): Taylor series of one mass
+      integer :: kick = 0   !! (16, 0:7, mass, pattern): A^m times a unit load on one mass
+      logical, allocatable :: is_built(:)   !! (0:2^n-1)
+      real(wp), allocatable, private :: free(:, :)      !! A with all masses slipping, and its loads
+      real(wp), allocatable, private :: contact(:)      !! h^2 k/m
+   contains
+      procedure :: build
+      procedure :: at_step
+      procedure :: at_load
+      procedure :: at_row
+      procedure :: at_kick
+   end type propagator_type
+
+contains
+
+   !> Prepares the tables for steps of length h; at most 8 masses.
+   subroutine new_propagator(chain, h, forced_dof, self)
+      type(chain_type), intent(in) :: chain
+      real(wp), intent(in) :: h   !! [s], with rate h at most about 1
+      integer, intent(in) :: forced_dof
+      type(propagator_type), intent(out) :: self   !! not copied: its pool begins on a cache line
+      integer :: i, n, patterns
+
+      n = chain%n_dof
+      patterns = 2**n
+      self%n = n
+      self%contact = h**2*chain%contact_stiffness/chain%mass
+      allocate (self%free(3*n + 2, 3*n + 2), source=0.0_wp)
+      do i = 1, n
+         self%free(i, n + i) = 1.0_wp
+         self%free(n + i, :n) = -h**2*chain%coupling(i, :)/chain%mass(i)
+         self%free(n + i, n + 1:2*n) = -h*chain%damping(i, :)/chain%mass(i)
+         self%free(n + i, 2*n + 2 + i) = self%contact(i)
+      end do
+      self%free(n + forced_dof, 2*n + 1) = h**2/chain%mass(forced_dof)
+      self%free(2*n + 1, 2*n + 2) = 1.0_wp   ! the force rises linearly
+
+      allocate (self%pool(patterns*(step_length + load_length + row_length + kick_length) + width), &
+                source=0.0_wp)
+      self%step = 1 + alignment_gap(self%pool)
+      self%load = self%step + patterns*step_length
+      self%row = self%load + patterns*load_length
+      self%kick = self%row + patterns*row_length
+      allocate (self%is_built(0:patterns - 1), source=.false.)
+   end subroutine new_propagator
+
+   !> How many reals to leave out so that the next one begins a 64-byte line.
+   function alignment_gap(pool) result(gap)
+      real(wp), intent(in), target :: pool(*)
+      integer :: gap
+      integer(c_intptr_t) :: address
+
+      address = transfer(c_loc(pool), address)
+      gap = int(modulo(-address, 64_c_intptr_t))/8
+   end function alignment_gap
+
+   !> Builds the tables of one pattern from the powers of A with its loads: G^k/k!, k = 0, 1, ...
+   !> As the norm of G is near 1, the series itself gives the exponential to rounding.
+   subroutine build(self, pattern)
+      class(propagator_type), intent(inout) :: self
+      integer, intent(in) :: pattern
+      integer, parameter :: terms = 26
+      real(wp), allocatable :: g(:, :), term(:, :), total(:, :)
+      real(wp) :: factorial
+      integer :: i, k, n
+
+      n = self%n
+      g = self%free
+      do i = 1, n
+         if (btest(pattern, i - 1)) g(n + i, i) = g(n + i, i) - self%contact(i)
+      end do
+      allocate (term, source=0.0_wp*g)
+      do i = 1, size(g, 1)
+         term(i, i) = 1.0_wp
+      end do
+      total = term
+      factorial = 1.0_wp
+      do k = 0, terms
+         if (k > 0) then
+            term = matmul(g, term)/k
+            total = total + term
+            factorial = factorial*k
+         end if
+         if (k < width) call put_kick(n, k, factorial*term, self%pool(self%at_kick(pattern)))
+         if (k >= 2 .and. k <= series_order) &
+            call put_row(n, k, term, self%pool(self%at_row(pattern)))
+      end do
+      call put_step(n, total, self%pool(self%at_step(pattern)), &
+                    self%pool(self%at_load(pattern)))
+      self%is_built(pattern) = .true.
+   end subroutine build
+
+   !> First element of a pattern's table in the pool.
+   pure integer function at_step(self, pattern)
+      class(propagator_type), intent(in) :: self
+      integer, intent(in) :: pattern
+
+      at_step = self%step + pattern*step_length
+   end function at_step
+
+   pure integer function at_load(self, pattern)
+      class(propagator_type), intent(in) :: self
+      integer, intent(in) :: pattern
+
+      at_load = self%load + pattern*load_length
+   end function at_load
+
+   pure integer function at_row(self, pattern)
+      class(propagator_type), intent(in) :: self
+      integer, intent(in) :: pattern
+
+      at_row = self%row + pattern*row_length
+   end function at_row
+
+   pure integer function at_kick(self, pattern)
+      class(propagator_type), intent(in) :: self
+      integer, intent(in) :: pattern
+
+      at_kick = self%kick + pattern*kick_length
+   end function at_kick
+
+   pure subroutine put_step(n, exponential, step, load)
+      integer, intent(in) :: n
+      real(wp), intent(in) :: exponential(:, :)
+      real(wp), intent(inout) :: step(width, 2, state_size + 2), load(width, 2, width)
+      integer :: i, half
+
+      do half = 1, 2
+         do i = 1, n
+            associate (from => exponential((half - 1)*n + i, :))
+               step(i, half, 1:n) = from(:n)
+               step(i, half, width + 1:width + n) = from(n + 1:2*n)
+               step(i, half, column_force:column_force + 1) = ends(from(2*n + 1), from(2*n + 2))
+               load(i, half, :n) = from(2*n + 3:)
+            end associate
+         end do
+      end do
+   end subroutine put_step
+
+   pure subroutine put_row(n, k, term, row)
+      integer, intent(in) :: n, k
+      real(wp), intent(in) :: term(:, :)
+      real(wp), intent(inout) :: row(2:series_order, row_columns, width)
+      integer :: i
+
+      do i = 1, n
+         row(k, 1:n, i) = term(i, :n)
+         row(k, width + 1:width + n, i) = term(i, n + 1:2*n)
+         row(k, column_force:column_force + 1, i) = ends(term(i, 2*n + 1), term(i, 2*n + 2))
+         row(k, column_anchor:column_anchor + n - 1, i) = term(i, 2*n + 3:)
+      end do
+   end subroutine put_row
+
+   pure subroutine put_kick(n, k, power, kick)
+      integer, intent(in) :: n, k
+      real(wp), intent(in) :: power(:, :)
+      real(wp), intent(inout) :: kick(width, 2, 0:width - 1, width)
+      integer :: i
+
+      do i = 1, n
+         kick(:n, 1, k, i) = power(:n, n + i)
+         kick(:n, 2, k, i) = power(n + 1:2*n, n + i)
+      end do
+   end subroutine put_kick
+
+   !> From the weights of (value, rise) of the force to those of its values at both ends.
+   pure function ends(of_value, of_rise)
+      real(wp), intent(in) :: of_value, of_rise
+      real(wp) :: ends(2)
+
+      ends = [of_value - of_rise, of_rise]
+   end function ends
+
+end module dynamics_propagator
