@@ -2,12 +2,13 @@
 module io_hdf5_file
    use, intrinsic :: iso_c_binding, only: c_bool, c_int, c_int64_t
    use core_error, only: error_type
+   use core_text, only: to_text
    use hdf5
    use io_files, only: exists
    use io_hdf5_outcome, only: outcome_type
    implicit none(type, external)
    private
-   public :: hdf5_file, create_hdf5, is_hdf5, new_link_list, open_hdf5
+   public :: hdf5_file, create_hdf5, hdf5_library, is_hdf5, new_link_list, open_hdf5
 
    !> One open file. After an error only `abandon` makes sense.
    type :: hdf5_file
@@ -36,6 +37,15 @@ module io_hdf5_file
    logical :: is_started = .false.
 
 contains
+
+   !> Version of the library.
+   function hdf5_library() result(text)
+      character(:), allocatable :: text
+      integer :: major, minor, release, status
+
+      call h5get_libversion_f(major, minor, release, status)
+      text = to_text(major)//'.'//to_text(minor)//'.'//to_text(release)
+   end function hdf5_library
 
    !> A new file in place of any other.
    subroutine create_hdf5(path, file, error)

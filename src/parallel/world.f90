@@ -10,11 +10,12 @@ module parallel_world
    use core_kinds, only: long, wp
    use mpi_f08, only: MPI_Allreduce, MPI_Barrier, MPI_Bcast, MPI_CHARACTER, MPI_Comm, MPI_Comm_rank, &
                       MPI_Comm_size, MPI_COMM_WORLD, MPI_DOUBLE_PRECISION, MPI_Finalize, MPI_Gather, &
-                      MPI_Gatherv, MPI_IN_PLACE, MPI_Init, MPI_INTEGER, MPI_INTEGER1, MPI_INTEGER8, &
-                      MPI_LOGICAL, MPI_MAX, MPI_MIN, MPI_SUM
+                      MPI_Gatherv, MPI_Get_library_version, MPI_IN_PLACE, MPI_Init, MPI_INTEGER, &
+                      MPI_INTEGER1, MPI_INTEGER8, MPI_LOGICAL, MPI_MAX, MPI_MAX_LIBRARY_VERSION_STRING, &
+                      MPI_MIN, MPI_SUM
    implicit none(type, external)
    private
-   public :: world_type, new_world, start_world, stop_world
+   public :: world_type, new_world, mpi_library, start_world, stop_world
 
    !> A group of ranks. Ranks count from 0, as MPI does; rank 0 is the root.
    type :: world_type
@@ -65,6 +66,16 @@ contains
       call MPI_Init()
       world = new_world(MPI_COMM_WORLD)
    end subroutine start_world
+
+   !> Name and version of the MPI library, up to the first comma; needs no world.
+   function mpi_library() result(text)
+      character(:), allocatable :: text
+      character(MPI_MAX_LIBRARY_VERSION_STRING) :: buffer
+      integer :: length
+
+      call MPI_Get_library_version(buffer, length)
+      text = buffer(:scan(buffer(:length)//',', ','//achar(10)) - 1)
+   end function mpi_library
 
    !> Whether a launcher (mpirun, or a batch system's own) started this process.
    function was_launched()

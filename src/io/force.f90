@@ -1,0 +1,93 @@
+!> Force histories of the user's own in HDF5.
+module io_force
+   use core_error, only: error_type, exit_bad_input, raise
+   use core_kinds, only: long, wp
+   use core_text, only: to_text
+   use io_files, only: file_size
+   use io_hdf5, only: has_attribute, hdf5_file, open_hdf5, read_attribute, read_dataset, read_extent
+   implicit none(type, external)
+   private
+   public :: read_force_hdf5
+
+   character(*), parameter :: name = '/force'
+
+contains
+
+   !> The dataset /force(step), or /force(sample, step) with a record for each sample, as Python names the
+   !> axes; its attribute dt, where there is one, must be the scene's. Whether the values are finite, and
+   !> as many as are needed, is for who uses them to say.
+   subroutine read_force_hdf5(path, dt, force, error)
+      character(*), intent(in) :: path
+      real(wp), intent(in) :: dt                          !! of the scene [s]
+      real(wp), allocatable, intent(out) :: force(:, :)   !! (0:n_steps, 1 or sample) [N]
+      type(error_type), allocatable, intent(out) :: error
+      type(hdf5_file) :: file
+
+      call open_hdf5(path, file, error)
+      if (.not. allocated(error)) call check_interval(file, dt, error)
+      if (.not. allocated(error)) call read_records(file, force, error)
+      call file%abandon()
+      if (allocated(error)) error%exit_code = exit_bad_input
+   end subroutine read_force_hdf5
+
+   subroutine check_interval(file, dt, error)
+      type(hdf5_file), intent(in) :: file
+      real(wp), intent(in) :: dt
+      type(error_type), allocatable, intent(out) :: error
+      real(wp), parameter :: rounding = 1.0e-12_wp   ! relative: a dt that went through some arithmetic
+      real(wp) :: found
+
+      if (.not. file%has(name)) then
+         call raise(error, exit_bad_input, file%path//': has no dataset '//name)
+         return
+      end if
+      if (.not. has_attribute(file, name, 'dt')) return
+      call read_attribute(file, name, 'dt', found, error)
+      if (allocated(error)) return
+      if (.not. abs(found - dt) <= rounding*dt) then
+         call raise(error, exit_bad_input, file%path//': attribute dt of '//name//' = '//to_text(found)// &
+                    ': must be integration%dt = '//to_text(dt))
+      end if
+   end subroutine check_interval
+
+   subroutine read_records(file, force, error)
+      type(hdf5_file), intent(in) :: file
+      real(wp), allocatable, intent(out) :: force(:, :)
+      type(error_type), allocatable, intent(out) :: error
+      real(wp), parameter :: densest = 1000.0_wp   ! values in a byte, whatever the compression
+      integer(long), allocatable :: n(:)
+      logical :: is_one_record
+      integer :: status
+
+      call read_extent(file, name, 1, n, error)
+      is_one_record = .not. allocated(error)
+      if (is_one_record) then
+         n = [n, 1_long]
+      else
+         call read_extent(file, name, 2, n, error)
+         if (allocated(error)) then
+            call raise(error, exit_bad_input, file%path//': '//name// &
+                       ': must be a dataset of one axis (step) or two (sample, step)')
+            return
+         end if
+      end if
+      if (any(n < 1) .or. any(n > huge(0)) .or. &
+          product(real(n, wp)) > densest*real(file_size(file%path), wp)) then
+         call raise(error, exit_bad_input, file%path//': '//name//' has '//to_text(n(2))//' records of '// &
+                    to_text(n(1))//' values: none, or more than the file can hold')
+         return
+      end if
+      allocate (force(0:n(1) - 1, n(2)), stat=status)
+      if (status /= 0) then
+         call raise(error, exit_bad_input, file%path//': '//name//' does not fit into memory: '// &
+                    to_text(n(1)*n(2))//' values')
+         return
+      end if
+      if (is_one_record) then
+         call read_dataset(file, name, force(:, 1), error)
+      else
+         call read_dataset(file, name, force, error)
+      end if
+   end subroutine read_records
+
+end module io_force
