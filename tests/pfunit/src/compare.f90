@@ -103,7 +103,10 @@ contains
       type(SourceLocation), intent(in), optional :: location
 
       conformable = size(lhs_shape) == 0
-      if (size(lhs_shape) == size(rhs_shape)) conformable = all(lhs_shape == rhs_shape)
+      if (size(lhs_shape) == size(rhs_shape)) then
+         ! gfortran has -1 for the last extent of an expression without elements
+         conformable = all(max(lhs_shape, 0) == max(rhs_shape, 0))
+      end if
       if (conformable) return
       call fail('Arrays not conformable: shapes '//text_of_list(lhs_shape)//' and ' &
          //text_of_list(rhs_shape), message, location)

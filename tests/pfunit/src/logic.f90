@@ -80,12 +80,14 @@ contains
       if (all(conditions)) call fail('wanted at least one .false.', message, location)
    end subroutine assertNotAll
 
-   subroutine assertEquivalent(expected, actual, message, location)
+   !> The location first: a message is passed by name.
+   subroutine assertEquivalent(expected, actual, location, message)
       logical, intent(in) :: expected, actual
       character(*), intent(in), optional :: message
       type(SourceLocation), intent(in), optional :: location
 
-      if (expected .neqv. actual) call fail(merge('wanted .true. ', 'wanted .false.', expected), message, location)
+      if (expected .eqv. actual) return
+      call fail(merge('wanted .true. ', 'wanted .false.', expected), message, location)
    end subroutine assertEquivalent
 
    !> Blanks on both ends do not count.

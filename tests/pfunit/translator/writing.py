@@ -1,6 +1,8 @@
-"""Write what a .pf file does not say itself: the module that gathers its tests, the main program."""
+"""Write what a .pf file does not say: the module that gathers its tests, and the main program."""
 
-from reading import Method, Reader
+from pathlib import Path
+
+from reading import Method, Source
 
 GATHERING = """\
 !> Gathers the tests of {file}.
@@ -22,18 +24,18 @@ contains
 end module {name}_gathering
 """
 
-EXTERNAL_TEST = """
+EXTERNAL_METHOD = """
    interface
-      subroutine {test}
-      end subroutine
+      subroutine {name}()
+      end subroutine {name}
    end interface
 """
-EXTERNAL_MPI_TEST = """
+EXTERNAL_MPI_METHOD = """
    interface
-      subroutine {test}(this)
+      subroutine {name}(this)
          import :: MpiTestMethod
          class(MpiTestMethod), intent(inout) :: this
-      end subroutine
+      end subroutine {name}
    end interface
 """
 
@@ -65,6 +67,9 @@ CASE_NEW = """
 
 {construct}      test%method => method
    end function pf_new
+"""
+CASE_CONSTRUCT = """\
+      test%{case} = {constructor}()
 """
 CASE_ADD_EACH = """
    subroutine pf_add_each(suite, name, method, parameters)
@@ -99,28 +104,27 @@ end program {program}
 """
 
 
-def registration(source: Reader, test: Method) -> str:
+def registration(source: Source, test: Method) -> str:
     """The call that adds one test to the suite."""
     name = f"'{source.name}.{test.name}'"
-    methods = ", ".join(
-        [f"test={test.name}", *(f"{when}={method.name}" for when, method in source.around.items())]
-    )
+    methods = {"test": test.name} | {when: method.name for when, method in source.around.items()}
+    components = ", ".join(f"{component}={method}" for component, method in methods.items())
     if test.disabled:
         call = f"suite%add({name})"
     elif test.parameters:
         call = f"pf_add_each(suite, {name}, {test.name}, {test.parameters})"
     elif test.npes:
-        new = f"pf_new({test.name})" if source.case else f"MpiTestMethod({methods})"
+        new = f"pf_new({test.name})" if source.case else f"MpiTestMethod({components})"
         call = f"add_for_each(suite, {name}, {new}, {test.npes})"
     elif source.case:
         call = f"suite%add({name}, pf_new({test.name}))"
     else:
-        call = f"suite%add({name}, TestMethod({methods}))"
-    call = f"      call {call}"
-    return "\n".join([test.guard, call, "#endif"]) if test.guard else call
+        call = f"suite%add({name}, TestMethod({components}))"
+    line = f"      call {call}"
+    return "\n".join([test.guard, line, "#endif"]) if test.guard else line
 
 
-def gathering(source: Reader) -> str:
+def gathering(source: Source) -> str:
     """The module that gathers the tests of one file."""
     uses, declarations, procedures = "", "", ""
     if source.is_mpi:
@@ -128,18 +132,19 @@ def gathering(source: Reader) -> str:
     if source.has_module:
         uses += f"   use {source.name}\n"
     else:
-        external = EXTERNAL_MPI_TEST if source.is_mpi else EXTERNAL_TEST
-        tests = [*source.tests, *source.around.values()]
-        declarations = "".join(external.format(test=test.name) for test in tests)
+        declarations = "".join(
+            (EXTERNAL_MPI_METHOD if method.takes_this else EXTERNAL_METHOD).format(name=method.name)
+            for method in [*source.tests, *source.around.values()]
+        )
     case = source.case
     if case:
-        fields = {"case": case.name, "constructor": case.constructor, "parameter": source.parameter}
-        declarations = CASE_TYPE.format(**fields)
-        procedures = CASE_RUN
+        names = {"case": case.name, "constructor": case.constructor, "parameter": source.parameter}
+        declarations += CASE_TYPE.format(**names)
+        procedures += CASE_RUN
         if case.parent == "parameterizedtestcase":
-            procedures += CASE_ADD_EACH.format(**fields)
+            procedures += CASE_ADD_EACH.format(**names)
         else:
-            construct = f"      test%{case.name} = {case.constructor}()\n" if case.constructor else ""
+            construct = CASE_CONSTRUCT.format(**names) if case.constructor else ""
             procedures += CASE_NEW.format(construct=construct)
     return GATHERING.format(
         file=source.path.name,
@@ -149,6 +154,12 @@ def gathering(source: Reader) -> str:
         registrations="\n".join(registration(source, test) for test in source.tests),
         procedures=procedures,
     )
+
+
+def translation(source: Source, output: Path) -> str:
+    """A whole file in Fortran; compiler messages name the .pf file and its lines."""
+    head = [f'#line 1 "{source.path}"', *source.lines]
+    return "\n".join([*head, f'#line {len(head) + 2} "{output}"', gathering(source)])
 
 
 def driver(program: str, names: list[str], is_mpi: bool) -> str:
