@@ -275,6 +275,19 @@ class Refusals(unittest.TestCase):
             f"module some\n{ONE_TEST}end module\nmodule some\n", 6, "a second module in this file"
         )
 
+    def test_names_that_pfunit_exports(self):
+        for line in (
+            "pure integer function run(x) result(y)",
+            "subroutine run",
+            "integer, intent(in) :: a(2, n), run(3) = [1, 2, 3]",
+            "use thing, only: walk, run => step",
+        ):
+            with self.subTest(line):
+                self.assert_refused(ONE_TEST + line, 4, "the name run is taken by pFUnit")
+        for line in ("end subroutine run", "call run(x)", "x = [real :: run, 'a :: run']"):
+            with self.subTest(line):
+                self.assertEqual([], read(ONE_TEST + line).complaints)
+
     def test_preprocessor_lines(self):
         self.assert_refused("#ifdef A\n" + ONE_TEST, 1, "a line must not start with #")
 

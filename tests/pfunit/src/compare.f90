@@ -12,7 +12,8 @@ module funit_compare
       module procedure compare_integers, compare_reals, compare_complexes
    end interface compare
 
-   !> `~=` is |rhs - lhs| <= tolerance*|lhs|; in `==` and `/=` the tolerance is absolute.
+   !> `~=` is |rhs - lhs| <= tolerance*|lhs|, and never holds for lhs = 0; in `==` and `/=` the
+   !! tolerance is absolute.
    interface holds
       module procedure holds_integer, holds_real, holds_complex
    end interface holds
@@ -134,7 +135,7 @@ contains
       select case (relation)
       case ('=='); holds = lhs == rhs .or. abs(rhs - lhs) <= tolerance   ! Inf equals Inf
       case ('/='); holds = abs(rhs - lhs) > tolerance
-      case ('~='); holds = abs(rhs - lhs) <= tolerance*abs(lhs)
+      case ('~='); holds = abs(lhs) > 0 .and. abs(rhs - lhs) <= tolerance*abs(lhs)
       case ('<'); holds = lhs < rhs
       case ('<='); holds = lhs <= rhs
       case ('>'); holds = lhs > rhs

@@ -11,8 +11,10 @@ from syntax import (
     GOVERNING,
     MODULE,
     SUBROUTINE,
+    TAKEN,
     Refused,
     count_by_position,
+    declared_names,
     read_arguments,
     read_guard,
     read_npes,
@@ -184,12 +186,14 @@ class Source:
         self.parameter = name
 
     def _fortran(self, line: str) -> None:
-        """Let a line pass; no directive may hide in it, and a module has its name by rule."""
+        """Let a line pass; no directive may hide in it, and names follow rules."""
         if line.startswith("#"):
             raise Refused("a line must not start with #")
         match = None if self._quote else MODULE.match(line)
         if match:
             self._new_module(*match.groups())
+        for name in TAKEN.intersection(declared_names(line)):
+            raise Refused(f"the name {name} is taken by pFUnit")
         code, quote = scan(line, self._quote)
         self._quote = quote if line.rstrip().endswith("&") else ""
         if any(character == "@" for _, character, _ in code):

@@ -34,10 +34,17 @@ GOVERNING = {
     "testcase": {"constructor", "npes", "testparameters"},
     "testparameter": {"constructor"},
 }
+# what pFUnit's module funit exports besides; there a test module cannot have these names itself
+TAKEN = frozenset(
+    "all_of any_of array_with_size catchnext contains_string disable empty_array ends_with equal_to"
+    " every every_item expectation false finalize get_context ignore_all initialize is keep_all near"
+    " not predicate relatively_near run starts_with stub subject test trim_all true".split()
+)
 
 BLANK = re.compile(r"\s*(!.*)?$")
 DIRECTIVE = re.compile(r"(\s*)@(\w*)\s*(.*?)\s*$")
 MODULE = re.compile(r"\s*module\s+(?!procedure\b)(\w+)(.*)", re.IGNORECASE)
+PROCEDURE = re.compile(r"(?!\s*end\b).*\b(?:subroutine|function)\s+(\w+)", re.IGNORECASE)
 SUBROUTINE = re.compile(r"\s*subroutine\s+(\w+)\s*(?:\(\s*(\w*)\s*\))?\s*(?:!.*)?$", re.IGNORECASE)
 EXTENSION = re.compile(
     r"\s*type\s*,\s*extends\s*\(\s*(\w+)\s*\)\s*::\s*(\w+)\s*(?:!.*)?$", re.IGNORECASE
@@ -64,6 +71,15 @@ def scan(text: str, quote: str = "") -> tuple[list[tuple[int, str, int]], str]:
             depth += (character in "([{") - (character in ")]}")
             code.append((position, character, depth))
     return code, quote
+
+
+def declared_names(line: str) -> list[str]:
+    """Names that a line gives to a procedure, to what follows `::`, or to what is imported."""
+    procedure = PROCEDURE.match(line)
+    code = "".join(character for _, character, depth in scan(line)[0] if depth == 0)
+    entities = re.split(r"::|\bonly\s*:", code, maxsplit=1, flags=re.IGNORECASE)[1:]
+    names = re.findall(r"(?:^|,)\s*(\w+)", "".join(entities))
+    return [name.lower() for name in ([procedure[1]] if procedure else []) + names]
 
 
 def split_arguments(text: str) -> list[str]:
