@@ -36,9 +36,11 @@ GOVERNING = {
 }
 # what pFUnit's module funit exports besides; there a test module cannot have these names itself
 TAKEN = frozenset(
-    "all_of any_of array_with_size catchnext contains_string disable empty_array ends_with equal_to"
-    " every every_item expectation false finalize get_context ignore_all initialize is keep_all near"
-    " not predicate relatively_near run starts_with stub subject test trim_all true".split()
+    """
+    all_of any_of array_with_size catchnext contains_string disable empty_array ends_with equal_to
+    every every_item expectation false finalize get_context ignore_all initialize is keep_all near
+    not predicate relatively_near run starts_with stub subject test trim_all true
+    """.split()  # noqa: SIM905
 )
 
 BLANK = re.compile(r"\s*(!.*)?$")
