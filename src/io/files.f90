@@ -4,12 +4,14 @@ module io_files
                                           c_null_ptr, c_ptr, c_size_t
    use core_error, only: error_type
    use core_kinds, only: long
-   use io_posix, only: c_access, c_fclose, c_fileno, c_fopen, c_fsync, c_gethostname, c_getpid, c_glob, &
+   use core_text, only: to_text
+   use io_posix, only: c_access, c_fclose, c_fileno, c_fopen, c_fsync, c_gethostname, c_getpid, c_getppid, c_glob, &
                        c_globfree, c_isatty, c_mkdir, c_remove, c_rename, raise_system, system_error, text_at
    implicit none(type, external)
    private
-   public :: exists, file_size, folder_of, host_name, is_folder, is_terminal, is_writable
-   public :: list_files, make_folder, process_id, remove_file, rename_file, sync_file, sync_folder
+   public :: exists, file_size, folder_of, host_name, is_folder, is_writable
+   public :: list_files, make_folder, process_id, remove_file, rename_file, shows_on_terminal, &
+             sync_file, sync_folder
 
    integer(c_int), parameter :: ask_exists = 0, ask_write = 2   !! of access(2)
 
@@ -188,12 +190,22 @@ contains
       end do
    end function host_name
 
-   !> Whether standard output (1) or standard error (2) is a terminal.
-   function is_terminal(descriptor)
-      integer, intent(in) :: descriptor
-      logical :: is_terminal
+   !> Whether a person sees standard output as it comes. mpirun gives every rank a terminal of its own and
+   !> passes on what is written there: then it is mpirun's output that counts.
+   function shows_on_terminal()
+      logical :: shows_on_terminal
+      type(c_ptr) :: stream
+      integer(c_int) :: closed
+      integer :: status
 
-      is_terminal = c_isatty(int(descriptor, c_int)) == 1
-   end function is_terminal
+      shows_on_terminal = c_isatty(1_c_int) == 1
+      call get_environment_variable('OMPI_COMM_WORLD_SIZE', status=status)
+      if (status /= 0 .or. .not. shows_on_terminal) return
+      stream = c_fopen('/proc/'//to_text(int(c_getppid()))//'/fd/1'//c_null_char, 'r'//c_null_char)
+      shows_on_terminal = c_associated(stream)
+      if (.not. shows_on_terminal) return
+      shows_on_terminal = c_isatty(c_fileno(stream)) == 1
+      closed = c_fclose(stream)
+   end function shows_on_terminal
 
 end module io_files

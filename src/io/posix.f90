@@ -5,7 +5,7 @@ module io_posix
    implicit none(type, external)
    private
    public :: c_access, c_fclose, c_fflush, c_fileno, c_fopen, c_fputs, c_fstat, c_fsync, c_gethostname, &
-             c_getpid, c_glob, c_globfree, c_isatty, c_lockf, c_mkdir, c_remove, c_rename, c_stat
+             c_getpid, c_getppid, c_glob, c_globfree, c_isatty, c_lockf, c_mkdir, c_remove, c_rename, c_stat
    public :: raise_system, system_error, text_at
 
    interface
@@ -94,6 +94,11 @@ module io_posix
          import :: c_int
          integer(c_int) :: number
       end function c_getpid
+
+      function c_getppid() result(number) bind(c, name='getppid')
+         import :: c_int
+         integer(c_int) :: number
+      end function c_getppid
 
       function c_gethostname(name, length) result(status) bind(c, name='gethostname')
          import :: c_char, c_int, c_size_t

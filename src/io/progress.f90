@@ -1,0 +1,140 @@
+!> How far a run is: one line, redrawn on a terminal, repeated once a minute in a log.
+module io_progress
+   use, intrinsic :: iso_fortran_env, only: output_unit
+   use core_kinds, only: long, wp
+   use core_text, only: to_text
+   use io_files, only: shows_on_terminal
+   implicit none(type, external)
+   private
+   public :: duration_text, progress_text, progress_type
+
+   !> `start`, then `show` as often as one likes, then `finish`. Without `start` it says nothing.
+   type :: progress_type
+      private
+      logical :: is_silent = .true.
+      logical :: is_redrawn = .false.
+      integer :: total = 0, done_before = 0
+      integer :: width = 0                 !! of the line that stands on the terminal
+      real(wp) :: next_line = 0.0_wp       !! [s] after the start
+      integer(long) :: started = 0         !! ticks of the clock
+   contains
+      procedure :: start
+      procedure :: show
+      procedure :: finish
+   end type progress_type
+
+contains
+
+   !> From here time is counted; what an earlier run has done does not enter the rate.
+   subroutine start(self, total, done_before)
+      class(progress_type), intent(inout) :: self
+      integer, intent(in) :: total, done_before   !! samples
+
+      self%is_silent = .false.
+      self%is_redrawn = shows_on_terminal()
+      self%total = total
+      self%done_before = done_before
+      self%next_line = interval(self)
+      call system_clock(self%started)
+   end subroutine start
+
+   !> Says how far it is, when it is time to.
+   subroutine show(self, done)
+      class(progress_type), intent(inout) :: self
+      integer, intent(in) :: done   !! samples, those of an earlier run with them
+      character(:), allocatable :: text
+      integer(long) :: now, rate
+      real(wp) :: seconds
+
+      if (self%is_silent) return
+      call system_clock(now, rate)
+      seconds = real(now - self%started, wp)/real(rate, wp)
+      if (seconds < self%next_line) return
+      self%next_line = seconds + interval(self)
+      text = progress_text(done, self%done_before, self%total, seconds)
+      if (self%is_redrawn) then
+         call redraw(self, text)
+      else
+         write (output_unit, '(a)') text
+         flush (output_unit)
+      end if
+   end subroutine show
+
+   !> Leaves a clean line.
+   subroutine finish(self)
+      class(progress_type), intent(inout) :: self
+
+      if (self%width > 0) call redraw(self, '')
+      self%is_silent = .true.
+   end subroutine finish
+
+   subroutine redraw(self, text)
+      class(progress_type), intent(inout) :: self
+      character(*), intent(in) :: text
+      character, parameter :: return = achar(13)
+
+      write (output_unit, '(a)', advance='no') return//repeat(' ', self%width)//return//text
+      flush (output_unit)
+      self%width = len(text)
+   end subroutine redraw
+
+   !> Time between two lines [s].
+   pure function interval(self) result(seconds)
+      class(progress_type), intent(in) :: self
+      real(wp) :: seconds
+
+      seconds = merge(0.2_wp, 60.0_wp, self%is_redrawn)
+   end function interval
+
+   !> 412 of 1200 samples, 34 %, 5.2 a second, 2:31 left
+   pure function progress_text(done, done_before, total, seconds) result(text)
+      integer, intent(in) :: done, done_before, total   !! samples
+      real(wp), intent(in) :: seconds                   !! since done_before
+      character(:), allocatable :: text
+      real(wp) :: rate
+
+      text = to_text(done)//' of '//to_text(total)//' samples, '// &
+             to_text(int(100.0_wp*done/max(total, 1)))//' %'
+      if (done <= done_before .or. .not. seconds > 0.0_wp) return
+      rate = (done - done_before)/seconds
+      if (rate >= 1.0_wp) then
+         text = text//', '//with_one_decimal(rate)//' a second'
+      else
+         text = text//', '//with_one_decimal(60.0_wp*rate)//' a minute'
+      end if
+      text = text//', '//duration_text((total - done)/rate)//' left'
+   end function progress_text
+
+   !> 0:07, 2:31, 1:02:31, 3 d 01:02:31
+   pure function duration_text(seconds) result(text)
+      real(wp), intent(in) :: seconds   !! not negative
+      character(:), allocatable :: text
+      character(40) :: buffer
+      integer(long) :: days, hours, minutes, rest
+
+      rest = nint(min(seconds, 1.0e12_wp), long)
+      days = rest/86400
+      hours = mod(rest, 86400_long)/3600
+      minutes = mod(rest, 3600_long)/60
+      rest = mod(rest, 60_long)
+      if (days > 0) then
+         write (buffer, '(i0, a, i2.2, a, i2.2, a, i2.2)') days, ' d ', hours, ':', minutes, ':', rest
+      else if (hours > 0) then
+         write (buffer, '(i0, a, i2.2, a, i2.2)') hours, ':', minutes, ':', rest
+      else
+         write (buffer, '(i0, a, i2.2)') minutes, ':', rest
+      end if
+      text = trim(buffer)
+   end function duration_text
+
+   pure function with_one_decimal(value) result(text)
+      real(wp), intent(in) :: value
+      character(:), allocatable :: text
+      character(24) :: buffer
+
+      write (buffer, '(f0.1)') value
+      text = trim(buffer)
+      if (text(1:1) == '.') text = '0'//text
+   end function with_one_decimal
+
+end module io_progress
