@@ -4,7 +4,7 @@ module config_complaints
    use core_text, only: to_text
    implicit none(type, external)
    private
-   public :: complaint_list, printable, nearest_name
+   public :: complaint_list, printable
 
    integer, parameter :: max_kept = 200   !! more are counted, not shown
    integer, parameter :: window = 76      !! characters of the offending line that are shown
@@ -53,6 +53,8 @@ contains
       character(*), intent(in) :: message
       type(complaint_type) :: complaint
 
+      complaint%line = huge(1)   ! behind all others
+      complaint%is_override = .true.
       complaint%text = message
       call self%keep(complaint)
    end subroutine add_general
@@ -140,43 +142,5 @@ contains
 
       is_continuation = ichar(byte) >= first_continuation .and. ichar(byte) <= last_continuation
    end function is_continuation
-
-   !> The known name nearest to `name`; blank where none is within a third of its letters.
-   pure function nearest_name(name, known) result(nearest)
-      character(*), intent(in) :: name
-      character(*), intent(in) :: known(:)
-      character(len(known)) :: nearest
-      integer :: i, distance, least
-
-      nearest = ''
-      if (len(name) > len(known)) return
-      least = max(1, len(name)/3) + 1
-      do i = 1, size(known)
-         distance = edit_distance(name, trim(known(i)))
-         if (distance >= least) cycle
-         least = distance
-         nearest = known(i)
-      end do
-   end function nearest_name
-
-   !> Letters to insert, delete, replace or swap with their neighbour.
-   pure integer function edit_distance(a, b) result(distance)
-      character(*), intent(in) :: a, b
-      integer :: d(0:len(a), 0:len(b)), i, j
-
-      d(:, 0) = [(i, i=0, len(a))]
-      d(0, :) = [(j, j=0, len(b))]
-      do j = 1, len(b)
-         do i = 1, len(a)
-            d(i, j) = min(d(i - 1, j) + 1, d(i, j - 1) + 1, &
-                          d(i - 1, j - 1) + merge(0, 1, a(i:i) == b(j:j)))
-            if (i > 1 .and. j > 1) then
-               if (a(i:i) == b(j - 1:j - 1) .and. a(i - 1:i - 1) == b(j:j)) &
-                  d(i, j) = min(d(i, j), d(max(i, 2) - 2, max(j, 2) - 2) + 1)
-            end if
-         end do
-      end do
-      distance = d(len(a), len(b))
-   end function edit_distance
 
 end module config_complaints

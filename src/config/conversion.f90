@@ -1,9 +1,9 @@
 !> From a token of the scene to a checked value of an entry.
 module config_conversion
-   use config_complaints, only: nearest_name
    use config_document, only: document_type
    use config_entries, only: choice_length, entry_type
-   use config_tokens, only: lowered, token_word
+   use config_spelling, only: lowered, nearest_name
+   use config_tokens, only: token_word
    use config_values, only: parse_integer, parse_real, parse_text
    use core_kinds, only: long, wp
    implicit none(type, external)

@@ -2,7 +2,8 @@
 module config_document
    use config_complaints, only: complaint_list, printable
    use config_source, only: source_type
-   use config_tokens, only: lowered, token_type
+   use config_spelling, only: lowered
+   use config_tokens, only: token_type
    use core_text, only: to_text
    implicit none(type, external)
    private
@@ -136,7 +137,7 @@ contains
          do while (self%tokens(last)%line > first%line)
             last = last - 1
          end do
-         text = self%source(first%source)%text(first%first:self%tokens(last)%last)
+         text = self%source(first%source)%text(first%start:self%tokens(last)%last)
       end associate
    end function values_text
 

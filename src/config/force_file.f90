@@ -1,6 +1,7 @@
 !> Force histories of the user's own: text files, and the rules that any history must keep.
 module config_force_file
    use config_complaints, only: complaint_list, printable
+   use config_source, only: try_file
    use config_values, only: parse_real
    use core_kinds, only: long, wp
    use core_random, only: label_of
@@ -38,45 +39,48 @@ contains
       type(complaint_list), intent(inout) :: complaints
       character(256) :: line, reason
       character(:), allocatable :: rule
+      integer(long) :: size_in_bytes
       real(wp) :: value
       integer :: unit, status, number, n, n_bad
+      logical :: has_value
 
       allocate (force(1024))
       n = 0
       n_bad = 0
-      open (newunit=unit, file=path, access='stream', form='formatted', action='read', &
-            status='old', iostat=status, iomsg=reason)
-      if (status == 0) then
-         number = 0
-         do
-            read (unit, '(a)', iostat=status, iomsg=reason) line
-            if (status /= 0) exit
-            number = number + 1
-            call parse_line(line, value, rule)
-            if (allocated(rule)) then
-               n_bad = n_bad + 1
-               if (n_bad <= max_shown .and. len(rule) > 0) call complaints%add_general( &
-                  path//':'//to_text(number)//': '//printable(trim(line(:40)))//': '//rule)
-               if (len(rule) == 0) n_bad = n_bad - 1
-               cycle
-            end if
+      number = 0
+      call try_file(path, size_in_bytes, rule)
+      if (allocated(rule)) then
+         call complaints%add_general(path//': '//rule)
+         return
+      end if
+      open (newunit=unit, file=path, action='read', status='old', iostat=status, iomsg=reason)
+      do while (status == 0)
+         read (unit, '(a)', iostat=status, iomsg=reason) line
+         if (status /= 0) exit
+         number = number + 1
+         call parse_line(line, has_value, value, rule)
+         if (allocated(rule)) then
+            n_bad = n_bad + 1
+            if (n_bad <= max_shown) call complaints%add_general( &
+               path//':'//to_text(number)//': '//printable(trim(line(:40)))//': '//rule)
+         else if (has_value) then
             if (n == size(force)) force = [force, spread(0.0_wp, 1, n)]
             n = n + 1
             force(n) = value
-         end do
-         close (unit)
-         if (is_iostat_end(status)) status = 0
-      end if
-      if (status /= 0) call complaints%add_general(path//': cannot be read: '//trim(reason))
+         end if
+      end do
+      if (.not. is_iostat_end(status)) &
+         call complaints%add_general(path//': cannot be read: '//trim(reason))
+      close (unit, iostat=status)
       if (n_bad > max_shown) &
          call complaints%add_general(path//': '//to_text(n_bad - max_shown)//' more bad lines')
       force = force(:n)
    end subroutine read_force_text
 
-   !> The value of a line. `rule` is empty where there is none, and says what is wrong with a bad
-   !> one.
-   pure subroutine parse_line(line, value, rule)
+   !> The value of a line, where it has one; `rule` is allocated when the line is bad.
+   pure subroutine parse_line(line, has_value, value, rule)
       character(*), intent(in) :: line
+      logical, intent(out) :: has_value
       real(wp), intent(out) :: value
       character(:), allocatable, intent(out) :: rule
       integer :: first, last
@@ -85,10 +89,10 @@ contains
       last = index(line, '#') - 1
       if (last < 0) last = len(line)
       first = verify(line(:last), blanks)
+      has_value = first > 0
+      if (.not. has_value) return
       last = verify(line(:last), blanks, back=.true.)
-      if (first == 0) then
-         rule = ''
-      else if (scan(line(first:last), blanks//',;') > 0) then
+      if (scan(line(first:last), blanks//',;') > 0) then
          rule = 'must be one value'
       else if (last == len(line)) then
          rule = 'the line is too long'

@@ -1,6 +1,6 @@
 !> Reads a scene: the scene file and the --set options become checked groups, or complaints.
 module config_scene
-   use config_complaints, only: complaint_list, nearest_name
+   use config_complaints, only: complaint_list
    use config_document, only: document_type
    use config_groups, only: group_names, scene_type
    use config_namelist, only: parse_groups
@@ -8,6 +8,7 @@ module config_scene
    use config_reader, only: reader_type
    use config_rules, only: check_rules
    use config_source, only: new_source, read_source, source_type
+   use config_spelling, only: nearest_name
    use config_tokens, only: token_type, tokenize
    use core_text, only: to_text
    implicit none(type, external)

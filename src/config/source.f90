@@ -1,8 +1,9 @@
 !> The text that a scene is read from, by lines: a file, or the --set options of the command line.
 module config_source
+   use core_kinds, only: long
    implicit none(type, external)
    private
-   public :: source_type, new_source, read_source
+   public :: source_type, new_source, read_source, try_file
 
    integer, parameter :: max_size = 16*1024**2   !! [bytes]; whoever exceeds it did not mean a scene
    integer, parameter :: line_feed = 10
@@ -46,9 +47,38 @@ contains
       character(:), allocatable, intent(out) :: refusal
       character(:), allocatable :: text
       character(256) :: reason
-      integer :: unit, status, size
+      integer(long) :: size
+      integer :: unit, status
+
+      call try_file(path, size, refusal)
+      if (allocated(refusal)) return
+      if (size > max_size) then
+         refusal = 'is larger than 16 MB'
+         return
+      end if
+      open (newunit=unit, file=path, access='stream', form='unformatted', action='read', &
+            status='old', iostat=status, iomsg=reason)
+      allocate (character(size) :: text)
+      if (status == 0 .and. size > 0) read (unit, iostat=status, iomsg=reason) text
+      if (status == 0) then
+         source = new_source(path, text)
+         close (unit)
+      else
+         refusal = 'cannot be read: '//trim(reason)
+      end if
+   end subroutine read_source
+
+   !> The size of a file [bytes]; `refusal` is allocated when it is no regular or readable one.
+   subroutine try_file(path, size, refusal)
+      character(*), intent(in) :: path
+      integer(long), intent(out) :: size
+      character(:), allocatable, intent(out) :: refusal
+      character(256) :: reason
+      character :: byte
+      integer :: unit, status
       logical :: exists
 
+      size = 0
       inquire (file=path, exist=exists)
       if (.not. exists .or. len_trim(path) == 0) then
          refusal = 'no such file'
@@ -56,23 +86,14 @@ contains
       end if
       open (newunit=unit, file=path, access='stream', form='unformatted', action='read', &
             status='old', iostat=status, iomsg=reason)
-      if (status /= 0) then
-         refusal = 'cannot be opened: '//trim(reason)
-         return
+      if (status == 0) then
+         inquire (unit=unit, size=size)
+         if (size < 0) refusal = 'is not a regular file'
+         if (size > 0) read (unit, iostat=status, iomsg=reason) byte
       end if
-      inquire (unit=unit, size=size)
-      if (size < 0) then
-         refusal = 'is not a regular file'
-      else if (size > max_size) then
-         refusal = 'is larger than 16 MB'
-      else
-         allocate (character(size) :: text)
-         if (size > 0) read (unit, iostat=status, iomsg=reason) text
-         if (status /= 0) refusal = 'cannot be read: '//trim(reason)
-      end if
+      if (status /= 0) refusal = 'cannot be read: '//trim(reason)
       close (unit, iostat=status)
-      if (.not. allocated(refusal)) source = new_source(path, text)
-   end subroutine read_source
+   end subroutine try_file
 
    pure integer function n_lines(self)
       class(source_type), intent(in) :: self

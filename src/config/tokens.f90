@@ -1,9 +1,10 @@
 !> Cuts namelist text into tokens that know where they stand.
 module config_tokens
    use config_source, only: source_type
+   use config_spelling, only: lowered
    implicit none(type, external)
    private
-   public :: lowered, token_type, tokenize
+   public :: token_type, tokenize
    public :: token_word, token_quoted, token_open_quote, token_equals, token_comma, token_left, &
              token_right, token_colon, token_group, token_end, token_end_of_line
 
@@ -27,6 +28,7 @@ module config_tokens
       integer :: source = 1     !! 1: the scene file, 2: the --set options
       integer :: line = 1
       integer :: first = 1, last = 0
+      integer :: start = 1      !! of r*value, where that stands before it, else first
       integer :: repeat = 1     !! r of r*value
    end type token_type
 
@@ -49,7 +51,8 @@ contains
       if (index(source%text, byte_order_mark()) == 1) position = 4
       associate (text => source%text)
          do while (position <= len(text))
-            token = token_type(source=number, line=line, first=position, last=position)
+            token = token_type(source=number, line=line, first=position, last=position, &
+                               start=position)
             if (text(position:position) == new_line('a')) then
                line = line + 1
                token%kind = token_end_of_line
@@ -179,17 +182,6 @@ contains
          count = min(10*count + iachar(digits(i:i)) - iachar('0'), 1000000)
       end do
    end function bounded_count
-
-   pure function lowered(text)
-      character(*), intent(in) :: text
-      character(len(text)) :: lowered
-      integer :: i
-
-      lowered = text
-      do i = 1, len(text)
-         if (text(i:i) >= 'A' .and. text(i:i) <= 'Z') lowered(i:i) = achar(iachar(text(i:i)) + 32)
-      end do
-   end function lowered
 
    !> Some editors begin UTF-8 text with it.
    pure function byte_order_mark() result(mark)

@@ -1,7 +1,7 @@
 !> What the characters of a value mean. Nothing is guessed: what is not exactly a value of the
 !> wanted type is refused, with the rule that it breaks.
 module config_values
-   use config_tokens, only: lowered
+   use config_spelling, only: lowered
    use core_kinds, only: long, wp
    implicit none(type, external)
    private
@@ -91,7 +91,10 @@ contains
       call parse_integer(text(2:), limit, value, rule)
       if (.not. allocated(rule)) then
          exponent = int(value)
-      else if (rule /= 'is too large') then
+      else if (rule == 'is too large') then
+         deallocate (rule)
+         exponent = int(limit)   ! that of a value out of range, whatever its sign
+      else
          rule = 'must be a number'
       end if
    end subroutine parse_exponent

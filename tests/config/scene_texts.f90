@@ -1,0 +1,116 @@
+!> Scenes as text for the tests of this floor, and what is complained of in them.
+module scene_texts
+   use config_scene, only: complaint_list, parse_scene, scene_type
+   use config_source, only: new_source
+   use core_kinds, only: long
+   implicit none(type, external)
+   private
+   public :: complaints_on, read_text, remove_file, scratch_path, with_chain, with_excitation, &
+             with_integration, with_output, with_process, write_file
+
+   character(*), parameter :: lf = new_line('a')
+
+contains
+
+   !> One complaint a line, without the excerpts; empty when the scene is accepted.
+   function complaints_on(text, overrides) result(lines)
+      character(*), intent(in) :: text
+      character(*), intent(in), optional :: overrides(:)
+      character(:), allocatable :: lines
+      type(scene_type) :: scene
+      type(complaint_list) :: complaints
+      integer :: first, last
+
+      call read_text(text, scene, complaints, overrides)
+      lines = ''
+      if (complaints%n == 0) return
+      first = 1
+      do while (first <= len(complaints%text))
+         last = index(complaints%text(first:), lf) + first - 2
+         if (last < first) last = len(complaints%text)
+         if (index(complaints%text(first:last), '   | ') /= 1) &
+            lines = lines//complaints%text(first:last)//lf
+         first = last + 2
+      end do
+      lines = lines(:len(lines) - 1)
+   end function complaints_on
+
+   subroutine read_text(text, scene, complaints, overrides)
+      character(*), intent(in) :: text
+      type(scene_type), intent(out) :: scene
+      type(complaint_list), intent(out) :: complaints
+      character(*), intent(in), optional :: overrides(:)
+
+      if (present(overrides)) then
+         call parse_scene(new_source('s', text), overrides, scene, complaints)
+      else
+         call parse_scene(new_source('s', text), [character(1) ::], scene, complaints)
+      end if
+   end subroutine read_text
+
+   !> Scenes of several lines that are accepted while the entries are; they stand on line 1.
+   pure function with_process(entries) result(text)
+      character(*), intent(in) :: entries
+      character(:), allocatable :: text
+
+      text = '&process '//entries//' /'
+   end function with_process
+
+   pure function with_chain(entries) result(text)
+      character(*), intent(in) :: entries
+      character(:), allocatable :: text
+
+      text = '&chain '//entries//' /'//lf//'&excitation variance = 1.0 /'
+   end function with_chain
+
+   pure function with_excitation(entries) result(text)
+      character(*), intent(in) :: entries
+      character(:), allocatable :: text
+
+      text = '&excitation '//entries//' /'//lf//'&chain /'
+   end function with_excitation
+
+   pure function with_integration(entries) result(text)
+      character(*), intent(in) :: entries
+      character(:), allocatable :: text
+
+      text = '&integration '//entries//' /'//lf//with_chain('')
+   end function with_integration
+
+   pure function with_output(entries) result(text)
+      character(*), intent(in) :: entries
+      character(:), allocatable :: text
+
+      text = '&output '//entries//' /'//lf//with_chain('')
+   end function with_output
+
+   !> A file of this process alone: tests of two builds may run at once.
+   function scratch_path(name) result(path)
+      character(*), intent(in) :: name
+      character(:), allocatable :: path
+      integer(long), save :: clock = 0
+      character(20) :: digits
+
+      if (clock == 0) call system_clock(clock)
+      write (digits, '(i0)') clock
+      path = '/tmp/entroslip_'//trim(digits)//'_'//name
+   end function scratch_path
+
+   subroutine remove_file(path)
+      character(*), intent(in) :: path
+      integer :: unit
+
+      open (newunit=unit, file=path)
+      close (unit, status='delete')
+   end subroutine remove_file
+
+   subroutine write_file(path, text)
+      character(*), intent(in) :: path, text
+      integer :: unit
+
+      open (newunit=unit, file=path, access='stream', form='unformatted', status='replace')
+      write (unit) text
+      close (unit)
+   end subroutine write_file
+
+end module scene_texts
