@@ -5,7 +5,8 @@ module numerics_lapack
    use core_text, only: to_text
    implicit none(type, external)
    private
-   public :: find_eigenvalues, solve_linear_system, solve_symmetric_eigenproblem
+   public :: find_eigenvalues, solve_linear_system, solve_positive_definite
+   public :: solve_symmetric_eigenproblem
 
    interface
       subroutine dsygv(itype, jobz, uplo, n, a, lda, b, ldb, w, work, lwork, info)
@@ -32,6 +33,14 @@ module numerics_lapack
          real(wp), intent(inout) :: a(lda, *), b(ldb, *)
          integer, intent(out) :: ipiv(*), info
       end subroutine dgesv
+
+      subroutine dposv(uplo, n, nrhs, a, lda, b, ldb, info)
+         import :: wp
+         character, intent(in) :: uplo
+         integer, intent(in) :: n, nrhs, lda, ldb
+         real(wp), intent(inout) :: a(lda, *), b(ldb, *)
+         integer, intent(out) :: info
+      end subroutine dposv
    end interface
 
 contains
@@ -99,5 +108,18 @@ contains
       end if
       x = column(:, 1)
    end subroutine solve_linear_system
+
+   !> X of A X = B in the place of B, A symmetric positive definite; A is overwritten by its factor.
+   subroutine solve_positive_definite(a, b, error)
+      real(wp), intent(inout), contiguous :: a(:, :)   !! (n, n)
+      real(wp), intent(inout), contiguous :: b(:, :)   !! (n, right-hand side)
+      type(error_type), allocatable, intent(out) :: error
+      integer :: info, n
+
+      n = size(a, 1)
+      call dposv('L', n, size(b, 2), a, n, b, n, info)
+      if (info /= 0) call raise(error, exit_no_solution, 'positive definite system of order '// &
+                                to_text(n)//': LAPACK dposv returned '//to_text(info))
+   end subroutine solve_positive_definite
 
 end module numerics_lapack

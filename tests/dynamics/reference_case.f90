@@ -7,7 +7,7 @@ module reference_case
    private
    public :: reference_type, read_reference, paper_chain, reference_names
 
-   character(12), parameter :: reference_names(6) = [character(12) :: 'p1_low', 'p2_high', &
+   character(13), parameter :: reference_names(6) = [character(13) :: 'p1_low', 'p2_high', &
       'p3_low_mu067', 'p4_high_mu100', 'p5_stuck', 'p6_mu0']
    integer, parameter :: n_dof = 5
    character(*), parameter :: folder = 'reference/dynamics/'   !! as seen from tests/
