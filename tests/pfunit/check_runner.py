@@ -1,6 +1,6 @@
 """How a test executable behaves, and what the compiler must not accept.
 
-Usage: test_runner.py SPECS COMPILER MODULES, with the directory of the built specifications, the
+Usage: check_runner.py SPECS COMPILER MODULES, with the directory of the built specifications, the
 Fortran compiler, and the directory of the module files.
 """
 
