@@ -226,6 +226,7 @@ contains
       integer :: status
 
       if (is_started) return
+      call h5dont_atexit_f(status)   ! its cleaning up at exit crashes after a full disk
       call h5open_f(status)
       if (status < 0) error stop 'io_hdf5_file: the HDF5 library does not start'
       call h5eset_auto_f(0, status)

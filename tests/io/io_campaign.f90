@@ -2,18 +2,24 @@
 module io_campaign
    use core_error, only: error_type
    use core_kinds, only: long, wp
+   use core_text, only: to_text
    use dynamics_chain, only: build_chain
    use ensemble_plan, only: plan_type
    use ensemble_results, only: block_result, case_statistics, spectrum_layout
+   use io_case_results, only: write_case
    use io_files, only: make_folder, process_id
+   use io_gathering, only: read_samples
    use io_identity, only: identity_type
+   use io_process_results, only: write_process
+   use io_results, only: begin_results, provenance_type, results_writer
+   use io_shards, only: list_shards, shard_store, shard_type, write_shard
    use process_model, only: process_model_type
-   use core_text, only: to_text
    implicit none(type, external)
    private
-   public :: fresh_folder, made_block, made_identity, made_layout, made_model, made_plan, made_statistics
+   public :: fresh_folder, made_block, made_identity, made_provenance, write_made_results, write_made_shards
 
    integer, parameter, public :: n_dof = 3, n_frequencies = 130, n_steps = 20
+   integer, parameter, public :: n_samples = 5   !! of case 2; case 1 has one
 
 contains
 
@@ -36,8 +42,7 @@ contains
    end function made_identity
 
    !> Case 1: none, one sample; case 2: process 1. Everything is asked for.
-   function made_plan(n_samples) result(plan)
-      integer, intent(in) :: n_samples
+   function made_plan() result(plan)
       type(plan_type) :: plan
       type(error_type), allocatable :: error
       real(wp) :: one(n_dof)
@@ -112,8 +117,7 @@ contains
 
    end function made_block
 
-   function made_statistics(n_samples) result(statistics)
-      integer, intent(in) :: n_samples
+   function made_statistics() result(statistics)
       type(case_statistics) :: statistics
       integer :: d
 
@@ -148,5 +152,68 @@ contains
       model%l0 = 0.3_wp
       model%l0_error = 0.001_wp
    end function made_model
+
+   function made_provenance() result(provenance)
+      type(provenance_type) :: provenance
+
+      provenance%identity = made_identity()
+      provenance%title = 'made'
+      provenance%scene = '&scene title = ''made'' /'
+      provenance%overrides = ''
+      provenance%git_commit = '0123abc'
+      provenance%compiler = 'gfortran'
+      provenance%flags = '-O3'
+      provenance%seed = 2016
+   end function made_provenance
+
+   !> Case 1 in one shard, case 2 in two.
+   subroutine write_made_shards(store, error)
+      type(shard_store), intent(in) :: store
+      type(error_type), allocatable, intent(out) :: error
+      integer, parameter :: case_number(3) = [1, 2, 2], first(3) = [1, 1, 4], last(3) = [1, 3, n_samples]
+      type(block_result) :: block
+      integer :: i
+
+      do i = 1, 3
+         block = made_block(case_number(i), first(i), last(i))
+         call write_shard(store, block, error)
+         if (allocated(error)) return
+      end do
+   end subroutine write_made_shards
+
+   !> The results file of the shards, as a run writes it.
+   subroutine write_made_results(path, store, error)
+      character(*), intent(in) :: path
+      type(shard_store), intent(in) :: store
+      type(error_type), allocatable, intent(out) :: error
+      type(shard_type), allocatable :: shards(:)
+      type(results_writer) :: writer
+      type(plan_type) :: plan
+      type(block_result) :: samples
+      real(wp) :: force(n_steps + 1, 1)
+      integer :: i
+
+      force = 1.0_wp
+      plan = made_plan()
+      call list_shards(store, shards, error)
+      if (allocated(error)) return
+      call begin_results(path, made_provenance(), writer, error)
+      if (allocated(error)) return
+      call write_process(writer, 1, made_model(), error, realizations=force)
+      if (.not. allocated(error)) call writer%write_chain(plan%chain, error)
+      do i = 1, 2
+         if (.not. allocated(error)) then
+            call read_samples(store, shards, i, plan%cases(i)%n_samples, samples, error)
+         end if
+         if (.not. allocated(error)) then
+            call write_case(writer, plan, i, samples, made_layout(), made_statistics(), store, shards, error, force)
+         end if
+      end do
+      if (allocated(error)) then
+         call writer%abandon()
+      else
+         call writer%finish(1.0_wp, error)
+      end if
+   end subroutine write_made_results
 
 end module io_campaign

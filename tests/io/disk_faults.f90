@@ -1,0 +1,60 @@
+!> Writes what its arguments say, for check_disk_faults.py: a store's shards until it fails or has 60, or the
+!> results file of a store. The message goes to standard error, the exit code is the error's.
+program disk_faults
+   use, intrinsic :: iso_fortran_env, only: error_unit
+   use core_error, only: error_type
+   use ensemble_results, only: block_result
+   use io_campaign, only: made_block, made_identity, write_made_results, write_made_shards
+   use io_shards, only: list_shards, new_store, shard_store, shard_type, verify_shard, write_shard
+   implicit none(type, external)
+   character(1000) :: deed, output, results
+   type(error_type), allocatable :: error
+
+   call get_command_argument(1, deed)
+   call get_command_argument(2, output)
+   call get_command_argument(3, results)
+   select case (deed)
+   case ('fill')
+      call fill(new_store(trim(output), made_identity()))
+   case ('verify')
+      call verify(new_store(trim(output), made_identity()))
+   case ('shards')
+      call write_made_shards(new_store(trim(output), made_identity()), error)
+   case ('results')
+      call write_made_results(trim(results), new_store(trim(output), made_identity()), error)
+   end select
+   if (allocated(error)) then
+      write (error_unit, '(a)') error%message
+      stop error%exit_code, quiet=.true.
+   end if
+
+contains
+
+   subroutine fill(store)
+      type(shard_store), intent(in) :: store
+      type(block_result) :: block
+      integer :: first
+
+      do first = 1, 120, 2
+         block = made_block(2, first, first + 1)
+         call write_shard(store, block, error)
+         if (allocated(error)) return
+      end do
+   end subroutine fill
+
+   !> Prints the number of shards when all are sound.
+   subroutine verify(store)
+      type(shard_store), intent(in) :: store
+      type(shard_type), allocatable :: shards(:)
+      integer :: i
+
+      call list_shards(store, shards, error)
+      if (allocated(error)) return
+      do i = 1, size(shards)
+         call verify_shard(store, shards(i), error)
+         if (allocated(error)) return
+      end do
+      print '(i0)', size(shards)
+   end subroutine verify
+
+end program disk_faults
