@@ -39,7 +39,7 @@ contains
       real(wp), parameter :: table_rate_step = 0.5_wp    ! longest step in units of the fastest time constant,
       real(wp), parameter :: series_rate_step = 1.0_wp   ! for sharp bounds of the guards and for few powers
       !> a step's error lives on for some 1/zeta periods of many steps each
-      real(wp), parameter :: share_of_step = 1.0e-3_wp
+      real(wp), parameter :: share_of_step = 1.0e-4_wp
       real(wp) :: h, rate
 
       if (.not. dt > 0.0_wp) then

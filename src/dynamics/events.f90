@@ -52,7 +52,7 @@ contains
       real(wp), intent(in) :: c(0:)
       real(wp), intent(in) :: last
       real(wp) :: time
-      integer, parameter :: max_steps = 500   ! some 6 for a crossing, 100 for a graze closer than rounding
+      integer, parameter :: max_steps = 10000   ! some 6 for a crossing, 100 for the nearest graze
       real(wp), parameter :: least_step = epsilon(1.0_wp)
       real(wp) :: value, slope, bend, root, above, below, step
       integer :: first, k, iteration

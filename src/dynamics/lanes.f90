@@ -72,19 +72,23 @@ contains
       self%anchor(lane, :) = 0.0_wp
    end subroutine clear
 
-   !> Puts a sample of the block into a lane.
+   !> Puts a sample of the block into a lane. A mass without friction slips for ever: it watches nothing, as a
+   !> stuck one with boundless reach, but is not held.
    pure subroutine load(self, chain, lane, sample, state)
       class(lane_group), intent(inout) :: self
       type(chain_type), intent(in) :: chain
       integer, intent(in) :: lane, sample
       type(block_state), intent(in) :: state
+      logical :: has_friction(chain%n_dof)
 
+      has_friction = state%slip_limit(:, sample) > 0.0_wp
       self%sample(lane) = sample
       self%x(lane, 1:chain%n_dof, 0) = state%displacement(:, sample)
       self%x(lane, 1:chain%n_dof, 1) = self%taylor%h*state%velocity(:, sample)
-      self%slider(lane, :) = state%slider(:, sample)
-      self%direction(lane, :) = real(state%direction(:, sample), wp)
-      self%reach(lane, :) = state%slip_limit(:, sample)/chain%contact_stiffness
+      self%slider(lane, :) = merge(state%slider(:, sample), 0.0_wp, has_friction)
+      self%direction(lane, :) = merge(real(state%direction(:, sample), wp), 0.0_wp, has_friction)
+      self%reach(lane, :) = merge(state%slip_limit(:, sample)/chain%contact_stiffness, huge(1.0_wp), &
+                                  has_friction)
       self%held(lane, :) = merge(1.0_wp, 0.0_wp, state%direction(:, sample) == 0)
       self%anchor(lane, :) = merge(self%slider(lane, :), -self%direction(lane, :)*self%reach(lane, :), &
                                    state%direction(:, sample) == 0)
@@ -96,15 +100,14 @@ contains
       type(chain_type), intent(in) :: chain
       integer, intent(in) :: lane
       type(block_state), intent(inout) :: state
-      integer :: sample
 
-      sample = self%sample(lane)
-      state%displacement(:, sample) = self%x(lane, 1:chain%n_dof, 0)
-      state%velocity(:, sample) = self%x(lane, 1:chain%n_dof, 1)/self%taylor%h
-      state%direction(:, sample) = nint(self%direction(lane, :))
-      state%slider(:, sample) = merge(self%slider(lane, :), self%x(lane, 1:chain%n_dof, 0) - &
-                                      self%direction(lane, :)*self%reach(lane, :), &
-                                      state%direction(:, sample) == 0)
+      associate (w => self%sample(lane), n => chain%n_dof)
+         state%displacement(:, w) = self%x(lane, 1:n, 0)
+         state%velocity(:, w) = self%x(lane, 1:n, 1)/self%taylor%h
+         where (state%slip_limit(:, w) > 0.0_wp) state%direction(:, w) = nint(self%direction(lane, :))
+         state%slider(:, w) = merge(self%slider(lane, :), state%displacement(:, w) - state%direction(:, w)* &
+                                    state%slip_limit(:, w)/chain%contact_stiffness, state%direction(:, w) == 0)
+      end associate
    end subroutine store
 
    !> Marches all lanes by one step.
@@ -193,7 +196,7 @@ contains
                                                         -extension - min(run, 0.0_wp))
                slipping = self%direction(l, i)*self%x(l, i, 1) - slope(l)*left(l) + &
                           min(2.0_wp*self%direction(l, i)*self%x(l, i, 2)*left(l), 0.0_wp)
-               slack(l, i) = merge(stuck, slipping, self%held(l, i) > 0.0_wp)
+               slack(l, i) = merge(slipping, stuck, abs(self%direction(l, i)) > 0.5_wp)
             end block
          end do
       end do
@@ -215,36 +218,25 @@ contains
       do i = 1, self%taylor%n
          if (self%crossing(l, i) > span + same_instant) cycle
          if (self%held(l, i) > 0.0_wp) then
-            self%direction(l, i) = sign(1.0_wp, self%x(l, i, 0) - self%slider(l, i))
-            call start_slip(i)
+            self%direction(l, i) = sign(1.0_wp, self%x(l, i, 1))   ! outwards, also where the reach is below rounding
+            self%held(l, i) = 0.0_wp
+            self%anchor(l, i) = -self%direction(l, i)*self%reach(l, i)
+            state%slip_starts(i, w) = state%slip_starts(i, w) + 1
+            slip_begin(i, w) = now
+            call note(i, nint(self%direction(l, i)))
          else
             state%stick_starts(i, w) = state%stick_starts(i, w) + 1
             state%slip_time(i, w) = state%slip_time(i, w) + (now - slip_begin(i, w))*self%taylor%h
             call note(i, 0)
             self%x(l, i, 1) = 0.0_wp
-            if (self%reach(l, i) > 0.0_wp) then
-               self%slider(l, i) = self%x(l, i, 0) - self%direction(l, i)*self%reach(l, i)
-               self%anchor(l, i) = self%slider(l, i)
-               self%direction(l, i) = 0.0_wp
-               self%held(l, i) = 1.0_wp
-            else   ! without friction the stick has no length: the velocity only changes its sign
-               self%direction(l, i) = -self%direction(l, i)
-               call start_slip(i)
-            end if
+            self%slider(l, i) = self%x(l, i, 0) - self%direction(l, i)*self%reach(l, i)
+            self%anchor(l, i) = self%slider(l, i)
+            self%direction(l, i) = 0.0_wp
+            self%held(l, i) = 1.0_wp
          end if
       end do
 
    contains
-
-      subroutine start_slip(i)
-         integer, intent(in) :: i
-
-         state%slip_starts(i, w) = state%slip_starts(i, w) + 1
-         slip_begin(i, w) = now
-         call note(i, nint(self%direction(l, i)))
-         self%held(l, i) = 0.0_wp
-         self%anchor(l, i) = -self%direction(l, i)*self%reach(l, i)
-      end subroutine start_slip
 
       subroutine note(i, kind)
          integer, intent(in) :: i, kind

@@ -96,7 +96,6 @@ contains
       contact = 0.0_wp
       contact(:n) = self%h**2*self%chain%contact_stiffness/self%chain%mass
       do w = 1, state%n_samples
-         regime(:n, reach, w) = state%slip_limit(:, w)/self%chain%contact_stiffness
          call take_in(w)
       end do
       todo%n_free = state%n_samples
@@ -245,15 +244,20 @@ contains
          end do
       end subroutine treat_crowded
 
-      !> From the block to the work space.
+      !> From the block to the work space. A mass without friction slips for ever: it watches nothing, as a stuck one
+      !> with boundless reach, but its contact is not in the pattern.
       subroutine take_in(w)
          integer, intent(in) :: w
+         logical :: has_friction(n)
          integer :: i
 
          y(:n, 1, todo%place(w), w) = state%displacement(:, w)
          y(:n, 2, todo%place(w), w) = self%h*state%velocity(:, w)
-         regime(:n, slider, w) = state%slider(:, w)
-         regime(:n, direction, w) = state%direction(:, w)
+         has_friction = state%slip_limit(:, w) > 0.0_wp
+         regime(:n, slider, w) = merge(state%slider(:, w), 0.0_wp, has_friction)
+         regime(:n, direction, w) = merge(state%direction(:, w), 0, has_friction)
+         regime(:n, reach, w) = merge(state%slip_limit(:, w)/self%chain%contact_stiffness, huge(1.0_wp), &
+                                      has_friction)
          todo%pattern(w) = 0
          do i = 1, n
             if (state%direction(i, w) == 0) todo%pattern(w) = ibset(todo%pattern(w), i - 1)
@@ -267,9 +271,9 @@ contains
 
          state%displacement(:, w) = y(:n, 1, todo%place(w), w)
          state%velocity(:, w) = y(:n, 2, todo%place(w), w)/self%h
-         state%direction(:, w) = nint(regime(:n, direction, w))
-         state%slider(:, w) = merge(regime(:n, slider, w), state%displacement(:, w) - &
-                                    regime(:n, direction, w)*regime(:n, reach, w), state%direction(:, w) == 0)
+         where (state%slip_limit(:, w) > 0.0_wp) state%direction(:, w) = nint(regime(:n, direction, w))
+         state%slider(:, w) = merge(regime(:n, slider, w), state%displacement(:, w) - state%direction(:, w)* &
+                                    state%slip_limit(:, w)/self%chain%contact_stiffness, state%direction(:, w) == 0)
       end subroutine hand_back
 
    end subroutine walk

@@ -69,17 +69,20 @@ contains
       rate = two_pi*maxval(chain%frequencies_stuck)*(zeta + sqrt(1.0_wp + zeta**2))
    end function fastest_rate
 
-   !> The lowest order whose first term left out, (rate h)^(P+1)/(P+1)!, is below the tolerance.
+   !> The lowest order at which the first power left out is below the tolerance, relative to the powers 2 that
+   !> the load itself makes: 2 (rate h)^(P-1)/(P+1)!. (Relative to the amplitude it is smaller by (rate h)^2, but a
+   !> heavy mass or a short history need not have that amplitude.)
    pure function order_for(rate_step, tolerance) result(order)
       real(wp), intent(in) :: rate_step   !! rate times h, at most about 1
       real(wp), intent(in) :: tolerance
       integer :: order
+      integer, parameter :: least_order = 4
       real(wp) :: term
 
-      term = rate_step
-      do order = 1, max_order
+      term = 1.0_wp
+      do order = 2, max_order
          term = term*rate_step/(order + 1)
-         if (order >= 4 .and. term <= tolerance) return
+         if (order >= least_order .and. term <= tolerance) return
       end do
       order = max_order
    end function order_for
