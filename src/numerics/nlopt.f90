@@ -1,12 +1,15 @@
-!> The one door to NLopt: minimization under bounds, equalities and inequalities, through its C interface.
+!> The one door to NLopt: minimization under bounds, equalities and inequalities, through its C
+!> interface.
 !>
-!> A problem is an extension of `minimization_problem`. What NLopt returns is not believed: objective and constraints are
-!> evaluated once more where it stopped, and refused settings (an algorithm without constraints, say) are errors before
+!> A problem is an extension of `minimization_problem`. What NLopt returns is not believed:
+!> objective and constraints are
+!> evaluated once more where it stopped, and refused settings (an algorithm without constraints,
+!> say) are errors before
 !> the run instead of a run without them.
 module numerics_nlopt
    use, intrinsic :: ieee_arithmetic, only: ieee_is_finite
-   use, intrinsic :: iso_c_binding, only: c_associated, c_char, c_double, c_f_pointer, c_funloc, c_funptr, c_int, &
-                                          c_loc, c_null_char, c_null_ptr, c_ptr
+   use, intrinsic :: iso_c_binding, only: c_associated, c_char, c_double, c_f_pointer, c_funloc, &
+                                          c_funptr, c_int, c_loc, c_null_char, c_null_ptr, c_ptr
    use core_error, only: error_type, exit_bad_input, raise
    use core_kinds, only: wp
    use core_text, only: to_text
@@ -40,7 +43,7 @@ module numerics_nlopt
    type :: minimization_settings
       character(:), allocatable :: algorithm          !! NLopt's name; 'LD_SLSQP' when not allocated
       real(wp), allocatable :: lower(:), upper(:)     !! (n) bounds; none when not allocated
-      real(wp) :: initial_step = 0.0_wp               !! of algorithms without gradients; 0: NLopt's choice
+      real(wp) :: initial_step = 0.0_wp               !! without gradients; 0: NLopt's choice
       real(wp) :: relative_change_f = 1.0e-12_wp      !! stops when f changes by less
       real(wp) :: relative_change_x = 1.0e-12_wp
       real(wp) :: constraint_tolerance = 1.0e-10_wp   !! what counts as satisfied
@@ -51,7 +54,7 @@ module numerics_nlopt
    type :: minimization_outcome
       real(wp), allocatable :: x(:)
       real(wp) :: value = 0.0_wp
-      real(wp) :: violation = 0.0_wp          !! largest of |c| over equalities, of max(c, 0) over inequalities
+      real(wp) :: violation = 0.0_wp          !! largest |c| of equalities, max(c, 0) of inequalities
       logical :: is_feasible = .false.        !! violation within the settings' tolerance
       logical :: is_converged = .false.       !! NLopt stopped by a tolerance on f or x
       integer :: code = 0                     !! NLopt's return code
@@ -67,7 +70,8 @@ module numerics_nlopt
       logical :: met_non_finite = .false.
    end type traveller
 
-   integer(c_int), parameter :: success = 1, ftol_reached = 3, xtol_reached = 4, invalid_arguments = -2
+   integer(c_int), parameter :: success = 1, ftol_reached = 3, xtol_reached = 4
+   integer(c_int), parameter :: invalid_arguments = -2
 
    interface
       function nlopt_algorithm_from_string(name) result(algorithm) bind(c)
@@ -103,7 +107,8 @@ module numerics_nlopt
          integer(c_int) :: code
       end function nlopt_add_equality_mconstraint
 
-      function nlopt_add_inequality_mconstraint(optimizer, m, f, data, tolerance) result(code) bind(c)
+      function nlopt_add_inequality_mconstraint(optimizer, m, f, data, tolerance) result(code) &
+         bind(c)
          import :: c_double, c_funptr, c_int, c_ptr
          type(c_ptr), value :: optimizer, data
          integer(c_int), value :: m
@@ -171,7 +176,8 @@ module numerics_nlopt
 
 contains
 
-   !> Searches from `start`. An error is a setting that NLopt refuses; how the search went is in the outcome.
+   !> Searches from `start`. An error is a setting that NLopt refuses; how the search went is in the
+   !! outcome.
    subroutine minimize(problem, settings, start, outcome, error)
       class(minimization_problem), target, intent(inout) :: problem
       type(minimization_settings), intent(in) :: settings
@@ -187,7 +193,8 @@ contains
       if (allocated(settings%algorithm)) algorithm = settings%algorithm
       number = nlopt_algorithm_from_string(c_text(algorithm))
       if (number < 0) then
-         call raise(error, exit_bad_input, "NLopt: algorithm '"//algorithm//"': there is none of this name")
+         call raise(error, exit_bad_input, "NLopt: algorithm '"//algorithm// &
+                    "': there is none of this name")
          return
       end if
       luggage%problem => problem
@@ -198,8 +205,8 @@ contains
          outcome%x = start
          outcome%code = nlopt_optimize(luggage%optimizer, outcome%x, claimed)
          if (outcome%code == invalid_arguments) then
-            call raise(error, exit_bad_input, "NLopt: algorithm '"//algorithm//"': the start must lie "// &
-                       'inside the bounds, and some algorithms need bounds')
+            call raise(error, exit_bad_input, "NLopt: algorithm '"//algorithm// &
+                       "': the start must lie inside the bounds, and some algorithms need bounds")
          else
             call examine(problem, settings, luggage, outcome)
          end if
@@ -215,35 +222,41 @@ contains
       type(traveller), target, intent(in) :: luggage
       type(error_type), allocatable, intent(out) :: error
       real(wp) :: tolerance(max(1, luggage%problem%n_equalities, luggage%problem%n_inequalities))
-      integer(c_int) :: code(8)
+      integer(c_int) :: code(9)
 
       tolerance = settings%constraint_tolerance
       code = success
       associate (optimizer => luggage%optimizer, problem => luggage%problem)
          code(1) = nlopt_set_min_objective(optimizer, c_funloc(call_objective), c_loc(luggage))
-         if (problem%n_equalities > 0) code(2) = nlopt_add_equality_mconstraint &
-                     (optimizer, int(problem%n_equalities, c_int), c_funloc(call_equalities), c_loc(luggage), tolerance)
-         if (problem%n_inequalities > 0) code(3) = nlopt_add_inequality_mconstraint &
-                 (optimizer, int(problem%n_inequalities, c_int), c_funloc(call_inequalities), c_loc(luggage), tolerance)
+         if (problem%n_equalities > 0) &
+            code(2) = nlopt_add_equality_mconstraint(optimizer, int(problem%n_equalities, c_int), &
+                                           c_funloc(call_equalities), c_loc(luggage), tolerance)
+         if (problem%n_inequalities > 0) &
+            code(3) = nlopt_add_inequality_mconstraint(optimizer, int(problem%n_inequalities, c_int), &
+                                         c_funloc(call_inequalities), c_loc(luggage), tolerance)
          if (allocated(settings%lower)) then
             code(4) = invalid_arguments   ! NLopt does not know how many there are
-            if (size(settings%lower) == n) code(4) = nlopt_set_lower_bounds(optimizer, settings%lower)
+            if (size(settings%lower) == n) &
+               code(4) = nlopt_set_lower_bounds(optimizer, settings%lower)
          end if
          if (allocated(settings%upper)) then
             code(5) = invalid_arguments
-            if (size(settings%upper) == n) code(5) = nlopt_set_upper_bounds(optimizer, settings%upper)
+            if (size(settings%upper) == n) &
+               code(5) = nlopt_set_upper_bounds(optimizer, settings%upper)
          end if
          code(6) = nlopt_set_ftol_rel(optimizer, settings%relative_change_f)
          code(7) = nlopt_set_xtol_rel(optimizer, settings%relative_change_x)
          code(8) = nlopt_set_maxeval(optimizer, int(settings%max_evaluations, c_int))
-         if (settings%initial_step > 0.0_wp) code(8) = min(code(8), nlopt_set_initial_step1 &
-                                                            (optimizer, settings%initial_step))
+         if (settings%initial_step > 0.0_wp) &
+            code(9) = nlopt_set_initial_step1(optimizer, settings%initial_step)
       end associate
       if (any(code(2:3) /= success)) then
-         call raise(error, exit_bad_input, "NLopt: algorithm '"//algorithm//"': takes no constraints of this kind")
+         call raise(error, exit_bad_input, "NLopt: algorithm '"//algorithm// &
+                    "': takes no constraints of this kind")
       else if (any(code /= success)) then
-         call raise(error, exit_bad_input, "NLopt: algorithm '"//algorithm//"': a tolerance, or a bound"// &
-                    ' (one for each of '//to_text(n)//' variables), was refused')
+         call raise(error, exit_bad_input, "NLopt: algorithm '"//algorithm// &
+                    "': a tolerance, or a bound (one for each of "//to_text(n)// &
+                    ' variables), was refused')
       end if
    end subroutine set_up
 
@@ -261,7 +274,8 @@ contains
       if (size(equal) > 0) call problem%equalities(outcome%x, equal)
       if (size(unequal) > 0) call problem%inequalities(outcome%x, unequal)
       outcome%violation = max(maxval(abs([0.0_wp, equal])), maxval([0.0_wp, unequal]))
-      outcome%is_feasible = outcome%violation <= settings%constraint_tolerance .and. ieee_is_finite(outcome%value)
+      outcome%is_feasible = outcome%violation <= settings%constraint_tolerance .and. &
+                            ieee_is_finite(outcome%value)
       outcome%is_converged = any(outcome%code == [success, ftol_reached, xtol_reached])
       outcome%n_evaluations = luggage%n_evaluations
       outcome%meaning = meaning_of(outcome%code)
@@ -364,7 +378,8 @@ contains
 
       values = 0.0_wp*sum(x)
       if (present(jacobian)) jacobian = 0.0_wp
-      if (self%n_equalities + self%n_inequalities > 0) error stop 'minimization_problem: constraints without a rule'
+      if (self%n_equalities + self%n_inequalities > 0) &
+         error stop 'minimization_problem: constraints without a rule'
    end subroutine no_constraints
 
    !> A C string.

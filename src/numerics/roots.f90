@@ -11,7 +11,8 @@ contains
 
    !> All roots of x**n + sum c_q x**(n-q), by descending modulus, conjugates together.
    !!
-   !! Eigenvalues of the companion matrix, each polished by Newton steps that lower the polynomial's value.
+   !! Eigenvalues of the companion matrix, each polished by Newton steps that lower the polynomial's
+   !! value.
    subroutine find_polynomial_roots(coefficients, roots, error)
       real(wp), intent(in) :: coefficients(:)             !! c_q, q = 1..n
       complex(wp), allocatable, intent(out) :: roots(:)   !! (n)
@@ -35,7 +36,8 @@ contains
       call sort_by_modulus(roots)
    end subroutine find_polynomial_roots
 
-   !> Newton steps while they lower |p|; of a conjugate pair the upper root is polished and mirrored.
+   !> Newton steps while they lower |p|; of a conjugate pair the upper root is polished and
+   !! mirrored.
    pure subroutine polish(coefficients, roots)
       real(wp), intent(in) :: coefficients(:)
       complex(wp), intent(inout) :: roots(:)

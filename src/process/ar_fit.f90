@@ -1,18 +1,22 @@
-!> The autoregressive process of given order, std and correlation length with the largest entropy (Sec. 2.3).
+!> The autoregressive process of given order, std and correlation length with the largest entropy
+!> (Sec. 2.3).
 !>
-!> In terms of the reflection coefficients the entropy is ln std + 0.5 sum ln(1 - kappa^2) plus a constant, and where
-!> K(m) >= 0 at every lag both infinite lengths are closed forms of v_m = ln(R_M/R_m), see `process_ar_sums`:
+!> In terms of the reflection coefficients the entropy is ln std + 0.5 sum ln(1 - kappa^2) plus a
+!> constant, and where K(m) >= 0 at every lag both infinite lengths are closed forms of
+!> v_m = ln(R_M/R_m), see `process_ar_sums`:
 !>    L0 = (exp(v_0) - 1)/2,      L1 = sum_(m<M) sinh(v_m)/(1 + exp(-v_0)).
-!> For L0 all kappa are then equal at the maximum. For L1 the optimality conditions are solved by Newton's method along a
-!> path of targets that starts where they are linear. That K(m) >= 0 holds is checked on the result; that no process
-!> of changing sign does better is what `process_ar_search` looks for.
+!> For L0 all kappa are then equal at the maximum. For L1 the optimality conditions are solved by Newton's
+!> method along a path of targets that starts where they are linear. That K(m) >= 0 holds is checked on
+!> the result; that no process of changing sign does better is what `process_ar_search` looks for.
 module process_ar_fit
    use core_error, only: error_type, exit_bad_input, exit_no_solution, raise
    use core_kinds, only: wp
    use core_text, only: to_text
    use numerics_lapack, only: solve_linear_system
-   use process_ar_model, only: autocovariance_of, coefficients_of, find_poles, innovation_std, reflection_of
-   use process_ar_sums, only: correlation_sums, log_spectral_ratios, sum_correlation
+   use process_ar_gradient, only: length_gradient
+   use process_ar_model, only: autocovariance_of, coefficients_of, find_poles, innovation_std, &
+                               reflection_of
+   use process_ar_sums, only: correlation_sums, sum_correlation
    use process_correlation, only: correlation_length_l0, correlation_length_l1
    use process_entropy, only: gaussian_entropy, white_noise_entropy
    use process_model, only: process_model_type
@@ -20,15 +24,15 @@ module process_ar_fit
    private
    public :: fit_ar, describe_ar, optimal_reflection
 
-   real(wp), parameter :: length_tolerance = 1.0e-10_wp      !! relative, of the length that is reached
-   real(wp), parameter :: optimality_tolerance = 1.0e-8_wp   !! relative, of the optimality conditions
+   real(wp), parameter :: length_tolerance = 1.0e-10_wp      !! relative, of the length reached
+   real(wp), parameter :: optimality_tolerance = 1.0e-8_wp   !! relative, of its conditions
    integer, parameter :: max_stored_lags = 4096
 
 contains
 
    !> Fits and describes. Fails for bad numbers and where no maximum could be proved.
    subroutine fit_ar(correlation, correlation_length, order, std, model, error)
-      character(*), intent(in) :: correlation        !! 'L0' Eq. (8) or 'L1' Eq. (9), summed to infinity
+      character(*), intent(in) :: correlation        !! 'L0' Eq. (8) or 'L1' Eq. (9), to infinity
       real(wp), intent(in) :: correlation_length     !! [lags], not negative
       integer, intent(in) :: order                   !! M >= 1
       real(wp), intent(in) :: std                    !! sigma_X [unit of X]
@@ -45,14 +49,16 @@ contains
       call sum_correlation(kappa, sums, error)
       if (allocated(error)) return
       reached = merge(sums%l0, sums%l1, correlation == 'L0')
-      model%optimality = max(optimality_residual(correlation, kappa), &
-                             abs(reached - correlation_length)/max(correlation_length, tiny(1.0_wp)))
+      model%optimality = max(optimality_residual(correlation, kappa, sums), &
+                             abs(reached - correlation_length)/ &
+                             max(correlation_length, tiny(1.0_wp)))
       model%is_solved = sums%is_nonnegative .and. model%optimality <= optimality_tolerance .and. &
                         abs(reached - correlation_length) <= length_tolerance*correlation_length
       if (.not. model%is_solved) then
-         call raise(error, exit_no_solution, 'autoregressive process of order '//to_text(order)//' with '// &
-                    correlation//' = '//to_text(correlation_length)//': the search ended at '//correlation// &
-                    ' = '//to_text(reached)//' with optimality residual '//to_text(model%optimality))
+         call raise(error, exit_no_solution, 'autoregressive process of order '// &
+                    to_text(order)//' with '//correlation//' = '//to_text(correlation_length)// &
+                    ': the search ended at '//correlation//' = '//to_text(reached)// &
+                    ' with optimality residual '//to_text(model%optimality))
       end if
    end subroutine fit_ar
 
@@ -78,7 +84,8 @@ contains
       model%std = b0/innovation_std(kappa, 1.0_wp)
       n_lags = size(a)
       if (any(abs(model%poles) > 0.0_wp)) &
-         n_lags = max(n_lags, ceiling(min(real(max_stored_lags, wp), log(smallest_stored)/log(abs(model%poles(1))))))
+         n_lags = max(n_lags, ceiling(min(real(max_stored_lags, wp), &
+                                          log(smallest_stored)/log(abs(model%poles(1))))))
       allocate (model%autocovariance(0:n_lags), model%autocovariance_error(0:n_lags), source=0.0_wp)
       model%autocovariance(:) = model%std**2*autocovariance_of(kappa, n_lags)
       model%l0 = sums%l0
@@ -114,7 +121,8 @@ contains
       case ('L1')
          call follow_targets(correlation_length, kappa, error)
       case default
-         call raise(error, exit_bad_input, "correlation = '"//correlation//"': must be 'L0' or 'L1'")
+         call raise(error, exit_bad_input, &
+                    "correlation = '"//correlation//"': must be 'L0' or 'L1'")
       end select
    end subroutine optimal_reflection
 
@@ -123,7 +131,8 @@ contains
       real(wp), intent(in) :: target             !! L1 [lags]
       real(wp), intent(inout) :: kappa(:)        !! allocated; the solution
       type(error_type), allocatable, intent(out) :: error
-      real(wp), parameter :: widest_step = 4.0_wp, narrowest_step = 1.01_wp   !! ratio of two targets
+      real(wp), parameter :: widest_step = 4.0_wp      !! ratio of two targets
+      real(wp), parameter :: narrowest_step = 1.01_wp
       real(wp) :: reached, step, v(0:size(kappa)), trial(0:size(kappa)), wanted
       logical :: is_converged
       integer :: m, order
@@ -145,8 +154,9 @@ contains
          else
             step = sqrt(step)
             if (step < narrowest_step) then
-               call raise(error, exit_no_solution, 'autoregressive process of order '//to_text(order)// &
-                          ' with L1 = '//to_text(target)//': the search came to L1 = '//to_text(reached))
+               call raise(error, exit_no_solution, 'autoregressive process of order '// &
+                          to_text(order)//' with L1 = '//to_text(target)// &
+                          ': the search came to L1 = '//to_text(reached))
                return
             end if
          end if
@@ -184,7 +194,8 @@ contains
       is_converged = is_converged .and. all(unknowns > 0.0_wp)
    end subroutine solve_optimality
 
-   !> Gradient of  - sum ln cosh((v_(m-1) - v_m)/2) + nu (sum sinh v_m - L (1 + exp(-v_0)))  and its Jacobian.
+   !> Gradient of - sum ln cosh((v_(m-1) - v_m)/2) + nu (sum sinh v_m - L (1 + exp(-v_0))) in v and nu,
+   !! and its Jacobian.
    pure subroutine optimality_conditions(target, unknowns, residual, jacobian)
       real(wp), intent(in) :: target
       real(wp), intent(in) :: unknowns(0:)
@@ -223,27 +234,20 @@ contains
       end do
    end subroutine optimality_conditions
 
-   !> Largest component, relative to the gradient's own, of the part of the entropy's gradient in atanh(kappa) that is not
-   !> along the gradient of the length.
-   pure function optimality_residual(correlation, kappa) result(residual)
+   !> What is left of the entropy's gradient in atanh(kappa), which is -kappa, when its part along the
+   !! gradient of the length is taken away: largest component, relative to the largest of all.
+   pure function optimality_residual(correlation, kappa, sums) result(residual)
       character(*), intent(in) :: correlation
       real(wp), intent(in) :: kappa(:)
+      type(correlation_sums), intent(in) :: sums   !! of this very process
       real(wp) :: residual
-      real(wp) :: log_r(0:size(kappa)), slope(size(kappa)), v(0:size(kappa) - 1)
-      integer :: j, order
+      real(wp) :: slope(size(kappa))
 
-      order = size(kappa)
       residual = 0.0_wp
       if (.not. any(abs(kappa) > 0.0_wp)) return
-      slope = 1.0_wp   ! L0 depends on the sum alone
-      if (correlation == 'L1') then
-         log_r = log_spectral_ratios(kappa)
-         v = log_r(order) - log_r(:order - 1)
-         do j = 1, order
-            slope(j) = sum(cosh(v(:j - 1))) + sum(sinh(v))/(1.0_wp + exp(v(0)))
-         end do
-      end if
-      residual = maxval(abs(kappa - slope*dot_product(kappa, slope)/dot_product(slope, slope)))/maxval(abs(kappa))
+      slope = length_gradient(correlation, kappa, sums)
+      slope = slope*(dot_product(kappa, slope)/dot_product(slope, slope))
+      residual = maxval(abs(kappa - slope))/maxval(abs(kappa))
    end function optimality_residual
 
    !> ln(1 + x) without cancellation.

@@ -1,6 +1,8 @@
-!> Autoregressive processes: coefficients, reflection coefficients, autocovariance, poles (Sec. 2.3).
+!> Autoregressive processes: coefficients, reflection coefficients, autocovariance, poles (Sec.
+!> 2.3).
 !>
-!> Eq. (39): z_n = b0 w_n - sum a_q z_(n-q). The reflection coefficient kappa_m is the last coefficient of
+!> Eq. (39): z_n = b0 w_n - sum a_q z_(n-q). The reflection coefficient kappa_m is the last
+!> coefficient of
 !> the best predictor of order m; all in (-1, 1) is the same as all poles inside the unit circle.
 module process_ar_model
    use core_error, only: error_type, exit_bad_input, raise
@@ -87,9 +89,9 @@ contains
       kappa = reflection_of(a)
       do m = 1, size(a)
          if (.not. abs(kappa(m)) < 1.0_wp) then
-            call raise(error, exit_bad_input, 'autoregressive process of order '//to_text(size(a))// &
-                       ': reflection coefficient '//to_text(m)//' = '//to_text(kappa(m))// &
-                       ': must lie inside (-1, 1), or the process is not stationary')
+            call raise(error, exit_bad_input, 'autoregressive process of order '// &
+                       to_text(size(a))//': reflection coefficient '//to_text(m)//' = '// &
+                       to_text(kappa(m))//': must lie inside (-1, 1), or it is not stationary')
             return
          end if
       end do
@@ -112,7 +114,8 @@ contains
       b0 = 0.0_wp
       do m = 1, order
          if (variance > 0.0_wp) then
-            kappa = -(autocovariance(m) + dot_product(a(:m - 1), autocovariance(m - 1:1:-1)))/variance
+            kappa = -(autocovariance(m) &
+                      + dot_product(a(:m - 1), autocovariance(m - 1:1:-1)))/variance
          else
             kappa = 1.0_wp
          end if

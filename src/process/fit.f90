@@ -24,7 +24,8 @@ contains
          return
       end if
       if (request%method == 'autoregressive') then
-         call fit_ar(request%correlation, request%correlation_length, request%order, request%std, model, error)
+         call fit_ar(request%correlation, request%correlation_length, request%order, request%std, &
+                     model, error)
          model%mu = request%mean
          model%mean = request%mean
       else
@@ -38,7 +39,8 @@ contains
       end if
    end subroutine fit_process
 
-   !> Whether one process is the other times a factor (and, without sign, moved): one fit serves both.
+   !> Whether one process is the other times a factor (and, without sign, moved): one fit serves
+   !! both.
    pure function differ_only_in_scale(request, other) result(is_so)
       type(process_request), intent(in) :: request, other
       logical :: is_so
