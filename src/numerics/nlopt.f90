@@ -54,7 +54,7 @@ module numerics_nlopt
    type :: minimization_outcome
       real(wp), allocatable :: x(:)
       real(wp) :: value = 0.0_wp
-      real(wp) :: violation = 0.0_wp          !! largest |c| of equalities, max(c, 0) of inequalities
+      real(wp) :: violation = 0.0_wp          !! largest |c| of equalities, c of inequalities
       logical :: is_feasible = .false.        !! violation within the settings' tolerance
       logical :: is_converged = .false.       !! NLopt stopped by a tolerance on f or x
       integer :: code = 0                     !! NLopt's return code
@@ -229,10 +229,12 @@ contains
       associate (optimizer => luggage%optimizer, problem => luggage%problem)
          code(1) = nlopt_set_min_objective(optimizer, c_funloc(call_objective), c_loc(luggage))
          if (problem%n_equalities > 0) &
-            code(2) = nlopt_add_equality_mconstraint(optimizer, int(problem%n_equalities, c_int), &
+            code(2) = nlopt_add_equality_mconstraint(optimizer, &
+                                           int(problem%n_equalities, c_int), &
                                            c_funloc(call_equalities), c_loc(luggage), tolerance)
          if (problem%n_inequalities > 0) &
-            code(3) = nlopt_add_inequality_mconstraint(optimizer, int(problem%n_inequalities, c_int), &
+            code(3) = nlopt_add_inequality_mconstraint(optimizer, &
+                                         int(problem%n_inequalities, c_int), &
                                          c_funloc(call_inequalities), c_loc(luggage), tolerance)
          if (allocated(settings%lower)) then
             code(4) = invalid_arguments   ! NLopt does not know how many there are

@@ -2,12 +2,13 @@
 !> (Sec. 2.3).
 !>
 !> In terms of the reflection coefficients the entropy is ln std + 0.5 sum ln(1 - kappa^2) plus a
-!> constant, and where K(m) >= 0 at every lag both infinite lengths are closed forms of
-!> v_m = ln(R_M/R_m), see `process_ar_sums`:
+!> constant, and where K(m) >= 0 at every lag both infinite lengths are closed forms of the
+!> v_m = ln(R_M/R_m) of `process_ar_sums`:
 !>    L0 = (exp(v_0) - 1)/2,      L1 = sum_(m<M) sinh(v_m)/(1 + exp(-v_0)).
-!> For L0 all kappa are then equal at the maximum. For L1 the optimality conditions are solved by Newton's
-!> method along a path of targets that starts where they are linear. That K(m) >= 0 holds is checked on
-!> the result; that no process of changing sign does better is what `process_ar_search` looks for.
+!> For L0 all kappa are then equal at the maximum. For L1 the optimality conditions are solved by
+!> Newton's method along a path of targets that starts where they are linear. That K(m) >= 0 holds
+!> is checked on the result; that no process of changing sign does better is what
+!> `process_ar_search` looks for.
 module process_ar_fit
    use core_error, only: error_type, exit_bad_input, exit_no_solution, raise
    use core_kinds, only: wp
@@ -42,6 +43,10 @@ contains
       real(wp), allocatable :: kappa(:)
       real(wp) :: reached
 
+      if (.not. (std > 0.0_wp .and. std <= huge(1.0_wp))) then
+         call raise(error, exit_bad_input, 'std = '//to_text(std)//': must be finite and positive')
+         return
+      end if
       call optimal_reflection(correlation, correlation_length, order, kappa, error)
       if (allocated(error)) return
       call describe_ar(coefficients_of(kappa), innovation_std(kappa, std), model, error)
@@ -194,8 +199,8 @@ contains
       is_converged = is_converged .and. all(unknowns > 0.0_wp)
    end subroutine solve_optimality
 
-   !> Gradient of - sum ln cosh((v_(m-1) - v_m)/2) + nu (sum sinh v_m - L (1 + exp(-v_0))) in v and nu,
-   !! and its Jacobian.
+   !> Gradient of - sum ln cosh((v_(m-1) - v_m)/2) + nu (sum sinh v_m - L (1 + exp(-v_0))) in v and
+   !! nu, and its Jacobian.
    pure subroutine optimality_conditions(target, unknowns, residual, jacobian)
       real(wp), intent(in) :: target
       real(wp), intent(in) :: unknowns(0:)
@@ -234,8 +239,8 @@ contains
       end do
    end subroutine optimality_conditions
 
-   !> What is left of the entropy's gradient in atanh(kappa), which is -kappa, when its part along the
-   !! gradient of the length is taken away: largest component, relative to the largest of all.
+   !> What is left of the entropy's gradient in atanh(kappa), which is -kappa, when its part along
+   !! the gradient of the length is taken away: largest component, relative to the largest of all.
    pure function optimality_residual(correlation, kappa, sums) result(residual)
       character(*), intent(in) :: correlation
       real(wp), intent(in) :: kappa(:)

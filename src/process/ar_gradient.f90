@@ -1,8 +1,8 @@
 !> How the infinite correlation lengths change with the reflection coefficients.
 !>
-!> Derivatives are with respect to x_m = atanh(kappa_m). The lags that `sum_correlation` marched through
-!> are differentiated backwards, lag by lag and order by order (the adjoint of Levinson's recursion), at
-!> the cost of two marches; closed forms are differentiated as such.
+!> Derivatives are with respect to x_m = atanh(kappa_m). The lags that `sum_correlation` marched
+!> through are differentiated backwards, lag by lag and order by order (the adjoint of Levinson's
+!> recursion), at the cost of two marches; closed forms are differentiated as such.
 module process_ar_gradient
    use core_kinds, only: wp
    use process_ar_sums, only: correlation_sums, log_spectral_ratios, mirror
@@ -12,7 +12,8 @@ module process_ar_gradient
 
 contains
 
-   !> Gradient of L0 or L1. Where a K(m) is zero the length has a kink, and this is one side's slope.
+   !> Gradient of L0 or L1. Where a K(m) is zero the length has a kink, and this is one side's
+   !! slope.
    pure function length_gradient(correlation, kappa, sums) result(gradient)
       character(*), intent(in) :: correlation      !! 'L0' or 'L1'
       real(wp), intent(in) :: kappa(:)             !! kappa_m, m = 1..order
@@ -52,15 +53,15 @@ contains
       end do
    end function closed_gradient
 
-   !> Gradient in kappa of sum (constant + slope m) |rho(m)| over lags 1..n_lags, or of what the negative
-   !! ones of them add to closed forms.
+   !> Gradient in kappa of sum (constant + slope m) |rho(m)| over lags 1..n_lags, or of what the
+   !! negative ones of them add to closed forms.
    pure function march_back(kappa, n_lags, is_closed, constant, slope) result(gradient)
       real(wp), intent(in) :: kappa(:), constant, slope
       integer, intent(in) :: n_lags
       logical, intent(in) :: is_closed
       real(wp) :: gradient(size(kappa))
       real(wp) :: a(size(kappa), 0:size(kappa))      ! (q, order): predictors of all orders
-      real(wp) :: a_bar(size(kappa))                 ! derivatives of the sum by the quantity of that name
+      real(wp) :: a_bar(size(kappa))                 ! _bar: the sum's derivative by it
       real(wp) :: variance(0:size(kappa)), variance_bar
       real(wp), allocatable :: rho(:), rho_bar(:)
       integer :: last, m, order, q

@@ -1,8 +1,8 @@
-!> Local maxima of the entropy among autoregressive processes whose K(m) may have any signs (Sec. 2.3).
+!> Local maxima of the entropy among autoregressive processes with K(m) of any signs (Sec. 2.3).
 !>
-!> `process_ar_fit` knows the maximum among processes with K(m) >= 0. Here nothing is assumed: the infinite sums of
-!> |K(m)| are the constraint, and NLopt searches in atanh(kappa) from starts of random signs. It meets many inferior
-!> maxima; a process found to be better would refute the fit.
+!> `process_ar_fit` knows the maximum among processes with K(m) >= 0. Here nothing is assumed: the
+!> infinite sums of |K(m)| are the constraint, and NLopt searches in atanh(kappa) from starts of
+!> random signs. It meets many inferior maxima; a better process would refute the fit.
 module process_ar_search
    use core_error, only: error_type
    use core_kinds, only: long, wp
@@ -28,6 +28,7 @@ module process_ar_search
    type, extends(minimization_problem) :: length_problem
       character(2) :: correlation = 'L0'
       real(wp) :: length = 0.0_wp
+      real(wp) :: scale = 1.0_wp   !! brings the entropy lost to order 1 for the search
    contains
       procedure :: objective => entropy_lost
       procedure :: equalities => length_defect
@@ -35,7 +36,7 @@ module process_ar_search
 
    real(wp), parameter :: out_of_reach = 1.0e3_wp       !! ln of a length that cannot be summed
    integer, parameter :: least_reach = 2000             !! lags worth summing at any length
-   real(wp), parameter :: reach_per_length = 200.0_wp   !! and at great ones: the memory is no longer
+   real(wp), parameter :: reach_per_length = 200.0_wp   !! and at great ones
 
 contains
 
@@ -51,13 +52,16 @@ contains
       type(length_problem) :: problem
       type(minimization_settings) :: settings
       type(minimization_outcome) :: outcome
+      real(wp) :: start(order)
 
       problem%n_equalities = 1
       problem%correlation = correlation
       problem%length = length
       settings%max_evaluations = 300
       settings%constraint_tolerance = 1.0e-9_wp
-      call minimize(problem, settings, start_of(problem, order, seed, trial), outcome, error)
+      start = start_of(problem, order, seed, trial)
+      problem%scale = 1.0_wp/sum(log(cosh(start)))
+      call minimize(problem, settings, start, outcome, error)
       if (allocated(error)) return
       rival%kappa = tanh(outcome%x)
       rival%entropy = gaussian_entropy(innovation_std(rival%kappa, 1.0_wp))
@@ -92,15 +96,15 @@ contains
       end do
    end function start_of
 
-   !> - 0.5 sum ln(1 - kappa^2).
+   !> - 0.5 sum ln(1 - kappa^2), scaled.
    subroutine entropy_lost(self, x, value, gradient)
       class(length_problem), intent(inout) :: self
       real(wp), intent(in) :: x(:)
       real(wp), intent(out) :: value
       real(wp), optional, intent(out) :: gradient(:)
 
-      value = sum(log(cosh(x)))
-      if (present(gradient)) gradient = tanh(x)
+      value = self%scale*sum(log(cosh(x)))
+      if (present(gradient)) gradient = self%scale*tanh(x)
    end subroutine entropy_lost
 
    !> ln of the length over the wanted one.
@@ -120,7 +124,8 @@ contains
       if (allocated(error)) return
       length = max(merge(sums%l0, sums%l1, self%correlation == 'L0'), tiny(1.0_wp))
       values = log(length/self%length)
-      if (present(jacobian)) jacobian(:, 1) = length_gradient(self%correlation, tanh(x), sums)/length
+      if (.not. present(jacobian)) return
+      jacobian(:, 1) = length_gradient(self%correlation, tanh(x), sums)/length
    end subroutine length_defect
 
 end module process_ar_search

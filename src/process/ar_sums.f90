@@ -1,11 +1,11 @@
 !> Both correlation lengths of an autoregressive process, summed to infinity: Eqs. (8), (9), (41).
 !>
 !> The signed sums are closed forms in the reflection coefficients. With R_0 = 1 and
-!> R_m = R_(m-1) (1 - kappa_m)/(1 + kappa_m),
+!>    R_m = R_(m-1) (1 - kappa_m)/(1 + kappa_m),
 !>    1 + 2 sum rho(m) = R_M,    2 sum m rho(m) = R_M sum_(m<M) sinh(ln R_M - ln R_m):
-!> the step-up recursion of the predictor, and its derivative, taken at frequency 0. Where one positive
-!> pole outlives all others only finitely many lags are negative, and only they are left to add.
-!> Otherwise the moduli are summed until Cauchy's estimate bounds what is left.
+!> the step-up recursion of the predictor, and its derivative, taken at frequency 0. Where one
+!> positive pole outlives all others only finitely many lags are negative, and only they are left to
+!> add. Otherwise the moduli are summed until Cauchy's estimate bounds what is left.
 module process_ar_sums
    use core_error, only: error_type, exit_no_solution, raise
    use core_kinds, only: wp
@@ -20,8 +20,8 @@ module process_ar_sums
       real(wp) :: l0 = 0.0_wp                 !! Eq. (8) [lags]
       real(wp) :: l1 = 0.0_wp                 !! Eq. (9) [lags]
       logical :: is_nonnegative = .false.     !! K(m) >= 0 at every lag, or its mirror image is
-      logical :: is_mirrored = .false.        !! (-1)^m K(m) was summed: its largest pole is positive
-      logical :: is_closed = .false.          !! closed forms beside the negative ones of n_lags lags
+      logical :: is_mirrored = .false.        !! (-1)^m K(m) was summed instead
+      logical :: is_closed = .false.          !! closed forms; n_lags: negative ones
       integer :: n_lags = 0                   !! lags that were marched through one by one
    end type correlation_sums
 

@@ -1,36 +1,44 @@
 !> Any requested process: the one call that solves it or says why not.
 module process_fit
-   use core_error, only: error_type, exit_bad_input, raise
+   use core_error, only: error_type, exit_bad_input, exit_no_solution, raise
    use core_kinds, only: long, wp
    use core_text, only: to_text
    use process_ar_fit, only: fit_ar
+   use process_ar_order, only: choose_order
+   use process_ar_search, only: ar_rival, find_rival
    use process_model, only: process_model_type, process_request
    use process_positive_fit, only: fit_positive
    implicit none(type, external)
    private
    public :: fit_process, differ_only_in_scale
 
+   ! beyond this order or length a search costs far more than the fit
+   integer, parameter :: n_rivals = 4, highest_rival_order = 12
+   real(wp), parameter :: longest_rival_length = 10.0_wp
+
 contains
 
    !> Solves the request; `model%is_solved` tells whether, `model%reason` why not.
    subroutine fit_process(request, seed, model)
       type(process_request), intent(in) :: request
-      integer(long), intent(in) :: seed   !! of the simulated values that a statistical fit matches
+      integer(long), intent(in) :: seed   !! of simulated values that are matched, of rivals
       type(process_model_type), intent(out) :: model
+      type(process_request) :: resolved
       type(error_type), allocatable :: error
 
-      if (request%method == 'autoregressive' .and. request%positive) then
-         call fit_positive(request, seed, model)
-         return
-      end if
+      resolved = request
       if (request%method == 'autoregressive') then
-         call fit_ar(request%correlation, request%correlation_length, request%order, request%std, &
-                     model, error)
-         model%mu = request%mean
-         model%mean = request%mean
+         call choose_order(request, resolved%order, error)
       else
-         call raise(error, exit_bad_input, "method = '"//request%method//"': no such fit with this sign (seed "// &
-                    to_text(seed)//')')
+         call raise(error, exit_bad_input, &
+                    "method = '"//request%method//"': must be 'autoregressive'")
+      end if
+      if (.not. allocated(error)) then
+         if (request%positive) then
+            call fit_positive(resolved, seed, model)
+         else
+            call fit_unconstrained(resolved, seed, model, error)
+         end if
       end if
       model%request = request
       if (allocated(error)) then
@@ -38,6 +46,49 @@ contains
          model%reason = error%message
       end if
    end subroutine fit_process
+
+   !> The process without sign constraint: the mean is added to it.
+   subroutine fit_unconstrained(request, seed, model, error)
+      type(process_request), intent(in) :: request
+      integer(long), intent(in) :: seed
+      type(process_model_type), intent(out) :: model
+      type(error_type), allocatable, intent(out) :: error
+
+      call fit_ar(request%correlation, request%correlation_length, request%order, request%std, &
+                  model, error)
+      if (allocated(error)) return
+      model%mu = request%mean
+      model%mean = request%mean
+      if (request%order > highest_rival_order .or. .not. request%correlation_length > 0.0_wp &
+          .or. request%correlation_length > longest_rival_length) return
+      call challenge(request, seed, model, error)
+   end subroutine fit_unconstrained
+
+   !> Fails when a process of another shape, found by a search that assumes none, has more entropy.
+   subroutine challenge(request, seed, model, error)
+      type(process_request), intent(in) :: request
+      integer(long), intent(in) :: seed
+      type(process_model_type), intent(in) :: model
+      type(error_type), allocatable, intent(out) :: error
+      real(wp), parameter :: clearly = 1.0e-8_wp   ! the search meets its length to 1e-9
+      type(ar_rival) :: rival
+      real(wp) :: advantage
+      integer :: trial
+
+      do trial = 1, n_rivals
+         call find_rival(request%correlation, request%correlation_length, request%order, seed, &
+                         trial, rival, error)
+         if (allocated(error)) return
+         advantage = rival%entropy + log(request%std) - model%entropy
+         if (rival%is_feasible .and. advantage > clearly) then
+            call raise(error, exit_no_solution, 'autoregressive process of order '// &
+                       to_text(request%order)//' with '//request%correlation//' = '// &
+                       to_text(request%correlation_length)//': a process of another shape has '// &
+                       to_text(advantage)//' more entropy than the best with K(m) >= 0')
+            return
+         end if
+      end do
+   end subroutine challenge
 
    !> Whether one process is the other times a factor (and, without sign, moved): one fit serves
    !! both.
@@ -51,9 +102,10 @@ contains
               all(same([request%correlation_length, request%bound_l0, request%bound_l1], &
                        [other%correlation_length, other%bound_l0, other%bound_l1]))
       if (is_so .and. request%order == 0) is_so = request%max_order == other%max_order
-      if (is_so .and. request%positive) is_so = request%sampler == other%sampler .and. &
-                                                abs(request%mean*other%std - other%mean*request%std) <= &
-                                                rounding*abs(request%mean*other%std)
+      if (is_so .and. request%positive) &
+         is_so = request%sampler == other%sampler .and. &
+                 abs(request%mean*other%std - other%mean*request%std) <= &
+                 rounding*abs(request%mean*other%std)
    end function differ_only_in_scale
 
    elemental function same(x, y) result(is_so)
