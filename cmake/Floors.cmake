@@ -9,11 +9,7 @@ function(add_floor name)
     Fortran_PREPROCESS OFF   # no source needs it, and each file is compiled once instead of twice
     Fortran_MODULE_DIRECTORY ${modules})
   target_include_directories(${name} INTERFACE $<BUILD_INTERFACE:${modules}>)
-  foreach(floor IN LISTS floor_USES)
-    # its modules are seen here, but not passed on: what the floor above wants, it names itself
-    target_include_directories(${name} PRIVATE ${PROJECT_BINARY_DIR}/modules/${floor})
-    add_dependencies(${name} ${floor})
-    target_link_libraries(${name} INTERFACE $<LINK_ONLY:${floor}>)
-  endforeach()
-  target_link_libraries(${name} PRIVATE ${floor_DOORS} $<BUILD_INTERFACE:entroslip_flags>)
+  # PRIVATE: the modules are seen here and not passed on; what the floor above wants, it names itself
+  target_link_libraries(${name} PRIVATE ${floor_USES} ${floor_DOORS}
+    $<BUILD_INTERFACE:entroslip_flags>)
 endfunction()
