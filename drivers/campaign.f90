@@ -7,10 +7,10 @@ module driver_campaign
    use core_kinds, only: long, wp
    use core_text, only: to_text
    use driver_command_line, only: command_line
+   use driver_deadline, only: time_to_stop
    use ensemble_plan, only: plan_type
    use io_force, only: read_force_hdf5
    use numerics_sorting, only: sort_order
-   use parallel_signals, only: stop_requested
    use parallel_work, only: new_counter, work_counter
    use parallel_world, only: world_type
    use process_fit, only: fit_process
@@ -98,7 +98,7 @@ contains
       owner = -1
       call new_counter(world, size(models, kind=long), counter)
       do
-         if (stop_requested()) call counter%request_stop()
+         if (time_to_stop()) call counter%request_stop()
          item = int(counter%next())
          if (item == 0) exit
          i = order(item)
@@ -127,7 +127,7 @@ contains
       n = 0
       reasons = ''
       do i = 1, size(models)
-         if (models(i)%is_solved) cycle
+         if (models(i)%is_solved .or. .not. allocated(models(i)%reason)) cycle
          n = n + 1
          if (n > 1) reasons = reasons//new_line('a')
          reasons = reasons//'process '//to_text(i)//': '//models(i)%reason

@@ -30,7 +30,8 @@ contains
       character(:), allocatable :: word, value
       integer :: i
 
-      allocate (character(longest_argument()) :: line%overrides(0))
+      i = longest_argument()
+      allocate (character(i) :: line%overrides(0))
       i = 0
       do while (i < command_argument_count())
          i = i + 1
@@ -148,13 +149,15 @@ contains
       call get_command_argument(i, text)
    end function argument
 
-   integer function longest_argument()
+   !> Characters of the longest argument.
+   function longest_argument() result(longest)
+      integer :: longest
       integer :: i, length
 
-      longest_argument = 1
+      longest = 1
       do i = 1, command_argument_count()
          call get_command_argument(i, length=length)
-         longest_argument = max(longest_argument, length)
+         longest = max(longest, length)
       end do
    end function longest_argument
 

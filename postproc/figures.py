@@ -6,6 +6,7 @@ from collections.abc import Sequence
 
 import numpy as np
 from matplotlib.axes import Axes
+from matplotlib.ticker import FuncFormatter
 
 from postproc import style
 from postproc.paper import LEVELS
@@ -43,12 +44,13 @@ def plot_slip_scatter(axes: Axes, cases: Sequence[Case]) -> None:
             xerr=case.data["slip_mean_error"], yerr=case.data["slip_std_error"],
             label=label, elinewidth=0.8, **look,
         )  # fmt: skip
-    axes.axvline(0.3, color="0.55", linewidth=0.8, linestyle="--", zorder=0)
+    axes.axvline(0.3, color="0.55", linewidth=0.8, linestyle="--", zorder=0, label="mean of 0.3")
     axes.set(
         xlabel="mean fraction of time in slip",
         ylabel="standard deviation over samples",
         xlim=(0, None), ylim=(0, None),
     )  # fmt: skip
+    axes.legend(ncols=2)
 
 
 def plot_band(axes: Axes, cases: Sequence[Case], dof: int, results: Results) -> None:
@@ -88,11 +90,20 @@ def plot_band_ratio(axes: Axes, cases: Sequence[Case]) -> None:
         )  # fmt: skip
     first, last = cases[0].data["percentile"].values[[0, -1]]
     axes.set_yscale("log")
+    for ticks in (axes.yaxis.set_major_formatter, axes.yaxis.set_minor_formatter):
+        ticks(FuncFormatter(_short_tick))
+    axes.legend(ncols=2)
     axes.set(
         xlabel="mean fraction of time in slip",
         ylabel=rf"$\sigma_{{{last:g}}}^2\,/\,\sigma_{{{first:g}}}^2$",
         xlim=(0, None),
     )
+
+
+def _short_tick(value: float, _: int) -> str:
+    """Plain numbers on a logarithmic axis, where there is room for them."""
+    leading = float(f"{value:e}".split("e")[0])
+    return f"{value:g}" if leading in (1.0, 2.0, 3.0, 5.0) else ""
 
 
 def _by_length(

@@ -9,7 +9,12 @@ from pathlib import Path
 import pytest
 
 ROOT = Path(__file__).resolve().parent.parent
-PROGRAM = Path(os.environ.get("ENTROSLIP", ROOT / "build/release/bin/entroslip"))
+PROGRAM = Path(os.environ.get("ENTROSLIP", ROOT / "build/release/bin/entroslip")).resolve()
+ENVIRONMENT = os.environ | {
+    "OMPI_ALLOW_RUN_AS_ROOT": "1",
+    "OMPI_ALLOW_RUN_AS_ROOT_CONFIRM": "1",
+    "OPENBLAS_NUM_THREADS": "1",
+}
 
 
 @pytest.fixture(scope="session")
@@ -28,7 +33,7 @@ def entroslip(program, tmp_path):
             launcher = ["mpirun", "--oversubscribe", "--bind-to", "none", "-n", str(ranks)]
         return subprocess.run(
             [*launcher, program, *map(str, arguments)],
-            cwd=cwd, capture_output=True, text=True, timeout=timeout, check=False,
+            cwd=cwd, env=ENVIRONMENT, capture_output=True, text=True, timeout=timeout, check=False,
         )  # fmt: skip
 
     return run

@@ -13,6 +13,7 @@ module ensemble_plan
       integer :: process = 0           !! into plan%processes; 0: none, friction as given
       real(wp) :: variance = 0.0_wp    !! of the force [N^2]; 0 with a force file
       integer :: n_samples = 1
+      integer :: first_sample = 1      !! another one in a replay
    end type case_type
 
    type :: excitation_settings

@@ -5,6 +5,7 @@ module ensemble_runner
    use core_random, only: label_of, new_stream, stream_type
    use dynamics_event, only: new_event_marcher, event_marcher
    use dynamics_excitation, only: band_limited_force
+   use dynamics_newmark, only: new_newmark, newmark_marcher
    use dynamics_response, only: marcher_type
    use ensemble_plan, only: plan_type
    use ensemble_results, only: spectrum_layout
@@ -27,6 +28,7 @@ module ensemble_runner
       integer :: piece_steps = records_per_piece
    contains
       procedure :: draw_force
+      procedure :: force_of
       procedure :: use_every
    end type runner_type
 
@@ -56,12 +58,19 @@ contains
       type(plan_type), intent(in) :: plan
       class(marcher_type), allocatable, intent(out) :: marcher
       type(error_type), allocatable, intent(out) :: error
+      type(newmark_marcher), allocatable :: newmark
       type(event_marcher), allocatable :: event
 
       associate (how => plan%integration, dof => plan%excitation%dof)
+         if (how%method == 'newmark') then
+            allocate (newmark)
+            call new_newmark(plan%chain, how%dt, how%max_halvings, how%beta, how%gamma, dof, newmark, error)
+            call move_alloc(newmark, marcher)
+         else
             allocate (event)
             call new_event_marcher(plan%chain, how%dt, how%tolerance, dof, event, error)
             call move_alloc(event, marcher)
+         end if
       end associate
    end subroutine new_marcher
 
@@ -76,6 +85,30 @@ contains
       stream = new_stream(self%plan%seed, label_of('force'), sample)
       call band_limited_force(self%plan%excitation%band, self%plan%integration%dt, stream, force, error)
    end subroutine draw_force
+
+   !> The force of a case as it acted, for its histories [N].
+   subroutine force_of(self, case_number, first_sample, force, error)
+      class(runner_type), intent(in) :: self
+      integer, intent(in) :: case_number
+      integer, intent(in) :: first_sample    !! of the records, where each sample has its own
+      real(wp), intent(out) :: force(0:, :)   !! (step, 1 or sample)
+      type(error_type), allocatable, intent(out) :: error
+      integer :: i
+
+      associate (excitation => self%plan%excitation)
+         do i = 1, size(force, 2)
+            if (.not. excitation%per_sample) then
+               force(:, i) = self%force(:, 1)
+            else if (excitation%kind == 'file') then
+               force(:, i) = self%force(:, first_sample + i - 1)
+            else
+               call self%draw_force(first_sample + i - 1, force(:, i), error)
+               if (allocated(error)) return
+            end if
+         end do
+         if (excitation%kind == 'band_limited') force = sqrt(self%plan%cases(case_number)%variance)*force
+      end associate
+   end subroutine force_of
 
    !> Lays out the spectra for every `every`-th step.
    pure subroutine use_every(self, every)

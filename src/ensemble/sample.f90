@@ -18,8 +18,7 @@ module ensemble_sample
    !> A march on its way: the block and what listens to it.
    type :: march_type
       type(block_state) :: state
-      real(wp), allocatable :: force(:, :)            !! (0:n_steps, 1 or sample) before scaling
-      real(wp) :: scale = 1.0_wp                      !! of the force: root of the variance
+      real(wp), allocatable :: force(:, :)            !! (0:n_steps, 1 or sample) [N]
       logical :: is_measuring = .false.               !! past n_discard
       real(wp), allocatable :: energy_before(:)       !! (sample) stored at the end of n_discard [J]
    end type march_type
@@ -75,10 +74,9 @@ contains
          march%state%keeps_ledger = output%energy
          march%state%keeps_transitions = output%transitions
          call start_block(plan%chain, result%friction, march%state)
-         call take_force(runner, result, march%force, error)
+         allocate (march%force(0:plan%integration%n_steps, merge(n, 1, plan%excitation%per_sample)))
+         call runner%force_of(case_number, result%first_sample, march%force, error)
          if (allocated(error)) return
-         if (plan%excitation%kind == 'band_limited') &
-            march%scale = sqrt(plan%cases(case_number)%variance)
          if (output%history) then
             allocate (result%displacement(plan%chain%n_dof, 0:plan%integration%n_steps, n), &
                       result%velocity(plan%chain%n_dof, 0:plan%integration%n_steps, n))
@@ -87,32 +85,6 @@ contains
          end if
       end associate
    end subroutine start_march
-
-   !> The records of these samples: the shared one, those of the file, or new ones from their streams.
-   subroutine take_force(runner, result, force, error)
-      type(runner_type), intent(in) :: runner
-      type(block_result), intent(in) :: result
-      real(wp), allocatable, intent(out) :: force(:, :)   !! (0:n_steps, 1 or sample)
-      type(error_type), allocatable, intent(out) :: error
-      integer :: w
-
-      associate (plan => runner%plan)
-         if (.not. plan%excitation%per_sample) then
-            allocate (force(0:plan%integration%n_steps, 1))
-            force(:, 1) = runner%force(:, 1)
-            return
-         end if
-         allocate (force(0:plan%integration%n_steps, result%n_samples))
-         do w = 1, result%n_samples
-            if (plan%excitation%kind == 'file') then
-               force(:, w) = runner%force(:, result%first_sample + w - 1)
-            else
-               call runner%draw_force(result%first_sample + w - 1, force(:, w), error)
-               if (allocated(error)) return
-            end if
-         end do
-      end associate
-   end subroutine take_force
 
    !> The transient is over: what was counted in it is forgotten.
    subroutine start_measuring(runner, march)
@@ -142,7 +114,6 @@ contains
       type(block_result), intent(inout) :: result
       type(error_type), allocatable, intent(out) :: error
       real(wp), allocatable :: x(:, :, :), v(:, :, :)   ! (record, dof, sample)
-      real(wp), allocatable :: force(:, :)
       integer :: every, n
 
       associate (state => march%state, output => runner%plan%output)
@@ -150,12 +121,11 @@ contains
          n = to/every - from/every
          if (.not. (output%history .or. output%spectrum .and. march%is_measuring)) n = 0
          allocate (x(n, state%n_dof, state%n_samples))
-         force = march%scale*march%force(from:to, :)
          if (output%history) then
             allocate (v, mold=x)
-            call runner%marcher%advance(state, force, every, x, v, error)
+            call runner%marcher%advance(state, march%force(from:to, :), every, x, v, error)
          else
-            call runner%marcher%advance(state, force, every, x, error=error)
+            call runner%marcher%advance(state, march%force(from:to, :), every, x, error=error)
          end if
          if (allocated(error)) return
          if (output%history) then

@@ -7,9 +7,16 @@ module numerics_fftw
    use core_kinds, only: wp
    implicit none(type, external)
    private
-   public :: forward_fft, inverse_fft, good_fft_length
+   public :: forward_fft, inverse_fft, fftw_library, good_fft_length
 
    include 'fftw3.f03'
+
+   interface
+      subroutine c_free(memory) bind(c, name='free')
+         import :: c_ptr
+         type(c_ptr), value :: memory
+      end subroutine c_free
+   end interface
 
    !> What both directions own. Aligned, freed with the variable; not to be copied by assignment.
    type, abstract :: real_fft
@@ -20,9 +27,24 @@ module numerics_fftw
       type(c_ptr), private :: signal_memory = c_null_ptr
       type(c_ptr), private :: spectrum_memory = c_null_ptr
    contains
+      procedure(prepare_transform), deferred :: prepare
+      procedure(execute_transform), deferred :: execute
       procedure, private :: allocate_buffers
       procedure, private :: release
    end type real_fft
+
+   abstract interface
+      subroutine prepare_transform(self, n)
+         import :: real_fft
+         class(real_fft), intent(inout) :: self
+         integer, intent(in) :: n
+      end subroutine prepare_transform
+
+      subroutine execute_transform(self)
+         import :: real_fft
+         class(real_fft), intent(inout) :: self
+      end subroutine execute_transform
+   end interface
 
    !> spectrum(k) = sum over j of signal(j) exp(-2 pi i j k/n)
    type, extends(real_fft) :: forward_fft
@@ -42,6 +64,25 @@ module numerics_fftw
    end type inverse_fft
 
 contains
+
+   !> Version of the library: what it calls wisdom begins '(fftw-3.3.10 '.
+   function fftw_library() result(text)
+      character(:), allocatable :: text
+      integer, parameter :: prefix = len('(fftw-'), longest = 40
+      character(kind=c_char), pointer :: letters(:)
+      type(c_ptr) :: wisdom
+      integer :: i
+
+      text = ''
+      wisdom = fftw_export_wisdom_to_string()
+      if (.not. c_associated(wisdom)) return
+      call c_f_pointer(wisdom, letters, [longest])
+      do i = prefix + 1, longest
+         if (letters(i) == ' ' .or. letters(i) == c_null_char) exit
+         text = text//letters(i)
+      end do
+      call c_free(wisdom)
+   end function fftw_library
 
    !> The smallest even length, not below n, that is a product of 2, 3, 5 and 7.
    pure function good_fft_length(n) result(length)

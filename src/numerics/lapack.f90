@@ -5,10 +5,14 @@ module numerics_lapack
    use core_text, only: to_text
    implicit none(type, external)
    private
-   public :: find_eigenvalues, solve_linear_system, solve_positive_definite
+   public :: find_eigenvalues, lapack_version, solve_linear_system, solve_positive_definite
    public :: solve_symmetric_eigenproblem
 
    interface
+      subroutine ilaver(major, minor, patch)
+         integer, intent(out) :: major, minor, patch
+      end subroutine ilaver
+
       subroutine dsygv(itype, jobz, uplo, n, a, lda, b, ldb, w, work, lwork, info)
          import :: wp
          integer, intent(in) :: itype, n, lda, ldb, lwork
@@ -44,6 +48,15 @@ module numerics_lapack
    end interface
 
 contains
+
+   !> '3.9.0': of the interface that the library offers.
+   function lapack_version() result(text)
+      character(:), allocatable :: text
+      integer :: major, minor, patch
+
+      call ilaver(major, minor, patch)
+      text = to_text(major)//'.'//to_text(minor)//'.'//to_text(patch)
+   end function lapack_version
 
    !> All pairs of A x = lambda B x, A symmetric, B symmetric positive definite; X' B X = 1.
    subroutine solve_symmetric_eigenproblem(a, b, eigenvalues, eigenvectors, error)

@@ -15,7 +15,7 @@ module numerics_nlopt
    use core_text, only: to_text
    implicit none(type, external)
    private
-   public :: minimization_problem, minimization_settings, minimization_outcome, minimize
+   public :: minimization_problem, minimization_settings, minimization_outcome, minimize, nlopt_library
 
    !> What is to be minimized. Extend it with the problem's own data.
    type, abstract :: minimization_problem
@@ -74,6 +74,11 @@ module numerics_nlopt
    integer(c_int), parameter :: invalid_arguments = -2
 
    interface
+      subroutine nlopt_version(major, minor, bugfix) bind(c)
+         import :: c_int
+         integer(c_int), intent(out) :: major, minor, bugfix
+      end subroutine nlopt_version
+
       function nlopt_algorithm_from_string(name) result(algorithm) bind(c)
          import :: c_char, c_int
          character(kind=c_char), intent(in) :: name(*)
@@ -175,6 +180,15 @@ module numerics_nlopt
    end interface
 
 contains
+
+   !> Version of the library.
+   function nlopt_library() result(text)
+      character(:), allocatable :: text
+      integer(c_int) :: major, minor, bugfix
+
+      call nlopt_version(major, minor, bugfix)
+      text = to_text(int(major))//'.'//to_text(int(minor))//'.'//to_text(int(bugfix))
+   end function nlopt_library
 
    !> Searches from `start`. An error is a setting that NLopt refuses; how the search went is in the
    !! outcome.

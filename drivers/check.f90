@@ -1,0 +1,40 @@
+!> `entroslip check`: a scene read and checked, and what running it would mean. Nothing is run or written.
+module driver_check
+   use, intrinsic :: iso_fortran_env, only: output_unit
+   use config_scene, only: scene_type
+   use config_summary, only: summary_text
+   use core_error, only: error_type, exit_done
+   use core_kinds, only: wp
+   use driver_campaign, only: load_plan
+   use driver_command_line, only: command_line
+   use ensemble_pilot, only: measure_cost
+   use ensemble_plan, only: plan_type
+   use ensemble_runner, only: block_width
+   use parallel_world, only: start_world, stop_world, world_type
+   implicit none(type, external)
+   private
+   public :: check
+
+contains
+
+   subroutine check(line)
+      type(command_line), intent(in) :: line
+      type(world_type) :: world
+      type(scene_type) :: scene
+      type(plan_type) :: plan
+      real(wp), allocatable :: force(:, :)
+      real(wp) :: nanoseconds
+      type(error_type), allocatable :: error
+
+      call start_world(world)
+      call load_plan(line, scene, plan, force, error)
+      call world%stop_on(error)
+      nanoseconds = 0.0_wp
+      if (plan%has_chain .and. world%is_root()) call measure_cost(plan, force, nanoseconds, error)
+      call world%stop_on(error)
+      if (world%is_root()) write (output_unit, '(a)') &
+         summary_text(scene, plan, nanoseconds, world%n_ranks, block_width(plan))
+      call stop_world(exit_done)
+   end subroutine check
+
+end module driver_check

@@ -1,0 +1,41 @@
+!> When a run has to end early: a signal, or the wall-time limit of its scene.
+module driver_deadline
+   use core_kinds, only: long, wp
+   use parallel_signals, only: catch_stop_signals, stop_requested
+   implicit none(type, external)
+   private
+   public :: start_watch, set_limit, seconds_so_far, time_to_stop
+
+   integer(long), save :: started = 0
+   real(wp), save :: limit = 0.0_wp   !! [s]; 0: none
+
+contains
+
+   !> From here the run is timed, and signals are heard.
+   subroutine start_watch()
+      call system_clock(started)
+      call catch_stop_signals()
+   end subroutine start_watch
+
+   subroutine set_limit(walltime)
+      real(wp), intent(in) :: walltime   !! [min]; 0: none
+
+      limit = 60.0_wp*walltime
+   end subroutine set_limit
+
+   function seconds_so_far() result(seconds)
+      real(wp) :: seconds
+      integer(long) :: now, rate
+
+      call system_clock(now, rate)
+      seconds = real(now - started, wp)/real(rate, wp)
+   end function seconds_so_far
+
+   !> Asked between pieces of work; each rank for itself.
+   logical function time_to_stop()
+      time_to_stop = stop_requested()
+      if (time_to_stop .or. .not. limit > 0.0_wp) return
+      time_to_stop = seconds_so_far() > limit
+   end function time_to_stop
+
+end module driver_deadline

@@ -1,0 +1,132 @@
+!> `entroslip replay`: one sample of a campaign again, alone, with all that can be kept of it.
+module driver_replay
+   use config_scene, only: scene_type
+   use core_error, only: error_type, exit_bad_input, exit_done, raise
+   use core_kinds, only: wp
+   use core_text, only: to_text
+   use driver_campaign, only: load_plan, refuse_unsolved
+   use driver_command_line, only: command_line
+   use driver_deadline, only: start_watch, time_to_stop
+   use driver_output, only: open_output, output_type
+   use driver_results, only: write_results
+   use driver_run, only: end_if_asked, prepare_march
+   use ensemble_plan, only: plan_type
+   use ensemble_results, only: block_result
+   use ensemble_runner, only: runner_type
+   use ensemble_sample, only: run_block
+   use ensemble_study, only: block_range, draw_friction
+   use io_shards, only: write_shard
+   use parallel_world, only: start_world, stop_world, world_type
+   use process_fit, only: fit_process
+   use process_model, only: process_model_type
+   implicit none(type, external)
+   private
+   public :: replay
+
+contains
+
+   !> The work of one rank; others that were started wait for it.
+   subroutine replay(line)
+      type(command_line), intent(in) :: line
+      type(world_type) :: world
+      type(scene_type) :: scene
+      type(plan_type) :: plan
+      type(output_type) :: output
+      type(runner_type) :: runner
+      type(process_model_type), allocatable :: models(:)
+      real(wp), allocatable :: force(:, :)
+      type(error_type), allocatable :: error
+
+      call start_watch()
+      call start_world(world)
+      call load_plan(line, scene, plan, force, error)
+      if (.not. allocated(error)) call check_choice(line, plan, error)
+      call world%stop_on(error)
+      call open_output(world, line, scene, plan, output, ending_of(line))
+      call keep_everything(plan)
+      call prepare_march(world, plan, force, runner, error)
+      call output%stop_on(world, error)
+      if (world%is_root()) then
+         call solve_needed(line, plan, models)
+         call refuse_unsolved(plan, models, error)
+         if (.not. allocated(error)) call march_again(line, models, runner, output, error)
+      end if
+      call output%stop_on(world, error)
+      call end_if_asked(world, output)
+      if (world%is_root()) call write_results(line, scene, runner%plan, models, runner, output, world%n_ranks, error)
+      call output%stop_on(world, error)
+      call output%say(output%path)
+      call output%release()
+      call stop_world(exit_done)
+   end subroutine replay
+
+   !> That case and sample are there to be replayed.
+   subroutine check_choice(line, plan, error)
+      type(command_line), intent(in) :: line
+      type(plan_type), intent(in) :: plan
+      type(error_type), allocatable, intent(out) :: error
+
+      if (line%case_number > size(plan%cases)) then
+         call raise(error, exit_bad_input, '--case '//to_text(line%case_number)//': the scene has '// &
+                    to_text(size(plan%cases))//' cases')
+      else if (line%sample > plan%cases(line%case_number)%n_samples) then
+         call raise(error, exit_bad_input, '--sample '//to_text(line%sample)//': case '// &
+                    to_text(line%case_number)//' has '// &
+                    to_text(plan%cases(line%case_number)%n_samples)//' samples')
+      end if
+   end subroutine check_choice
+
+   !> '_c007_s0042.h5'
+   pure function ending_of(line) result(ending)
+      type(command_line), intent(in) :: line
+      character(:), allocatable :: ending
+      character(64) :: buffer
+
+      write (buffer, '(a, i0.3, a, i0.4, a)') '_c', line%case_number, '_s', line%sample, '.h5'
+      ending = trim(buffer)
+   end function ending_of
+
+   !> Histories, transitions and the energy ledger, whatever the scene keeps of a campaign.
+   pure subroutine keep_everything(plan)
+      type(plan_type), intent(inout) :: plan
+
+      plan%output%history = .true.
+      plan%output%transitions = .true.
+      plan%output%energy = .true.
+      plan%n_realizations = 0
+   end subroutine keep_everything
+
+   !> Solves the one process that the case draws its friction from.
+   subroutine solve_needed(line, plan, models)
+      type(command_line), intent(in) :: line
+      type(plan_type), intent(in) :: plan
+      type(process_model_type), allocatable, intent(out) :: models(:)
+
+      allocate (models(size(plan%processes)))
+      associate (i => plan%cases(line%case_number)%process)
+         if (i > 0) call fit_process(plan%processes(i), plan%seed, models(i))
+      end associate
+   end subroutine solve_needed
+
+   !> The sample as the campaign runs it, kept as the only sample of the only case that is written.
+   subroutine march_again(line, models, runner, output, error)
+      type(command_line), intent(in) :: line
+      type(process_model_type), intent(in) :: models(:)
+      type(runner_type), intent(inout) :: runner
+      type(output_type), intent(in) :: output
+      type(error_type), allocatable, intent(out) :: error
+      type(block_result) :: result
+      real(wp), allocatable :: friction(:, :)
+      logical :: is_abandoned
+
+      call draw_friction(runner%plan, models, block_range(line%case_number, line%sample, line%sample), friction)
+      call run_block(runner, line%case_number, friction, line%sample, time_to_stop, result, is_abandoned, error)
+      if (allocated(error) .or. is_abandoned) return
+      result%first_sample = 1
+      runner%plan%cases%n_samples = 0
+      runner%plan%cases(line%case_number)%n_samples = 1
+      runner%plan%cases(line%case_number)%first_sample = line%sample
+      call write_shard(output%store, result, error)
+   end subroutine march_again
+
+end module driver_replay

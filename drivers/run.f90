@@ -1,0 +1,157 @@
+!> `entroslip run`: everything a scene asks for, from its processes to the results file.
+module driver_run
+   use config_scene, only: scene_type
+   use core_error, only: error_type, exit_done, exit_stopped
+   use core_kinds, only: long, wp
+   use core_text, only: to_text
+   use driver_campaign, only: load_plan, refuse_unsolved, solve_processes
+   use driver_command_line, only: command_line
+   use driver_deadline, only: set_limit, start_watch, time_to_stop
+   use driver_output, only: open_output, output_type
+   use driver_results, only: write_results
+   use ensemble_pilot, only: choose_every
+   use ensemble_plan, only: plan_type
+   use ensemble_results, only: block_result
+   use ensemble_runner, only: prepare_runner, runner_type
+   use ensemble_sample, only: run_block
+   use ensemble_study, only: block_range, draw_friction, open_blocks
+   use io_progress, only: progress_type
+   use io_shards, only: write_shard
+   use parallel_work, only: new_counter, work_counter
+   use parallel_world, only: start_world, stop_world, world_type
+   use process_model, only: process_model_type
+   implicit none(type, external)
+   private
+   public :: run, end_if_asked, prepare_march
+
+contains
+
+   subroutine run(line)
+      type(command_line), intent(in) :: line
+      type(world_type) :: world
+      type(scene_type) :: scene
+      type(plan_type) :: plan
+      type(output_type) :: output
+      type(runner_type) :: runner
+      type(process_model_type), allocatable :: models(:)
+      real(wp), allocatable :: force(:, :)
+      type(error_type), allocatable :: error
+
+      call start_watch()
+      call start_world(world)
+      call load_plan(line, scene, plan, force, error)
+      call world%stop_on(error)
+      call set_limit(plan%walltime)
+      call open_output(world, line, scene, plan, output)
+      if (output%is_complete) then
+         call output%say(output%path//' is complete: nothing to do')
+         call output%release()
+         call stop_world(exit_done)
+         return
+      end if
+
+      call solve_processes(world, plan, models)
+      call end_if_asked(world, output)
+      call refuse_unsolved(plan, models, error)
+      call output%stop_on(world, error)
+      if (plan%has_chain) then
+         call prepare_march(world, plan, force, runner, error)
+         call output%stop_on(world, error)
+         call march_campaign(world, models, runner, output, error)
+         call output%stop_on(world, error)
+         call end_if_asked(world, output)
+      end if
+      if (world%is_root()) call write_results(line, scene, plan, models, runner, output, world%n_ranks, error)
+      call output%stop_on(world, error)
+      call output%say(summary(plan, output))
+      call output%release()
+      call stop_world(exit_done)
+   end subroutine run
+
+   !> The marcher, the force record and the layout of the spectra, the same on every rank; collective.
+   subroutine prepare_march(world, plan, force, runner, error)
+      type(world_type), intent(in) :: world
+      type(plan_type), intent(in) :: plan
+      real(wp), intent(in) :: force(0:, :)
+      type(runner_type), intent(out) :: runner
+      type(error_type), allocatable, intent(out) :: error
+      integer :: every
+
+      call prepare_runner(plan, force, runner, error)
+      if (.not. plan%output%spectrum) return
+      every = 1
+      if (world%is_root() .and. .not. allocated(error)) &
+         call choose_every(plan, force, every, runner%folded_share, error)
+      call world%broadcast(every)
+      if (.not. allocated(runner%folded_share)) allocate (runner%folded_share(0, 0))
+      call world%broadcast(runner%folded_share)
+      if (.not. allocated(error)) call runner%use_every(every)
+   end subroutine prepare_march
+
+   !> Every sample that has no shard yet: ranks claim blocks, march them, and keep each as a shard.
+   !> Ends when all are done, or early when a rank is asked to stop or meets an error; collective.
+   subroutine march_campaign(world, models, runner, output, error)
+      type(world_type), intent(in) :: world
+      type(process_model_type), intent(in) :: models(:)
+      type(runner_type), intent(inout) :: runner
+      type(output_type), intent(in) :: output
+      type(error_type), allocatable, intent(out) :: error
+      type(work_counter) :: counter
+      type(progress_type) :: progress
+      type(block_range), allocatable :: blocks(:)
+      type(block_result) :: result
+      real(wp), allocatable :: friction(:, :)
+      logical :: is_abandoned
+      integer :: item
+
+      blocks = open_blocks(runner%plan, output%is_finished)
+      call new_counter(world, size(blocks, kind=long), counter)
+      if (.not. output%is_quiet) call progress%start(sum(runner%plan%cases%n_samples), &
+                                                     count(output%is_finished))
+      do
+         item = int(counter%next())
+         if (item == 0) exit
+         call progress%show(samples_before(blocks, item, world%n_ranks) + count(output%is_finished))
+         associate (block => blocks(item))
+            call draw_friction(runner%plan, models, block, friction)
+            call run_block(runner, block%case_number, friction, block%first, time_to_stop, result, &
+                           is_abandoned, error)
+         end associate
+         if (.not. (allocated(error) .or. is_abandoned)) call write_shard(output%store, result, error)
+         if (allocated(error) .or. is_abandoned) call counter%request_stop()
+      end do
+      call counter%close()
+      call progress%finish()
+   end subroutine march_campaign
+
+   !> Samples done when a block is claimed: those of the blocks before, but for what other ranks still march.
+   pure function samples_before(blocks, item, n_ranks) result(n)
+      type(block_range), intent(in) :: blocks(:)
+      integer, intent(in) :: item, n_ranks
+      integer :: n, last
+
+      last = max(item - n_ranks, 0)
+      n = sum(blocks(:last)%last - blocks(:last)%first + 1)
+   end function samples_before
+
+   !> Ends the run, what is finished kept, when any rank has been asked to stop; collective.
+   subroutine end_if_asked(world, output)
+      type(world_type), intent(in) :: world
+      type(output_type), intent(inout) :: output
+
+      if (.not. world%any_true(time_to_stop())) return
+      call output%say('stopped early; what is finished is safe: start again to continue')
+      call output%release()
+      call stop_world(exit_stopped)
+   end subroutine end_if_asked
+
+   pure function summary(plan, output) result(text)
+      type(plan_type), intent(in) :: plan
+      type(output_type), intent(in) :: output
+      character(:), allocatable :: text
+
+      text = to_text(size(plan%processes))//' processes, '//to_text(size(plan%cases))//' cases, '// &
+             to_text(sum(plan%cases%n_samples))//' samples in '//output%path
+   end function summary
+
+end module driver_run
