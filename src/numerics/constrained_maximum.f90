@@ -9,26 +9,34 @@ module numerics_constrained_maximum
    public :: objective_type, search_result, maximize, solve_along
 
    !> What is maximized; extended by whoever owns the function.
+   !>
+   !> A state is all that an evaluation tells: first the constraints, zero where satisfied, then whatever
+   !> `gain` needs. Some functions are known by their differences only.
    type, abstract :: objective_type
    contains
       procedure(evaluate_objective), deferred :: evaluate
+      procedure(gain_of_objective), deferred, nopass :: gain
    end type objective_type
 
    abstract interface
-      !> The value to maximize and the constraints, zero where satisfied. Outside of its domain: is_inside false.
-      subroutine evaluate_objective(self, point, value, constraints, is_inside)
+      !> The state at a point; outside of the function's domain `is_inside` is false.
+      subroutine evaluate_objective(self, point, state, is_inside)
          import :: objective_type, wp
          class(objective_type), intent(inout) :: self
          real(wp), intent(in) :: point(:)
-         real(wp), intent(out) :: value
-         real(wp), intent(out) :: constraints(:)
+         real(wp), allocatable, intent(out) :: state(:)
          logical, intent(out) :: is_inside
       end subroutine evaluate_objective
+
+      !> What the function gains from one state to another.
+      pure real(wp) function gain_of_objective(from, to)
+         import :: wp
+         real(wp), intent(in) :: from(:), to(:)
+      end function gain_of_objective
    end interface
 
    type :: search_result
       logical :: is_converged = .false.
-      real(wp) :: value = 0.0_wp
       real(wp) :: violation = 0.0_wp                !! largest constraint
       real(wp) :: residual = 0.0_wp                 !! largest component of the Lagrangian's gradient
       real(wp), allocatable :: jacobian(:, :)       !! (constraint, variable) of the last point differentiated
@@ -47,9 +55,9 @@ contains
       real(wp), intent(in) :: tolerance     !! on constraints and on the Lagrangian's gradient
       integer, intent(in) :: max_iterations
       type(search_result), intent(out) :: found
-      real(wp), dimension(size(point)) :: change, gradient, lagrangian, old_lagrangian, trial
-      real(wp) :: constraints(n_constraints), multipliers(n_constraints), old_merit, weight
-      real(wp) :: old_jacobian(n_constraints, size(point)), old_gradient(size(point)), value
+      real(wp), dimension(size(point)) :: change, gradient, lagrangian, old_gradient
+      real(wp) :: multipliers(n_constraints), old_jacobian(n_constraints, size(point)), weight
+      real(wp), allocatable :: state(:)
       integer :: i, iteration
       logical :: is_inside
 
@@ -58,88 +66,113 @@ contains
       do i = 1, size(point)
          found%metric(i, i) = 1.0_wp
       end do
-      call objective%evaluate(point, value, constraints, is_inside)
-      if (.not. is_inside) return
+      call objective%evaluate(point, state, is_inside)
       weight = 0.0_wp
       do iteration = 1, max_iterations
-         call differentiate(objective, point, value, constraints, step, gradient, found%jacobian, is_inside)
+         if (is_inside) call differentiate(objective, point, state, step, gradient, found%jacobian, is_inside)
          if (.not. is_inside) return
          if (iteration > 1) then
             lagrangian = gradient - matmul(multipliers, found%jacobian)
-            old_lagrangian = old_gradient - matmul(multipliers, old_jacobian)
-            call update_metric(change, old_lagrangian - lagrangian, found%metric)
+            call update_metric(change, old_gradient - matmul(multipliers, old_jacobian) - lagrangian, found%metric)
          end if
-         multipliers = multipliers_of(found%metric, found%jacobian, gradient, constraints)
+         multipliers = multipliers_of(found%metric, found%jacobian, gradient, state(:n_constraints))
          lagrangian = gradient - matmul(multipliers, found%jacobian)
          found%n_iterations = iteration
-         found%value = value
-         found%violation = maxval(abs(constraints))
+         found%violation = maxval(abs(state(:n_constraints)))
          found%residual = maxval(abs(lagrangian))
          found%is_converged = max(found%violation, found%residual) <= tolerance
          if (found%is_converged) return
          change = matmul(found%metric, lagrangian)
          change = change*min(1.0_wp, 0.5_wp/max(norm2(change), tiny(1.0_wp)))
          weight = max(weight, 2.0_wp*maxval(abs(multipliers)))
-         old_merit = value - weight*sum(abs(constraints))
          old_gradient = gradient
          old_jacobian = found%jacobian
-         do i = 1, 12   ! shorter until the merit does not fall
-            trial = point + change
-            call objective%evaluate(trial, value, constraints, is_inside)
-            if (is_inside) then
-               if (value - weight*sum(abs(constraints)) >= old_merit - tolerance**2) exit
-            end if
-            change = 0.4_wp*change
-         end do
-         if (.not. is_inside) return
-         point = trial
+         call advance(objective, point, change, state, n_constraints, weight, tolerance, is_inside)
       end do
    end subroutine maximize
 
-   !> Moves `point` onto the constraints by the shortest steps in the metric, the Jacobian kept.
+   !> A step along `change`, shortened until gain and constraints together do not get worse.
+   subroutine advance(objective, point, change, state, n_constraints, weight, tolerance, is_inside)
+      class(objective_type), intent(inout) :: objective
+      real(wp), intent(inout) :: point(:), change(:)
+      real(wp), allocatable, intent(inout) :: state(:)
+      integer, intent(in) :: n_constraints
+      real(wp), intent(in) :: weight, tolerance
+      logical, intent(out) :: is_inside
+      real(wp), allocatable :: trial(:)
+      real(wp) :: better
+      integer :: i
+
+      do i = 1, 12
+         call objective%evaluate(point + change, trial, is_inside)
+         if (is_inside) then
+            better = objective%gain(state, trial) &
+                     + weight*(sum(abs(state(:n_constraints))) - sum(abs(trial(:n_constraints))))
+            if (better >= -tolerance**2) exit
+         end if
+         change = 0.4_wp*change
+      end do
+      if (.not. is_inside) return
+      point = point + change
+      call move_alloc(trial, state)
+   end subroutine advance
+
+   !> Moves `point` onto the constraints by the shortest steps in the metric; the Jacobian, good to
+   !> begin with, learns from each step (Broyden).
    subroutine solve_along(objective, point, jacobian, metric, tolerance, max_iterations, violation)
       class(objective_type), intent(inout) :: objective
       real(wp), intent(inout) :: point(:)
-      real(wp), intent(in) :: jacobian(:, :), metric(:, :)
+      real(wp), intent(inout) :: jacobian(:, :)
+      real(wp), intent(in) :: metric(:, :)
       real(wp), intent(in) :: tolerance
       integer, intent(in) :: max_iterations
       real(wp), intent(out) :: violation
-      real(wp) :: constraints(size(jacobian, 1)), multipliers(size(jacobian, 1)), value
-      real(wp) :: nothing(size(point))
+      real(wp), dimension(size(jacobian, 1)) :: constraints, multipliers
+      real(wp) :: change(size(point)), direction(size(point)), nothing(size(point))
+      real(wp), allocatable :: state(:)
       integer :: i
       logical :: is_inside
 
       nothing = 0.0_wp
       violation = huge(1.0_wp)
       do i = 1, max_iterations
-         call objective%evaluate(point, value, constraints, is_inside)
+         call objective%evaluate(point, state, is_inside)
          if (.not. is_inside) return
+         constraints = state(:size(constraints))
          violation = maxval(abs(constraints))
+         if (i > 1) then   ! what the last step left over is the Jacobian's error along it
+            direction = change/dot_product(change, change)
+            jacobian = jacobian + spread(constraints, 2, size(point))*spread(direction, 1, size(constraints))
+         end if
          if (violation <= tolerance) return
          multipliers = multipliers_of(metric, jacobian, nothing, constraints)
-         point = point - matmul(metric, matmul(multipliers, jacobian))
+         change = -matmul(metric, matmul(multipliers, jacobian))
+         point = point + change
       end do
    end subroutine solve_along
 
    !> Gradient and Jacobian by forward differences; backward where forward leaves the domain.
-   subroutine differentiate(objective, point, value, constraints, step, gradient, jacobian, is_inside)
+   subroutine differentiate(objective, point, state, step, gradient, jacobian, is_inside)
       class(objective_type), intent(inout) :: objective
-      real(wp), intent(in) :: point(:), value, constraints(:), step
+      real(wp), intent(in) :: point(:), state(:), step
       real(wp), intent(out) :: gradient(:), jacobian(:, :)
       logical, intent(out) :: is_inside
-      real(wp) :: moved(size(point)), moved_constraints(size(constraints)), moved_value
-      integer :: i, way
+      real(wp), allocatable :: moved_state(:)
+      real(wp) :: moved(size(point))
+      integer :: i, n, way
 
+      n = size(jacobian, 1)
+      is_inside = .true.
       do i = 1, size(point)
          do way = 1, -1, -2
             moved = point
             moved(i) = moved(i) + way*step
-            call objective%evaluate(moved, moved_value, moved_constraints, is_inside)
+            call objective%evaluate(moved, moved_state, is_inside)
             if (is_inside) exit
          end do
          if (.not. is_inside) return
-         gradient(i) = (moved_value - value)/(way*step)
-         jacobian(:, i) = (moved_constraints - constraints)/(way*step)
+         gradient(i) = objective%gain(state, moved_state)/(way*step)
+         jacobian(:, i) = (moved_state(:n) - state(:n))/(way*step)
       end do
    end subroutine differentiate
 

@@ -52,6 +52,9 @@ module process_model
       real(wp) :: acceptance_ratio = 1.0_wp      !! accepted/proposed = 1/E[1/alpha]
       real(wp) :: acceptance_mean = 1.0_wp       !! E[alpha]
       real(wp) :: acceptance_geometric = 1.0_wp  !! exp E[ln alpha]
+      integer :: memory = 0                      !! positive: steps beyond which nothing is felt, to 1e-9
+      !> positive: what the same a_q, b0 and mu give under the law that was not asked for
+      real(wp) :: other_mean = 0.0_wp, other_std = 0.0_wp, other_l0 = 0.0_wp, other_entropy = 0.0_wp
       integer, allocatable :: signs(:)           !! direct: s_m
       real(wp) :: delta = 0.0_wp, lambda_3 = 0.0_wp   !! direct
       type(process_solution), allocatable :: solutions(:)   !! direct: all that were found

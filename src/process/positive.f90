@@ -7,12 +7,13 @@ module process_positive
    use core_random, only: stream_type
    use process_ar_model, only: innovation_std, reflection_of
    use process_model, only: process_model_type
-   use process_positive_sequential, only: march_sequential, memory_of
+   use process_positive_exact, only: draw_window, sweeps_to_forget
+   use process_positive_sequential, only: march_sequential
    implicit none(type, external)
    private
    public :: draw_points
 
-   real(wp), parameter :: forgotten = 1.0e-10_wp   !! weight of the start when the burn-in ends
+   real(wp), parameter :: forgotten = 1.0e-10_wp   !! weight of the start when the sweeps end
 
 contains
 
@@ -23,15 +24,40 @@ contains
       real(wp), intent(out) :: values(:)              !! (point) [unit of X]
 
       if (.not. model%is_solved) error stop 'draw_points: the process is not solved'
-      if (model%request%positive) then
-         call march_sequential(model%a, model%mu/model%b0, model%mean/model%b0, &
-                               memory_of(model%poles, forgotten), stream, values)
-         values = model%b0*values
-      else
+      if (.not. model%request%positive) then
          call march_gaussian(model%a, stream, values)
          values = model%mu + model%b0*values
+      else if (model%request%sampler == 'sequential') then
+         call march_sequential(model%a, model%mu/model%b0*(1.0_wp + sum(model%a)), model%mean/model%b0, &
+                               model%memory, stream, values)
+         values = model%b0*values
+      else
+         call draw_exact(model, stream, values)
       end if
    end subroutine draw_points
+
+   !> Eq. (25): a whole Gaussian window with margins beyond the memory, redrawn until all of it is positive,
+   !> its middle kept; where that is hopeless, one value at a time (Gibbs).
+   subroutine draw_exact(model, stream, values)
+      type(process_model_type), intent(in) :: model
+      type(stream_type), intent(inout) :: stream
+      real(wp), intent(out) :: values(:)
+      real(wp), parameter :: most_trials = 200.0_wp
+      real(wp) :: window(size(values) + 2*model%memory)
+
+      if (-log(model%lambda)*size(window) < log(most_trials)) then
+         do
+            call march_gaussian(model%a, stream, window)
+            window = model%mu + model%b0*window
+            if (all(window > 0.0_wp)) exit
+         end do
+         values = window(model%memory + 1:model%memory + size(values))
+      else
+         call draw_window(model%a, model%mu/model%b0*(1.0_wp + sum(model%a))**2, model%mean/model%b0, &
+                          model%memory, sweeps_to_forget(model%a, forgotten), stream, values)
+         values = model%b0*values
+      end if
+   end subroutine draw_exact
 
    !> Eq. (39) with unit innovations, stationary from its first value: while fewer values than the order have
    !> passed, each follows from the best predictor of the order that there is.

@@ -2,12 +2,13 @@
 module process_positive_moments
    use core_kinds, only: wp
    use process_control_variates, only: control_type, new_control
+   use process_truncated_normal, only: lanes
    implicit none(type, external)
    private
    public :: batch_averages, new_batches, positive_moments, estimate_moments, estimate_autocovariance
-   public :: n_acceptance_sums
+   public :: add_products, n_acceptance_sums
 
-   integer, parameter :: n_acceptance_sums = 4   !! alpha, 1/alpha, ln alpha, c phi(c)/(2 alpha)
+   integer, parameter :: n_acceptance_sums = 5   !! alpha, 1/alpha, ln alpha, c phi(c)/(2 alpha), density at 0
 
    !> Averages over independent stretches of a run; `x` and `y` hold d, then d_n d_(n-m) for m = 0..n_lags.
    type :: batch_averages
@@ -24,7 +25,8 @@ module process_positive_moments
       real(wp) :: ratio = 0.0_wp, ratio_error = 0.0_wp   !! std/mean
       real(wp) :: l0 = 0.0_wp, l0_error = 0.0_wp         !! infinite sums
       real(wp) :: l1 = 0.0_wp, l1_error = 0.0_wp
-      real(wp) :: entropy = 0.0_wp, entropy_error = 0.0_wp   !! of x/std, sequential law
+      real(wp) :: entropy = 0.0_wp, entropy_error = 0.0_wp   !! of x/std; sequential law only
+      real(wp) :: at_zero = 0.0_wp, at_zero_error = 0.0_wp   !! density p_X(0)
       real(wp) :: acceptance_ratio = 1.0_wp, acceptance_mean = 1.0_wp, acceptance_geometric = 1.0_wp
    end type positive_moments
 
@@ -40,6 +42,45 @@ contains
       allocate (batches%y(-1:n_lags, n_batches), source=0.0_wp)
       allocate (batches%acceptance(n_acceptance_sums, n_batches), source=0.0_wp)
    end function new_batches
+
+   !> Adds d_n and d_n d_(n-m) over a block of steps of all lanes.
+   pure subroutine add_products(history, n_steps, n_lags, d, sums)
+      integer, intent(in) :: history, n_steps, n_lags
+      real(wp), intent(in) :: d(lanes, 1 - history:n_steps)
+      real(wp), intent(inout) :: sums(lanes, -1:n_lags)
+      real(wp) :: t1(lanes), t2(lanes), t3(lanes), t4(lanes)
+      integer :: lane, m, n
+
+      t1 = 0.0_wp
+      do n = 1, n_steps
+         t1 = t1 + d(:, n)
+      end do
+      sums(:, -1) = sums(:, -1) + t1
+      do m = 0, n_lags - 3, 4   ! four lags at a time: the sums stay in registers
+         t1 = 0.0_wp
+         t2 = 0.0_wp
+         t3 = 0.0_wp
+         t4 = 0.0_wp
+         do n = 1, n_steps
+            !$omp simd
+            do lane = 1, lanes
+               t1(lane) = t1(lane) + d(lane, n)*d(lane, n - m)
+               t2(lane) = t2(lane) + d(lane, n)*d(lane, n - m - 1)
+               t3(lane) = t3(lane) + d(lane, n)*d(lane, n - m - 2)
+               t4(lane) = t4(lane) + d(lane, n)*d(lane, n - m - 3)
+            end do
+         end do
+         sums(:, m) = sums(:, m) + t1
+         sums(:, m + 1) = sums(:, m + 1) + t2
+         sums(:, m + 2) = sums(:, m + 2) + t3
+         sums(:, m + 3) = sums(:, m + 3) + t4
+      end do
+      do m = 4*((n_lags + 1)/4), n_lags
+         do n = 1, n_steps
+            sums(:, m) = sums(:, m) + d(:, n)*d(:, n - m)
+         end do
+      end do
+   end subroutine add_products
 
    !> Everything but the autocovariance lag by lag. Signs of K(m), and what lies beyond the last lag, are
    !> taken from the companion.
@@ -97,24 +138,26 @@ contains
       moments%entropy = half_log_two_pi_e + sum(work)/n - 0.5_wp*log(k0_mean)
       work = work - 0.5_wp*k0/k0_mean
       call control%correct(work, moments%entropy, moments%entropy_error)
+      moments%at_zero = sum(batches%acceptance(5, :))/n
+      call control%correct(batches%acceptance(5, :), moments%at_zero, moments%at_zero_error)
       moments%acceptance_mean = sum(batches%acceptance(1, :))/n
       call control%correct(batches%acceptance(1, :), moments%acceptance_mean, unused)
-      moments%acceptance_ratio = n/sum(batches%acceptance(2, :))
+      moments%acceptance_ratio = n/max(sum(batches%acceptance(2, :)), tiny(1.0_wp))
       work = sum(batches%acceptance(3, :))/n
       moments%acceptance_geometric = exp(work(1))
    end function estimate_moments
 
-   !> K(m), m = 0..n_lags, and standard errors; each lag with its own lag of the companion as a control.
-   pure subroutine estimate_autocovariance(batches, companion, autocovariance, standard_error)
+   !> K(m), m = 0..last, and standard errors; each lag with its own lag of the companion as a control.
+   pure subroutine estimate_autocovariance(batches, companion, last, autocovariance, standard_error)
       type(batch_averages), intent(in) :: batches
       real(wp), intent(in) :: companion(0:)
-      real(wp), allocatable, intent(out) :: autocovariance(:), standard_error(:)   !! (0:n_lags)
+      integer, intent(in) :: last
+      real(wp), allocatable, intent(out) :: autocovariance(:), standard_error(:)   !! (0:last)
       type(control_type) :: control
       real(wp) :: centred, d(size(batches%x, 2)), deviations(size(d), 3), influence(size(d))
-      integer :: last, m, n
+      integer :: m, n
 
       n = size(d)
-      last = ubound(companion, 1)
       allocate (autocovariance(0:last), standard_error(0:last))
       centred = sum(batches%x(-1, :))/n
       d = batches%x(-1, :) - centred

@@ -6,15 +6,13 @@
 module process_positive_sequential
    use core_kinds, only: wp
    use core_random, only: stream_type
-   use process_positive_moments, only: batch_averages, n_acceptance_sums
-   use process_truncated_normal, only: draw_truncated, draw_truncated_lanes, lanes
+   use process_positive_moments, only: add_products, batch_averages, n_acceptance_sums
+   use process_truncated_normal, only: acceptance_lanes, draw_truncated, draw_truncated_lanes, lanes
    implicit none(type, external)
    private
    public :: memory_of, march_sequential, sample_sequential
 
    integer, parameter :: block_steps = 128
-
-   real(wp), parameter :: smallest_exponent = -600.0_wp   ! alpha below exp of this counts as that
 
 contains
 
@@ -23,9 +21,9 @@ contains
    !> Beside the process x runs its linear companion y, driven by the part of x that the past does not
    !> foretell, scaled to unit variance: the second moments of y are exactly those of its coefficients,
    !> whatever the law of x, and its noise is almost that of x.
-   subroutine sample_sequential(a, location, companion, centre, n_burn_in, n_lags, n_steps, stream, batches)
+   subroutine sample_sequential(a, offset, companion, centre, n_burn_in, n_lags, n_steps, stream, batches)
       real(wp), intent(in) :: a(:)           !! a_q, Eq. (39)
-      real(wp), intent(in) :: location       !! mu/b0
+      real(wp), intent(in) :: offset         !! conditional mean after zeros: mu (1 + sum a_q)/b0
       real(wp), intent(in) :: companion(:)   !! coefficients of y, as many as of x; unit innovations
       real(wp), intent(in) :: centre         !! start of every chain, near the mean [b0]
       integer, intent(in) :: n_burn_in       !! steps until stationary
@@ -45,15 +43,15 @@ contains
       d = 0.0_wp
       y = 0.0_wp
       do block = 1, (n_burn_in + block_steps - 1)/block_steps
-         call march_block(a, location, companion, centre, history, stream, d, y, acceptance)
+         call march_block(a, offset, companion, centre, history, stream, d, y, acceptance)
       end do
       do stretch = 1, size(batches%acceptance, 2)/lanes
          sums = 0.0_wp
          acceptance = 0.0_wp
          do block = 1, n_blocks
-            call march_block(a, location, companion, centre, history, stream, d, y, acceptance)
-            call add_products(history, n_lags, d, sums(:, :, 1))
-            call add_products(history, n_lags, y, sums(:, :, 2))
+            call march_block(a, offset, companion, centre, history, stream, d, y, acceptance)
+            call add_products(history, block_steps, n_lags, d, sums(:, :, 1))
+            call add_products(history, block_steps, n_lags, y, sums(:, :, 2))
          end do
          first = (stretch - 1)*lanes + 1
          last = stretch*lanes
@@ -64,23 +62,21 @@ contains
    end subroutine sample_sequential
 
    !> One block of steps of all lanes; the newest values become the history of the next block.
-   subroutine march_block(a, location, companion, centre, history, stream, d, y, acceptance)
-      real(wp), intent(in) :: a(:), location, companion(:), centre
+   subroutine march_block(a, offset, companion, centre, history, stream, d, y, acceptance)
+      real(wp), intent(in) :: a(:), offset, companion(:), centre
       integer, intent(in) :: history
       type(stream_type), intent(inout) :: stream
       real(wp), intent(inout) :: d(lanes, 1 - history:block_steps), y(lanes, 1 - history:block_steps)
       real(wp), intent(inout) :: acceptance(lanes, n_acceptance_sums)
       real(wp) :: u(lanes*block_steps)
       real(wp) :: c(lanes), hazard(lanes), factor(lanes), x(lanes)
-      real(wp) :: offset
       integer :: lane, n, q
 
       d(:, 1 - history:0) = d(:, block_steps + 1 - history:block_steps)
       y(:, 1 - history:0) = y(:, block_steps + 1 - history:block_steps)
       call stream%uniforms(u)
-      offset = location + sum(a)*(location - centre)
       do n = 1, block_steps
-         c = offset
+         c = offset - sum(a)*centre
          do q = 1, size(a)
             !$omp simd
             do lane = 1, lanes
@@ -100,48 +96,23 @@ contains
       end do
    end subroutine march_block
 
-   !> Adds alpha, 1/alpha, ln alpha and c phi(c)/(2 alpha) of one step.
+   !> Adds alpha, 1/alpha, ln alpha, c phi(c)/(2 alpha) and the density at 0 of one step.
    subroutine add_acceptance(c, hazard, factor, acceptance)
       real(wp), intent(in) :: c(lanes), hazard(lanes), factor(lanes)
       real(wp), intent(inout) :: acceptance(lanes, n_acceptance_sums)
-      real(wp) :: log_acceptance(lanes), alpha(lanes)
+      real(wp) :: alpha(lanes), log_alpha(lanes)
 
-      log_acceptance = log(factor) - 0.5_wp*min(c, 0.0_wp)**2
-      alpha = exp(max(log_acceptance, smallest_exponent))
+      call acceptance_lanes(c, factor, alpha, log_alpha)
       acceptance(:, 1) = acceptance(:, 1) + alpha
       acceptance(:, 2) = acceptance(:, 2) + 1.0_wp/alpha
-      acceptance(:, 3) = acceptance(:, 3) + log_acceptance
+      acceptance(:, 3) = acceptance(:, 3) + log_alpha
       acceptance(:, 4) = acceptance(:, 4) + 0.5_wp*c*hazard
+      acceptance(:, 5) = acceptance(:, 5) + hazard
    end subroutine add_acceptance
 
-   !> Adds d_n and d_n d_(n-m) over a block.
-   subroutine add_products(history, n_lags, d, sums)
-      integer, intent(in) :: history, n_lags
-      real(wp), intent(in) :: d(lanes, 1 - history:block_steps)
-      real(wp), intent(inout) :: sums(lanes, -1:n_lags)
-      real(wp) :: total(lanes)
-      integer :: lane, m, n
-
-      total = 0.0_wp
-      do n = 1, block_steps
-         total = total + d(:, n)
-      end do
-      sums(:, -1) = sums(:, -1) + total
-      do m = 0, n_lags
-         total = 0.0_wp
-         do n = 1, block_steps
-            !$omp simd
-            do lane = 1, lanes
-               total(lane) = total(lane) + d(lane, n)*d(lane, n - m)
-            end do
-         end do
-         sums(:, m) = sums(:, m) + total
-      end do
-   end subroutine add_products
-
    !> Consecutive values of one chain, after its burn-in [b0].
-   subroutine march_sequential(a, location, start, n_burn_in, stream, values)
-      real(wp), intent(in) :: a(:), location
+   subroutine march_sequential(a, offset, start, n_burn_in, stream, values)
+      real(wp), intent(in) :: a(:), offset
       real(wp), intent(in) :: start         !! the chain's past, near the mean [b0]
       integer, intent(in) :: n_burn_in
       type(stream_type), intent(inout) :: stream
@@ -154,8 +125,7 @@ contains
       call stream%uniforms(u)
       x(:0) = start
       do n = 1, size(u)
-         call draw_truncated(location - sum(a*(x(n - 1:n - size(a):-1) - location)), u(n), x(n), &
-                             hazard, factor)
+         call draw_truncated(offset - dot_product(a, x(n - 1:n - size(a):-1)), u(n), x(n), hazard, factor)
       end do
       values = x(n_burn_in + 1:)
    end subroutine march_sequential

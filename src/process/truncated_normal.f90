@@ -9,7 +9,7 @@ module process_truncated_normal
    use core_text, only: to_text
    implicit none(type, external)
    private
-   public :: lanes, draw_truncated, draw_truncated_lanes
+   public :: lanes, draw_truncated, draw_truncated_lanes, acceptance_lanes
    public :: log_acceptance, hazard_ratio, relative_moments
    public :: truncated_normal_moments, fit_truncated_normal
 
@@ -17,6 +17,7 @@ module process_truncated_normal
 
    real(wp), parameter :: sqrt_two_pi = 2.5066282746310005_wp
    real(wp), parameter :: log_sqrt_two_pi = 0.91893853320467274_wp
+   real(wp), parameter :: ln2 = 0.693147180559945309_wp
 
 contains
 
@@ -56,6 +57,20 @@ contains
          call draw_truncated(c(lane), u(lane), x(lane), hazard(lane), factor(lane))
       end do
    end subroutine draw_truncated_lanes
+
+   !> Acceptance probability and its logarithm on all lanes, from what the draw computed. Below exp(-600)
+   !> the probability stays at that.
+   pure subroutine acceptance_lanes(c, factor, acceptance, log_acceptance)
+      real(wp), intent(in) :: c(lanes), factor(lanes)
+      real(wp), intent(out) :: acceptance(lanes), log_acceptance(lanes)
+      integer :: lane
+
+      !$omp simd
+      do lane = 1, lanes
+         log_acceptance(lane) = log_in_range(factor(lane)) - 0.5_wp*min(c(lane), 0.0_wp)**2
+         acceptance(lane) = exp_in_range(max(log_acceptance(lane), -600.0_wp))
+      end do
+   end subroutine acceptance_lanes
 
    !> ln Phi(c), the logarithm of the probability that a draw is positive.
    elemental function log_acceptance(c) result(value)
@@ -223,19 +238,41 @@ contains
    elemental function rough_minus_log(u) result(value)
       real(wp), intent(in) :: u
       real(wp) :: value
+      real(wp) :: power, s
+
+      call split(u, power, s)
+      value = -(power*ln2 + 2.0_wp*s*(1.0_wp + s**2*(1.0_wp/3.0_wp + 0.2_wp*s**2)))
+      value = max(value, 0.0_wp)
+   end function rough_minus_log
+
+   !> ln x for normal x > 0, to a unit in the last place or two of max(|ln x|, 1).
+   elemental function log_in_range(x) result(value)
+      real(wp), intent(in) :: x
+      real(wp) :: value
+      real(wp) :: power, s, t
+
+      call split(x, power, s)
+      t = s**2
+      value = 1.0_wp/17.0_wp + t*(1.0_wp/19.0_wp + t/21.0_wp)
+      value = 1.0_wp/11.0_wp + t*(1.0_wp/13.0_wp + t*(1.0_wp/15.0_wp + t*value))
+      value = 0.2_wp + t*(1.0_wp/7.0_wp + t*(1.0_wp/9.0_wp + t*value))
+      value = power*ln2 + 2.0_wp*s*(1.0_wp + t*(1.0_wp/3.0_wp + t*value))
+   end function log_in_range
+
+   !> x = m 2^power with m in [sqrt(1/2), sqrt(2)), and s = (m - 1)/(m + 1).
+   elemental subroutine split(x, power, s)
+      real(wp), intent(in) :: x
+      real(wp), intent(out) :: power, s
       integer(long), parameter :: root_half = int(z'3FE6A09E667F3BCD', long)
       integer(long), parameter :: bias = int(z'3FF0000000000000', long)
       real(wp), parameter :: two52 = 4503599627370496.0_wp
-      integer(long) :: power
-      real(wp) :: s
+      integer(long) :: biased
+      real(wp) :: m
 
-      ! u = m 2^(power - 1023) with m in [sqrt(1/2), sqrt(2))
-      power = ishft(transfer(u, 1_long) - root_half + bias, -52)
-      s = transfer(transfer(u, 1_long) - ishft(power, 52) + bias, u)
-      s = (s - 1.0_wp)/(s + 1.0_wp)
-      value = transfer(ior(power, transfer(two52, 1_long)), u) - two52 - 1023.0_wp
-      value = -(value*0.693147180559945309_wp + 2.0_wp*s*(1.0_wp + s**2*(1.0_wp/3.0_wp + 0.2_wp*s**2)))
-      value = max(value, 0.0_wp)
-   end function rough_minus_log
+      biased = ishft(transfer(x, 1_long) - root_half + bias, -52)
+      power = transfer(ior(biased, transfer(two52, 1_long)), x) - two52 - 1023.0_wp
+      m = transfer(transfer(x, 1_long) - ishft(biased, 52) + bias, x)
+      s = (m - 1.0_wp)/(m + 1.0_wp)
+   end subroutine split
 
 end module process_truncated_normal

@@ -1,0 +1,37 @@
+!> Gauss-Legendre quadrature.
+module numerics_quadrature
+   use core_kinds, only: wp
+   implicit none(type, external)
+   private
+   public :: gauss_legendre
+
+contains
+
+   !> Nodes and weights on [low, high], nodes ascending; exact for polynomials of degree 2n - 1.
+   pure subroutine gauss_legendre(low, high, nodes, weights)
+      real(wp), intent(in) :: low, high
+      real(wp), intent(out) :: nodes(:), weights(:)   !! (n)
+      real(wp), parameter :: pi = 4.0_wp*atan(1.0_wp)
+      real(wp) :: p, previous, slope, swap, x
+      integer :: degree, i, n, step
+
+      n = size(nodes)
+      do i = 1, n
+         x = -cos(pi*(i - 0.25_wp)/(n + 0.5_wp))
+         do step = 1, 8   ! Newton on P_n; the last ones change nothing
+            p = x
+            previous = 1.0_wp
+            do degree = 2, n
+               swap = ((2*degree - 1)*x*p - (degree - 1)*previous)/degree
+               previous = p
+               p = swap
+            end do
+            slope = n*(x*p - previous)/((x - 1.0_wp)*(x + 1.0_wp))
+            x = x - p/slope
+         end do
+         nodes(i) = 0.5_wp*(low + high) + 0.5_wp*(high - low)*x
+         weights(i) = (high - low)/((1.0_wp - x)*(1.0_wp + x)*slope**2)
+      end do
+   end subroutine gauss_legendre
+
+end module numerics_quadrature

@@ -1,0 +1,302 @@
+!> The two laws of a positive process as sampled problems: entropy to be maximized under a wanted
+!> std/mean and correlation length, by averages over the same random numbers at every trial.
+!>
+!> Points are atanh(kappa_m), m = 1..order, and one coordinate for mu. All is in units of b0.
+module process_positive_law
+   use core_error, only: error_type, exit_bad_input, raise
+   use core_kinds, only: wp
+   use core_random, only: stream_type
+   use numerics_constrained_maximum, only: objective_type
+   use process_ar_fit, only: describe_ar, optimal_reflection
+   use process_ar_model, only: autocovariance_of, coefficients_of, innovation_std
+   use process_ar_sums, only: correlation_sums, sum_correlation
+   use process_model, only: process_model_type, process_request
+   use process_positive_exact, only: precision_of, sample_exact, sweeps_to_forget
+   use process_positive_moments, only: batch_averages, estimate_autocovariance, estimate_moments, &
+      new_batches, positive_moments
+   use process_positive_partition, only: entropy_of_exact_law, log_partition
+   use process_positive_sequential, only: memory_of, sample_sequential
+   use process_truncated_normal, only: lanes
+   implicit none(type, external)
+   private
+   public :: positive_law, sequential_law, exact_law, prepare_law
+
+   integer, parameter, public :: n_constraints = 2
+
+   integer, parameter :: n_batches = 16*lanes
+   integer, parameter :: max_lags = 2000
+   real(wp), parameter :: largest_kappa = 0.9999_wp
+
+   type, abstract, extends(objective_type) :: positive_law
+      character(:), allocatable :: correlation
+      real(wp) :: wanted_ratio = 0.0_wp              !! std/mean
+      real(wp) :: wanted_length = 0.0_wp
+      real(wp), allocatable :: shape(:)              !! allocated: points are (factor of this shape, coordinate)
+      real(wp), allocatable :: companion(:)          !! coefficients of the linear companion
+      real(wp), allocatable :: companion_autocovariance(:)   !! (0:n_lags), unit innovations
+      real(wp) :: tail_l0 = 0.0_wp, tail_moment = 0.0_wp     !! of the companion's sums, beyond n_lags
+      integer :: power = 1                           !! coordinate = mu (1 + sum a_q)**power/b0
+      integer :: n_lags = 0
+      integer :: memory = 0                          !! steps beyond which nothing is felt, to 1e-9
+      integer :: n_burn_in = 0                       !! steps, or sweeps
+      integer :: n_steps = 0                         !! of a batch
+      type(stream_type) :: stream
+      real(wp), allocatable :: a(:)                  !! of the last evaluation, as all that follows
+      real(wp) :: coordinate = 0.0_wp
+      type(batch_averages) :: batches
+      type(positive_moments) :: moments
+   contains
+      procedure :: evaluate
+      procedure :: unfold
+      procedure(sample_law), deferred :: sample
+      procedure(settle_law), deferred :: settle
+      procedure(features_of_law), deferred :: features
+      procedure(entropy_of_law), deferred :: find_entropy
+   end type positive_law
+
+   abstract interface
+      !> Fills `batches` for `a` and `coordinate`.
+      subroutine sample_law(self)
+         import :: positive_law
+         class(positive_law), intent(inout) :: self
+      end subroutine sample_law
+
+      !> Chooses the burn-in for points near these coefficients.
+      subroutine settle_law(self, a)
+         import :: positive_law, wp
+         class(positive_law), intent(inout) :: self
+         real(wp), intent(in) :: a(:)
+      end subroutine settle_law
+
+      !> What `gain` needs of a point, from `batches` and `moments`.
+      function features_of_law(self) result(features)
+         import :: positive_law, wp
+         class(positive_law), intent(in) :: self
+         real(wp), allocatable :: features(:)
+      end function features_of_law
+
+      !> Entropy per point of x/b0 at the point of the last evaluation, and its standard error.
+      subroutine entropy_of_law(self, entropy, standard_error)
+         import :: positive_law, wp
+         class(positive_law), intent(in) :: self
+         real(wp), intent(out) :: entropy, standard_error
+      end subroutine entropy_of_law
+   end interface
+
+   !> One-at-a-time rejection (Sec. 2.4); coordinate: mu (1 + sum a_q)/b0. Its entropy is an average.
+   type, extends(positive_law) :: sequential_law
+   contains
+      procedure, nopass :: gain => gain_by_difference
+      procedure :: sample => sample_sequential_law
+      procedure :: settle => settle_sequential
+      procedure :: features => entropy_feature
+      procedure :: find_entropy => averaged_entropy
+   end type sequential_law
+
+   !> Eq. (25); coordinate: mu (1 + sum a_q)^2/b0. Its entropy is known by its differences: along a change of
+   !> the multipliers, dh = - sum (multiplier) d(moment).
+   type, extends(positive_law) :: exact_law
+   contains
+      procedure, nopass :: gain => gain_by_multipliers
+      procedure :: sample => sample_exact_law
+      procedure :: settle => settle_exact
+      procedure :: features => multiplier_features
+      procedure :: find_entropy => integrated_entropy
+      procedure :: ring_length
+   end type exact_law
+
+contains
+
+   !> The law of a request or, by the sampler's name, the other one, with targets and companion: the
+   !> unconstrained process of the wanted length.
+   subroutine prepare_law(request, sampler, stream, law, kappa, error)
+      type(process_request), intent(in) :: request
+      character(*), intent(in) :: sampler
+      type(stream_type), intent(in) :: stream
+      class(positive_law), allocatable, intent(out) :: law
+      real(wp), allocatable, intent(out) :: kappa(:)   !! of the companion
+      type(error_type), allocatable, intent(out) :: error
+      type(process_model_type) :: unconstrained
+      type(correlation_sums) :: sums
+      real(wp), allocatable :: rho(:)
+      integer :: m
+
+      select case (sampler)
+      case ('sequential')
+         allocate (sequential_law :: law)
+      case ('exact')
+         allocate (exact_law :: law)
+         law%power = 2
+      case default
+         call raise(error, exit_bad_input, "sampler = '"//sampler//"': must be 'sequential' or 'exact'")
+         return
+      end select
+      call optimal_reflection(request%correlation, request%correlation_length, request%order, kappa, error)
+      if (allocated(error)) return
+      law%companion = coefficients_of(kappa)
+      call describe_ar(law%companion, 1.0_wp, unconstrained, error)
+      if (allocated(error)) return
+      call sum_correlation(kappa, sums, error)
+      if (allocated(error)) return
+      law%correlation = request%correlation
+      law%wanted_ratio = request%std/request%mean
+      law%wanted_length = request%correlation_length
+      law%n_lags = min(max(size(kappa), memory_of(unconstrained%poles, 1.0e-4_wp)), max_lags)
+      rho = autocovariance_of(kappa, law%n_lags)
+      law%tail_l0 = sums%l0 - sum(abs(rho(2:)))
+      law%tail_moment = sums%l1*(1.0_wp + sums%l0) - sum([(m*abs(rho(m + 1)), m=1, law%n_lags)])
+      allocate (law%companion_autocovariance(0:law%n_lags))
+      law%companion_autocovariance(:) = rho/innovation_std(kappa, 1.0_wp)**2
+      law%memory = ceiling(1.5_wp*memory_of(unconstrained%poles, 1.0e-9_wp))
+      law%stream = stream
+      law%batches = new_batches(law%n_lags, n_batches)
+   end subroutine prepare_law
+
+   !> Reflection coefficients and coordinate of a point.
+   subroutine unfold(self, point, kappa, coordinate)
+      class(positive_law), intent(in) :: self
+      real(wp), intent(in) :: point(:)
+      real(wp), allocatable, intent(out) :: kappa(:)
+      real(wp), intent(out) :: coordinate
+
+      if (allocated(self%shape)) then
+         kappa = tanh(point(1)*self%shape)
+      else
+         kappa = tanh(point(:size(point) - 1))
+      end if
+      coordinate = point(size(point))
+   end subroutine unfold
+
+   !> Ratio and length relative to what is wanted, then the features.
+   subroutine evaluate(self, point, state, is_inside)
+      class(positive_law), intent(inout) :: self
+      real(wp), intent(in) :: point(:)
+      real(wp), allocatable, intent(out) :: state(:)
+      logical, intent(out) :: is_inside
+      real(wp), allocatable :: kappa(:)
+      real(wp) :: length
+
+      call self%unfold(point, kappa, self%coordinate)
+      is_inside = all(abs(kappa) < largest_kappa) .and. abs(self%coordinate) < 1.0e6_wp
+      if (.not. is_inside) return
+      self%a = coefficients_of(kappa)
+      call self%sample()
+      self%moments = estimate_moments(self%batches, self%companion_autocovariance, &
+                                      self%tail_l0, self%tail_moment)
+      length = merge(self%moments%l0, self%moments%l1, self%correlation == 'L0')
+      state = [self%moments%ratio/self%wanted_ratio - 1.0_wp, length/self%wanted_length - 1.0_wp, &
+               self%features()]
+   end subroutine evaluate
+
+   subroutine sample_sequential_law(self)
+      class(sequential_law), intent(inout) :: self
+      type(stream_type) :: stream
+
+      stream = self%stream
+      call sample_sequential(self%a, self%coordinate, self%companion, start_near(self%coordinate/(1.0_wp + sum(self%a))), &
+                             self%n_burn_in, self%n_lags, max(self%n_steps, 5*self%n_lags), stream, &
+                             self%batches)
+   end subroutine sample_sequential_law
+
+   !> The companion's memory measures that of every process of the wanted length.
+   subroutine settle_sequential(self, a)
+      class(sequential_law), intent(inout) :: self
+      real(wp), intent(in) :: a(:)
+
+      self%n_burn_in = max(self%memory, size(a))
+   end subroutine settle_sequential
+
+   function entropy_feature(self) result(features)
+      class(sequential_law), intent(in) :: self
+      real(wp), allocatable :: features(:)
+
+      features = [self%moments%entropy]
+   end function entropy_feature
+
+   subroutine averaged_entropy(self, entropy, standard_error)
+      class(sequential_law), intent(in) :: self
+      real(wp), intent(out) :: entropy, standard_error
+
+      entropy = self%moments%entropy + log(self%moments%std)
+      standard_error = self%moments%entropy_error
+   end subroutine averaged_entropy
+
+   pure real(wp) function gain_by_difference(from, to) result(gain)
+      real(wp), intent(in) :: from(:), to(:)
+
+      gain = to(n_constraints + 1) - from(n_constraints + 1)
+   end function gain_by_difference
+
+   subroutine sample_exact_law(self)
+      class(exact_law), intent(inout) :: self
+      type(stream_type) :: stream
+
+      stream = self%stream
+      call sample_exact(self%a, self%coordinate, self%companion, start_near(self%coordinate/(1.0_wp + sum(self%a))**2), &
+                        self%ring_length(), self%n_burn_in, self%n_lags, &
+                        max(self%n_steps/self%ring_length(), 4), stream, self%batches)
+   end subroutine sample_exact_law
+
+   !> Values per ring: K has fallen below 1e-8 before it comes around.
+   pure function ring_length(self) result(length)
+      class(exact_law), intent(in) :: self
+      integer :: length
+
+      length = max(3*self%n_lags, 64)
+   end function ring_length
+
+   subroutine settle_exact(self, a)
+      class(exact_law), intent(inout) :: self
+      real(wp), intent(in) :: a(:)
+      integer, parameter :: max_sweeps = 1000   !! near its limit the law forgets faster than its Gaussian
+
+      self%n_burn_in = min(sweeps_to_forget(a, 1.0e-7_wp), max_sweeps)
+   end subroutine settle_exact
+
+   !> Moments m, K(0..order), and their multipliers.
+   function multiplier_features(self) result(features)
+      class(exact_law), intent(in) :: self
+      real(wp), allocatable :: features(:)
+      real(wp), allocatable :: k(:), unused(:)
+      real(wp) :: g(0:size(self%a))
+
+      call estimate_autocovariance(self%batches, self%companion_autocovariance, size(self%a), k, unused)
+      g = precision_of(self%a)
+      g(0) = 0.5_wp*g(0)
+      features = [self%moments%mean, k, self%moments%mean*(1.0_wp + sum(self%a))**2 - self%coordinate, g]
+   end function multiplier_features
+
+   !> Of the entropy of x/std; the trapezoidal rule along the change.
+   pure real(wp) function gain_by_multipliers(from, to) result(gain)
+      real(wp), intent(in) :: from(:), to(:)
+      integer :: first, n
+
+      first = n_constraints + 1
+      n = (size(from) - n_constraints)/2
+      gain = 0.5_wp*dot_product(from(first + n:) + to(first + n:), to(first:first + n - 1) - from(first:first + n - 1)) &
+             - 0.5_wp*log(to(first + 1)/from(first + 1))
+   end function gain_by_multipliers
+
+   !> See `process_positive_partition`.
+   subroutine integrated_entropy(self, entropy, standard_error)
+      class(exact_law), intent(in) :: self
+      real(wp), intent(out) :: entropy, standard_error
+      type(stream_type) :: stream
+      real(wp) :: psi, psi_error
+
+      stream = self%stream
+      call log_partition(self%a, self%coordinate, self%ring_length(), self%n_burn_in, &
+                         max(self%n_steps/self%ring_length(), 8), stream, psi, psi_error)
+      entropy = entropy_of_exact_law(psi, self%coordinate, self%moments%mean)
+      standard_error = norm2([psi_error, 0.5_wp*self%coordinate*self%moments%mean_error])
+   end subroutine integrated_entropy
+
+   !> Near the mean of the process, whatever mu [b0].
+   elemental function start_near(location) result(start)
+      real(wp), intent(in) :: location
+      real(wp) :: start
+
+      start = max(location, 0.5_wp)
+   end function start_near
+
+end module process_positive_law
