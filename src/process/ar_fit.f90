@@ -27,6 +27,7 @@ module process_ar_fit
 
    real(wp), parameter :: length_tolerance = 1.0e-10_wp      !! relative, of the length reached
    real(wp), parameter :: optimality_tolerance = 1.0e-8_wp   !! relative, of its conditions
+   real(wp), parameter :: longest = 1.0e6_wp                 !! [lags]
    integer, parameter :: max_stored_lags = 4096
 
 contains
@@ -49,9 +50,9 @@ contains
       end if
       call optimal_reflection(correlation, correlation_length, order, kappa, error)
       if (allocated(error)) return
-      call describe_ar(coefficients_of(kappa), innovation_std(kappa, std), model, error)
-      if (allocated(error)) return
       call sum_correlation(kappa, sums, error)
+      if (allocated(error)) return
+      call describe(kappa, coefficients_of(kappa), innovation_std(kappa, std), sums, model, error)
       if (allocated(error)) return
       reached = merge(sums%l0, sums%l1, correlation == 'L0')
       model%optimality = max(optimality_residual(correlation, kappa, sums), &
@@ -73,15 +74,25 @@ contains
       real(wp), intent(in) :: b0     !! [unit of X]
       type(process_model_type), intent(out) :: model
       type(error_type), allocatable, intent(out) :: error
-      real(wp), parameter :: smallest_stored = 1.0e-6_wp   !! of K(m)/K(0)
       type(correlation_sums) :: sums
-      real(wp), allocatable :: kappa(:)
-      integer :: n_lags
+      real(wp) :: kappa(size(a))
 
       kappa = reflection_of(a)
-      call find_poles(a, model%poles, error)
-      if (allocated(error)) return
       call sum_correlation(kappa, sums, error)
+      if (allocated(error)) return
+      call describe(kappa, a, b0, sums, model, error)
+   end subroutine describe_ar
+
+   !> The same where the reflection coefficients and the sums are known.
+   subroutine describe(kappa, a, b0, sums, model, error)
+      real(wp), intent(in) :: kappa(:), a(:), b0
+      type(correlation_sums), intent(in) :: sums
+      type(process_model_type), intent(out) :: model
+      type(error_type), allocatable, intent(out) :: error
+      real(wp), parameter :: smallest_stored = 1.0e-6_wp   !! of K(m)/K(0)
+      integer :: n_lags
+
+      call find_poles(a, model%poles, error)
       if (allocated(error)) return
       model%order = size(a)
       model%a = a
@@ -99,9 +110,10 @@ contains
       model%l1_cut = correlation_length_l1(model%autocovariance(:size(a)))
       model%entropy = gaussian_entropy(b0)
       model%entropy_bound = white_noise_entropy(model%std)
-   end subroutine describe_ar
+   end subroutine describe
 
-   !> Reflection coefficients of the maximum; none is positive, so K(1) >= 0.
+   !> Reflection coefficients of the maximum; none is positive, so K(1) >= 0. That the length is
+   !! reached is for `fit_ar` to check.
    subroutine optimal_reflection(correlation, correlation_length, order, kappa, error)
       character(*), intent(in) :: correlation
       real(wp), intent(in) :: correlation_length
@@ -109,9 +121,10 @@ contains
       real(wp), allocatable, intent(out) :: kappa(:)
       type(error_type), allocatable, intent(out) :: error
 
-      if (.not. (correlation_length >= 0.0_wp .and. correlation_length <= huge(1.0_wp))) then
+      if (.not. (correlation_length >= 0.0_wp .and. correlation_length <= longest)) then
          call raise(error, exit_bad_input, 'correlation_length = '//to_text(correlation_length)// &
-                    ': must be finite and not negative')
+                    ': must not be negative, and at most '//to_text(longest)// &
+                    ': poles come too near the unit circle')
          return
       end if
       if (order < 1) then
@@ -124,7 +137,7 @@ contains
       case ('L0')
          kappa = -tanh(log_one_plus(2.0_wp*correlation_length)/(2*order))
       case ('L1')
-         call follow_targets(correlation_length, kappa, error)
+         call follow_targets(correlation_length, kappa)
       case default
          call raise(error, exit_bad_input, &
                     "correlation = '"//correlation//"': must be 'L0' or 'L1'")
@@ -132,10 +145,9 @@ contains
    end subroutine optimal_reflection
 
    !> L1: Newton's method from the weak limit, where kappa_m is proportional to m, to the target.
-   subroutine follow_targets(target, kappa, error)
+   subroutine follow_targets(target, kappa)
       real(wp), intent(in) :: target             !! L1 [lags]
-      real(wp), intent(inout) :: kappa(:)        !! allocated; the solution
-      type(error_type), allocatable, intent(out) :: error
+      real(wp), intent(out) :: kappa(:)          !! of the last target on the path that was solved
       real(wp), parameter :: widest_step = 4.0_wp      !! ratio of two targets
       real(wp), parameter :: narrowest_step = 1.01_wp
       real(wp) :: reached, step, v(0:size(kappa)), trial(0:size(kappa)), wanted
@@ -158,12 +170,7 @@ contains
             if (.not. reached < target) exit
          else
             step = sqrt(step)
-            if (step < narrowest_step) then
-               call raise(error, exit_no_solution, 'autoregressive process of order '// &
-                          to_text(order)//' with L1 = '//to_text(target)// &
-                          ': the search came to L1 = '//to_text(reached))
-               return
-            end if
+            if (step < narrowest_step) exit
          end if
          wanted = min(step*reached, target)
       end do
