@@ -6,8 +6,8 @@ cd "$(dirname "$0")"
 
 # shellcheck disable=SC2086   # one word a package
 install_packages $build_packages
-mkdir -p build results/paper
-build release build/configure.log
+mkdir -p results/paper
+build release entroslip
 make_venv postproc/requirements.txt
 
 program=build/release/bin/entroslip

@@ -12,4 +12,8 @@ function(add_floor name)
   # PRIVATE: the modules are seen here and not passed on; what the floor above wants, it names itself
   target_link_libraries(${name} PRIVATE ${floor_USES} ${floor_DOORS}
     $<BUILD_INTERFACE:entroslip_flags>)
+  install(TARGETS ${name} EXPORT entroslip
+    ARCHIVE DESTINATION ${CMAKE_INSTALL_LIBDIR}
+    INCLUDES DESTINATION ${CMAKE_INSTALL_INCLUDEDIR}/entroslip/${name})
+  install(DIRECTORY ${modules}/ DESTINATION ${CMAKE_INSTALL_INCLUDEDIR}/entroslip/${name})
 endfunction()

@@ -30,11 +30,13 @@ install_packages() {
   DEBIAN_FRONTEND=noninteractive "${as_root[@]}" apt-get install -y -q --no-install-recommends "${missing[@]}"
 }
 
-# build PRESET: configures and builds into build/PRESET.
+# build PRESET [TARGET]: configures and builds into build/PRESET, everything or one target.
 build() {
+  local log=build/configure-$1.log
   say "Building: $1"
-  cmake --preset "$1" >"$2" 2>&1 || { cat "$2"; exit 1; }
-  cmake --build --preset "$1"
+  mkdir -p build
+  cmake --preset "$1" >"$log" 2>&1 || { cat "$log"; exit 1; }
+  cmake --build --preset "$1" ${2:+--target "$2"}
 }
 
 # make_venv REQUIREMENTS: .venv with exactly the pinned Python packages.

@@ -6,9 +6,8 @@ cd "$(dirname "$0")/.."
 
 # shellcheck disable=SC2086   # one word a package
 install_packages $build_packages
-mkdir -p build
-build debug build/configure.log
-build release build/configure.log
+build debug
+build release
 make_venv tests/requirements.txt
 
 failed=0
