@@ -1,6 +1,6 @@
 !> &accuracy: errors that are wanted, and how they are watched.
 module config_accuracy
-   use config_entries, only: about, between, not_negative, visitor_type
+   use config_entries, only: about, between, entry_type, not_negative, visitor_type
    use core_kinds, only: wp
    implicit none(type, external)
    private
@@ -21,22 +21,28 @@ contains
    subroutine visit(self, visitor)
       class(accuracy_group), intent(inout) :: self
       class(visitor_type), intent(inout) :: visitor
+      type(entry_type) :: entry
 
-      call visitor%visit(self%target_slip_points, about('target_slip_points', &
-         'wanted numerical error of slip fractions, in points of percent; 0: none', '%', &
-         not_negative(), shapes_samples=.false.))
-      call visitor%visit(self%target_band_ratio, about('target_band_ratio', &
-         'wanted numerical error of band ratios, relative; 0: none', rule=not_negative(), &
-         shapes_samples=.false.))
-      call visitor%visit(self%target_statistical, about('target_statistical', &
-         'wanted standard error of mean slip fractions, in points of percent; 0: none', '%', &
-         not_negative(), shapes_samples=.false.))
-      call visitor%visit(self%sample_until_met, about('sample_until_met', &
-         'take samples until target_statistical is met, n_samples at a time', &
-         shapes_samples=.false.))
-      call visitor%visit(self%audit, about('audit', &
-         'share of the samples repeated by the event method at a thousandth of its tolerance', &
-         rule=between(0.0_wp, 1.0_wp), shapes_samples=.false.))
+      entry = about('target_slip_points', &
+                    'wanted numerical error of slip fractions, in points of percent; 0: none', &
+                    '%', not_negative(), shapes_samples=.false.)
+      call visitor%visit(self%target_slip_points, entry)
+      entry = about('target_band_ratio', &
+                    'wanted numerical error of band ratios, relative; 0: none', &
+                    rule=not_negative(), shapes_samples=.false.)
+      call visitor%visit(self%target_band_ratio, entry)
+      entry = about('target_statistical', &
+                    'wanted standard error of mean slip fractions, in points of percent; 0: none', &
+                    '%', not_negative(), shapes_samples=.false.)
+      call visitor%visit(self%target_statistical, entry)
+      entry = about('sample_until_met', &
+                    'take samples until target_statistical is met, n_samples at a time', &
+                    shapes_samples=.false.)
+      call visitor%visit(self%sample_until_met, entry)
+      entry = about('audit', &
+                    'share of the samples repeated by event, at a thousandth of its tolerance', &
+                    rule=between(0.0_wp, 1.0_wp), shapes_samples=.false.)
+      call visitor%visit(self%audit, entry)
    end subroutine visit
 
 end module config_accuracy

@@ -1,6 +1,6 @@
 !> &campaign: how many samples, and how long they may take.
 module config_campaign
-   use config_entries, only: about, not_negative, visitor_type
+   use config_entries, only: about, entry_type, not_negative, visitor_type
    use core_kinds, only: wp
    implicit none(type, external)
    private
@@ -19,16 +19,18 @@ contains
    subroutine visit(self, visitor)
       class(campaign_group), intent(inout) :: self
       class(visitor_type), intent(inout) :: visitor
+      type(entry_type) :: entry
 
-      call visitor%visit(self%n_samples, about('n_samples', &
-         'of every case with drawn friction; 0: no such case', rule=not_negative(), &
-         shapes_samples=.false.))
-      call visitor%visit(self%deterministic, about('deterministic', &
-         'also one sample per variance with chain%friction, before the others', &
-         shapes_samples=.false.))
-      call visitor%visit(self%walltime, about('walltime', &
-         'stop at a sample boundary after that long; 0: no limit', 'min', not_negative(), &
-         shapes_samples=.false.))
+      entry = about('n_samples', 'of every case with drawn friction; 0: no such case', &
+                    rule=not_negative(), shapes_samples=.false.)
+      call visitor%visit(self%n_samples, entry)
+      entry = about('deterministic', &
+                    'also one sample per variance with chain%friction, before the others', &
+                    shapes_samples=.false.)
+      call visitor%visit(self%deterministic, entry)
+      entry = about('walltime', 'stop at a sample boundary after that long; 0: no limit', 'min', &
+                    not_negative(), shapes_samples=.false.)
+      call visitor%visit(self%walltime, entry)
    end subroutine visit
 
 end module config_campaign

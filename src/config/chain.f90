@@ -1,6 +1,6 @@
 !> &chain: the chain of oscillators held by Jenkins elements; defaults are those of Sec. 3.
 module config_chain
-   use config_entries, only: about, between, not_negative, positive, visitor_type
+   use config_entries, only: about, between, entry_type, not_negative, positive, visitor_type
    use core_kinds, only: wp
    implicit none(type, external)
    private
@@ -24,25 +24,28 @@ contains
    subroutine visit(self, visitor)
       class(chain_group), intent(inout) :: self
       class(visitor_type), intent(inout) :: visitor
+      type(entry_type) :: entry
 
-      call visitor%visit(self%n_dof, about('n_dof', &
-         'number of masses; the first is next to the wall', rule=between(1.0_wp, 200.0_wp)))
-      call visitor%visit(self%mass, about('mass', 'one value, or one per dof', 'kg', positive(), &
-         per_dof=self%n_dof), default=[1.0_wp])
-      call visitor%visit(self%coupling_stiffness, about('coupling_stiffness', &
-         'of the springs between the masses; the first goes to the wall', 'N/m', not_negative(), &
-         per_dof=self%n_dof), default=[25.0_wp])
-      call visitor%visit(self%contact_stiffness, about('contact_stiffness', &
-         'of the springs of the Jenkins elements', 'N/m', positive(), per_dof=self%n_dof), &
-         default=[50.0_wp])
-      call visitor%visit(self%normal_load, about('normal_load', 'on the sliders', 'N', &
-         not_negative(), per_dof=self%n_dof), default=[10.0_wp])
-      call visitor%visit(self%friction, about('friction', &
-         'friction coefficients of the deterministic cases', rule=not_negative(), &
-         per_dof=self%n_dof), default=[0.2_wp])
-      call visitor%visit(self%damping_ratio, about('damping_ratio', &
-         'of critical, for each mode of the stuck chain', rule=not_negative(), &
-         per_dof=self%n_dof), default=[0.005_wp])
+      entry = about('n_dof', 'number of masses; the first is next to the wall', &
+                    rule=between(1.0_wp, 200.0_wp))
+      call visitor%visit(self%n_dof, entry)
+      entry = about('mass', 'one value, or one per dof', 'kg', positive(), per_dof=self%n_dof)
+      call visitor%visit(self%mass, entry, default=[1.0_wp])
+      entry = about('coupling_stiffness', &
+                    'of the springs between the masses; the first goes to the wall', 'N/m', &
+                    not_negative(), per_dof=self%n_dof)
+      call visitor%visit(self%coupling_stiffness, entry, default=[25.0_wp])
+      entry = about('contact_stiffness', 'of the springs of the Jenkins elements', 'N/m', &
+                    positive(), per_dof=self%n_dof)
+      call visitor%visit(self%contact_stiffness, entry, default=[50.0_wp])
+      entry = about('normal_load', 'on the sliders', 'N', not_negative(), per_dof=self%n_dof)
+      call visitor%visit(self%normal_load, entry, default=[10.0_wp])
+      entry = about('friction', 'friction coefficients of the deterministic cases', &
+                    rule=not_negative(), per_dof=self%n_dof)
+      call visitor%visit(self%friction, entry, default=[0.2_wp])
+      entry = about('damping_ratio', 'of critical, for each mode of the stuck chain', &
+                    rule=not_negative(), per_dof=self%n_dof)
+      call visitor%visit(self%damping_ratio, entry, default=[0.005_wp])
    end subroutine visit
 
 end module config_chain

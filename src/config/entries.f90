@@ -8,7 +8,7 @@ module config_entries
    implicit none(type, external)
    private
    public :: entry_type, rule_type, visitor_type
-   public :: about, any_value, at_least, between, inside, not_negative, positive
+   public :: about, at_least, between, inside, not_negative, positive
    public :: choice_length, name_length
 
    integer, parameter :: name_length = 24, choice_length = 16, doc_length = 100
@@ -41,8 +41,8 @@ module config_entries
    !> Walks the table of a group. A list without default must be given.
    type, abstract :: visitor_type
    contains
-      generic :: visit => visit_integer, visit_long, visit_real, visit_logical, visit_choice, &
-                          visit_integers, visit_reals
+      generic :: visit => visit_integer, visit_long, visit_real, visit_logical, visit_choice
+      generic :: visit => visit_integers, visit_reals
       procedure(visit_integer), deferred :: visit_integer
       procedure(visit_long), deferred :: visit_long
       procedure(visit_real), deferred :: visit_real
@@ -133,7 +133,7 @@ contains
       character(*), intent(in) :: name, doc
       character(*), intent(in), optional :: unit
       type(rule_type), intent(in), optional :: rule
-      character(*), intent(in), optional :: choices(:)
+      character(*), intent(in), optional :: choices   !! separated by blanks
       integer, intent(in), optional :: length, per_dof
       logical, intent(in), optional :: required, shapes_samples, used
       type(entry_type) :: entry
@@ -142,16 +142,27 @@ contains
       entry%doc = doc
       if (present(unit)) entry%unit = unit
       if (present(rule)) entry%rule = rule
-      if (present(choices)) then
-         entry%n_choices = size(choices)
-         entry%choices(:size(choices)) = choices
-      end if
+      if (present(choices)) call split_choices(choices, entry)
       if (present(length)) entry%length = length
       if (present(per_dof)) entry%per_dof = per_dof
       if (present(required)) entry%is_required = required
       if (present(shapes_samples)) entry%shapes_samples = shapes_samples
       if (present(used)) entry%is_used = used
    end function about
+
+   pure subroutine split_choices(choices, entry)
+      character(*), intent(in) :: choices
+      type(entry_type), intent(inout) :: entry
+      integer :: first, last
+
+      first = 1
+      do while (first <= len(choices))
+         last = index(choices(first:)//' ', ' ') + first - 2
+         entry%n_choices = entry%n_choices + 1
+         entry%choices(entry%n_choices) = choices(first:last)
+         first = last + 2
+      end do
+   end subroutine split_choices
 
    !> 'one', 'another' or 'a third'.
    pure function choices_text(self) result(text)
@@ -166,11 +177,6 @@ contains
          text = text//"'"//trim(self%choices(i))//"'"
       end do
    end function choices_text
-
-   pure type(rule_type) function any_value()
-
-      any_value = rule_type()
-   end function any_value
 
    pure type(rule_type) function positive()
 

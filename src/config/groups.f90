@@ -12,19 +12,11 @@ module config_groups
    use core_kinds, only: long
    implicit none(type, external)
    private
-   public :: group_docs, group_names, scene_type
+   public :: group_doc, group_names, scene_type
 
-   character(*), parameter :: group_names(8) = [character(12) :: 'scene', 'process', 'chain', &
-                              'excitation', 'integration', 'campaign', 'accuracy', 'output']
-   character(*), parameter :: group_docs(8) = [character(72) :: &
-      'what the study is called, and its seed', &
-      'wanted maximum-entropy processes (Sec. 2); the group may be repeated', &
-      'oscillators held by Jenkins elements (Sec. 3, Fig. 7); needs &excitation', &
-      'the force on one mass of the chain', &
-      'how the motion is marched through time', &
-      'how many samples, and how long they may take', &
-      'errors that are wanted, and how they are watched', &
-      'what is kept; what is not asked for is not computed']
+   character(*), parameter :: group_names(8) = &
+                              [character(12) :: 'scene', 'process', 'chain', 'excitation', &
+                                                 'integration', 'campaign', 'accuracy', 'output']
 
    !> A group that is absent has its defaults here.
    type :: scene_type
@@ -54,6 +46,33 @@ module config_groups
 
 contains
 
+   !> What a group is about, for the template and the reference.
+   pure function group_doc(group) result(text)
+      character(*), intent(in) :: group
+      character(:), allocatable :: text
+
+      select case (group)
+      case ('scene')
+         text = 'what the study is called, and its seed'
+      case ('process')
+         text = 'wanted maximum-entropy processes (Sec. 2); the group may be repeated'
+      case ('chain')
+         text = 'oscillators held by Jenkins elements (Sec. 3, Fig. 7); needs &excitation'
+      case ('excitation')
+         text = 'the force on one mass of the chain'
+      case ('integration')
+         text = 'how the motion is marched through time'
+      case ('campaign')
+         text = 'how many samples, and how long they may take'
+      case ('accuracy')
+         text = 'errors that are wanted, and how they are watched'
+      case ('output')
+         text = 'what is kept; what is not asked for is not computed'
+      case default
+         error stop 'group_doc: no such group'
+      end select
+   end function group_doc
+
    !> Shows a visitor the table of one group.
    subroutine visit(self, group, number, visitor)
       class(scene_type), intent(inout) :: self
@@ -78,6 +97,8 @@ contains
          call self%accuracy%visit(visitor)
       case ('output')
          call self%output%visit(visitor)
+      case default
+         error stop 'visit: no such group'
       end select
    end subroutine visit
 

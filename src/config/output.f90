@@ -1,6 +1,7 @@
 !> &output: what is kept. What is not asked for is not computed.
 module config_output
-   use config_entries, only: about, between, choice_length, inside, not_negative, visitor_type
+   use config_entries, only: about, between, choice_length, entry_type, inside, not_negative, &
+                             visitor_type
    use core_kinds, only: wp
    implicit none(type, external)
    private
@@ -21,20 +22,23 @@ contains
    subroutine visit(self, visitor)
       class(output_group), intent(inout) :: self
       class(visitor_type), intent(inout) :: visitor
+      type(entry_type) :: entry
 
-      call visitor%visit_choices(self%quantities, about('quantities', 'what is computed and kept', &
-         choices=[character(choice_length) :: 'slip', 'spectrum', 'energy', 'history', &
-                  'realizations', 'transitions']), &
-         default=[character(choice_length) :: 'slip', 'spectrum'])
-      call visitor%visit(self%percentiles, about('percentiles', &
-         'of the spectra over samples, ascending', '%', inside(0.0_wp, 100.0_wp), &
-         shapes_samples=.false., used=self%keeps('spectrum')), default=[5.0_wp, 95.0_wp])
-      call visitor%visit(self%segment_length, about('segment_length', &
-         'of the spectra: steps of a Welch segment, or all there are', &
-         rule=between(8.0_wp, 1.0e8_wp), used=self%keeps('spectrum')))
-      call visitor%visit(self%spectrum_every, about('spectrum_every', &
-         'every so many steps enter the spectra; 0: chosen and stated', rule=not_negative(), &
-         used=self%keeps('spectrum')))
+      entry = about('quantities', 'what is computed and kept', &
+                    choices='slip spectrum energy history realizations transitions')
+      call visitor%visit_choices(self%quantities, entry, &
+                                 default=[character(choice_length) :: 'slip', 'spectrum'])
+      entry = about('percentiles', 'of the spectra over samples, ascending', '%', &
+                    inside(0.0_wp, 100.0_wp), shapes_samples=.false., used=self%keeps('spectrum'))
+      call visitor%visit(self%percentiles, entry, default=[5.0_wp, 95.0_wp])
+      entry = about('segment_length', &
+                    'of the spectra: steps of a Welch segment, or all there are', &
+                    rule=between(8.0_wp, 1.0e8_wp), used=self%keeps('spectrum'))
+      call visitor%visit(self%segment_length, entry)
+      entry = about('spectrum_every', &
+                    'every so many steps enter the spectra; 0: chosen and stated', &
+                    rule=not_negative(), used=self%keeps('spectrum'))
+      call visitor%visit(self%spectrum_every, entry)
    end subroutine visit
 
    pure logical function keeps(self, quantity)

@@ -1,7 +1,7 @@
 !> &process: maximum-entropy processes that are wanted (Sec. 2). The group may be repeated.
 module config_process
-   use config_entries, only: about, any_value, at_least, between, choice_length, not_negative, &
-                             positive, visitor_type
+   use config_entries, only: about, at_least, between, choice_length, entry_type, &
+                             not_negative, positive, visitor_type
    use core_kinds, only: wp
    implicit none(type, external)
    private
@@ -31,41 +31,48 @@ contains
    subroutine visit(self, visitor)
       class(process_group), intent(inout) :: self
       class(visitor_type), intent(inout) :: visitor
+      type(entry_type) :: entry
 
-      call visitor%visit(self%method, about('method', &
-         'Sec. 2.3: recursion of a finite order; Sec. 2.2: covariances up to m_max', &
-         choices=[character(choice_length) :: 'autoregressive', 'direct']))
-      call visitor%visit(self%correlation, about('correlation', &
-         'definition of the correlation length, Eq. 8 or 9', &
-         choices=[character(choice_length) :: 'L0', 'L1']))
-      call visitor%visit(self%correlation_length, about('correlation_length', &
-         'one or several', 'points', positive(), required=.true.))
-      call visitor%visit(self%order, about('order', &
-         'M of the recursion, m_max of direct; 0: found from the bounds', &
-         rule=between(0.0_wp, 200.0_wp)), default=[2, 5, 10])
-      call visitor%visit(self%pairing, about('pairing', &
-         'zip: an order for each correlation length, or one for all; product: all with all', &
-         choices=[character(choice_length) :: 'zip', 'product']))
-      call visitor%visit(self%bound_l0, about('bound_l0', &
-         'order 0 with L1 imposed: bound of L0; 0: none', 'points', not_negative(), &
-         used=any_zero(self%order)))
-      call visitor%visit(self%bound_l1, about('bound_l1', &
-         'order 0 with L0 imposed: bound of L1; 0: none', 'points', not_negative(), &
-         used=any_zero(self%order)))
-      call visitor%visit(self%max_order, about('max_order', 'order 0: search no further', &
-         rule=between(1.0_wp, 200.0_wp), used=any_zero(self%order)))
-      call visitor%visit(self%mean, about('mean', 'homogeneous', rule=any_value(), required=.true.))
-      call visitor%visit(self%std, about('std', 'one or several, each with every pair', &
-         rule=positive(), required=.true.))
-      call visitor%visit(self%positive, about('positive', 'no negative values (Sec. 2.4)'))
-      call visitor%visit(self%sampler, about('sampler', &
-         'positive values: one at a time as Sec. 2.4, or the law of Eq. 25 itself', &
-         choices=[character(choice_length) :: 'sequential', 'exact'], used=self%positive))
-      call visitor%visit(self%n_points, about('n_points', &
-         'of a written realization; with &chain n_dof', rule=at_least(1.0_wp), &
-         shapes_samples=.false.))
-      call visitor%visit(self%n_realizations, about('n_realizations', 'to be written', &
-         rule=not_negative(), shapes_samples=.false.))
+      entry = about('method', &
+                    'Sec. 2.3: recursion of a finite order; Sec. 2.2: covariances up to m_max', &
+                    choices='autoregressive direct')
+      call visitor%visit(self%method, entry)
+      entry = about('correlation', 'definition of the correlation length, Eq. 8 or 9', &
+                    choices='L0 L1')
+      call visitor%visit(self%correlation, entry)
+      entry = about('correlation_length', 'one or several', 'points', positive(), required=.true.)
+      call visitor%visit(self%correlation_length, entry)
+      entry = about('order', 'M of the recursion, m_max of direct; 0: found from the bounds', &
+                    rule=between(0.0_wp, 200.0_wp))
+      call visitor%visit(self%order, entry, default=[2, 5, 10])
+      entry = about('pairing', &
+                    'zip: an order for each correlation length, or one for all; product: all', &
+                    choices='zip product')
+      call visitor%visit(self%pairing, entry)
+      entry = about('bound_l0', 'order 0 with L1 imposed: bound of L0; 0: none', 'points', &
+                    not_negative(), used=any_zero(self%order))
+      call visitor%visit(self%bound_l0, entry)
+      entry = about('bound_l1', 'order 0 with L0 imposed: bound of L1; 0: none', 'points', &
+                    not_negative(), used=any_zero(self%order))
+      call visitor%visit(self%bound_l1, entry)
+      entry = about('max_order', 'order 0: search no further', rule=between(1.0_wp, 200.0_wp), &
+                    used=any_zero(self%order))
+      call visitor%visit(self%max_order, entry)
+      entry = about('mean', 'homogeneous', required=.true.)
+      call visitor%visit(self%mean, entry)
+      entry = about('std', 'one or several, each with every pair', rule=positive(), required=.true.)
+      call visitor%visit(self%std, entry)
+      entry = about('positive', 'no negative values (Sec. 2.4)')
+      call visitor%visit(self%positive, entry)
+      entry = about('sampler', &
+                    'positive values: one at a time as Sec. 2.4, or the law of Eq. 25 itself', &
+                    choices='sequential exact', used=self%positive)
+      call visitor%visit(self%sampler, entry)
+      entry = about('n_points', 'of a written realization; with &chain n_dof', &
+                    rule=at_least(1.0_wp), shapes_samples=.false.)
+      call visitor%visit(self%n_points, entry)
+      entry = about('n_realizations', 'to be written', rule=not_negative(), shapes_samples=.false.)
+      call visitor%visit(self%n_realizations, entry)
    end subroutine visit
 
    pure logical function any_zero(order)

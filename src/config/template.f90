@@ -1,7 +1,7 @@
 !> Text made of the tables: a complete commented scene, and the scene reference.
 module config_template
    use config_entries, only: entry_type
-   use config_groups, only: group_docs, group_names, scene_type
+   use config_groups, only: group_doc, group_names, scene_type
    use config_lister, only: lister_type, row_type
    use core_kinds, only: wp
    implicit none(type, external)
@@ -27,8 +27,8 @@ contains
       do i = 1, size(group_names)
          lister = lister_type()
          call scene%visit(trim(group_names(i)), 1, lister)
-         text = text//line_feed//'! '//trim(group_docs(i))//line_feed//'&'//trim(group_names(i))// &
-                line_feed
+         text = text//line_feed//'! '//group_doc(trim(group_names(i)))//line_feed//'&'// &
+                trim(group_names(i))//line_feed
          do j = 1, size(lister%rows)
             associate (row => lister%rows(j))
                text = text//with_comment('   '//trim(row%entry%name)//' = '//row%value, &
@@ -52,7 +52,7 @@ contains
          lister = lister_type()
          call scene%visit(trim(group_names(i)), 1, lister)
          text = text//'## &'//trim(group_names(i))//line_feed//line_feed// &
-                capital(trim(group_docs(i)))//'.'//line_feed//line_feed// &
+                capital(group_doc(trim(group_names(i))))//'.'//line_feed//line_feed// &
                 '| name | type | default | unit | meaning |'//line_feed// &
                 '|---|---|---|---|---|'//line_feed
          do j = 1, size(lister%rows)
