@@ -49,10 +49,10 @@ contains
                     'zip: an order for each correlation length, or one for all; product: all', &
                     choices='zip product')
       call visitor%visit(self%pairing, entry)
-      entry = about('bound_l0', 'order 0 with L1 imposed: bound of L0; 0: none', 'points', &
+      entry = about('bound_l0', 'order 0 with L1 imposed: least L0; 0: none', 'points', &
                     not_negative(), used=any_zero(self%order))
       call visitor%visit(self%bound_l0, entry)
-      entry = about('bound_l1', 'order 0 with L0 imposed: bound of L1; 0: none', 'points', &
+      entry = about('bound_l1', 'order 0 with L0 imposed: largest L1; 0: none', 'points', &
                     not_negative(), used=any_zero(self%order))
       call visitor%visit(self%bound_l1, entry)
       entry = about('max_order', 'order 0: search no further', rule=between(1.0_wp, 200.0_wp), &

@@ -47,6 +47,10 @@ contains
                                 'process', 'order', 'must be one for all correlation lengths, '// &
                                 'or one for each of the '//to_text(n_lengths)// &
                                 ", with pairing = 'zip'", '2, 5, 10', i)
+         call reader%require(this%correlation /= 'L0' .or. .not. this%bound_l0 > 0.0_wp, &
+                             'process', 'bound_l0', 'must be absent with L0 imposed', number=i)
+         call reader%require(this%correlation /= 'L1' .or. .not. this%bound_l1 > 0.0_wp, &
+                             'process', 'bound_l1', 'must be absent with L1 imposed', number=i)
          call reader%require(.not. this%positive .or. this%mean > 0.0_wp, 'process', 'mean', &
                              'must be positive with positive = .true.', number=i)
          call reader%require(this%positive .or. .not. scene%runs_samples(), 'process', 'positive', &
