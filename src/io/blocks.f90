@@ -99,7 +99,8 @@ contains
       if (.not. allocated(n)) return
       select case (self%deed)
       case (writes)
-         call write_dataset(self%file, self%group//name, values, bare_label(name, shape(values)), self%error)
+         call write_dataset(self%file, self%group//name, values, bare_label(name, shape(values)), &
+                            self%error)
       case (reads)
          allocate (values(n(1), n(2)))
          call read_dataset(self%file, self%group//name, values, self%error)
@@ -119,7 +120,8 @@ contains
       if (.not. allocated(n)) return
       select case (self%deed)
       case (writes)
-         call write_dataset(self%file, self%group//name, values, bare_label(name, shape(values)), self%error)
+         call write_dataset(self%file, self%group//name, values, bare_label(name, shape(values)), &
+                            self%error)
       case (reads)
          allocate (values(n(1), n(2)))
          call read_dataset(self%file, self%group//name, values, self%error)
@@ -139,7 +141,8 @@ contains
       if (.not. allocated(n)) return
       select case (self%deed)
       case (writes)
-         call write_dataset(self%file, self%group//name, values, bare_label(name, shape(values)), self%error)
+         call write_dataset(self%file, self%group//name, values, bare_label(name, shape(values)), &
+                            self%error)
       case (reads)
          allocate (values(n(1), n(2), n(3)))
          call read_dataset(self%file, self%group//name, values, self%error)
@@ -149,7 +152,8 @@ contains
       end select
    end subroutine pass_cube
 
-   !> Whether there is something to do with a component: then its extents, those of the file when reading.
+   !> Whether there is something to do with a component: then its extents, those of the file when
+   !> reading.
    subroutine look(self, name, is_there, n_axes, extents)
       class(walker), intent(inout) :: self
       character(*), intent(in) :: name
@@ -216,7 +220,9 @@ contains
 
       label = sample_label(name)
       label%axes = ''
-      if (name == 'psd') label%chunk = [extents(1), min(extents(2), frequencies_read_together), extents(3)]
+      if (name == 'psd') then
+         label%chunk = [extents(1), min(extents(2), frequencies_read_together), extents(3)]
+      end if
    end function bare_label
 
    !> Units, meaning and axes of what a sample hands back.
@@ -234,10 +240,11 @@ contains
       case ('stick_starts')
          label = label_type('1', 'number of transitions from slip to stick', 'sample dof')
       case ('folded_share')
-         label = label_type('1', 'share of the power above the highest frequency kept, which is folded below it', &
+         label = label_type('1', &
+                            'share of the power that thinning folds below the highest frequency', &
                             'sample dof')
       case ('energy')
-         label = label_type('J', 'input, viscous and friction work, energy stored, defect of their balance', &
+         label = label_type('J', 'work (input, viscous, friction), energy stored, defect', &
                             'sample term')
       case ('psd')
          label = label_type('m^2/Hz', 'power spectral density of the displacement, one-sided', &
@@ -247,7 +254,7 @@ contains
       case ('velocity')
          label = label_type('m/s', 'velocity', 'sample step dof')
       case ('transitions')
-         label = label_type('1', 'time [s], dof and kind (+1, -1: slip starts, 0: sticks) of each transition', &
+         label = label_type('1', 'time [s], dof and kind of each transition', &
                             'transition column')
       case ('transition_count')
          label = label_type('1', 'number of transitions', 'sample one')

@@ -1,5 +1,5 @@
-!> One case of a campaign as a group of the results file: samples, statistics, and what is long taken from the
-!> shards one at a time.
+!> One case of a campaign as a group of the results file: samples, statistics, and what is long
+!> taken from the shards one at a time.
 module io_case_results
    use core_error, only: error_type
    use core_kinds, only: wp
@@ -18,8 +18,9 @@ module io_case_results
    public :: case_name, energy_terms, write_case
 
    !> Datasets of the energy ledger, in the order of its terms.
-   character(*), parameter :: energy_terms(*) = [character(15) :: 'energy_input', 'energy_viscous', &
-                                                 'energy_friction', 'energy_stored', 'energy_defect']
+   character(*), parameter :: energy_terms(*) = [character(15) :: 'energy_input', &
+                                                 'energy_viscous', 'energy_friction', &
+                                                 'energy_stored', 'energy_defect']
 
 contains
 
@@ -33,9 +34,10 @@ contains
       name = trim(buffer)
    end function case_name
 
-   !> All of a case. `samples` is what read_samples gave; spectra, histories and transitions come from the
-   !> shards; `force` is the record, or one for each sample, and belongs to histories.
-   subroutine write_case(writer, plan, number, samples, layout, statistics, store, shards, error, force)
+   !> All of a case. `samples` is what read_samples gave; spectra, histories and transitions come
+   !> from the shards; `force` is the record, or one for each sample, and belongs to histories.
+   subroutine write_case(writer, plan, number, samples, layout, statistics, store, shards, error, &
+                         force)
       type(results_writer), intent(in) :: writer
       type(plan_type), intent(in) :: plan
       integer, intent(in) :: number
@@ -51,7 +53,8 @@ contains
       group = new_group(writer%file, '/campaign/'//case_name(number))
       call write_attributes(group, plan, number)
       call group%put('sample', counted(samples%n_samples), label_type('1', 'sample', 'sample'))
-      call group%put('dof', counted(plan%chain%n_dof), label_type('1', 'mass, from the wall', 'dof'))
+      call group%put('dof', counted(plan%chain%n_dof), &
+                     label_type('1', 'mass, from the wall', 'dof'))
       call write_samples(group, samples)
       call write_slip_statistics(group, statistics)
       if (plan%output%spectrum) then
@@ -59,7 +62,8 @@ contains
          call write_bands(group, statistics)
       end if
       if (plan%output%history) call write_history_axes(group, plan, force)
-      call write_long(group, plan, layout, samples%n_samples, store, shards_of(shards, number, samples%n_samples))
+      call write_long(group, plan, layout, samples%n_samples, store, &
+                      shards_of(shards, number, samples%n_samples))
       call group%take_error(error)
    end subroutine write_case
 
@@ -82,21 +86,26 @@ contains
       type(group_type), intent(inout) :: group
       type(block_result), intent(in) :: samples
       character(*), parameter :: meaning(*) = [character(40) :: 'work of the force', &
-                                               'work of the viscous damping', 'work of the friction', &
+                                               'work of the viscous damping', &
+                                               'work of the friction', &
                                                'kinetic and strain energy at the end', &
                                                'what the balance of energies lacks']
+      type(label_type) :: label
       real(wp), allocatable :: term(:)
       integer :: i
 
       call group%put_allocated('friction', samples%friction, sample_label('friction'))
-      call group%put_allocated('slip_fraction', samples%slip_fraction, sample_label('slip_fraction'))
+      call group%put_allocated('slip_fraction', samples%slip_fraction, &
+                               sample_label('slip_fraction'))
       call group%put('slip_starts', samples%slip_starts, sample_label('slip_starts'))
       call group%put('stick_starts', samples%stick_starts, sample_label('stick_starts'))
       call group%put_allocated('folded_share', samples%folded_share, sample_label('folded_share'))
       if (.not. allocated(samples%energy)) return
+      label = label_type('J', '', 'sample')
       do i = 1, size(energy_terms)
          term = samples%energy(i, :)
-         call group%put(trim(energy_terms(i)), term, label_type('J', trim(meaning(i)), 'sample'))
+         label%long_name = trim(meaning(i))
+         call group%put(trim(energy_terms(i)), term, label)
       end do
    end subroutine write_samples
 
@@ -105,13 +114,14 @@ contains
       type(case_statistics), intent(in) :: statistics
 
       call group%put_allocated('slip_mean', statistics%slip_mean, &
-                     label_type('1', 'mean over samples of the fraction of time in slip', 'dof'))
+                               label_type('1', 'mean over samples of slip_fraction', 'dof'))
       call group%put_allocated('slip_mean_error', statistics%slip_mean_error, &
-                     label_type('1', 'standard error of slip_mean', 'dof'))
+                               label_type('1', 'standard error of slip_mean', 'dof'))
       call group%put_allocated('slip_std', statistics%slip_std, &
-                     label_type('1', 'standard deviation over samples of the fraction of time in slip', 'dof'))
+                               label_type('1', 'standard deviation over samples of slip_fraction', &
+                                          'dof'))
       call group%put_allocated('slip_std_error', statistics%slip_std_error, &
-                     label_type('1', 'standard error of slip_std', 'dof'))
+                               label_type('1', 'standard error of slip_std', 'dof'))
    end subroutine write_slip_statistics
 
    subroutine write_spectrum_axes(group, plan, layout, samples)
@@ -130,7 +140,9 @@ contains
       call group%attribute('n_segments', layout%n_segments)
       call group%attribute('every', layout%every)
       call group%attribute('sided', 'one')
-      if (allocated(samples%folded_share)) call group%attribute('folded_share', maxval(samples%folded_share))
+      if (allocated(samples%folded_share)) then
+         call group%attribute('folded_share', maxval(samples%folded_share))
+      end if
    end subroutine write_spectrum_axes
 
    subroutine write_bands(group, statistics)
@@ -138,27 +150,37 @@ contains
       type(case_statistics), intent(in) :: statistics
 
       call group%put_allocated('psd_mean', statistics%psd_mean, &
-                     label_type('m^2/Hz', 'mean over samples of psd', 'frequency dof'))
+                               label_type('m^2/Hz', 'mean over samples of psd', 'frequency dof'))
       call group%put_allocated('psd_mean_error', statistics%psd_mean_error, &
-                     label_type('m^2/Hz', 'standard error of psd_mean', 'frequency dof'))
+                               label_type('m^2/Hz', 'standard error of psd_mean', 'frequency dof'))
       call group%put_allocated('psd_percentiles', statistics%psd_percentiles, &
-                     label_type('m^2/Hz', 'percentiles over samples of psd', 'percentile frequency dof'))
+                               label_type('m^2/Hz', 'percentiles over samples of psd', &
+                                          'percentile frequency dof'))
       call group%put_allocated('psd_percentiles_low', statistics%psd_percentiles_low, &
-                     label_type('m^2/Hz', 'lower end of the 95 % interval', 'percentile frequency dof'))
+                               label_type('m^2/Hz', 'lower end of the 95 % interval', &
+                                          'percentile frequency dof'))
       call group%put_allocated('psd_percentiles_high', statistics%psd_percentiles_high, &
-                     label_type('m^2/Hz', 'upper end of the 95 % interval', 'percentile frequency dof'))
+                               label_type('m^2/Hz', 'upper end of the 95 % interval', &
+                                          'percentile frequency dof'))
       call group%put_allocated('pseudo_variance_mean', statistics%pseudo_variance_mean, &
-                     label_type('m^2', 'integral of psd_mean over frequency, Eq. (46)', 'dof'))
-      call group%put_allocated('pseudo_variance_percentiles', statistics%pseudo_variance_percentiles, &
-                     label_type('m^2', 'integral of each percentile over frequency, Eq. (46)', 'percentile dof'))
+                               label_type('m^2', 'integral of psd_mean over frequency, Eq. (46)', &
+                                          'dof'))
+      call group%put_allocated('pseudo_variance_percentiles', &
+                               statistics%pseudo_variance_percentiles, &
+                               label_type('m^2', 'integral of each percentile, Eq. (46)', &
+                                          'percentile dof'))
       call group%put_allocated('band_ratio', statistics%band_ratio, &
-                     label_type('1', 'pseudo-variance of the last over that of the first percentile', 'dof'))
+                               label_type('1', &
+                                          'pseudo-variance of the last over the first percentile', &
+                                          'dof'))
       call group%put_allocated('band_ratio_low', statistics%band_ratio_low, &
-                     label_type('1', 'lower end of the 95 % interval of band_ratio', 'dof'))
+                               label_type('1', 'lower end of the 95 % interval of band_ratio', &
+                                          'dof'))
       call group%put_allocated('band_ratio_high', statistics%band_ratio_high, &
-                     label_type('1', 'upper end of the 95 % interval of band_ratio', 'dof'))
+                               label_type('1', 'upper end of the 95 % interval of band_ratio', &
+                                          'dof'))
       call group%put_allocated('band_ratio_bias', statistics%band_ratio_bias, &
-                     label_type('1', 'relative bias of band_ratio, by bootstrap', 'dof'))
+                               label_type('1', 'relative bias of band_ratio, by bootstrap', 'dof'))
    end subroutine write_bands
 
    subroutine write_history_axes(group, plan, force)
@@ -202,7 +224,9 @@ contains
             call group%put_part('displacement', [1, 1, first], block%displacement(:, :, :n))
             call group%put_part('velocity', [1, 1, first], block%velocity(:, :, :n))
          end if
-         if (plan%output%transitions) call put_transitions(group, first, block%transitions(:n), n_rows)
+         if (plan%output%transitions) then
+            call put_transitions(group, first, block%transitions(:n), n_rows)
+         end if
       end do
    end subroutine write_long
 
@@ -217,10 +241,12 @@ contains
       n_dof = plan%chain%n_dof
       n_steps = plan%integration%n_steps + 1
       if (plan%output%spectrum) then
-         call group%make('psd', 0.0_wp, [n_dof, size(layout%frequency), n_samples], sample_label('psd'))
+         call group%make('psd', 0.0_wp, [n_dof, size(layout%frequency), n_samples], &
+                         sample_label('psd'))
       end if
       if (plan%output%history) then
-         call group%make('displacement', 0.0_wp, [n_dof, n_steps, n_samples], sample_label('displacement'))
+         call group%make('displacement', 0.0_wp, [n_dof, n_steps, n_samples], &
+                         sample_label('displacement'))
          call group%make('velocity', 0.0_wp, [n_dof, n_steps, n_samples], sample_label('velocity'))
       end if
       if (plan%output%transitions .and. .not. allocated(group%error)) then
@@ -230,9 +256,11 @@ contains
                          label_type('1', 'sample of the transition', 'transition'))
          call group%make('transition_time', 0.0_wp, [n_rows], &
                          label_type('s', 'time of the transition', 'transition'))
-         call group%make('transition_dof', 0, [n_rows], label_type('1', 'mass of the transition', 'transition'))
+         call group%make('transition_dof', 0, [n_rows], &
+                         label_type('1', 'mass of the transition', 'transition'))
          call group%make('transition_kind', 0, [n_rows], &
-                         label_type('1', '+1, -1: slip starts in that direction; 0: sticks', 'transition'))
+                         label_type('1', '+1, -1: slip starts in that direction; 0: sticks', &
+                                    'transition'))
       end if
    end subroutine make_long
 

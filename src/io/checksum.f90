@@ -10,8 +10,8 @@ module io_checksum
    integer(long), parameter :: modulus = 2_long**32 - 5   !! prime
    integer, parameter :: stride = 2**14   !! words between two divisions: the sums stay below 2**62
 
-   !> Fletcher's two running sums over halves of words: a flipped bit and an exchange of two halves are
-   !> always seen, anything else slips through with a chance of 2**-64.
+   !> Fletcher's two running sums over halves of words: a flipped bit and an exchange of two halves
+   !> are always seen, anything else slips through with a chance of 2**-64.
    type :: checksum_type
       private
       integer(long) :: plain = 1      !! sum of what was added

@@ -1,5 +1,5 @@
-!> An earlier results file at the place of the new one: whose it is, and its samples as shards, so that a
-!> finished campaign goes on to more of them.
+!> An earlier results file at the place of the new one: whose it is, and its samples as shards, so
+!> that a finished campaign goes on to more of them.
 module io_existing
    use core_error, only: error_type
    use core_kinds, only: long, wp
@@ -17,8 +17,8 @@ module io_existing
 
 contains
 
-   !> Samples of each case that a results file holds; none where there is no file. A file of another scene or
-   !> program, or one that cannot be read, is an error that names it.
+   !> Samples of each case that a results file holds; none where there is no file. A file of another
+   !> scene or program, or one that cannot be read, is an error that names it.
    subroutine inspect_results(path, identity, n_samples, error)
       character(*), intent(in) :: path
       type(identity_type), intent(in) :: identity
@@ -122,10 +122,18 @@ contains
       block%first_sample = first
       block%n_samples = last - first + 1
       if (allocated(all_samples%friction)) block%friction = all_samples%friction(:, first:last)
-      if (allocated(all_samples%slip_fraction)) block%slip_fraction = all_samples%slip_fraction(:, first:last)
-      if (allocated(all_samples%slip_starts)) block%slip_starts = all_samples%slip_starts(:, first:last)
-      if (allocated(all_samples%stick_starts)) block%stick_starts = all_samples%stick_starts(:, first:last)
-      if (allocated(all_samples%folded_share)) block%folded_share = all_samples%folded_share(:, first:last)
+      if (allocated(all_samples%slip_fraction)) then
+         block%slip_fraction = all_samples%slip_fraction(:, first:last)
+      end if
+      if (allocated(all_samples%slip_starts)) then
+         block%slip_starts = all_samples%slip_starts(:, first:last)
+      end if
+      if (allocated(all_samples%stick_starts)) then
+         block%stick_starts = all_samples%stick_starts(:, first:last)
+      end if
+      if (allocated(all_samples%folded_share)) then
+         block%folded_share = all_samples%folded_share(:, first:last)
+      end if
       if (allocated(all_samples%energy)) block%energy = all_samples%energy(:, first:last)
    end function piece_of
 

@@ -1,12 +1,13 @@
 !> Files and folders. Failures carry the system's own words.
 module io_files
-   use, intrinsic :: iso_c_binding, only: c_associated, c_char, c_f_pointer, c_int, c_long, c_null_char, &
-                                          c_null_ptr, c_ptr, c_size_t
+   use, intrinsic :: iso_c_binding, only: c_associated, c_char, c_f_pointer, c_int, c_long, &
+                     c_null_char, c_null_ptr, c_ptr, c_size_t
    use core_error, only: error_type
    use core_kinds, only: long
    use core_text, only: to_text
-   use io_posix, only: c_access, c_fclose, c_fileno, c_fopen, c_fsync, c_gethostname, c_getpid, c_getppid, c_glob, &
-                       c_globfree, c_isatty, c_mkdir, c_remove, c_rename, raise_system, system_error, text_at
+   use io_posix, only: c_access, c_fclose, c_fileno, c_fopen, c_fsync, c_gethostname, c_getpid, &
+                       c_getppid, c_glob, c_globfree, c_isatty, c_mkdir, c_remove, c_rename, &
+                       raise_system, system_error, text_at
    implicit none(type, external)
    private
    public :: exists, file_size, folder_of, host_name, is_folder, is_writable
@@ -88,7 +89,9 @@ contains
       type(error_type), allocatable, intent(out) :: error
 
       if (.not. exists(path)) return
-      if (c_remove(path//c_null_char) /= 0) call raise_system(system_error(), path//': cannot be removed', error)
+      if (c_remove(path//c_null_char) /= 0) then
+         call raise_system(system_error(), path//': cannot be removed', error)
+      end if
    end subroutine remove_file
 
    !> Replaces whatever `to` was, in one step.
@@ -114,7 +117,9 @@ contains
          return
       end if
       status = c_fsync(c_fileno(stream))
-      if (status /= 0) call raise_system(system_error(), path//': cannot be brought to the disk', error)
+      if (status /= 0) then
+         call raise_system(system_error(), path//': cannot be brought to the disk', error)
+      end if
       closed = c_fclose(stream)
    end subroutine sync_file
 
@@ -150,7 +155,8 @@ contains
       end if
       list = transfer(found(2), list)
       call c_f_pointer(list, names, [found(1)])
-      allocate (character(maxval([(len(text_at(names(i))), i=1, size(names))])) :: paths(size(names)))
+      allocate (character(maxval([(len(text_at(names(i))), i=1, &
+                                   size(names))])) :: paths(size(names)))
       do i = 1, size(names)
          paths(i) = text_at(names(i))
       end do
@@ -190,8 +196,8 @@ contains
       end do
    end function host_name
 
-   !> Whether a person sees standard output as it comes. mpirun gives every rank a terminal of its own and
-   !> passes on what is written there: then it is mpirun's output that counts.
+   !> Whether a person sees standard output as it comes. mpirun gives every rank a terminal of its
+   !> own and passes on what is written there: then it is mpirun's output that counts.
    function shows_on_terminal()
       logical :: shows_on_terminal
       type(c_ptr) :: stream

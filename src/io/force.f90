@@ -13,9 +13,9 @@ module io_force
 
 contains
 
-   !> The dataset /force(step), or /force(sample, step) with a record for each sample, as Python names the
-   !> axes; its attribute dt, where there is one, must be the scene's. Whether the values are finite, and
-   !> as many as are needed, is for who uses them to say.
+   !> The dataset /force(step), or /force(sample, step) with a record for each sample, as Python
+   !> names the axes; its attribute dt, where there is one, must be the scene's. Whether the values
+   !> are finite, and as many as are needed, is for who uses them to say.
    subroutine read_force_hdf5(path, dt, force, error)
       character(*), intent(in) :: path
       real(wp), intent(in) :: dt                          !! of the scene [s]
@@ -34,7 +34,7 @@ contains
       type(hdf5_file), intent(in) :: file
       real(wp), intent(in) :: dt
       type(error_type), allocatable, intent(out) :: error
-      real(wp), parameter :: rounding = 1.0e-12_wp   ! relative: a dt that went through some arithmetic
+      real(wp), parameter :: rounding = 1.0e-12_wp   ! relative: of a dt that was calculated
       real(wp) :: found
 
       if (.not. file%has(name)) then
@@ -45,8 +45,8 @@ contains
       call read_attribute(file, name, 'dt', found, error)
       if (allocated(error)) return
       if (.not. abs(found - dt) <= rounding*dt) then
-         call raise(error, exit_bad_input, file%path//': attribute dt of '//name//' = '//to_text(found)// &
-                    ': must be integration%dt = '//to_text(dt))
+         call raise(error, exit_bad_input, file%path//': attribute dt of '//name//' = '// &
+                    to_text(found)//': must be integration%dt = '//to_text(dt))
       end if
    end subroutine check_interval
 
@@ -73,8 +73,8 @@ contains
       end if
       if (any(n < 1) .or. any(n > huge(0)) .or. &
           product(real(n, wp)) > densest*real(file_size(file%path), wp)) then
-         call raise(error, exit_bad_input, file%path//': '//name//' has '//to_text(n(2))//' records of '// &
-                    to_text(n(1))//' values: none, or more than the file can hold')
+         call raise(error, exit_bad_input, file%path//': '//name//' has '//to_text(n(2))// &
+                    ' records of '//to_text(n(1))//' values: none, or more than the file can hold')
          return
       end if
       allocate (force(0:n(1) - 1, n(2)), stat=status)

@@ -1,5 +1,5 @@
-!> What the shards of one case hold together: small data of all samples, spectra a range of frequencies at a
-!> time.
+!> What the shards of one case hold together: small data of all samples, spectra a range of
+!> frequencies at a time.
 module io_gathering
    use core_error, only: error_type, exit_file, raise
    use core_kinds, only: long, wp
@@ -37,7 +37,8 @@ contains
       integer, intent(in) :: case_number, n_samples
       type(shard_type), allocatable :: chosen(:)
 
-      chosen = pack(shards, shards%case_number == case_number .and. shards%first_sample <= n_samples)
+      chosen = pack(shards, shards%case_number == case_number .and. &
+                    shards%first_sample <= n_samples)
       chosen = chosen(sort_order(real(chosen%first_sample, wp)))
    end function shards_of
 
@@ -49,7 +50,7 @@ contains
       type(error_type), allocatable, intent(out) :: error
       type(hdf5_file) :: file
       integer(long), allocatable :: counts(:, :)
-      integer :: i
+      integer :: i, n
 
       n_transitions = 0
       do i = 1, size(shards)
@@ -59,8 +60,8 @@ contains
          call read_dataset(file, '/transition_count', counts, error)
          call file%abandon()
          if (allocated(error)) return
-         n_transitions = n_transitions + int(sum(counts(1, :min(shards(i)%n_samples, &
-                                                                     n_samples - shards(i)%first_sample + 1))))
+         n = min(shards(i)%n_samples, n_samples - shards(i)%first_sample + 1)
+         n_transitions = n_transitions + int(sum(counts(1, :n)))
          deallocate (counts)
       end do
    end subroutine count_transitions
@@ -119,8 +120,8 @@ contains
 
    end subroutine read_samples
 
-   !> Spectra of samples 1..n at frequencies first_frequency, first_frequency + 1, ... (counted from 1).
-   !> Shards keep 64 neighbouring frequencies together: ranges of a multiple of 64 read least.
+   !> Spectra of samples 1..n at frequencies first_frequency, first_frequency + 1, ... (counted from
+   !> 1). Shards keep 64 neighbouring frequencies together: ranges of a multiple of 64 read least.
    subroutine read_psd_band(store, shards, case_number, first_frequency, psd, error)
       type(shard_store), intent(in) :: store
       type(shard_type), intent(in) :: shards(:)
@@ -157,8 +158,10 @@ contains
       integer :: missing
 
       missing = findloc(finished_samples(shards, case_number, n_samples), .false., dim=1)
-      if (missing > 0) call raise(error, exit_file, store%folder//' lacks sample '//to_text(missing)// &
-                                  ' of case '//to_text(case_number)//': run again to compute it')
+      if (missing > 0) then
+         call raise(error, exit_file, store%folder//' lacks sample '//to_text(missing)// &
+                    ' of case '//to_text(case_number)//': run again to compute it')
+      end if
    end subroutine require_all
 
 end module io_gathering

@@ -1,8 +1,10 @@
-!> A group of a file being filled: after a first error everything else passes by, and the error is taken once.
+!> A group of a file being filled: after a first error everything else passes by, and the error is
+!> taken once.
 module io_group
    use core_error, only: error_type
    use core_kinds, only: long, wp
-   use io_hdf5, only: hdf5_file, label_type, make_dataset, write_attribute, write_dataset, write_part
+   use io_hdf5, only: hdf5_file, label_type, make_dataset, write_attribute, write_dataset, &
+                      write_part
    implicit none(type, external)
    private
    public :: group_type, new_group, counted
@@ -15,13 +17,14 @@ module io_group
       generic :: attribute => text_attribute, integer_attribute, long_attribute, real_attribute, &
          logical_attribute
       generic :: put => put_reals, put_integers, put_longs
+      generic :: put_allocated => put_allocated_row, put_allocated_matrix, put_allocated_cube
       generic :: put_part => put_real_part, put_integer_part
-      procedure :: put_allocated
       procedure :: put_value
       procedure :: make
       procedure :: take_error
       procedure, private :: text_attribute, integer_attribute, long_attribute, real_attribute, &
          logical_attribute
+      procedure, private :: put_allocated_row, put_allocated_matrix, put_allocated_cube
       procedure, private :: put_reals, put_integers, put_longs, put_real_part, put_integer_part
    end type group_type
 
@@ -49,7 +52,9 @@ contains
       class(group_type), intent(inout) :: self
       character(*), intent(in) :: name, value
 
-      if (.not. allocated(self%error)) call write_attribute(self%file, self%path, name, value, self%error)
+      if (.not. allocated(self%error)) then
+         call write_attribute(self%file, self%path, name, value, self%error)
+      end if
    end subroutine text_attribute
 
    subroutine integer_attribute(self, name, value)
@@ -57,7 +62,9 @@ contains
       character(*), intent(in) :: name
       integer, intent(in) :: value
 
-      if (.not. allocated(self%error)) call write_attribute(self%file, self%path, name, value, self%error)
+      if (.not. allocated(self%error)) then
+         call write_attribute(self%file, self%path, name, value, self%error)
+      end if
    end subroutine integer_attribute
 
    subroutine long_attribute(self, name, value)
@@ -65,7 +72,9 @@ contains
       character(*), intent(in) :: name
       integer(long), intent(in) :: value
 
-      if (.not. allocated(self%error)) call write_attribute(self%file, self%path, name, value, self%error)
+      if (.not. allocated(self%error)) then
+         call write_attribute(self%file, self%path, name, value, self%error)
+      end if
    end subroutine long_attribute
 
    subroutine real_attribute(self, name, value)
@@ -73,7 +82,9 @@ contains
       character(*), intent(in) :: name
       real(wp), intent(in) :: value
 
-      if (.not. allocated(self%error)) call write_attribute(self%file, self%path, name, value, self%error)
+      if (.not. allocated(self%error)) then
+         call write_attribute(self%file, self%path, name, value, self%error)
+      end if
    end subroutine real_attribute
 
    subroutine logical_attribute(self, name, value)
@@ -81,7 +92,9 @@ contains
       character(*), intent(in) :: name
       logical, intent(in) :: value
 
-      if (.not. allocated(self%error)) call write_attribute(self%file, self%path, name, value, self%error)
+      if (.not. allocated(self%error)) then
+         call write_attribute(self%file, self%path, name, value, self%error)
+      end if
    end subroutine logical_attribute
 
    !> A whole dataset of any rank.
@@ -97,14 +110,32 @@ contains
    end subroutine put_reals
 
    !> The same for an array that may not be allocated: then nothing is written.
-   subroutine put_allocated(self, name, values, label)
+   subroutine put_allocated_row(self, name, values, label)
       class(group_type), intent(inout) :: self
       character(*), intent(in) :: name
-      real(wp), intent(in), contiguous, optional :: values(..)
+      real(wp), allocatable, intent(in) :: values(:)
       type(label_type), intent(in) :: label
 
-      if (present(values)) call self%put(name, values, label)
-   end subroutine put_allocated
+      if (allocated(values)) call self%put(name, values, label)
+   end subroutine put_allocated_row
+
+   subroutine put_allocated_matrix(self, name, values, label)
+      class(group_type), intent(inout) :: self
+      character(*), intent(in) :: name
+      real(wp), allocatable, intent(in) :: values(:, :)
+      type(label_type), intent(in) :: label
+
+      if (allocated(values)) call self%put(name, values, label)
+   end subroutine put_allocated_matrix
+
+   subroutine put_allocated_cube(self, name, values, label)
+      class(group_type), intent(inout) :: self
+      character(*), intent(in) :: name
+      real(wp), allocatable, intent(in) :: values(:, :, :)
+      type(label_type), intent(in) :: label
+
+      if (allocated(values)) call self%put(name, values, label)
+   end subroutine put_allocated_cube
 
    subroutine put_integers(self, name, values, label)
       class(group_type), intent(inout) :: self
@@ -134,10 +165,15 @@ contains
       character(*), intent(in) :: name, units, long_name
       real(wp), intent(in) :: value
       real(wp), intent(in), optional :: standard_error
+      type(label_type) :: label
 
-      call self%put(name, value, label_type(units, long_name, ''))
+      label%units = units
+      label%long_name = long_name
+      label%axes = ''
+      call self%put(name, value, label)
       if (.not. present(standard_error)) return
-      call self%put(name//'_error', standard_error, label_type(units, 'standard error: '//long_name, ''))
+      label%long_name = 'standard error: '//long_name
+      call self%put(name//'_error', standard_error, label)
    end subroutine put_value
 
    !> A dataset to be filled in parts; of the type of `mold`.

@@ -1,5 +1,6 @@
-!> The one door to HDF5: files, labelled datasets and attributes; every status is checked, and HDF5 itself
-!> says nothing. The rooms behind it are io_hdf5_file, io_hdf5_datasets and io_hdf5_attributes.
+!> The one door to HDF5: files, labelled datasets and attributes; every status is checked, and HDF5
+!> itself says nothing. The rooms behind it are io_hdf5_file, io_hdf5_datasets and
+!> io_hdf5_attributes.
 module io_hdf5
    use io_hdf5_attributes, only: has_attribute, read_attribute, write_attribute, &
                                  write_sealed_attribute

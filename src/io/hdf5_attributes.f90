@@ -1,10 +1,12 @@
 !> Attributes of groups and datasets: texts as UTF-8, logicals as 0 and 1.
 !>
-!> Texts are of variable length, as Python likes them best. HDF5 keeps those in a heap without checksum, and
-!> may crash on a damaged one: what must be read from files of unknown health is written with
-!> write_sealed_attribute, of fixed length, which lies under the checksum of its object.
+!> Texts are of variable length, as Python likes them best. HDF5 keeps those in a heap without
+!> checksum, and may crash on a damaged one: what must be read from files of unknown health is
+!> written with write_sealed_attribute, of fixed length, which lies under the checksum of its
+!> object.
 module io_hdf5_attributes
-   use, intrinsic :: iso_c_binding, only: c_associated, c_char, c_loc, c_null_char, c_null_ptr, c_ptr
+   use, intrinsic :: iso_c_binding, only: c_associated, c_char, c_loc, c_null_char, c_null_ptr, &
+                     c_ptr
    use core_error, only: error_type
    use core_kinds, only: long, wp
    use hdf5
@@ -15,7 +17,8 @@ module io_hdf5_attributes
    private
    public :: has_attribute, read_attribute, write_attribute, write_sealed_attribute
 
-   !> write_attribute(file, object, name, value, error); the object is a group or dataset, '/' the file itself.
+   !> write_attribute(file, object, name, value, error); the object is a group or dataset, '/' the
+   !> file itself.
    interface write_attribute
       module procedure write_text, write_integer, write_long, write_real, write_logical
    end interface write_attribute
@@ -87,7 +90,8 @@ contains
       type(error_type), allocatable, intent(out) :: error
       type(outcome_type) :: outcome
 
-      call write_value(file, object, name, h5kind_to_type(long, H5_INTEGER_KIND), c_loc(value), outcome, error)
+      call write_value(file, object, name, h5kind_to_type(long, H5_INTEGER_KIND), c_loc(value), &
+                       outcome, error)
    end subroutine write_long
 
    subroutine write_real(file, object, name, value, error)
@@ -128,7 +132,8 @@ contains
       call h5aclose_f(attribute, status)
       call outcome%note(status)
       call h5sclose_f(space, status)
-      call outcome%conclude(file%path//': attribute '//name//' of '//object//': cannot be written', error)
+      call outcome%conclude(file%path//': attribute '//name//' of '//object// &
+                            ': cannot be written', error)
    end subroutine write_value
 
    subroutine read_text(file, object, name, value, error)
@@ -181,7 +186,9 @@ contains
       call outcome%note(status)
       call h5tis_variable_str_f(kind, is_variable, status)
       call outcome%note(status)
-      if (.not. (is_variable .or. allocated(outcome%reason))) call h5tget_size_f(kind, length, status)
+      if (.not. (is_variable .or. allocated(outcome%reason))) then
+         call h5tget_size_f(kind, length, status)
+      end if
       call h5tclose_f(kind, status)
       call h5aclose_f(attribute, status)
    end subroutine find_text_length
@@ -205,7 +212,8 @@ contains
       type(outcome_type) :: outcome
 
       value = 0
-      call read_value(file, object, name, h5kind_to_type(long, H5_INTEGER_KIND), c_loc(value), outcome, error)
+      call read_value(file, object, name, h5kind_to_type(long, H5_INTEGER_KIND), c_loc(value), &
+                      outcome, error)
    end subroutine read_long
 
    subroutine read_real(file, object, name, value, error)
@@ -246,7 +254,8 @@ contains
       end if
       call h5sclose_f(space, status)
       call h5aclose_f(attribute, status)
-      call outcome%conclude(file%path//': attribute '//name//' of '//object//': cannot be read', error)
+      call outcome%conclude(file%path//': attribute '//name//' of '//object//': cannot be read', &
+                            error)
    end subroutine read_value
 
    !> UTF-8 of a fixed length, or of variable length.

@@ -1,6 +1,7 @@
 !> Labelled datasets: numbers of any rank, whole or in parts, each axis joined to its scale.
 !>
-!> Arrays are Fortran's here; Python sees their axes reversed, and axis names are given in Python's order.
+!> Arrays are Fortran's here; Python sees their axes reversed, and axis names are given in Python's
+!> order.
 module io_hdf5_datasets
    use, intrinsic :: iso_c_binding, only: c_loc, c_ptr
    use core_error, only: error_type, exit_file, raise
@@ -27,8 +28,8 @@ module io_hdf5_datasets
       integer, allocatable :: chunk(:)         !! Fortran's order; unallocated: chosen
    end type label_type
 
-   !> A whole dataset of any rank, with its label; its groups are made where missing. A dataset that bears
-   !> the name of its only axis becomes that axis: write it before those that have the axis.
+   !> A whole dataset of any rank, with its label; its groups are made where missing. A dataset that
+   !> bears the name of its only axis becomes that axis: write it before those that have the axis.
    interface write_dataset
       module procedure write_real, write_integer, write_long
    end interface write_dataset
@@ -190,7 +191,8 @@ contains
          end if
       end if
       call outcome%note(status)
-      call h5dcreate_f(file%id, path, kind, space, dataset, status, dcpl_id=properties, lcpl_id=links)
+      call h5dcreate_f(file%id, path, kind, space, dataset, status, dcpl_id=properties, &
+                       lcpl_id=links)
       call outcome%note(status)
       call h5sclose_f(space, status)
       call h5pclose_f(properties, status)
@@ -205,7 +207,8 @@ contains
 
       chunk = extents
       do axis = size(extents), 1, -1
-         chunk(axis) = max(1_hsize_t, min(extents(axis), chunk_bytes/(word_bytes*product(chunk(:axis - 1)))))
+         chunk(axis) = max(1_hsize_t, min(extents(axis), &
+                                          chunk_bytes/(word_bytes*product(chunk(:axis - 1)))))
       end do
    end function chunk_of
 
@@ -338,7 +341,8 @@ contains
       real(wp), intent(in), target, contiguous :: values(..)
       type(error_type), allocatable, intent(out) :: error
 
-      call write_any_part(file, path, H5T_NATIVE_DOUBLE, first, shape(values, hsize_t), c_loc(values), error)
+      call write_any_part(file, path, H5T_NATIVE_DOUBLE, first, shape(values, hsize_t), &
+                          c_loc(values), error)
    end subroutine write_real_part
 
    subroutine write_integer_part(file, path, first, values, error)
@@ -348,7 +352,8 @@ contains
       integer, intent(in), target, contiguous :: values(..)
       type(error_type), allocatable, intent(out) :: error
 
-      call write_any_part(file, path, H5T_NATIVE_INTEGER, first, shape(values, hsize_t), c_loc(values), error)
+      call write_any_part(file, path, H5T_NATIVE_INTEGER, first, shape(values, hsize_t), &
+                          c_loc(values), error)
    end subroutine write_integer_part
 
    subroutine write_any_part(file, path, kind, first, extents, values, error)

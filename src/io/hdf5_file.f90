@@ -167,8 +167,8 @@ contains
       allocate (character(longest) :: names(max(n, 0)))
       do i = 1, size(names)
          names(i) = ''
-         call h5lget_name_by_idx_f(self%id, group, H5_INDEX_NAME_F, H5_ITER_INC_F, int(i - 1, hsize_t), &
-                                   names(i), status)
+         call h5lget_name_by_idx_f(self%id, group, H5_INDEX_NAME_F, H5_ITER_INC_F, &
+                                   int(i - 1, hsize_t), names(i), status)
          call outcome%note(status)
       end do
       call outcome%conclude(self%path//': '//group//': cannot be listed', error)
@@ -204,8 +204,9 @@ contains
       call outcome%note(status)
    end subroutine new_link_list
 
-   !> Format of HDF5 1.10, whose metadata have checksums; closing closes everything in the file. HDF5's own
-   !> file locks, which some network file systems refuse, are off: outputs have a lock of their own.
+   !> Format of HDF5 1.10, whose metadata have checksums; closing closes everything in the file.
+   !> HDF5's own file locks, which some network file systems refuse, are off: outputs have a lock of
+   !> their own.
    subroutine new_access_list(access, outcome)
       integer(hid_t), intent(out) :: access
       type(outcome_type), intent(inout) :: outcome

@@ -1,14 +1,15 @@
 !> How a series of HDF5 calls ended: the first failure, in HDF5's own words or the system's.
 module io_hdf5_outcome
-   use, intrinsic :: iso_c_binding, only: c_associated, c_bool, c_char, c_f_pointer, c_funloc, c_funptr, &
-                                          c_int, c_int64_t, c_loc, c_ptr
+   use, intrinsic :: iso_c_binding, only: c_associated, c_bool, c_char, c_f_pointer, c_funloc, &
+                     c_funptr, c_int, c_int64_t, c_loc, c_ptr
    use core_error, only: error_type, exit_file, raise
    use io_posix, only: text_at
    implicit none(type, external)
    private
    public :: outcome_type
 
-   !> Every status of a series is noted; after the first failure HDF5 refuses what depends on it by itself.
+   !> Every status of a series is noted; after the first failure HDF5 refuses what depends on it by
+   !> itself.
    type :: outcome_type
       character(:), allocatable :: reason   !! allocated after a failure
    contains

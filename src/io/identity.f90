@@ -13,7 +13,7 @@ module io_identity
    type :: identity_type
       character(:), allocatable :: fingerprint    !! of all in the scene that changes a sample
       character(:), allocatable :: version        !! of the program
-      character(:), allocatable :: architecture   !! instruction set and compiler: they change last bits
+      character(:), allocatable :: architecture   !! what decides the last bits of numbers
    end type identity_type
 
 contains
@@ -52,9 +52,11 @@ contains
       end if
       call require_text('fingerprint', identity%fingerprint, 'belongs to another scene')
       if (allocated(error)) return
-      call require_text('version', identity%version, 'was written by another version of the program')
+      call require_text('version', identity%version, &
+                        'was written by another version of the program')
       if (allocated(error)) return
-      call require_text('architecture', identity%architecture, 'was computed by another kind of machine')
+      call require_text('architecture', identity%architecture, &
+                        'was computed by another kind of machine')
 
    contains
 
@@ -65,8 +67,8 @@ contains
          call read_attribute(file, '/', name, text, error)
          if (allocated(error)) return
          if (text == expected) return
-         call raise(error, exit_file, file%path//' '//complaint//' ('//name//' '//text//', here '// &
-                    expected//'): choose another --output, or discard it with --fresh')
+         call raise(error, exit_file, file%path//' '//complaint//' ('//name//' '//text// &
+                    ', here '//expected//'): choose another --output, or discard it with --fresh')
       end subroutine require_text
 
    end subroutine require_same

@@ -1,6 +1,7 @@
 !> One run at a time on one output: an advisory lock that the system gives back when a run dies.
 module io_lock
-   use, intrinsic :: iso_c_binding, only: c_associated, c_int, c_long, c_null_char, c_null_ptr, c_ptr
+   use, intrinsic :: iso_c_binding, only: c_associated, c_int, c_long, c_null_char, c_null_ptr, &
+                     c_ptr
    use core_error, only: error_type, exit_file, raise
    use core_text, only: to_text
    use io_files, only: host_name, process_id, remove_file
@@ -10,7 +11,7 @@ module io_lock
    private
    public :: lock_type, take_lock
 
-   integer(c_int), parameter :: try_to_lock = 2   !! F_TLOCK of lockf(3), which also works across NFS
+   integer(c_int), parameter :: try_to_lock = 2   !! F_TLOCK of lockf(3); works across NFS too
 
    !> Held from `take_lock` to `release`, or to the end of the process.
    type :: lock_type
@@ -24,8 +25,8 @@ module io_lock
 
 contains
 
-   !> Locks a file, made where it is missing, that names its holder; refused by name while another process
-   !> holds it.
+   !> Locks a file, made where it is missing, that names its holder; refused by name while another
+   !> process holds it.
    recursive subroutine take_lock(path, lock, error)
       character(*), intent(in) :: path
       type(lock_type), intent(out) :: lock
@@ -34,7 +35,9 @@ contains
 
       lock%path = path
       lock%stream = c_fopen(path//c_null_char, 'r+'//c_null_char)
-      if (.not. c_associated(lock%stream)) lock%stream = c_fopen(path//c_null_char, 'a+'//c_null_char)
+      if (.not. c_associated(lock%stream)) then
+         lock%stream = c_fopen(path//c_null_char, 'a+'//c_null_char)
+      end if
       if (.not. c_associated(lock%stream)) then
          call raise_system(system_error(), path//': cannot make this lock file', error)
          return

@@ -4,8 +4,9 @@ module io_posix
    use core_error, only: error_type, exit_file, raise
    implicit none(type, external)
    private
-   public :: c_access, c_fclose, c_fflush, c_fileno, c_fopen, c_fputs, c_fstat, c_fsync, c_gethostname, &
-             c_getpid, c_getppid, c_glob, c_globfree, c_isatty, c_lockf, c_mkdir, c_remove, c_rename, c_stat
+   public :: c_access, c_fclose, c_fflush, c_fileno, c_fopen, c_fputs, c_fstat, c_fsync, &
+             c_gethostname, c_getpid, c_getppid, c_glob, c_globfree, c_isatty, c_lockf, c_mkdir, &
+             c_remove, c_rename, c_stat
    public :: raise_system, system_error, text_at
 
    interface
@@ -64,7 +65,7 @@ module io_posix
          character(kind=c_char), intent(in) :: pattern(*)
          integer(c_int), value :: flags
          type(c_ptr), value :: on_error
-         integer(c_long), intent(inout) :: found(*)   !! glob_t: count, list, and what only libc reads
+         integer(c_long), intent(inout) :: found(*)   !! glob_t: count, list, what only libc reads
          integer(c_int) :: status
       end function c_glob
 

@@ -2,7 +2,6 @@
 module io_process_results
    use core_error, only: error_type
    use core_kinds, only: wp
-   use core_text, only: to_text
    use io_group, only: counted, group_type, new_group
    use io_hdf5, only: label_type
    use io_results, only: results_writer
@@ -43,7 +42,7 @@ contains
          call write_entropies(group, model)
          if (allocated(model%signs)) call write_direct(group, model)
       end if
-      if (present(realizations)) call write_realizations(group, realizations, model%request)
+      if (present(realizations)) call write_realizations(group, realizations)
       call group%take_error(error)
    end subroutine write_process
 
@@ -70,13 +69,17 @@ contains
       type(group_type), intent(inout) :: group
       type(process_model_type), intent(in) :: model
 
-      call group%put('order', counted(model%order), label_type('1', 'number of the coefficient', 'order'))
-      call group%put('a', model%a, label_type('1', 'coefficients a_q of z_n = b0 w_n - sum a_q z_(n-q)', 'order'))
+      call group%put('order', counted(model%order), &
+                     label_type('1', 'number of the coefficient', 'order'))
+      call group%put('a', model%a, label_type('1', 'a_q of z_n = b0 w_n - sum a_q z_(n-q)', &
+                                              'order'))
       call group%put_value('b0', model%b0, 'unit of x', 'scale of the innovations')
       call group%put_value('mu', model%mu, 'unit of x', 'mean of the underlying Gaussian process')
       if (.not. allocated(model%poles)) return
-      call group%put('poles_real', real(model%poles, wp), label_type('1', 'real part of the poles', 'order'))
-      call group%put('poles_imag', aimag(model%poles), label_type('1', 'imaginary part of the poles', 'order'))
+      call group%put('poles_real', real(model%poles, wp), &
+                     label_type('1', 'real part of the poles', 'order'))
+      call group%put('poles_imag', aimag(model%poles), &
+                     label_type('1', 'imaginary part of the poles', 'order'))
    end subroutine write_recursion
 
    !> Moments as achieved, with the standard errors of those that were sampled.
@@ -85,32 +88,41 @@ contains
       type(process_model_type), intent(in) :: model
 
       if (allocated(model%autocovariance)) then
-         call group%put('lag', counted(size(model%autocovariance)) - 1, label_type('1', 'lag', 'lag'))
+         call group%put('lag', counted(size(model%autocovariance)) - 1, &
+                        label_type('1', 'lag', 'lag'))
          call group%put('autocovariance', model%autocovariance, &
                         label_type('unit of x squared', 'autocovariance K_XX', 'lag'))
       end if
       call group%put_allocated('autocovariance_error', model%autocovariance_error, &
-                               label_type('unit of x squared', 'standard error of the autocovariance', 'lag'))
+                               label_type('unit of x squared', &
+                                          'standard error of the autocovariance', 'lag'))
       call group%put_value('mean_found', model%mean, 'unit of x', 'mean achieved', model%mean_error)
-      call group%put_value('std_found', model%std, 'unit of x', 'standard deviation achieved', model%std_error)
-      call group%put_value('L0', model%l0, 'lag', 'correlation length, Eq. (8), infinite sum', model%l0_error)
-      call group%put_value('L1', model%l1, 'lag', 'correlation length, Eq. (9), infinite sum', model%l1_error)
-      call group%put_value('L0_cut', model%l0_cut, 'lag', 'correlation length, Eq. (8), cut at the order')
-      call group%put_value('L1_cut', model%l1_cut, 'lag', 'correlation length, Eq. (9), cut at the order')
+      call group%put_value('std_found', model%std, 'unit of x', 'standard deviation achieved', &
+                           model%std_error)
+      call group%put_value('L0', model%l0, 'lag', 'correlation length, Eq. (8), infinite sum', &
+                           model%l0_error)
+      call group%put_value('L1', model%l1, 'lag', 'correlation length, Eq. (9), infinite sum', &
+                           model%l1_error)
+      call group%put_value('L0_cut', model%l0_cut, 'lag', &
+                           'correlation length, Eq. (8), cut at the order')
+      call group%put_value('L1_cut', model%l1_cut, 'lag', &
+                           'correlation length, Eq. (9), cut at the order')
    end subroutine write_correlation
 
    subroutine write_entropies(group, model)
       type(group_type), intent(inout) :: group
       type(process_model_type), intent(in) :: model
 
-      call group%put_value('entropy', model%entropy, 'nat', 'entropy per point', model%entropy_error)
+      call group%put_value('entropy', model%entropy, 'nat', 'entropy per point', &
+                           model%entropy_error)
       call group%put_value('entropy_bound', model%entropy_bound, 'nat', &
                            'entropy per point of white noise of the same variance, Eq. (42)')
       call group%put_value('optimality', model%optimality, '1', &
                            'largest residual of the optimality conditions')
       call group%put_value('lambda', model%lambda, '1', &
                            'limit of the acceptance of one more point, Eq. (45); exact law')
-      call group%put_value('acceptance_ratio', model%acceptance_ratio, '1', 'points accepted of those proposed')
+      call group%put_value('acceptance_ratio', model%acceptance_ratio, '1', &
+                           'points accepted of those proposed')
       call group%put_value('acceptance_mean', model%acceptance_mean, '1', &
                            'mean over the past of the probability to accept')
       call group%put_value('acceptance_geometric', model%acceptance_geometric, '1', &
@@ -124,32 +136,33 @@ contains
       integer :: i, n
 
       call group%put('sign', counted(size(model%signs)), label_type('1', 'lag of the sign', 'sign'))
-      call group%put('signs', model%signs, label_type('1', 'sign s_m of the autocovariance', 'sign'))
+      call group%put('signs', model%signs, &
+                     label_type('1', 'sign s_m of the autocovariance', 'sign'))
       call group%put_value('delta', model%delta, '1', 'multiplier lambda_2/lambda_3')
       call group%put_value('lambda_3', model%lambda_3, '1', 'multiplier of the variance')
       if (.not. allocated(model%solutions)) return
       n = size(model%solutions)
       call group%put('solution', counted(n), label_type('1', 'number of the solution', 'solution'))
-      call group%put('solutions_signs', reshape([(model%solutions(i)%signs, i=1, n)], [size(model%signs), n]), &
+      call group%put('solutions_signs', &
+                     reshape([(model%solutions(i)%signs, i=1, n)], [size(model%signs), n]), &
                      label_type('1', 'signs of each solution', 'solution sign'))
-      call group%put('solutions_delta', model%solutions%delta, label_type('1', 'delta of each', 'solution'))
+      call group%put('solutions_delta', model%solutions%delta, &
+                     label_type('1', 'delta of each', 'solution'))
       call group%put('solutions_lambda_3', model%solutions%lambda_3, &
                      label_type('1', 'lambda_3 of each', 'solution'))
       call group%put('solutions_entropy', model%solutions%entropy, &
                      label_type('nat', 'entropy per point of each', 'solution'))
    end subroutine write_direct
 
-   subroutine write_realizations(group, realizations, request)
+   subroutine write_realizations(group, realizations)
       type(group_type), intent(inout) :: group
       real(wp), intent(in), contiguous :: realizations(:, :)   !! (point, realization)
-      type(process_request), intent(in) :: request
 
       call group%put('point', counted(size(realizations, 1)), label_type('1', 'point', 'point'))
       call group%put('realization', counted(size(realizations, 2)), &
                      label_type('1', 'realization', 'realization'))
       call group%put('realizations', realizations, &
-                     label_type('unit of x', 'realizations of mean '//to_text(request%mean), &
-                                'realization point'))
+                     label_type('unit of x', 'realizations of the process', 'realization point'))
    end subroutine write_realizations
 
 end module io_process_results

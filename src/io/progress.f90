@@ -118,7 +118,8 @@ contains
       minutes = mod(rest, 3600_long)/60
       rest = mod(rest, 60_long)
       if (days > 0) then
-         write (buffer, '(i0, a, i2.2, a, i2.2, a, i2.2)') days, ' d ', hours, ':', minutes, ':', rest
+         write (buffer, '(i0, a, i2.2, a, i2.2, a, i2.2)') days, ' d ', hours, ':', minutes, ':', &
+            rest
       else if (hours > 0) then
          write (buffer, '(i0, a, i2.2, a, i2.2)') hours, ':', minutes, ':', rest
       else

@@ -1,5 +1,5 @@
-!> The results file: one writer that makes it whole or not at all. Datasets are named as users know them;
-!> case data are in io_case_results, process data in io_process_results.
+!> The results file: one writer that makes it whole or not at all. Datasets are named as users know
+!> them; case data are in io_case_results, process data in io_process_results.
 module io_results
    use core_error, only: error_type
    use core_kinds, only: long, wp
@@ -13,7 +13,8 @@ module io_results
    private
    public :: provenance_type, results_writer, begin_results
 
-   !> Where results come from; what differs between two equal runs stands in attributes of the file alone.
+   !> Where results come from; what differs between two equal runs stands in attributes of the file
+   !> alone.
    type :: provenance_type
       type(identity_type) :: identity
       character(:), allocatable :: title
@@ -63,7 +64,9 @@ contains
 
       call write_identity(file, provenance%identity, error)
       if (.not. allocated(error)) call write_attribute(file, '/', 'seed', provenance%seed, error)
-      if (.not. allocated(error)) call write_attribute(file, '/', 'n_ranks', provenance%n_ranks, error)
+      if (.not. allocated(error)) then
+         call write_attribute(file, '/', 'n_ranks', provenance%n_ranks, error)
+      end if
       call write_text('title', provenance%title)
       call write_text('scene', provenance%scene)
       call write_text('overrides', provenance%overrides)
@@ -90,8 +93,8 @@ contains
       character(10) :: time
 
       call date_and_time(date, time, zone)
-      text = date(1:4)//'-'//date(5:6)//'-'//date(7:8)//'T'//time(1:2)//':'//time(3:4)//':'//time(5:6)// &
-             zone(1:3)//':'//zone(4:5)
+      text = date(1:4)//'-'//date(5:6)//'-'//date(7:8)//'T'//time(1:2)//':'//time(3:4)//':'// &
+             time(5:6)//zone(1:3)//':'//zone(4:5)
    end function now
 
    !> Table 1 and the damping.
@@ -113,12 +116,13 @@ contains
       call group%put('mass', chain%mass, label_type('kg', 'mass', 'dof'))
       call group%put('contact_stiffness', chain%contact_stiffness, &
                      label_type('N/m', 'stiffness of the Jenkins springs', 'dof'))
-      call group%put('normal_load', chain%normal_load, label_type('N', 'normal load of the sliders', 'dof'))
+      call group%put('normal_load', chain%normal_load, &
+                     label_type('N', 'normal load of the sliders', 'dof'))
       call group%take_error(error)
    end subroutine write_chain
 
-   !> Closes the file, reads it back, and gives it its name; before that there is nothing of that name, or
-   !> still the earlier file.
+   !> Closes the file, reads it back, and gives it its name; before that there is nothing of that
+   !> name, or still the earlier file.
    subroutine finish(self, wall_seconds, error)
       class(results_writer), intent(inout) :: self
       real(wp), intent(in) :: wall_seconds   !! of the run that ends here

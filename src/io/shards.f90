@@ -1,4 +1,5 @@
-!> Finished blocks of samples as immutable files, each written whole or not at all, in `<output>.shards/`.
+!> Finished blocks of samples as immutable files, each written whole or not at all, in
+!> `<output>.shards/`.
 module io_shards
    use core_error, only: error_type, exit_file, raise
    use core_kinds, only: long
@@ -12,7 +13,8 @@ module io_shards
    implicit none(type, external)
    private
    public :: shard_store, shard_type, new_store
-   public :: list_shards, open_shard, read_shard, remove_leftovers, remove_store, verify_shard, write_shard
+   public :: list_shards, open_shard, read_shard, remove_leftovers, remove_store, verify_shard, &
+             write_shard
 
    character(*), parameter :: unfinished = '.part'
    character(*), parameter :: advice = '; remove it to have its samples computed again'
@@ -43,7 +45,8 @@ contains
       store%identity = identity
    end function new_store
 
-   !> A finished block, on the disk when this returns without error: under another name until it is whole.
+   !> A finished block, on the disk when this returns without error: under another name until it is
+   !> whole.
    subroutine write_shard(store, block, error)
       type(shard_store), intent(in) :: store
       type(block_result), intent(inout) :: block   !! left as it was
@@ -78,8 +81,12 @@ contains
       if (allocated(error)) return
       call write_identity(file, identity, error)
       if (.not. allocated(error)) call write_attribute(file, '/', 'case', block%case_number, error)
-      if (.not. allocated(error)) call write_attribute(file, '/', 'first_sample', block%first_sample, error)
-      if (.not. allocated(error)) call write_attribute(file, '/', 'n_samples', block%n_samples, error)
+      if (.not. allocated(error)) then
+         call write_attribute(file, '/', 'first_sample', block%first_sample, error)
+      end if
+      if (.not. allocated(error)) then
+         call write_attribute(file, '/', 'n_samples', block%n_samples, error)
+      end if
       if (.not. allocated(error)) call write_attribute(file, '/', 'checksum', checksum, error)
       if (.not. allocated(error)) call write_block(file, block, error)
       if (allocated(error)) then
@@ -115,7 +122,8 @@ contains
       shards = shards(:n)
    end subroutine list_shards
 
-   !> Reads a shard whole: refused by name when it is another scene's, another program's, or damaged.
+   !> Reads a shard whole: refused by name when it is another scene's, another program's, or
+   !> damaged.
    subroutine verify_shard(store, shard, error)
       type(shard_store), intent(in) :: store
       type(shard_type), intent(in) :: shard
@@ -159,12 +167,17 @@ contains
       call open_hdf5(shard%path, file, error)
       if (.not. allocated(error)) call require_same(file, store%identity, error)
       if (.not. allocated(error)) call read_attribute(file, '/', 'case', block%case_number, error)
-      if (.not. allocated(error)) call read_attribute(file, '/', 'first_sample', block%first_sample, error)
-      if (.not. allocated(error)) call read_attribute(file, '/', 'n_samples', block%n_samples, error)
+      if (.not. allocated(error)) then
+         call read_attribute(file, '/', 'first_sample', block%first_sample, error)
+      end if
+      if (.not. allocated(error)) then
+         call read_attribute(file, '/', 'n_samples', block%n_samples, error)
+      end if
       if (.not. allocated(error)) then
          if (any([block%case_number, block%first_sample, block%n_samples] /= &
                  [shard%case_number, shard%first_sample, shard%n_samples])) then
-            call raise(error, exit_file, shard%path//' does not hold the samples that its name tells')
+            call raise(error, exit_file, shard%path// &
+                       ' does not hold the samples that its name tells')
          end if
       end if
       if (.not. allocated(error)) return
@@ -212,8 +225,8 @@ contains
       character(:), allocatable :: name
       character(64) :: buffer
 
-      write (buffer, '(a, i0.3, a, i0.5, a, i0.5, a)') 'c', block%case_number, '_s', block%first_sample, &
-         '-', block%first_sample + block%n_samples - 1, '.h5'
+      write (buffer, '(a, i0.3, a, i0.5, a, i0.5, a)') 'c', block%case_number, '_s', &
+         block%first_sample, '-', block%first_sample + block%n_samples - 1, '.h5'
       name = trim(buffer)
    end function shard_name
 
@@ -241,7 +254,8 @@ contains
             return
          end if
       end if
-      call raise(error, exit_file, path//' is not the name of a shard: only shards may lie in this folder')
+      call raise(error, exit_file, path// &
+                 ' is not the name of a shard: only shards may lie in this folder')
    end subroutine parse_name
 
    pure function is_unfinished(path)

@@ -2,9 +2,9 @@
 module parallel_shared
    use, intrinsic :: iso_c_binding, only: c_f_pointer, c_ptr
    use core_kinds, only: wp
-   use mpi_f08, only: MPI_ADDRESS_KIND, MPI_Comm, MPI_Comm_free, MPI_Comm_rank, MPI_Comm_split_type, &
-                      MPI_COMM_TYPE_SHARED, MPI_INFO_NULL, MPI_Win, MPI_Win_allocate_shared, &
-                      MPI_Win_fence, MPI_Win_free, MPI_Win_shared_query
+   use mpi_f08, only: MPI_ADDRESS_KIND, MPI_Comm, MPI_Comm_free, MPI_Comm_rank, &
+                      MPI_Comm_split_type, MPI_COMM_TYPE_SHARED, MPI_INFO_NULL, MPI_Win, &
+                      MPI_Win_allocate_shared, MPI_Win_fence, MPI_Win_free, MPI_Win_shared_query
    use parallel_world, only: world_type
    implicit none(type, external)
    private
@@ -12,7 +12,8 @@ module parallel_shared
 
    integer, parameter :: word_bytes = 8
 
-   !> The owner of each node fills `values`, all call `publish`, and from then on everybody may read them.
+   !> The owner of each node fills `values`, all call `publish`, and from then on everybody may read
+   !> them.
    type :: shared_array
       real(wp), pointer, contiguous :: values(:, :) => null()
       logical :: is_owner = .false.
@@ -40,13 +41,15 @@ contains
          array%is_owner = .true.
          return
       end if
-      call MPI_Comm_split_type(world%comm, MPI_COMM_TYPE_SHARED, world%rank, MPI_INFO_NULL, array%node)
+      call MPI_Comm_split_type(world%comm, MPI_COMM_TYPE_SHARED, world%rank, MPI_INFO_NULL, &
+                               array%node)
       call MPI_Comm_rank(array%node, node_rank)
       array%is_owner = node_rank == 0
       array%has_window = .true.
       bytes = 0
       if (array%is_owner) bytes = product(int(extent, MPI_ADDRESS_KIND))*word_bytes
-      call MPI_Win_allocate_shared(bytes, word_bytes, MPI_INFO_NULL, array%node, memory, array%window)
+      call MPI_Win_allocate_shared(bytes, word_bytes, MPI_INFO_NULL, array%node, memory, &
+                                   array%window)
       call MPI_Win_shared_query(array%window, 0, bytes, unit_bytes, memory)
       call c_f_pointer(memory, array%values, extent)
       call MPI_Win_fence(0, array%window)

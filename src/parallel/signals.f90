@@ -50,8 +50,8 @@ contains
       is_requested = caught /= 0
    end function stop_requested
 
-   !> Calls nothing but what POSIX allows in a handler. A batch system and mpirun often deliver one and the
-   !> same wish twice: repeats within a second or two of the first count as that first one.
+   !> Calls nothing but what POSIX allows in a handler. A batch system and mpirun often deliver one
+   !> and the same wish twice: repeats within a second or two of the first count as that first one.
    subroutine note_signal(number) bind(c)
       integer(c_int), value :: number
 

@@ -1,10 +1,12 @@
-!> Work shared out as ranks come for it: a counter in the root's memory, read and raised in one step.
+!> Work shared out as ranks come for it: a counter in the root's memory, read and raised in one
+!> step.
 module parallel_work
    use, intrinsic :: iso_c_binding, only: c_f_pointer, c_ptr
    use core_kinds, only: long
-   use mpi_f08, only: MPI_ADDRESS_KIND, MPI_Fetch_and_op, MPI_INFO_NULL, MPI_INTEGER8, MPI_MODE_NOCHECK, &
-                      MPI_Op, MPI_REPLACE, MPI_SUM, MPI_Win, MPI_Win_allocate, MPI_Win_flush, MPI_Win_free, &
-                      MPI_Win_lock_all, MPI_Win_sync, MPI_Win_unlock_all
+   use mpi_f08, only: MPI_ADDRESS_KIND, MPI_Fetch_and_op, MPI_INFO_NULL, MPI_INTEGER8, &
+                      MPI_MODE_NOCHECK, MPI_Op, MPI_REPLACE, MPI_SUM, MPI_Win, MPI_Win_allocate, &
+                      MPI_Win_flush, MPI_Win_free, MPI_Win_lock_all, MPI_Win_sync, &
+                      MPI_Win_unlock_all
    use parallel_world, only: world_type
    implicit none(type, external)
    private
@@ -12,9 +14,9 @@ module parallel_work
 
    integer, parameter :: word_bytes = 8
 
-   !> Hands out the items 1..n_items, each once, over all ranks. One claim is one atomic operation on the
-   !> root's memory, without a message that the root would have to answer (on a network without remote
-   !> memory access Open MPI answers whenever the root is inside any MPI call).
+   !> Hands out the items 1..n_items, each once, over all ranks. One claim is one atomic operation
+   !> on the root's memory, without a message that the root would have to answer (on a network
+   !> without remote memory access Open MPI answers whenever the root is inside any MPI call).
    type :: work_counter
       private
       type(world_type) :: world
@@ -96,7 +98,8 @@ contains
       integer(long), asynchronous :: before, sent
 
       sent = value
-      call MPI_Fetch_and_op(sent, before, MPI_INTEGER8, 0, 0_MPI_ADDRESS_KIND, operation, self%window)
+      call MPI_Fetch_and_op(sent, before, MPI_INTEGER8, 0, 0_MPI_ADDRESS_KIND, operation, &
+                            self%window)
       call MPI_Win_flush(0, self%window)
    end function exchange
 

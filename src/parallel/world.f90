@@ -1,18 +1,18 @@
 !> The ranks of one run, and what they tell each other.
 !>
-!> This floor is the one door to MPI: this module, and beside it parallel_work and parallel_shared, which
-!> each own a piece of memory that several ranks reach.
-!> Every procedure that is called collective must be called by all ranks of the world in the same order.
+!> This floor is the one door to MPI: this module, and beside it parallel_work and parallel_shared,
+!> which each own a piece of memory that several ranks reach. Every procedure that is called
+!> collective must be called by all ranks of the world in the same order.
 module parallel_world
    use, intrinsic :: iso_c_binding, only: c_char, c_int, c_null_char
    use, intrinsic :: iso_fortran_env, only: error_unit, int8, output_unit
    use core_error, only: error_type, exit_done
    use core_kinds, only: long, wp
-   use mpi_f08, only: MPI_Allreduce, MPI_Barrier, MPI_Bcast, MPI_CHARACTER, MPI_Comm, MPI_Comm_rank, &
-                      MPI_Comm_size, MPI_COMM_WORLD, MPI_DOUBLE_PRECISION, MPI_Finalize, MPI_Gather, &
-                      MPI_Gatherv, MPI_Get_library_version, MPI_IN_PLACE, MPI_Init, MPI_INTEGER, &
-                      MPI_INTEGER1, MPI_INTEGER8, MPI_LOGICAL, MPI_MAX, MPI_MAX_LIBRARY_VERSION_STRING, &
-                      MPI_MIN, MPI_SUM
+   use mpi_f08, only: MPI_Allreduce, MPI_Barrier, MPI_Bcast, MPI_CHARACTER, MPI_Comm, &
+                      MPI_Comm_rank, MPI_Comm_size, MPI_COMM_WORLD, MPI_DOUBLE_PRECISION, &
+                      MPI_Finalize, MPI_Gather, MPI_Gatherv, MPI_Get_library_version, &
+                      MPI_IN_PLACE, MPI_Init, MPI_INTEGER, MPI_INTEGER1, MPI_INTEGER8, &
+                      MPI_LOGICAL, MPI_MAX, MPI_MAX_LIBRARY_VERSION_STRING, MPI_MIN, MPI_SUM
    implicit none(type, external)
    private
    public :: world_type, new_world, mpi_library, start_world, stop_world
@@ -26,14 +26,16 @@ module parallel_world
       procedure :: is_root
       procedure :: stop_on
       procedure :: wait_for_all
-      generic :: broadcast => broadcast_integer, broadcast_integers, broadcast_long, broadcast_longs, &
-         broadcast_real, broadcast_reals, broadcast_matrix, broadcast_text, broadcast_logical
+      generic :: broadcast => broadcast_integer, broadcast_integers, broadcast_long, &
+                 broadcast_longs, broadcast_real, broadcast_reals, broadcast_matrix, &
+                 broadcast_text, broadcast_logical
       generic :: sum => sum_long, sum_longs
       generic :: maximum => maximum_long, maximum_real
       procedure :: any_true
       procedure :: gather
-      procedure, private :: broadcast_integer, broadcast_integers, broadcast_long, broadcast_longs, &
-         broadcast_real, broadcast_reals, broadcast_matrix, broadcast_text, broadcast_logical
+      procedure, private :: broadcast_integer, broadcast_integers, broadcast_long, &
+                            broadcast_longs, broadcast_real, broadcast_reals, broadcast_matrix, &
+                            broadcast_text, broadcast_logical
       procedure, private :: sum_long, sum_longs, maximum_long, maximum_real
    end type world_type
 
@@ -135,8 +137,8 @@ contains
       is_root = self%rank == 0
    end function is_root
 
-   !> Where any rank has an error, the root says the one of the lowest such rank, and all end with its code;
-   !> collective, and called by the drivers alone.
+   !> Where any rank has an error, the root says the one of the lowest such rank, and all end with
+   !> its code; collective, and called by the drivers alone.
    subroutine stop_on(self, error)
       class(world_type), intent(in) :: self
       type(error_type), allocatable, intent(in) :: error
@@ -144,7 +146,9 @@ contains
       integer :: exit_code, failed
 
       failed = merge(self%rank, self%n_ranks, allocated(error))
-      if (self%n_ranks > 1) call MPI_Allreduce(MPI_IN_PLACE, failed, 1, MPI_INTEGER, MPI_MIN, self%comm)
+      if (self%n_ranks > 1) then
+         call MPI_Allreduce(MPI_IN_PLACE, failed, 1, MPI_INTEGER, MPI_MIN, self%comm)
+      end if
       if (failed == self%n_ranks) return
 
       exit_code = exit_done
@@ -217,7 +221,8 @@ contains
       end if
    end function maximum_real
 
-   !> Every rank's bytes one after the other on the root, in rank order; elsewhere empty; collective.
+   !> Every rank's bytes one after the other on the root, in rank order; elsewhere empty;
+   !> collective.
    subroutine gather(self, bytes, gathered, sizes)
       class(world_type), intent(in) :: self
       integer(int8), intent(in) :: bytes(:)
@@ -230,7 +235,8 @@ contains
       call MPI_Gather(size(bytes), 1, MPI_INTEGER, sizes, 1, MPI_INTEGER, 0, self%comm)
       offsets = [(sum(sizes(:i - 1)), i=1, size(sizes))]
       allocate (gathered(sum(sizes)))
-      call MPI_Gatherv(bytes, size(bytes), MPI_INTEGER1, gathered, sizes, offsets, MPI_INTEGER1, 0, self%comm)
+      call MPI_Gatherv(bytes, size(bytes), MPI_INTEGER1, gathered, sizes, offsets, MPI_INTEGER1, &
+                       0, self%comm)
    end subroutine gather
 
    !> What one rank (the root, unless `from` says otherwise) knows becomes known to all; collective.

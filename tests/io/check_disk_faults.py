@@ -1,9 +1,9 @@
-"""Full disks, read-only folders and a folder that goes away, each on a small file system of its own.
+"""Full disks, read-only folders and a folder that goes away, on small file systems of their own.
 
 usage: check_disk_faults.py PROGRAM
 
-The file systems are made in a mount namespace that ends with the test. Where even that is not allowed the
-test is skipped (exit code 77).
+The file systems are made in a mount namespace that ends with the test. Where even that is not
+allowed the test is skipped (exit code 77).
 """
 
 import os
@@ -29,7 +29,8 @@ def mount(options: str, folder: Path) -> None:
 def check_refused(done: subprocess.CompletedProcess[str], reason: str, place: Path) -> None:
     told = f"code {done.returncode}, stderr:\n{done.stderr}"
     assert done.returncode == 3, told
-    assert reason in done.stderr and str(place) in done.stderr, told
+    assert reason in done.stderr, told
+    assert str(place) in done.stderr, told
     assert len(done.stderr.strip().splitlines()) == 1, told
 
 
@@ -76,9 +77,11 @@ def check_everything() -> None:
         assert run("shards", base / "x.h5").returncode == 0
         # page by page: every write of a file meets the full disk once
         written = [check_full_while_shards_are_written(base, size) for size in range(4, 200, 4)]
-        assert written[0] == 0 and written[-1] >= 2, written
+        assert written[0] == 0, written
+        assert written[-1] >= 2, written
         finished = [check_full_while_results_are_written(base, size) for size in range(4, 320, 8)]
-        assert not finished[0] and finished[-1], finished
+        assert not finished[0], finished
+        assert finished[-1], finished
         assert finished == sorted(finished), finished
         check_read_only(base)
         shutil.rmtree(base / "x.h5.shards")
@@ -95,7 +98,8 @@ def main() -> int:
         check_everything()
         return 0
     inside = ["unshare", "--mount", *([] if os.geteuid() == 0 else ["--map-root-user"])]
-    if not shutil.which("unshare") or subprocess.run([*inside, "mount", "-t", "tmpfs", "tmpfs", "/mnt"]).returncode:
+    trial = [*inside, "mount", "-t", "tmpfs", "tmpfs", "/mnt"]
+    if not shutil.which("unshare") or subprocess.run(trial).returncode:
         print("skipped: no file system may be mounted here, not even in a namespace of its own")
         return SKIPPED
     return subprocess.run([*inside, sys.executable, *sys.argv, "inside"]).returncode

@@ -1,4 +1,5 @@
-!> A small campaign whose every number follows from case, sample and dof: nothing needs to be marched.
+!> A small campaign whose every number follows from case, sample and dof: nothing needs to be
+!> marched.
 module io_campaign
    use core_error, only: error_type
    use core_kinds, only: long, wp
@@ -16,7 +17,8 @@ module io_campaign
    use process_model, only: process_model_type
    implicit none(type, external)
    private
-   public :: fresh_folder, made_block, made_identity, made_provenance, write_made_results, write_made_shards
+   public :: fresh_folder, made_block, made_identity, made_provenance, write_made_results, &
+             write_made_shards
 
    integer, parameter, public :: n_dof = 3, n_frequencies = 130, n_steps = 20
    integer, parameter, public :: n_samples = 5   !! of case 2; case 1 has one
@@ -90,14 +92,15 @@ contains
       block%n_samples = n
       block%friction = reshape([((value(1, d, s), d=1, n_dof), s=first, last)], [n_dof, n])
       block%slip_fraction = reshape([((value(2, d, s), d=1, n_dof), s=first, last)], [n_dof, n])
-      block%slip_starts = reshape([((5000000000_long + 10*s + d, d=1, n_dof), s=first, last)], [n_dof, n])
+      block%slip_starts = reshape([((5000000000_long + 10*s + d, d=1, n_dof), s=first, last)], &
+                                  [n_dof, n])
       block%stick_starts = block%slip_starts + 1
       block%folded_share = 0.001_wp*block%friction
       block%energy = reshape([((value(3, d, s), d=1, 5), s=first, last)], [5, n])
-      block%psd = reshape([(((value(10 + f, d, s), d=1, n_dof), f=1, n_frequencies), s=first, last)], &
-                          [n_dof, n_frequencies, n])
-      block%displacement = reshape([(((value(f, d, -s), d=1, n_dof), f=0, n_steps), s=first, last)], &
-                                   [n_dof, n_steps + 1, n])
+      block%psd = reshape([(((value(10 + f, d, s), d=1, n_dof), f=1, n_frequencies), s=first, &
+                            last)], [n_dof, n_frequencies, n])
+      block%displacement = reshape([(((value(f, d, -s), d=1, n_dof), f=0, n_steps), s=first, &
+                                     last)], [n_dof, n_steps + 1, n])
       block%velocity = -2.0_wp*block%displacement
       allocate (block%transitions(n))
       do s = first, last
@@ -170,7 +173,8 @@ contains
    subroutine write_made_shards(store, error)
       type(shard_store), intent(in) :: store
       type(error_type), allocatable, intent(out) :: error
-      integer, parameter :: case_number(3) = [1, 2, 2], first(3) = [1, 1, 4], last(3) = [1, 3, n_samples]
+      integer, parameter :: case_number(3) = [1, 2, 2], first(3) = [1, 1, 4], &
+                            last(3) = [1, 3, n_samples]
       type(block_result) :: block
       integer :: i
 
@@ -206,7 +210,8 @@ contains
             call read_samples(store, shards, i, plan%cases(i)%n_samples, samples, error)
          end if
          if (.not. allocated(error)) then
-            call write_case(writer, plan, i, samples, made_layout(), made_statistics(), store, shards, error, force)
+            call write_case(writer, plan, i, samples, made_layout(), made_statistics(), store, &
+                            shards, error, force)
          end if
       end do
       if (allocated(error)) then

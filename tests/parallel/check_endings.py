@@ -38,7 +38,8 @@ def ranks_of(run: subprocess.Popen[str]) -> list[int]:
 
 def check_signal(ending: str, n_ranks: int, number: int, pause: float, to_all: bool) -> None:
     run = start(ending, n_ranks)
-    assert run.stdout is not None and run.stdout.readline().strip() == "ready"
+    assert run.stdout is not None
+    assert run.stdout.readline().strip() == "ready"
     targets = ranks_of(run) if to_all else ranks_of(run)[-1:]
     for repeat in range(2 if pause else 1):
         time.sleep(pause * repeat)
