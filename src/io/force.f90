@@ -56,6 +56,7 @@ contains
       type(error_type), allocatable, intent(out) :: error
       real(wp), parameter :: densest = 1000.0_wp   ! values in a byte, whatever the compression
       integer(long), allocatable :: n(:)
+      real(wp) :: room
       logical :: is_one_record
       integer :: status
 
@@ -71,6 +72,7 @@ contains
             return
          end if
       end if
+      room = densest*real(file_size(file%path), wp)
       if (any(n < 1) .or. any(n > huge(0)) .or. &
           product(real(n, wp)) > densest*real(file_size(file%path), wp)) then
          call raise(error, exit_bad_input, file%path//': '//name//' has '//to_text(n(2))// &
