@@ -1,4 +1,4 @@
-"""Table 2 over a dozen force records, beside the paper's: .venv/bin/python bench/table_2.py [METHOD].
+"""Table 2 over a dozen force records, beside the paper: python bench/table_2.py [METHOD].
 
 Every record is another seed of input/deterministic.nml, all 400,000 steps, nothing discarded.
 """

@@ -54,7 +54,10 @@ def plot_slip_scatter(axes: Axes, cases: Sequence[Case]) -> None:
 
 
 def plot_band(axes: Axes, cases: Sequence[Case], dof: int, results: Results) -> None:
-    """Fig. 10: mean (line) and outer percentiles (band) of the spectra of one oscillator."""
+    """Fig. 10: mean (line) and outer percentiles (band) of the spectra of one oscillator.
+
+    Several variances in one panel stand apart as sets of curves, the larger one higher.
+    """
     lengths = [case.correlation_length for case in cases]
     values = []
     for case in cases:

@@ -57,12 +57,13 @@ def make_figures(results: Results) -> Iterator[Figure]:
         )
     banded = [case for case in results.random if case.has("psd_percentiles")]
     for letter, (cases, dof) in _lettered(_band_panels(banded)):
+        levels = ", ".join(figures.variance_name(v) for v in sorted({c.variance for c in cases}))
         yield Figure(
             f"fig_10{letter}",
-            f"Fig. 10{letter}. Band of uncertainty, oscillator {dof},"
-            f" {figures.variance_name(cases[0].variance)}, friction std {cases[0].std:g}",
-            "Mean spectrum (lines) between the outer percentiles over samples (shaded) for each"
-            " correlation length; dotted: natural frequencies with every slider slipping.",
+            f"Fig. 10{letter}. Band of uncertainty, oscillator {dof}, {levels}",
+            f"Mean spectrum (lines) between the outer percentiles over samples (shaded), friction"
+            f" std {cases[0].std:g}, for each correlation length; dotted: natural frequencies with"
+            " every slider slipping.",
             lambda axes, cases=cases, dof=dof: figures.plot_band(axes, cases, dof, results),
         )
     for letter, std, cases in _by_std(banded):
@@ -87,14 +88,11 @@ def _by_std(cases: list[Case]) -> Iterator[tuple[str, float, list[Case]]]:
 
 
 def _band_panels(cases: list[Case]) -> list[tuple[list[Case], int]]:
-    """The paper's panels: first oscillator, then the last, at each variance and the largest std."""
+    """The paper's panels at the largest std: dof 1 at each variance, the last at all of them."""
     if not cases:
         return []
     std = max(case.std for case in cases)
-    variances = sorted({case.variance for case in cases})
-    panels = []
-    for dof in dict.fromkeys((1, cases[0].n_dof)):
-        for variance in variances:
-            chosen = [c for c in cases if c.std == std and c.variance == variance]
-            panels.append((chosen, dof))
-    return panels
+    chosen = [case for case in cases if case.std == std]
+    variances = sorted({case.variance for case in chosen})
+    panels = [([c for c in chosen if c.variance == variance], 1) for variance in variances]
+    return [*panels, (chosen, cases[0].n_dof)]

@@ -24,7 +24,7 @@ h1 { font-size: 1.7rem; margin: 0; } h2 { font-size: 1.2rem; margin: 2.6rem 0 .6
 table { border-collapse: collapse; font-variant-numeric: tabular-nums; font-size: .92rem; }
 th, td { padding: .28rem .7rem; text-align: right; border-bottom: 1px solid var(--line); }
 th:first-child, td:first-child { text-align: left; white-space: nowrap; }
-td:last-child { text-align: right; }
+#processes th:nth-child(-n+3), #processes td:nth-child(-n+3) { text-align: left; }
 figure { margin: 0 0 1.6rem; break-inside: avoid; } img { max-width: 100%; height: auto; }
 .figures { display: grid; gap: 1.2rem;
   grid-template-columns: repeat(auto-fit, minmax(26rem, 1fr)); }
@@ -75,7 +75,7 @@ def _facts(results: Results) -> str:
         facts.append(f"{len(results.cases)} cases, {samples} samples")
     facts.append(f"seed {attrs.get('seed')}")
     facts.append(f"{float(attrs.get('wall_seconds', 0.0)):.1f} s on {attrs.get('n_ranks')} ranks")
-    facts.append(f"entroslip {attrs.get('version')} ({attrs.get('git_commit')})")
+    facts.append(f"entroslip {attrs.get('version')}")
     facts.append(str(attrs.get("created")))
     return escape(" · ".join(facts))
 
@@ -88,8 +88,8 @@ def _table(table: Table) -> str:
     note = f'<p class="note">{escape(table.note)}</p>' if table.note else ""
     return (
         f"<h2>{escape(table.title)}</h2>"
-        f'<div class="scroll"><table><thead><tr>{head}</tr></thead><tbody>{body}</tbody></table>'
-        f"</div>{note}"
+        f'<div class="scroll"><table id="{table.name}"><thead><tr>{head}</tr></thead>'
+        f"<tbody>{body}</tbody></table></div>{note}"
     )
 
 

@@ -91,24 +91,26 @@ def table_slip(results: Results) -> Table:
 def table_processes(results: Results) -> Table:
     """What was asked of each process and what was found."""
     header = (
-        "process", "method", "imposed", "length", "order", "mean", "std", "sampler",
-        "mean found", "std found", "L0", "L1", "entropy", "bound", "status",
+        "process", "asked", "model", "mean", "std", "L0", "L1", "entropy", "of at most", "status",
     )  # fmt: skip
     rows = []
     for name, data in results.processes.items():
         asked = data.attrs
+        length = f"{asked['correlation']} = {asked['correlation_length']:g}"
+        model = f"{asked['method']}, order {asked['order']}"
+        if int(asked["positive"]):
+            model += f", {asked['sampler']}"
+        found = [
+            _with_error(data, value)
+            for value in ("mean_found", "std_found", "L0", "L1", "entropy", "entropy_bound")
+        ]
         status = str(asked["status"])
-        sampler = str(asked["sampler"]) if int(asked["positive"]) else "-"
-        row = [
-            name, str(asked["method"]), str(asked["correlation"]),
-            f"{asked['correlation_length']:g}", str(asked["order"]),
-            f"{asked['mean']:g}", f"{asked['std']:g}", sampler,
-        ]  # fmt: skip
-        for value in ("mean_found", "std_found", "L0", "L1", "entropy", "entropy_bound"):
-            row.append(_with_error(data, value))
-        reason = str(asked.get("reason", ""))
-        rows.append((*row, status + (f": {reason}" if reason else "")))
-    return Table("processes", "Processes", header, rows)
+        if "reason" in asked:
+            status += f": {asked['reason']}"
+        wanted = f"{length}, mean {asked['mean']:g}, std {asked['std']:g}"
+        rows.append((name, wanted, model, *found, status))
+    note = "Entropies in nats per point. Standard errors in brackets, in units of the last digits."
+    return Table("processes", "Processes", header, rows, note)
 
 
 def _with_error(data: object, name: str) -> str:
