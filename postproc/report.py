@@ -16,7 +16,7 @@ _STYLE = """
   :root { --ink: #e8e8e8; --soft: #a0a0a0; --paper: #16181b; --line: #3a3d42; }
   img { background: #fff; border-radius: 4px; }
 }
-body { margin: 0 auto; padding: 2rem 1.2rem; max-width: 62rem; color: var(--ink);
+body { margin: 0 auto; padding: 2rem 1.2rem; max-width: 68rem; color: var(--ink);
   background: var(--paper); font: 16px/1.55 system-ui, sans-serif; }
 h1 { font-size: 1.7rem; margin: 0; } h2 { font-size: 1.2rem; margin: 2.6rem 0 .6rem; }
 .facts, figcaption, .note { color: var(--soft); font-size: .92rem; }
@@ -24,7 +24,9 @@ h1 { font-size: 1.7rem; margin: 0; } h2 { font-size: 1.2rem; margin: 2.6rem 0 .6
 table { border-collapse: collapse; font-variant-numeric: tabular-nums; font-size: .92rem; }
 th, td { padding: .28rem .7rem; text-align: right; border-bottom: 1px solid var(--line); }
 th:first-child, td:first-child { text-align: left; white-space: nowrap; }
+#processes { font-size: .8rem; } #processes td { white-space: nowrap; padding: .28rem .45rem; }
 #processes th:nth-child(-n+3), #processes td:nth-child(-n+3) { text-align: left; }
+#processes td:last-child { white-space: normal; text-align: left; }
 figure { margin: 0 0 1.6rem; break-inside: avoid; } img { max-width: 100%; height: auto; }
 .figures { display: grid; gap: 1.2rem;
   grid-template-columns: repeat(auto-fit, minmax(26rem, 1fr)); }

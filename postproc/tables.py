@@ -97,7 +97,8 @@ def table_processes(results: Results) -> Table:
     for name, data in results.processes.items():
         asked = data.attrs
         length = f"{asked['correlation']} = {asked['correlation_length']:g}"
-        model = f"{asked['method']}, order {asked['order']}"
+        method = "AR" if asked["method"] == "autoregressive" else asked["method"]
+        model = f"{method}({asked['order']})"
         if int(asked["positive"]):
             model += f", {asked['sampler']}"
         found = [
