@@ -74,7 +74,7 @@ contains
       end if
       room = densest*real(file_size(file%path), wp)
       if (any(n < 1) .or. any(n > huge(0)) .or. &
-          product(real(n, wp)) > densest*real(file_size(file%path), wp)) then
+          product(real(n, wp)) > room) then
          call raise(error, exit_bad_input, file%path//': '//name//' has '//to_text(n(2))// &
                     ' records of '//to_text(n(1))//' values: none, or more than the file can hold')
          return
