@@ -1,6 +1,6 @@
 !> What the commands have in common: from the command line to a plan, and from a plan to solved processes.
 module driver_campaign
-   use config_force_file, only: check_force, read_force_text
+   use config_force_file, only: check_force, force_label, read_force_text
    use config_plan, only: build_plan
    use config_scene, only: complaint_list, read_scene, scene_type
    use core_error, only: error_type, exit_bad_input, exit_no_solution, raise
@@ -60,6 +60,7 @@ contains
          force(:, 1) = record
       end if
       scene%n_force_values = size(force, 1)
+      scene%force_label = force_label(force)
       call check_force(scene%force_path, force, scene%integration%n_steps, &
                        merge(scene%campaign%n_samples, 1, scene%excitation%per_sample), complaints)
    end subroutine load_force

@@ -1,6 +1,6 @@
 !> Numbers in the words of a person: counts, durations, sizes, labelled lines.
 module config_phrases
-   use core_kinds, only: long, wp
+   use core_kinds, only: wp
    use core_text, only: to_text
    implicit none(type, external)
    private
@@ -61,21 +61,34 @@ contains
       text = letter//repeat('0', max(0, 3 - len(text)))//text
    end function numbered
 
-   !> Three significant digits, no decimal point where it says nothing.
+   !> Three significant digits, no more of them than say something: 2, 0.067, 4.81e8.
    pure function brief(value) result(text)
       real(wp), intent(in) :: value
       character(:), allocatable :: text
       character(16) :: buffer
       real(wp) :: rounded
+      integer :: e
 
       write (buffer, '(es16.2e3)') value
       read (buffer, *) rounded
-      if (abs(rounded) < 1.0e6_wp .and. .not. abs(rounded - anint(rounded)) > 0.0_wp) then
-         text = to_text(nint(rounded, long))
+      text = to_text(rounded)
+      e = index(text, 'E')
+      if (e == 0) then
+         text = without_point(text)
       else
-         text = to_text(rounded)
+         text = without_point(text(:e - 1))//'e'//trim(merge('-', ' ', text(e + 1:e + 1) == '-'))// &
+                text(e + 2:)
       end if
    end function brief
+
+   pure function without_point(text) result(shorter)
+      character(*), intent(in) :: text
+      character(:), allocatable :: shorter
+
+      shorter = text
+      if (len(text) < 3) return
+      if (text(len(text) - 1:) == '.0') shorter = text(:len(text) - 2)
+   end function without_point
 
    pure function duration(seconds) result(text)
       real(wp), intent(in) :: seconds

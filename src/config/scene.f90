@@ -123,9 +123,7 @@ contains
       scene%has_campaign = is_there('campaign')
       scene%has_accuracy = is_there('accuracy')
       scene%has_output = is_there('output')
-      scene%unused = reader%unused
-      if (reader%was_given('chain', 'friction') .and. .not. scene%runs_deterministic()) &
-         scene%unused = [character(len(scene%unused)) :: scene%unused, 'chain%friction']
+      call note_unused(reader, scene)
 
    contains
 
@@ -136,5 +134,35 @@ contains
       end function is_there
 
    end subroutine read_groups
+
+   !> What is given and has no effect: values beside others of their group, and groups beside others.
+   subroutine note_unused(reader, scene)
+      type(reader_type), intent(in) :: reader
+      type(scene_type), intent(inout) :: scene
+      character(*), parameter :: of_motion(*) = [character(12) :: 'excitation', 'integration', &
+                                                 'campaign', 'accuracy']
+      integer :: i
+
+      scene%unused = reader%unused
+      if (scene%has_chain) then
+         if (reader%was_given('chain', 'friction') .and. .not. scene%runs_deterministic()) &
+            call note('chain%friction')
+         return
+      end if
+      do i = 1, size(of_motion)
+         if (reader%document%find_block(trim(of_motion(i)), 1) > 0) call note('&'//of_motion(i))
+      end do
+
+   contains
+
+      subroutine note(name)
+         character(*), intent(in) :: name
+         character(len(scene%unused)) :: padded_name
+
+         padded_name = name
+         scene%unused = [scene%unused, padded_name]
+      end subroutine note
+
+   end subroutine note_unused
 
 end module config_scene

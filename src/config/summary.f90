@@ -160,7 +160,7 @@ contains
          text = text//labelled('force', force//' on dof '//to_text(excitation%dof)// &
                                ', one record for '//trim(merge('each sample', 'all samples', &
                                                                excitation%per_sample)))
-         method = 'event, tolerance '//to_text(how%tolerance)
+         method = 'event, tolerance '//brief(how%tolerance)
          if (how%method == 'newmark') &
             method = 'newmark, at most '//counted(how%max_halvings, 'halving', 'halvings')
          steps = to_text(how%n_steps)//' steps of '//to_text(how%dt)//' s, '// &
