@@ -6,7 +6,8 @@ module dynamics_event
    use dynamics_chain, only: chain_type
    use dynamics_lanes, only: lane_group, new_lane_group
    use dynamics_response, only: block_state, marcher_type
-   use dynamics_propagator, only: new_propagator, series_order, width
+   use dynamics_propagator, only: new_propagator, width
+   use dynamics_single, only: path_error
    use dynamics_tabulated, only: tabulated_march
    use dynamics_taylor, only: fastest_rate, lanes, new_taylor, order_for
    implicit none(type, external)
@@ -39,7 +40,7 @@ contains
       real(wp), parameter :: table_rate_step = 0.5_wp    ! longest step in units of the fastest time constant,
       real(wp), parameter :: series_rate_step = 1.0_wp   ! for sharp bounds of the guards and for few powers
       !> a step's error lives on for some 1/zeta periods of many steps each
-      real(wp), parameter :: share_of_step = 1.0e-4_wp
+      real(wp), parameter :: share_of_step = 1.0e-4_wp, share_of_transition = 1.0e-2_wp
       real(wp) :: h, rate
 
       if (.not. dt > 0.0_wp) then
@@ -69,7 +70,8 @@ contains
          tables%chain = chain
          tables%h = h
          tables%floor = (rate*h)**4/384.0_wp
-         tables%has_series = order_for(rate*h, share_of_step*tolerance) <= series_order
+         tables%has_singles = path_error(rate*h) <= share_of_transition*tolerance
+         tables%forced_dof = forced_dof
          tables%group = marcher%group
          call new_propagator(chain, h, forced_dof, tables%propagator)
       end associate

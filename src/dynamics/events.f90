@@ -40,11 +40,6 @@ contains
 
    !> The first time in [0, last] after which the polynomial is negative, or no_crossing.
    !>
-   !> Steps that cannot pass a zero: over [t, last] the polynomial lies above the parabola through its
-   !> value and slope at t whose second derivative is the bound `bend`; the zero of that parabola is the
-   !> next t. The iterates close in on a simple zero quadratically and always from the same side, step
-   !> over a minimum that stays positive, and skip neither a graze nor a pair of crossings.
-   !>
    !> A value c(0) <= 0 belongs to the transition just handled (rounding, or an exact zero after a mass
    !> has stuck): the first derivative that is not zero says where the guard goes, and that zero at the
    !> start is divided out, so it is not found again.
@@ -52,10 +47,8 @@ contains
       real(wp), intent(in) :: c(0:)
       real(wp), intent(in) :: last
       real(wp) :: time
-      integer, parameter :: max_steps = 10000   ! some 6 for a crossing, 100 for the nearest graze
-      real(wp), parameter :: least_step = epsilon(1.0_wp)
-      real(wp) :: value, slope, bend, root, above, below, step
-      integer :: first, k, iteration
+      real(wp) :: bend, fall
+      integer :: first, k
 
       time = no_crossing
       first = 0
@@ -68,16 +61,81 @@ contains
          if (c(first) < 0.0_wp) return
       end if
 
+      fall = 0.0_wp
       bend = 0.0_wp
-      do k = ubound(c, 1), first + 2, -1
-         bend = bend*last + (k - first)*(k - first - 1)*abs(c(k))
+      do k = ubound(c, 1), first + 3, -1
+         fall = (fall + (k - first)*abs(c(k)))*last
+         bend = (bend + (k - first)*(k - first - 1)*abs(c(k)))*last
       end do
+      if (ubound(c, 1) >= first + 2) then
+         fall = fall*last + c(first + 1) + max(0.0_wp, 2.0_wp*c(first + 2)*last)
+         ! upper bounds of the first and of the second derivative
+         if (fall < 0.0_wp .or. bend + 2.0_wp*c(first + 2) < 0.0_wp) then
+            time = only_crossing(c(first:), last)
+            if (time >= 0.0_wp) return
+         end if
+         bend = bend + 2.0_wp*abs(c(first + 2))
+      end if
+      time = creep(c(first:), bend, last)
+   end function first_crossing
+
+   !> The zero of a guard that falls or is concave all the way, positive at the start: there is one if the end is not
+   !> positive. The zeros of its own parabolas close in on it with order three; -1 when they do not.
+   pure function only_crossing(c, last) result(time)
+      real(wp), intent(in) :: c(0:), last
+      real(wp) :: time
+      integer, parameter :: most_steps = 6
+      real(wp), parameter :: last_step = 1.0e-6_wp   ! its cube is below rounding
+      real(wp) :: value, slope, half_bend, root, step
+      integer :: iteration, k
+
+      value = 0.0_wp
+      do k = ubound(c, 1), 0, -1
+         value = value*last + c(k)
+      end do
+      time = no_crossing
+      if (value > 0.0_wp) return
+      time = 0.0_wp
+      do iteration = 1, most_steps
+         value = 0.0_wp
+         slope = 0.0_wp
+         half_bend = 0.0_wp
+         do k = ubound(c, 1), 0, -1
+            half_bend = half_bend*time + slope
+            slope = slope*time + value
+            value = value*time + c(k)
+         end do
+         root = sqrt(max(slope**2 - 4.0_wp*half_bend*value, 0.0_wp))
+         if (.not. root - slope > 0.0_wp) exit
+         step = 2.0_wp*value/(root - slope)
+         time = time + step
+         if (.not. (time >= 0.0_wp .and. time <= last)) exit
+         if (abs(step) < last_step*last) return
+      end do
+      time = -1.0_wp
+   end function only_crossing
+
+   !> The first zero by steps that cannot pass one.
+   !>
+   !> Over [t, last] the polynomial lies above the parabola through its value and slope at t whose second
+   !> derivative is the bound `bend`; the zero of that parabola is the next t. The iterates close in on a simple zero
+   !> quadratically and always from the same side, step over a minimum that stays positive, and skip neither
+   !> a graze nor a pair of crossings.
+   pure function creep(c, bend, last) result(time)
+      real(wp), intent(in) :: c(0:)
+      real(wp), intent(in) :: bend   !! bound of |second derivative| over [0, last]
+      real(wp), intent(in) :: last
+      real(wp) :: time
+      integer, parameter :: max_steps = 10000   ! some 6 for a crossing, 100 for the nearest graze
+      real(wp), parameter :: least_step = epsilon(1.0_wp)
+      real(wp) :: value, slope, root, above, below, step
+      integer :: k, iteration
 
       time = 0.0_wp
       do iteration = 1, max_steps
          value = 0.0_wp
          slope = 0.0_wp
-         do k = ubound(c, 1), first, -1
+         do k = ubound(c, 1), 0, -1
             slope = slope*time + value
             value = value*time + c(k)
          end do
@@ -98,6 +156,6 @@ contains
          time = time + step
          if (step < least_step) return
       end do
-   end function first_crossing
+   end function creep
 
 end module dynamics_events

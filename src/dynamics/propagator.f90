@@ -1,9 +1,8 @@
 !> Exact solutions of one step for every stick pattern: what is the same for all samples is tabulated once.
 !>
 !> With the pattern of stuck masses fixed, the chain under a linear force is z' = A z + loads, z = (x, u),
-!> time in steps, u = h v. The matrix exponential gives the state after a step; the powers of A give the
-!> Taylor series of any mass, and how a load that sets in on one mass spreads. Rows 1..8 and 9..16 of a
-!> state vector are x and u; the tables of a pattern are built when it is met first.
+!> time in steps, u = h v. The matrix exponential gives the state after a step; the powers of A tell how a
+!> load that sets in on one mass spreads. The tables of a pattern are built when it is met first.
 module dynamics_propagator
    use core_kinds, only: wp
    use dynamics_chain, only: chain_type
@@ -11,29 +10,25 @@ module dynamics_propagator
    implicit none(type, external)
    private
    public :: propagator_type, new_propagator, alignment_gap
-   public :: width, state_size, series_order, column_force, column_anchor, row_columns
+   public :: width, column_force
 
    integer, parameter :: width = 8                   !! most masses; one 64-byte vector
-   integer, parameter :: state_size = 2*width
-   integer, parameter :: series_order = 9            !! highest power of the tabulated series
-   integer, parameter :: column_force = state_size + 1    !! this and the next: force at both ends of the step
-   integer, parameter :: column_anchor = state_size + 3   !! the anchors of the masses
-   integer, parameter :: row_columns = state_size + 2 + width
+   integer, parameter :: column_force = 2*width + 1   !! of a step's table, and the next: force at both ends
 
-   integer, parameter :: step_length = state_size*(state_size + 2)
-   integer, parameter :: load_length = state_size*width
-   integer, parameter :: row_length = (series_order - 1)*row_columns*width
-   integer, parameter :: kick_length = state_size*width*width
+   integer, parameter :: step_length = 2*width*(2*width + 2)
+   integer, parameter :: load_length = 2*width*width
+   integer, parameter :: kick_length = 2*width*width*width
+   integer, parameter :: pull_length = 2*width*width
 
    !> Tables for the 2^n patterns; bit i-1 of a pattern says that mass i is stuck.
    !> They lie in one pool, each beginning on a cache line: pool(step) is table(16, 18, 0:2^n-1) and so on.
    type :: propagator_type
       integer :: n = 0
       real(wp), allocatable :: pool(:)
-      integer :: step = 0   !! (16, x u force, pattern): state after a step
-      integer :: load = 0   !! (16, mass, pattern): what the anchors add to it
-      integer :: row = 0    !! (power 2..9, x u force anchor, mass, pattern): Taylor series of one mass
-      integer :: kick = 0   !! (16, 0:7, mass, pattern): A^m times a unit load on one mass
+      integer :: step = 0   !! (mass, x u, x u force, pattern): state after a step
+      integer :: load = 0   !! (mass, x u, anchor, pattern): what the anchors add to it
+      integer :: kick = 0   !! (mass, x u, 0:7, mass, pattern): A^m times a unit load on one mass
+      integer :: pull = 0   !! (mass, x u, mass): minus the acceleration of one mass but for contact and load
       logical, allocatable :: is_built(:)   !! (0:2^n-1)
       real(wp), allocatable, private :: free(:, :)      !! A with all masses slipping, and its loads
       real(wp), allocatable, private :: contact(:)      !! h^2 k/m
@@ -41,7 +36,6 @@ module dynamics_propagator
       procedure :: build
       procedure :: at_step
       procedure :: at_load
-      procedure :: at_row
       procedure :: at_kick
    end type propagator_type
 
@@ -69,13 +63,14 @@ contains
       self%free(n + forced_dof, 2*n + 1) = h**2/chain%mass(forced_dof)
       self%free(2*n + 1, 2*n + 2) = 1.0_wp   ! the force rises linearly
 
-      allocate (self%pool(patterns*(step_length + load_length + row_length + kick_length) + width), &
+      allocate (self%pool(patterns*(step_length + load_length + kick_length) + pull_length + width), &
                 source=0.0_wp)
       self%step = 1 + alignment_gap(self%pool)
       self%load = self%step + patterns*step_length
-      self%row = self%load + patterns*load_length
-      self%kick = self%row + patterns*row_length
+      self%kick = self%load + patterns*load_length
+      self%pull = self%kick + patterns*kick_length
       allocate (self%is_built(0:patterns - 1), source=.false.)
+      call put_pull(n, self%free, self%pool(self%pull))
    end subroutine new_propagator
 
    !> How many reals to leave out so that the next one begins a 64-byte line.
@@ -116,8 +111,6 @@ contains
             factorial = factorial*k
          end if
          if (k < width) call put_kick(n, k, factorial*term, self%pool(self%at_kick(pattern)))
-         if (k >= 2 .and. k <= series_order) &
-            call put_row(n, k, term, self%pool(self%at_row(pattern)))
       end do
       call put_step(n, total, self%pool(self%at_step(pattern)), &
                     self%pool(self%at_load(pattern)))
@@ -139,13 +132,6 @@ contains
       at_load = self%load + pattern*load_length
    end function at_load
 
-   pure integer function at_row(self, pattern)
-      class(propagator_type), intent(in) :: self
-      integer, intent(in) :: pattern
-
-      at_row = self%row + pattern*row_length
-   end function at_row
-
    pure integer function at_kick(self, pattern)
       class(propagator_type), intent(in) :: self
       integer, intent(in) :: pattern
@@ -156,7 +142,7 @@ contains
    pure subroutine put_step(n, exponential, step, load)
       integer, intent(in) :: n
       real(wp), intent(in) :: exponential(:, :)
-      real(wp), intent(inout) :: step(width, 2, state_size + 2), load(width, 2, width)
+      real(wp), intent(inout) :: step(width, 2, 2*width + 2), load(width, 2, width)
       integer :: i, half
 
       do half = 1, 2
@@ -171,19 +157,17 @@ contains
       end do
    end subroutine put_step
 
-   pure subroutine put_row(n, k, term, row)
-      integer, intent(in) :: n, k
-      real(wp), intent(in) :: term(:, :)
-      real(wp), intent(inout) :: row(2:series_order, row_columns, width)
+   pure subroutine put_pull(n, free, pull)
+      integer, intent(in) :: n
+      real(wp), intent(in) :: free(:, :)
+      real(wp), intent(inout) :: pull(width, 2, width)
       integer :: i
 
       do i = 1, n
-         row(k, 1:n, i) = term(i, :n)
-         row(k, width + 1:width + n, i) = term(i, n + 1:2*n)
-         row(k, column_force:column_force + 1, i) = ends(term(i, 2*n + 1), term(i, 2*n + 2))
-         row(k, column_anchor:column_anchor + n - 1, i) = term(i, 2*n + 3:)
+         pull(:n, 1, i) = -free(n + i, :n)
+         pull(:n, 2, i) = -free(n + i, n + 1:2*n)
       end do
-   end subroutine put_row
+   end subroutine put_pull
 
    pure subroutine put_kick(n, k, power, kick)
       integer, intent(in) :: n, k

@@ -9,10 +9,10 @@ module dynamics_tabulated
    use dynamics_chain, only: chain_type
    use dynamics_lanes, only: lane_group
    use dynamics_propagator, only: alignment_gap, propagator_type, width
-   use dynamics_quiet, only: add_further_masses, anchor, direction, reach, regime_size, shift_u, shift_x, &
-                             slider, take_step, written_out
+   use dynamics_quiet, only: add_further_masses, at_anchor, at_direction, at_reach, at_shift, at_slack, &
+                             at_slider, at_state, sample_size, take_step, written_out
    use dynamics_response, only: block_state
-   use dynamics_single, only: clear_lane, lanes, locate, read_series, single_batch, step_across
+   use dynamics_single, only: lanes, locate, read_path, single_batch, step_across
    implicit none(type, external)
    private
    public :: tabulated_march
@@ -20,22 +20,23 @@ module dynamics_tabulated
    !> What all samples share.
    type :: tabulated_march
       type(chain_type) :: chain
+      integer :: forced_dof = 0
       real(wp) :: h = 0.0_wp            !! [s]
       real(wp) :: floor = 0.0_wp        !! share of its reach that a mass keeps clear of the limit in a quiet step
-      logical :: has_series = .false.   !! the tabulated series keep the tolerance
+      logical :: has_singles = .false.  !! the way of dynamics_single keeps the tolerance
       type(propagator_type) :: propagator
       type(lane_group) :: group
    contains
       procedure :: march
    end type tabulated_march
 
-   !> What each sample is doing; arrays (sample).
+   !> What each sample is doing; arrays (sample). Positions are those in the force, taken as one long array.
    type :: schedule_type
       integer, allocatable :: pattern(:)   !! of stuck masses
-      integer, allocatable :: column(:)    !! of the force
-      integer, allocatable :: step(:)      !! steps done
       integer, allocatable :: place(:)     !! 0 or 1: where its state is
-      integer, allocatable :: due(:), record(:)   !! step and number of the next record
+      integer, allocatable :: position(:)  !! of the next step
+      integer, allocatable :: origin(:), last(:)   !! of the first step, and after the last one
+      integer, allocatable :: due(:), record(:)    !! position after the step of the next record, and its number
       integer, allocatable :: free(:), waiting(:), crowded(:)   !! lists of samples
       integer :: n_free = 0, n_waiting = 0, n_crowded = 0
    end type schedule_type
@@ -60,39 +61,41 @@ contains
       integer :: first, n, w
 
       n = state%n_samples
-      allocate (schedule%pattern(n), schedule%free(n), schedule%waiting(n), &
-                schedule%crowded(n))
-      allocate (schedule%step(n), schedule%place(n), source=0)
-      allocate (schedule%record(n), source=n_recorded + 1)
-      allocate (schedule%due(n), source=spacing - int(modulo(nint(begin, long), int(spacing, long))))
+      allocate (schedule%pattern(n), schedule%free(n), schedule%waiting(n), schedule%crowded(n))
+      allocate (schedule%place(n), source=0)
+      schedule%origin = [(merge(0, w - 1, size(force, 2) == 1)*size(force, 1), w=1, n)]
+      schedule%position = schedule%origin
+      schedule%last = schedule%origin + ubound(force, 1)
+      schedule%due = schedule%origin + spacing - int(modulo(nint(begin, long), int(spacing, long)))
       if (size(displacement) == 0) schedule%due = -1
-      schedule%column = [(merge(1, w, size(force, 2) == 1), w=1, n)]
-      allocate (pool((4 + regime_size + 1)*width*n + width), source=0.0_wp)
+      allocate (schedule%record(n), source=n_recorded + 1)
+      allocate (pool(sample_size*width*n + width), source=0.0_wp)
       first = 1 + alignment_gap(pool)
-      call walk(self, state, size(force, 2), ubound(force, 1), force, begin, spacing, slip_begin, &
-                displacement, velocity, schedule, pool(first), pool(first + 4*width*n), &
-                pool(first + (4 + regime_size)*width*n), error)
+      call walk(self, state, size(force), force, begin, spacing, slip_begin, displacement, velocity, &
+                schedule, pool(first), error)
    end subroutine march
 
    !> Passes over the block until every sample has done its steps.
-   subroutine walk(self, state, n_columns, n_steps, force, begin, spacing, slip_begin, displacement, &
-                   velocity, todo, y, regime, slack, error)
+   subroutine walk(self, state, n_forces, force, begin, spacing, slip_begin, displacement, velocity, todo, &
+                   sample, error)
       class(tabulated_march), intent(inout) :: self
       type(block_state), intent(inout) :: state
-      integer, intent(in) :: n_columns, n_steps, spacing
-      real(wp), intent(in) :: force(0:n_steps, n_columns), begin
+      integer, intent(in) :: n_forces, spacing
+      real(wp), intent(in) :: force(0:n_forces - 1), begin
       real(wp), intent(inout) :: slip_begin(:, :), displacement(:, :, :)
       real(wp), intent(inout), optional :: velocity(:, :, :)
       type(schedule_type), intent(inout) :: todo
-      real(wp), intent(inout) :: y(width, 2, 0:1, state%n_samples)   !! x and u = h v, in two places
-      real(wp), intent(inout) :: regime(width, regime_size, state%n_samples)
-      real(wp), intent(inout) :: slack(width, state%n_samples)
+      real(wp), intent(inout) :: sample(width, sample_size, state%n_samples)
       type(error_type), allocatable, intent(out) :: error
       type(single_batch) :: batch
-      real(wp) :: contact(width)   !! h^2 k/m
+      real(wp) :: contact(width)     ! h^2 k/m
+      real(wp) :: load(width, 0:1)   ! h^2 f/m at both ends of a step
+      real(wp) :: force_scale
       integer :: due(state%n_samples), n, n_due, w
 
       n = state%n_dof
+      load = 0.0_wp
+      force_scale = self%h**2/self%chain%mass(self%forced_dof)
       contact = 0.0_wp
       contact(:n) = self%h**2*self%chain%contact_stiffness/self%chain%mass
       do w = 1, state%n_samples
@@ -101,14 +104,11 @@ contains
       todo%n_free = state%n_samples
       todo%free = [(w, w=1, state%n_samples)]
       do while (todo%n_free + todo%n_waiting + todo%n_crowded > 0)
-         call take_steps(n, state%n_samples, n_steps, n_columns, force, &
-                         self%propagator%pool(self%propagator%step), self%floor, todo%n_free, todo%free, &
-                         todo%pattern, todo%column, todo%step, regime, todo%place, y, slack)
-         call sort_steps(state%n_samples, n_steps, slack, todo%due, todo%step, todo%place, todo%n_free, &
-                         todo%free, todo%n_waiting, todo%waiting, n_due, due)
-         do w = 1, n_due
-            call record(due(w))
-         end do
+         call take_steps(n, state%n_samples, n_forces, force, self%propagator%pool(self%propagator%step), &
+                         self%floor, todo%last, todo%due, todo%pattern, todo%position, todo%place, sample, &
+                         todo%n_free, todo%free, todo%n_waiting, todo%waiting, n_due, due)
+         call record(n, due(:n_due), todo%place, sample, self%h, spacing, todo%due, todo%record, displacement, &
+                     velocity)
          do while (todo%n_waiting >= lanes .or. (todo%n_free == 0 .and. todo%n_waiting > 0))
             call treat_waiting()
          end do
@@ -127,62 +127,48 @@ contains
       subroutine finish_step(w)
          integer, intent(in) :: w
 
-         todo%step(w) = todo%step(w) + 1
-         if (todo%step(w) == todo%due(w)) call record(w)
-         if (todo%step(w) == n_steps) return
+         todo%position(w) = todo%position(w) + 1
+         if (todo%position(w) == todo%due(w)) then
+            call record(n, [w], todo%place, sample, self%h, spacing, todo%due, todo%record, displacement, velocity)
+         end if
+         if (todo%position(w) == todo%last(w)) return
          todo%n_free = todo%n_free + 1
          todo%free(todo%n_free) = w
       end subroutine finish_step
 
-      subroutine record(w)
-         integer, intent(in) :: w
-
-         displacement(todo%record(w), :, w) = y(:n, 1, todo%place(w), w)
-         if (present(velocity)) velocity(todo%record(w), :, w) = y(:n, 2, todo%place(w), w)/self%h
-         todo%record(w) = todo%record(w) + 1
-         todo%due(w) = todo%due(w) + spacing
-      end subroutine record
-
       !> Treats up to eight steps as steps with a single transition; the others have more to them.
       subroutine treat_waiting()
-         integer :: entry(lanes), l, m, now, pattern, w
+         integer :: entry(lanes), l, m, pattern, w
          logical :: is_clean
 
-         associate (tables => self%propagator)
          call pop(todo%waiting, todo%n_waiting, entry, m)
-         do l = 1, lanes
-            w = entry(l)
-            now = todo%place(w)
-            if (l > m) then
-               call clear_lane(batch, l)
-            else
-               call read_series(batch, l, n, tables%pool(tables%at_row(todo%pattern(w))), &
-                                contact, force(todo%step(w):todo%step(w) + 1, todo%column(w)), &
-                                regime(:, :, w), y(:, :, now, w), y(:, :, 1 - now, w), slack(:, w))
-            end if
-         end do
-         call locate(batch)
-         do l = 1, m
-            w = entry(l)
-            is_clean = batch%mass(l) > 0 .and. batch%is_located(l) > 0.0_wp .and. self%has_series
-            if (is_clean) then
-               pattern = ieor(todo%pattern(w), ishft(1, batch%mass(l) - 1))
-               if (.not. tables%is_built(pattern)) call tables%build(pattern)
-               now = todo%place(w)
-               call step_across(batch, l, n, tables%pool(tables%at_step(todo%pattern(w))), &
-                                tables%pool(tables%at_kick(pattern)), &
-                                force(todo%step(w):todo%step(w) + 1, todo%column(w)), self%floor, &
-                                regime(:, :, w), y(:, :, now, w), y(:, :, 1 - now, w), slack(:, w), is_clean)
-            end if
-            if (is_clean) then
-               todo%place(w) = 1 - now
-               call change_regime(l, w)
-               call finish_step(w)
-            else
-               todo%n_crowded = todo%n_crowded + 1
-               todo%crowded(todo%n_crowded) = w
-            end if
-         end do
+         batch%mass(m + 1:) = 0
+         associate (tables => self%propagator, position => todo%position, place => todo%place)
+            do l = 1, m
+               w = entry(l)
+               load(self%forced_dof, :) = force_scale*force(position(w):position(w) + 1)
+               call read_path(batch, l, n, tables%pool(tables%pull), contact, load, place(w), sample(:, :, w))
+            end do
+            call locate(batch)
+            do l = 1, m
+               w = entry(l)
+               is_clean = batch%mass(l) > 0 .and. batch%is_located(l) > 0.5_wp .and. self%has_singles
+               if (is_clean) then
+                  pattern = ieor(todo%pattern(w), ishft(1, batch%mass(l) - 1))
+                  if (.not. tables%is_built(pattern)) call tables%build(pattern)
+                  call step_across(batch, l, n, tables%pool(tables%at_step(todo%pattern(w))), &
+                                   tables%pool(tables%at_kick(pattern)), force(position(w)), self%floor, &
+                                   place(w), sample(:, :, w), is_clean)
+               end if
+               if (is_clean) then
+                  place(w) = 1 - place(w)
+                  call change_regime(l, w)
+                  call finish_step(w)
+               else
+                  todo%n_crowded = todo%n_crowded + 1
+                  todo%crowded(todo%n_crowded) = w
+               end if
+            end do
          end associate
       end subroutine treat_waiting
 
@@ -193,10 +179,10 @@ contains
          integer :: i, kind
 
          i = batch%mass(l)
-         now = begin + todo%step(w) + batch%tau(l)
-         if (batch%is_stick(l)) then
+         now = begin + (todo%position(w) - todo%origin(w)) + batch%tau(l)
+         if (batch%is_stick(l) > 0.5_wp) then
             kind = 0
-            regime(i, slider, w) = batch%series(l, 0) - batch%sense(l)*regime(i, reach, w)
+            sample(i, at_slider, w) = batch%x(l) - batch%sense(l)*sample(i, at_reach, w)
             state%stick_starts(i, w) = state%stick_starts(i, w) + 1
             state%slip_time(i, w) = state%slip_time(i, w) + (now - slip_begin(i, w))*self%h
          else
@@ -204,7 +190,7 @@ contains
             state%slip_starts(i, w) = state%slip_starts(i, w) + 1
             slip_begin(i, w) = now
          end if
-         regime(i, direction, w) = kind
+         sample(i, at_direction, w) = kind
          if (state%keeps_transitions) call state%transitions(w)%append(now*self%h, i, kind)
          todo%pattern(w) = ieor(todo%pattern(w), ishft(1, i - 1))
          call enter_pattern(w)
@@ -215,7 +201,7 @@ contains
          integer, intent(in) :: w
 
          if (.not. self%propagator%is_built(todo%pattern(w))) call self%propagator%build(todo%pattern(w))
-         call set_shift(n, self%propagator%pool(self%propagator%at_load(todo%pattern(w))), regime(:, :, w))
+         call set_shift(n, self%propagator%pool(self%propagator%at_load(todo%pattern(w))), sample(:, :, w))
       end subroutine enter_pattern
 
       !> Treats up to eight steps with whatever is in them.
@@ -230,10 +216,9 @@ contains
             w = entry(l)
             call hand_back(w)
             call self%group%load(self%chain, l, w, state)
-            self%group%begin(l) = begin + todo%step(w)
-            associate (f => force(todo%step(w):todo%step(w) + 1, todo%column(w)))
-               self%group%force(l, :) = [f(1), f(2) - f(1)]
-            end associate
+            self%group%begin(l) = begin + (todo%position(w) - todo%origin(w))
+            self%group%force(l, 0) = force(todo%position(w))
+            self%group%force(l, 1) = force(todo%position(w) + 1) - force(todo%position(w))
          end do
          call self%group%march_step(state, slip_begin, error)
          if (allocated(error)) return
@@ -251,12 +236,12 @@ contains
          logical :: has_friction(n)
          integer :: i
 
-         y(:n, 1, todo%place(w), w) = state%displacement(:, w)
-         y(:n, 2, todo%place(w), w) = self%h*state%velocity(:, w)
+         sample(:n, at_state + 2*todo%place(w), w) = state%displacement(:, w)
+         sample(:n, at_state + 2*todo%place(w) + 1, w) = self%h*state%velocity(:, w)
          has_friction = state%slip_limit(:, w) > 0.0_wp
-         regime(:n, slider, w) = merge(state%slider(:, w), 0.0_wp, has_friction)
-         regime(:n, direction, w) = merge(state%direction(:, w), 0, has_friction)
-         regime(:n, reach, w) = merge(state%slip_limit(:, w)/self%chain%contact_stiffness, huge(1.0_wp), &
+         sample(:n, at_slider, w) = merge(state%slider(:, w), 0.0_wp, has_friction)
+         sample(:n, at_direction, w) = merge(state%direction(:, w), 0, has_friction)
+         sample(:n, at_reach, w) = merge(state%slip_limit(:, w)/self%chain%contact_stiffness, huge(1.0_wp), &
                                       has_friction)
          todo%pattern(w) = 0
          do i = 1, n
@@ -269,10 +254,10 @@ contains
       subroutine hand_back(w)
          integer, intent(in) :: w
 
-         state%displacement(:, w) = y(:n, 1, todo%place(w), w)
-         state%velocity(:, w) = y(:n, 2, todo%place(w), w)/self%h
-         where (state%slip_limit(:, w) > 0.0_wp) state%direction(:, w) = nint(regime(:n, direction, w))
-         state%slider(:, w) = merge(regime(:n, slider, w), state%displacement(:, w) - state%direction(:, w)* &
+         state%displacement(:, w) = sample(:n, at_state + 2*todo%place(w), w)
+         state%velocity(:, w) = sample(:n, at_state + 2*todo%place(w) + 1, w)/self%h
+         where (state%slip_limit(:, w) > 0.0_wp) state%direction(:, w) = nint(sample(:n, at_direction, w))
+         state%slider(:, w) = merge(sample(:n, at_slider, w), state%displacement(:, w) - state%direction(:, w)* &
                                     state%slip_limit(:, w)/self%chain%contact_stiffness, state%direction(:, w) == 0)
       end subroutine hand_back
 
@@ -291,70 +276,44 @@ contains
    end subroutine pop
 
    !> The anchors of a sample, and what they add to every step while the pattern lasts.
-   pure subroutine set_shift(n, load, regime)
+   pure subroutine set_shift(n, load, sample)
       integer, intent(in) :: n
       real(wp), intent(in) :: load(width, 2, width)
-      real(wp), intent(inout) :: regime(width, regime_size)
+      real(wp), intent(inout) :: sample(width, sample_size)
       real(wp) :: shift(width, 2)
       integer :: i, j
 
-      regime(:, anchor) = merge(-regime(:, direction)*regime(:, reach), regime(:, slider), &
-                                abs(regime(:, direction)) > 0.5_wp)
+      !$omp simd
+      do i = 1, width
+         sample(i, at_anchor) = merge(-sample(i, at_direction)*sample(i, at_reach), sample(i, at_slider), &
+                                      abs(sample(i, at_direction)) > 0.5_wp)
+      end do
       shift = 0.0_wp
       do j = 1, n
          !$omp simd
          do i = 1, width
-            shift(i, 1) = shift(i, 1) + load(i, 1, j)*regime(j, anchor)
-            shift(i, 2) = shift(i, 2) + load(i, 2, j)*regime(j, anchor)
+            shift(i, 1) = shift(i, 1) + load(i, 1, j)*sample(j, at_anchor)
+            shift(i, 2) = shift(i, 2) + load(i, 2, j)*sample(j, at_anchor)
          end do
       end do
-      regime(:, shift_x:shift_u) = shift
+      sample(:, at_shift:at_shift + 1) = shift
    end subroutine set_shift
 
-   !> Takes the next step of every listed sample. A sample has two places for its state; the new one goes to
-   !> the place that is not in use.
-   pure subroutine take_steps(n, n_samples, n_steps, n_columns, force, table, floor, n_listed, list, &
-                              pattern, column, step, regime, place, y, slack)
-      integer, intent(in) :: n, n_samples, n_steps, n_columns, n_listed
-      real(wp), intent(in) :: force(0:n_steps, n_columns)
+   !> Takes the next step of every free sample and sorts them, without a branch: a quiet step counts, its sample
+   !> stays free until the last one, and may be due for a record; an eventful one waits, its state as it was.
+   pure subroutine take_steps(n, n_samples, n_forces, force, table, floor, last, due_position, pattern, &
+                              position, place, sample, n_free, free, n_waiting, waiting, n_due, due)
+      integer, intent(in) :: n, n_samples, n_forces
+      real(wp), intent(in) :: force(0:n_forces - 1)
       real(wp), intent(in) :: table(width, 2, 2*width + 2, 0:2**n - 1)
       real(wp), intent(in) :: floor
-      integer, intent(in), dimension(n_samples) :: list, pattern, column, step, place
-      real(wp), intent(in) :: regime(width, regime_size, n_samples)
-      real(wp), intent(inout) :: y(width, 2, 0:1, n_samples), slack(width, n_samples)
-      real(wp) :: shift(width, 2)
-      integer :: a, w
-
-      if (n <= written_out) then
-         do a = 1, n_listed
-            w = list(a)
-            call take_step(table(1, 1, 1, pattern(w)), force(step(w), column(w)), &
-                           force(step(w) + 1, column(w)), floor, regime(1, shift_x, w), regime(1, 1, w), &
-                           y(1, 1, place(w), w), y(1, 1, 1 - place(w), w), slack(1, w))
-         end do
-      else
-         do a = 1, n_listed
-            w = list(a)
-            shift = regime(:, shift_x:shift_u, w)
-            call add_further_masses(n, table(1, 1, 1, pattern(w)), y(1, 1, place(w), w), shift)
-            call take_step(table(1, 1, 1, pattern(w)), force(step(w), column(w)), &
-                           force(step(w) + 1, column(w)), floor, shift, regime(1, 1, w), &
-                           y(1, 1, place(w), w), y(1, 1, 1 - place(w), w), slack(1, w))
-         end do
-      end if
-   end subroutine take_steps
-
-   !> Sorts the samples that have taken a step, without a branch: a quiet step counts, its sample stays free until
-   !> the last one, and may be due for a record; an eventful one waits, its state as it was.
-   pure subroutine sort_steps(n_samples, n_steps, slack, due_step, step, place, n_free, free, n_waiting, &
-                              waiting, n_due, due)
-      integer, intent(in) :: n_samples, n_steps
-      real(wp), intent(in) :: slack(width, n_samples)
-      integer, intent(in) :: due_step(n_samples)
-      integer, intent(inout) :: step(n_samples), place(n_samples)
+      integer, intent(in), dimension(n_samples) :: last, due_position, pattern
+      integer, intent(inout) :: position(n_samples), place(n_samples)
+      real(wp), intent(inout) :: sample(width, sample_size, n_samples)
       integer, intent(inout) :: n_free, free(n_samples), n_waiting, waiting(n_samples)
       integer, intent(out) :: n_due
       integer, intent(inout) :: due(n_samples)
+      real(wp) :: start(width, 2)
       integer(long) :: signs
       integer :: a, i, is_quiet, n_listed, w
 
@@ -363,21 +322,51 @@ contains
       n_due = 0
       do a = 1, n_listed
          w = free(a)
+         if (n <= written_out) then
+            call take_step(table(1, 1, 1, pattern(w)), force(position(w)), floor, place(w), &
+                           sample(1, at_shift, w), sample(1, 1, w))
+         else
+            start = sample(:, at_shift:at_shift + 1, w)
+            call add_further_masses(n, table(1, 1, 1, pattern(w)), sample(1, at_state + 2*place(w), w), &
+                                    sample(1, at_state + 2*place(w) + 1, w), start)
+            call take_step(table(1, 1, 1, pattern(w)), force(position(w)), floor, place(w), start, &
+                           sample(1, 1, w))
+         end if
          signs = 0
          !$omp simd reduction(ior: signs)
          do i = 1, width
-            signs = ior(signs, transfer(slack(i, w), 0_long))
+            signs = ior(signs, transfer(sample(i, at_slack, w), 0_long))
          end do
          is_quiet = merge(0, 1, signs < 0)
-         step(w) = step(w) + is_quiet
+         position(w) = position(w) + is_quiet
          place(w) = ieor(place(w), is_quiet)
          waiting(n_waiting + 1) = w
          n_waiting = n_waiting + 1 - is_quiet
          due(n_due + 1) = w
-         n_due = n_due + merge(is_quiet, 0, step(w) == due_step(w))
+         n_due = n_due + merge(is_quiet, 0, position(w) == due_position(w))
          free(n_free + 1) = w
-         n_free = n_free + merge(is_quiet, 0, step(w) < n_steps)
+         n_free = n_free + merge(is_quiet, 0, position(w) < last(w))
       end do
-   end subroutine sort_steps
+   end subroutine take_steps
+
+   !> Records the states of the listed samples, and sets the position of their next records.
+   pure subroutine record(n, list, place, sample, h, spacing, due, made, displacement, velocity)
+      integer, intent(in) :: n, list(:), place(:), spacing
+      real(wp), intent(in) :: sample(width, sample_size, *), h
+      integer, intent(inout) :: due(:), made(:)
+      real(wp), intent(inout) :: displacement(:, :, :)
+      real(wp), intent(inout), optional :: velocity(:, :, :)
+      integer :: a, i, w
+
+      do a = 1, size(list)
+         w = list(a)
+         do i = 1, n
+            displacement(made(w), i, w) = sample(i, at_state + 2*place(w), w)
+         end do
+         if (present(velocity)) velocity(made(w), :, w) = sample(:n, at_state + 2*place(w) + 1, w)/h
+         made(w) = made(w) + 1
+         due(w) = due(w) + spacing
+      end do
+   end subroutine record
 
 end module dynamics_tabulated
