@@ -7,11 +7,10 @@
 !> say) are errors before
 !> the run instead of a run without them.
 module numerics_nlopt
-   use, intrinsic :: ieee_arithmetic, only: ieee_is_finite
    use, intrinsic :: iso_c_binding, only: c_associated, c_char, c_double, c_f_pointer, c_funloc, &
                                           c_funptr, c_int, c_loc, c_null_char, c_null_ptr, c_ptr
    use core_error, only: error_type, exit_bad_input, raise
-   use core_kinds, only: wp
+   use core_kinds, only: long, wp
    use core_text, only: to_text
    implicit none(type, external)
    private
@@ -291,7 +290,7 @@ contains
       if (size(unequal) > 0) call problem%inequalities(outcome%x, unequal)
       outcome%violation = max(maxval(abs([0.0_wp, equal])), maxval([0.0_wp, unequal]))
       outcome%is_feasible = outcome%violation <= settings%constraint_tolerance .and. &
-                            ieee_is_finite(outcome%value)
+                            is_finite(outcome%value)
       outcome%is_converged = any(outcome%code == [success, ftol_reached, xtol_reached])
       outcome%n_evaluations = luggage%n_evaluations
       outcome%meaning = meaning_of(outcome%code)
@@ -346,7 +345,7 @@ contains
       else
          call luggage%problem%objective(x, value)
       end if
-      if (ieee_is_finite(value)) return
+      if (is_finite(value)) return
       luggage%met_non_finite = .true.
       code = nlopt_force_stop(luggage%optimizer)
    end function call_objective
@@ -397,6 +396,16 @@ contains
       if (self%n_equalities + self%n_inequalities > 0) &
          error stop 'minimization_problem: constraints without a rule'
    end subroutine no_constraints
+
+   !> Neither infinite nor a NaN, by its exponent: a comparison would trap, and ieee_arithmetic saves
+   !! and restores the processor's traps around every procedure that sees it.
+   elemental function is_finite(x) result(is_so)
+      real(wp), intent(in) :: x
+      logical :: is_so
+      integer(long), parameter :: exponents = 2047_long
+
+      is_so = iand(ishft(transfer(x, exponents), -52), exponents) /= exponents
+   end function is_finite
 
    !> A C string.
    pure function c_text(text) result(characters)

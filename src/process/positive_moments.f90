@@ -142,7 +142,8 @@ contains
       call control%correct(batches%acceptance(5, :), moments%at_zero, moments%at_zero_error)
       moments%acceptance_mean = sum(batches%acceptance(1, :))/n
       call control%correct(batches%acceptance(1, :), moments%acceptance_mean, unused)
-      moments%acceptance_ratio = n/max(sum(batches%acceptance(2, :)), tiny(1.0_wp))
+      if (any(batches%acceptance(2, :) > 0.0_wp)) &
+         moments%acceptance_ratio = n/sum(batches%acceptance(2, :))
       work = sum(batches%acceptance(3, :))/n
       moments%acceptance_geometric = exp(work(1))
    end function estimate_moments
