@@ -75,9 +75,10 @@ contains
       e = index(text, 'E')
       if (e == 0) then
          text = without_point(text)
+      else if (text(e + 1:e + 1) == '-') then
+         text = without_point(text(:e - 1))//'e-'//text(e + 2:)
       else
-         text = without_point(text(:e - 1))//'e'//trim(merge('-', ' ', text(e + 1:e + 1) == '-'))// &
-                text(e + 2:)
+         text = without_point(text(:e - 1))//'e'//text(e + 2:)
       end if
    end function brief
 

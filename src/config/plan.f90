@@ -5,6 +5,7 @@ module config_plan
    use config_process, only: process_group
    use core_error, only: error_type
    use core_kinds, only: wp
+   use core_text, only: to_text
    use dynamics_chain, only: build_chain
    use ensemble_plan, only: case_type, plan_type
    use process_model, only: process_request
@@ -40,6 +41,7 @@ contains
       call plan_chain(scene, plan, complaints)
       call plan_march(scene, plan)
       call plan_cases(scene, plan)
+      call check_march(scene, plan, complaints)
    end subroutine build_plan
 
    !> correlation_length slowest, then order, then std.
@@ -137,6 +139,28 @@ contains
          plan%output%spectrum_every = output%spectrum_every
       end associate
    end subroutine plan_march
+
+   !> What can be judged only with the chain and the force file at hand.
+   subroutine check_march(scene, plan, complaints)
+      type(scene_type), intent(in) :: scene
+      type(plan_type), intent(in) :: plan
+      type(complaint_list), intent(inout) :: complaints
+      real(wp), parameter :: two_pi = 8.0_wp*atan(1.0_wp)
+      real(wp) :: limit
+
+      associate (how => plan%integration)
+         if (how%n_discard >= how%n_steps) call complaints%add_general( &
+            scene%path//': integration%n_discard = '//to_text(how%n_discard)// &
+            ': must be less than the number of steps, '//to_text(how%n_steps))
+         if (complaints%n > 0 .or. how%method /= 'newmark' .or. how%beta >= how%gamma/2) return
+         ! below it no mode grows, whatever its damping (Newmark's linear stability bound)
+         limit = 1.0_wp/(sqrt(how%gamma/2 - how%beta)*two_pi*maxval(plan%chain%frequencies_stuck))
+         if (how%dt > limit) call complaints%add_general( &
+            scene%path//': integration%beta = '//to_text(how%beta)// &
+            ': must be at least gamma/2, or dt at most '//to_text(limit)// &
+            ' s: the scheme would diverge')
+      end associate
+   end subroutine check_march
 
    !> Deterministic cases first, then process by process, variance fastest.
    pure subroutine plan_cases(scene, plan)

@@ -41,19 +41,31 @@ contains
       type(scene_type), intent(out) :: scene
       type(complaint_list), intent(out) :: complaints
       type(reader_type) :: reader
-      integer :: i
 
       scene%path = source%name
-      scene%text = source%text
-      do i = 1, size(overrides)
-         scene%text = scene%text//'! --set '//trim(overrides(i))//new_line('a')
-      end do
+      scene%text = with_options(source%text, overrides)
       call parse_document(source, overrides, reader%document, reader%complaints)
       call check_groups(reader%document, reader%complaints)
       call read_groups(reader, scene)
       call check_rules(scene, reader)
       complaints = reader%complaints
    end subroutine parse_scene
+
+   !> The text with the options as comments behind it: what was run can be read from it.
+   pure function with_options(text, overrides) result(all_text)
+      character(*), intent(in) :: text
+      character(*), intent(in) :: overrides(:)
+      character(:), allocatable :: all_text
+      character(*), parameter :: line_feed = new_line('a')
+      integer :: i
+
+      all_text = text
+      if (size(overrides) == 0) return
+      if (index(text, line_feed, back=.true.) < len(text)) all_text = all_text//line_feed
+      do i = 1, size(overrides)
+         all_text = all_text//'! --set '//trim(overrides(i))//line_feed
+      end do
+   end function with_options
 
    subroutine parse_document(source, overrides, document, complaints)
       type(source_type), intent(in) :: source
@@ -135,12 +147,12 @@ contains
 
    end subroutine read_groups
 
-   !> What is given and has no effect: values beside others of their group, and groups beside others.
+   !> What is given and has no effect beside what else is given, or is not.
    subroutine note_unused(reader, scene)
       type(reader_type), intent(in) :: reader
       type(scene_type), intent(inout) :: scene
-      character(*), parameter :: of_motion(*) = [character(12) :: 'excitation', 'integration', &
-                                                 'campaign', 'accuracy']
+      character(*), parameter :: of_motion(*) = &
+                              [character(12) :: 'excitation', 'integration', 'campaign', 'accuracy']
       integer :: i
 
       scene%unused = reader%unused
