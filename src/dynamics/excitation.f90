@@ -17,9 +17,10 @@ contains
    !> A record of a stationary Gaussian process with a flat density on the band and unit variance in
    !> expectation; the same stream gives the same record.
    !>
-   !> It is a piece of a periodic one, not shorter than the record. Each line stands for the frequencies
-   !> nearer to it than to its neighbours, and a line at the edge only for those inside the band, so that
-   !> the expected variance is exact for every band, with or without zero and the Nyquist frequency.
+   !> It is a piece of a periodic one, not shorter than the record. Each line stands for the
+   !> frequencies nearer to it than to its neighbours, and a line at the edge only for those inside
+   !> the band, so that the expected variance is exact for every band, with or without zero and the
+   !> Nyquist frequency.
    subroutine band_limited_force(band, dt, stream, force, error)
       real(wp), intent(in) :: band(2)                !! [Hz], within 0 and 1/(2 dt)
       real(wp), intent(in) :: dt                     !! [s]

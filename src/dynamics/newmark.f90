@@ -1,8 +1,8 @@
-!> The paper's march (Sec. 3): Newmark's scheme, with the step halved where a transition shows at its end.
+!> The paper's march (Sec. 3): Newmark's scheme, a step halved where it ends past a transition.
 !>
-!> Halving ends at dt/2^max_halvings, and the transition is put at the nearer end of that smallest step.
-!> From there the steps are as long as the halvings of dt allow, to the end of dt. Samples march
-!> independently of each other, each at its own time, so that the processor always has several at hand.
+!> Halving ends at dt/2^max_halvings, and the transition is put at the nearer end of that smallest
+!> step. From there the steps are as long as the halvings of dt allow, to the end of dt. Samples
+!> march each at its own time, so that the processor always has several at hand.
 module dynamics_newmark
    use core_error, only: error_type, exit_bad_input, raise
    use core_kinds, only: long, wp
@@ -15,7 +15,7 @@ module dynamics_newmark
    private
    public :: newmark_marcher, new_newmark
 
-   integer, parameter :: most_halvings = 30   !! time is a whole number of smallest steps, of 64 bits
+   integer, parameter :: most_halvings = 30   !! time is a number of smallest steps, in 64 bits
 
    type, extends(marcher_type) :: newmark_marcher
       type(newmark_steps), private :: steps
@@ -70,13 +70,15 @@ contains
          call raise(error, exit_bad_input, 'integration%gamma = '//to_text(gamma)// &
                     ': must be 0.5 or more, the scheme is unstable below')
       else if (.not. beta >= 0.0_wp) then
-         call raise(error, exit_bad_input, 'integration%beta = '//to_text(beta)//': must not be negative')
+         call raise(error, exit_bad_input, 'integration%beta = '//to_text(beta)// &
+                    ': must not be negative')
       else if ((rate*dt)**2*(0.5_wp*gamma - beta) > 1.0_wp) then
-         call raise(error, exit_bad_input, 'integration%beta = '//to_text(beta)//': with this gamma and &
-                    &dt must be at least '//to_text(0.5_wp*gamma - 1.0_wp/(rate*dt)**2)//' to be stable')
+         call raise(error, exit_bad_input, 'integration%beta = '//to_text(beta)// &
+                    ': with this gamma and dt must be at least '// &
+                    to_text(0.5_wp*gamma - 1.0_wp/(rate*dt)**2)//' to be stable')
       else if (forced_dof < 1 .or. forced_dof > chain%n_dof) then
-         call raise(error, exit_bad_input, 'excitation%dof = '//to_text(forced_dof)//': the chain has '// &
-                    to_text(chain%n_dof)//' masses')
+         call raise(error, exit_bad_input, 'excitation%dof = '//to_text(forced_dof)// &
+                    ': the chain has '//to_text(chain%n_dof)//' masses')
       end if
    end subroutine check_parameters
 
@@ -88,25 +90,25 @@ contains
       real(wp), intent(out) :: displacement(:, :, :)
       real(wp), intent(out), optional :: velocity(:, :, :)
       type(error_type), allocatable, intent(out) :: error
-      integer, parameter :: steps_in_step = 32   ! samples meet again after so many: their data stay near
+      integer, parameter :: steps_apart = 64   ! samples meet again after so many: data stay near
       type(newmark_block) :: block
       type(recorder_type) :: recorder
       integer :: step, n_steps
 
       n_steps = ubound(force, 1)
       if (n_steps == 0) return
-      call load_block(self%chain, self%dt, self%forced_dof, self%steps%max_halvings, force, state, block)
+      call load_block(self%chain, self%dt, self%forced_dof, self%steps%max_halvings, force, state, &
+                      block)
       call start_recorder(state, block, merge(every, 0, size(displacement) > 0), recorder)
-      do step = 0, n_steps - 1, steps_in_step
-         call march_to(self, min(step + steps_in_step, n_steps), state, block, recorder, &
-                       displacement, velocity, error)
-         if (allocated(error)) return
+      do step = 0, n_steps - 1, steps_apart
+         call march_to(self, min(step + steps_apart, n_steps), state, block, recorder, &
+                       displacement, velocity)
       end do
       call store_block(block, state)
    end subroutine advance
 
-   !> Marches every sample to the end of a step of the force, by trials: one of each sample in a round.
-   subroutine march_to(self, step, state, block, recorder, displacement, velocity, error)
+   !> Marches every sample to the end of a step of the force, in rounds of one trial each.
+   subroutine march_to(self, step, state, block, recorder, displacement, velocity)
       class(newmark_marcher), intent(in) :: self
       integer, intent(in) :: step
       type(block_state), intent(inout) :: state
@@ -114,40 +116,85 @@ contains
       type(recorder_type), intent(inout) :: recorder
       real(wp), intent(inout) :: displacement(:, :, :)
       real(wp), intent(inout), optional :: velocity(:, :, :)
-      type(error_type), allocatable, intent(out) :: error
-      integer :: sample(block%n_samples)
-      integer(long) :: has_passed(block%n_samples), accepted, last
-      integer :: k, most, n_active, n_left, w
+      integer, dimension(block%n_samples + 1) :: sample, due, switching
+      integer(long) :: has_passed(block%n_samples), last
+      integer :: k, n_active, n_due, n_switching, w
 
-      most = block%max_halvings
-      last = ishft(int(step, long), most)
-      sample = [(w, w=1, block%n_samples)]
+      last = shiftl(int(step, long), block%max_halvings)
+      sample = [(w, w=1, block%n_samples + 1)]
       n_active = block%n_samples
       do while (n_active > 0)
-         call self%steps%try(sample(:n_active), block, has_passed, error)
-         if (allocated(error)) return
-         n_left = 0
-         do k = 1, n_active
-            w = sample(k)
-            if (has_passed(k) /= 0 .and. block%level(w) == most) then
-               call block%switch_at_nearer_end(self%chain, state, w)
-               block%level(w) = most - min(trailz(block%tick(w)), most)
-            else   ! a step stands, or is halved: without a branch, for nobody can guess which
-               accepted = 1 - has_passed(k)
-               if (state%keeps_ledger .and. accepted == 1) call block%add_work(self%chain, state, w)
-               block%tick(w) = block%tick(w) + ishft(accepted, most - block%level(w))
-               block%slot(w) = ieor(block%slot(w), int(accepted))
-               block%level(w) = merge(most - min(trailz(block%tick(w)), most), block%level(w) + 1, accepted == 1)
-            end if
-            if (block%tick(w) == recorder%next_tick(w)) &
-               call record(block, w, recorder, displacement, velocity)
-            n_left = n_left + 1
-            sample(n_left) = w
-            n_left = n_left - merge(1, 0, block%tick(w) == last)
+         call self%steps%try(sample(:n_active), block, has_passed)
+         if (state%keeps_ledger) then
+            do k = 1, n_active
+               if (has_passed(k) == 0) call block%add_work(self%chain, state, sample(k))
+            end do
+         end if
+         call settle(block%max_halvings, last, has_passed, block%n_samples, block%tick, &
+                     block%slot, block%level, block%until, recorder%next_tick, n_active, sample, &
+                     due, n_due, &
+                     switching, n_switching)
+         do k = 1, n_switching
+            w = switching(k)
+            call block%switch_at_nearer_end(self%chain, state, w)
+            if (block%tick(w) == recorder%next_tick(w)) call append(w, due, n_due)
+            if (block%tick(w) < last) call append(w, sample, n_active)
          end do
-         n_active = n_left
+         do k = 1, n_due
+            call record(block, due(k), recorder, displacement, velocity)
+         end do
       end do
    end subroutine march_to
+
+   !> Ends the trials: a step without transition stands, another is halved, and halved again without
+   !> a trial if it ends where a transition is known to come. Listed are those that have come to
+   !> their next record, those that must switch at the smallest step, and the others that have not
+   !> yet come to the last tick. Without branches, for nobody can guess which it will be.
+   pure subroutine settle(max_halvings, last, has_passed, n_samples, tick, slot, level, until, &
+                          next_tick, n_active, active, due, n_due, switching, n_switching)
+      integer, intent(in) :: max_halvings, n_samples
+      integer(long), intent(in) :: last
+      integer(long), intent(in) :: has_passed(n_samples)   !! (try)
+      integer(long), intent(inout) :: tick(n_samples), until(n_samples)
+      integer, intent(inout) :: slot(n_samples), level(n_samples)
+      integer(long), intent(in) :: next_tick(n_samples)
+      integer, intent(inout) :: n_active, active(n_samples + 1)
+      integer, intent(out) :: due(n_samples + 1), n_due, switching(n_samples + 1), n_switching
+      integer(long) :: now, whole
+      integer :: k, n_left, next, stands, switches, w
+
+      whole = shiftl(1_long, max_halvings)
+      n_due = 0
+      n_left = 0
+      n_switching = 0
+      do k = 1, n_active
+         w = active(k)
+         stands = 1 - int(has_passed(k))
+         switches = (1 - stands)*merge(1, 0, level(w) == max_halvings)
+         now = tick(w) + shiftr(whole, level(w))*stands
+         tick(w) = now
+         slot(w) = ieor(slot(w), stands)
+         until(w) = stands*until(w) + (1 - stands)*(now + shiftr(whole, level(w)))
+         next = stands*(max_halvings - trailz(ior(now, whole))) + (1 - stands)*(level(w) + 1)
+         next = next + stands*merge(1, 0, now + shiftr(whole, next) == until(w))
+         level(w) = min(next, max_halvings)
+         due(n_due + 1) = w
+         n_due = n_due + stands*merge(1, 0, now == next_tick(w))
+         switching(n_switching + 1) = w
+         n_switching = n_switching + switches
+         active(n_left + 1) = w
+         n_left = n_left + (1 - switches)*merge(1, 0, now < last)
+      end do
+      n_active = n_left
+   end subroutine settle
+
+   pure subroutine append(number, list, n)
+      integer, intent(in) :: number
+      integer, intent(inout) :: list(:), n
+
+      n = n + 1
+      list(n) = number
+   end subroutine append
 
    !> Steps are counted from the start of the march, ticks from the beginning of this piece.
    pure subroutine start_recorder(state, block, every, recorder)
@@ -160,7 +207,8 @@ contains
 
       recorder%every = every
       first = -1
-      if (every > 0) first = ishft(every - modulo(state%step, int(every, long)), block%max_halvings)
+      if (every > 0) &
+         first = shiftl(every - modulo(state%step, int(every, long)), block%max_halvings)
       recorder%next_tick = [(first, w=1, block%n_samples)]
       recorder%next_record = [(1, w=1, block%n_samples)]
    end subroutine start_recorder
@@ -172,12 +220,14 @@ contains
       real(wp), intent(inout) :: displacement(:, :, :)
       real(wp), intent(inout), optional :: velocity(:, :, :)
 
-      associate (motion => block%motion(:block%n_dof, :, block%slot(w), w), r => recorder%next_record(w))
+      associate (motion => block%motion(:block%n_dof, :, block%slot(w), w), &
+                 r => recorder%next_record(w))
          displacement(r, :, w) = motion(:, 3)
          if (present(velocity)) velocity(r, :, w) = motion(:, 2)
          r = r + 1
       end associate
-      recorder%next_tick(w) = recorder%next_tick(w) + ishft(int(recorder%every, long), block%max_halvings)
+      recorder%next_tick(w) = recorder%next_tick(w) &
+                              + shiftl(int(recorder%every, long), block%max_halvings)
    end subroutine record
 
 end module dynamics_newmark

@@ -1,8 +1,8 @@
 !> A block of samples while Newmark's scheme marches it: every sample at its own time and step size.
 !>
-!> Time is counted in ticks of the smallest step, dt/2^max_halvings, from the beginning of the piece that
-!> is marched: where a step begins and how long it may be are then whole numbers. A sample has two slots
-!> for its motion: one holds the present, the other takes the step that is being tried.
+!> Time is counted in ticks of the smallest step, dt/2^max_halvings, from the beginning of the piece
+!> that is marched: where a step begins and how long it may be are then whole numbers. A sample has
+!> two slots for its motion: one holds the present, the other takes the step that is being tried.
 module dynamics_newmark_block
    use, intrinsic :: iso_c_binding, only: c_intptr_t, c_loc
    use core_kinds, only: long, wp
@@ -10,30 +10,44 @@ module dynamics_newmark_block
    use dynamics_response, only: block_state
    implicit none(type, external)
    private
-   public :: newmark_block, load_block, store_block, first_aligned, register_width
+   public :: newmark_block, load_block, store_block, first_aligned
+   public :: register_width, whole_registers
 
-   integer, parameter :: register_width = 8   !! reals; a sample's columns are padded to whole registers
+   integer, parameter :: register_width = 8   !! reals
 
+   !> Columns over the dofs are padded to whole registers.
    type :: newmark_block
       integer :: n_dof = 0, n_samples = 0
       integer :: forced_dof = 0
       integer :: max_halvings = 0
       real(wp) :: dt = 0.0_wp
-      real(wp), allocatable :: force(:, :)            !! (0:step, 1 or sample) [N]
-      integer, allocatable :: column(:)               !! (sample) of the force
-      integer(long), allocatable :: tick(:)           !! (sample) now
-      integer, allocatable :: level(:)                !! (sample) the next step is dt/2^level
-      integer, allocatable :: slot(:)                 !! (sample) 0 or 1: where the present motion is
-      integer, allocatable :: pattern(:)              !! (sample) bit i-1: dof i is stuck; of short chains
-      real(wp), pointer, contiguous :: motion(:, :, :, :) => null()  !! (dof; a, v, x; slot; sample)
-      real(wp), pointer, contiguous :: bounds(:, :, :) => null()     !! (dof; slider, reach, way; sample)
-      real(wp), allocatable :: reach(:, :)            !! (dof, sample) mu N/k: a contact spring's most [m]
-      integer(long), allocatable :: slip_begin(:, :)  !! (dof, sample) slip time is accounted for until here
+      real(wp), allocatable :: force(:, :)        !! (0:step, 1 or sample) [N]
+      integer, allocatable :: column(:)           !! (sample) of the force
+      integer(long), allocatable :: tick(:)       !! (sample) now
+      integer, allocatable :: level(:)            !! (sample) the next step is dt/2^level
+      integer(long), allocatable :: until(:)      !! (sample) a transition is known to come by then
+      integer, allocatable :: slot(:)             !! (sample) 0 or 1: that of the present motion
+      integer, allocatable :: pattern(:)          !! (sample) bit i-1: dof i is stuck; short chains
+      !> (dof; a, v, x; slot; sample)
+      real(wp), pointer, contiguous :: motion(:, :, :, :) => null()
+      !> (dof; slider, reach, way, stiffness; sample). Reach is huge for one that slips, way 0 for
+      !> one that is stuck (or slips for ever), stiffness 0 for one that slips.
+      real(wp), pointer, contiguous :: bounds(:, :, :) => null()
+      real(wp), allocatable :: stiffness(:)       !! (dof) of the contact springs [N/m]
+      real(wp), allocatable :: reach(:, :)        !! (dof, sample) mu N/k [m]
+      integer(long), allocatable :: slip_begin(:, :)   !! (dof, sample) counted up to here
+      real(wp), allocatable :: room(:, :)         !! for the steps to work in
+      integer, allocatable :: list(:)             !! (dof) room for a list
+      real(wp), private :: tick_size = 0.0_wp     !! [s]
       real(wp), pointer, contiguous, private :: memory(:) => null()
    contains
       procedure :: switch_at_nearer_end
       procedure :: add_work
-      procedure, private :: change_regime
+      procedure :: change_of_force
+      procedure, private :: switches
+      procedure, private :: margin
+      procedure, private :: slip
+      procedure, private :: stick
       procedure, private :: set_regime
       procedure, private :: balance
       procedure, private :: force_at
@@ -54,23 +68,27 @@ contains
       integer :: first, i, rows, w, samples
 
       samples = state%n_samples
-      rows = register_width*((state%n_dof + register_width - 1)/register_width)
+      rows = whole_registers(state%n_dof)
       block%n_dof = state%n_dof
       block%n_samples = samples
       block%forced_dof = forced_dof
       block%max_halvings = max_halvings
       block%dt = dt
+      block%tick_size = 0.5_wp**max_halvings*dt
       allocate (block%force(0:ubound(force, 1), size(force, 2)))
       block%force(:, :) = force
       block%column = [(min(w, size(force, 2)), w=1, samples)]
+      block%stiffness = chain%contact_stiffness
       block%reach = state%slip_limit/spread(chain%contact_stiffness, 2, samples)
-      allocate (block%tick(samples), block%slip_begin(state%n_dof, samples), source=0_long)
+      allocate (block%tick(samples), block%until(samples), source=0_long)
+      allocate (block%slip_begin(state%n_dof, samples), source=0_long)
       allocate (block%level(samples), block%slot(samples), block%pattern(samples), source=0)
 
-      allocate (block%memory(9*rows*samples + register_width), source=0.0_wp)
+      allocate (block%room(rows, max(samples, state%n_dof + 2)), block%list(state%n_dof))
+      allocate (block%memory(10*rows*samples + register_width), source=0.0_wp)
       first = first_aligned(block%memory)
       block%motion(1:rows, 1:3, 0:1, 1:samples) => block%memory(first:)
-      block%bounds(1:rows, 1:3, 1:samples) => block%memory(first + 6*rows*samples:)
+      block%bounds(1:rows, 1:4, 1:samples) => block%memory(first + 6*rows*samples:)
       block%bounds(:, 2, :) = huge(1.0_wp)
       do w = 1, samples
          block%motion(:state%n_dof, 2, 0, w) = state%velocity(:, w)
@@ -104,82 +122,131 @@ contains
       state%step = state%step + ubound(block%force, 1)
    end subroutine store_block
 
-   !> A smallest step of sample w has passed a slider's limit: the transition is put at its nearer end.
-   !>
-   !> The end is chosen by linear interpolation, and the earliest transition decides. A slider starts to
-   !> slip only if its mass moves outward at that end.
+   !> A smallest step of sample w has passed a slider's limit: the transition is put at its nearer
+   !> end, the earliest deciding. A slider starts to slip only if its mass moves outward at that
+   !> end.
    subroutine switch_at_nearer_end(self, chain, state, w)
       class(newmark_block), intent(inout) :: self
       type(chain_type), intent(in) :: chain
       type(block_state), intent(inout) :: state
       integer, intent(in) :: w
-      real(wp) :: way(self%n_dof), before, after, outward
-      logical :: has_passed(self%n_dof), is_at_begin(self%n_dof)
-      integer :: i
+      logical :: is_at_begin
+      integer :: i, k, n_passed, old
 
-      associate (begin => self%motion(:, :, self%slot(w), w), end => self%motion(:, :, 1 - self%slot(w), w), &
-                 bounds => self%bounds(:, :, w))
-         do i = 1, self%n_dof
-            if (state%direction(i, w) == 0) then
-               way(i) = sign(1.0_wp, end(i, 3) - bounds(i, 1))
-               before = bounds(i, 2) - abs(begin(i, 3) - bounds(i, 1))
-               after = bounds(i, 2) - abs(end(i, 3) - bounds(i, 1))
-               outward = way(i)*begin(i, 2)
-               has_passed(i) = after < 0.0_wp
-               is_at_begin(i) = has_passed(i) .and. before < -after .and. outward > 0.0_wp
-            else
-               way(i) = 0.0_wp
-               before = bounds(i, 3)*begin(i, 2)
-               after = bounds(i, 3)*end(i, 2)
-               has_passed(i) = after < 0.0_wp
-               is_at_begin(i) = has_passed(i) .and. before < -after
-            end if
-         end do
-         if (any(is_at_begin)) then
-            has_passed = is_at_begin
-         else
-            where (abs(way) > 0.0_wp) has_passed = has_passed .and. way*end(:self%n_dof, 2) > 0.0_wp
-         end if
-      end associate
-      if (.not. any(is_at_begin)) then
+      old = self%slot(w)
+      n_passed = 0
+      is_at_begin = .false.
+      do i = 1, self%n_dof
+         if (.not. self%margin(i, w, 1 - old) < 0.0_wp) cycle
+         n_passed = n_passed + 1
+         self%list(n_passed) = i
+         is_at_begin = is_at_begin .or. self%switches(i, w, old, at_begin=.true.)
+      end do
+      if (.not. is_at_begin) then
          if (state%keeps_ledger) call self%add_work(chain, state, w)
          self%tick(w) = self%tick(w) + 1
-         self%slot(w) = 1 - self%slot(w)
+         self%slot(w) = 1 - old
       end if
-      do i = 1, self%n_dof
-         if (has_passed(i)) call self%change_regime(i, w, nint(way(i)), state)
+      do k = 1, n_passed
+         i = self%list(k)
+         if (.not. self%switches(i, w, old, is_at_begin)) cycle
+         if (state%direction(i, w) /= 0) then
+            call self%stick(chain, state, i, w)
+         else
+            call self%slip(chain, state, i, w, self%motion(i, 3, 1 - old, w) > self%bounds(i, 1, w))
+         end if
       end do
-      if (any(has_passed)) call self%balance(chain, state, w)
+      self%until(w) = 0
+      self%level(w) = self%max_halvings - min(trailz(self%tick(w)), self%max_halvings)
    end subroutine switch_at_nearer_end
 
-   !> The slider of dof i slips from now on, in the given direction, or sticks (0).
-   !> To stick is to stand still, with a spring that carries no more than mu N.
-   subroutine change_regime(self, i, w, direction, state)
-      class(newmark_block), intent(inout) :: self
-      integer, intent(in) :: i, w, direction
-      type(block_state), intent(inout) :: state
-      real(wp) :: slider
+   !> Whether dof i, which has passed its limit in the step from the old slot, changes its regime at
+   !> the begin or at the end of that step. The begin is nearer if less was missing there than is
+   !> too much at the end (linear interpolation).
+   pure logical function switches(self, i, w, old, at_begin)
+      class(newmark_block), intent(in) :: self
+      integer, intent(in) :: i, w, old
+      logical, intent(in) :: at_begin
+      real(wp) :: extension
+      integer :: slot
 
-      slider = 0.0_wp
-      if (direction == 0) then
-         associate (motion => self%motion(:, :, self%slot(w), w), reach => self%reach(i, w))
-            motion(i, 2) = 0.0_wp
-            slider = motion(i, 3) - state%direction(i, w)*reach
-            do while (abs(motion(i, 3) - slider) > reach)   ! by rounding
-               slider = nearest(slider, motion(i, 3) - slider)
-            end do
-         end associate
-         state%stick_starts(i, w) = state%stick_starts(i, w) + 1
-         state%slip_time(i, w) = state%slip_time(i, w) + self%seconds(self%tick(w) - self%slip_begin(i, w))
-      else
-         state%slip_starts(i, w) = state%slip_starts(i, w) + 1
-         self%slip_begin(i, w) = self%tick(w)
+      switches = .not. at_begin .or. self%margin(i, w, old) < -self%margin(i, w, 1 - old)
+      if (self%bounds(i, 4, w) > 0.0_wp) then   ! stuck
+         slot = merge(old, 1 - old, at_begin)
+         extension = self%motion(i, 3, 1 - old, w) - self%bounds(i, 1, w)
+         switches = switches .and. self%motion(i, 2, slot, w)*extension > 0.0_wp
       end if
+   end function switches
+
+   !> How far a dof is from its limit: a stuck one by the extension its spring may still gain [m], a
+   !> slipping one by its velocity [m/s].
+   pure real(wp) function margin(self, i, w, slot)
+      class(newmark_block), intent(in) :: self
+      integer, intent(in) :: i, w, slot
+
+      if (self%bounds(i, 4, w) > 0.0_wp) then
+         margin = self%bounds(i, 2, w) - abs(self%motion(i, 3, slot, w) - self%bounds(i, 1, w))
+      else
+         margin = self%bounds(i, 3, w)*self%motion(i, 2, slot, w)
+      end if
+   end function margin
+
+   !> Dof i slips from now on, outward. Its spring carries mu N instead of what it had come to.
+   subroutine slip(self, chain, state, i, w, is_forward)
+      class(newmark_block), intent(inout) :: self
+      type(chain_type), intent(in) :: chain
+      type(block_state), intent(inout) :: state
+      integer, intent(in) :: i, w
+      logical, intent(in) :: is_forward
+      integer :: direction
+
+      direction = merge(1, -1, is_forward)
+      associate (motion => self%motion(:, :, self%slot(w), w))
+         motion(i, 1) = motion(i, 1) - self%stiffness(i)/chain%mass(i)* &
+                        (direction*self%reach(i, w) - (motion(i, 3) - self%bounds(i, 1, w)))
+      end associate
+      state%slip_starts(i, w) = state%slip_starts(i, w) + 1
+      self%slip_begin(i, w) = self%tick(w)
+      call self%set_regime(i, w, direction, 0.0_wp)
+      call note_transition(self, state, i, w, direction)
+   end subroutine slip
+
+   !> Dof i sticks from now on: it stands still, which relieves the dampers, and its spring carries
+   !> no more than mu N.
+   subroutine stick(self, chain, state, i, w)
+      class(newmark_block), intent(inout) :: self
+      type(chain_type), intent(in) :: chain
+      type(block_state), intent(inout) :: state
+      integer, intent(in) :: i, w
+      real(wp) :: slider
+      integer :: j
+
+      associate (motion => self%motion(:, :, self%slot(w), w), reach => self%reach(i, w))
+         do j = 1, self%n_dof
+            motion(j, 1) = motion(j, 1) + chain%damping(j, i)*motion(i, 2)/chain%mass(j)
+         end do
+         motion(i, 2) = 0.0_wp
+         slider = motion(i, 3) - state%direction(i, w)*reach
+         do while (abs(motion(i, 3) - slider) > reach)   ! by rounding
+            slider = nearest(slider, motion(i, 3) - slider)
+         end do
+      end associate
+      state%stick_starts(i, w) = state%stick_starts(i, w) + 1
+      state%slip_time(i, w) = state%slip_time(i, w) &
+                              + self%seconds(self%tick(w) - self%slip_begin(i, w))
+      call self%set_regime(i, w, 0, slider)
+      call note_transition(self, state, i, w, 0)
+   end subroutine stick
+
+   subroutine note_transition(self, state, i, w, direction)
+      type(newmark_block), intent(in) :: self
+      type(block_state), intent(inout) :: state
+      integer, intent(in) :: i, w, direction
+
       state%direction(i, w) = direction
-      call self%set_regime(i, w, direction, slider)
       if (state%keeps_transitions) call state%transitions(w)%append( &
          state%step*self%dt + self%seconds(self%tick(w)), i, direction)
-   end subroutine change_regime
+   end subroutine note_transition
 
    !> Bounds and pattern of a slider that slips in a direction, or is stuck (0).
    !> One that carries nothing (mu N = 0) slips for ever.
@@ -189,32 +256,41 @@ contains
       real(wp), intent(in) :: slider
 
       if (direction == 0) then
-         self%bounds(i, :, w) = [slider, self%reach(i, w), 0.0_wp]
+         self%bounds(i, :, w) = [slider, self%reach(i, w), 0.0_wp, self%stiffness(i)]
       else
          self%bounds(i, :, w) = [0.0_wp, huge(1.0_wp), &
-                                 merge(real(direction, wp), 0.0_wp, self%reach(i, w) > 0.0_wp)]
+                                 merge(direction, 0, self%reach(i, w) > 0.0_wp)*1.0_wp, 0.0_wp]
       end if
       if (self%n_dof > register_width) return
-      self%pattern(w) = merge(ibset(self%pattern(w), i - 1), ibclr(self%pattern(w), i - 1), direction == 0)
+      self%pattern(w) = merge(ibset(self%pattern(w), i - 1), ibclr(self%pattern(w), i - 1), &
+                              direction == 0)
    end subroutine set_regime
 
-   !> Accelerations from the equation of motion, now.
+   !> Accelerations from the equation of motion.
    pure subroutine balance(self, chain, state, w)
       class(newmark_block), intent(inout) :: self
       type(chain_type), intent(in) :: chain
       type(block_state), intent(in) :: state
       integer, intent(in) :: w
-      real(wp) :: spring(self%n_dof), rest(self%n_dof)
-      integer :: n
+      real(wp) :: spring
+      integer :: i, j
 
-      n = self%n_dof
-      associate (a => self%motion(:n, 1, self%slot(w), w), v => self%motion(:n, 2, self%slot(w), w), &
-                 x => self%motion(:n, 3, self%slot(w), w))
-         spring = merge(x - self%bounds(:n, 1, w), state%direction(:, w)*self%reach(:, w), &
-                        state%direction(:, w) == 0)
-         rest = -matmul(chain%damping, v) - matmul(chain%coupling, x) - chain%contact_stiffness*spring
-         rest(self%forced_dof) = rest(self%forced_dof) + self%force_at(w, self%tick(w))
-         a = rest/chain%mass
+      associate (motion => self%motion(:, :, self%slot(w), w))
+         do i = 1, self%n_dof
+            spring = motion(i, 3) - self%bounds(i, 1, w)
+            if (state%direction(i, w) /= 0) spring = state%direction(i, w)*self%reach(i, w)
+            motion(i, 1) = -self%stiffness(i)*spring
+         end do
+         motion(self%forced_dof, 1) = motion(self%forced_dof, 1) + self%force_at(w, self%tick(w))
+         do j = 1, self%n_dof
+            do i = 1, self%n_dof
+               motion(i, 1) = motion(i, 1) &
+                              - chain%damping(i, j)*motion(j, 2) - chain%coupling(i, j)*motion(j, 3)
+            end do
+         end do
+         do i = 1, self%n_dof
+            motion(i, 1) = motion(i, 1)/chain%mass(i)
+         end do
       end associate
    end subroutine balance
 
@@ -225,16 +301,16 @@ contains
       type(chain_type), intent(in) :: chain
       type(block_state), intent(inout) :: state
       integer, intent(in) :: w
-      real(wp) :: way(self%n_dof), h
+      real(wp) :: way(self%n_dof), force, h
       integer(long) :: ticks
       integer :: n
 
       n = self%n_dof
-      ticks = ishft(1_long, self%max_halvings - self%level(w))
+      ticks = shiftl(1_long, self%max_halvings - self%level(w))
       h = self%seconds(ticks)
       way = self%motion(:n, 3, 1 - self%slot(w), w) - self%motion(:n, 3, self%slot(w), w)
-      state%work_input(w) = state%work_input(w) + 0.5_wp*way(self%forced_dof)* &
-                            (self%force_at(w, self%tick(w)) + self%force_at(w, self%tick(w) + ticks))
+      force = 0.5_wp*(self%force_at(w, self%tick(w)) + self%force_at(w, self%tick(w) + ticks))
+      state%work_input(w) = state%work_input(w) + force*way(self%forced_dof)
       state%work_viscous(w) = state%work_viscous(w) + dot_product(way, matmul(chain%damping, way))/h
       state%work_friction(w) = state%work_friction(w) + &
                                sum(state%direction(:, w)*state%slip_limit(:, w)*way)
@@ -249,19 +325,30 @@ contains
       integer :: step
       real(wp) :: share
 
-      step = min(int(ishft(tick, -self%max_halvings)), ubound(self%force, 1) - 1)
-      share = real(tick - ishft(int(step, long), self%max_halvings), wp)*0.5_wp**self%max_halvings
+      step = min(int(shiftr(tick, self%max_halvings)), ubound(self%force, 1) - 1)
+      share = real(tick - shiftl(int(step, long), self%max_halvings), wp)*self%tick_size/self%dt
       associate (f => self%force, column => self%column(w))
          force = f(step, column) + share*(f(step + 1, column) - f(step, column))
       end associate
    end function force_at
+
+   !> By how much it changes in the present step of dt.
+   pure function change_of_force(self, w) result(change)
+      class(newmark_block), intent(in) :: self
+      integer, intent(in) :: w
+      real(wp) :: change
+      integer :: step
+
+      step = int(shiftr(self%tick(w), self%max_halvings))
+      change = self%force(step + 1, self%column(w)) - self%force(step, self%column(w))
+   end function change_of_force
 
    pure function seconds(self, ticks) result(time)
       class(newmark_block), intent(in) :: self
       integer(long), intent(in) :: ticks
       real(wp) :: time
 
-      time = ticks*0.5_wp**self%max_halvings*self%dt
+      time = ticks*self%tick_size
    end function seconds
 
    subroutine free_block(self)
@@ -269,6 +356,13 @@ contains
 
       if (associated(self%memory)) deallocate (self%memory)
    end subroutine free_block
+
+   !> n, padded to whole registers.
+   pure integer function whole_registers(n)
+      integer, intent(in) :: n
+
+      whole_registers = register_width*((n + register_width - 1)/register_width)
+   end function whole_registers
 
    !> Where in the memory the first whole cache line begins: registers then load from one line only.
    function first_aligned(memory) result(first)

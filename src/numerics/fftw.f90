@@ -1,7 +1,7 @@
 !> The one door to FFTW: real transforms in buffers of their own.
 !>
-!> Plans are made with FFTW_ESTIMATE, that is without measuring: the same length gives the same bits in
-!> every run on a machine.
+!> Plans are made with FFTW_ESTIMATE, that is without measuring: the same length gives the same bits
+!> in every run on a machine.
 module numerics_fftw
    use, intrinsic :: iso_c_binding
    use core_kinds, only: wp
@@ -22,7 +22,7 @@ module numerics_fftw
    type, abstract :: real_fft
       integer :: n = 0                                              !! length of the signal
       real(wp), pointer, contiguous :: signal(:) => null()          !! (0:n-1)
-      complex(wp), pointer, contiguous :: spectrum(:) => null()     !! (0:n/2), the rest is conjugate
+      complex(wp), pointer, contiguous :: spectrum(:) => null()     !! (0:n/2), half of it
       type(c_ptr), private :: plan = c_null_ptr
       type(c_ptr), private :: signal_memory = c_null_ptr
       type(c_ptr), private :: spectrum_memory = c_null_ptr

@@ -1,0 +1,97 @@
+!> One step of Newmark's scheme for chains too long for tables, and for any beta and gamma.
+!>
+!> S^-1 is at hand for the stuck chain. Where sliders slip, the stiffness of their contact springs
+!> is missing, which is a correction of as low a rank as there are such sliders (Woodbury).
+module dynamics_newmark_long
+   use core_kinds, only: long, wp
+   implicit none(type, external)
+   private
+   public :: try_long
+
+contains
+
+   !> a1 = S^-1 [b dF + M a0/gamma - h K (v0 + lag a0)] - share a0, then v1 and x1; has_passed is 1
+   !> where a slider is beyond its limit at the end, else 0.
+   pure subroutine try_long(n, rows, change, lag, share, missing, weight, rigid, inverse, bounds, &
+                            slot, motion, room, list, has_passed)
+      integer, intent(in) :: n, rows
+      real(wp), intent(in) :: change             !! dF [N]
+      real(wp), intent(in) :: lag                !! h (1/2 - beta/gamma) [s]
+      real(wp), intent(in) :: share              !! (1 - gamma)/gamma
+      real(wp), intent(in) :: missing            !! beta h^2; times k: what a slipping slider lacks
+      real(wp), intent(in) :: weight(5)          !! of a0, a1 in v1; of v0 (so h), a0, a1 in x1
+      real(wp), intent(in) :: rigid(rows, 6)     !! b, M/gamma, coupling by diagonals (3), k
+      real(wp), intent(in) :: inverse(n, n)      !! S^-1 of the stuck chain
+      real(wp), intent(in) :: bounds(rows, 4)    !! slider, reach, way, stiffness
+      integer, intent(in) :: slot
+      real(wp), intent(inout) :: motion(rows, 3, 0:1)
+      real(wp), intent(out) :: room(n, n + 2)
+      integer, intent(out) :: list(n)
+      integer(long), intent(out) :: has_passed
+      real(wp) :: a1, v1, x1
+      integer :: i, m
+
+      associate (a0 => motion(:, 1, slot), v0 => motion(:, 2, slot), x0 => motion(:, 3, slot), &
+                 h => weight(3), load => room(:, 1), a => room(:, 2))
+         m = 0
+         do i = 1, n
+            a(i) = v0(i) + lag*a0(i)
+            if (bounds(i, 4) > 0.0_wp) cycle
+            m = m + 1
+            list(m) = i
+         end do
+         do i = 1, n
+            load(i) = rigid(i, 1)*change + rigid(i, 2)*a0(i) &
+                      - h*((rigid(i, 4) + bounds(i, 4))*a(i) + rigid(i, 3)*a(max(i - 1, 1)) &
+                           + rigid(i, 5)*a(min(i + 1, n)))
+         end do
+         a = 0.0_wp
+         do i = 1, n
+            a = a + inverse(:, i)*load(i)
+         end do
+         if (m > 0 .and. missing > 0.0_wp) &
+            call release(n, m, list, missing, rigid(:n, 6), inverse, a, load, room(:, 3:))
+         has_passed = 0
+         do i = 1, n
+            a1 = a(i) - share*a0(i)
+            v1 = v0(i) + weight(1)*a0(i) + weight(2)*a1
+            x1 = x0(i) + weight(3)*v0(i) + weight(4)*a0(i) + weight(5)*a1
+            motion(i, :, 1 - slot) = [a1, v1, x1]
+            if (abs(x1 - bounds(i, 1)) > bounds(i, 2) .or. bounds(i, 3)*v1 < 0.0_wp) has_passed = 1
+         end do
+      end associate
+   end subroutine try_long
+
+   !> From u = S^-1 q of the stuck chain to that with the listed sliders slipping: u + A y with
+   !> (1/(missing k) - A') y = u', A the listed columns of S^-1, ' the listed rows. By Cholesky's
+   !> factors, here and not by LAPACK, whose calls cost more than these few rows.
+   pure subroutine release(n, m, list, missing, stiffness, inverse, u, y, factor)
+      integer, intent(in) :: n, m, list(n)
+      real(wp), intent(in) :: missing, stiffness(n), inverse(n, n)
+      real(wp), intent(inout) :: u(n)
+      real(wp), intent(out) :: y(n), factor(n, n)   !! room
+      integer :: i, j
+
+      do j = 1, m
+         do i = j, m
+            factor(i, j) = -inverse(list(i), list(j))
+         end do
+         factor(j, j) = factor(j, j) + 1.0_wp/(missing*stiffness(list(j)))
+         y(j) = u(list(j))
+      end do
+      do j = 1, m
+         factor(j, j) = sqrt(factor(j, j))
+         factor(j + 1:m, j) = factor(j + 1:m, j)/factor(j, j)
+         do i = j + 1, m
+            factor(i:m, i) = factor(i:m, i) - factor(i:m, j)*factor(i, j)
+         end do
+         y(j) = y(j)/factor(j, j)
+         y(j + 1:m) = y(j + 1:m) - factor(j + 1:m, j)*y(j)
+      end do
+      do j = m, 1, -1
+         y(j) = (y(j) - sum(factor(j + 1:m, j)*y(j + 1:m)))/factor(j, j)
+         u = u + inverse(:, list(j))*y(j)
+      end do
+   end subroutine release
+
+end module dynamics_newmark_long
