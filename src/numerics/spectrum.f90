@@ -80,20 +80,42 @@ contains
    !> Adds the periodogram of a full segment and keeps what the next one shares with it.
    subroutine take_segment(self)
       class(welch_type), intent(inout) :: self
-      real(wp) :: mean
       integer :: series
 
       do series = 1, size(self%segment, 2)
-         mean = sum(self%segment(:, series))/self%length
-         self%transform%signal = self%window*(self%segment(:, series) - mean)
+         call weigh(self%length, self%window, self%segment(:, series), self%transform%signal)
          call self%transform%execute()
-         self%power(:, series) = self%power(:, series) + real(self%transform%spectrum, wp)**2 &
-                                 + aimag(self%transform%spectrum)**2
+         call add_square(size(self%power, 1), self%transform%spectrum, self%power(:, series))
          self%segment(:self%overlap, series) = self%segment(self%length - self%overlap + 1:, series)
       end do
       self%filled = self%overlap
       self%n_segments = self%n_segments + 1
    end subroutine take_segment
+
+   !> The values without their mean, times the window. The mean is summed in several parts at once:
+   !> in a single sum each addition waits for the one before.
+   pure subroutine weigh(n, window, values, weighted)
+      integer, intent(in) :: n
+      real(wp), intent(in) :: window(n), values(n)
+      real(wp), intent(out) :: weighted(n)
+      real(wp) :: total
+      integer :: i
+
+      total = 0.0_wp
+      !$omp simd reduction(+:total)
+      do i = 1, n
+         total = total + values(i)
+      end do
+      weighted = window*(values - total/n)
+   end subroutine weigh
+
+   pure subroutine add_square(n, spectrum, power)
+      integer, intent(in) :: n
+      complex(wp), intent(in) :: spectrum(n)
+      real(wp), intent(inout) :: power(n)
+
+      power = power + real(spectrum, wp)**2 + aimag(spectrum)**2
+   end subroutine add_square
 
    !> The densities; values that fill no segment are left out. Needs one segment.
    subroutine finish(self, psd)
