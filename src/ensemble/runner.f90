@@ -15,7 +15,7 @@ module ensemble_runner
    public :: runner_type, prepare_runner, block_width
 
    integer, parameter :: widest_block = 32                   !! samples marched together
-   integer, parameter :: records_per_piece = 256             !! between two looks at the spectra
+   integer, parameter :: records_per_piece = 264             !! between two looks at the spectra
    real(wp), parameter :: block_memory = 128.0e6_wp          !! [byte] of forces and histories in a block
 
    type :: runner_type

@@ -113,7 +113,7 @@ contains
       type(march_type), intent(inout) :: march
       type(block_result), intent(inout) :: result
       type(error_type), allocatable, intent(out) :: error
-      real(wp), allocatable :: x(:, :, :), v(:, :, :)   ! (record, dof, sample)
+      real(wp), allocatable, target :: x(:, :, :), v(:, :, :)   ! (record, dof, sample)
       integer :: every, n
 
       associate (state => march%state, output => runner%plan%output)
@@ -140,13 +140,14 @@ contains
    subroutine listen(runner, from, every, x)
       type(runner_type), intent(inout) :: runner
       integer, intent(in) :: from, every     !! steps before the first record; steps between records
-      real(wp), intent(in) :: x(:, :, :)     !! (record, dof, sample)
-      integer :: first, stride, n
+      real(wp), intent(in), contiguous, target :: x(:, :, :)   !! (record, dof, sample)
+      real(wp), pointer :: series(:, :)      ! (record, dof and sample as one index)
+      integer :: first, stride
 
       stride = runner%layout%every/every
       first = stride - modulo(from/every, stride)
-      n = (size(x, 1) - first + stride)/stride
-      call runner%spectra%add(reshape(x(first::stride, :, :), [n, size(x, 2)*size(x, 3)]))
+      series(1:size(x, 1), 1:size(x, 2)*size(x, 3)) => x
+      call runner%spectra%add(series(first::stride, :))
    end subroutine listen
 
    !> (record, dof, sample) as (dof, record, sample)

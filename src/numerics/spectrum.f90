@@ -49,7 +49,7 @@ contains
       self%filled = 0
       self%overlap = overlap
       self%interval = interval
-      if (self%length /= length) then
+      if (self%transform%n /= length) then
          self%length = length
          self%window = [(0.5_wp*(1.0_wp - cos(two_pi*i/length)), i=0, length - 1)]
          call self%transform%prepare(length)
