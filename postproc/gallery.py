@@ -7,9 +7,10 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import matplotlib.pyplot as plt
+import xarray as xr
 from matplotlib.axes import Axes
 
-from postproc import figures
+from postproc import figures, process_figures
 from postproc.results import Case, Results
 
 
@@ -35,6 +36,86 @@ class Figure:
 
 def make_figures(results: Results) -> Iterator[Figure]:
     """In the paper's order; a letter per panel, as the paper has them."""
+    yield from _process_figures(results)
+    yield from _friction_figures(results)
+
+
+def _process_figures(results: Results) -> Iterator[Figure]:
+    """Figs. 1 to 6, of processes that a scene without chain solved."""
+    if results.chain is not None:
+        return
+    solved = [p for p in results.processes.values() if p.attrs["status"] == "solved"]
+    free = [p for p in solved if not int(p.attrs["positive"])]
+    asked = [p for p in free if int(p.attrs["order"]) > 0]
+    regressive = [p for p in asked if p.attrs["method"] == "autoregressive"]
+    for number, method, family in (
+        (1, "direct method", [p for p in asked if p.attrs["method"] == "direct"]),
+        (2, "autoregressive", regressive),
+    ):
+        for name, length, panel in _length_panels(family):
+            yield Figure(
+                f"fig_{number:02d}{name}",
+                f"Fig. {number}{name}. Autocovariance, {method}, {length}",
+                "Values beyond lag 0 fall as the order grows, towards white noise: flat in the lag"
+                " where L0 is imposed, growing with it where L1 is.",
+                lambda axes, panel=panel: process_figures.plot_autocovariances(axes, panel),
+            )
+    if len({process_figures.order_of(p) for p in regressive}) > 1:
+        yield Figure(
+            "fig_03",
+            "Fig. 3. Entropy over the order",
+            "The order needed to come near white noise rises with the correlation length, and is"
+            " higher where L0 is imposed (full lines) than where L1 is (dashed).",
+            lambda axes: process_figures.plot_entropies(axes, regressive),
+        )
+        yield Figure(
+            "fig_04",
+            "Fig. 4. The correlation length that was not imposed",
+            "With L0 imposed (full lines) L1 grows with the order; with L1 imposed (dashed) L0"
+            " falls. Infinite sums.",
+            lambda axes: process_figures.plot_achieved_lengths(axes, regressive),
+        )
+    chosen = [p for p in free if int(p.attrs["order"]) == 0]
+    if chosen:
+        yield Figure(
+            "fig_05",
+            "Fig. 5. One length imposed, the other bounded",
+            "With L0 imposed the bound on L1 picks the largest order that keeps it.",
+            lambda axes: process_figures.plot_chosen_orders(axes, chosen),
+        )
+    positive = [p for p in solved if int(p.attrs["positive"])]
+    if positive:
+        like = positive[0].attrs
+        twins = [
+            p for p in regressive
+            if all(p.attrs[a] == like[a] for a in ("correlation", "correlation_length", "order"))
+        ]  # fmt: skip
+        yield Figure(
+            "fig_06",
+            "Fig. 6. Positive processes and the one without sign constraint",
+            "Autocovariances of positive processes beside that of the unconstrained one of the same"
+            " length and order; the closer, the larger the mean over the standard deviation.",
+            lambda axes: process_figures.plot_positive(axes, [*twins, *positive]),
+        )
+
+
+def _length_panels(processes: list[xr.Dataset]) -> Iterator[tuple[str, str, list[xr.Dataset]]]:
+    """Panel a: L0, b: L1, for the smallest length; the other lengths carry theirs in the name."""
+    lengths = sorted({process_figures.length_of(p) for p in processes})
+    for length in lengths:
+        for letter, definition in (("a", "L0"), ("b", "L1")):
+            panel = [
+                p for p in processes
+                if p.attrs["correlation"] == definition
+                and process_figures.length_of(p) == length
+            ]  # fmt: skip
+            if panel:
+                suffix = "" if length == lengths[0] else f"_{length:g}"
+                yield letter + suffix, f"{definition} = {length:g}", panel
+
+
+def _friction_figures(results: Results) -> Iterator[Figure]:
+    """Figs. 8 to 11, of a campaign."""
     spectra = [case for case in results.deterministic if case.has("psd")]
     for letter, case in _lettered(spectra):
         yield Figure(

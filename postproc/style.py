@@ -50,6 +50,12 @@ def of_length(length: float, lengths: Sequence[float]) -> dict[str, object]:
     return {"color": _COLOURS[index], "marker": _MARKS[index]}
 
 
+def of_rank(rank: int, count: int) -> dict[str, object]:
+    """Colour and dashes of the rank-th of an ordered family, dark to light."""
+    colour = mpl.colormaps["viridis"](0.85 * rank / max(count - 1, 1))
+    return {"color": colour, "linestyle": _DASHES[rank % len(_DASHES)]}
+
+
 def dashes(index: int) -> object:
     """The index-th line style, for curves that share a colour."""
     return _DASHES[index % len(_DASHES)]
