@@ -13,6 +13,7 @@ module process_ar_fit
    use core_error, only: error_type, exit_bad_input, exit_no_solution, raise
    use core_kinds, only: wp
    use core_text, only: to_text
+   use numerics_elementary, only: log_one_plus
    use numerics_lapack, only: solve_linear_system
    use process_ar_gradient, only: length_gradient
    use process_ar_model, only: autocovariance_of, coefficients_of, find_poles, innovation_std, &
@@ -261,13 +262,5 @@ contains
       slope = slope*(dot_product(kappa, slope)/dot_product(slope, slope))
       residual = maxval(abs(kappa - slope))/maxval(abs(kappa))
    end function optimality_residual
-
-   !> ln(1 + x) without cancellation.
-   elemental function log_one_plus(x) result(value)
-      real(wp), intent(in) :: x   !! not negative
-      real(wp) :: value
-
-      value = 2.0_wp*atanh(x/(2.0_wp + x))
-   end function log_one_plus
 
 end module process_ar_fit

@@ -7,6 +7,7 @@ module process_ar_search
    use core_error, only: error_type
    use core_kinds, only: long, wp
    use core_random, only: label_of, new_stream, stream_type
+   use numerics_elementary, only: log_cosh
    use numerics_nlopt, only: minimization_outcome, minimization_problem, minimization_settings, &
                              minimize
    use process_ar_gradient, only: length_gradient
@@ -34,6 +35,7 @@ module process_ar_search
       procedure :: equalities => length_defect
    end type length_problem
 
+   real(wp), parameter :: farthest = 8.0_wp             !! atanh(kappa): kappa = 1 - 2e-7
    real(wp), parameter :: out_of_reach = 1.0e3_wp       !! ln of a length that cannot be summed
    integer, parameter :: least_reach = 2000             !! lags worth summing at any length
    real(wp), parameter :: reach_per_length = 200.0_wp   !! and at great ones
@@ -53,14 +55,17 @@ contains
       type(minimization_settings) :: settings
       type(minimization_outcome) :: outcome
       real(wp) :: start(order)
+      integer :: i
 
       problem%n_equalities = 1
       problem%correlation = correlation
       problem%length = length
       settings%max_evaluations = 300
       settings%constraint_tolerance = 1.0e-9_wp
+      settings%lower = [(-farthest, i=1, order)]
+      settings%upper = -settings%lower
       start = start_of(problem, order, seed, trial)
-      problem%scale = 1.0_wp/sum(log(cosh(start)))
+      problem%scale = 1.0_wp/sum(log_cosh(start))
       call minimize(problem, settings, start, outcome, error)
       if (allocated(error)) return
       rival%kappa = tanh(outcome%x)
@@ -103,7 +108,7 @@ contains
       real(wp), intent(out) :: value
       real(wp), optional, intent(out) :: gradient(:)
 
-      value = self%scale*sum(log(cosh(x)))
+      value = self%scale*sum(log_cosh(x))
       if (present(gradient)) gradient = self%scale*tanh(x)
    end subroutine entropy_lost
 

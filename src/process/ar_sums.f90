@@ -10,6 +10,7 @@ module process_ar_sums
    use core_error, only: error_type, exit_no_solution, raise
    use core_kinds, only: wp
    use core_text, only: to_text
+   use numerics_elementary, only: exp_minus_one
    use process_ar_model, only: coefficients_of, find_poles, innovation_std
    implicit none(type, external)
    private
@@ -99,6 +100,7 @@ contains
       type(correlation_sums), intent(inout) :: sums   !! n_lags and is_closed are set
       real(wp) :: a(size(kappa)), rho(0:size(kappa)), log_r(0:size(kappa))
       real(wp) :: negative, negative_moment, positive, positive_moment, variance
+      real(wp) :: mirrored   ! what of (-1)^m K(m) is negative
       integer :: m, order
 
       order = size(kappa)
@@ -110,6 +112,7 @@ contains
       positive_moment = 0.0_wp
       negative = 0.0_wp
       negative_moment = 0.0_wp
+      mirrored = 0.0_wp
       do m = 1, max(sums%n_lags, order)
          if (m <= order) then
             rho(0) = -kappa(m)*variance - dot_product(a(:m - 1), rho(1:m - 1))
@@ -126,27 +129,21 @@ contains
             positive = positive + rho(0)
             positive_moment = positive_moment + m*rho(0)
          end if
+         if (rho(0) < 0.0_wp .neqv. modulo(m, 2) == 1) mirrored = mirrored + abs(rho(0))
          rho(1:) = rho(:order - 1)
       end do
       if (sums%is_closed) then
          log_r = log_spectral_ratios(kappa)
-         positive = 0.5_wp*expm1(log_r(order)) + negative
+         positive = 0.5_wp*exp_minus_one(log_r(order)) + negative
          positive_moment = 0.5_wp*exp(log_r(order))*sum(sinh(log_r(order) - log_r(:order - 1))) &
                            + negative_moment
       end if
       sums%l0 = positive + negative
       sums%l1 = (positive_moment + negative_moment)/(1.0_wp + sums%l0)
       ! rounding leaves signs to lags that are zero
+      if (.not. sums%is_closed) negative = min(negative, mirrored)
       sums%is_nonnegative = negative <= 100*epsilon(1.0_wp)*sums%l0
    end subroutine march
-
-   !> exp(x) - 1 without cancellation.
-   elemental function expm1(x) result(value)
-      real(wp), intent(in) :: x
-      real(wp) :: value
-
-      value = 2.0_wp*exp(0.5_wp*x)*sinh(0.5_wp*x)
-   end function expm1
 
    !> A lag from which K > 0 for sure: the residue of the largest pole, when it is real and
    !! positive, against
@@ -160,7 +157,7 @@ contains
 
       lag = huge(1.0_wp)
       largest = poles(1)%re
-      if (abs(poles(1)%im) > 0.0_wp .or. largest <= 0.0_wp) return
+      if (abs(poles(1)%im) > 0.0_wp .or. largest <= 0.0_wp .or. largest >= 1.0_wp) return
       inner = 1.0e-8_wp*largest
       if (size(poles) > 1) inner = max(inner, abs(poles(2)))
       if (.not. inner < largest) return
