@@ -1,12 +1,16 @@
-!> The exact march: piecewise-linear force, closed form between transitions, every transition located.
+!> The exact march: piecewise-linear force, closed form between transitions, each of them located.
+!>
+!> Chains of up to 8 masses go by tables of exact steps (dynamics_tabulated), in which a step
+!> without a transition costs one matrix product and its check. Longer ones, and any chain whose
+!> ledger is kept, go by Taylor series (dynamics_lanes), which also give the integrals of powers.
 module dynamics_event
    use core_error, only: error_type, exit_bad_input, raise
    use core_kinds, only: long, wp
    use core_text, only: to_text
    use dynamics_chain, only: chain_type
    use dynamics_lanes, only: lane_group, new_lane_group
-   use dynamics_response, only: block_state, marcher_type
    use dynamics_propagator, only: new_propagator, width
+   use dynamics_response, only: block_state, marcher_type
    use dynamics_single, only: path_error
    use dynamics_tabulated, only: tabulated_march
    use dynamics_taylor, only: fastest_rate, lanes, new_taylor, order_for
@@ -37,8 +41,8 @@ contains
       integer, intent(in) :: forced_dof
       type(event_marcher), intent(out) :: marcher
       type(error_type), allocatable, intent(out) :: error
-      real(wp), parameter :: table_rate_step = 0.5_wp    ! longest step in units of the fastest time constant,
-      real(wp), parameter :: series_rate_step = 1.0_wp   ! for sharp bounds of the guards and for few powers
+      !> longest part of a step in fastest time constants: for sharp bounds, and for few powers
+      real(wp), parameter :: table_rate_step = 0.5_wp, series_rate_step = 1.0_wp
       !> a step's error lives on for some 1/zeta periods of many steps each
       real(wp), parameter :: share_of_step = 1.0e-4_wp, share_of_transition = 1.0e-2_wp
       real(wp) :: h, rate
@@ -77,16 +81,17 @@ contains
       end associate
    end subroutine new_event_marcher
 
+   !> See marcher_type.
    subroutine advance(self, state, force, every, displacement, velocity, error)
       class(event_marcher), intent(inout) :: self
       type(block_state), intent(inout) :: state
       real(wp), intent(in) :: force(0:, :)   !! (step, 1 or sample) [N], linear between its values
       integer, intent(in) :: every
-      real(wp), intent(out) :: displacement(:, :, :)         !! (record, dof, sample) [m]; may have size 0
+      real(wp), intent(out) :: displacement(:, :, :)         !! (record, dof, sample) [m], or size 0
       real(wp), intent(out), optional :: velocity(:, :, :)   !! (record, dof, sample) [m/s]
       type(error_type), allocatable, intent(out) :: error
-      real(wp), allocatable :: slip_begin(:, :)   ! (dof, sample) where the slip under way began [parts of a step]
-      real(wp) :: h
+      real(wp), allocatable :: slip_begin(:, :)   ! (dof, sample) of the slip under way
+      real(wp) :: h, now
 
       allocate (slip_begin(state%n_dof, state%n_samples), source=real(state%step*self%substeps, wp))
       if (self%has_tables .and. .not. state%keeps_ledger) then
@@ -97,12 +102,13 @@ contains
       if (allocated(error)) return
       state%step = state%step + ubound(force, 1)
       h = self%dt/self%substeps
-      where (state%direction /= 0) state%slip_time = state%slip_time + &
-                                                     (real(state%step*self%substeps, wp) - slip_begin)*h
+      now = real(state%step*self%substeps, wp)
+      where (state%direction /= 0) state%slip_time = state%slip_time + (now - slip_begin)*h
    end subroutine advance
 
    !> In pieces whose force, with a value at every part of a step, stays in the cache.
-   subroutine advance_by_tables(self, state, force, every, slip_begin, displacement, velocity, error)
+   subroutine advance_by_tables(self, state, force, every, slip_begin, displacement, velocity, &
+                                error)
       class(event_marcher), intent(inout) :: self
       type(block_state), intent(inout) :: state
       real(wp), intent(in) :: force(0:, :)
@@ -128,14 +134,17 @@ contains
          piece((last - first)*self%substeps, :) = force(last, :)
          recorded = int((state%step + first)/every - state%step/every)
          call self%tabulated%march(state, piece, real((state%step + first)*self%substeps, wp), &
-                                   every*self%substeps, recorded, slip_begin, displacement, velocity, error)
+                                   every*self%substeps, recorded, slip_begin, displacement, &
+                                   velocity, error)
          if (allocated(error)) return
          deallocate (piece)
          first = last
       end do
    end subroutine advance_by_tables
 
-   subroutine advance_by_series(self, state, force, every, slip_begin, displacement, velocity, error)
+   !> Eight samples at a time through all steps, with the ledger where it is kept.
+   subroutine advance_by_series(self, state, force, every, slip_begin, displacement, velocity, &
+                                error)
       class(event_marcher), intent(inout) :: self
       type(block_state), intent(inout) :: state
       real(wp), intent(in) :: force(0:, :)
@@ -163,7 +172,8 @@ contains
                call group%march_step(state, slip_begin, error)
                if (allocated(error)) return
             end do
-            if (mod(state%step + step + 1, int(every, long)) /= 0 .or. size(displacement) == 0) cycle
+            if (size(displacement) == 0) cycle
+            if (mod(state%step + step + 1, int(every, long)) /= 0) cycle
             record = record + 1
             do l = 1, last - first + 1
                displacement(record, :, first + l - 1) = group%x(l, 1:state%n_dof, 0)

@@ -1,7 +1,8 @@
-!> When a guard changes sign: the guards of a Jenkins element on a Taylor polynomial, and their first crossing.
+!> When a guard changes sign: the guards of a Jenkins element on a Taylor polynomial, and their
+!> first crossing.
 !>
-!> A stuck mass watches the slack of its spring on both sides, a slipping one its velocity. A guard is a
-!> polynomial c(0) + c(1) t + ... that is not negative until the mass must change its regime.
+!> A stuck mass watches the slack of its spring on both sides, a slipping one its velocity. A guard
+!> is a polynomial c(0) + c(1) t + ... that is not negative until the mass must change its regime.
 module dynamics_events
    use core_kinds, only: wp
    implicit none(type, external)
@@ -17,7 +18,7 @@ contains
       real(wp), intent(in) :: path(0:)    !! Taylor coefficients of its displacement
       real(wp), intent(in) :: direction   !! 0: stuck, +1 or -1: slipping that way
       real(wp), intent(in) :: slider
-      real(wp), intent(in) :: reach       !! mu N / k: extension of the contact spring at which it slips
+      real(wp), intent(in) :: reach       !! mu N/k: extension at which the contact slips
       real(wp), intent(in) :: last
       real(wp) :: time
       real(wp) :: guard(0:size(path) - 1)
@@ -40,9 +41,9 @@ contains
 
    !> The first time in [0, last] after which the polynomial is negative, or no_crossing.
    !>
-   !> A value c(0) <= 0 belongs to the transition just handled (rounding, or an exact zero after a mass
-   !> has stuck): the first derivative that is not zero says where the guard goes, and that zero at the
-   !> start is divided out, so it is not found again.
+   !> A value c(0) <= 0 belongs to the transition just handled (rounding, or an exact zero after a
+   !> mass has stuck): the first derivative that is not zero says where the guard goes, and that
+   !> zero at the start is divided out, so it is not found again.
    pure function first_crossing(c, last) result(time)
       real(wp), intent(in) :: c(0:)
       real(wp), intent(in) :: last
@@ -79,8 +80,9 @@ contains
       time = creep(c(first:), bend, last)
    end function first_crossing
 
-   !> The zero of a guard that falls or is concave all the way, positive at the start: there is one if the end is not
-   !> positive. The zeros of its own parabolas close in on it with order three; -1 when they do not.
+   !> The zero of a guard that falls or is concave all the way, positive at the start: there is one
+   !> if the end is not positive. The zeros of its own parabolas close in on it with order three; -1
+   !> when they do not.
    pure function only_crossing(c, last) result(time)
       real(wp), intent(in) :: c(0:), last
       real(wp) :: time
@@ -117,10 +119,10 @@ contains
 
    !> The first zero by steps that cannot pass one.
    !>
-   !> Over [t, last] the polynomial lies above the parabola through its value and slope at t whose second
-   !> derivative is the bound `bend`; the zero of that parabola is the next t. The iterates close in on a simple zero
-   !> quadratically and always from the same side, step over a minimum that stays positive, and skip neither
-   !> a graze nor a pair of crossings.
+   !> Over [t, last] the polynomial lies above the parabola through its value and slope at t whose
+   !> second derivative is the bound `bend`; the zero of that parabola is the next t. The iterates
+   !> close in on a simple zero quadratically and always from the same side, step over a minimum
+   !> that stays positive, and skip neither a graze nor a pair of crossings.
    pure function creep(c, bend, last) result(time)
       real(wp), intent(in) :: c(0:)
       real(wp), intent(in) :: bend   !! bound of |second derivative| over [0, last]

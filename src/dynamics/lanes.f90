@@ -1,7 +1,7 @@
 !> Eight samples side by side through one step, with every stick-slip transition in it.
 !>
-!> The motion is a Taylor polynomial up to the first transition of each lane, where the regime of that
-!> mass is changed and the series begins anew; lanes that are done wait. No lane reads another.
+!> The motion is a Taylor polynomial up to the first transition of each lane, where the regime of
+!> that mass is changed and the series begins anew; lanes that are done wait. No lane reads another.
 module dynamics_lanes
    use core_error, only: error_type, exit_no_solution, raise
    use core_kinds, only: wp
@@ -15,22 +15,22 @@ module dynamics_lanes
    private
    public :: lane_group, new_lane_group
 
-   !> Samples 1 .. 8 of a group; a lane without a sample (0) carries a chain at rest that cannot slip.
-   !> Displacements in m, velocities in m per step; arrays (lane, dof).
+   !> Samples 1 .. 8 of a group; a lane without a sample (0) carries a chain at rest that cannot
+   !> slip. Displacements in m, velocities in m per step; arrays (lane, dof).
    type :: lane_group
       type(taylor_type) :: taylor
       type(ledger_type) :: ledger
-      integer :: max_transitions = 1000             !! rounds of transitions in one step before it is an error
+      integer :: max_transitions = 1000             !! rounds of them in one step that are no error
       integer :: sample(lanes) = 0
       real(wp) :: begin(lanes) = 0.0_wp             !! steps done when this one begins
-      real(wp) :: force(lanes, 0:1) = 0.0_wp        !! at the beginning, and its rise in the step [N]
+      real(wp) :: force(lanes, 0:1) = 0.0_wp        !! at the beginning, and its rise [N]
       real(wp), allocatable :: x(:, :, :)           !! Taylor coefficients (lane, 0:n+1, power)
       real(wp), allocatable :: direction(:, :)      !! 0: stuck, +1 or -1: slipping that way
       real(wp), allocatable :: slider(:, :)
       real(wp), allocatable :: reach(:, :)          !! mu N/k: extension at which the contact slips
       real(wp), allocatable :: held(:, :)           !! 1: stuck, 0: slipping
-      real(wp), allocatable :: anchor(:, :)         !! where the contact pulls to (stuck), or what it adds (slipping)
-      real(wp), allocatable :: crossing(:, :)       !! next transition of each mass, from now [steps]
+      real(wp), allocatable :: anchor(:, :)         !! contact force over stiffness at x = 0 [m]
+      real(wp), allocatable :: crossing(:, :)       !! next transition, from now [steps]
    contains
       procedure :: clear
       procedure :: load
@@ -50,8 +50,9 @@ contains
       group%taylor = taylor
       group%ledger = new_ledger(chain, taylor)
       allocate (group%x(lanes, 0:n + 1, 0:taylor%order), source=0.0_wp)
-      allocate (group%direction(lanes, n), group%slider(lanes, n), group%reach(lanes, n), &
-                group%held(lanes, n), group%anchor(lanes, n), group%crossing(lanes, n), source=0.0_wp)
+      allocate (group%direction(lanes, n), source=0.0_wp)
+      allocate (group%slider, group%reach, group%held, group%anchor, group%crossing, &
+                source=group%direction)
       do l = 1, lanes
          call group%clear(l)
       end do
@@ -72,8 +73,8 @@ contains
       self%anchor(lane, :) = 0.0_wp
    end subroutine clear
 
-   !> Puts a sample of the block into a lane. A mass without friction slips for ever: it watches nothing, as a
-   !> stuck one with boundless reach, but is not held.
+   !> Puts a sample of the block into a lane. A mass without friction slips for ever: it watches
+   !> nothing, as a stuck one with boundless reach, but is not held.
    pure subroutine load(self, chain, lane, sample, state)
       class(lane_group), intent(inout) :: self
       type(chain_type), intent(in) :: chain
@@ -87,10 +88,11 @@ contains
       self%x(lane, 1:chain%n_dof, 1) = self%taylor%h*state%velocity(:, sample)
       self%slider(lane, :) = merge(state%slider(:, sample), 0.0_wp, has_friction)
       self%direction(lane, :) = merge(real(state%direction(:, sample), wp), 0.0_wp, has_friction)
-      self%reach(lane, :) = merge(state%slip_limit(:, sample)/chain%contact_stiffness, huge(1.0_wp), &
-                                  has_friction)
+      self%reach(lane, :) = merge(state%slip_limit(:, sample)/chain%contact_stiffness, &
+                                  huge(1.0_wp), has_friction)
       self%held(lane, :) = merge(1.0_wp, 0.0_wp, state%direction(:, sample) == 0)
-      self%anchor(lane, :) = merge(self%slider(lane, :), -self%direction(lane, :)*self%reach(lane, :), &
+      self%anchor(lane, :) = merge(self%slider(lane, :), &
+                                   -self%direction(lane, :)*self%reach(lane, :), &
                                    state%direction(:, sample) == 0)
    end subroutine load
 
@@ -104,9 +106,12 @@ contains
       associate (w => self%sample(lane), n => chain%n_dof)
          state%displacement(:, w) = self%x(lane, 1:n, 0)
          state%velocity(:, w) = self%x(lane, 1:n, 1)/self%taylor%h
-         where (state%slip_limit(:, w) > 0.0_wp) state%direction(:, w) = nint(self%direction(lane, :))
-         state%slider(:, w) = merge(self%slider(lane, :), state%displacement(:, w) - state%direction(:, w)* &
-                                    state%slip_limit(:, w)/chain%contact_stiffness, state%direction(:, w) == 0)
+         where (state%slip_limit(:, w) > 0.0_wp)
+            state%direction(:, w) = nint(self%direction(lane, :))
+         end where
+         state%slider(:, w) = merge(self%slider(lane, :), state%displacement(:, w) - &
+                                    state%direction(:, w)*state%slip_limit(:, w)/ &
+                                    chain%contact_stiffness, state%direction(:, w) == 0)
       end associate
    end subroutine store
 
@@ -114,7 +119,7 @@ contains
    subroutine march_step(self, state, slip_begin, error)
       class(lane_group), intent(inout) :: self
       type(block_state), intent(inout) :: state           !! transitions are counted and logged here
-      real(wp), intent(inout) :: slip_begin(:, :)         !! (dof, sample) where the slip under way began [steps]
+      real(wp), intent(inout) :: slip_begin(:, :)         !! (dof, sample) of slips under way
       type(error_type), allocatable, intent(out) :: error
       real(wp) :: tau(lanes), span(lanes), force(lanes, 0:1)
       logical :: is_crossing(lanes)
@@ -133,8 +138,8 @@ contains
          tau = merge(tau + span, 1.0_wp, is_crossing)
          force(:, 0) = self%force(:, 0) + tau*self%force(:, 1)
          do l = 1, lanes
-            if (is_crossing(l)) call change_regimes(self, l, span(l), self%begin(l) + tau(l), state, &
-                                                    slip_begin)
+            if (.not. is_crossing(l)) cycle
+            call change_regimes(self, l, span(l), self%begin(l) + tau(l), state, slip_begin)
          end do
       end do
       l = findloc(is_crossing, .true., 1)
@@ -144,7 +149,8 @@ contains
                  to_text((self%begin(l) + 1.0_wp)*self%taylor%h))
    end subroutine march_step
 
-   !> The first transition of every mass from now, and of every lane (no_crossing: none before the end).
+   !> The first transition of every mass from now, and of every lane (no_crossing: none before the
+   !> end).
    pure subroutine find_transitions(self, left, first)
       type(lane_group), intent(inout) :: self
       real(wp), intent(in) :: left(lanes)   !! what is left of the step; 0: nothing is looked for
@@ -166,8 +172,8 @@ contains
       end do
    end subroutine find_transitions
 
-   !> A lower bound of every guard over what is left of the step: the terms up to the velocity (stuck) or
-   !> the acceleration (slipping) as they are, all higher ones by their absolute values.
+   !> A lower bound of every guard over what is left of the step: the terms up to the velocity
+   !> (stuck) or the acceleration (slipping) as they are, all higher ones by their absolute values.
    pure subroutine bound_slack(self, left, slack)
       type(lane_group), intent(in) :: self
       real(wp), intent(in) :: left(lanes)
@@ -203,7 +209,8 @@ contains
    end subroutine bound_slack
 
    !> Changes the regime of every mass that crosses its guard now: one pass for all of an instant.
-   !> Sticking stops the mass and puts the slider where the spring carries mu N, so no drift gathers.
+   !> Sticking stops the mass and puts the slider where the spring carries mu N, so no drift
+   !> gathers.
    subroutine change_regimes(self, l, span, now, state, slip_begin)
       type(lane_group), intent(inout) :: self
       integer, intent(in) :: l
@@ -218,7 +225,8 @@ contains
       do i = 1, self%taylor%n
          if (self%crossing(l, i) > span + same_instant) cycle
          if (self%held(l, i) > 0.0_wp) then
-            self%direction(l, i) = sign(1.0_wp, self%x(l, i, 1))   ! outwards, also where the reach is below rounding
+            ! along the velocity: outwards, also where the reach is below rounding
+            self%direction(l, i) = sign(1.0_wp, self%x(l, i, 1))
             self%held(l, i) = 0.0_wp
             self%anchor(l, i) = -self%direction(l, i)*self%reach(l, i)
             state%slip_starts(i, w) = state%slip_starts(i, w) + 1

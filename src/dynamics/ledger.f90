@@ -1,6 +1,8 @@
-!> The energy ledger of one piece of motion: exact integrals of the powers over its Taylor polynomials.
+!> The energy ledger of one piece of motion: exact integrals of the powers over its Taylor
+!> polynomials.
 !>
-!> Stored energy changes by input - viscous - friction; what does not close is the march's own error.
+!> Stored energy changes by input - viscous - friction; what does not close is the march's own
+!> error.
 module dynamics_ledger
    use core_kinds, only: wp
    use dynamics_chain, only: chain_type
@@ -12,14 +14,15 @@ module dynamics_ledger
    !> What the integrals need; energies in J.
    type :: ledger_type
       real(wp), allocatable :: node(:), weight(:)   !! Gauss and Legendre, on (0, 1)
-      real(wp), allocatable :: damping(:, :)        !! C/h^2 (dof, dof): velocities come in m per step
+      real(wp), allocatable :: damping(:, :)        !! C/h^2 (dof, dof): velocities in m/step
    contains
       procedure :: add_input_and_viscous
    end type ledger_type
 
 contains
 
-   !> Half the order and two points more: exact to the order to which the polynomials themselves are.
+   !> Half the order and two points more: exact to the order to which the polynomials themselves
+   !> are.
    pure function new_ledger(chain, taylor) result(ledger)
       type(chain_type), intent(in) :: chain
       type(taylor_type), intent(in) :: taylor
@@ -70,7 +73,7 @@ contains
       integer, intent(in) :: n
       real(wp), allocatable, intent(out) :: node(:), weight(:)
       real(wp), parameter :: pi = 4.0_wp*atan(1.0_wp)
-      integer, parameter :: newton_steps = 6   ! the start is good to 1e-2/n^2 and each step doubles the digits
+      integer, parameter :: newton_steps = 6   ! from 1e-2/n^2, and each doubles the digits
       real(wp) :: x, p, below, next, slope
       integer :: i, k, step
 

@@ -1,8 +1,10 @@
-!> Exact solutions of one step for every stick pattern: what is the same for all samples is tabulated once.
+!> Exact solutions of one step for every stick pattern: what is the same for all samples is
+!> tabulated once.
 !>
-!> With the pattern of stuck masses fixed, the chain under a linear force is z' = A z + loads, z = (x, u),
-!> time in steps, u = h v. The matrix exponential gives the state after a step; the powers of A tell how a
-!> load that sets in on one mass spreads. The tables of a pattern are built when it is met first.
+!> With the pattern of stuck masses fixed, the chain under a linear force is z' = A z + loads, z =
+!> (x, u), time in steps, u = h v. The matrix exponential gives the state after a step; the powers
+!> of A tell how a load that sets in on one mass spreads. The tables of a pattern are built when it
+!> is met first.
 module dynamics_propagator
    use core_kinds, only: wp
    use dynamics_chain, only: chain_type
@@ -13,22 +15,22 @@ module dynamics_propagator
    public :: width, column_force
 
    integer, parameter :: width = 8                   !! most masses; one 64-byte vector
-   integer, parameter :: column_force = 2*width + 1   !! of a step's table, and the next: force at both ends
+   integer, parameter :: column_force = 2*width + 1   !! of a step's table, and the next: both ends
 
    integer, parameter :: step_length = 2*width*(2*width + 2)
    integer, parameter :: load_length = 2*width*width
    integer, parameter :: kick_length = 2*width*width*width
    integer, parameter :: pull_length = 2*width*width
 
-   !> Tables for the 2^n patterns; bit i-1 of a pattern says that mass i is stuck.
-   !> They lie in one pool, each beginning on a cache line: pool(step) is table(16, 18, 0:2^n-1) and so on.
+   !> Tables for the 2^n patterns; bit i-1 of a pattern says that mass i is stuck. They lie in one
+   !> pool, each beginning on a cache line: pool(step) is table(16, 18, 0:2^n-1) and so on.
    type :: propagator_type
       integer :: n = 0
       real(wp), allocatable :: pool(:)
       integer :: step = 0   !! (mass, x u, x u force, pattern): state after a step
       integer :: load = 0   !! (mass, x u, anchor, pattern): what the anchors add to it
       integer :: kick = 0   !! (mass, x u, 0:7, mass, pattern): A^m times a unit load on one mass
-      integer :: pull = 0   !! (mass, x u, mass): minus the acceleration of one mass but for contact and load
+      integer :: pull = 0   !! (mass, x u, mass): what pulls one mass back, but for its contact
       logical, allocatable :: is_built(:)   !! (0:2^n-1)
       real(wp), allocatable, private :: free(:, :)      !! A with all masses slipping, and its loads
       real(wp), allocatable, private :: contact(:)      !! h^2 k/m
@@ -63,8 +65,8 @@ contains
       self%free(n + forced_dof, 2*n + 1) = h**2/chain%mass(forced_dof)
       self%free(2*n + 1, 2*n + 2) = 1.0_wp   ! the force rises linearly
 
-      allocate (self%pool(patterns*(step_length + load_length + kick_length) + pull_length + width), &
-                source=0.0_wp)
+      allocate (self%pool(patterns*(step_length + load_length + kick_length) + pull_length + &
+                          width), source=0.0_wp)
       self%step = 1 + alignment_gap(self%pool)
       self%load = self%step + patterns*step_length
       self%kick = self%load + patterns*load_length

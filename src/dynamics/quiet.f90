@@ -1,4 +1,5 @@
-!> One exact step of one sample, and whether it was quiet: the innermost kernel of the march, without a branch.
+!> One exact step of one sample, and whether it was quiet: the innermost kernel of the march,
+!> without a branch.
 module dynamics_quiet
    use core_kinds, only: wp
    use dynamics_propagator, only: column_force, width
@@ -7,8 +8,9 @@ module dynamics_quiet
    public :: take_step, add_further_masses, written_out
    public :: sample_size, at_state, at_shift, at_slider, at_reach, at_direction, at_anchor, at_slack
 
-   !> All numbers of a sample, side by side: columns of sample(mass, :), each a vector of the masses.
-   integer, parameter :: at_state = 1       !! to 4: x and u = h v, in two places; `place` says which is in use
+   !> All numbers of a sample, side by side: columns of sample(mass, :), each a vector of the
+   !> masses.
+   integer, parameter :: at_state = 1       !! to 4: x and u = h v, in two places, one in use
    integer, parameter :: at_shift = 5       !! and 6: what the anchors add to x and u in each step
    integer, parameter :: at_slider = 7      !! [m]; kept for stuck masses
    integer, parameter :: at_reach = 8       !! mu N/k: extension at which the contact slips [m]
@@ -21,14 +23,14 @@ module dynamics_quiet
 
 contains
 
-   !> The state after a step, put in the place that is not in use, and the bounds of the guards: 12 columns times
-   !> 16 rows in four independent sums each.
+   !> The state after a step, put in the place that is not in use, and the bounds of the guards: 12
+   !> columns times 16 rows in four independent sums each.
    pure subroutine take_step(table, force, floor, place, start, sample)
       real(wp), intent(in) :: table(width, 2, 2*width + 2)   !! of the sample's pattern
       real(wp), intent(in) :: force(0:1)                     !! at both ends of the step [N]
       real(wp), intent(in) :: floor                          !! see bound_slack
       integer, intent(in) :: place
-      real(wp), intent(in) :: start(width, 2)                !! what is added: the anchors' part and whatever more
+      real(wp), intent(in) :: start(width, 2)                !! the anchors' part, and whatever more
       real(wp), intent(inout) :: sample(width, sample_size)
       integer :: i, u0, u1, x0, x1
 
@@ -41,19 +43,22 @@ contains
          block
             real(wp) :: x, u
             x = ((start(i, 1) + table(i, 1, 1)*sample(1, x0) + table(i, 1, 2)*sample(2, x0)) + &
-                 (table(i, 1, 3)*sample(3, x0) + table(i, 1, 4)*sample(4, x0) + table(i, 1, 5)*sample(5, x0))) + &
+                 (table(i, 1, 3)*sample(3, x0) + table(i, 1, 4)*sample(4, x0) + &
+                  table(i, 1, 5)*sample(5, x0))) + &
                 ((table(i, 1, width + 1)*sample(1, u0) + table(i, 1, width + 2)*sample(2, u0) + &
                   table(i, 1, width + 3)*sample(3, u0) + table(i, 1, width + 4)*sample(4, u0)) + &
                  (table(i, 1, width + 5)*sample(5, u0) + &
                   table(i, 1, column_force)*force(0) + table(i, 1, column_force + 1)*force(1)))
             u = ((start(i, 2) + table(i, 2, 1)*sample(1, x0) + table(i, 2, 2)*sample(2, x0)) + &
-                 (table(i, 2, 3)*sample(3, x0) + table(i, 2, 4)*sample(4, x0) + table(i, 2, 5)*sample(5, x0))) + &
+                 (table(i, 2, 3)*sample(3, x0) + table(i, 2, 4)*sample(4, x0) + &
+                  table(i, 2, 5)*sample(5, x0))) + &
                 ((table(i, 2, width + 1)*sample(1, u0) + table(i, 2, width + 2)*sample(2, u0) + &
                   table(i, 2, width + 3)*sample(3, u0) + table(i, 2, width + 4)*sample(4, u0)) + &
                  (table(i, 2, width + 5)*sample(5, u0) + &
                   table(i, 2, column_force)*force(0) + table(i, 2, column_force + 1)*force(1)))
-            sample(i, at_slack) = bound_slack(floor, sample(i, x0), sample(i, u0), x, u, sample(i, at_slider), &
-                                           sample(i, at_reach), sample(i, at_direction))
+            sample(i, at_slack) = bound_slack(floor, sample(i, x0), sample(i, u0), x, u, &
+                                              sample(i, at_slider), sample(i, at_reach), &
+                                              sample(i, at_direction))
             sample(i, x1) = x
             sample(i, u1) = u
          end block
@@ -76,12 +81,13 @@ contains
       end do
    end subroutine add_further_masses
 
-   !> A lower bound of a mass's guard over the step from its ends; negative: a transition may lie inside.
+   !> A lower bound of a mass's guard over the step from its ends; negative: a transition may lie
+   !> inside.
    !>
-   !> Displacement is taken as the cubic through both ends. Where it starts outwards it passes neither end by more
-   !> than e/4, e = max|u - chord|; where it starts inwards it passes its start never, and its end by less than e/2.
-   !> Velocity, the derivative, leaves its chord by 3/4 |u0 + u1 - 2 chord|; an eighth more, and `floor` times the
-   !> reach, cover what a cubic leaves out.
+   !> Displacement is taken as the cubic through both ends. Where it starts outwards it passes
+   !> neither end by more than e/4, e = max|u - chord|; where it starts inwards it passes its start
+   !> never, and its end by less than e/2. Velocity, the derivative, leaves its chord by 3/4 |u0 +
+   !> u1 - 2 chord|; an eighth more, and `floor` times the reach, cover what a cubic leaves out.
    elemental function bound_slack(floor, x0, u0, x1, u1, centre, limit, way) result(bound)
       real(wp), intent(in) :: floor, x0, u0, x1, u1, centre, limit, way
       real(wp) :: bound

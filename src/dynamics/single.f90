@@ -1,16 +1,17 @@
-!> Steps with one transition, eight at a time: located on the path that its mass took, and what it changes
-!> for all masses added to the step that was taken as if there were none.
+!> Steps with one transition, eight at a time: located on the path that its mass took, and what it
+!> changes for all masses added to the step that was taken as if there were none.
 !>
-!> The path is the polynomial of degree 5 with the displacement, velocity and acceleration of both ends of
-!> the step, which the equation of motion gives: it is off by (rate h)^6/46080 of the amplitude. From the transition
-!> on, the new regime differs from the old one by a force on that mass that is known, the contact force it no
-!> longer feels (or feels again): phi(t) = +-(h^2 k/m) (x(t) - x(tau)) of the old path. The answer at the end of the
-!> step is sum_m A^m b psi_m with psi_m the (m+1)-fold integral of phi.
+!> The path is the polynomial of degree 5 with the displacement, velocity and acceleration of both
+!> ends of the step, which the equation of motion gives: it is off by (rate h)^6/46080 of the
+!> amplitude. From the transition on, the new regime differs from the old one by a force on that
+!> mass that is known, the contact force it no longer feels (or feels again): phi(t) = +-(h^2 k/m)
+!> (x(t) - x(tau)) of the old path. The answer at the end of the step is sum_m A^m b psi_m with
+!> psi_m the (m+1)-fold integral of phi.
 module dynamics_single
    use core_kinds, only: wp
    use dynamics_propagator, only: width
-   use dynamics_quiet, only: add_further_masses, at_anchor, at_direction, at_reach, at_shift, at_slack, &
-                             at_slider, at_state, sample_size, take_step
+   use dynamics_quiet, only: add_further_masses, at_anchor, at_direction, at_reach, at_shift, &
+                             at_slack, at_slider, at_state, sample_size, take_step
    implicit none(type, external)
    private
    public :: lanes, single_batch, path_error, read_path, locate, step_across
@@ -23,7 +24,7 @@ module dynamics_single
       integer :: mass(lanes) = 0
       real(wp) :: is_stick(lanes) = 0.0_wp          !! 1: a slip that ends, 0: one that starts
       real(wp) :: sense(lanes) = 1.0_wp             !! +1 or -1: way of the slip
-      real(wp) :: limit(lanes) = 0.0_wp             !! of x when a slip starts: slider + sense*reach [m]
+      real(wp) :: limit(lanes) = 0.0_wp             !! of x when a slip starts [m]
       real(wp) :: gain(lanes) = 0.0_wp              !! +h^2 k/m when a slip starts, - when it ends
       real(wp) :: ends(lanes, 6) = 0.0_wp           !! x, u, acceleration before and after the step
       real(wp) :: path(lanes, 0:degree) = 0.0_wp    !! x of the mass
@@ -43,12 +44,13 @@ contains
       error = rate_step**2*rate_step**6/46080.0_wp   ! the force that sets in carries (rate h)^2
    end function path_error
 
-   !> Reads the transition of one sample into a lane, when there is but one and it shows at the step's end.
+   !> Reads the transition of one sample into a lane, when there is but one and it shows at the
+   !> step's end.
    pure subroutine read_path(batch, l, n, pull, contact, load, place, sample)
       type(single_batch), intent(inout) :: batch
       integer, intent(in) :: l, n, place
       real(wp), intent(in) :: pull(width, 2, width), contact(width)   !! contact: h^2 k/m
-      real(wp), intent(in) :: load(width, 0:1)                        !! h^2 f/m at both ends of the step
+      real(wp), intent(in) :: load(width, 0:1)                        !! h^2 f/m at both ends
       real(wp), intent(in) :: sample(width, sample_size)
       real(wp) :: held
       integer :: i, j, suspects, x0, x1
@@ -70,7 +72,8 @@ contains
          batch%gain(l) = -contact(i)
       else
          if (.not. abs(sample(i, x1) - sample(i, at_slider)) > sample(i, at_reach)) return
-         if (.not. abs(sample(i, x1) - sample(i, x0)) < sample(i, at_reach)) return   ! else the other side first?
+         ! in a longer run it might touch the other side first
+         if (.not. abs(sample(i, x1) - sample(i, x0)) < sample(i, at_reach)) return
          batch%is_stick(l) = 0.0_wp
          batch%sense(l) = sign(1.0_wp, sample(i, x1) - sample(i, at_slider))
          batch%gain(l) = contact(i)
@@ -88,11 +91,12 @@ contains
 
    !> Finds every lane's transition and integrates the force that sets in.
    !>
-   !> The guard, positive at first and negative at the end, has but one zero if it falls all the way or is concave
-   !> all the way; the zeros of its own parabolas, from one to the next, then close in on it with order three.
+   !> The guard, positive at first and negative at the end, has but one zero if it falls all the way
+   !> or is concave all the way; the zeros of its own parabolas, from one to the next, then close in
+   !> on it with order three.
    pure subroutine locate(batch)
       type(single_batch), intent(inout) :: batch
-      integer, parameter :: iterations = 3            ! errors 1, (rate h)^2/6, and its cube: below rounding
+      integer, parameter :: iterations = 3            ! errors 1, (rate h)^2/6, and of its cube
       real(wp), parameter :: last_step = 1.0e-5_wp    ! at most
       real(wp) :: guard(lanes, 0:degree), step(lanes)
       integer :: iteration, k, l
@@ -134,7 +138,8 @@ contains
             end do
             falling = falling + max(guard(l, 1), guard(l, 1) + 2.0_wp*guard(l, 2))
             concave = concave + 2.0_wp*guard(l, 2)
-            concave = merge(concave, 1.0_wp, batch%is_stick(l) < 0.5_wp)   ! a stop must be one all the way
+            ! a velocity must fall all the way: then the mass moves back when it has stuck
+            concave = merge(concave, 1.0_wp, batch%is_stick(l) < 0.5_wp)
             ok = merge(1.0_wp, 0.0_wp, min(falling, concave) < 0.0_wp)
             ok = merge(ok, 0.0_wp, guard(l, 0) > 0.0_wp)
             ok = merge(ok, 0.0_wp, abs(step(l)) < last_step)
@@ -191,13 +196,13 @@ contains
       end where
    end subroutine put_guard
 
-   !> psi_m = gain/m! times the integral of (1 - t)^m (x(t) - x(tau)) over the rest of the step, by Gauss and
-   !> Legendre; also x and u at tau.
+   !> psi_m = gain/m! times the integral of (1 - t)^m (x(t) - x(tau)) over the rest of the step, by
+   !> Gauss and Legendre; also x and u at tau.
    pure subroutine integrate_force(batch)
       type(single_batch), intent(inout) :: batch
       integer, parameter :: nodes = 4   ! exact to power 7
-      real(wp), parameter :: node(0:nodes) = [0.0_wp, 0.069431844202973714_wp, 0.33000947820757187_wp, &
-                                              0.66999052179242813_wp, 0.93056815579702629_wp]
+      real(wp), parameter :: node(0:nodes) = [0.0_wp, 0.069431844202973714_wp, &
+         0.33000947820757187_wp, 0.66999052179242813_wp, 0.93056815579702629_wp]
       real(wp), parameter :: weight(nodes) = [0.17392742256872693_wp, 0.32607257743127307_wp, &
                                               0.32607257743127307_wp, 0.17392742256872693_wp]
       real(wp) :: x(lanes, 0:nodes)
@@ -241,8 +246,8 @@ contains
       end do
    end subroutine integrate_force
 
-   !> Takes the step of a lane once more, with the effect of its transition added to what the anchors add; tells
-   !> whether nothing else may have happened in the step, before or after it.
+   !> Takes the step of a lane once more, with the effect of its transition added to what the
+   !> anchors add; tells whether nothing else may have happened in the step, before or after it.
    pure subroutine step_across(batch, l, n, table, kick, force, floor, place, sample, is_clean)
       type(single_batch), intent(in) :: batch
       integer, intent(in) :: l, n, place
@@ -269,12 +274,13 @@ contains
       call take_step(table, force, floor, place, start, sample)
       sample(i, at_slack) = 0.0_wp
       is_clean = .not. any(sample(:, at_slack) < 0.0_wp)
-      if (is_clean) is_clean = stays(batch, l, sample(i, x1), sample(i, x1 + 1), sample(i, at_reach))
+      if (is_clean) is_clean = stays(batch, l, sample(i, x1), sample(i, x1 + 1), &
+                                     sample(i, at_reach))
    end subroutine step_across
 
-   !> Whether the mass keeps its new regime to the end of the step, at x and u: a slip whose velocity stays clear of
-   !> zero, or a stick that does not come as far as its other limit (it moves back all the way, as the velocity
-   !> that fell through zero falls all the way).
+   !> Whether the mass keeps its new regime to the end of the step, at x and u: a slip whose
+   !> velocity stays clear of zero, or a stick that does not come as far as its other limit (it
+   !> moves back all the way, as the velocity that fell through zero falls all the way).
    pure function stays(batch, l, x, u, limit)
       type(single_batch), intent(in) :: batch
       integer, intent(in) :: l

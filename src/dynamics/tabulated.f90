@@ -1,16 +1,17 @@
-!> The march by tabulated propagators: most steps are quiet, some have one transition, few have more.
+!> The march by tabulated propagators: most steps are quiet, some have one transition, few have
+!> more.
 !>
-!> Each sample walks at its own pace. A pass takes one step of every sample that is free to; those whose
-!> step was not quiet wait until eight can be treated side by side, first as steps with a single
-!> transition, then, where that is not all, by Taylor series with every transition in turn.
+!> Each sample walks at its own pace. A pass takes one step of every sample that is free to; those
+!> whose step was not quiet wait until eight can be treated side by side, first as steps with a
+!> single transition, then, where that is not all, by Taylor series with every transition in turn.
 module dynamics_tabulated
    use core_error, only: error_type
    use core_kinds, only: long, wp
    use dynamics_chain, only: chain_type
    use dynamics_lanes, only: lane_group
    use dynamics_propagator, only: alignment_gap, propagator_type, width
-   use dynamics_quiet, only: add_further_masses, at_anchor, at_direction, at_reach, at_shift, at_slack, &
-                             at_slider, at_state, sample_size, take_step, written_out
+   use dynamics_quiet, only: add_further_masses, at_anchor, at_direction, at_reach, at_shift, &
+                             at_slack, at_slider, at_state, sample_size, take_step, written_out
    use dynamics_response, only: block_state
    use dynamics_single, only: lanes, locate, read_path, single_batch, step_across
    implicit none(type, external)
@@ -22,7 +23,7 @@ module dynamics_tabulated
       type(chain_type) :: chain
       integer :: forced_dof = 0
       real(wp) :: h = 0.0_wp            !! [s]
-      real(wp) :: floor = 0.0_wp        !! share of its reach that a mass keeps clear of the limit in a quiet step
+      real(wp) :: floor = 0.0_wp        !! share of the reach kept clear in a quiet step
       logical :: has_singles = .false.  !! the way of dynamics_single keeps the tolerance
       type(propagator_type) :: propagator
       type(lane_group) :: group
@@ -30,13 +31,14 @@ module dynamics_tabulated
       procedure :: march
    end type tabulated_march
 
-   !> What each sample is doing; arrays (sample). Positions are those in the force, taken as one long array.
+   !> What each sample is doing; arrays (sample). Positions are those in the force, taken as one
+   !> long array.
    type :: schedule_type
       integer, allocatable :: pattern(:)   !! of stuck masses
       integer, allocatable :: place(:)     !! 0 or 1: where its state is
       integer, allocatable :: position(:)  !! of the next step
       integer, allocatable :: origin(:), last(:)   !! of the first step, and after the last one
-      integer, allocatable :: due(:), record(:)    !! position after the step of the next record, and its number
+      integer, allocatable :: due(:), record(:)    !! position and number of the next record
       integer, allocatable :: free(:), waiting(:), crowded(:)   !! lists of samples
       integer :: n_free = 0, n_waiting = 0, n_crowded = 0
    end type schedule_type
@@ -44,8 +46,8 @@ module dynamics_tabulated
 contains
 
    !> Marches a block through the whole force record.
-   subroutine march(self, state, force, begin, spacing, n_recorded, slip_begin, displacement, velocity, &
-                    error)
+   subroutine march(self, state, force, begin, spacing, n_recorded, slip_begin, displacement, &
+                    velocity, error)
       class(tabulated_march), intent(inout) :: self
       type(block_state), intent(inout) :: state
       real(wp), intent(in), contiguous :: force(0:, :)   !! (step, 1 or sample) [N]
@@ -71,13 +73,13 @@ contains
       allocate (schedule%record(n), source=n_recorded + 1)
       allocate (pool(sample_size*width*n + width), source=0.0_wp)
       first = 1 + alignment_gap(pool)
-      call walk(self, state, size(force), force, begin, spacing, slip_begin, displacement, velocity, &
-                schedule, pool(first), error)
+      call walk(self, state, size(force), force, begin, spacing, slip_begin, displacement, &
+                velocity, schedule, pool(first), error)
    end subroutine march
 
    !> Passes over the block until every sample has done its steps.
-   subroutine walk(self, state, n_forces, force, begin, spacing, slip_begin, displacement, velocity, todo, &
-                   sample, error)
+   subroutine walk(self, state, n_forces, force, begin, spacing, slip_begin, displacement, &
+                   velocity, todo, sample, error)
       class(tabulated_march), intent(inout) :: self
       type(block_state), intent(inout) :: state
       integer, intent(in) :: n_forces, spacing
@@ -104,11 +106,13 @@ contains
       todo%n_free = state%n_samples
       todo%free = [(w, w=1, state%n_samples)]
       do while (todo%n_free + todo%n_waiting + todo%n_crowded > 0)
-         call take_steps(n, state%n_samples, n_forces, force, self%propagator%pool(self%propagator%step), &
-                         self%floor, todo%last, todo%due, todo%pattern, todo%position, todo%place, sample, &
-                         todo%n_free, todo%free, todo%n_waiting, todo%waiting, n_due, due)
-         call record(n, due(:n_due), todo%place, sample, self%h, spacing, todo%due, todo%record, displacement, &
-                     velocity)
+         call take_steps(n, state%n_samples, n_forces, force, &
+                         self%propagator%pool(self%propagator%step), self%floor, todo%last, &
+                         todo%due, todo%pattern, todo%position, todo%place, sample, todo%n_free, &
+                            todo%free, &
+                         todo%n_waiting, todo%waiting, n_due, due)
+         call record(n, due(:n_due), todo%place, sample, self%h, spacing, todo%due, todo%record, &
+                     displacement, velocity)
          do while (todo%n_waiting >= lanes .or. (todo%n_free == 0 .and. todo%n_waiting > 0))
             call treat_waiting()
          end do
@@ -129,7 +133,8 @@ contains
 
          todo%position(w) = todo%position(w) + 1
          if (todo%position(w) == todo%due(w)) then
-            call record(n, [w], todo%place, sample, self%h, spacing, todo%due, todo%record, displacement, velocity)
+            call record(n, [w], todo%place, sample, self%h, spacing, todo%due, todo%record, &
+                        displacement, velocity)
          end if
          if (todo%position(w) == todo%last(w)) return
          todo%n_free = todo%n_free + 1
@@ -147,18 +152,20 @@ contains
             do l = 1, m
                w = entry(l)
                load(self%forced_dof, :) = force_scale*force(position(w):position(w) + 1)
-               call read_path(batch, l, n, tables%pool(tables%pull), contact, load, place(w), sample(:, :, w))
+               call read_path(batch, l, n, tables%pool(tables%pull), contact, load, place(w), &
+                              sample(:, :, w))
             end do
             call locate(batch)
             do l = 1, m
                w = entry(l)
-               is_clean = batch%mass(l) > 0 .and. batch%is_located(l) > 0.5_wp .and. self%has_singles
+               is_clean = self%has_singles .and. batch%mass(l) > 0 .and. &
+                          batch%is_located(l) > 0.5_wp
                if (is_clean) then
                   pattern = ieor(todo%pattern(w), ishft(1, batch%mass(l) - 1))
                   if (.not. tables%is_built(pattern)) call tables%build(pattern)
                   call step_across(batch, l, n, tables%pool(tables%at_step(todo%pattern(w))), &
-                                   tables%pool(tables%at_kick(pattern)), force(position(w)), self%floor, &
-                                   place(w), sample(:, :, w), is_clean)
+                                   tables%pool(tables%at_kick(pattern)), force(position(w)), &
+                                   self%floor, place(w), sample(:, :, w), is_clean)
                end if
                if (is_clean) then
                   place(w) = 1 - place(w)
@@ -200,8 +207,10 @@ contains
       subroutine enter_pattern(w)
          integer, intent(in) :: w
 
-         if (.not. self%propagator%is_built(todo%pattern(w))) call self%propagator%build(todo%pattern(w))
-         call set_shift(n, self%propagator%pool(self%propagator%at_load(todo%pattern(w))), sample(:, :, w))
+         associate (tables => self%propagator, pattern => todo%pattern(w))
+            if (.not. tables%is_built(pattern)) call tables%build(pattern)
+            call set_shift(n, tables%pool(tables%at_load(pattern)), sample(:, :, w))
+         end associate
       end subroutine enter_pattern
 
       !> Treats up to eight steps with whatever is in them.
@@ -229,8 +238,8 @@ contains
          end do
       end subroutine treat_crowded
 
-      !> From the block to the work space. A mass without friction slips for ever: it watches nothing, as a stuck one
-      !> with boundless reach, but its contact is not in the pattern.
+      !> From the block to the work space. A mass without friction slips for ever: it watches
+      !> nothing, as a stuck one with boundless reach, but its contact is not in the pattern.
       subroutine take_in(w)
          integer, intent(in) :: w
          logical :: has_friction(n)
@@ -241,8 +250,8 @@ contains
          has_friction = state%slip_limit(:, w) > 0.0_wp
          sample(:n, at_slider, w) = merge(state%slider(:, w), 0.0_wp, has_friction)
          sample(:n, at_direction, w) = merge(state%direction(:, w), 0, has_friction)
-         sample(:n, at_reach, w) = merge(state%slip_limit(:, w)/self%chain%contact_stiffness, huge(1.0_wp), &
-                                      has_friction)
+         sample(:n, at_reach, w) = merge(state%slip_limit(:, w)/self%chain%contact_stiffness, &
+                                         huge(1.0_wp), has_friction)
          todo%pattern(w) = 0
          do i = 1, n
             if (state%direction(i, w) == 0) todo%pattern(w) = ibset(todo%pattern(w), i - 1)
@@ -256,9 +265,12 @@ contains
 
          state%displacement(:, w) = sample(:n, at_state + 2*todo%place(w), w)
          state%velocity(:, w) = sample(:n, at_state + 2*todo%place(w) + 1, w)/self%h
-         where (state%slip_limit(:, w) > 0.0_wp) state%direction(:, w) = nint(sample(:n, at_direction, w))
-         state%slider(:, w) = merge(sample(:n, at_slider, w), state%displacement(:, w) - state%direction(:, w)* &
-                                    state%slip_limit(:, w)/self%chain%contact_stiffness, state%direction(:, w) == 0)
+         where (state%slip_limit(:, w) > 0.0_wp)
+            state%direction(:, w) = nint(sample(:n, at_direction, w))
+         end where
+         state%slider(:, w) = merge(sample(:n, at_slider, w), state%displacement(:, w) - &
+                                    state%direction(:, w)*state%slip_limit(:, w)/ &
+                                    self%chain%contact_stiffness, state%direction(:, w) == 0)
       end subroutine hand_back
 
    end subroutine walk
@@ -285,8 +297,8 @@ contains
 
       !$omp simd
       do i = 1, width
-         sample(i, at_anchor) = merge(-sample(i, at_direction)*sample(i, at_reach), sample(i, at_slider), &
-                                      abs(sample(i, at_direction)) > 0.5_wp)
+         sample(i, at_anchor) = merge(-sample(i, at_direction)*sample(i, at_reach), &
+                                      sample(i, at_slider), abs(sample(i, at_direction)) > 0.5_wp)
       end do
       shift = 0.0_wp
       do j = 1, n
@@ -299,10 +311,12 @@ contains
       sample(:, at_shift:at_shift + 1) = shift
    end subroutine set_shift
 
-   !> Takes the next step of every free sample and sorts them, without a branch: a quiet step counts, its sample
-   !> stays free until the last one, and may be due for a record; an eventful one waits, its state as it was.
-   pure subroutine take_steps(n, n_samples, n_forces, force, table, floor, last, due_position, pattern, &
-                              position, place, sample, n_free, free, n_waiting, waiting, n_due, due)
+   !> Takes the next step of every free sample and sorts them, without a branch: a quiet step
+   !> counts, its sample stays free until the last one, and may be due for a record; an eventful one
+   !> waits, its state as it was.
+   pure subroutine take_steps(n, n_samples, n_forces, force, table, floor, last, due_position, &
+                              pattern, position, place, sample, n_free, free, n_waiting, waiting, &
+                              n_due, due)
       integer, intent(in) :: n, n_samples, n_forces
       real(wp), intent(in) :: force(0:n_forces - 1)
       real(wp), intent(in) :: table(width, 2, 2*width + 2, 0:2**n - 1)
@@ -327,7 +341,8 @@ contains
                            sample(1, at_shift, w), sample(1, 1, w))
          else
             start = sample(:, at_shift:at_shift + 1, w)
-            call add_further_masses(n, table(1, 1, 1, pattern(w)), sample(1, at_state + 2*place(w), w), &
+            call add_further_masses(n, table(1, 1, 1, pattern(w)), &
+                                    sample(1, at_state + 2*place(w), w), &
                                     sample(1, at_state + 2*place(w) + 1, w), start)
             call take_step(table(1, 1, 1, pattern(w)), force(position(w)), floor, place(w), start, &
                            sample(1, 1, w))

@@ -1,9 +1,9 @@
 !> Taylor series of the chain's motion within one step, for eight samples side by side.
 !>
-!> Between transitions M u'' + C u' + K_s u = f with f linear in time, so the equation itself gives every
-!> derivative. Time is counted in steps h: t = h tau, and x = sum_k x_k tau^k with
-!> (k+1)(k+2) x_(k+2) = -(k+1) C^ x_(k+1) - K^ x_k + p_k,  C^ = h M^-1 C, K^ = h^2 M^-1 K_s.
-!> Every loop over the lanes has constant length and is written for the vector unit.
+!> Between transitions M u'' + C u' + K_s u = f with f linear in time, so the equation itself gives
+!> every derivative. Time is counted in steps h: t = h tau, and x = sum_k x_k tau^k with (k+1)(k+2)
+!> x_(k+2) = -(k+1) C^ x_(k+1) - K^ x_k + p_k,  C^ = h M^-1 C, K^ = h^2 M^-1 K_s. Every loop over
+!> the lanes has constant length and is written for the vector unit.
 module dynamics_taylor
    use core_kinds, only: wp
    use dynamics_chain, only: chain_type
@@ -47,7 +47,8 @@ contains
       taylor%forced_dof = forced_dof
       taylor%force_scale = h**2/chain%mass(forced_dof)
       taylor%contact = h**2*chain%contact_stiffness/chain%mass
-      allocate (taylor%damping(rows, n, (n + rows - 1)/rows), taylor%coupling(-1:1, n), source=0.0_wp)
+      allocate (taylor%damping(rows, n, (n + rows - 1)/rows), taylor%coupling(-1:1, n), &
+                source=0.0_wp)
       do i = 1, n
          block = (i - 1)/rows
          taylor%damping(i - rows*block, :, block + 1) = h*chain%damping(i, :)/chain%mass(i)
@@ -57,8 +58,9 @@ contains
       end do
    end function new_taylor
 
-   !> A bound of |lambda| over the modes of every regime [rad/s]: |lambda|^2 <= 2 zeta omega |lambda| + omega^2
-   !> with the largest zeta and omega of the stuck chain, as a sliding mass only takes stiffness away.
+   !> A bound of |lambda| over the modes of every regime [rad/s]: |lambda|^2 <= 2 zeta omega
+   !> |lambda| + omega^2 with the largest zeta and omega of the stuck chain, as a sliding mass only
+   !> takes stiffness away.
    pure function fastest_rate(chain) result(rate)
       type(chain_type), intent(in) :: chain
       real(wp) :: rate
@@ -69,9 +71,9 @@ contains
       rate = two_pi*maxval(chain%frequencies_stuck)*(zeta + sqrt(1.0_wp + zeta**2))
    end function fastest_rate
 
-   !> The lowest order at which the first power left out is below the tolerance, relative to the powers 2 that
-   !> the load itself makes: 2 (rate h)^(P-1)/(P+1)!. (Relative to the amplitude it is smaller by (rate h)^2, but a
-   !> heavy mass or a short history need not have that amplitude.)
+   !> The lowest order at which the first power left out is below the tolerance, relative to the
+   !> powers 2 that the load itself makes: 2 (rate h)^(P-1)/(P+1)!. (Relative to the amplitude it is
+   !> smaller by (rate h)^2, but a heavy mass or a short history need not have that amplitude.)
    pure function order_for(rate_step, tolerance) result(order)
       real(wp), intent(in) :: rate_step   !! rate times h, at most about 1
       real(wp), intent(in) :: tolerance
@@ -91,9 +93,9 @@ contains
    pure subroutine expand(self, held, anchor, force, x)
       class(taylor_type), intent(in) :: self
       real(wp), intent(in) :: held(lanes, self%n)     !! 1: contact spring acts (stuck), 0: it slips
-      real(wp), intent(in) :: anchor(lanes, self%n)   !! contact force on a mass over its stiffness, at x = 0 [m]
+      real(wp), intent(in) :: anchor(lanes, self%n)   !! contact force over stiffness at x = 0 [m]
       real(wp), intent(in) :: force(lanes, 0:1)       !! value now and rise in one step [N]
-      real(wp), intent(inout) :: x(lanes, 0:self%n + 1, 0:self%order)   !! (lane, dof, power); dof 0, n+1: zero
+      real(wp), intent(inout) :: x(lanes, 0:self%n + 1, 0:self%order)   !! zero at dof 0 and n+1
       integer :: k
 
       do k = 0, self%order - 2

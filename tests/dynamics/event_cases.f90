@@ -1,0 +1,75 @@
+!> What the tests of the event march share: the paper's chain, random friction and forces, a march
+!> of one block.
+module event_cases
+   use core_error, only: error_type
+   use core_kinds, only: long, wp
+   use core_random, only: label_of, new_stream, stream_type
+   use dynamics_chain, only: chain_type
+   use dynamics_event, only: event_marcher, new_event_marcher
+   use dynamics_response, only: block_state, start_block
+   use reference_case, only: paper_chain
+   implicit none(type, external)
+   private
+   public :: five_masses, march, paper_dt, random_force, random_friction
+
+   real(wp), parameter :: paper_dt = 0.00843_wp
+
+contains
+
+   !> Marches one block from rest; a history of huge values when the marcher refuses, which no test
+   !> takes for right.
+   subroutine march(chain, dt, tolerance, dof, friction, force, spacing, state, history)
+      type(chain_type), intent(in) :: chain
+      real(wp), intent(in) :: dt, tolerance, friction(:, :), force(0:, :)
+      integer, intent(in) :: dof, spacing
+      type(block_state), intent(inout) :: state
+      real(wp), allocatable, intent(out) :: history(:, :, :)
+      type(event_marcher) :: marcher
+      type(error_type), allocatable :: error
+
+      allocate (history(ubound(force, 1)/spacing, chain%n_dof, size(friction, 2)))
+      call start_block(chain, friction, state)
+      call new_event_marcher(chain, dt, tolerance, dof, marcher, error)
+      if (.not. allocated(error)) call marcher%advance(state, force, spacing, history, error=error)
+      if (allocated(error)) history = huge(1.0_wp)
+   end subroutine march
+
+   !> The paper's chain.
+   function five_masses() result(chain)
+      type(chain_type) :: chain
+
+      call paper_chain(1.0_wp, 25.0_wp, 50.0_wp, 10.0_wp, 0.005_wp, 5, chain)
+   end function five_masses
+
+   !> Smooth random force: a sum of harmonics with random phases up to 2.5 Hz, unit variance.
+   function random_force(seed, n_steps, dt) result(force)
+      integer, intent(in) :: seed, n_steps
+      real(wp), intent(in) :: dt
+      real(wp) :: force(0:n_steps, 1)
+      integer, parameter :: harmonics = 40
+      real(wp) :: phase(harmonics), frequency(harmonics)
+      type(stream_type) :: stream
+      integer :: i, k
+
+      stream = new_stream(int(seed, long), label_of('test force'), 0)
+      call stream%uniforms(phase)
+      frequency = 2.5_wp*([(real(i, wp), i=1, harmonics)] - phase)/harmonics
+      do k = 0, n_steps
+         force(k, 1) = sum(sin(6.283185307_wp*(phase + k*dt*frequency)))
+      end do
+      force = force*sqrt(2.0_wp/harmonics)
+   end function random_force
+
+   !> Friction as a campaign draws it: mean 0.2, standard deviation 0.067.
+   function random_friction(seed, n, n_samples) result(friction)
+      integer, intent(in) :: seed, n, n_samples
+      real(wp) :: friction(n, n_samples)
+      real(wp) :: z(n*n_samples)
+      type(stream_type) :: stream
+
+      stream = new_stream(int(seed, long), label_of('test friction'), 0)
+      call stream%normals(z)
+      friction = max(0.02_wp, 0.2_wp + 0.067_wp*reshape(z, [n, n_samples]))
+   end function random_friction
+
+end module event_cases
