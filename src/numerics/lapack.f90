@@ -5,7 +5,8 @@ module numerics_lapack
    use core_text, only: to_text
    implicit none(type, external)
    private
-   public :: find_eigenvalues, lapack_version, solve_linear_system, solve_positive_definite
+   public :: find_eigenvalues, invert_matrix, lapack_version, solve_linear_system, &
+      solve_positive_definite
    public :: solve_symmetric_eigenproblem
 
    interface
@@ -45,6 +46,20 @@ module numerics_lapack
          real(wp), intent(inout) :: a(lda, *), b(ldb, *)
          integer, intent(out) :: info
       end subroutine dposv
+
+      subroutine dgetrf(m, n, a, lda, ipiv, info)
+         import :: wp
+         integer, intent(in) :: m, n, lda
+         real(wp), intent(inout) :: a(lda, *)
+         integer, intent(out) :: ipiv(*), info
+      end subroutine dgetrf
+
+      subroutine dgetri(n, a, lda, ipiv, work, lwork, info)
+         import :: wp
+         integer, intent(in) :: n, lda, lwork, ipiv(*)
+         real(wp), intent(inout) :: a(lda, *), work(*)
+         integer, intent(out) :: info
+      end subroutine dgetri
    end interface
 
 contains
@@ -134,5 +149,23 @@ contains
       if (info /= 0) call raise(error, exit_no_solution, 'positive definite system of order '// &
                                 to_text(n)//': LAPACK dposv returned '//to_text(info))
    end subroutine solve_positive_definite
+
+   !> A^-1, A general.
+   subroutine invert_matrix(a, inverse, error)
+      real(wp), intent(in) :: a(:, :)                        !! (n, n)
+      real(wp), allocatable, intent(out) :: inverse(:, :)    !! (n, n)
+      type(error_type), allocatable, intent(out) :: error
+      real(wp), allocatable :: work(:)
+      integer, allocatable :: pivots(:)
+      integer :: info, n
+
+      n = size(a, 1)
+      inverse = a
+      allocate (pivots(n), work(64*n))
+      call dgetrf(n, n, inverse, n, pivots, info)
+      if (info == 0) call dgetri(n, inverse, n, pivots, work, size(work), info)
+      if (info /= 0) call raise(error, exit_no_solution, 'inverse of a matrix of order '// &
+                                to_text(n)//': it is singular (pivot '//to_text(info)//' is zero)')
+   end subroutine invert_matrix
 
 end module numerics_lapack

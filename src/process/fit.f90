@@ -6,6 +6,7 @@ module process_fit
    use process_ar_fit, only: fit_ar
    use process_ar_order, only: choose_order
    use process_ar_search, only: ar_rival, find_rival
+   use process_maxent_direct, only: fit_direct
    use process_model, only: process_model_type, process_request
    use process_positive_fit, only: fit_positive
    implicit none(type, external)
@@ -26,6 +27,10 @@ contains
       type(process_request) :: resolved
       type(error_type), allocatable :: error
 
+      if (request%method == 'direct' .and. .not. request%positive) then
+         call fit_direct(request, model)
+         return
+      end if
       resolved = request
       if (request%method == 'autoregressive') then
          call choose_order(request, resolved%order, error)

@@ -85,6 +85,10 @@ contains
       call t%pass(model%signs)
       call t%pass(model%delta)
       call t%pass(model%lambda_3)
+      call t%pass(model%n_examined)
+      call t%pass(model%n_consistent)
+      call t%pass(model%entropy_ceiling)
+      call t%pass(model%search)
       n = 0
       if (t%is_writing .and. allocated(model%solutions)) n = size(model%solutions)
       call t%pass(n)

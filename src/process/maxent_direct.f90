@@ -1,0 +1,331 @@
+!> The direct method (Sec. 2.2): the process whose inverse covariance is a banded Toeplitz matrix,
+!> with the signs that make its entropy largest. It is an autoregressive process of order m_max, Eq.
+!> (39).
+!>
+!> Both correlation lengths are cut at m_max here, Eq. (11); the infinite sums of the result are
+!> larger.
+module process_maxent_direct
+   use core_error, only: error_type
+   use core_kinds, only: long, wp
+   use core_text, only: to_text
+   use process_ar_fit, only: describe_ar
+   use process_ar_model, only: autocovariance_of, innovation_std, reflection_of
+   use process_correlation, only: constraint_weights, correlation_length
+   use process_direct_limits, only: certainly_feasible_m_max, certainly_infeasible_m_max, &
+                                    smallest_feasible_m_max
+   use process_entropy, only: gaussian_entropy
+   use process_model, only: process_model_type, process_request, process_solution
+   use process_reciprocal_symbol, only: reciprocal_workspace
+   use process_sign_search, only: count_sequences, is_all_plus_best, limit_of_entropy, &
+                                  search_all_signs, search_result, search_structured
+   use process_length_constraint, only: length_constraint, new_constraint
+   use process_sign_sequence, only: sequence_solution
+   use process_spectral_factor, only: factor_symbol, symbol_of_process
+   implicit none(type, external)
+   private
+   public :: fit_direct, search_direct, describe_direct, direct_symbol, equivalent_process
+
+   real(wp), parameter :: optimality_tolerance = 1.0e-8_wp
+
+contains
+
+   !> Solves the request; `model%is_solved` tells whether, `model%reason` why not.
+   subroutine fit_direct(request, model)
+      type(process_request), intent(in) :: request
+      type(process_model_type), intent(out) :: model
+      integer(long), parameter :: most_sequences = 2048   ! solved in a fraction of a second
+      integer(long), parameter :: cheaper = 8             ! when many are excluded by the bound
+      type(length_constraint) :: constraint
+      type(reciprocal_workspace) :: workspace
+      type(sequence_solution) :: best
+      type(search_result) :: search
+      integer(long) :: affordable
+      logical :: is_certain
+
+      model%request = request
+      call find_complaint(request, model%reason)
+      if (allocated(model%reason)) return
+      constraint = new_constraint(constraint_weights(request%correlation, &
+                                                     request%correlation_length, request%order))
+      if (.not. request%correlation_length > 0.0_wp) then
+         call describe_direct(request, white_noise(request%order), model)
+         return
+      end if
+      if (request%order <= certainly_infeasible_m_max(request%correlation, &
+                                                      request%correlation_length)) then
+         model%reason = reason_of_failure(request, is_certain=.true.)
+         return
+      end if
+      call workspace%prepare(request%order)
+      affordable = most_sequences/(1 + size(constraint%penalized)/4)
+      is_certain = count_sequences(constraint) <= affordable
+      if (is_certain) then
+         call search_all_signs(constraint, 1, 1, workspace, search)
+         model%search = 'all sequences'
+      else
+         call search_structured(constraint, workspace, best)
+         model%search = 'structured'
+         is_certain = is_all_plus_best(constraint)
+         if (is_certain) model%search = 'all plus'
+         if (best%is_feasible .and. .not. is_certain .and. &
+             count_sequences(constraint) <= cheaper*affordable) then
+            call search_all_signs(constraint, 1, 1, workspace, search, best)
+            is_certain = .true.
+            model%search = 'all sequences, some excluded by a bound'
+         else
+            search%n_examined = 1
+            allocate (search%solutions(0))
+            if (best%is_feasible) search%solutions = [best]
+         end if
+      end if
+      if (size(search%solutions) == 0) then
+         model%reason = reason_of_failure(request, is_certain)
+         return
+      end if
+      model%n_examined = int(search%n_examined)
+      model%n_consistent = int(search%n_consistent)
+      call describe_direct(request, search%solutions(1), model)
+      call list_solutions(request, search%solutions, model)
+      if (is_certain) then
+         model%entropy_ceiling = model%entropy
+      else
+         call limit_of_entropy(constraint, workspace, model%entropy_ceiling)
+         model%entropy_ceiling = model%entropy_ceiling + log(request%std)
+      end if
+   end subroutine fit_direct
+
+   !> Part `part` of `n_parts` of the certificate that no sign sequence has more entropy: to be
+   !! shared out, and merged by `merge_searches`. With `is_listing` every sequence is solved; else
+   !! the hopeless ones are excluded.
+   subroutine search_direct(request, part, n_parts, is_listing, result)
+      type(process_request), intent(in) :: request
+      integer, intent(in) :: part, n_parts   !! part = 1..n_parts
+      logical, intent(in) :: is_listing
+      type(search_result), intent(out) :: result
+      type(length_constraint) :: constraint
+      type(reciprocal_workspace) :: workspace
+      type(sequence_solution) :: best
+
+      constraint = new_constraint(constraint_weights(request%correlation, &
+                                                     request%correlation_length, request%order))
+      call workspace%prepare(request%order)
+      if (.not. is_listing) call search_structured(constraint, workspace, best)
+      if (best%is_feasible) then
+         call search_all_signs(constraint, part, n_parts, workspace, result, best)
+      else
+         call search_all_signs(constraint, part, n_parts, workspace, result)
+      end if
+   end subroutine search_direct
+
+   !> Fills the model from one solution, in the unit of X, and checks it anew from a_q and b0 alone.
+   subroutine describe_direct(request, solution, model)
+      type(process_request), intent(in) :: request
+      type(sequence_solution), intent(in) :: solution   !! sigma_X = 1
+      type(process_model_type), intent(inout) :: model
+      type(process_model_type) :: described
+      type(error_type), allocatable :: error
+      real(wp), allocatable :: s(:), a(:)
+      real(wp) :: b0
+      logical :: is_positive
+
+      s = mirrored(solution%s, solution%correlation)
+      call equivalent_process(direct_symbol(request%correlation, request%correlation_length, &
+                                            solution%delta, 0.5_wp, s), &
+                              a, b0, is_positive)
+      if (is_positive) then
+         b0 = request%std*innovation_std(reflection_of(a), 1.0_wp)
+         call describe_ar(a, b0, described, error)
+         if (allocated(error)) model%reason = error%message
+      else
+         model%reason = 'the symbol is too near to zero to be factored'
+      end if
+      if (allocated(model%reason)) return
+      described%request = request
+      described%search = model%search
+      described%n_examined = model%n_examined
+      described%n_consistent = model%n_consistent
+      described%mu = request%mean
+      described%mean = request%mean
+      described%signs = integer_signs(s)
+      described%delta = solution%delta
+      described%lambda_3 = solution%lambda_3/request%std**2
+      described%optimality = residual(request, solution, s, a)
+      described%entropy_ceiling = described%entropy
+      described%is_solved = described%optimality <= optimality_tolerance
+      if (.not. described%is_solved) then
+         described%reason = named(request)//': the optimality conditions are met to '// &
+                            to_text(described%optimality)//' only, too near the limit for '// &
+                            'double precision; '//advice(request)
+      end if
+      model = described
+   end subroutine describe_direct
+
+   !> Entries of the matrix G of Eqs. (23), (28), (30): G_n(n+m) = g_m, and its symbol's
+   !! coefficients. (Eq. (30) as printed lacks a factor 2 before delta a_0.)
+   pure function direct_symbol(correlation, length, delta, lambda_3, s) result(symbol)
+      character(*), intent(in) :: correlation    !! 'L0' or 'L1'
+      real(wp), intent(in) :: length             !! [lags]
+      real(wp), intent(in) :: delta, lambda_3
+      real(wp), intent(in) :: s(:)               !! s_m, m = 1..m_max; inside (-1, 1) where K(m) = 0
+      real(wp) :: symbol(0:size(s))
+      real(wp) :: weights(0:size(s))
+
+      weights = constraint_weights(correlation, length, size(s))
+      symbol(0) = 2.0_wp*lambda_3*(1.0_wp + delta*weights(0))
+      symbol(1:) = lambda_3*delta*weights(1:)*s
+   end function direct_symbol
+
+   !> The autoregressive process of Eq. (39) whose inverse covariance has the given symbol.
+   pure subroutine equivalent_process(symbol, a, b0, is_positive)
+      real(wp), intent(in) :: symbol(0:)            !! g_m, m = 0..m_max
+      real(wp), allocatable, intent(out) :: a(:)    !! (m_max)
+      real(wp), intent(out) :: b0
+      logical, intent(out) :: is_positive           !! false: g has no such process
+
+      allocate (a(ubound(symbol, 1)), source=0.0_wp)
+      b0 = 1.0_wp
+      is_positive = symbol(0) > 0.0_wp
+      if (.not. is_positive) return
+      b0 = 1.0_wp/sqrt(symbol(0))
+      call factor_symbol(symbol, a, b0, is_positive)
+   end subroutine equivalent_process
+
+   !> Largest violation of: the length, lambda_3 = 1/(2 sigma^2), and g_m = delta a_m s_m/2 with s_m
+   !! = sgn K(m), or anywhere between where K(m) = 0. The last one relative to g_0. Everything from
+   !! the a_q.
+   pure function residual(request, solution, s, a) result(largest)
+      type(process_request), intent(in) :: request
+      type(sequence_solution), intent(in) :: solution
+      real(wp), intent(in) :: s(:)
+      real(wp), intent(in) :: a(:)
+      real(wp) :: largest
+      real(wp), parameter :: zero = 1.0e-9_wp   ! of K(m)/K(0)
+      real(wp) :: kappa(size(a)), rho(0:size(a)), signs(size(a))
+      real(wp) :: symbol(0:size(a)), wanted(0:size(a))
+
+      kappa = reflection_of(a)
+      rho = autocovariance_of(kappa, size(a))
+      symbol = symbol_of_process(a, innovation_std(kappa, 1.0_wp))
+      signs = merge(max(-1.0_wp, min(1.0_wp, s)), sign(1.0_wp, rho(1:)), abs(rho(1:)) <= zero)
+      associate (length => request%correlation_length, definition => request%correlation)
+         wanted = direct_symbol(definition, length, solution%delta, 0.5_wp, signs)
+         largest = max(maxval(abs(symbol - wanted))/symbol(0), &
+                       abs(2.0_wp*solution%lambda_3 - 1.0_wp), &
+                       abs(correlation_length(definition, rho) - length)/max(length, tiny(length)))
+      end associate
+   end function residual
+
+   !> K(m) and (-1)^m K(m) are one solution: the one whose first odd lag that is not zero is
+   !! positive.
+   pure function mirrored(s, correlation) result(turned)
+      real(wp), intent(in) :: s(:), correlation(0:)
+      real(wp) :: turned(size(s))
+      real(wp), parameter :: zero = 1.0e-9_wp
+      integer :: m
+
+      turned = s
+      do m = 1, size(s), 2
+         if (correlation(m) > zero) return
+         if (correlation(m) < -zero) exit
+      end do
+      if (m <= size(s)) turned(1::2) = -turned(1::2)
+   end function mirrored
+
+   !> 0 where K(m) = 0 is held by an s_m between the signs.
+   elemental function integer_signs(s) result(signs)
+      real(wp), intent(in) :: s
+      integer :: signs
+
+      signs = merge(nint(sign(1.0_wp, s)), 0, abs(s) > 1.0_wp - 1.0e-9_wp)
+   end function integer_signs
+
+   pure subroutine list_solutions(request, found, model)
+      type(process_request), intent(in) :: request
+      type(sequence_solution), intent(in) :: found(:)
+      type(process_model_type), intent(inout) :: model
+      integer :: i
+
+      if (allocated(model%solutions)) deallocate (model%solutions)
+      allocate (model%solutions(size(found)))
+      do i = 1, size(found)
+         associate (listed => model%solutions(i))
+            listed%signs = integer_signs(mirrored(found(i)%s, found(i)%correlation))
+            listed%delta = found(i)%delta
+            listed%lambda_3 = found(i)%lambda_3/request%std**2
+            listed%entropy = found(i)%entropy + log(request%std)
+         end associate
+      end do
+   end subroutine list_solutions
+
+   !> The solution for length zero.
+   pure function white_noise(m_max) result(solution)
+      integer, intent(in) :: m_max
+      type(sequence_solution) :: solution
+
+      solution%is_feasible = .true.
+      solution%is_consistent = .true.
+      allocate (solution%s(m_max), source=1.0_wp)
+      allocate (solution%correlation(0:m_max), source=0.0_wp)
+      solution%correlation(0) = 1.0_wp
+      solution%lambda_3 = 0.5_wp
+      solution%entropy = gaussian_entropy(1.0_wp)
+   end function white_noise
+
+   subroutine find_complaint(request, complaint)
+      type(process_request), intent(in) :: request
+      character(:), allocatable, intent(out) :: complaint
+
+      if (request%correlation /= 'L0' .and. request%correlation /= 'L1') then
+         complaint = "correlation = '"//request%correlation//"': must be 'L0' or 'L1'"
+      else if (request%order < 1) then
+         complaint = 'order = '//to_text(request%order)// &
+            ': m_max of the direct method must be at least 1'
+      else if (.not. (request%correlation_length >= 0.0_wp .and. &
+                      request%correlation_length <= huge(1.0_wp))) then
+         complaint = 'correlation_length = '//to_text(request%correlation_length)// &
+            ': must be finite and not negative'
+      else if (.not. (request%std > 0.0_wp .and. request%std <= huge(1.0_wp))) then
+         complaint = 'std = '//to_text(request%std)//': must be finite and positive'
+      end if
+   end subroutine find_complaint
+
+   function reason_of_failure(request, is_certain) result(reason)
+      type(process_request), intent(in) :: request
+      logical, intent(in) :: is_certain   !! every sequence was examined
+      character(:), allocatable :: reason
+
+      if (is_certain) then
+         reason = named(request)//': no process has this; '//advice(request)
+      else
+         reason = named(request)//': no process was found that has this; '//advice(request)
+      end if
+   end function reason_of_failure
+
+   pure function named(request) result(name)
+      type(process_request), intent(in) :: request
+      character(:), allocatable :: name
+
+      name = 'direct method, '//request%correlation//' = '//to_text(request%correlation_length)// &
+             ' cut at m_max = '//to_text(request%order)
+   end function named
+
+   !> The smallest m_max that is feasible, as far as it is known.
+   function advice(request) result(text)
+      type(process_request), intent(in) :: request
+      character(:), allocatable :: text
+      integer :: m_max
+      logical :: is_smallest
+
+      call smallest_feasible_m_max(request%correlation, request%correlation_length, m_max, &
+                                   is_smallest)
+      if (is_smallest) then
+         text = 'the smallest m_max that is feasible is '//to_text(m_max)
+      else
+         m_max = certainly_feasible_m_max(request%correlation, request%correlation_length)
+         text = 'm_max = '//to_text(m_max)//' is feasible, and none below '// &
+                to_text(certainly_infeasible_m_max(request%correlation, &
+                                                   request%correlation_length) + 1)//' is'
+      end if
+   end function advice
+
+end module process_maxent_direct
