@@ -1,7 +1,7 @@
 !> &integration: how the motion is marched through time.
 module config_integration
-   use config_entries, only: about, between, choice_length, entry_type, inside, &
-                             not_negative, positive, visitor_type
+   use config_entries, only: about, between, choice_length, entry_type, inside, not_negative, &
+                             positive, visitor_type
    use core_kinds, only: wp
    implicit none(type, external)
    private

@@ -6,9 +6,9 @@ module config_namelist
    use config_complaints, only: complaint_list
    use config_document, only: assignment_type, document_type
    use config_spelling, only: lowered
-   use config_tokens, only: token_colon, token_comma, token_end, token_end_of_line, &
-                            token_equals, token_group, token_left, token_open_quote, token_right, &
-                            token_type, token_word
+   use config_tokens, only: token_colon, token_comma, token_end, token_end_of_line, token_equals, &
+                            token_group, token_left, token_open_quote, token_right, token_type, &
+                            token_word
    implicit none(type, external)
    private
    public :: begins_assignment, parse_assignment, parse_count, parse_groups

@@ -4,8 +4,7 @@ module config_overrides
    use config_document, only: document_type
    use config_namelist, only: begins_assignment, parse_assignment, parse_count
    use config_spelling, only: lowered
-   use config_tokens, only: token_end_of_line, token_right, token_left, token_type, &
-                            token_word
+   use config_tokens, only: token_end_of_line, token_left, token_right, token_type, token_word
    implicit none(type, external)
    private
    public :: override_text, parse_overrides

@@ -1,7 +1,7 @@
 !> &process: maximum-entropy processes that are wanted (Sec. 2). The group may be repeated.
 module config_process
-   use config_entries, only: about, at_least, between, choice_length, entry_type, &
-                             not_negative, positive, visitor_type
+   use config_entries, only: about, at_least, between, choice_length, entry_type, not_negative, &
+                             positive, visitor_type
    use core_kinds, only: wp
    implicit none(type, external)
    private

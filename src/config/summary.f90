@@ -2,7 +2,8 @@
 module config_summary
    use config_fingerprint, only: fingerprint
    use config_groups, only: scene_type
-   use config_phrases, only: brief, counted, duration, joined, labelled, numbered, padded, size_text
+   use config_phrases, only: brief, counted, duration, joined, labelled, numbered, padded, &
+                             size_text
    use core_kinds, only: wp
    use core_text, only: to_text
    use ensemble_plan, only: plan_type
