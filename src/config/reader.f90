@@ -81,15 +81,16 @@ contains
       end do
    end subroutine end_group
 
-   pure logical function was_given(self, group, name)
+   pure logical function was_given(self, group, name, number)
       class(reader_type), intent(in) :: self
       character(*), intent(in) :: group, name
-      integer :: i
+      integer, intent(in), optional :: number   !! which of several groups, default 1
+      integer :: block, i
 
-      associate (block => self%document%find_block(group, 1))
-         was_given = any([(self%document%is_for(i, block, name), &
-                           i=1, self%document%n_assignments)])
-      end associate
+      i = 1
+      if (present(number)) i = number
+      block = self%document%find_block(group, i)
+      was_given = any([(self%document%is_for(i, block, name), i=1, self%document%n_assignments)])
    end function was_given
 
    !> A rule between values: complains of `name` where it was given, else at its group.

@@ -51,8 +51,9 @@ contains
                              'process', 'bound_l0', 'must be absent with L0 imposed', number=i)
          call reader%require(this%correlation /= 'L1' .or. .not. this%bound_l1 > 0.0_wp, &
                              'process', 'bound_l1', 'must be absent with L1 imposed', number=i)
-         call reader%require(.not. this%positive .or. this%mean > 0.0_wp, 'process', 'mean', &
-                             'must be positive with positive = .true.', number=i)
+         if (reader%was_given('process', 'mean', i)) &
+            call reader%require(.not. this%positive .or. this%mean > 0.0_wp, 'process', 'mean', &
+                                'must be positive with positive = .true.', number=i)
          call reader%require(this%positive .or. .not. scene%runs_samples(), 'process', 'positive', &
                              'must be .true. with &chain: no friction coefficient is negative', &
                              number=i)
