@@ -13,8 +13,8 @@ module driver_output
    use io_files, only: exists, folder_of, make_folder, remove_file
    use io_gathering, only: finished_samples
    use io_lock, only: lock_type, take_lock
-   use io_shards, only: list_shards, new_store, remove_leftovers, remove_store, shard_store, shard_type, &
-                        verify_shard
+   use io_shards, only: list_shards, new_store, remove_covered, remove_leftovers, remove_store, &
+                        shard_store, shard_type, verify_shard
    use parallel_world, only: world_type
    implicit none(type, external)
    private
@@ -107,8 +107,11 @@ contains
       call inspect_results(output%path, output%store%identity, n_samples, error)
       if (allocated(error) .or. .not. allocated(n_samples)) return
       output%is_complete = all(n_samples >= plan%cases%n_samples)
-      if (.not. output%is_complete) call extract_shards(output%path, n_samples, block_width(plan), &
-                                                        output%store, error)
+      if (output%is_complete) then
+         call remove_covered(output%store, n_samples, error)
+      else
+         call extract_shards(output%path, n_samples, block_width(plan), output%store, error)
+      end if
    end subroutine take_up_results
 
    !> What the root found becomes known to all; collective.

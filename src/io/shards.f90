@@ -13,8 +13,8 @@ module io_shards
    implicit none(type, external)
    private
    public :: shard_store, shard_type, new_store
-   public :: list_shards, open_shard, read_shard, remove_leftovers, remove_store, verify_shard, &
-             write_shard
+   public :: list_shards, open_shard, read_shard, remove_covered, remove_leftovers, remove_store, &
+             verify_shard, write_shard
 
    character(*), parameter :: unfinished = '.part'
    character(*), parameter :: advice = '; remove it to have its samples computed again'
@@ -201,6 +201,28 @@ contains
       call remove_files(store, only_unfinished=.false., error=error)
       if (.not. allocated(error)) call remove_file(store%folder, error)
    end subroutine remove_store
+
+   !> Removes the shards whose samples a results file has, as after a run that was killed at its very
+   !> end, and the store if nothing is left in it; shards of further samples stay.
+   subroutine remove_covered(store, n_samples, error)
+      type(shard_store), intent(in) :: store
+      integer, intent(in) :: n_samples(:)   !! (case) of the results file
+      type(error_type), allocatable, intent(out) :: error
+      type(error_type), allocatable :: ignored
+      type(shard_type), allocatable :: shards(:)
+      integer :: i, last
+
+      call list_shards(store, shards, error)
+      if (allocated(error)) return
+      do i = 1, size(shards)
+         if (shards(i)%case_number > size(n_samples)) cycle
+         last = shards(i)%first_sample + shards(i)%n_samples - 1
+         if (last > n_samples(shards(i)%case_number)) cycle
+         call remove_file(shards(i)%path, error)
+         if (allocated(error)) return
+      end do
+      call remove_file(store%folder, ignored)   ! fails, rightly, where something is left
+   end subroutine remove_covered
 
    subroutine remove_files(store, only_unfinished, error)
       type(shard_store), intent(in) :: store

@@ -1,0 +1,117 @@
+"""A small campaign to be interrupted: its scene, its runs, what they leave behind."""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import time
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import h5py
+import numpy as np
+
+RUN_DEPENDENT = {"created", "wall_seconds", "n_ranks"}
+TOKEN = "ENTROSLIP_TEST_TOKEN"  # in the environment of every process of one run
+
+SCENE = """\
+&scene title = 'interrupted' seed = 7 /
+&process correlation_length = 0.3 order = 1 mean = 0.2 std = 0.02 positive = .true. /
+&chain n_dof = 2 normal_load = 1.0 /
+&excitation variance = 3.7, 41.1 /
+&integration method = 'event' n_steps = 20000 /
+&campaign n_samples = 300 deterministic = .true. /
+&output quantities = 'slip', 'spectrum', 'energy', 'transitions' segment_length = 256 /
+"""
+
+
+def datasets(path: Path) -> dict[str, bytes]:
+    """Every dataset and attribute that the scene alone decides, by name, as bytes."""
+    found: dict[str, bytes] = {}
+
+    def take(name: str, item: h5py.HLObject) -> None:
+        if isinstance(item, h5py.Dataset):
+            found[name] = item[()].tobytes()
+        for key, value in item.attrs.items():
+            if key not in ("DIMENSION_LIST", "REFERENCE_LIST"):
+                found[f"{name}@{key}"] = np.asarray(value).tobytes()
+
+    with h5py.File(path) as file:
+        file.visititems(take)
+        for name, value in file.attrs.items():
+            if name not in RUN_DEPENDENT:
+                found[f"@{name}"] = str(value).encode()
+    return found
+
+
+def processes_of(token: str) -> list[int]:
+    """Every living process whose environment has the token; zombies have none."""
+    found = []
+    for entry in Path("/proc").iterdir():
+        if entry.name.isdigit():
+            try:
+                if f"{TOKEN}={token}".encode() in (entry / "environ").read_bytes().split(b"\0"):
+                    found.append(int(entry.name))
+            except OSError:
+                continue
+    return found
+
+
+@dataclass
+class Run:
+    """One run under way, alone (n_ranks = 0) or under mpirun."""
+
+    program: Path
+    arguments: list[str]
+    folder: Path
+    environment: dict[str, str]
+    n_ranks: int = 0
+    token: str = field(default_factory=lambda: f"{os.getpid()}-{time.monotonic_ns()}")
+
+    def __post_init__(self) -> None:
+        launcher = ["mpirun", "--oversubscribe", "--bind-to", "none", "-n", str(self.n_ranks)]
+        words = [*(launcher if self.n_ranks else []), str(self.program), *self.arguments]
+        pipe = subprocess.PIPE
+        self.process = subprocess.Popen(
+            words, cwd=self.folder, env=self.environment | {TOKEN: self.token},
+            stdout=pipe, stderr=pipe, text=True,
+        )  # fmt: skip
+
+    def ranks(self) -> list[int]:
+        """Process numbers of the ranks that have been started."""
+        if not self.n_ranks:
+            return [self.process.pid]
+        return [pid for pid in processes_of(self.token) if pid != self.process.pid]
+
+    def signal(self, number: int, pids: list[int]) -> None:
+        for pid in pids:
+            try:
+                os.kill(pid, number)
+            except ProcessLookupError:
+                continue
+
+    def wait(self, timeout: float = 300.0) -> tuple[int, str, str]:
+        """Exit code and output, when the last process of the run is gone."""
+        output, errors = self.process.communicate(timeout=timeout)
+        limit = time.monotonic() + timeout
+        while processes_of(self.token):
+            assert time.monotonic() < limit, f"processes of a dead run live on: {self.arguments}"
+            time.sleep(0.01)
+        return self.process.returncode, output, errors
+
+
+def shards_of(output: Path) -> dict[str, tuple[int, int]]:
+    """Finished shards: a rewritten one has another inode or time."""
+    folder = Path(f"{output}.shards")
+    if not folder.exists():
+        return {}
+    stats = {path.name: path.stat() for path in folder.iterdir() if path.suffix == ".h5"}
+    return {name: (stat.st_ino, stat.st_mtime_ns) for name, stat in stats.items()}
+
+
+def wait_for_shards(run: Run, output: Path, at_least: int, timeout: float = 120.0) -> None:
+    limit = time.monotonic() + timeout
+    while len(shards_of(output)) < at_least:
+        assert run.process.poll() is None, "the run ended before it was interrupted"
+        assert time.monotonic() < limit, "no shard appears"
+        time.sleep(0.005)

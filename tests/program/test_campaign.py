@@ -1,0 +1,202 @@
+"""A campaign that cannot be lost: interruptions, faults, the same bits whatever happens."""
+
+from __future__ import annotations
+
+import signal
+import time
+from pathlib import Path
+
+import pytest
+
+from tests.conftest import ENVIRONMENT
+from tests.program.campaign import SCENE, Run, datasets, shards_of, wait_for_shards
+from tests.program.torture import Torture
+
+STOPPED, REFUSED = 75, 3
+
+
+@pytest.fixture(scope="module")
+def reference(program, tmp_path_factory):
+    """Results of the uninterrupted campaign, on one rank."""
+    folder = tmp_path_factory.mktemp("reference")
+    (folder / "scene.nml").write_text(SCENE)
+    run = Run(program, ["run", "scene.nml", "--output", "r.h5"], folder, ENVIRONMENT)
+    code, _, errors = run.wait()
+    assert code == 0, errors
+    return datasets(folder / "r.h5")
+
+
+@pytest.fixture
+def campaign(program, tmp_path):
+    """Starts the campaign in a folder of its own: campaign(n_ranks, more arguments)."""
+    (tmp_path / "scene.nml").write_text(SCENE)
+
+    def start(n_ranks: int = 0, *more: str) -> Run:
+        arguments = ["run", "scene.nml", "--output", "r.h5", *more]
+        return Run(program, arguments, tmp_path, ENVIRONMENT, n_ranks)
+
+    return start
+
+
+@pytest.fixture
+def output(tmp_path):
+    return tmp_path / "r.h5"
+
+
+@pytest.fixture
+def interrupted(campaign, output):
+    """A campaign stopped with some of its shards finished."""
+    run = campaign()
+    wait_for_shards(run, output, 3)
+    run.signal(signal.SIGTERM, run.ranks())
+    code, _, errors = run.wait()
+    assert code == STOPPED, errors
+    return sorted(shards_of(output))
+
+
+def shard(output: Path, name: str) -> Path:
+    return Path(f"{output}.shards") / name
+
+
+def assert_refused(run: Run, *words: str) -> None:
+    code, _, errors = run.wait()
+    assert code == REFUSED, errors
+    for word in words:
+        assert word in errors
+    assert "rror termination" not in errors
+
+
+@pytest.mark.parametrize("n_ranks", [2, 3, 7])
+def test_same_bits_on_any_number_of_ranks(campaign, output, reference, n_ranks):
+    code, _, errors = campaign(n_ranks).wait()
+    assert code == 0, errors
+    assert datasets(output) == reference
+
+
+@pytest.mark.parametrize("n_ranks", [0, 3])
+@pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGINT, signal.SIGUSR1])
+def test_a_signal_to_a_rank_stops_and_the_same_command_continues(
+    campaign, output, reference, n_ranks, number
+):
+    run = campaign(n_ranks)
+    wait_for_shards(run, output, 2)
+    run.signal(number, run.ranks()[-1:])
+    code, said, errors = run.wait()
+    assert code == STOPPED, errors
+    assert "start again" in said
+    assert not output.exists()
+    kept = shards_of(output)
+    assert len(kept) >= 2
+    again = campaign(n_ranks)
+    while again.process.poll() is None and not output.exists():
+        now = shards_of(output)
+        assert not now or output.exists() or kept.items() <= now.items()
+        time.sleep(0.01)
+    code, said, errors = again.wait()
+    assert code == 0, errors
+    assert "continuing" in said
+    assert datasets(output) == reference
+
+
+def test_sigusr1_to_mpirun_stops_every_rank(campaign, output, reference):
+    run = campaign(2)
+    wait_for_shards(run, output, 2)
+    run.signal(signal.SIGUSR1, [run.process.pid])
+    code, _, errors = run.wait()
+    assert code == STOPPED, errors
+    assert campaign(2).wait()[0] == 0
+    assert datasets(output) == reference
+
+
+@pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGINT])
+def test_mpirun_itself_may_be_ended(campaign, output, reference, number):
+    """Open MPI then gives the ranks one second, and an exit code of its own."""
+    run = campaign(2)
+    wait_for_shards(run, output, 2)
+    run.signal(number, [run.process.pid])
+    assert run.wait()[0] != 0
+    assert not output.exists()
+    assert campaign(2).wait()[0] == 0
+    assert datasets(output) == reference
+
+
+def test_the_wall_time_limit_stops_like_a_signal(campaign, output, reference):
+    limited = campaign(2, "--set", "campaign%walltime=0.01")
+    code, said, errors = limited.wait()
+    assert code == STOPPED, errors
+    assert "start again" in said
+    assert campaign(2).wait()[0] == 0
+    assert datasets(output).keys() == reference.keys()
+
+
+def test_more_samples_continue_a_finished_campaign(campaign, output, reference, tmp_path):
+    assert campaign(0, "--set", "campaign%n_samples=50").wait()[0] == 0
+    code, said, errors = campaign(2).wait()
+    assert code == 0, errors
+    assert "continuing: 102 of 602 samples" in said
+    assert datasets(output) == reference
+
+
+def test_two_runs_on_one_output_do_not_meet(campaign, output, reference):
+    first = campaign()
+    wait_for_shards(first, output, 1)
+    assert_refused(campaign(), "r.h5.lock is locked by process", "another run is at work")
+    assert first.wait()[0] == 0
+    assert datasets(output) == reference
+
+
+def test_results_of_another_scene_are_not_overwritten(campaign, output):
+    assert campaign(0, "--set", "campaign%n_samples=2").wait()[0] == 0
+    before = output.read_bytes()
+    other = ("--set", "scene%seed=8", "--set", "campaign%n_samples=2")
+    assert_refused(campaign(0, *other), "r.h5 belongs to another scene", "--fresh")
+    assert output.read_bytes() == before
+    assert campaign(0, *other, "--fresh").wait()[0] == 0
+    assert output.read_bytes() != before
+
+
+def test_a_truncated_shard_is_refused_by_name(campaign, output, interrupted, reference):
+    victim = shard(output, interrupted[0])
+    with victim.open("r+b") as file:
+        file.truncate(victim.stat().st_size // 2)
+    assert_refused(campaign(2), interrupted[0], "remove it")
+    victim.unlink()
+    assert campaign(2).wait()[0] == 0
+    assert datasets(output) == reference
+
+
+def test_a_flipped_bit_is_found(campaign, output, interrupted):
+    victim = shard(output, interrupted[1])
+    content = bytearray(victim.read_bytes())
+    content[len(content) // 2] ^= 1
+    victim.write_bytes(content)
+    assert_refused(campaign(), interrupted[1], "remove it")
+
+
+def test_a_shard_of_another_scene_is_refused_by_name(campaign, output, interrupted):
+    assert_refused(campaign(0, "--set", "scene%seed=8"), interrupted[0], "belongs to another scene")
+    assert sorted(shards_of(output)) == interrupted
+
+
+def test_a_folder_that_goes_away_is_named(campaign, output, tmp_path):
+    run = campaign()
+    wait_for_shards(run, output, 2)
+    folder = Path(f"{output}.shards")
+    folder.rename(tmp_path / "moved")
+    code, _, errors = run.wait()
+    # the shards made since stand in a new folder of the old name; those before are missing
+    assert code == REFUSED, errors
+    assert "r.h5.shards" in errors
+    assert not output.exists()
+
+
+def test_an_output_that_cannot_be_written_is_named(program, campaign, tmp_path):
+    run = Run(program, ["run", "scene.nml", "--output", "/proc/r.h5"], tmp_path, ENVIRONMENT, 2)
+    assert_refused(run, "/proc/r.h5")
+
+
+def test_killed_again_and_again(program, tmp_path):
+    """The short form of `python -m tests.program.torture`, which prints its seed when it fails."""
+    seed = 4
+    print(f"seed {seed}")
+    Torture(program, tmp_path, seed).go_on(kills=8)
