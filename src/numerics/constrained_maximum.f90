@@ -1,7 +1,8 @@
 !> Maximum of a smooth function under a few equality constraints, from a start that is not far off.
 !>
-!> Sequential quadratic programming on the inverse Hessian (BFGS), gradients by differences: meant for
-!> functions that are sampled with common random numbers, smooth but dear and without derivatives.
+!> Sequential quadratic programming on the inverse Hessian (BFGS), gradients by differences: meant
+!> for functions that are sampled with common random numbers, smooth but dear and without
+!> derivatives.
 module numerics_constrained_maximum
    use core_kinds, only: wp
    implicit none(type, external)
@@ -10,8 +11,8 @@ module numerics_constrained_maximum
 
    !> What is maximized; extended by whoever owns the function.
    !>
-   !> A state is all that an evaluation tells: first the constraints, zero where satisfied, then whatever
-   !> `gain` needs. Some functions are known by their differences only.
+   !> A state is all that an evaluation tells: first the constraints, zero where satisfied, then
+   !> whatever `gain` needs. Some functions are known by their differences only.
    type, abstract :: objective_type
    contains
       procedure(evaluate_objective), deferred :: evaluate
@@ -38,9 +39,12 @@ module numerics_constrained_maximum
    type :: search_result
       logical :: is_converged = .false.
       real(wp) :: violation = 0.0_wp                !! largest constraint
-      real(wp) :: residual = 0.0_wp                 !! largest component of the Lagrangian's gradient
-      real(wp), allocatable :: jacobian(:, :)       !! (constraint, variable) of the last point differentiated
-      real(wp), allocatable :: metric(:, :)         !! inverse Hessian of the Lagrangian, as far as it was seen
+      !> largest component of the Lagrangian's gradient
+      real(wp) :: residual = 0.0_wp
+      !> (constraint, variable) of the last point differentiated
+      real(wp), allocatable :: jacobian(:, :)
+      !> inverse Hessian of the Lagrangian, as far as it was seen
+      real(wp), allocatable :: metric(:, :)
       integer :: n_iterations = 0
    end type search_result
 
@@ -69,17 +73,19 @@ contains
       call objective%evaluate(point, state, is_inside)
       weight = 0.0_wp
       do iteration = 1, max_iterations
-         if (is_inside) call differentiate(objective, point, state, step, gradient, found%jacobian, is_inside)
+         if (is_inside) call differentiate(objective, point, state, step, gradient, &
+                                           found%jacobian, is_inside)
          if (.not. is_inside) return
          if (iteration > 1) then
             lagrangian = gradient - matmul(multipliers, found%jacobian)
-            call update_metric(change, old_gradient - matmul(multipliers, old_jacobian) - lagrangian, found%metric)
+            call update_metric(change, old_gradient - matmul(multipliers, old_jacobian) &
+                               - lagrangian, found%metric)
          end if
          multipliers = multipliers_of(found%metric, found%jacobian, gradient, state(:n_constraints))
          lagrangian = gradient - matmul(multipliers, found%jacobian)
          found%n_iterations = iteration
          found%violation = maxval(abs(state(:n_constraints)))
-         found%residual = maxval(abs(lagrangian))
+         found%residual = maxval(abs(rest_of_gradient(gradient, found%jacobian)))
          found%is_converged = max(found%violation, found%residual) <= tolerance
          if (found%is_converged) return
          change = matmul(found%metric, lagrangian)
@@ -142,7 +148,8 @@ contains
          violation = maxval(abs(constraints))
          if (i > 1) then   ! what the last step left over is the Jacobian's error along it
             direction = change/dot_product(change, change)
-            jacobian = jacobian + spread(constraints, 2, size(point))*spread(direction, 1, size(constraints))
+            jacobian = jacobian + spread(constraints, 2, size(point))*spread(direction, 1, &
+                                                                             size(constraints))
          end if
          if (violation <= tolerance) return
          multipliers = multipliers_of(metric, jacobian, nothing, constraints)
@@ -192,9 +199,37 @@ contains
          end do
       end do
       do i = size(right), 1, -1
-         multipliers(i) = (right(i) - dot_product(matrix(i, i + 1:), multipliers(i + 1:)))/matrix(i, i)
+         multipliers(i) = (right(i) - dot_product(matrix(i, i + 1:), &
+                                                  multipliers(i + 1:)))/matrix(i, i)
       end do
    end function multipliers_of
+
+   !> The part of the gradient that no combination of the constraints' gradients explains.
+   pure function rest_of_gradient(gradient, jacobian) result(rest)
+      real(wp), intent(in) :: gradient(:), jacobian(:, :)
+      real(wp) :: rest(size(gradient))
+      real(wp) :: along(size(gradient))
+      integer :: i, j
+
+      rest = gradient
+      do i = 1, size(jacobian, 1)   ! Gram-Schmidt, twice: the rows are few
+         along = jacobian(i, :)
+         do j = 1, 2*(i - 1)
+            along = along - project(along, jacobian(modulo(j - 1, i - 1) + 1, :))
+         end do
+         rest = rest - project(rest, along)
+      end do
+
+   contains
+
+      pure function project(vector, onto) result(part)
+         real(wp), intent(in) :: vector(:), onto(:)
+         real(wp) :: part(size(vector))
+
+         part = onto*(dot_product(vector, onto)/max(dot_product(onto, onto), tiny(1.0_wp)))
+      end function project
+
+   end function rest_of_gradient
 
    !> BFGS on the inverse Hessian; a pair without positive curvature teaches nothing.
    pure subroutine update_metric(change, curvature, metric)

@@ -1,4 +1,5 @@
-!> Averages over independent batches, freed of the noise that they share with quantities of known mean.
+!> Averages over independent batches, freed of the noise that they share with quantities of known
+!> mean.
 module process_control_variates
    use core_kinds, only: wp
    implicit none(type, external)
@@ -8,8 +9,10 @@ module process_control_variates
    !> Orthonormal controls over the batches, and what remains of their averages' errors.
    type :: control_type
       private
+      integer :: n_groups = 0                    !! independent runs; batch i belongs to run mod(i, n)
       real(wp), allocatable :: direction(:, :)   !! (batch, control), centred, orthonormal
-      real(wp), allocatable :: excess(:)         !! (control) average less known mean, same combination
+      !> (control) average less known mean, same combination
+      real(wp), allocatable :: excess(:)
    contains
       procedure :: correct
    end type control_type
@@ -17,12 +20,14 @@ module process_control_variates
 contains
 
    !> Controls from their batch averages less their known means.
-   pure function new_control(deviations) result(control)
+   pure function new_control(deviations, n_groups) result(control)
       real(wp), intent(in) :: deviations(:, :)   !! (batch, control)
+      integer, intent(in) :: n_groups            !! runs, whose batches follow one another in turns
       type(control_type) :: control
       real(wp) :: excess, norm, column(size(deviations, 1)), overlap
       integer :: i, j, pass
 
+      control%n_groups = n_groups
       allocate (control%direction(size(deviations, 1), 0), control%excess(0))
       do j = 1, size(deviations, 2)
          excess = sum(deviations(:, j))/size(column)
@@ -40,15 +45,18 @@ contains
          end do
          norm = norm2(column)
          if (norm < 1.0e-8_wp) cycle   ! says nothing that the others do not
-         control%direction = reshape([control%direction, column/norm], [size(column), size(control%excess) + 1])
+         control%direction = reshape([control%direction, column/norm], &
+                                     [size(column), size(control%excess) + 1])
          control%excess = [control%excess, excess/norm]
       end do
    end function new_control
 
-   !> Subtracts from a value what the controls explain of its error, and gives the standard error left.
+   !> Subtracts from a value what the controls explain of its error, and gives the standard error
+   !> left.
    pure subroutine correct(self, influence, value, standard_error)
       class(control_type), intent(in) :: self
-      !> (batch) first-order change of the value by that batch; its average is the value's own error term
+      !> (batch) first-order change of the value by that batch; its average is the value's own error
+      !> term
       real(wp), intent(in) :: influence(:)
       real(wp), intent(inout) :: value
       real(wp), intent(out) :: standard_error
@@ -62,7 +70,11 @@ contains
          rest = rest - share*self%direction(:, j)
          value = value - share*self%excess(j)
       end do
-      standard_error = sqrt(sum(rest**2)/(real(n, wp)*(n - 1 - size(self%excess))))
+      ! batches of one run may depend on each other, runs do not
+      associate (run => sum(reshape(rest, [self%n_groups, n/self%n_groups]), dim=2)/n)
+         standard_error = sqrt(sum(run**2)*self%n_groups/(self%n_groups - 1.0_wp) &
+                               *n/(n - size(self%excess)))
+      end associate
    end subroutine correct
 
 end module process_control_variates

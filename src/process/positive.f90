@@ -1,7 +1,7 @@
 !> Realizations of a solved process: consecutive values of one stationary run (Secs. 2.2 to 2.4).
 !>
-!> Each call walks along the stream that it is handed and nothing else, so a sample's values do not depend
-!> on who else is drawn.
+!> Each call walks along the stream that it is handed and nothing else, so a sample's values do not
+!> depend on who else is drawn.
 module process_positive
    use core_kinds, only: wp
    use core_random, only: stream_type
@@ -28,7 +28,8 @@ contains
          call march_gaussian(model%a, stream, values)
          values = model%mu + model%b0*values
       else if (model%request%sampler == 'sequential') then
-         call march_sequential(model%a, model%mu/model%b0*(1.0_wp + sum(model%a)), model%mean/model%b0, &
+         call march_sequential(model%a, model%mu/model%b0*(1.0_wp + sum(model%a)), &
+                               model%mean/model%b0, &
                                model%memory, stream, values)
          values = model%b0*values
       else
@@ -36,8 +37,8 @@ contains
       end if
    end subroutine draw_points
 
-   !> Eq. (25): a whole Gaussian window with margins beyond the memory, redrawn until all of it is positive,
-   !> its middle kept; where that is hopeless, one value at a time (Gibbs).
+   !> Eq. (25): a whole Gaussian window with margins beyond the memory, redrawn until all of it is
+   !> positive, its middle kept; where that is hopeless, one value at a time (Gibbs).
    subroutine draw_exact(model, stream, values)
       type(process_model_type), intent(in) :: model
       type(stream_type), intent(inout) :: stream
@@ -53,14 +54,15 @@ contains
          end do
          values = window(model%memory + 1:model%memory + size(values))
       else
-         call draw_window(model%a, model%mu/model%b0*(1.0_wp + sum(model%a))**2, model%mean/model%b0, &
+         call draw_window(model%a, model%mu/model%b0*(1.0_wp + sum(model%a))**2, &
+                          model%mean/model%b0, &
                           model%memory, sweeps_to_forget(model%a, forgotten), stream, values)
          values = model%b0*values
       end if
    end subroutine draw_exact
 
-   !> Eq. (39) with unit innovations, stationary from its first value: while fewer values than the order have
-   !> passed, each follows from the best predictor of the order that there is.
+   !> Eq. (39) with unit innovations, stationary from its first value: while fewer values than the
+   !> order have passed, each follows from the best predictor of the order that there is.
    pure subroutine march_gaussian(a, stream, values)
       real(wp), intent(in) :: a(:)
       type(stream_type), intent(inout) :: stream

@@ -1,9 +1,10 @@
-!> The law of Eq. (25) on positive values, in an infinite domain: sampled by redrawing one value at a time,
-!> given its neighbours on both sides (Gibbs), on rings much longer than the memory.
+!> The law of Eq. (25) on positive values, in an infinite domain: sampled by redrawing one value at
+!> a time, given its neighbours on both sides (Gibbs), on rings much longer than the memory.
 !>
-!> The redrawn value is truncated normal; all values move monotonically and by less than their neighbours
-!> do, so that two rings driven by the same numbers approach each other at a rate known beforehand: the
-!> number of sweeps that forgets the start is computed, not guessed. Everything is in units of b0.
+!> The redrawn value is truncated normal; all values move monotonically and by less than their
+!> neighbours do, so that two rings driven by the same numbers approach each other at a rate known
+!> beforehand: the number of sweeps that forgets the start is computed, not guessed. Everything is
+!> in units of b0.
 module process_positive_exact
    use core_kinds, only: wp
    use core_random, only: stream_type
@@ -21,7 +22,8 @@ module process_positive_exact
       real(wp) :: field = 0.0_wp         !! mu (1 + sum a_q)^2/b0
       real(wp), allocatable :: g(:)      !! (0:order) precision of the law, Eq. (25)
       real(wp), allocatable :: x(:, :)   !! (lane, 1-order:length+order)
-      real(wp), allocatable :: h(:)      !! (0:order) precision of the linear companion; unallocated: none
+      !> (0:order) precision of the linear companion; unallocated: none
+      real(wp), allocatable :: h(:)
       real(wp), allocatable :: y(:, :)   !! as x
    end type ring_type
 
@@ -40,8 +42,9 @@ contains
       end do
    end function precision_of
 
-   !> Sweeps after which a start has lost all but `tolerance` of its weight. Where all G_k, k > 0, are
-   !> negative this bounds every ring in the largest norm; else it is the rate of the Gaussian law.
+   !> Sweeps after which a start has lost all but `tolerance` of its weight. Where all G_k, k > 0,
+   !> are negative this bounds every ring in the largest norm; else it is the rate of the Gaussian
+   !> law.
    pure function sweeps_to_forget(a, tolerance) result(n)
       real(wp), intent(in) :: a(:)
       real(wp), intent(in) :: tolerance
@@ -58,15 +61,18 @@ contains
          smallest = min(smallest, g(0) + 2.0_wp*sum([(g(k)*cos(k*frequency), k=1, size(a))]))
       end do
       smallest = max(smallest/g(0), 1.0e-6_wp)
-      n = max(ceiling(log(tolerance)/log((1.0_wp - min(smallest, 0.999_wp))/(1.0_wp + smallest))), 4)
+      n = max(ceiling(log(tolerance)/log((1.0_wp - min(smallest, 0.999_wp))/(1.0_wp + smallest))), &
+              4)
    end function sweeps_to_forget
 
-   !> Averages over batches, a lane over a stretch of sweeps each; rows as in the sequential law, of the
-   !> acceptance sums only the density at 0.
-   subroutine sample_exact(a, field, companion, centre, ring_length, n_burn_in, n_lags, n_sweeps, stream, batches)
+   !> Averages over batches, a lane over a stretch of sweeps each; rows as in the sequential law, of
+   !> the acceptance sums only the density at 0.
+   subroutine sample_exact(a, field, companion, centre, ring_length, n_burn_in, n_lags, n_sweeps, &
+                           stream, batches)
       real(wp), intent(in) :: a(:)           !! a_q, Eq. (39)
       real(wp), intent(in) :: field          !! mu (1 + sum a_q)^2/b0
-      real(wp), intent(in) :: companion(:)   !! coefficients of the linear companion, unit innovations
+      !> coefficients of the linear companion, unit innovations
+      real(wp), intent(in) :: companion(:)
       real(wp), intent(in) :: centre         !! start, near the mean
       integer, intent(in) :: ring_length     !! much longer than the memory, and than n_lags
       integer, intent(in) :: n_burn_in       !! sweeps
@@ -116,8 +122,8 @@ contains
       call add_products(n_lags, length, n_lags, closed, sums)
    end subroutine add_ring
 
-   !> Consecutive values of one stationary run: the middle of a ring that has forgotten its start and is
-   !> longer than the memory by margins on both sides.
+   !> Consecutive values of one stationary run: the middle of a ring that has forgotten its start
+   !> and is longer than the memory by margins on both sides.
    subroutine draw_window(a, field, start, margin, n_sweeps, stream, values)
       real(wp), intent(in) :: a(:), field
       real(wp), intent(in) :: start         !! near the mean
@@ -129,7 +135,8 @@ contains
       real(wp) :: at_zero(lanes)
       integer :: n, sweep
 
-      ring = new_ring(a, field, max((size(values) + 2*margin + lanes - 1)/lanes, size(a) + 1), .true.)
+      ring = new_ring(a, field, max((size(values) + 2*margin + lanes - 1)/lanes, size(a) + 1), &
+                      .true.)
       ring%x = start
       at_zero = 0.0_wp
       do sweep = 1, n_sweeps
@@ -155,8 +162,8 @@ contains
       allocate (ring%x(lanes, 1 - size(a):length + size(a)))
    end function new_ring
 
-   !> One sweep: every value redrawn given its neighbours. Places as far apart as a lane is long do not see
-   !> each other, so that all lanes move at once.
+   !> One sweep: every value redrawn given its neighbours. Places as far apart as a lane is long do
+   !> not see each other, so that all lanes move at once.
    subroutine redraw(ring, stream, at_zero)
       type(ring_type), intent(inout) :: ring
       type(stream_type), intent(inout) :: stream
@@ -165,9 +172,11 @@ contains
 
       call stream%uniforms(u)
       if (allocated(ring%y)) then
-         call redraw_lanes(ring%length, ring%order, ring%is_wound, ring%field, ring%g, u, ring%x, at_zero, ring%h, ring%y)
+         call redraw_lanes(ring%length, ring%order, ring%is_wound, ring%field, ring%g, u, ring%x, &
+                           at_zero, ring%h, ring%y)
       else
-         call redraw_lanes(ring%length, ring%order, ring%is_wound, ring%field, ring%g, u, ring%x, at_zero)
+         call redraw_lanes(ring%length, ring%order, ring%is_wound, ring%field, ring%g, u, ring%x, &
+                           at_zero)
       end if
    end subroutine redraw
 

@@ -1,9 +1,9 @@
-!> The positive process of given mean, std and correlation length with the largest entropy (Sec. 2.4.1),
-!> under the law of one-at-a-time rejection or under that of Eq. (25).
+!> The positive process of given mean, std and correlation length with the largest entropy (Sec.
+!> 2.4.1), under the law of one-at-a-time rejection or under that of Eq. (25).
 !>
-!> Its moments have no closed form. They are averages over simulated values, the same random numbers at
-!> every trial, so that what is solved is a smooth problem; its answer differs from the true one by the
-!> standard errors that are handed back.
+!> Its moments have no closed form. They are averages over simulated values, the same random numbers
+!> at every trial, so that what is solved is a smooth problem; its answer differs from the true one
+!> by the standard errors that are handed back.
 module process_positive_fit
    use core_error, only: error_type, exit_no_solution, raise
    use core_kinds, only: long, wp
@@ -14,20 +14,27 @@ module process_positive_fit
    use process_correlation, only: correlation_length_l0, correlation_length_l1
    use process_entropy, only: white_noise_entropy
    use process_model, only: process_model_type, process_request
-   use process_positive_law, only: exact_law, n_constraints, positive_law, prepare_law, sequential_law
+   use process_positive_law, only: exact_law, n_constraints, positive_law, prepare_law, &
+      sequential_law
+   use process_positive_limit, only: follow_family
    use process_positive_moments, only: estimate_autocovariance
    use process_positive_partition, only: log_sqrt_two_pi
-   use process_truncated_normal, only: fit_truncated_normal
+   use process_truncated_normal, only: fit_truncated_normal, hazard_ratio, log_acceptance
    implicit none(type, external)
    private
    public :: fit_positive
 
+   integer, parameter :: quick_steps = 128     !! of a batch on the way to a first solution
    integer, parameter :: shape_steps = 512     !! of a batch while the shape is sought
    integer, parameter :: final_steps = 4096    !! of a batch of the final solution, at least
    integer, parameter :: most_refinement = 16  !! times as many where the errors want it
-   real(wp), parameter :: ratio_goal = 2.5e-4_wp, length_goal = 2.5e-3_wp   !! relative standard errors
-   real(wp), parameter :: matched = 1.0e-7_wp      !! relative, of ratio and length on the simulated values
-   real(wp), parameter :: stationary = 1.0e-3_wp   !! largest gradient left of the flat entropy
+   !> relative standard errors
+   real(wp), parameter :: ratio_goal = 2.5e-4_wp, length_goal = 2.5e-3_wp
+   !> relative, of ratio and length on the simulated values
+   real(wp), parameter :: matched = 1.0e-7_wp
+   real(wp), parameter :: close_enough = 1.0e-5_wp  !! as matched, on the way
+   !> gradient of the entropy left, over its largest component
+   real(wp), parameter :: stationary = 0.02_wp
 
 contains
 
@@ -41,15 +48,21 @@ contains
       type(stream_type) :: stream
       type(error_type), allocatable :: error
       real(wp), allocatable :: kappa(:), point(:)
-      real(wp) :: mu, sigma, violation
+      real(wp) :: location, mu, sigma, violation
 
       model%request = request
       stream = new_stream(seed, label_of('positive process'), 0)
       call fit_truncated_normal(request%mean, request%std, mu, sigma, error)
-      if (.not. allocated(error)) call prepare_law(request, request%sampler, stream, law, kappa, error)
+      if (.not. allocated(error) .and. .not. abs(request%correlation_length) > 0.0_wp) then
+         call describe_white(request, mu, sigma, model)
+         return
+      end if
+      if (.not. allocated(error)) call prepare_law(request, request%sampler, stream, law, kappa, &
+                                                   error)
       if (.not. allocated(error)) then
          ! a first guess: the unconstrained optimum and the univariate law
-         point = [atanh(kappa), mu/(sigma*innovation_std(kappa, 1.0_wp))*(1.0_wp + sum(law%companion))**law%power]
+         location = mu/(sigma*innovation_std(kappa, 1.0_wp))
+         point = [atanh(kappa), location*(1.0_wp + sum(law%companion))**law%power]
          call find_shape(law, point, found, error)
       end if
       if (.not. allocated(error)) then
@@ -62,33 +75,123 @@ contains
       if (allocated(error)) model%reason = error%message
    end subroutine fit_positive
 
+   !> Without correlation both laws are the univariate one, in closed form.
+   subroutine describe_white(request, mu, sigma, model)
+      type(process_request), intent(in) :: request
+      real(wp), intent(in) :: mu, sigma
+      type(process_model_type), intent(inout) :: model
+      integer :: order
+
+      order = request%order
+      model%is_solved = .true.
+      model%order = order
+      model%a = spread(0.0_wp, 1, order)
+      model%b0 = sigma
+      model%mu = mu
+      model%poles = spread((0.0_wp, 0.0_wp), 1, order)
+      allocate (model%autocovariance(0:order), model%autocovariance_error(0:order), source=0.0_wp)
+      model%autocovariance(0) = request%std**2
+      model%mean = request%mean
+      model%std = request%std
+      model%entropy = white_noise_entropy(sigma) + log_acceptance(mu/sigma) &
+                      - 0.5_wp*mu/sigma*hazard_ratio(mu/sigma)
+      model%entropy_bound = white_noise_entropy(request%std)
+      model%lambda = exp(max(log_acceptance(mu/sigma), log(tiny(1.0_wp))))
+      model%acceptance_ratio = model%lambda
+      model%acceptance_mean = model%lambda
+      model%acceptance_geometric = model%lambda
+      model%memory = order
+      model%other_mean = model%mean
+      model%other_std = model%std
+      model%other_entropy = model%entropy
+   end subroutine describe_white
+
    !> First the unconstrained optimum of another length, then every coefficient free.
    subroutine find_shape(law, point, found, error)
       class(positive_law), intent(inout) :: law
       real(wp), intent(inout) :: point(:)
       type(search_result), intent(out) :: found
       type(error_type), allocatable, intent(out) :: error
-      real(wp) :: reduced(2)
+      real(wp) :: limit, reduced(2)
       integer :: order
+      logical :: is_reached
 
       order = size(point) - 1
-      law%n_steps = shape_steps
       law%shape = point(:order)
-      call law%settle(coefficients_of(tanh(1.2_wp*law%shape)))
       reduced = [1.0_wp, point(order + 1)]
-      call maximize(law, reduced, n_constraints, 1.0e-4_wp, 1.0e-7_wp, 40, found)
+      law%n_steps = quick_steps
+      call law%settle(coefficients_of(tanh(1.2_wp*law%shape)))
+      call maximize(law, reduced, n_constraints, 1.0e-4_wp, close_enough, 8, found)
+      law%n_steps = shape_steps
+      if (found%violation > close_enough) then
+         reduced = [1.0_wp, point(order + 1)]
+         call follow_family(law, reduced, limit, is_reached)
+         if (.not. is_reached) then
+            call raise(error, exit_no_solution, name_of(law, order)//': with the shape of the '// &
+                       'unconstrained optimum std/mean ends near '// &
+                       to_text(nint(1.0e2_wp*limit)/1.0e2_wp)// &
+                          ', where mu runs away to minus infinity')
+            return
+         end if
+         call maximize(law, reduced, n_constraints, 1.0e-4_wp, close_enough, 20, found)
+      end if
       point = [reduced(1)*law%shape, reduced(2)]
       deallocate (law%shape)
       call law%settle(coefficients_of(tanh(point(:order))))
-      if (found%violation <= 1.0e-7_wp) then
-         call maximize(law, point, n_constraints, 1.0e-4_wp, stationary, 40, found)
-         if (found%is_converged) return
-      end if
-      call raise(error, exit_no_solution, 'positive process with std/mean = '//to_text(law%wanted_ratio)// &
-                 ', '//law%correlation//' = '//to_text(law%wanted_length)//', order = '//to_text(order)// &
-                 ': the search ended '//to_text(found%violation)//' (relative) from its targets, with '// &
-                 to_text(found%residual)//' of the gradient left')
+      if (found%violation <= close_enough) call free_shape(law, point, found)
+      if (.not. found%is_converged) call raise(error, exit_no_solution, name_of(law, order)// &
+                                               ': the search ended '//to_text(found%violation)// &
+                                               ' (relative) from its targets, with '// &
+                                               to_text(found%residual)//' of the gradient left')
    end subroutine find_shape
+
+   !> Every coefficient free. Where correlation is so weak that the entropy does not feel its shape
+   !> above the noise of the sample, the shape of the unconstrained optimum is kept, with the
+   !> residual it leaves.
+   subroutine free_shape(law, point, found)
+      class(positive_law), intent(inout) :: law
+      real(wp), intent(inout) :: point(:)
+      type(search_result), intent(out) :: found
+      real(wp), parameter :: weak = 0.02_wp, feeble = 0.001_wp   !! largest reflection coefficient
+      real(wp), allocatable :: autocovariance(:), standard_error(:)
+      real(wp) :: family(size(point)), strength
+      integer :: order
+
+      order = size(point) - 1
+      family = point
+      strength = maxval(abs(tanh(point(:order))))
+      if (strength > feeble) then
+         call maximize(law, point, n_constraints, 1.0e-4_wp, min(1.0e-3_wp, stationary*strength), &
+                       30, found)
+         if (strength > weak) return
+         call estimate_autocovariance(law%batches, law%companion_autocovariance, order, &
+                                      autocovariance, &
+                                      standard_error)
+         associate (companion => law%companion_autocovariance(0:order))
+            if (found%is_converged .and. &
+                all(autocovariance*sign(1.0_wp, companion) > -4.0_wp*standard_error)) return
+         end associate
+         point = family
+      end if
+      call maximize(law, point, n_constraints, 1.0e-4_wp, huge(1.0_wp), 1, found)
+   end subroutine free_shape
+
+   !> For messages.
+   function name_of(law, order) result(name)
+      class(positive_law), intent(in) :: law
+      integer, intent(in) :: order
+      character(:), allocatable :: name
+
+      select type (law)
+      type is (exact_law)
+         name = 'exact'
+      class default
+         name = 'sequential'
+      end select
+      name = 'positive process ('//name//' law) with std/mean = '//to_text(law%wanted_ratio)// &
+         ', '// &
+             law%correlation//' = '//to_text(law%wanted_length)//', order = '//to_text(order)
+   end function name_of
 
    !> The constraints once more, on as many values as the standard errors want; the shape stays.
    subroutine match_targets(law, found, point, violation)
@@ -156,7 +259,8 @@ contains
       real(wp) :: coordinate, location, unused
       logical :: is_inside
 
-      call prepare_law(request, merge('exact     ', 'sequential', request%sampler == 'sequential'), stream, other, &
+      call prepare_law(request, merge('exact     ', 'sequential', &
+                                      request%sampler == 'sequential'), stream, other, &
                        kappa, error)
       if (allocated(error)) return
       location = model%mu/model%b0
@@ -185,7 +289,8 @@ contains
          model%acceptance_mean = law%moments%acceptance_mean
          model%acceptance_geometric = law%moments%acceptance_geometric
       type is (exact_law)
-         entropy = merge(model%entropy, model%other_entropy, model%request%sampler == 'exact') - log(model%b0)
+         entropy = merge(model%entropy, model%other_entropy, model%request%sampler == 'exact') &
+            - log(model%b0)
          field = model%mu/model%b0*(1.0_wp + sum(model%a))**2
          psi = entropy - 0.5_wp + 0.5_wp*field*law%moments%mean
          model%lambda = exp(psi - log_sqrt_two_pi - 0.5_wp*field*model%mu/model%b0)

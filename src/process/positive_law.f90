@@ -3,9 +3,10 @@
 !>
 !> Points are atanh(kappa_m), m = 1..order, and one coordinate for mu. All is in units of b0.
 module process_positive_law
-   use core_error, only: error_type, exit_bad_input, raise
+   use core_error, only: error_type, exit_bad_input, exit_no_solution, raise
    use core_kinds, only: wp
    use core_random, only: stream_type
+   use core_text, only: to_text
    use numerics_constrained_maximum, only: objective_type
    use process_ar_fit, only: describe_ar, optimal_reflection
    use process_ar_model, only: autocovariance_of, coefficients_of, innovation_std
@@ -24,17 +25,19 @@ module process_positive_law
    integer, parameter, public :: n_constraints = 2
 
    integer, parameter :: n_batches = 16*lanes
-   integer, parameter :: max_lags = 2000
+   integer, parameter :: max_lags = 600
    real(wp), parameter :: largest_kappa = 0.9999_wp
 
    type, abstract, extends(objective_type) :: positive_law
       character(:), allocatable :: correlation
       real(wp) :: wanted_ratio = 0.0_wp              !! std/mean
       real(wp) :: wanted_length = 0.0_wp
-      real(wp), allocatable :: shape(:)              !! allocated: points are (factor of this shape, coordinate)
+      !> allocated: points are (factor of this shape, coordinate)
+      real(wp), allocatable :: shape(:)
       real(wp), allocatable :: companion(:)          !! coefficients of the linear companion
       real(wp), allocatable :: companion_autocovariance(:)   !! (0:n_lags), unit innovations
-      real(wp) :: tail_l0 = 0.0_wp, tail_moment = 0.0_wp     !! of the companion's sums, beyond n_lags
+      !> of the companion's sums, beyond n_lags
+      real(wp) :: tail_l0 = 0.0_wp, tail_moment = 0.0_wp
       integer :: power = 1                           !! coordinate = mu (1 + sum a_q)**power/b0
       integer :: n_lags = 0
       integer :: memory = 0                          !! steps beyond which nothing is felt, to 1e-9
@@ -83,7 +86,8 @@ module process_positive_law
       end subroutine entropy_of_law
    end interface
 
-   !> One-at-a-time rejection (Sec. 2.4); coordinate: mu (1 + sum a_q)/b0. Its entropy is an average.
+   !> One-at-a-time rejection (Sec. 2.4); coordinate: mu (1 + sum a_q)/b0. Its entropy is an
+   !> average.
    type, extends(positive_law) :: sequential_law
    contains
       procedure, nopass :: gain => gain_by_difference
@@ -93,8 +97,8 @@ module process_positive_law
       procedure :: find_entropy => averaged_entropy
    end type sequential_law
 
-   !> Eq. (25); coordinate: mu (1 + sum a_q)^2/b0. Its entropy is known by its differences: along a change of
-   !> the multipliers, dh = - sum (multiplier) d(moment).
+   !> Eq. (25); coordinate: mu (1 + sum a_q)^2/b0. Its entropy is known by its differences: along a
+   !> change of the multipliers, dh = - sum (multiplier) d(moment).
    type, extends(positive_law) :: exact_law
    contains
       procedure, nopass :: gain => gain_by_multipliers
@@ -128,10 +132,12 @@ contains
          allocate (exact_law :: law)
          law%power = 2
       case default
-         call raise(error, exit_bad_input, "sampler = '"//sampler//"': must be 'sequential' or 'exact'")
+         call raise(error, exit_bad_input, "sampler = '"//sampler// &
+                    "': must be 'sequential' or 'exact'")
          return
       end select
-      call optimal_reflection(request%correlation, request%correlation_length, request%order, kappa, error)
+      call optimal_reflection(request%correlation, request%correlation_length, request%order, &
+                              kappa, error)
       if (allocated(error)) return
       law%companion = coefficients_of(kappa)
       call describe_ar(law%companion, 1.0_wp, unconstrained, error)
@@ -141,7 +147,15 @@ contains
       law%correlation = request%correlation
       law%wanted_ratio = request%std/request%mean
       law%wanted_length = request%correlation_length
-      law%n_lags = min(max(size(kappa), memory_of(unconstrained%poles, 1.0e-4_wp)), max_lags)
+      law%n_lags = max(size(kappa), memory_of(unconstrained%poles, 1.0e-4_wp))
+      if (law%n_lags > max_lags) then
+         call raise(error, exit_no_solution, &
+                    'positive process with '//request%correlation//' = '// &
+                    to_text(request%correlation_length)//', order = '//to_text(request%order)// &
+                    ': '//to_text(law%n_lags)//' lags count, sampled fits carry '// &
+                    to_text(max_lags))
+         return
+      end if
       rho = autocovariance_of(kappa, law%n_lags)
       law%tail_l0 = sums%l0 - sum(abs(rho(2:)))
       law%tail_moment = sums%l1*(1.0_wp + sums%l0) - sum([(m*abs(rho(m + 1)), m=1, law%n_lags)])
@@ -181,7 +195,7 @@ contains
       if (.not. is_inside) return
       self%a = coefficients_of(kappa)
       call self%sample()
-      self%moments = estimate_moments(self%batches, self%companion_autocovariance, &
+      self%moments = estimate_moments(self%batches, self%companion_autocovariance, size(self%a), &
                                       self%tail_l0, self%tail_moment)
       length = merge(self%moments%l0, self%moments%l1, self%correlation == 'L0')
       state = [self%moments%ratio/self%wanted_ratio - 1.0_wp, length/self%wanted_length - 1.0_wp, &
@@ -193,9 +207,10 @@ contains
       type(stream_type) :: stream
 
       stream = self%stream
-      call sample_sequential(self%a, self%coordinate, self%companion, start_near(self%coordinate/(1.0_wp + sum(self%a))), &
-                             self%n_burn_in, self%n_lags, max(self%n_steps, 5*self%n_lags), stream, &
-                             self%batches)
+      call sample_sequential(self%a, self%coordinate, self%companion, &
+                             start_near(self%coordinate/(1.0_wp + sum(self%a))), &
+                             self%n_burn_in, self%n_lags, max(self%n_steps, 2*self%n_lags), &
+                             stream, self%batches)
    end subroutine sample_sequential_law
 
    !> The companion's memory measures that of every process of the wanted length.
@@ -232,9 +247,10 @@ contains
       type(stream_type) :: stream
 
       stream = self%stream
-      call sample_exact(self%a, self%coordinate, self%companion, start_near(self%coordinate/(1.0_wp + sum(self%a))**2), &
+      call sample_exact(self%a, self%coordinate, self%companion, &
+                        start_near(self%coordinate/(1.0_wp + sum(self%a))**2), &
                         self%ring_length(), self%n_burn_in, self%n_lags, &
-                        max(self%n_steps/self%ring_length(), 4), stream, self%batches)
+                        max(self%n_steps/self%ring_length(), 2), stream, self%batches)
    end subroutine sample_exact_law
 
    !> Values per ring: K has fallen below 1e-8 before it comes around.
@@ -248,9 +264,10 @@ contains
    subroutine settle_exact(self, a)
       class(exact_law), intent(inout) :: self
       real(wp), intent(in) :: a(:)
-      integer, parameter :: max_sweeps = 1000   !! near its limit the law forgets faster than its Gaussian
+      !> near its limit the law forgets faster than its Gaussian
+      integer, parameter :: max_sweeps = 300
 
-      self%n_burn_in = min(sweeps_to_forget(a, 1.0e-7_wp), max_sweeps)
+      self%n_burn_in = min(sweeps_to_forget(a, 1.0e-5_wp), max_sweeps)
    end subroutine settle_exact
 
    !> Moments m, K(0..order), and their multipliers.
@@ -260,10 +277,12 @@ contains
       real(wp), allocatable :: k(:), unused(:)
       real(wp) :: g(0:size(self%a))
 
-      call estimate_autocovariance(self%batches, self%companion_autocovariance, size(self%a), k, unused)
+      call estimate_autocovariance(self%batches, self%companion_autocovariance, size(self%a), k, &
+                                   unused)
       g = precision_of(self%a)
       g(0) = 0.5_wp*g(0)
-      features = [self%moments%mean, k, self%moments%mean*(1.0_wp + sum(self%a))**2 - self%coordinate, g]
+      features = [self%moments%mean, k, self%moments%mean*(1.0_wp + sum(self%a))**2 &
+                  - self%coordinate, g]
    end function multiplier_features
 
    !> Of the entropy of x/std; the trapezoidal rule along the change.
@@ -273,7 +292,8 @@ contains
 
       first = n_constraints + 1
       n = (size(from) - n_constraints)/2
-      gain = 0.5_wp*dot_product(from(first + n:) + to(first + n:), to(first:first + n - 1) - from(first:first + n - 1)) &
+      gain = 0.5_wp*dot_product(from(first + n:) + to(first + n:), to(first:first + n - 1) &
+                                - from(first:first + n - 1)) &
              - 0.5_wp*log(to(first + 1)/from(first + 1))
    end function gain_by_multipliers
 

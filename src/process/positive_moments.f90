@@ -1,20 +1,25 @@
-!> What a sampled positive process says of itself: moments, lengths, entropy, with their standard errors.
+!> What a sampled positive process says of itself: moments, lengths, entropy, with their standard
+!> errors.
 module process_positive_moments
    use core_kinds, only: wp
    use process_control_variates, only: control_type, new_control
    use process_truncated_normal, only: lanes
    implicit none(type, external)
    private
-   public :: batch_averages, new_batches, positive_moments, estimate_moments, estimate_autocovariance
+   public :: batch_averages, new_batches, positive_moments, estimate_moments, &
+      estimate_autocovariance
    public :: add_products, n_acceptance_sums
 
-   integer, parameter :: n_acceptance_sums = 5   !! alpha, 1/alpha, ln alpha, c phi(c)/(2 alpha), density at 0
+   !> alpha, 1/alpha, ln alpha, c phi(c)/(2 alpha), density at 0
+   integer, parameter :: n_acceptance_sums = 5
 
-   !> Averages over independent stretches of a run; `x` and `y` hold d, then d_n d_(n-m) for m = 0..n_lags.
+   !> Averages over independent stretches of a run; `x` and `y` hold d, then d_n d_(n-m) for m =
+   !> 0..n_lags.
    type :: batch_averages
       real(wp) :: centre = 0.0_wp                !! d = x - centre
       real(wp), allocatable :: x(:, :)           !! (-1:n_lags, batch)
-      real(wp), allocatable :: y(:, :)           !! (-1:n_lags, batch) of a companion of known moments
+      !> (-1:n_lags, batch) of a companion of known moments
+      real(wp), allocatable :: y(:, :)
       real(wp), allocatable :: acceptance(:, :)  !! (n_acceptance_sums, batch)
    end type batch_averages
 
@@ -82,17 +87,20 @@ contains
       end do
    end subroutine add_products
 
-   !> Everything but the autocovariance lag by lag. Signs of K(m), and what lies beyond the last lag, are
-   !> taken from the companion.
-   pure function estimate_moments(batches, companion, tail_l0, tail_moment) result(moments)
+   !> Everything but the autocovariance lag by lag. Signs of K(m), and what lies beyond the last
+   !> lag, are taken from the companion.
+   pure function estimate_moments(batches, companion, order, tail_l0, tail_moment) result(moments)
       type(batch_averages), intent(in) :: batches
       real(wp), intent(in) :: companion(0:)    !! autocovariance of y, m = 0..n_lags
+      !> lags that are controls of their own: coefficients move them
+      integer, intent(in) :: order
       real(wp), intent(in) :: tail_l0          !! sum of |rho(m)| beyond n_lags
       real(wp), intent(in) :: tail_moment      !! sum of m |rho(m)| beyond n_lags
       type(positive_moments) :: moments
       type(control_type) :: control
       real(wp), dimension(size(batches%x, 2)) :: d, k0, length, moment, work
-      real(wp) :: deviations(size(d), 4), sign_of(size(companion) - 1), lag(size(companion) - 1)
+      real(wp) :: deviations(size(d), 4 + order), sign_of(size(companion) - 1), &
+         lag(size(companion) - 1)
       real(wp) :: average(4), centred, k0_mean, sum0, sum1, unused
       integer :: last, m, n
 
@@ -104,7 +112,10 @@ contains
       deviations(:, 2) = batches%y(0, :) - companion(0)
       deviations(:, 3) = matmul(sign_of, batches%y(1:last, :)) - sum(abs(companion(1:)))
       deviations(:, 4) = matmul(sign_of*lag, batches%y(1:last, :)) - sum(lag*abs(companion(1:)))
-      control = new_control(deviations)
+      do m = 1, order
+         deviations(:, 4 + m) = batches%y(m, :) - companion(m)
+      end do
+      control = new_control(deviations, lanes)
 
       ! first-order influences of a batch on mean, K(0), sum |K|, sum m |K|
       centred = sum(batches%x(-1, :))/n
@@ -148,7 +159,8 @@ contains
       moments%acceptance_geometric = exp(work(1))
    end function estimate_moments
 
-   !> K(m), m = 0..last, and standard errors; each lag with its own lag of the companion as a control.
+   !> K(m), m = 0..last, and standard errors; each lag with its own lag of the companion as a
+   !> control.
    pure subroutine estimate_autocovariance(batches, companion, last, autocovariance, standard_error)
       type(batch_averages), intent(in) :: batches
       real(wp), intent(in) :: companion(0:)
@@ -166,7 +178,7 @@ contains
          deviations(:, 1) = batches%y(-1, :)
          deviations(:, 2) = batches%y(0, :) - companion(0)
          deviations(:, 3) = batches%y(m, :) - companion(m)
-         control = new_control(deviations)
+         control = new_control(deviations, lanes)
          influence = batches%x(m, :) - centred**2 - 2.0_wp*centred*d
          autocovariance(m) = sum(influence)/n
          call control%correct(influence, autocovariance(m), standard_error(m))

@@ -1,22 +1,24 @@
 !> Normalizing constant and entropy of the exact law of Eq. (25), by integration over mu.
 !>
-!> With z = x/b0 the density is exp(psi-independent quadratic form + field sum z); psi is ln of its integral
-!> per point. d psi/d field = E[z], and d ln Lambda/d mu = p_X(0): both averages are sampled at Gauss nodes
-!> on the way from the Gaussian law, where psi is known.
+!> With z = x/b0 the density is exp(psi-independent quadratic form + field sum z); psi is ln of its
+!> integral per point. d psi/d field = E[z], and d ln Lambda/d mu = p_X(0): both averages are
+!> sampled at Gauss nodes on the way from the Gaussian law, where psi is known.
 module process_positive_partition
    use core_kinds, only: wp
    use core_random, only: stream_type
    use numerics_quadrature, only: gauss_legendre
    use process_ar_model, only: autocovariance_of, innovation_std, reflection_of
    use process_positive_exact, only: sample_exact
-   use process_positive_moments, only: batch_averages, estimate_moments, new_batches, positive_moments
+   use process_positive_moments, only: batch_averages, estimate_moments, new_batches, &
+      positive_moments
    use process_truncated_normal, only: lanes
    implicit none(type, external)
    private
    public :: log_partition, entropy_of_exact_law
 
    real(wp), parameter, public :: log_sqrt_two_pi = 0.91893853320467274_wp
-   real(wp), parameter :: nowhere_near_zero = 7.0_wp   !! mu over the Gaussian std; p_X(0) is below 1e-11 there
+   !> mu over the Gaussian std; p_X(0) is below 1e-11 there
+   real(wp), parameter :: nowhere_near_zero = 7.0_wp
 
 contains
 
@@ -68,10 +70,11 @@ contains
          type(batch_averages) :: batches
 
          batches = new_batches(1, n_batches)
-         call sample_exact(a, field_here, a, max(field_here/flat, 0.5_wp), ring_length, n_burn_in, 1, n_sweeps, &
+         call sample_exact(a, field_here, a, max(field_here/flat, 0.5_wp), ring_length, n_burn_in, &
+                           1, n_sweeps, &
                            stream, batches)
          moments = estimate_moments(batches, autocovariance_of(reflection_of(a), 1)/ &
-                                    innovation_std(reflection_of(a), 1.0_wp)**2, 0.0_wp, 0.0_wp)
+                                    innovation_std(reflection_of(a), 1.0_wp)**2, 1, 0.0_wp, 0.0_wp)
       end subroutine sample_node
 
    end subroutine log_partition

@@ -1,9 +1,9 @@
 !> Positive processes of low order without sampling: the transfer operator on Gauss nodes.
 !>
 !> The kernel takes M past values to the next one. Its Perron value is Lambda, and left times right
-!> Perron function is the law of M consecutive values under Eq. (25) in an infinite domain; divided by
-!> the acceptance probability the kernel is a transition density, that of one-at-a-time rejection.
-!> Everything is in units of b0.
+!> Perron function is the law of M consecutive values under Eq. (25) in an infinite domain; divided
+!> by the acceptance probability the kernel is a transition density, that of one-at-a-time
+!> rejection. Everything is in units of b0.
 module process_positive_quadrature
    use core_error, only: error_type, exit_no_solution, raise
    use core_kinds, only: wp
@@ -14,17 +14,20 @@ module process_positive_quadrature
    private
    public :: transfer_operator, new_operator, find_stationary_law
 
-   !> States are vectors of M past nodes, the newest varying fastest, the oldest apart: (newer, oldest).
+   !> States are vectors of M past nodes, the newest varying fastest, the oldest apart: (newer,
+   !> oldest).
    type :: transfer_operator
       real(wp), allocatable :: nodes(:)         !! (node)
-      real(wp), allocatable :: kernel(:, :, :)  !! (next node, newer, oldest), weights of the next node in it
+      !> (next node, newer, oldest), weights of the next node in it
+      real(wp), allocatable :: kernel(:, :, :)
       real(wp), allocatable :: newest(:, :)     !! (newer, oldest) the newest value of a state
       real(wp), allocatable :: c(:, :)          !! (newer, oldest) conditional mean
       real(wp) :: offset = 0.0_wp               !! conditional mean after zeros
       logical :: is_sequential = .false.
       real(wp) :: perron = 1.0_wp               !! Perron value of the kernel as stored
       real(wp) :: log_lambda = 0.0_wp           !! ln Lambda, Eq. (45)
-      real(wp), allocatable :: left(:, :)       !! (newer, oldest) left Perron function times weights
+      !> (newer, oldest) left Perron function times weights
+      real(wp), allocatable :: left(:, :)
       real(wp), allocatable :: right(:, :)      !! (newer, oldest); sum left right = 1
    contains
       procedure :: autocovariance
@@ -64,9 +67,11 @@ contains
             end do
             associate (c => operator%c(newer, oldest))
                if (is_sequential) then
-                  operator%kernel(:, newer, oldest) = -0.5_wp*(operator%nodes - c)**2 - log_acceptance(c)
+                  operator%kernel(:, newer, oldest) = -0.5_wp*(operator%nodes - c)**2 &
+                     - log_acceptance(c)
                else
-                  ! the same law, its linear terms gathered on the next value: no underflow for mu << 0
+                  ! the same law, its linear terms gathered on the next value: no underflow for mu
+                  ! << 0
                   operator%kernel(:, newer, oldest) = offset*(1.0_wp + sum(a))*operator%nodes &
                                                       - 0.5_wp*(operator%nodes - (c - offset))**2
                end if
@@ -106,7 +111,8 @@ contains
             if (change <= tolerance) exit
          end do
          if (step > max_steps) then
-            call raise(error, exit_no_solution, 'transfer operator with '//to_text(size(operator%nodes))// &
+            call raise(error, exit_no_solution, 'transfer operator with '// &
+                       to_text(size(operator%nodes))// &
                        ' nodes: power iteration still changes by '//to_text(change))
             return
          end if

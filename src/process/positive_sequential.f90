@@ -1,8 +1,8 @@
 !> The law of one-at-a-time rejection (Sec. 2.4), marched in many chains side by side.
 !>
-!> A value redrawn until it is positive follows the truncated conditional law exactly, so one draw by
-!> its inverse distribution function replaces the rejection; the acceptance probability of each step
-!> is then known in closed form instead of counted. Everything is in units of b0.
+!> A value redrawn until it is positive follows the truncated conditional law exactly, so one draw
+!> by its inverse distribution function replaces the rejection; the acceptance probability of each
+!> step is then known in closed form instead of counted. Everything is in units of b0.
 module process_positive_sequential
    use core_kinds, only: wp
    use core_random, only: stream_type
@@ -18,10 +18,11 @@ contains
 
    !> Averages over batches of a stationary run: batch = one lane over one stretch of time.
    !>
-   !> Beside the process x runs its linear companion y, driven by the part of x that the past does not
-   !> foretell, scaled to unit variance: the second moments of y are exactly those of its coefficients,
-   !> whatever the law of x, and its noise is almost that of x.
-   subroutine sample_sequential(a, offset, companion, centre, n_burn_in, n_lags, n_steps, stream, batches)
+   !> Beside the process x runs its linear companion y, driven by the part of x that the past does
+   !> not foretell, scaled to unit variance: the second moments of y are exactly those of its
+   !> coefficients, whatever the law of x, and its noise is almost that of x.
+   subroutine sample_sequential(a, offset, companion, centre, n_burn_in, n_lags, n_steps, stream, &
+                                batches)
       real(wp), intent(in) :: a(:)           !! a_q, Eq. (39)
       real(wp), intent(in) :: offset         !! conditional mean after zeros: mu (1 + sum a_q)/b0
       real(wp), intent(in) :: companion(:)   !! coefficients of y, as many as of x; unit innovations
@@ -37,7 +38,8 @@ contains
 
       history = max(n_lags, size(a))
       n_blocks = (n_steps + block_steps - 1)/block_steps
-      allocate (d(lanes, 1 - history:block_steps), y(lanes, 1 - history:block_steps), sums(lanes, -1:n_lags, 2))
+      allocate (d(lanes, 1 - history:block_steps), y(lanes, 1 - history:block_steps), &
+                sums(lanes, -1:n_lags, 2))
       batches%centre = centre
       acceptance = 0.0_wp
       d = 0.0_wp
@@ -66,7 +68,8 @@ contains
       real(wp), intent(in) :: a(:), offset, companion(:), centre
       integer, intent(in) :: history
       type(stream_type), intent(inout) :: stream
-      real(wp), intent(inout) :: d(lanes, 1 - history:block_steps), y(lanes, 1 - history:block_steps)
+      real(wp), intent(inout) :: d(lanes, 1 - history:block_steps), &
+         y(lanes, 1 - history:block_steps)
       real(wp), intent(inout) :: acceptance(lanes, n_acceptance_sums)
       real(wp) :: u(lanes*block_steps)
       real(wp) :: c(lanes), hazard(lanes), factor(lanes), x(lanes)
@@ -125,13 +128,14 @@ contains
       call stream%uniforms(u)
       x(:0) = start
       do n = 1, size(u)
-         call draw_truncated(offset - dot_product(a, x(n - 1:n - size(a):-1)), u(n), x(n), hazard, factor)
+         call draw_truncated(offset - dot_product(a, x(n - 1:n - size(a):-1)), u(n), x(n), hazard, &
+                             factor)
       end do
       values = x(n_burn_in + 1:)
    end subroutine march_sequential
 
-   !> Steps until what went before has lost all but a tolerance of its weight. The Gaussian's largest pole is
-   !> a conservative measure: truncation only shortens the memory.
+   !> Steps until what went before has lost all but a tolerance of its weight. The Gaussian's
+   !> largest pole is a conservative measure: truncation only shortens the memory.
    pure function memory_of(poles, tolerance) result(steps)
       complex(wp), intent(in) :: poles(:)   !! by descending modulus
       real(wp), intent(in) :: tolerance

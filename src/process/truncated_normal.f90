@@ -1,8 +1,8 @@
 !> The normal law N(m, b^2) kept where it is positive: moments, acceptance, draws, fit.
 !>
-!> Everything is written in c = m/b and holds its accuracy when the bound lies far in the tail
-!> (c = -1000 and beyond); the cost does not grow there. The kernels have no branches, so that a
-!> loop over lanes becomes vector instructions; they therefore bring their own exponential.
+!> Everything is written in c = m/b and holds its accuracy when the bound lies far in the tail (c =
+!> -1000 and beyond); the cost does not grow there. The kernels have no branches, so that a loop
+!> over lanes becomes vector instructions; they therefore bring their own exponential.
 module process_truncated_normal
    use core_error, only: error_type, exit_no_solution, raise
    use core_kinds, only: long, wp
@@ -13,7 +13,8 @@ module process_truncated_normal
    public :: log_acceptance, hazard_ratio, relative_moments
    public :: truncated_normal_moments, fit_truncated_normal
 
-   integer, parameter :: lanes = 32   !! chains marched side by side; constant: no result depends on it
+   !> chains marched side by side; constant: no result depends on it
+   integer, parameter :: lanes = 32
 
    real(wp), parameter :: sqrt_two_pi = 2.5066282746310005_wp
    real(wp), parameter :: log_sqrt_two_pi = 0.91893853320467274_wp
@@ -58,8 +59,8 @@ contains
       end do
    end subroutine draw_truncated_lanes
 
-   !> Acceptance probability and its logarithm on all lanes, from what the draw computed. Below exp(-600)
-   !> the probability stays at that.
+   !> Acceptance probability and its logarithm on all lanes, from what the draw computed. Below
+   !> exp(-600) the probability stays at that.
    pure subroutine acceptance_lanes(c, factor, acceptance, log_acceptance)
       real(wp), intent(in) :: c(lanes), factor(lanes)
       real(wp), intent(out) :: acceptance(lanes), log_acceptance(lanes)
@@ -139,7 +140,8 @@ contains
       mu = 0.0_wp
       sigma = 0.0_wp
       if (.not. (std > 0.0_wp .and. std < mean)) then
-         call raise(error, exit_no_solution, 'positive law with mean = '//to_text(mean)//', std = '// &
+         call raise(error, exit_no_solution, 'positive law with mean = '//to_text(mean)// &
+                    ', std = '// &
                     to_text(std)//': needs 0 < std < mean, the limit of the exponential law')
          return
       end if
@@ -187,7 +189,8 @@ contains
       mills = mills_ratio(k + t)
       wanted = target*exp_in_range(t*(k + 0.5_wp*t))
       s = (wanted - mills)/(wanted + mills)
-      residual = 2.0_wp*s*(1.0_wp + s**2*(1.0_wp/3.0_wp + s**2*(0.2_wp + s**2/7.0_wp)))   ! ln(wanted/mills)
+      ! ln(wanted/mills)
+      residual = 2.0_wp*s*(1.0_wp + s**2*(1.0_wp/3.0_wp + s**2*(0.2_wp + s**2/7.0_wp)))
       next = t - mills*residual/(1.0_wp - 0.5_wp*residual*(1.0_wp - (k + t)*mills))
    end function halley_step
 
@@ -218,7 +221,8 @@ contains
    elemental function exp_in_range(x) result(value)
       real(wp), intent(in) :: x
       real(wp) :: value
-      real(wp), parameter :: ln2_high = 0.693147180369123816490_wp, ln2_low = 1.90821492927058770002e-10_wp
+      real(wp), parameter :: ln2_high = 0.693147180369123816490_wp, &
+         ln2_low = 1.90821492927058770002e-10_wp
       real(wp), parameter :: rounder = 6755399441055744.0_wp   ! 1.5 2^52: adding it rounds
       real(wp) :: n, r
 

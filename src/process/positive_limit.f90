@@ -1,0 +1,135 @@
+!> How far std/mean of a positive process can go at a given correlation length, before anything is
+!> fitted.
+!>
+!> Coefficients of the unconstrained optimum's shape are made stronger and stronger, mu always such
+!> that the length is the wanted one: std/mean grows towards a limit, reached as mu runs away to
+!> minus infinity (without correlation it is the exponential law's, 1). For order 1 this is every
+!> process there is.
+module process_positive_limit
+   use core_kinds, only: wp
+   use process_ar_model, only: coefficients_of
+   use process_positive_law, only: positive_law
+   implicit none(type, external)
+   private
+   public :: follow_family
+
+   !> relative, of the wanted length along the family
+   real(wp), parameter :: length_tolerance = 1.0e-3_wp
+
+contains
+
+   !> Follows the family until it has the wanted ratio: `point` (factor, coordinate) is then near
+   !> the solution. Where it ends before, `limit` is the largest std/mean met.
+   subroutine follow_family(law, point, limit, is_reached)
+      class(positive_law), intent(inout) :: law   !! with a shape
+      real(wp), intent(inout) :: point(2)
+      real(wp), intent(out) :: limit
+      logical, intent(out) :: is_reached
+      integer, parameter :: max_doublings = 7
+      real(wp) :: inner(2), outer(2), ratio, slack
+      integer :: i
+      logical :: is_found
+
+      limit = 0.0_wp
+      is_reached = .false.
+      point(1) = 1.02_wp
+      ! sum a_q tends to -1 as the factor grows: halve what is missing
+      slack = 1.0_wp + sum(coefficients_of(tanh(point(1)*law%shape)))
+      outer = point
+      do i = 1, max_doublings
+         inner = outer
+         if (i > 1) then
+            slack = 0.5_wp*slack
+            outer(1) = factor_of(law%shape, slack, inner(1))
+         end if
+         call match_length(law, outer, ratio, is_found)
+         if (.not. is_found) exit
+         limit = max(limit, ratio)
+         is_reached = ratio >= law%wanted_ratio
+         if (is_reached) exit
+      end do
+      if (.not. is_reached) return
+      do i = 1, merge(6, 0, outer(1) > point(1))   ! halve the stretch in which the ratio is passed
+         point = 0.5_wp*(inner + outer)
+         call match_length(law, point, ratio, is_found)
+         if (ratio >= law%wanted_ratio .or. .not. is_found) then
+            outer = point
+         else
+            inner = point
+         end if
+      end do
+      point = outer
+   end subroutine follow_family
+
+   !> The factor at which 1 + sum a_q is `slack`.
+   pure function factor_of(shape, slack, start) result(factor)
+      real(wp), intent(in) :: shape(:), slack
+      real(wp), intent(in) :: start   !! smaller than it
+      real(wp) :: factor
+      real(wp) :: high, low
+      integer :: i
+
+      low = start
+      high = start
+      do while (1.0_wp + sum(coefficients_of(tanh(high*shape))) > slack)
+         high = 2.0_wp*high
+      end do
+      do i = 1, 50
+         factor = 0.5_wp*(low + high)
+         if (1.0_wp + sum(coefficients_of(tanh(factor*shape))) > slack) then
+            low = factor
+         else
+            high = factor
+         end if
+      end do
+   end function factor_of
+
+   !> The coordinate that gives the wanted length at this factor, and std/mean there. The length
+   !> grows with mu, up to that of the Gaussian.
+   subroutine match_length(law, point, ratio, is_found)
+      class(positive_law), intent(inout) :: law
+      real(wp), intent(inout) :: point(2)
+      real(wp), intent(out) :: ratio
+      logical, intent(out) :: is_found
+      integer, parameter :: max_steps = 40
+      real(wp), allocatable :: state(:)
+      real(wp) :: excess, high, high_excess, low, low_excess, step
+      logical :: is_inside
+      integer :: i
+
+      low = -huge(1.0_wp)
+      high = huge(1.0_wp)
+      low_excess = 0.0_wp
+      high_excess = 0.0_wp
+      step = 0.25_wp*max(1.0_wp, abs(point(2)))
+      ratio = 0.0_wp
+      do i = 1, max_steps
+         call law%evaluate(point, state, is_inside)
+         if (.not. is_inside) exit
+         ratio = law%moments%ratio
+         excess = state(2)
+         is_found = abs(excess) <= length_tolerance
+         if (is_found) return
+         if (excess > 0.0_wp) then
+            high = point(2)
+            high_excess = excess
+            if (low > -huge(1.0_wp)) low_excess = 0.7_wp*low_excess
+         else
+            low = point(2)
+            low_excess = excess
+            if (high < huge(1.0_wp)) high_excess = 0.7_wp*high_excess
+         end if
+         if (low <= -huge(1.0_wp)) then
+            point(2) = high - step
+            step = 2.0_wp*step
+         else if (high >= huge(1.0_wp)) then
+            point(2) = low + step
+            step = 2.0_wp*step
+         else
+            point(2) = (low*high_excess - high*low_excess)/(high_excess - low_excess)
+         end if
+      end do
+      is_found = .false.
+   end subroutine match_length
+
+end module process_positive_limit
