@@ -2,19 +2,24 @@
 !> interface.
 !>
 !> A problem is an extension of `minimization_problem`. What NLopt returns is not believed:
-!> objective and constraints are
-!> evaluated once more where it stopped, and refused settings (an algorithm without constraints,
-!> say) are errors before
-!> the run instead of a run without them.
+!> objective and constraints are evaluated once more where it stopped, and refused settings (an
+!> algorithm without constraints, say) are errors before the run instead of a run without them.
 module numerics_nlopt
    use, intrinsic :: iso_c_binding, only: c_associated, c_char, c_double, c_f_pointer, c_funloc, &
-                                          c_funptr, c_int, c_loc, c_null_char, c_null_ptr, c_ptr
+                                          c_int, c_loc, c_null_char, c_null_ptr, c_ptr
    use core_error, only: error_type, exit_bad_input, raise
    use core_kinds, only: long, wp
    use core_text, only: to_text
+   use numerics_nlopt_c, only: nlopt_add_equality_mconstraint, nlopt_add_inequality_mconstraint, &
+                               nlopt_algorithm_from_string, nlopt_create, nlopt_destroy, &
+                               nlopt_force_stop, nlopt_optimize, nlopt_set_ftol_rel, &
+                               nlopt_set_initial_step1, nlopt_set_lower_bounds, &
+                               nlopt_set_maxeval, nlopt_set_min_objective, &
+                               nlopt_set_upper_bounds, nlopt_set_xtol_rel, nlopt_version
    implicit none(type, external)
    private
-   public :: minimization_problem, minimization_settings, minimization_outcome, minimize, nlopt_library
+   public :: minimization_problem, minimization_settings, minimization_outcome, minimize
+   public :: nlopt_library
 
    !> What is to be minimized. Extend it with the problem's own data.
    type, abstract :: minimization_problem
@@ -71,112 +76,6 @@ module numerics_nlopt
 
    integer(c_int), parameter :: success = 1, ftol_reached = 3, xtol_reached = 4
    integer(c_int), parameter :: invalid_arguments = -2
-
-   interface
-      subroutine nlopt_version(major, minor, bugfix) bind(c)
-         import :: c_int
-         integer(c_int), intent(out) :: major, minor, bugfix
-      end subroutine nlopt_version
-
-      function nlopt_algorithm_from_string(name) result(algorithm) bind(c)
-         import :: c_char, c_int
-         character(kind=c_char), intent(in) :: name(*)
-         integer(c_int) :: algorithm
-      end function nlopt_algorithm_from_string
-
-      function nlopt_create(algorithm, n) result(optimizer) bind(c)
-         import :: c_int, c_ptr
-         integer(c_int), value :: algorithm, n
-         type(c_ptr) :: optimizer
-      end function nlopt_create
-
-      subroutine nlopt_destroy(optimizer) bind(c)
-         import :: c_ptr
-         type(c_ptr), value :: optimizer
-      end subroutine nlopt_destroy
-
-      function nlopt_set_min_objective(optimizer, f, data) result(code) bind(c)
-         import :: c_funptr, c_int, c_ptr
-         type(c_ptr), value :: optimizer, data
-         type(c_funptr), value :: f
-         integer(c_int) :: code
-      end function nlopt_set_min_objective
-
-      function nlopt_add_equality_mconstraint(optimizer, m, f, data, tolerance) result(code) bind(c)
-         import :: c_double, c_funptr, c_int, c_ptr
-         type(c_ptr), value :: optimizer, data
-         integer(c_int), value :: m
-         type(c_funptr), value :: f
-         real(c_double), intent(in) :: tolerance(*)
-         integer(c_int) :: code
-      end function nlopt_add_equality_mconstraint
-
-      function nlopt_add_inequality_mconstraint(optimizer, m, f, data, tolerance) result(code) &
-         bind(c)
-         import :: c_double, c_funptr, c_int, c_ptr
-         type(c_ptr), value :: optimizer, data
-         integer(c_int), value :: m
-         type(c_funptr), value :: f
-         real(c_double), intent(in) :: tolerance(*)
-         integer(c_int) :: code
-      end function nlopt_add_inequality_mconstraint
-
-      function nlopt_set_lower_bounds(optimizer, bounds) result(code) bind(c)
-         import :: c_double, c_int, c_ptr
-         type(c_ptr), value :: optimizer
-         real(c_double), intent(in) :: bounds(*)
-         integer(c_int) :: code
-      end function nlopt_set_lower_bounds
-
-      function nlopt_set_upper_bounds(optimizer, bounds) result(code) bind(c)
-         import :: c_double, c_int, c_ptr
-         type(c_ptr), value :: optimizer
-         real(c_double), intent(in) :: bounds(*)
-         integer(c_int) :: code
-      end function nlopt_set_upper_bounds
-
-      function nlopt_set_ftol_rel(optimizer, tolerance) result(code) bind(c)
-         import :: c_double, c_int, c_ptr
-         type(c_ptr), value :: optimizer
-         real(c_double), value :: tolerance
-         integer(c_int) :: code
-      end function nlopt_set_ftol_rel
-
-      function nlopt_set_xtol_rel(optimizer, tolerance) result(code) bind(c)
-         import :: c_double, c_int, c_ptr
-         type(c_ptr), value :: optimizer
-         real(c_double), value :: tolerance
-         integer(c_int) :: code
-      end function nlopt_set_xtol_rel
-
-      function nlopt_set_initial_step1(optimizer, step) result(code) bind(c)
-         import :: c_double, c_int, c_ptr
-         type(c_ptr), value :: optimizer
-         real(c_double), value :: step
-         integer(c_int) :: code
-      end function nlopt_set_initial_step1
-
-      function nlopt_set_maxeval(optimizer, n) result(code) bind(c)
-         import :: c_int, c_ptr
-         type(c_ptr), value :: optimizer
-         integer(c_int), value :: n
-         integer(c_int) :: code
-      end function nlopt_set_maxeval
-
-      function nlopt_force_stop(optimizer) result(code) bind(c)
-         import :: c_int, c_ptr
-         type(c_ptr), value :: optimizer
-         integer(c_int) :: code
-      end function nlopt_force_stop
-
-      function nlopt_optimize(optimizer, x, value) result(code) bind(c)
-         import :: c_double, c_int, c_ptr
-         type(c_ptr), value :: optimizer
-         real(c_double), intent(inout) :: x(*)
-         real(c_double), intent(out) :: value
-         integer(c_int) :: code
-      end function nlopt_optimize
-   end interface
 
 contains
 
@@ -397,8 +296,8 @@ contains
          error stop 'minimization_problem: constraints without a rule'
    end subroutine no_constraints
 
-   !> Neither infinite nor a NaN, by its exponent: a comparison would trap, and ieee_arithmetic saves
-   !! and restores the processor's traps around every procedure that sees it.
+   !> Neither infinite nor a NaN, by its exponent: a comparison would trap, and ieee_arithmetic
+   !! saves and restores the processor's traps around every procedure that sees it.
    elemental function is_finite(x) result(is_so)
       real(wp), intent(in) :: x
       logical :: is_so

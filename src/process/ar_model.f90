@@ -2,8 +2,8 @@
 !> 2.3).
 !>
 !> Eq. (39): z_n = b0 w_n - sum a_q z_(n-q). The reflection coefficient kappa_m is the last
-!> coefficient of
-!> the best predictor of order m; all in (-1, 1) is the same as all poles inside the unit circle.
+!> coefficient of the best predictor of order m; all in (-1, 1) is the same as all poles inside the
+!> unit circle.
 module process_ar_model
    use core_error, only: error_type, exit_bad_input, raise
    use core_kinds, only: wp

@@ -2,14 +2,11 @@
 !> Fig. 4).
 !>
 !> One length is imposed and the two drift apart as the order grows: with L0 imposed L1 grows, with
-!> L1 imposed
-!> L0 falls. A bound of the other one (L1 at most, or L0 at least) leaves the orders up to one; the
-!> entropy grows
-!> with the order, so the largest is taken. The paper reads order 6 off Fig. 4 for L0 = 0.3 and L1
-!> <= 1; the
-!> infinite sums are L1 = 0.887 at order 5 and 1.034 at order 6, so it is 5. Without a bound the
-!> order is taken after
-!> which one more order gains too little entropy.
+!> L1 imposed L0 falls. A bound of the other one (L1 at most, or L0 at least) leaves the orders up
+!> to one; the entropy grows with the order, so the largest is taken. The paper reads order 6 off
+!> Fig. 4 for L0 = 0.3 and L1 <= 1; the infinite sums are L1 = 0.887 at order 5 and 1.034 at order
+!> 6, so it is 5. Without a bound the order is taken after which one more order gains too little
+!> entropy.
 module process_ar_order
    use core_error, only: error_type, exit_bad_input, exit_no_solution, raise
    use core_kinds, only: wp
@@ -25,8 +22,7 @@ module process_ar_order
 contains
 
    !> The request's own order, or for order = 0 the chosen one, at most `max_order`. Fails when not
-   !! even
-   !! order 1 keeps the bound.
+   !! even order 1 keeps the bound.
    subroutine choose_order(request, order, error)
       type(process_request), intent(in) :: request
       integer, intent(out) :: order
