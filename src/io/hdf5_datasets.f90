@@ -10,7 +10,7 @@ module io_hdf5_datasets
    use hdf5
    use h5ds, only: h5dsattach_scale_f, h5dsset_scale_f
    use io_hdf5_attributes, only: write_attribute
-   use io_hdf5_file, only: hdf5_file, new_link_list
+   use io_hdf5_file, only: hdf5_file, make_parents, new_timeless_list
    use io_hdf5_outcome, only: outcome_type
    implicit none(type, external)
    private
@@ -166,15 +166,12 @@ contains
       integer(hid_t), intent(out) :: dataset
       type(outcome_type), intent(inout) :: outcome
       integer(hsize_t) :: chunk(size(extents))
-      integer(hid_t) :: links, properties, space
+      integer(hid_t) :: properties, space
       integer :: n_axes, status
 
       n_axes = size(extents)
-      call new_link_list(links, outcome)
-      call h5pcreate_f(H5P_DATASET_CREATE_F, properties, status)
-      call outcome%note(status)
-      call h5pset_obj_track_times_f(properties, .false., status)   ! the same run, the same bytes
-      call outcome%note(status)
+      call make_parents(file, path, outcome)
+      call new_timeless_list(H5P_DATASET_CREATE_F, properties, outcome)
       if (n_axes == 0) then
          call h5screate_f(H5S_SCALAR_F, space, status)
          call outcome%note(status)
@@ -191,12 +188,10 @@ contains
          end if
       end if
       call outcome%note(status)
-      call h5dcreate_f(file%id, path, kind, space, dataset, status, dcpl_id=properties, &
-                       lcpl_id=links)
+      call h5dcreate_f(file%id, path, kind, space, dataset, status, dcpl_id=properties)
       call outcome%note(status)
       call h5sclose_f(space, status)
       call h5pclose_f(properties, status)
-      call h5pclose_f(links, status)
    end subroutine create
 
    !> Whole rows of the fast axes, until a chunk is full.

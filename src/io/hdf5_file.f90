@@ -8,7 +8,7 @@ module io_hdf5_file
    use io_hdf5_outcome, only: outcome_type
    implicit none(type, external)
    private
-   public :: hdf5_file, create_hdf5, hdf5_library, is_hdf5, new_link_list, open_hdf5
+   public :: hdf5_file, create_hdf5, hdf5_library, is_hdf5, make_parents, new_timeless_list, open_hdf5
 
    !> One open file. After an error only `abandon` makes sense.
    type :: hdf5_file
@@ -53,15 +53,17 @@ contains
       type(hdf5_file), intent(out) :: file
       type(error_type), allocatable, intent(out) :: error
       type(outcome_type) :: outcome
-      integer(hid_t) :: access
+      integer(hid_t) :: access, root
       integer :: status
 
       call start_library()
       file%path = path
       call new_access_list(access, outcome)
-      call h5fcreate_f(path, H5F_ACC_TRUNC_F, file%id, status, access_prp=access)
+      call new_timeless_list(H5P_FILE_CREATE_F, root, outcome)
+      call h5fcreate_f(path, H5F_ACC_TRUNC_F, file%id, status, root, access)
       call outcome%note(status)
       call h5pclose_f(access, status)
+      call h5pclose_f(root, status)
       call outcome%conclude(path//': cannot be made', error)
    end subroutine create_hdf5
 
@@ -180,29 +182,53 @@ contains
       character(*), intent(in) :: path
       type(error_type), allocatable, intent(out) :: error
       type(outcome_type) :: outcome
-      integer(hid_t) :: group, links
-      integer :: status
 
-      call new_link_list(links, outcome)
-      call h5gcreate_f(self%id, path, group, status, lcpl_id=links)
-      call outcome%note(status)
-      call h5gclose_f(group, status)
-      call outcome%note(status)
-      call h5pclose_f(links, status)
+      call make_parents(self, path, outcome)
+      call make_one_group(self, path, outcome)
       call outcome%conclude(self%path//': '//path//': cannot be made', error)
    end subroutine make_group
 
-   !> For objects whose parents are made with them.
-   subroutine new_link_list(links, outcome)
-      integer(hid_t), intent(out) :: links
+   !> The groups that stand in a path before its last slash, where they are missing.
+   subroutine make_parents(file, path, outcome)
+      type(hdf5_file), intent(in) :: file
+      character(*), intent(in) :: path   !! such as /campaign/c001/psd
+      type(outcome_type), intent(inout) :: outcome
+      integer :: slash
+
+      slash = 1
+      do while (index(path(slash + 1:), '/') > 0)
+         slash = slash + index(path(slash + 1:), '/')
+         if (.not. file%has(path(:slash - 1))) call make_one_group(file, path(:slash - 1), outcome)
+      end do
+   end subroutine make_parents
+
+   subroutine make_one_group(file, path, outcome)
+      type(hdf5_file), intent(in) :: file
+      character(*), intent(in) :: path
+      type(outcome_type), intent(inout) :: outcome
+      integer(hid_t) :: group, properties
+      integer :: status
+
+      call new_timeless_list(H5P_GROUP_CREATE_F, properties, outcome)
+      call h5gcreate_f(file%id, path, group, status, gcpl_id=properties)
+      call outcome%note(status)
+      call h5gclose_f(group, status)
+      call outcome%note(status)
+      call h5pclose_f(properties, status)
+   end subroutine make_one_group
+
+   !> Properties of objects that do not note the time: the same run, the same bytes.
+   subroutine new_timeless_list(class, properties, outcome)
+      integer(hid_t), intent(in) :: class
+      integer(hid_t), intent(out) :: properties
       type(outcome_type), intent(inout) :: outcome
       integer :: status
 
-      call h5pcreate_f(H5P_LINK_CREATE_F, links, status)
+      call h5pcreate_f(class, properties, status)
       call outcome%note(status)
-      call h5pset_create_inter_group_f(links, 1, status)
+      call h5pset_obj_track_times_f(properties, .false., status)
       call outcome%note(status)
-   end subroutine new_link_list
+   end subroutine new_timeless_list
 
    !> Format of HDF5 1.10, whose metadata have checksums; closing closes everything in the file.
    !> HDF5's own file locks, which some network file systems refuse, are off: outputs have a lock of
