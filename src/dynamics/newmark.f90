@@ -9,6 +9,7 @@ module dynamics_newmark
    use core_text, only: to_text
    use dynamics_chain, only: chain_type
    use dynamics_newmark_block, only: load_block, newmark_block, store_block
+   use dynamics_newmark_recorder, only: newmark_recorder, start_recorder
    use dynamics_newmark_steps, only: new_newmark_steps, newmark_steps
    use dynamics_response, only: block_state, marcher_type
    implicit none(type, external)
@@ -22,13 +23,6 @@ module dynamics_newmark
    contains
       procedure :: advance
    end type newmark_marcher
-
-   !> Where the displacements (and velocities) after each `every`-th step go.
-   type :: recorder_type
-      integer :: every = 0                            !! 0: nowhere
-      integer(long), allocatable :: next_tick(:)      !! (sample)
-      integer, allocatable :: next_record(:)          !! (sample)
-   end type recorder_type
 
 contains
 
@@ -92,7 +86,7 @@ contains
       type(error_type), allocatable, intent(out) :: error
       integer, parameter :: steps_apart = 64   ! samples meet again after so many: data stay near
       type(newmark_block) :: block
-      type(recorder_type) :: recorder
+      type(newmark_recorder) :: recorder
       integer :: step, n_steps
 
       n_steps = ubound(force, 1)
@@ -113,11 +107,12 @@ contains
       integer, intent(in) :: step
       type(block_state), intent(inout) :: state
       type(newmark_block), intent(inout) :: block
-      type(recorder_type), intent(inout) :: recorder
+      type(newmark_recorder), intent(inout) :: recorder
       real(wp), intent(inout) :: displacement(:, :, :)
       real(wp), intent(inout), optional :: velocity(:, :, :)
       integer, dimension(block%n_samples + 1) :: sample, due, switching
-      integer(long) :: has_passed(block%n_samples), last
+      integer(long), dimension(block%n_samples) :: has_passed, is_left, is_due, is_switching
+      integer(long) :: last
       integer :: k, n_active, n_due, n_switching, w
 
       last = shiftl(int(step, long), block%max_halvings)
@@ -127,13 +122,14 @@ contains
          call self%steps%try(sample(:n_active), block, has_passed)
          if (state%keeps_ledger) then
             do k = 1, n_active
-               if (has_passed(k) == 0) call block%add_work(self%chain, state, sample(k))
+               if (has_passed(sample(k)) == 0) call block%add_work(self%chain, state, sample(k))
             end do
          end if
-         call settle(block%max_halvings, last, has_passed, block%n_samples, block%tick, &
-                     block%slot, block%level, block%until, recorder%next_tick, n_active, sample, &
-                     due, n_due, &
-                     switching, n_switching)
+         call settle(block%n_samples, shiftl(1_long, block%max_halvings), last, has_passed, &
+                     recorder%next_tick, block%tick, block%ticks, block%until, block%slot, &
+                     is_left, is_due, is_switching)
+         call list_all(block%n_samples, is_left, is_due, is_switching, sample, n_active, due, &
+                       n_due, switching, n_switching)
          do k = 1, n_switching
             w = switching(k)
             call block%switch_at_nearer_end(self%chain, state, w)
@@ -141,52 +137,67 @@ contains
             if (block%tick(w) < last) call append(w, sample, n_active)
          end do
          do k = 1, n_due
-            call record(block, due(k), recorder, displacement, velocity)
+            call recorder%record(block, due(k), displacement, velocity)
          end do
       end do
    end subroutine march_to
 
-   !> Ends the trials: a step without transition stands, another is halved, and halved again without
-   !> a trial if it ends where a transition is known to come. Listed are those that have come to
-   !> their next record, those that must switch at the smallest step, and the others that have not
-   !> yet come to the last tick. Without branches, for nobody can guess which it will be.
-   pure subroutine settle(max_halvings, last, has_passed, n_samples, tick, slot, level, until, &
-                          next_tick, n_active, active, due, n_due, switching, n_switching)
-      integer, intent(in) :: max_halvings, n_samples
-      integer(long), intent(in) :: last
-      integer(long), intent(in) :: has_passed(n_samples)   !! (try)
-      integer(long), intent(inout) :: tick(n_samples), until(n_samples)
-      integer, intent(inout) :: slot(n_samples), level(n_samples)
-      integer(long), intent(in) :: next_tick(n_samples)
-      integer, intent(inout) :: n_active, active(n_samples + 1)
-      integer, intent(out) :: due(n_samples + 1), n_due, switching(n_samples + 1), n_switching
-      integer(long) :: now, whole
-      integer :: k, n_left, next, stands, switches, w
+   !> Ends the trials of all samples that have not yet come to the last tick: a step without
+   !> transition stands, another is halved, and halved again without a trial if it ends where a
+   !> transition is known to come. Marked are those that must switch at the smallest step, those
+   !> that have come to their next record, and the others that have not come to the last tick.
+   !> Without branches, for nobody can guess which it will be.
+   pure subroutine settle(n, whole, last, has_passed, next_tick, tick, ticks, until, slot, &
+                          is_left, is_due, is_switching)
+      integer, intent(in) :: n
+      integer(long), intent(in) :: whole   !! ticks of a step of dt
+      integer(long), intent(in) :: last, has_passed(n), next_tick(n)
+      integer(long), intent(inout) :: tick(n), ticks(n), until(n), slot(n)
+      integer(long), intent(out) :: is_left(n), is_due(n), is_switching(n)
+      integer :: w
 
-      whole = shiftl(1_long, max_halvings)
-      n_due = 0
-      n_left = 0
-      n_switching = 0
-      do k = 1, n_active
-         w = active(k)
-         stands = 1 - int(has_passed(k))
-         switches = (1 - stands)*merge(1, 0, level(w) == max_halvings)
-         now = tick(w) + shiftr(whole, level(w))*stands
-         tick(w) = now
-         slot(w) = ieor(slot(w), stands)
-         until(w) = stands*until(w) + (1 - stands)*(now + shiftr(whole, level(w)))
-         next = stands*(max_halvings - trailz(ior(now, whole))) + (1 - stands)*(level(w) + 1)
-         next = next + stands*merge(1, 0, now + shiftr(whole, next) == until(w))
-         level(w) = min(next, max_halvings)
-         due(n_due + 1) = w
-         n_due = n_due + stands*merge(1, 0, now == next_tick(w))
-         switching(n_switching + 1) = w
-         n_switching = n_switching + switches
-         active(n_left + 1) = w
-         n_left = n_left + (1 - switches)*merge(1, 0, now < last)
+      !$omp simd
+      do w = 1, n
+         block
+            integer(long) :: stands, fails, now, longest, next
+
+            fails = merge(has_passed(w), 0_long, tick(w) < last)
+            stands = merge(1_long - has_passed(w), 0_long, tick(w) < last)
+            is_switching(w) = merge(fails, 0_long, ticks(w) == 1)
+            now = tick(w) + stands*ticks(w)
+            until(w) = merge(now + ticks(w), until(w), fails == 1)
+            longest = iand(ior(now, whole), -ior(now, whole))   ! a power of two that divides now
+            next = merge(longest, shiftr(ticks(w), fails), stands == 1)
+            next = merge(shiftr(next, stands), next, now + next == until(w))
+            ticks(w) = max(next, 1_long)
+            tick(w) = now
+            slot(w) = ieor(slot(w), stands)
+            is_due(w) = merge(stands, 0_long, now == next_tick(w))
+            is_left(w) = merge(1_long - is_switching(w), 0_long, now < last)
+         end block
       end do
-      n_active = n_left
    end subroutine settle
+
+   !> The numbers of those that are marked with 1, the others with 0.
+   pure subroutine list_all(n, is_left, is_due, is_switching, left, n_left, due, n_due, switching, &
+                            n_switching)
+      integer, intent(in) :: n
+      integer(long), intent(in) :: is_left(n), is_due(n), is_switching(n)
+      integer, intent(out) :: left(n + 1), n_left, due(n + 1), n_due, switching(n + 1), n_switching
+      integer :: w
+
+      n_left = 0
+      n_due = 0
+      n_switching = 0
+      do w = 1, n
+         left(n_left + 1) = w
+         n_left = n_left + int(is_left(w))
+         due(n_due + 1) = w
+         n_due = n_due + int(is_due(w))
+         switching(n_switching + 1) = w
+         n_switching = n_switching + int(is_switching(w))
+      end do
+   end subroutine list_all
 
    pure subroutine append(number, list, n)
       integer, intent(in) :: number
@@ -195,39 +206,5 @@ contains
       n = n + 1
       list(n) = number
    end subroutine append
-
-   !> Steps are counted from the start of the march, ticks from the beginning of this piece.
-   pure subroutine start_recorder(state, block, every, recorder)
-      type(block_state), intent(in) :: state
-      type(newmark_block), intent(in) :: block
-      integer, intent(in) :: every   !! 0: nothing is recorded
-      type(recorder_type), intent(out) :: recorder
-      integer(long) :: first
-      integer :: w
-
-      recorder%every = every
-      first = -1
-      if (every > 0) &
-         first = shiftl(every - modulo(state%step, int(every, long)), block%max_halvings)
-      recorder%next_tick = [(first, w=1, block%n_samples)]
-      recorder%next_record = [(1, w=1, block%n_samples)]
-   end subroutine start_recorder
-
-   pure subroutine record(block, w, recorder, displacement, velocity)
-      type(newmark_block), intent(in) :: block
-      integer, intent(in) :: w
-      type(recorder_type), intent(inout) :: recorder
-      real(wp), intent(inout) :: displacement(:, :, :)
-      real(wp), intent(inout), optional :: velocity(:, :, :)
-
-      associate (motion => block%motion(:block%n_dof, :, block%slot(w), w), &
-                 r => recorder%next_record(w))
-         displacement(r, :, w) = motion(:, 3)
-         if (present(velocity)) velocity(r, :, w) = motion(:, 2)
-         r = r + 1
-      end associate
-      recorder%next_tick(w) = recorder%next_tick(w) &
-                              + shiftl(int(recorder%every, long), block%max_halvings)
-   end subroutine record
 
 end module dynamics_newmark

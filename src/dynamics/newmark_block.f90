@@ -24,9 +24,10 @@ module dynamics_newmark_block
       real(wp), allocatable :: force(:, :)        !! (0:step, 1 or sample) [N]
       integer, allocatable :: column(:)           !! (sample) of the force
       integer(long), allocatable :: tick(:)       !! (sample) now
-      integer, allocatable :: level(:)            !! (sample) the next step is dt/2^level
+      integer(long), allocatable :: ticks(:)      !! (sample) of the next step
+      integer, allocatable :: level(:)            !! (sample) the step tried is dt/2^level
       integer(long), allocatable :: until(:)      !! (sample) a transition is known to come by then
-      integer, allocatable :: slot(:)             !! (sample) 0 or 1: that of the present motion
+      integer(long), allocatable :: slot(:)       !! (sample) 0 or 1: that of the present motion
       integer, allocatable :: pattern(:)          !! (sample) bit i-1: dof i is stuck; short chains
       !> (dof; a, v, x; slot; sample)
       real(wp), pointer, contiguous :: motion(:, :, :, :) => null()
@@ -80,9 +81,10 @@ contains
       block%column = [(min(w, size(force, 2)), w=1, samples)]
       block%stiffness = chain%contact_stiffness
       block%reach = state%slip_limit/spread(chain%contact_stiffness, 2, samples)
-      allocate (block%tick(samples), block%until(samples), source=0_long)
+      allocate (block%tick(samples), block%until(samples), block%slot(samples), source=0_long)
+      allocate (block%ticks(samples), source=shiftl(1_long, max_halvings))
       allocate (block%slip_begin(state%n_dof, samples), source=0_long)
-      allocate (block%level(samples), block%slot(samples), block%pattern(samples), source=0)
+      allocate (block%level(samples), block%pattern(samples), source=0)
 
       allocate (block%room(rows, max(samples, state%n_dof + 2)), block%list(state%n_dof))
       allocate (block%memory(10*rows*samples + register_width), source=0.0_wp)
@@ -131,7 +133,8 @@ contains
       type(block_state), intent(inout) :: state
       integer, intent(in) :: w
       logical :: is_at_begin
-      integer :: i, k, n_passed, old
+      integer :: i, k, n_passed
+      integer(long) :: old
 
       old = self%slot(w)
       n_passed = 0
@@ -157,7 +160,7 @@ contains
          end if
       end do
       self%until(w) = 0
-      self%level(w) = self%max_halvings - min(trailz(self%tick(w)), self%max_halvings)
+      self%ticks(w) = shiftl(1_long, min(trailz(self%tick(w)), self%max_halvings))
    end subroutine switch_at_nearer_end
 
    !> Whether dof i, which has passed its limit in the step from the old slot, changes its regime at
@@ -165,10 +168,11 @@ contains
    !> too much at the end (linear interpolation).
    pure logical function switches(self, i, w, old, at_begin)
       class(newmark_block), intent(in) :: self
-      integer, intent(in) :: i, w, old
+      integer, intent(in) :: i, w
+      integer(long), intent(in) :: old
       logical, intent(in) :: at_begin
       real(wp) :: extension
-      integer :: slot
+      integer(long) :: slot
 
       switches = .not. at_begin .or. self%margin(i, w, old) < -self%margin(i, w, 1 - old)
       if (self%bounds(i, 4, w) > 0.0_wp) then   ! stuck
@@ -182,7 +186,8 @@ contains
    !> slipping one by its velocity [m/s].
    pure real(wp) function margin(self, i, w, slot)
       class(newmark_block), intent(in) :: self
-      integer, intent(in) :: i, w, slot
+      integer, intent(in) :: i, w
+      integer(long), intent(in) :: slot
 
       if (self%bounds(i, 4, w) > 0.0_wp) then
          margin = self%bounds(i, 2, w) - abs(self%motion(i, 3, slot, w) - self%bounds(i, 1, w))
@@ -302,14 +307,13 @@ contains
       type(block_state), intent(inout) :: state
       integer, intent(in) :: w
       real(wp) :: way(self%n_dof), force, h
-      integer(long) :: ticks
       integer :: n
 
       n = self%n_dof
-      ticks = shiftl(1_long, self%max_halvings - self%level(w))
-      h = self%seconds(ticks)
+      h = self%seconds(self%ticks(w))
       way = self%motion(:n, 3, 1 - self%slot(w), w) - self%motion(:n, 3, self%slot(w), w)
-      force = 0.5_wp*(self%force_at(w, self%tick(w)) + self%force_at(w, self%tick(w) + ticks))
+      force = 0.5_wp*(self%force_at(w, self%tick(w)) &
+                      + self%force_at(w, self%tick(w) + self%ticks(w)))
       state%work_input(w) = state%work_input(w) + force*way(self%forced_dof)
       state%work_viscous(w) = state%work_viscous(w) + dot_product(way, matmul(chain%damping, way))/h
       state%work_friction(w) = state%work_friction(w) + &

@@ -23,7 +23,7 @@ contains
       real(wp), intent(in) :: rigid(rows, 6)     !! b, M/gamma, coupling by diagonals (3), k
       real(wp), intent(in) :: inverse(n, n)      !! S^-1 of the stuck chain
       real(wp), intent(in) :: bounds(rows, 4)    !! slider, reach, way, stiffness
-      integer, intent(in) :: slot
+      integer(long), intent(in) :: slot
       real(wp), intent(inout) :: motion(rows, 3, 0:1)
       real(wp), intent(out) :: room(n, n + 2)
       integer, intent(out) :: list(n)

@@ -74,7 +74,7 @@ contains
       class(newmark_steps), intent(in) :: self
       integer, intent(in) :: sample(:)               !! their numbers
       type(newmark_block), intent(inout) :: block
-      integer(long), intent(out) :: has_passed(:)    !! (try)
+      integer(long), intent(inout) :: has_passed(:)  !! (all samples) set for those listed
       integer :: k, l, n, n_tries, w
 
       n = block%n_dof
@@ -82,10 +82,10 @@ contains
       associate (most => self%max_halvings, samples => block%n_samples, &
                  share => (1.0_wp - self%gamma)/self%gamma)
          if (allocated(self%table)) then
-            call form_loads(most, n_tries, sample, samples, block%tick, block%slot, block%level, &
+            call form_loads(most, n_tries, sample, samples, block%tick, block%ticks, block%slot, &
                             block%column, ubound(block%force, 1), size(block%force, 2), &
                             block%force, self%share, self%weight, self%rigid, block%motion, &
-                            block%bounds, block%room)
+                            block%bounds, block%level, block%room)
             call solve_loads(table_columns(n), 2**n, most, n_tries, sample, samples, block%slot, &
                              block%level, block%pattern, share, self%table(self%first_entry), &
                              block%room, block%motion)
@@ -94,12 +94,12 @@ contains
          else
             do k = 1, n_tries
                w = sample(k)
-               l = block%level(w)
+               l = most - trailz(block%ticks(w))
                call try_long(n, size(block%motion, 1), self%share(l)*block%change_of_force(w), &
                              (0.5_wp - self%beta/self%gamma)*self%weight(3, l), share, &
                              self%beta*self%weight(3, l)**2, self%weight(:, l), self%rigid, &
                              self%inverse(:, :, l), block%bounds(:, :, w), block%slot(w), &
-                             block%motion(:, :, :, w), block%room, block%list, has_passed(k))
+                             block%motion(:, :, :, w), block%room, block%list, has_passed(w))
             end do
          end if
       end associate
@@ -110,22 +110,24 @@ contains
    !> whole registers long: here the time is spent. Rows of the motion: a 1..8, v 9..16, x 17..24.
    !>
    !> First what S^-1 is applied to, b dF + M a0/gamma - h K v0: with beta = gamma/2 that is all.
-   pure subroutine form_loads(max_halvings, n_tries, sample, n_samples, tick, slot, level, column, &
-                              n_steps, n_records, force, share, weight, rigid, motion, bounds, load)
+   pure subroutine form_loads(max_halvings, n_tries, sample, n_samples, tick, ticks, slot, column, &
+                              n_steps, n_records, force, share, weight, rigid, motion, bounds, &
+                              level, load)
       integer, intent(in) :: max_halvings, n_tries, sample(n_tries), n_samples
-      integer(long), intent(in) :: tick(n_samples)
-      integer, intent(in) :: slot(n_samples), level(n_samples), column(n_samples)
-      integer, intent(in) :: n_steps, n_records
+      integer(long), intent(in) :: tick(n_samples), ticks(n_samples), slot(n_samples)
+      integer, intent(in) :: column(n_samples), n_steps, n_records
       real(wp), intent(in) :: force(0:n_steps, n_records)
       real(wp), intent(in) :: share(0:max_halvings), weight(5, 0:max_halvings), rigid(rows, 5)
       real(wp), intent(in) :: motion(3*rows, 0:1, n_samples), bounds(rows, 4, n_samples)
+      integer, intent(inout) :: level(n_samples)
       real(wp), intent(out) :: load(rows, n_tries)
       real(wp) :: change, h
       integer :: i, k, l, step, w
 
       do k = 1, n_tries
          w = sample(k)
-         l = level(w)
+         l = max_halvings - trailz(ticks(w))
+         level(w) = l
          step = int(shiftr(tick(w), max_halvings))
          change = (force(step + 1, column(w)) - force(step, column(w)))*share(l)
          h = weight(3, l)
@@ -144,12 +146,14 @@ contains
    pure subroutine solve_loads(columns, n_patterns, max_halvings, n_tries, sample, n_samples, &
                                slot, level, pattern, share, table, load, motion)
       integer, intent(in) :: columns, n_patterns, max_halvings, n_tries, sample(n_tries), n_samples
-      integer, intent(in) :: slot(n_samples), level(n_samples), pattern(n_samples)
+      integer(long), intent(in) :: slot(n_samples)
+      integer, intent(in) :: level(n_samples), pattern(n_samples)
       real(wp), intent(in) :: share
       real(wp), intent(in) :: table(rows, columns, 0:n_patterns - 1, 0:max_halvings)
       real(wp), intent(in) :: load(rows, n_tries)
       real(wp), intent(inout) :: motion(3*rows, 0:1, n_samples)
-      integer :: i, k, old, w
+      integer(long) :: old
+      integer :: i, k, w
 
       if (columns == narrow) then
          do k = 1, n_tries
@@ -186,12 +190,13 @@ contains
    pure subroutine finish_tries(max_halvings, n_tries, sample, n_samples, slot, level, weight, &
                                 bounds, motion, has_passed)
       integer, intent(in) :: max_halvings, n_tries, sample(n_tries), n_samples
-      integer, intent(in) :: slot(n_samples), level(n_samples)
+      integer(long), intent(in) :: slot(n_samples)
+      integer, intent(in) :: level(n_samples)
       real(wp), intent(in) :: weight(5, 0:max_halvings), bounds(rows, 4, n_samples)
       real(wp), intent(inout) :: motion(3*rows, 0:1, n_samples)
-      integer(long), intent(out) :: has_passed(n_tries)
-      integer(long) :: passed
-      integer :: i, k, l, old, w
+      integer(long), intent(inout) :: has_passed(n_samples)
+      integer(long) :: old, passed
+      integer :: i, k, l, w
 
       do k = 1, n_tries
          w = sample(k)
@@ -217,7 +222,7 @@ contains
                passed = ior(passed, ior(is_out, is_back))
             end block
          end do
-         has_passed(k) = passed
+         has_passed(w) = passed
       end do
    end subroutine finish_tries
 

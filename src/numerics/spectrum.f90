@@ -1,8 +1,9 @@
 !> Power spectral densities by Welch's method, accumulated while a record is being made.
 !>
-!> Segments overlap, lose their mean, are weighted with a periodic Hann window, and their periodograms
-!> are averaged. Densities are one-sided, per Hz; summed over all frequencies times their spacing they
-!> give the mean square of the weighted record, so its variance (Parseval, to rounding).
+!> Segments overlap, lose their mean, are weighted with a periodic Hann window, and their
+!> periodograms are averaged. Densities are one-sided, per Hz; summed over all frequencies times
+!> their spacing they give the mean square of the weighted record, so its variance (Parseval, to
+!> rounding).
 module numerics_spectrum
    use core_kinds, only: wp
    use numerics_fftw, only: forward_fft
@@ -37,7 +38,7 @@ contains
       if (n >= length) segments = 1 + (n - length)/(length - overlap)
    end function count_segments
 
-   !> Empties the spectra and sets the segments: `length` values, of which neighbours share `overlap`.
+   !> Empties the spectra and sets the segments: `length` values, `overlap` shared by neighbours.
    subroutine start(self, n_series, length, overlap, interval)
       class(welch_type), intent(inout) :: self
       integer, intent(in) :: n_series, length, overlap
@@ -69,7 +70,8 @@ contains
       do while (taken < size(values, 1))
          n = min(size(values, 1) - taken, self%length - self%filled)
          do series = 1, size(values, 2)
-            self%segment(self%filled + 1:self%filled + n, series) = values(taken + 1:taken + n, series)
+            self%segment(self%filled + 1:self%filled + n, series) = &
+               values(taken + 1:taken + n, series)
          end do
          self%filled = self%filled + n
          taken = taken + n
@@ -120,7 +122,8 @@ contains
    !> The densities; values that fill no segment are left out. Needs one segment.
    subroutine finish(self, psd)
       class(welch_type), intent(in) :: self
-      real(wp), intent(out) :: psd(0:, :)   !! (frequency, series) [unit^2/Hz], 0..length/2 of 1/(length interval)
+      !> (frequency, series) [unit^2/Hz], at 0..length/2 times 1/(length interval)
+      real(wp), intent(out) :: psd(0:, :)
       real(wp) :: scale
 
       scale = self%interval/(sum(self%window**2)*self%n_segments)
