@@ -1,0 +1,213 @@
+!> Work and precision of the marches, and what a step costs in longer chains.
+!>
+!> Each setting marches 64 samples of the paper's chain; sample 1 is one of the reference histories of
+!> tests/reference/dynamics, whose errors are given, the others differ in friction. CPU time, best of
+!> several. Run from the root of the repository: build/release/bin/bench_dynamics [folder]
+program bench_dynamics
+   use core_error, only: error_type
+   use core_kinds, only: long, wp
+   use core_random, only: label_of, new_stream, stream_type
+   use core_text, only: to_text
+   use dynamics_chain, only: build_chain, chain_type
+   use dynamics_event, only: event_marcher, new_event_marcher
+   use dynamics_newmark, only: new_newmark, newmark_marcher
+   use dynamics_response, only: block_state, marcher_type, start_block
+   implicit none(type, external)
+   integer, parameter :: n_samples = 64, repetitions = 3, stride = 100, records_per_piece = 10
+   real(wp), parameter :: dt = 0.00843_wp
+   character(:), allocatable :: folder
+   character(200) :: argument
+
+   folder = 'tests/reference/dynamics/'
+   if (command_argument_count() > 0) then
+      call get_command_argument(1, argument)
+      folder = trim(argument)//'/'
+   end if
+   print '(a)', '# case setting ns_per_sample_step error_rms_x error_slip_fraction transitions_missed'
+   call compare('p1_low')
+   call compare('p2_high')
+   print '(a)', '# event method at 1e-6: dofs ns_per_sample_step transitions_per_sample_step'
+   call lengthen([1, 2, 3, 5, 8, 9, 10, 20, 50, 100])
+
+contains
+
+   !> All settings on one reference history.
+   subroutine compare(case)
+      character(*), intent(in) :: case
+      type(event_marcher) :: event
+      type(newmark_marcher) :: newmark
+      type(error_type), allocatable :: error
+      type(chain_type) :: chain
+      real(wp), allocatable :: force(:, :)
+      integer :: finer, k
+
+      chain = equal_chain(5)
+      do k = 3, 12
+         call new_event_marcher(chain, dt, 10.0_wp**(-k), 5, event, error)
+         call read_force(case, 1, force)
+         call report(case, 'event 1e-'//to_text(k), event, force, 1, chain)
+      end do
+      do k = 0, 20, 5
+         call new_newmark(chain, dt, k, 0.25_wp, 0.5_wp, 5, newmark, error)
+         call report(case, 'newmark halvings '//to_text(k), newmark, force, 1, chain)
+      end do
+      do k = 1, 4
+         finer = 2**k
+         call new_newmark(chain, dt/finer, 15, 0.25_wp, 0.5_wp, 5, newmark, error)
+         call read_force(case, finer, force)
+         call report(case, 'newmark dt/'//to_text(finer), newmark, force, finer, chain)
+      end do
+   end subroutine compare
+
+   !> One line: a step is always dt, however finely it is divided.
+   subroutine report(case, setting, marcher, force, finer, chain)
+      character(*), intent(in) :: case, setting
+      class(marcher_type), intent(inout) :: marcher
+      real(wp), intent(in) :: force(0:, :)
+      integer, intent(in) :: finer
+      type(chain_type), intent(in) :: chain
+      type(block_state) :: state
+      real(wp), allocatable :: x(:, :), exact(:, :), slip(:)
+      real(wp) :: nanoseconds, error_x
+      integer :: i, missed, starts(5), stops(5)
+
+      call time_march(marcher, chain, force, stride*finer, state, x, nanoseconds)
+      nanoseconds = nanoseconds*finer
+      call read_reference(case, exact, slip, starts, stops)
+      error_x = 0.0_wp
+      do i = 1, 5
+         error_x = max(error_x, sqrt(sum((x(:, i) - exact(i, :))**2)/sum(exact(i, :)**2)))
+      end do
+      missed = sum(starts) + sum(stops) - int(sum(state%slip_starts(:, 1) + state%stick_starts(:, 1)))
+      print '(a, 2x, a20, f9.1, 2es11.2, i7)', case, setting, nanoseconds, error_x, &
+         maxval(abs(state%slip_time(:, 1)/(marcher%dt*ubound(force, 1)) - slip)), missed
+   end subroutine report
+
+   !> Cost in longer chains, all oscillators equal, the forces of the second case on the last one.
+   subroutine lengthen(sizes)
+      integer, intent(in) :: sizes(:)
+      type(event_marcher) :: event
+      type(error_type), allocatable :: error
+      type(block_state) :: state
+      real(wp), allocatable :: force(:, :), x(:, :)
+      real(wp) :: nanoseconds, events
+      integer :: k, n_steps
+
+      call read_force('p2_high', 1, force)
+      do k = 1, size(sizes)
+         n_steps = merge(20000, 2000, sizes(k) <= 10)
+         call new_event_marcher(equal_chain(sizes(k)), dt, 1.0e-6_wp, sizes(k), event, error)
+         call time_march(event, equal_chain(sizes(k)), force(:n_steps, :), stride, state, x, nanoseconds)
+         events = real(sum(state%slip_starts + state%stick_starts), wp)/(real(n_steps, wp)*n_samples)
+         print '(i5, f10.1, f9.4)', sizes(k), nanoseconds, events
+      end do
+   end subroutine lengthen
+
+   !> CPU time per sample-step, and the history of sample 1 (record, dof).
+   subroutine time_march(marcher, chain, force, every, state, x, nanoseconds)
+      class(marcher_type), intent(inout) :: marcher
+      type(chain_type), intent(in) :: chain
+      real(wp), intent(in) :: force(0:, :)
+      integer, intent(in) :: every
+      type(block_state), intent(inout) :: state
+      real(wp), allocatable, intent(out) :: x(:, :)
+      real(wp), intent(out) :: nanoseconds
+      type(error_type), allocatable :: error
+      real(wp), allocatable :: records(:, :, :), friction(:, :)
+      real(wp) :: begin, end, best
+      integer :: done, first, last, repetition
+
+      allocate (x(ubound(force, 1)/every, chain%n_dof), friction(chain%n_dof, n_samples))
+      allocate (records(records_per_piece, chain%n_dof, n_samples))
+      call draw_friction(friction)
+      best = huge(1.0_wp)
+      do repetition = 1, repetitions
+         call start_block(chain, friction, state)
+         call cpu_time(begin)
+         done = 0
+         do first = 0, ubound(force, 1) - 1, records_per_piece*every
+            last = min(first + records_per_piece*every, ubound(force, 1))
+            associate (n => (last - first)/every)
+               call marcher%advance(state, force(first:last, :), every, records(:n, :, :), error=error)
+               if (allocated(error)) error stop error%message
+               x(done + 1:done + n, :) = records(:n, :, 1)
+               done = done + n
+            end associate
+         end do
+         call cpu_time(end)
+         best = min(best, end - begin)
+      end do
+      nanoseconds = 1.0e9_wp*best/(real(ubound(force, 1), wp)*n_samples)
+   end subroutine time_march
+
+   !> The reference's 0.2 for sample 1, mean 0.2 and standard deviation 0.067 for the others.
+   subroutine draw_friction(friction)
+      real(wp), intent(out) :: friction(:, :)
+      real(wp) :: normal(size(friction))
+      type(stream_type) :: stream
+
+      stream = new_stream(2016_long, label_of('bench'), 0)
+      call stream%normals(normal)
+      friction = max(0.01_wp, 0.2_wp + 0.067_wp*reshape(normal, shape(friction)))
+      friction(:, 1) = 0.2_wp
+   end subroutine draw_friction
+
+   function equal_chain(n) result(chain)
+      integer, intent(in) :: n
+      type(chain_type) :: chain
+      type(error_type), allocatable :: error
+
+      call build_chain(spread(1.0_wp, 1, n), spread(25.0_wp, 1, n), spread(50.0_wp, 1, n), &
+                       spread(10.0_wp, 1, n), spread(0.005_wp, 1, n), chain, error)
+      if (allocated(error)) error stop error%message
+   end function equal_chain
+
+   !> The force of a case, with values between on its chords.
+   subroutine read_force(case, finer, force)
+      character(*), intent(in) :: case
+      integer, intent(in) :: finer
+      real(wp), allocatable, intent(out) :: force(:, :)
+      integer, parameter :: n_steps = 20000
+      real(wp), allocatable :: coarse(:)
+      integer :: i, k, unit
+
+      open (newunit=unit, file=folder//case//'_force.txt', status='old', action='read')
+      read (unit, *)
+      allocate (coarse(0:n_steps))
+      read (unit, *) coarse
+      close (unit)
+      allocate (force(0:n_steps*finer, 1))
+      do k = 0, n_steps - 1
+         do i = 0, finer - 1
+            force(k*finer + i, 1) = coarse(k) + (coarse(k + 1) - coarse(k))*i/finer
+         end do
+      end do
+      force(n_steps*finer, 1) = coarse(n_steps)
+   end subroutine read_force
+
+   subroutine read_reference(case, exact, slip, starts, stops)
+      character(*), intent(in) :: case
+      real(wp), allocatable, intent(out) :: exact(:, :), slip(:)   !! (dof, record); (dof)
+      integer, intent(out) :: starts(5), stops(5)
+      real(wp) :: rows(6, 0:200)
+      integer :: line, unit
+
+      open (newunit=unit, file=folder//case//'_x.txt', status='old', action='read')
+      read (unit, *)
+      read (unit, *) rows
+      close (unit)
+      exact = rows(2:, 1:)
+      allocate (slip(5))
+      open (newunit=unit, file=folder//case//'_reference.txt', status='old', action='read')
+      do line = 1, 8
+         read (unit, *)
+      end do
+      read (unit, *) slip
+      read (unit, *)
+      read (unit, *) starts
+      read (unit, *)
+      read (unit, *) stops
+      close (unit)
+   end subroutine read_reference
+
+end program bench_dynamics
