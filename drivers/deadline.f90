@@ -2,6 +2,7 @@
 module driver_deadline
    use core_kinds, only: long, wp
    use parallel_signals, only: catch_stop_signals, stop_requested
+   use parallel_world, only: attend_to_others
    implicit none(type, external)
    private
    public :: start_watch, set_limit, seconds_so_far, time_to_stop
@@ -31,8 +32,9 @@ contains
       seconds = real(now - started, wp)/real(rate, wp)
    end function seconds_so_far
 
-   !> Asked between pieces of work; each rank for itself.
+   !> Asked between pieces of work; each rank for itself. Other ranks are served meanwhile.
    logical function time_to_stop()
+      call attend_to_others()
       time_to_stop = stop_requested()
       if (time_to_stop .or. .not. limit > 0.0_wp) return
       time_to_stop = seconds_so_far() > limit

@@ -8,14 +8,15 @@ module parallel_world
    use, intrinsic :: iso_fortran_env, only: error_unit, int8, output_unit
    use core_error, only: error_type, exit_done
    use core_kinds, only: long, wp
-   use mpi_f08, only: MPI_Allreduce, MPI_Barrier, MPI_Bcast, MPI_CHARACTER, MPI_Comm, &
-                      MPI_Comm_rank, MPI_Comm_size, MPI_COMM_WORLD, MPI_DOUBLE_PRECISION, &
-                      MPI_Finalize, MPI_Gather, MPI_Gatherv, MPI_Get_library_version, &
-                      MPI_IN_PLACE, MPI_Init, MPI_INTEGER, MPI_INTEGER1, MPI_INTEGER8, &
-                      MPI_LOGICAL, MPI_MAX, MPI_MAX_LIBRARY_VERSION_STRING, MPI_MIN, MPI_SUM
+   use mpi_f08, only: MPI_Allreduce, MPI_ANY_SOURCE, MPI_ANY_TAG, MPI_Barrier, MPI_Bcast, &
+                      MPI_CHARACTER, MPI_Comm, MPI_Comm_rank, MPI_Comm_size, MPI_COMM_WORLD, &
+                      MPI_DOUBLE_PRECISION, MPI_Finalize, MPI_Gather, MPI_Gatherv, &
+                      MPI_Get_library_version, MPI_IN_PLACE, MPI_Init, MPI_INTEGER, MPI_INTEGER1, &
+                      MPI_INTEGER8, MPI_Iprobe, MPI_LOGICAL, MPI_MAX, &
+                      MPI_MAX_LIBRARY_VERSION_STRING, MPI_MIN, MPI_STATUS_IGNORE, MPI_SUM
    implicit none(type, external)
    private
-   public :: world_type, new_world, mpi_library, start_world, stop_world
+   public :: world_type, new_world, attend_to_others, mpi_library, start_world, stop_world
 
    !> A group of ranks. Ranks count from 0, as MPI does; rank 0 is the root.
    type :: world_type
@@ -78,6 +79,14 @@ contains
       call MPI_Get_library_version(buffer, length)
       text = buffer(:scan(buffer(:length)//',', ','//achar(10)) - 1)
    end function mpi_library
+
+   !> Lets MPI serve what other ranks want of this one; called now and then from long work. Networks
+   !> with remote memory access serve themselves, but over TCP a claim of work waits for this.
+   subroutine attend_to_others()
+      logical :: unused
+
+      call MPI_Iprobe(MPI_ANY_SOURCE, MPI_ANY_TAG, MPI_COMM_WORLD, unused, MPI_STATUS_IGNORE)
+   end subroutine attend_to_others
 
    !> Whether a launcher (mpirun, or a batch system's own) started this process.
    function was_launched()
