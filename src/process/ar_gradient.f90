@@ -5,6 +5,7 @@
 !> recursion), at the cost of two marches; closed forms are differentiated as such.
 module process_ar_gradient
    use core_kinds, only: wp
+   use process_ar_model, only: step_up
    use process_ar_sums, only: correlation_sums, log_spectral_ratios, mirror
    implicit none(type, external)
    private
@@ -110,8 +111,8 @@ contains
       rho(0) = 1.0_wp
       do m = 1, order
          rho(m) = -kappa(m)*variance(m - 1) - dot_product(a(:m - 1, m - 1), rho(m - 1:1:-1))
-         a(:m - 1, m) = a(:m - 1, m - 1) + kappa(m)*a(m - 1:1:-1, m - 1)
-         a(m, m) = kappa(m)
+         a(:, m) = a(:, m - 1)
+         call step_up(a(:, m), m, kappa(m))
          variance(m) = variance(m - 1)*(1.0_wp - kappa(m)**2)
       end do
       do m = order + 1, ubound(rho, 1)

@@ -11,7 +11,7 @@ module process_ar_model
    use numerics_roots, only: find_polynomial_roots
    implicit none(type, external)
    private
-   public :: coefficients_of, reflection_of, innovation_std
+   public :: coefficients_of, reflection_of, innovation_std, step_up
    public :: autocovariance_of, yule_walker_autocovariance, yule_walker_coefficients, find_poles
 
 contains
@@ -23,10 +23,19 @@ contains
       integer :: m
 
       do m = 1, size(kappa)
-         a(m) = kappa(m)
-         a(:m - 1) = a(:m - 1) + kappa(m)*a(m - 1:1:-1)
+         call step_up(a, m, kappa(m))
       end do
    end function coefficients_of
+
+   !> The best predictor of one order more (Levinson).
+   pure subroutine step_up(a, order, kappa)
+      real(wp), intent(inout) :: a(:)   !! its first order - 1 entries in, order out
+      integer, intent(in) :: order      !! the new one
+      real(wp), intent(in) :: kappa     !! its reflection coefficient
+
+      a(:order - 1) = a(:order - 1) + kappa*a(order - 1:1:-1)
+      a(order) = kappa
+   end subroutine step_up
 
    !> Reflection coefficients from a_q, downwards. The first that is not inside (-1, 1) ends it: the
    !! process is not stationary, and the lower ones stay zero.
@@ -68,8 +77,7 @@ contains
       do m = 1, min(order, n_lags)
          correlation(m) = -kappa(m)*error_variance &
                           - dot_product(a(:m - 1), correlation(m - 1:1:-1))
-         a(m) = kappa(m)
-         a(:m - 1) = a(:m - 1) + kappa(m)*a(m - 1:1:-1)
+         call step_up(a, m, kappa(m))
          error_variance = error_variance*(1.0_wp - kappa(m)**2)
       end do
       do m = order + 1, n_lags
@@ -119,8 +127,7 @@ contains
          else
             kappa = 1.0_wp
          end if
-         a(m) = kappa
-         a(:m - 1) = a(:m - 1) + kappa*a(m - 1:1:-1)
+         call step_up(a, m, kappa)
          variance = variance*(1.0_wp - kappa)*(1.0_wp + kappa)
       end do
       if (variance > 0.0_wp) then

@@ -11,7 +11,7 @@ module process_ar_sums
    use core_kinds, only: wp
    use core_text, only: to_text
    use numerics_elementary, only: exp_minus_one
-   use process_ar_model, only: coefficients_of, find_poles, innovation_std
+   use process_ar_model, only: coefficients_of, find_poles, innovation_std, step_up
    implicit none(type, external)
    private
    public :: correlation_sums, sum_correlation, log_spectral_ratios, mirror
@@ -116,8 +116,7 @@ contains
       do m = 1, max(sums%n_lags, order)
          if (m <= order) then
             rho(0) = -kappa(m)*variance - dot_product(a(:m - 1), rho(1:m - 1))
-            a(:m - 1) = a(:m - 1) + kappa(m)*a(m - 1:1:-1)
-            a(m) = kappa(m)
+            call step_up(a, m, kappa(m))
             variance = variance*(1.0_wp - kappa(m)**2)
          else
             rho(0) = -dot_product(a, rho(1:order))

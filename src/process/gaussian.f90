@@ -10,7 +10,7 @@ module process_gaussian
    use core_kinds, only: wp
    use core_random, only: stream_type
    use numerics_toeplitz, only: banded_cholesky, factor_banded_toeplitz
-   use process_ar_model, only: innovation_std, reflection_of
+   use process_ar_model, only: innovation_std, reflection_of, step_up
    use process_model, only: process_model_type
    use process_spectral_factor, only: symbol_of_process
    implicit none(type, external)
@@ -37,8 +37,7 @@ contains
       if (n > 0) values(1) = scale*values(1)
       do m = 1, min(model%order, n - 1)
          scale = scale*sqrt((1.0_wp - kappa(m))*(1.0_wp + kappa(m)))
-         filter(:m - 1) = filter(:m - 1) + kappa(m)*filter(m - 1:1:-1)
-         filter(m) = kappa(m)
+         call step_up(filter, m, kappa(m))
          values(m + 1) = scale*values(m + 1) - dot_product(filter(:m), values(m:1:-1))
       end do
       call recur(model, values, model%order + 1)
