@@ -21,14 +21,15 @@ contains
       real(wp), intent(in) :: missing            !! beta h^2; times k: what a slipping slider lacks
       real(wp), intent(in) :: weight(5)          !! of a0, a1 in v1; of v0 (so h), a0, a1 in x1
       real(wp), intent(in) :: rigid(rows, 6)     !! b, M/gamma, coupling by diagonals (3), k
-      real(wp), intent(in) :: inverse(n, n)      !! S^-1 of the stuck chain
+      real(wp), intent(in) :: inverse(rows, n)   !! S^-1 of the stuck chain
       real(wp), intent(in) :: bounds(rows, 4)    !! slider, reach, way, stiffness
       integer(long), intent(in) :: slot
       real(wp), intent(inout) :: motion(rows, 3, 0:1)
-      real(wp), intent(out) :: room(n, n + 2)
+      real(wp), intent(inout) :: room(rows, n + 2)
       integer, intent(out) :: list(n)
       integer(long), intent(out) :: has_passed
       real(wp) :: a1, v1, x1
+      integer(long) :: is_out, is_back
       integer :: i, m
 
       associate (a0 => motion(:, 1, slot), v0 => motion(:, 2, slot), x0 => motion(:, 3, slot), &
@@ -45,31 +46,55 @@ contains
                       - h*((rigid(i, 4) + bounds(i, 4))*a(i) + rigid(i, 3)*a(max(i - 1, 1)) &
                            + rigid(i, 5)*a(min(i + 1, n)))
          end do
-         a = 0.0_wp
-         do i = 1, n
-            a = a + inverse(:, i)*load(i)
-         end do
+         call multiply(rows, n, inverse, load, a)
          if (m > 0 .and. missing > 0.0_wp) &
-            call release(n, m, list, missing, rigid(:n, 6), inverse, a, load, room(:, 3:))
+            call release(rows, n, m, list, missing, rigid(:, 6), inverse, a, load, room(:, 3:))
          has_passed = 0
-         do i = 1, n
+         !$omp simd private(a1, v1, x1, is_out, is_back) reduction(ior:has_passed)
+         do i = 1, rows
             a1 = a(i) - share*a0(i)
             v1 = v0(i) + weight(1)*a0(i) + weight(2)*a1
             x1 = x0(i) + weight(3)*v0(i) + weight(4)*a0(i) + weight(5)*a1
-            motion(i, :, 1 - slot) = [a1, v1, x1]
-            if (abs(x1 - bounds(i, 1)) > bounds(i, 2) .or. bounds(i, 3)*v1 < 0.0_wp) has_passed = 1
+            motion(i, 1, 1 - slot) = a1
+            motion(i, 2, 1 - slot) = v1
+            motion(i, 3, 1 - slot) = x1
+            is_out = merge(1_long, 0_long, abs(x1 - bounds(i, 1)) > bounds(i, 2))
+            is_back = merge(1_long, 0_long, bounds(i, 3)*v1 < 0.0_wp)
+            has_passed = ior(has_passed, ior(is_out, is_back))
          end do
       end associate
    end subroutine try_long
 
+   !> a = A f, four columns at a time.
+   pure subroutine multiply(rows, n, matrix, f, a)
+      integer, intent(in) :: rows, n
+      real(wp), intent(in) :: matrix(rows, n), f(n)
+      real(wp), intent(out) :: a(rows)
+      integer :: i, j
+
+      a = 0.0_wp
+      do j = 1, n - 3, 4
+         do i = 1, rows
+            a(i) = a(i) + ((matrix(i, j)*f(j) + matrix(i, j + 1)*f(j + 1)) &
+                           + (matrix(i, j + 2)*f(j + 2) + matrix(i, j + 3)*f(j + 3)))
+         end do
+      end do
+      do j = n - modulo(n, 4) + 1, n
+         do i = 1, rows
+            a(i) = a(i) + matrix(i, j)*f(j)
+         end do
+      end do
+   end subroutine multiply
+
    !> From u = S^-1 q of the stuck chain to that with the listed sliders slipping: u + A y with
-   !> (1/(missing k) - A') y = u', A the listed columns of S^-1, ' the listed rows. By Cholesky's
-   !> factors, here and not by LAPACK, whose calls cost more than these few rows.
-   pure subroutine release(n, m, list, missing, stiffness, inverse, u, y, factor)
-      integer, intent(in) :: n, m, list(n)
-      real(wp), intent(in) :: missing, stiffness(n), inverse(n, n)
-      real(wp), intent(inout) :: u(n)
-      real(wp), intent(out) :: y(n), factor(n, n)   !! room
+   !> (1/(missing k) - A') y = u', A the listed columns of S^-1, ' the listed rows. By factors
+   !> L D L' made here and not by LAPACK, whose calls cost more than these few rows.
+   pure subroutine release(rows, n, m, list, missing, stiffness, inverse, u, y, factor)
+      integer, intent(in) :: rows, n, m, list(n)
+      real(wp), intent(in) :: missing, stiffness(rows), inverse(rows, n)
+      real(wp), intent(inout) :: u(rows)
+      real(wp), intent(inout) :: y(n), factor(rows, n)   !! room
+      real(wp) :: pivot, share
       integer :: i, j
 
       do j = 1, m
@@ -80,16 +105,19 @@ contains
          y(j) = u(list(j))
       end do
       do j = 1, m
-         factor(j, j) = sqrt(factor(j, j))
-         factor(j + 1:m, j) = factor(j + 1:m, j)/factor(j, j)
+         pivot = 1.0_wp/factor(j, j)
          do i = j + 1, m
-            factor(i:m, i) = factor(i:m, i) - factor(i:m, j)*factor(i, j)
+            share = factor(i, j)*pivot
+            factor(i:m, i) = factor(i:m, i) - factor(i:m, j)*share
+            y(i) = y(i) - y(j)*share
          end do
-         y(j) = y(j)/factor(j, j)
-         y(j + 1:m) = y(j + 1:m) - factor(j + 1:m, j)*y(j)
+         y(j) = y(j)*pivot
+         factor(j + 1:m, j) = factor(j + 1:m, j)*pivot
       end do
       do j = m, 1, -1
-         y(j) = (y(j) - sum(factor(j + 1:m, j)*y(j + 1:m)))/factor(j, j)
+         do i = j + 1, m
+            y(j) = y(j) - factor(i, j)*y(i)
+         end do
          u = u + inverse(:, list(j))*y(j)
       end do
    end subroutine release

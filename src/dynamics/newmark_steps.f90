@@ -31,7 +31,7 @@ module dynamics_newmark_steps
       real(wp), allocatable :: rigid(:, :)        !! (rows, 6) see try_long
       real(wp), allocatable :: table(:)           !! (rows; columns; pattern; level)
       integer :: first_entry = 1                  !! of the table, where a cache line begins
-      real(wp), allocatable :: inverse(:, :, :)   !! (n, n, level) if no table: stuck chain
+      real(wp), allocatable :: inverse(:, :, :)   !! (rows, n, level) of the stuck chain
    contains
       procedure :: try
    end type newmark_steps
@@ -283,9 +283,9 @@ contains
 
       n = self%chain%n_dof
       is_stuck = .true.
-      allocate (self%inverse(n, n, 0:self%max_halvings))
+      allocate (self%inverse(size(self%rigid, 1), n, 0:self%max_halvings), source=0.0_wp)
       do level = 0, self%max_halvings
-         call invert(self, level, self%chain%stiffness(is_stuck), self%inverse(:, :, level), error)
+         call invert(self, level, self%chain%stiffness(is_stuck), self%inverse(:n, :, level), error)
          if (allocated(error)) return
       end do
    end subroutine fill_inverse
