@@ -6,37 +6,14 @@ import h5py
 import numpy as np
 import xarray as xr
 
-RUN_DEPENDENT = {"created", "wall_seconds", "n_ranks"}
-
-
-def datasets(path):
-    """Every dataset and attribute of a file that the scene alone decides, by name."""
-    found = {}
-
-    def take(name, item):
-        if isinstance(item, h5py.Dataset):
-            found[name] = item[()]
-
-    with h5py.File(path) as file:
-        file.visititems(take)
-        for name, value in file.attrs.items():
-            if name not in RUN_DEPENDENT:
-                found["/" + name] = value
-    return found
-
-
-def assert_same_bits(first, second):
-    a, b = datasets(first), datasets(second)
-    assert a.keys() == b.keys()
-    for name in a:
-        assert np.asarray(a[name]).tobytes() == np.asarray(b[name]).tobytes(), name
+from tests.program.campaign import datasets
 
 
 def test_same_bits_on_one_and_four_ranks(entroslip, small_scene, tmp_path):
     assert entroslip("run", small_scene, "--output", "one.h5").returncode == 0
     done = entroslip("run", small_scene, "--output", "four.h5", ranks=4)
     assert done.returncode == 0, done.stderr
-    assert_same_bits(tmp_path / "one.h5", tmp_path / "four.h5")
+    assert datasets(tmp_path / "one.h5") == datasets(tmp_path / "four.h5")
 
 
 def test_a_finished_scene_has_nothing_to_do(entroslip, small_scene, tmp_path):

@@ -10,7 +10,6 @@ whole shards, but no results file.
 from __future__ import annotations
 
 import argparse
-import os
 import random
 import shutil
 import signal
@@ -18,14 +17,9 @@ import tempfile
 import time
 from pathlib import Path
 
+from tests.conftest import ENVIRONMENT, PROGRAM
 from tests.program.campaign import SCENE, Run, datasets, shards_of
 
-ROOT = Path(__file__).resolve().parents[2]
-ENVIRONMENT = os.environ | {
-    "OMPI_ALLOW_RUN_AS_ROOT": "1",
-    "OMPI_ALLOW_RUN_AS_ROOT_CONFIRM": "1",
-    "OPENBLAS_NUM_THREADS": "1",
-}
 STOPPED = 75
 WAYS = ("kill the launcher", "kill a rank", "kill everything", "ask a rank", "ask the launcher")
 
@@ -104,7 +98,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--kills", type=int, default=200)
     parser.add_argument("--seed", type=int, default=1)
-    parser.add_argument("--program", type=Path, default=ROOT / "build/release/bin/entroslip")
+    parser.add_argument("--program", type=Path, default=PROGRAM)
     options = parser.parse_args()
     folder = Path(tempfile.mkdtemp())
     began = time.monotonic()
