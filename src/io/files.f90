@@ -10,11 +10,11 @@ module io_files
                        raise_system, system_error, text_at
    implicit none(type, external)
    private
-   public :: exists, file_size, folder_of, host_name, is_folder, is_writable
+   public :: exists, file_size, folder_of, host_name, is_folder
    public :: list_files, make_folder, process_id, remove_file, rename_file, shows_on_terminal, &
              sync_file, sync_folder
 
-   integer(c_int), parameter :: ask_exists = 0, ask_write = 2   !! of access(2)
+   integer(c_int), parameter :: ask_exists = 0   !! of access(2)
 
 contains
 
@@ -32,14 +32,6 @@ contains
 
       is_folder = c_access(path//'/.'//c_null_char, ask_exists) == 0
    end function is_folder
-
-   !> Whether this process may write to an existing file, or make files in an existing folder.
-   function is_writable(path)
-      character(*), intent(in) :: path
-      logical :: is_writable
-
-      is_writable = c_access(path//c_null_char, ask_write) == 0
-   end function is_writable
 
    !> Bytes; -1 where there is no such file.
    function file_size(path) result(bytes)

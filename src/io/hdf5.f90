@@ -6,10 +6,10 @@ module io_hdf5
                                  write_sealed_attribute
    use io_hdf5_datasets, only: label_type, check_dataset, make_dataset, read_dataset, read_extent, &
                                read_part, write_dataset, write_part
-   use io_hdf5_file, only: create_hdf5, hdf5_file, hdf5_library, is_hdf5, open_hdf5
+   use io_hdf5_file, only: create_hdf5, hdf5_file, hdf5_library, open_hdf5
    implicit none(type, external)
    private
-   public :: hdf5_file, create_hdf5, hdf5_library, is_hdf5, open_hdf5
+   public :: hdf5_file, create_hdf5, hdf5_library, open_hdf5
    public :: label_type, check_dataset, make_dataset, read_dataset, read_extent, read_part, &
              write_dataset, write_part
    public :: has_attribute, read_attribute, write_attribute, write_sealed_attribute

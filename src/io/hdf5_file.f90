@@ -4,11 +4,10 @@ module io_hdf5_file
    use core_error, only: error_type
    use core_text, only: to_text
    use hdf5
-   use io_files, only: exists
    use io_hdf5_outcome, only: outcome_type
    implicit none(type, external)
    private
-   public :: hdf5_file, create_hdf5, hdf5_library, is_hdf5, make_parents, new_timeless_list, open_hdf5
+   public :: hdf5_file, create_hdf5, hdf5_library, make_parents, new_timeless_list, open_hdf5
 
    !> One open file. After an error only `abandon` makes sense.
    type :: hdf5_file
@@ -84,19 +83,6 @@ contains
       call h5pclose_f(access, status)
       call outcome%conclude(path//': cannot be opened as HDF5', error)
    end subroutine open_hdf5
-
-   !> Whether a file is HDF5, judged by its signature.
-   function is_hdf5(path)
-      character(*), intent(in) :: path
-      logical :: is_hdf5
-      integer :: status
-
-      is_hdf5 = exists(path)
-      if (.not. is_hdf5) return
-      call start_library()
-      call h5fis_hdf5_f(path, is_hdf5, status)
-      is_hdf5 = is_hdf5 .and. status >= 0
-   end function is_hdf5
 
    !> A full disk may show only here: a file counts as written when this succeeded.
    subroutine close_file(self, error)
