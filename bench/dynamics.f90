@@ -1,8 +1,8 @@
 !> Work and precision of the marches, and what a step costs in longer chains.
 !>
-!> Each setting marches 64 samples of the paper's chain; sample 1 is one of the reference histories of
-!> tests/reference/dynamics, whose errors are given, the others differ in friction. CPU time, best of
-!> several. Run from the root of the repository: build/release/bin/bench_dynamics [folder]
+!> Each setting marches 64 samples of the paper's chain; sample 1 is one of the reference histories
+!> of tests/reference/dynamics, whose errors are given, the others differ in friction. CPU time, best
+!> of several. Run from the root of the repository: build/release/bin/bench_dynamics [folder]
 program bench_dynamics
    use core_error, only: error_type
    use core_kinds, only: long, wp
@@ -23,7 +23,7 @@ program bench_dynamics
       call get_command_argument(1, argument)
       folder = trim(argument)//'/'
    end if
-   print '(a)', '# case setting ns_per_sample_step error_rms_x error_slip_fraction transitions_missed'
+   print '(a)', '# case setting ns_per_sample_step error_rms_x error_slip_fraction missed'
    call compare('p1_low')
    call compare('p2_high')
    print '(a)', '# event method at 1e-6: dofs ns_per_sample_step transitions_per_sample_step'
@@ -78,7 +78,8 @@ contains
       do i = 1, 5
          error_x = max(error_x, sqrt(sum((x(:, i) - exact(i, :))**2)/sum(exact(i, :)**2)))
       end do
-      missed = sum(starts) + sum(stops) - int(sum(state%slip_starts(:, 1) + state%stick_starts(:, 1)))
+      missed = sum(starts) + sum(stops) - &
+               int(sum(state%slip_starts(:, 1) + state%stick_starts(:, 1)))
       print '(a, 2x, a20, f9.1, 2es11.2, i7)', case, setting, nanoseconds, error_x, &
          maxval(abs(state%slip_time(:, 1)/(marcher%dt*ubound(force, 1)) - slip)), missed
    end subroutine report
@@ -97,8 +98,10 @@ contains
       do k = 1, size(sizes)
          n_steps = merge(20000, 2000, sizes(k) <= 10)
          call new_event_marcher(equal_chain(sizes(k)), dt, 1.0e-6_wp, sizes(k), event, error)
-         call time_march(event, equal_chain(sizes(k)), force(:n_steps, :), stride, state, x, nanoseconds)
-         events = real(sum(state%slip_starts + state%stick_starts), wp)/(real(n_steps, wp)*n_samples)
+         call time_march(event, equal_chain(sizes(k)), force(:n_steps, :), stride, state, x, &
+                         nanoseconds)
+         events = real(sum(state%slip_starts + state%stick_starts), wp)/ &
+                  (real(n_steps, wp)*n_samples)
          print '(i5, f10.1, f9.4)', sizes(k), nanoseconds, events
       end do
    end subroutine lengthen
@@ -128,7 +131,8 @@ contains
          do first = 0, ubound(force, 1) - 1, records_per_piece*every
             last = min(first + records_per_piece*every, ubound(force, 1))
             associate (n => (last - first)/every)
-               call marcher%advance(state, force(first:last, :), every, records(:n, :, :), error=error)
+               call marcher%advance(state, force(first:last, :), every, records(:n, :, :), &
+                                    error=error)
                if (allocated(error)) error stop error%message
                x(done + 1:done + n, :) = records(:n, :, 1)
                done = done + n

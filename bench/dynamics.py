@@ -3,8 +3,8 @@
     cmake --build --preset release --target benchmarks
     python bench/dynamics.py build/release/bin/bench_dynamics
 
-scipy's DOP853 restarts at every force sample and every transition, with the tolerance that brings its error to
-about 1e-9 of the rms; its time is per sample-step of one sample. Needs numpy and scipy.
+scipy's DOP853 restarts at every force sample and every transition; a step that short is exact to rounding even at
+the loose tolerance given here. Its time is per sample-step of one sample. Needs numpy and scipy.
 """
 
 import subprocess
@@ -75,12 +75,12 @@ def main() -> None:
         force = np.loadtxt(REFERENCE / f"{case}_force.txt")[: steps + 1]
         exact = np.loadtxt(REFERENCE / f"{case}_x.txt")
         begin = time.process_time()
-        history = march(force, 1e-10)
+        history = march(force, 1e-6)
         nanoseconds = (time.process_time() - begin) / steps * 1e9
         rows = exact[1:][exact[1:, 0] <= steps]
         error = history[rows[:, 0].astype(int) - 1] - rows[:, 1:]
         rms = np.sqrt(np.mean(exact[:, 1:] ** 2, axis=0))
-        print(f"{case:8s} scipy DOP853 1e-10 {nanoseconds:12.0f} {np.max(np.abs(error) / rms):10.2e}")
+        print(f"{case:8s} scipy DOP853 1e-6 {nanoseconds:12.0f} {np.max(np.abs(error) / rms):10.2e}")
 
 
 if __name__ == "__main__":

@@ -142,7 +142,8 @@ contains
       end do
    end subroutine advance_by_tables
 
-   !> Eight samples at a time through all steps, with the ledger where it is kept.
+   !> Eight samples at a time, each at its own pace: a lane that has reached the end of its step
+   !> goes on to the next one, and one that has done them all takes another sample.
    subroutine advance_by_series(self, state, force, every, slip_begin, displacement, velocity, &
                                 error)
       class(event_marcher), intent(inout) :: self
@@ -153,38 +154,74 @@ contains
       real(wp), intent(inout), optional :: velocity(:, :, :)
       type(error_type), allocatable, intent(out) :: error
       type(lane_group) :: group
-      integer :: column(lanes), first, l, last, record, step, sub
+      integer :: l, next, part(lanes), record(lanes)   ! parts of steps done, and records made
 
-      do first = 1, state%n_samples, lanes
-         last = min(first + lanes - 1, state%n_samples)
-         group = self%group
-         column = 1
-         do l = 1, last - first + 1
-            call group%load(self%chain, l, first + l - 1, state)
-            if (size(force, 2) > 1) column(l) = first + l - 1
-         end do
-         record = 0
-         do step = 0, ubound(force, 1) - 1
-            group%force(:, 1) = (force(step + 1, column) - force(step, column))/self%substeps
-            do sub = 0, self%substeps - 1
-               group%force(:, 0) = force(step, column) + sub*group%force(:, 1)
-               group%begin = real((state%step + step)*self%substeps + sub, wp)
-               call group%march_step(state, slip_begin, error)
-               if (allocated(error)) return
-            end do
-            if (size(displacement) == 0) cycle
-            if (mod(state%step + step + 1, int(every, long)) /= 0) cycle
-            record = record + 1
-            do l = 1, last - first + 1
-               displacement(record, :, first + l - 1) = group%x(l, 1:state%n_dof, 0)
-               if (present(velocity)) velocity(record, :, first + l - 1) = &
-                  group%x(l, 1:state%n_dof, 1)/group%taylor%h
-            end do
-         end do
-         do l = 1, last - first + 1
-            call group%store(self%chain, l, state)
+      group = self%group
+      next = 1
+      do l = 1, lanes
+         call take_sample(l)
+      end do
+      do while (any(group%sample > 0))
+         call group%march_round(state, slip_begin, error)
+         if (allocated(error)) return
+         do l = 1, lanes
+            if (group%sample(l) > 0 .and. group%tau(l) >= 1.0_wp) call finish_part(l)
          end do
       end do
+
+   contains
+
+      !> The next sample that is left, or none.
+      subroutine take_sample(l)
+         integer, intent(in) :: l
+
+         call group%clear(l)
+         if (next > state%n_samples .or. ubound(force, 1) == 0) return
+         call group%load(self%chain, l, next, state)
+         next = next + 1
+         part(l) = 0
+         record(l) = 0
+         call begin_part(l)
+      end subroutine take_sample
+
+      !> Sets out on the next part of a step, with the force on the chord between its values.
+      subroutine begin_part(l)
+         integer, intent(in) :: l
+         integer :: column, step, sub
+         real(wp) :: rise
+
+         column = merge(group%sample(l), 1, size(force, 2) > 1)
+         step = part(l)/self%substeps
+         sub = modulo(part(l), self%substeps)
+         rise = (force(step + 1, column) - force(step, column))/self%substeps
+         call group%set_step(l, real(state%step*self%substeps + part(l), wp), &
+                             force(step, column) + sub*rise, rise)
+      end subroutine begin_part
+
+      !> Counts a part of a step that is done, records, and goes on.
+      subroutine finish_part(l)
+         integer, intent(in) :: l
+         integer :: step
+
+         part(l) = part(l) + 1
+         step = part(l)/self%substeps
+         if (modulo(part(l), self%substeps) == 0 .and. size(displacement) > 0) then
+            if (modulo(state%step + step, int(every, long)) == 0) then
+               record(l) = record(l) + 1
+               associate (w => group%sample(l), n => state%n_dof, h => group%taylor%h)
+                  displacement(record(l), :, w) = group%x(l, 1:n, 0)
+                  if (present(velocity)) velocity(record(l), :, w) = group%x(l, 1:n, 1)/h
+               end associate
+            end if
+         end if
+         if (step < ubound(force, 1)) then
+            call begin_part(l)
+         else
+            call group%store(self%chain, l, state)
+            call take_sample(l)
+         end if
+      end subroutine finish_part
+
    end subroutine advance_by_series
 
 end module dynamics_event

@@ -23,6 +23,8 @@ module dynamics_lanes
       integer :: max_transitions = 1000             !! rounds of them in one step that are no error
       integer :: sample(lanes) = 0
       real(wp) :: begin(lanes) = 0.0_wp             !! steps done when this one begins
+      real(wp) :: tau(lanes) = 1.0_wp               !! how far a lane is in its step; 1: done
+      integer :: rounds(lanes) = 0                  !! of transitions in it so far
       real(wp) :: force(lanes, 0:1) = 0.0_wp        !! at the beginning, and its rise [N]
       real(wp), allocatable :: x(:, :, :)           !! Taylor coefficients (lane, 0:n+1, power)
       real(wp), allocatable :: direction(:, :)      !! 0: stuck, +1 or -1: slipping that way
@@ -35,6 +37,8 @@ module dynamics_lanes
       procedure :: clear
       procedure :: load
       procedure :: store
+      procedure :: set_step
+      procedure :: march_round
       procedure :: march_step
    end type lane_group
 
@@ -64,6 +68,7 @@ contains
       integer, intent(in) :: lane
 
       self%sample(lane) = 0
+      self%tau(lane) = 1.0_wp
       self%force(lane, :) = 0.0_wp
       self%x(lane, :, :) = 0.0_wp
       self%slider(lane, :) = 0.0_wp
@@ -115,39 +120,64 @@ contains
       end associate
    end subroutine store
 
-   !> Marches all lanes by one step.
+   !> Marches all lanes to the end of their steps.
    subroutine march_step(self, state, slip_begin, error)
+      class(lane_group), intent(inout) :: self
+      type(block_state), intent(inout) :: state
+      real(wp), intent(inout) :: slip_begin(:, :)
+      type(error_type), allocatable, intent(out) :: error
+
+      do while (any(self%tau < 1.0_wp))
+         call self%march_round(state, slip_begin, error)
+         if (allocated(error)) return
+      end do
+   end subroutine march_step
+
+   !> Marches each lane to its next transition, or to the end of its step.
+   subroutine march_round(self, state, slip_begin, error)
       class(lane_group), intent(inout) :: self
       type(block_state), intent(inout) :: state           !! transitions are counted and logged here
       real(wp), intent(inout) :: slip_begin(:, :)         !! (dof, sample) of slips under way
       type(error_type), allocatable, intent(out) :: error
-      real(wp) :: tau(lanes), span(lanes), force(lanes, 0:1)
+      real(wp) :: span(lanes), force(lanes, 0:1)
       logical :: is_crossing(lanes)
-      integer :: l, round
+      integer :: l
 
-      tau = 0.0_wp
-      force = self%force
-      do round = 0, self%max_transitions
-         call self%taylor%expand(self%held, self%anchor, force, self%x)
-         call find_transitions(self, 1.0_wp - tau, span)
-         is_crossing = span < no_crossing
-         span = merge(span, 1.0_wp - tau, is_crossing)
-         if (state%keeps_ledger) call add_work(self, force, span, state)
-         call self%taylor%move(span, self%x)
-         if (.not. any(is_crossing)) return
-         tau = merge(tau + span, 1.0_wp, is_crossing)
-         force(:, 0) = self%force(:, 0) + tau*self%force(:, 1)
-         do l = 1, lanes
-            if (.not. is_crossing(l)) cycle
-            call change_regimes(self, l, span(l), self%begin(l) + tau(l), state, slip_begin)
-         end do
+      force(:, 0) = self%force(:, 0) + self%tau*self%force(:, 1)
+      force(:, 1) = self%force(:, 1)
+      call self%taylor%expand(self%held, self%anchor, force, self%x)
+      call find_transitions(self, 1.0_wp - self%tau, span)
+      is_crossing = span < no_crossing
+      span = merge(span, 1.0_wp - self%tau, is_crossing)
+      if (state%keeps_ledger) call add_work(self, force, span, state)
+      call self%taylor%move(span, self%x)
+      self%tau = merge(self%tau + span, 1.0_wp, is_crossing)
+      self%rounds = merge(self%rounds + 1, 0, is_crossing)
+      do l = 1, lanes
+         if (.not. is_crossing(l)) cycle
+         if (self%rounds(l) > self%max_transitions) then
+            call raise(error, exit_no_solution, 'dof '//to_text(minloc(self%crossing(l, :), 1))// &
+                       ' of sample '//to_text(self%sample(l))//' of its block: more than '// &
+                       to_text(self%max_transitions)//' transitions in the step that ends at '// &
+                       't = '//to_text((self%begin(l) + 1.0_wp)*self%taylor%h))
+            return
+         end if
+         call change_regimes(self, l, span(l), self%begin(l) + self%tau(l), state, slip_begin)
       end do
-      l = findloc(is_crossing, .true., 1)
-      call raise(error, exit_no_solution, 'dof '//to_text(minloc(self%crossing(l, :), 1))// &
-                 ' of sample '//to_text(self%sample(l))//' of its block: more than '// &
-                 to_text(self%max_transitions)//' transitions in the step that ends at t = '// &
-                 to_text((self%begin(l) + 1.0_wp)*self%taylor%h))
-   end subroutine march_step
+   end subroutine march_round
+
+   !> Gives a lane its next step: when it begins, the force then, and its rise.
+   pure subroutine set_step(self, lane, begin, force, rise)
+      class(lane_group), intent(inout) :: self
+      integer, intent(in) :: lane
+      real(wp), intent(in) :: begin          !! steps done before
+      real(wp), intent(in) :: force, rise    !! [N]
+
+      self%tau(lane) = 0.0_wp
+      self%rounds(lane) = 0
+      self%begin(lane) = begin
+      self%force(lane, :) = [force, rise]
+   end subroutine set_step
 
    !> The first transition of every mass from now, and of every lane (no_crossing: none before the
    !> end).

@@ -225,9 +225,10 @@ contains
             w = entry(l)
             call hand_back(w)
             call self%group%load(self%chain, l, w, state)
-            self%group%begin(l) = begin + (todo%position(w) - todo%origin(w))
-            self%group%force(l, 0) = force(todo%position(w))
-            self%group%force(l, 1) = force(todo%position(w) + 1) - force(todo%position(w))
+            associate (k => todo%position(w))
+               call self%group%set_step(l, begin + (k - todo%origin(w)), force(k), &
+                                        force(k + 1) - force(k))
+            end associate
          end do
          call self%group%march_step(state, slip_begin, error)
          if (allocated(error)) return
