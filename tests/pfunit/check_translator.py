@@ -284,7 +284,12 @@ class Refusals(unittest.TestCase):
         ):
             with self.subTest(line):
                 self.assert_refused(ONE_TEST + line, 4, "the name run is taken by pFUnit")
-        for line in ("end subroutine run", "call run(x)", "x = [real :: run, 'a :: run']"):
+        for line in (
+            "end subroutine run",
+            "call run(x)",
+            "x = [real :: run, 'a :: run']",
+            "! a function is :: run",
+        ):
             with self.subTest(line):
                 self.assertEqual([], read(ONE_TEST + line).complaints)
 

@@ -77,8 +77,8 @@ def scan(text: str, quote: str = "") -> tuple[list[tuple[int, str, int]], str]:
 
 def declared_names(line: str) -> list[str]:
     """Names that a line gives to a procedure, to what follows `::`, or to what is imported."""
-    procedure = PROCEDURE.match(line)
     code = "".join(character for _, character, depth in scan(line)[0] if depth == 0)
+    procedure = PROCEDURE.match(code)
     entities = re.split(r"::|\bonly\s*:", code, maxsplit=1, flags=re.IGNORECASE)[1:]
     names = re.findall(r"(?:^|,)\s*(\w+)", "".join(entities))
     return [name.lower() for name in ([procedure[1]] if procedure else []) + names]
