@@ -1,6 +1,7 @@
 !> The comparisons behind the assertions: operands as lists of the widest kind, with their shapes.
 module funit_compare
-   use, intrinsic :: ieee_exceptions, only: ieee_all, ieee_set_halting_mode
+   use, intrinsic :: ieee_exceptions, only: ieee_all, ieee_get_halting_mode, ieee_set_flag, &
+      ieee_set_halting_mode
    use, intrinsic :: iso_fortran_env, only: int64, real64
    use funit_exceptions, only: SourceLocation, throw
    implicit none(type, external)
@@ -41,7 +42,6 @@ contains
       end do
    end subroutine compare_integers
 
-   !> NaN and overflow are verdicts here, not accidents: floating-point traps are off inside.
    subroutine compare_reals(lhs, relation, rhs, lhs_shape, rhs_shape, tolerance, message, location)
       real(real64), intent(in) :: lhs(:), rhs(:)
       character(*), intent(in) :: relation
@@ -49,18 +49,20 @@ contains
       real(real64), intent(in) :: tolerance
       character(*), intent(in), optional :: message
       type(SourceLocation), intent(in), optional :: location
+      logical :: traps(size(ieee_all))
       integer :: i, j
 
-      call ieee_set_halting_mode(ieee_all, .false.)
       if (.not. conformable(lhs_shape, rhs_shape, message, location)) return
+      call close_traps(traps)
       do i = 1, size(rhs)
          j = min(i, size(lhs))
          if (holds(lhs(j), relation, rhs(i), tolerance)) cycle
          call fail(wanted(text(lhs(j)), relation, text(rhs(i)), i, rhs_shape) &
             //'; difference '//text(rhs(i) - lhs(j))//', tolerance '//text(tolerance), &
             message, location)
-         return
+         exit
       end do
+      call open_traps(traps)
    end subroutine compare_reals
 
    subroutine compare_complexes(lhs, relation, rhs, lhs_shape, rhs_shape, tolerance, message, &
@@ -71,19 +73,38 @@ contains
       real(real64), intent(in) :: tolerance
       character(*), intent(in), optional :: message
       type(SourceLocation), intent(in), optional :: location
+      logical :: traps(size(ieee_all))
       integer :: i, j
 
-      call ieee_set_halting_mode(ieee_all, .false.)   ! as for reals
       if (.not. conformable(lhs_shape, rhs_shape, message, location)) return
+      call close_traps(traps)
       do i = 1, size(rhs)
          j = min(i, size(lhs))
          if (holds(lhs(j), relation, rhs(i), tolerance)) cycle
          call fail(wanted(text(lhs(j)), relation, text(rhs(i)), i, rhs_shape) &
             //'; modulus of the difference '//text(abs(rhs(i) - lhs(j))) &
             //', tolerance '//text(tolerance), message, location)
-         return
+         exit
       end do
+      call open_traps(traps)
    end subroutine compare_complexes
+
+   !> From here to open_traps NaN and overflow are verdicts, not accidents.
+   subroutine close_traps(traps)
+      logical, intent(out) :: traps(:)   !! as they were
+
+      call ieee_get_halting_mode(ieee_all, traps)
+      call ieee_set_halting_mode(ieee_all, .false.)
+   end subroutine close_traps
+
+   !> Not left to the end of a procedure: gfortran 12 restores nothing there when it is the module
+   !! that uses ieee_exceptions.
+   subroutine open_traps(traps)
+      logical, intent(in) :: traps(:)
+
+      call ieee_set_flag(ieee_all, .false.)   ! a raised flag would trap late
+      call ieee_set_halting_mode(ieee_all, traps)
+   end subroutine open_traps
 
    !> Throw: the user's message, if any, and below it what was found.
    subroutine fail(finding, message, location)
