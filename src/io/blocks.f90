@@ -1,6 +1,6 @@
 !> A block of samples as datasets of one HDF5 file, whole or without what is long.
 module io_blocks
-   use core_error, only: error_type
+   use core_error, only: error_type, exit_file, raise
    use core_kinds, only: long, wp
    use ensemble_results, only: block_result
    use io_checksum, only: checksum_type
@@ -86,7 +86,13 @@ contains
       if (w%deed /= reads) call lay_out_transitions(block, counts, rows)
       call w%pass('transition_count', counts)
       call w%pass('transitions', rows)
-      if (w%deed == reads .and. allocated(rows)) call take_up_transitions(counts, rows, block)
+      if (w%deed /= reads .or. .not. (allocated(counts) .and. allocated(rows))) return
+      if (are_transitions(counts, rows)) then
+         call take_up_transitions(counts, rows, block)
+      else
+         call raise(w%error, exit_file, w%file%path//': '//w%group// &
+                    'transitions: not a list of transitions')
+      end if
    end subroutine walk
 
    subroutine pass_matrix(self, name, values)
@@ -191,6 +197,25 @@ contains
          first = first + block%transitions(i)%n
       end do
    end subroutine lay_out_transitions
+
+   !> Whether the rows are as many as counted, each of a dof and a kind: damage goes no further.
+   pure logical function are_transitions(counts, rows)
+      integer(long), intent(in) :: counts(:, :)   !! (1, sample)
+      real(wp), intent(in) :: rows(:, :)          !! (time dof kind, row)
+
+      are_transitions = all(counts >= 0 .and. counts <= size(rows, 2)) &
+                        .and. all(is_within(rows(2, :), 1.0_wp, real(huge(1), wp))) &
+                        .and. all(is_within(rows(3, :), -1.0_wp, 1.0_wp))
+      if (are_transitions) are_transitions = sum(counts) == size(rows, 2)
+   end function are_transitions
+
+   !> Also of a NaN, which would trap in an ordering.
+   elemental logical function is_within(x, low, high)
+      real(wp), intent(in) :: x, low, high
+
+      is_within = x == x
+      if (is_within) is_within = x >= low .and. x <= high
+   end function is_within
 
    subroutine take_up_transitions(counts, rows, block)
       integer(long), intent(in) :: counts(:, :)   !! (1, sample)
