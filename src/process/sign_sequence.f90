@@ -99,7 +99,7 @@ contains
       limit = huge(1.0_wp)
       if (size(state%free) == 0) then
          limit = touching_multiplier(state%along, workspace)
-         if (.not. limit*constraint%weights(0) < steepest) return
+         if (.not. limit < steepest/constraint%weights(0)) return
       end if
       if (delta > 0.0_wp) then
          state%x = delta*[1.0_wp, s]
