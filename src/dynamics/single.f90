@@ -52,7 +52,7 @@ contains
       real(wp), intent(in) :: pull(width, 2, width), contact(width)   !! contact: h^2 k/m
       real(wp), intent(in) :: load(width, 0:1)                        !! h^2 f/m at both ends
       real(wp), intent(in) :: sample(width, sample_size)
-      real(wp) :: held
+      real(wp) :: crosses, extension, held, run, slips, stick
       integer :: i, j, suspects, x0, x1
 
       x0 = at_state + 2*place
@@ -63,24 +63,19 @@ contains
          suspects = suspects + merge(1, 0, sample(j, at_slack) < 0.0_wp)
          i = merge(j, i, sample(j, at_slack) < 0.0_wp)
       end do
-      batch%mass(l) = 0
-      if (suspects /= 1) return
-      if (abs(sample(i, at_direction)) > 0.5_wp) then
-         if (.not. sample(i, at_direction)*sample(i, x1 + 1) < 0.0_wp) return
-         batch%is_stick(l) = 1.0_wp
-         batch%sense(l) = sample(i, at_direction)
-         batch%gain(l) = -contact(i)
-      else
-         if (.not. abs(sample(i, x1) - sample(i, at_slider)) > sample(i, at_reach)) return
-         ! in a longer run it might touch the other side first
-         if (.not. abs(sample(i, x1) - sample(i, x0)) < sample(i, at_reach)) return
-         batch%is_stick(l) = 0.0_wp
-         batch%sense(l) = sign(1.0_wp, sample(i, x1) - sample(i, at_slider))
-         batch%gain(l) = contact(i)
-      end if
-      held = (1.0_wp - batch%is_stick(l))*contact(i)
-      batch%mass(l) = i
-      batch%limit(l) = sample(i, at_slider) + batch%sense(l)*sample(i, at_reach)
+      extension = sample(i, x1) - sample(i, at_slider)
+      run = sample(i, x1) - sample(i, x0)
+      stick = min(1.0_wp, abs(sample(i, at_direction)))
+      ! past the limit, but not by so long a run that it might have touched the other side first; or
+      ! turned back
+      slips = min(abs(extension) - sample(i, at_reach), sample(i, at_reach) - abs(run))
+      crosses = merge(-sample(i, at_direction)*sample(i, x1 + 1), slips, stick > 0.5_wp)
+      batch%mass(l) = merge(i, 0, suspects == 1 .and. crosses > 0.0_wp)
+      batch%is_stick(l) = stick
+      batch%sense(l) = merge(sample(i, at_direction), sign(1.0_wp, extension), stick > 0.5_wp)
+      batch%gain(l) = (1.0_wp - 2.0_wp*stick)*contact(i)
+      held = (1.0_wp - stick)*contact(i)
+      batch%limit(l) = sample(i, at_slider) + batch%sense(l)*min(sample(i, at_reach), abs(extension))
       batch%ends(l, 1:2) = sample(i, x0:x0 + 1)
       batch%ends(l, 3) = load(i, 0) + contact(i)*sample(i, at_anchor) - held*sample(i, x0) - &
                          sum(pull(:, 1, i)*sample(:, x0) + pull(:, 2, i)*sample(:, x0 + 1))
@@ -286,15 +281,12 @@ contains
       integer, intent(in) :: l
       real(wp), intent(in) :: x, u, limit
       logical :: stays
-      real(wp) :: rest
+      real(wp) :: clear_of_zero, rest
 
       rest = 1.0_wp - batch%tau(l)
-      if (batch%is_stick(l) > 0.5_wp) then
-         stays = abs(x - batch%x(l)) < limit
-      else
-         stays = rest*min(batch%sense(l)*batch%u(l), batch%sense(l)*u) > &
-                 abs((batch%u(l) + u)*rest - 2.0_wp*(x - batch%x(l)))
-      end if
+      clear_of_zero = rest*min(batch%sense(l)*batch%u(l), batch%sense(l)*u) - &
+                      abs((batch%u(l) + u)*rest - 2.0_wp*(x - batch%x(l)))
+      stays = merge(limit - abs(x - batch%x(l)), clear_of_zero, batch%is_stick(l) > 0.5_wp) > 0.0_wp
    end function stays
 
 end module dynamics_single

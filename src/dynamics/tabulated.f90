@@ -183,21 +183,18 @@ contains
       subroutine change_regime(l, w)
          integer, intent(in) :: l, w
          real(wp) :: now
-         integer :: i, kind
+         integer :: i, kind, stick
 
          i = batch%mass(l)
          now = begin + (todo%position(w) - todo%origin(w)) + batch%tau(l)
-         if (batch%is_stick(l) > 0.5_wp) then
-            kind = 0
-            sample(i, at_slider, w) = batch%x(l) - batch%sense(l)*sample(i, at_reach, w)
-            state%stick_starts(i, w) = state%stick_starts(i, w) + 1
-            state%slip_time(i, w) = state%slip_time(i, w) + (now - slip_begin(i, w))*self%h
-         else
-            kind = nint(batch%sense(l))
-            state%slip_starts(i, w) = state%slip_starts(i, w) + 1
-            slip_begin(i, w) = now
-         end if
+         stick = nint(batch%is_stick(l))
+         kind = (1 - stick)*nint(batch%sense(l))
+         sample(i, at_slider, w) = batch%x(l) - batch%sense(l)*sample(i, at_reach, w)   ! it follows a slip
          sample(i, at_direction, w) = kind
+         state%stick_starts(i, w) = state%stick_starts(i, w) + stick
+         state%slip_starts(i, w) = state%slip_starts(i, w) + (1 - stick)
+         state%slip_time(i, w) = state%slip_time(i, w) + stick*(now - slip_begin(i, w))*self%h
+         slip_begin(i, w) = merge(slip_begin(i, w), now, stick == 1)
          if (state%keeps_transitions) call state%transitions(w)%append(now*self%h, i, kind)
          todo%pattern(w) = ieor(todo%pattern(w), ishft(1, i - 1))
          call enter_pattern(w)
@@ -312,9 +309,10 @@ contains
       sample(:, at_shift:at_shift + 1) = shift
    end subroutine set_shift
 
-   !> Takes the next step of every free sample and sorts them, without a branch: a quiet step
-   !> counts, its sample stays free until the last one, and may be due for a record; an eventful one
-   !> waits, its state as it was.
+   !> Takes the next step of every free sample and sorts them, without a branch (hence the
+   !> arithmetic: a branch that goes wrong throws away the steps that the processor has already
+   !> begun): a quiet step counts, its sample stays free until the last one, and may be due for a
+   !> record; an eventful one waits, its state as it was.
    pure subroutine take_steps(n, n_samples, n_forces, force, table, floor, last, due_position, &
                               pattern, position, place, sample, n_free, free, n_waiting, waiting, &
                               n_due, due)
@@ -359,9 +357,9 @@ contains
          waiting(n_waiting + 1) = w
          n_waiting = n_waiting + 1 - is_quiet
          due(n_due + 1) = w
-         n_due = n_due + merge(is_quiet, 0, position(w) == due_position(w))
+         n_due = n_due + iand(is_quiet, 1 - min(1, abs(due_position(w) - position(w))))
          free(n_free + 1) = w
-         n_free = n_free + merge(is_quiet, 0, position(w) < last(w))
+         n_free = n_free + iand(is_quiet, min(1, last(w) - position(w)))
       end do
    end subroutine take_steps
 
