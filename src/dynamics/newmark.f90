@@ -95,52 +95,52 @@ contains
                       block)
       call start_recorder(state, block, merge(every, 0, size(displacement) > 0), recorder)
       do step = 0, n_steps - 1, steps_apart
-         call march_to(self, min(step + steps_apart, n_steps), state, block, recorder, &
-                       displacement, velocity)
+         call march_to(min(step + steps_apart, n_steps))
       end do
       call store_block(block, state)
-   end subroutine advance
 
-   !> Marches every sample to the end of a step of the force, in rounds of one trial each.
-   subroutine march_to(self, step, state, block, recorder, displacement, velocity)
-      class(newmark_marcher), intent(in) :: self
-      integer, intent(in) :: step
-      type(block_state), intent(inout) :: state
-      type(newmark_block), intent(inout) :: block
-      type(newmark_recorder), intent(inout) :: recorder
-      real(wp), intent(inout) :: displacement(:, :, :)
-      real(wp), intent(inout), optional :: velocity(:, :, :)
-      integer, dimension(block%n_samples + 1) :: sample, due, switching
-      integer(long), dimension(block%n_samples) :: has_passed, is_left, is_due, is_switching
-      integer(long) :: last
-      integer :: k, n_active, n_due, n_switching, w
+   contains
 
-      last = shiftl(int(step, long), block%max_halvings)
-      sample = [(w, w=1, block%n_samples + 1)]
-      n_active = block%n_samples
-      do while (n_active > 0)
-         call self%steps%try(sample(:n_active), block, has_passed)
-         if (state%keeps_ledger) then
-            do k = 1, n_active
-               if (has_passed(sample(k)) == 0) call block%add_work(self%chain, state, sample(k))
+      !> Marches every sample to the end of a step of the force, in rounds of one trial each.
+      subroutine march_to(step)
+         integer, intent(in) :: step
+         integer, dimension(block%n_samples + 1) :: sample, due, switching
+         integer(long), dimension(block%n_samples) :: has_passed, is_left, is_due, is_switching
+         integer(long) :: last
+         integer :: k, n_active, n_due, n_switching, w
+
+         last = shiftl(int(step, long), block%max_halvings)
+         sample = [(w, w=1, block%n_samples + 1)]
+         n_active = block%n_samples
+         do while (n_active > 0)
+            call self%steps%try(sample(:n_active), block, has_passed)
+            if (state%keeps_ledger) then
+               do k = 1, n_active
+                  if (has_passed(sample(k)) == 0) call block%add_work(self%chain, state, sample(k))
+               end do
+            end if
+            call settle(block%n_samples, shiftl(1_long, block%max_halvings), last, has_passed, &
+                        recorder%next_tick, block%tick, block%ticks, block%until, block%slot, &
+                        is_left, is_due, is_switching)
+            call list_all(block%n_samples, is_left, is_due, is_switching, sample, n_active, due, &
+                          n_due, switching, n_switching)
+            do k = 1, n_switching
+               w = switching(k)
+               call block%switch_at_nearer_end(self%chain, state, w)
+               if (block%tick(w) == recorder%next_tick(w)) call append(w, due, n_due)
+               if (block%tick(w) < last) call append(w, sample, n_active)
             end do
-         end if
-         call settle(block%n_samples, shiftl(1_long, block%max_halvings), last, has_passed, &
-                     recorder%next_tick, block%tick, block%ticks, block%until, block%slot, &
-                     is_left, is_due, is_switching)
-         call list_all(block%n_samples, is_left, is_due, is_switching, sample, n_active, due, &
-                       n_due, switching, n_switching)
-         do k = 1, n_switching
-            w = switching(k)
-            call block%switch_at_nearer_end(self%chain, state, w)
-            if (block%tick(w) == recorder%next_tick(w)) call append(w, due, n_due)
-            if (block%tick(w) < last) call append(w, sample, n_active)
+            do k = 1, n_due
+               if (present(velocity)) then
+                  call recorder%record(block, due(k), displacement, velocity)
+               else
+                  call recorder%record(block, due(k), displacement)
+               end if
+            end do
          end do
-         do k = 1, n_due
-            call recorder%record(block, due(k), displacement, velocity)
-         end do
-      end do
-   end subroutine march_to
+      end subroutine march_to
+
+   end subroutine advance
 
    !> Ends the trials of all samples that have not yet come to the last tick: a step without
    !> transition stands, another is halved, and halved again without a trial if it ends where a
