@@ -70,17 +70,22 @@ contains
    end subroutine fit_ar
 
    !> Everything that follows from a_q and b0: poles, autocovariance, both lengths, entropy.
-   subroutine describe_ar(a, b0, model, error)
+   subroutine describe_ar(a, b0, model, error, known_sums)
       real(wp), intent(in) :: a(:)   !! a_q, q = 1..order; stationary
       real(wp), intent(in) :: b0     !! [unit of X]
       type(process_model_type), intent(out) :: model
       type(error_type), allocatable, intent(out) :: error
+      type(correlation_sums), intent(in), optional :: known_sums   !! else they are computed
       type(correlation_sums) :: sums
       real(wp) :: kappa(size(a))
 
       kappa = reflection_of(a)
-      call sum_correlation(kappa, sums, error)
-      if (allocated(error)) return
+      if (present(known_sums)) then
+         sums = known_sums
+      else
+         call sum_correlation(kappa, sums, error)
+         if (allocated(error)) return
+      end if
       call describe(kappa, a, b0, sums, model, error)
    end subroutine describe_ar
 

@@ -10,9 +10,11 @@ module process_maxent_direct
    use core_text, only: to_text
    use process_ar_fit, only: describe_ar
    use process_ar_model, only: autocovariance_of, innovation_std, reflection_of
+   use process_ar_sums, only: correlation_sums
    use process_correlation, only: constraint_weights, correlation_length
    use process_direct_limits, only: certainly_feasible_m_max, certainly_infeasible_m_max, &
                                     smallest_feasible_m_max
+   use process_direct_sums, only: sum_direct_correlation
    use process_entropy, only: gaussian_entropy
    use process_model, only: process_model_type, process_request, process_solution
    use process_reciprocal_symbol, only: reciprocal_workspace
@@ -123,6 +125,7 @@ contains
       type(sequence_solution), intent(in) :: solution   !! sigma_X = 1
       type(process_model_type), intent(inout) :: model
       type(process_model_type) :: described
+      type(correlation_sums) :: sums
       type(error_type), allocatable :: error
       real(wp), allocatable :: s(:), a(:)
       real(wp) :: b0
@@ -134,7 +137,8 @@ contains
                               a, b0, is_positive)
       if (is_positive) then
          b0 = request%std*innovation_std(reflection_of(a), 1.0_wp)
-         call describe_ar(a, b0, described, error)
+         call sum_direct_correlation(a, are_all_positive(request, s), sums, error)
+         if (.not. allocated(error)) call describe_ar(a, b0, described, error, sums)
          if (allocated(error)) model%reason = error%message
       else
          model%reason = 'the symbol is too near to zero to be factored'
@@ -155,10 +159,19 @@ contains
       if (.not. described%is_solved) then
          described%reason = named(request)//': the optimality conditions are met to '// &
                             to_text(described%optimality)//' only, too near the limit for '// &
-                            'double precision; '//advice(request)
+                            'double precision; a larger m_max is farther from it'
       end if
       model = described
    end subroutine describe_direct
+
+   pure function are_all_positive(request, s) result(is_so)
+      type(process_request), intent(in) :: request
+      real(wp), intent(in) :: s(:)
+      logical :: is_so
+
+      is_so = all(s > 0.0_wp) .and. &
+              (request%correlation == 'L0' .or. request%correlation_length <= 1.0_wp)
+   end function are_all_positive
 
    !> Entries of the matrix G of Eqs. (23), (28), (30): G_n(n+m) = g_m, and its symbol's
    !! coefficients. (Eq. (30) as printed lacks a factor 2 before delta a_0.)

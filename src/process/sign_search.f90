@@ -113,9 +113,9 @@ contains
       type(length_constraint), intent(in) :: constraint
       type(reciprocal_workspace), intent(inout) :: workspace   !! prepared for m_max
       type(sequence_solution), intent(out) :: best             !! not feasible: none was found
-      integer, parameter :: n_rates = 12, few = 16, many = 48
+      integer, parameter :: few = 16, many = 48, very_many = 200
       type(sequence_solution) :: solution
-      integer :: signs(size(constraint%rewarded)), i, n
+      integer :: signs(size(constraint%rewarded)), i, n, n_rates
 
       n = size(constraint%rewarded)
       if (n == 0) return
@@ -123,8 +123,9 @@ contains
       call make_consistent(constraint, signs, workspace, best)
       if (is_all_plus_best(constraint)) return
       if (constraint%m_max > 4*size(constraint%penalized) .and. best%is_feasible) return
+      n_rates = merge(12, 4, n <= very_many)
       do i = 0, n_rates
-         signs = quadratic_phases(n, 0.25_wp*i)
+         signs = quadratic_phases(n, 3.0_wp*i/n_rates)
          if (i == 0) signs(n) = -1
          call make_consistent(constraint, signs, workspace, solution)
          call take_better(solution, best)

@@ -28,16 +28,20 @@ contains
       real(wp) :: factor(0:size(a)), defect(0:size(a)), error, last_error, rounding
       real(wp) :: reciprocal(0:2*size(a))
       integer :: iteration
+      logical :: is_last
 
       rounding = 4*epsilon(1.0_wp)*symbol(0)
       factor = [1.0_wp, a]/b0
       last_error = huge(1.0_wp)
+      is_last = .false.
       do iteration = 1, max_iterations
          defect = symbol - autocorrelation(factor)
          error = maxval(abs(defect))
-         ! at the end rounding alone is left, and moves up and down
-         is_positive = error <= 1.0e3_wp*rounding .and. error >= 0.5_wp*last_error .or. &
-                       error <= rounding
+         ! at the end rounding alone is left, and moves up and down; one more step then gives
+         ! small coefficients their digits too
+         is_positive = is_last
+         is_last = error <= rounding .or. &
+                   error <= 1.0e3_wp*rounding .and. error >= 0.5_wp*last_error
          if (is_positive .or. .not. error < huge(1.0_wp)) exit
          last_error = error
          call reciprocal_of_process(factor(1:)/factor(0), 1.0_wp/factor(0), reciprocal, is_positive)
