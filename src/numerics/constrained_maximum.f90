@@ -38,7 +38,7 @@ module numerics_constrained_maximum
 
    type :: search_result
       logical :: is_converged = .false.
-      real(wp) :: violation = 0.0_wp                !! largest constraint
+      real(wp) :: violation = huge(1.0_wp)             !! largest constraint
       !> largest component of the Lagrangian's gradient
       real(wp) :: residual = 0.0_wp
       !> (constraint, variable) of the last point differentiated

@@ -31,12 +31,16 @@ contains
          call fit_direct(request, model)
          return
       end if
+      if (request%method == 'direct') then
+         call fit_positive(request, seed, model)
+         return
+      end if
       resolved = request
       if (request%method == 'autoregressive') then
          call choose_order(request, resolved%order, error)
       else
          call raise(error, exit_bad_input, &
-                    "method = '"//request%method//"': must be 'autoregressive'")
+                    "method = '"//request%method//"': must be 'autoregressive' or 'direct'")
       end if
       if (.not. allocated(error)) then
          if (request%positive) then

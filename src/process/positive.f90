@@ -5,7 +5,7 @@
 module process_positive
    use core_kinds, only: wp
    use core_random, only: stream_type
-   use process_ar_model, only: innovation_std, reflection_of
+   use process_gaussian, only: draw_gaussian
    use process_model, only: process_model_type
    use process_positive_exact, only: draw_window, sweeps_to_forget
    use process_positive_sequential, only: march_sequential
@@ -25,8 +25,7 @@ contains
 
       if (.not. model%is_solved) error stop 'draw_points: the process is not solved'
       if (.not. model%request%positive) then
-         call march_gaussian(model%a, stream, values)
-         values = model%mu + model%b0*values
+         call draw_gaussian(model, stream, values)
       else if (model%request%sampler == 'sequential') then
          call march_sequential(model%a, model%mu/model%b0*(1.0_wp + sum(model%a)), &
                                model%mean/model%b0, &
@@ -48,8 +47,7 @@ contains
 
       if (-log(model%lambda)*size(window) < log(most_trials)) then
          do
-            call march_gaussian(model%a, stream, window)
-            window = model%mu + model%b0*window
+            call draw_gaussian(model, stream, window)
             if (all(window > 0.0_wp)) exit
          end do
          values = window(model%memory + 1:model%memory + size(values))
@@ -60,27 +58,5 @@ contains
          values = model%b0*values
       end if
    end subroutine draw_exact
-
-   !> Eq. (39) with unit innovations, stationary from its first value: while fewer values than the
-   !> order have passed, each follows from the best predictor of the order that there is.
-   pure subroutine march_gaussian(a, stream, values)
-      real(wp), intent(in) :: a(:)
-      type(stream_type), intent(inout) :: stream
-      real(wp), intent(out) :: values(:)
-      real(wp) :: kappa(size(a)), predictor(size(a))
-      integer :: m, n
-
-      kappa = reflection_of(a)
-      call stream%normals(values)
-      do n = 1, size(values)
-         m = min(n - 1, size(a))
-         if (m > 0 .and. m == n - 1) then   ! one order up (Levinson)
-            predictor(m) = kappa(m)
-            predictor(:m - 1) = predictor(:m - 1) + kappa(m)*predictor(m - 1:1:-1)
-         end if
-         values(n) = values(n)/innovation_std(kappa(m + 1:), 1.0_wp) &
-                     - dot_product(predictor(:m), values(n - 1:n - m:-1))
-      end do
-   end subroutine march_gaussian
 
 end module process_positive

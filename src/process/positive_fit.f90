@@ -11,9 +11,11 @@ module process_positive_fit
    use core_text, only: to_text
    use numerics_constrained_maximum, only: maximize, search_result, solve_along
    use process_ar_model, only: coefficients_of, find_poles, innovation_std
-   use process_correlation, only: correlation_length_l0, correlation_length_l1
+   use process_correlation, only: constraint_weights, &
+      correlation_length_l0, correlation_length_l1
    use process_entropy, only: white_noise_entropy
    use process_model, only: process_model_type, process_request
+   use process_positive_exact, only: precision_of
    use process_positive_law, only: exact_law, n_constraints, positive_law, prepare_law, &
       sequential_law
    use process_positive_limit, only: follow_family
@@ -25,6 +27,7 @@ module process_positive_fit
    public :: fit_positive
 
    integer, parameter :: quick_steps = 128     !! of a batch on the way to a first solution
+   integer, parameter :: limit_steps = 1024    !! of a batch where std/mean may end
    integer, parameter :: shape_steps = 512     !! of a batch while the shape is sought
    integer, parameter :: final_steps = 4096    !! of a batch of the final solution, at least
    integer, parameter :: most_refinement = 16  !! times as many where the errors want it
@@ -70,7 +73,9 @@ contains
          call describe(request, law, model, error)
       end if
       if (.not. allocated(error)) call compare_laws(request, stream, law, point, model, error)
-      model%optimality = found%residual
+      if (request%method == 'direct' .and. .not. allocated(error)) call name_multipliers(request, &
+                                                                                         model)
+      model%optimality = merge(violation, found%residual, request%method == 'direct')
       model%is_solved = .not. allocated(error)
       if (allocated(error)) model%reason = error%message
    end subroutine fit_positive
@@ -109,7 +114,7 @@ contains
    !> First the unconstrained optimum of another length, then every coefficient free.
    subroutine find_shape(law, point, found, error)
       class(positive_law), intent(inout) :: law
-      real(wp), intent(inout) :: point(:)
+      real(wp), allocatable, intent(inout) :: point(:)
       type(search_result), intent(out) :: found
       type(error_type), allocatable, intent(out) :: error
       real(wp) :: limit, reduced(2)
@@ -120,11 +125,11 @@ contains
       law%shape = point(:order)
       reduced = [1.0_wp, point(order + 1)]
       law%n_steps = quick_steps
-      call law%settle(coefficients_of(tanh(1.2_wp*law%shape)))
+      call law%settle(law%companion)
       call maximize(law, reduced, n_constraints, 1.0e-4_wp, close_enough, 8, found)
-      law%n_steps = shape_steps
       if (found%violation > close_enough) then
          reduced = [1.0_wp, point(order + 1)]
+         law%n_steps = limit_steps
          call follow_family(law, reduced, limit, is_reached)
          if (.not. is_reached) then
             call raise(error, exit_no_solution, name_of(law, order)//': with the shape of the '// &
@@ -135,10 +140,15 @@ contains
          end if
          call maximize(law, reduced, n_constraints, 1.0e-4_wp, close_enough, 20, found)
       end if
-      point = [reduced(1)*law%shape, reduced(2)]
-      deallocate (law%shape)
-      call law%settle(coefficients_of(tanh(point(:order))))
-      if (found%violation <= close_enough) call free_shape(law, point, found)
+      law%n_steps = shape_steps
+      found%is_converged = found%violation <= close_enough
+      if (allocated(law%symbol)) then   ! the direct method's form is that of the maximum
+         point = reduced
+      else if (found%is_converged) then
+         point = [reduced(1)*law%shape, reduced(2)]
+         deallocate (law%shape)
+         call free_shape(law, point, found)
+      end if
       if (.not. found%is_converged) call raise(error, exit_no_solution, name_of(law, order)// &
                                                ': the search ended '//to_text(found%violation)// &
                                                ' (relative) from its targets, with '// &
@@ -159,6 +169,7 @@ contains
 
       order = size(point) - 1
       family = point
+      call law%settle(coefficients_of(tanh(point(:order))))
       strength = maxval(abs(tanh(point(:order))))
       if (strength > feeble) then
          call maximize(law, point, n_constraints, 1.0e-4_wp, min(1.0e-3_wp, stationary*strength), &
@@ -246,6 +257,21 @@ contains
       model%entropy_bound = white_noise_entropy(request%std)
    end subroutine describe
 
+   !> Multipliers of Eq. (30) from the matrix G: G_0 = 2 lambda_3 + 2 lambda_2 a_0, G_m = lambda_2
+   !> a_m s_m.
+   subroutine name_multipliers(request, model)
+      type(process_request), intent(in) :: request
+      type(process_model_type), intent(inout) :: model
+      real(wp) :: g(0:model%order), lambda_2, weights(0:model%order)
+
+      g = precision_of(model%a)/model%b0**2
+      weights = constraint_weights(request%correlation, request%correlation_length, model%order)
+      model%signs = nint(sign(1.0_wp, model%autocovariance(1:model%order)))
+      lambda_2 = g(model%order)/(weights(model%order)*model%signs(model%order))
+      model%lambda_3 = 0.5_wp*g(0) - lambda_2*weights(0)
+      model%delta = lambda_2/model%lambda_3
+   end subroutine name_multipliers
+
    !> What the same a_q, b0 and mu give under the other law, and the acceptances of both.
    subroutine compare_laws(request, stream, law, point, model, error)
       type(process_request), intent(in) :: request
@@ -267,7 +293,7 @@ contains
       coordinate = location*(1.0_wp + sum(model%a))**other%power
       other%n_steps = final_steps
       call other%settle(model%a)
-      call other%evaluate([point(:model%order), coordinate], state, is_inside)
+      call other%evaluate([point(:size(point) - 1), coordinate], state, is_inside)
       call other%find_entropy(model%other_entropy, unused)
       model%other_entropy = model%other_entropy + log(model%b0)
       model%other_mean = model%b0*other%moments%mean

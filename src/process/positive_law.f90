@@ -9,14 +9,16 @@ module process_positive_law
    use core_text, only: to_text
    use numerics_constrained_maximum, only: objective_type
    use process_ar_fit, only: describe_ar, optimal_reflection
-   use process_ar_model, only: autocovariance_of, coefficients_of, innovation_std
+   use process_ar_model, only: autocovariance_of, coefficients_of, innovation_std, reflection_of
    use process_ar_sums, only: correlation_sums, sum_correlation
+   use process_maxent_direct, only: fit_direct
    use process_model, only: process_model_type, process_request
    use process_positive_exact, only: precision_of, sample_exact, sweeps_to_forget
    use process_positive_moments, only: batch_averages, estimate_autocovariance, estimate_moments, &
       new_batches, positive_moments
    use process_positive_partition, only: entropy_of_exact_law, log_partition
    use process_positive_sequential, only: memory_of, sample_sequential
+   use process_spectral_factor, only: factor_symbol
    use process_truncated_normal, only: lanes
    implicit none(type, external)
    private
@@ -34,6 +36,10 @@ module process_positive_law
       real(wp) :: wanted_length = 0.0_wp
       !> allocated: points are (factor of this shape, coordinate)
       real(wp), allocatable :: shape(:)
+      !> allocated for the direct method: G_m/G_0 of the unconstrained solution; points are (factor
+      !> of these, coordinate)
+      real(wp), allocatable :: symbol(:)
+      integer :: cut = 0                             !! lags of the imposed sums, Eq. (11); 0: infinite
       real(wp), allocatable :: companion(:)          !! coefficients of the linear companion
       real(wp), allocatable :: companion_autocovariance(:)   !! (0:n_lags), unit innovations
       !> of the companion's sums, beyond n_lags
@@ -51,6 +57,7 @@ module process_positive_law
    contains
       procedure :: evaluate
       procedure :: unfold
+      procedure :: imposed_length
       procedure(sample_law), deferred :: sample
       procedure(settle_law), deferred :: settle
       procedure(features_of_law), deferred :: features
@@ -122,7 +129,7 @@ contains
       type(error_type), allocatable, intent(out) :: error
       type(process_model_type) :: unconstrained
       type(correlation_sums) :: sums
-      real(wp), allocatable :: rho(:)
+      real(wp), allocatable :: g(:), rho(:)
       integer :: m
 
       select case (sampler)
@@ -136,12 +143,15 @@ contains
                     "': must be 'sequential' or 'exact'")
          return
       end select
-      call optimal_reflection(request%correlation, request%correlation_length, request%order, &
-                              kappa, error)
+      call solve_unconstrained(request, unconstrained, error)
       if (allocated(error)) return
-      law%companion = coefficients_of(kappa)
-      call describe_ar(law%companion, 1.0_wp, unconstrained, error)
-      if (allocated(error)) return
+      kappa = reflection_of(unconstrained%a)
+      law%companion = unconstrained%a
+      if (request%method == 'direct') then
+         g = precision_of(unconstrained%a)
+         law%symbol = g(2:)/g(1)
+         law%cut = request%order
+      end if
       call sum_correlation(kappa, sums, error)
       if (allocated(error)) return
       law%correlation = request%correlation
@@ -166,20 +176,56 @@ contains
       law%batches = new_batches(law%n_lags, n_batches)
    end subroutine prepare_law
 
-   !> Reflection coefficients and coordinate of a point.
+   !> The process without sign constraint, by the request's method.
+   subroutine solve_unconstrained(request, model, error)
+      type(process_request), intent(in) :: request
+      type(process_model_type), intent(out) :: model
+      type(error_type), allocatable, intent(out) :: error
+      type(process_request) :: unsigned
+      real(wp), allocatable :: kappa(:)
+
+      if (request%method == 'direct') then
+         unsigned = request
+         unsigned%positive = .false.
+         call fit_direct(unsigned, model)
+         if (.not. model%is_solved) call raise(error, exit_no_solution, model%reason)
+      else
+         call optimal_reflection(request%correlation, request%correlation_length, request%order, &
+                                 kappa, error)
+         if (allocated(error)) return
+         call describe_ar(coefficients_of(kappa), 1.0_wp, model, error)
+      end if
+   end subroutine solve_unconstrained
+
+   !> Reflection coefficients and coordinate of a point. Where no process is, a coefficient is 1.
    subroutine unfold(self, point, kappa, coordinate)
       class(positive_law), intent(in) :: self
       real(wp), intent(in) :: point(:)
       real(wp), allocatable, intent(out) :: kappa(:)
       real(wp), intent(out) :: coordinate
 
-      if (allocated(self%shape)) then
+      if (allocated(self%symbol)) then
+         kappa = reflection_of_symbol([1.0_wp, point(1)*self%symbol])
+      else if (allocated(self%shape)) then
          kappa = tanh(point(1)*self%shape)
       else
          kappa = tanh(point(:size(point) - 1))
       end if
       coordinate = point(size(point))
    end subroutine unfold
+
+   pure function reflection_of_symbol(symbol) result(kappa)
+      real(wp), intent(in) :: symbol(0:)
+      real(wp) :: kappa(ubound(symbol, 1))
+      real(wp) :: a(ubound(symbol, 1)), b0
+      logical :: is_positive
+
+      a = 0.0_wp
+      b0 = 1.0_wp/sqrt(symbol(0))
+      call factor_symbol(symbol, a, b0, is_positive)
+      kappa = 1.0_wp
+      if (is_positive) kappa = reflection_of(a)
+   end function reflection_of_symbol
 
    !> Ratio and length relative to what is wanted, then the features.
    subroutine evaluate(self, point, state, is_inside)
@@ -197,10 +243,23 @@ contains
       call self%sample()
       self%moments = estimate_moments(self%batches, self%companion_autocovariance, size(self%a), &
                                       self%tail_l0, self%tail_moment)
-      length = merge(self%moments%l0, self%moments%l1, self%correlation == 'L0')
+      length = self%imposed_length()
       state = [self%moments%ratio/self%wanted_ratio - 1.0_wp, length/self%wanted_length - 1.0_wp, &
                self%features()]
    end subroutine evaluate
+
+   !> The length of the last evaluation as it is imposed, infinite or cut.
+   pure function imposed_length(self) result(length)
+      class(positive_law), intent(in) :: self
+      real(wp) :: length
+      type(positive_moments) :: moments
+
+      moments = self%moments
+      if (self%cut > 0) moments = estimate_moments(self%batches, &
+                                                   self%companion_autocovariance(:self%cut), &
+                                                   self%cut, 0.0_wp, 0.0_wp)
+      length = merge(moments%l0, moments%l1, self%correlation == 'L0')
+   end function imposed_length
 
    subroutine sample_sequential_law(self)
       class(sequential_law), intent(inout) :: self

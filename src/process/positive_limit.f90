@@ -34,19 +34,19 @@ contains
       is_reached = .false.
       point(1) = 1.02_wp
       ! sum a_q tends to -1 as the factor grows: halve what is missing
-      slack = 1.0_wp + sum(coefficients_of(tanh(point(1)*law%shape)))
+      slack = slack_at(law, point(1))
       outer = point
       do i = 1, max_doublings
          inner = outer
          if (i > 1) then
             slack = 0.5_wp*slack
-            outer(1) = factor_of(law%shape, slack, inner(1))
+            outer(1) = factor_of(law, slack, inner(1))
          end if
          call match_length(law, outer, ratio, is_found)
          if (.not. is_found) exit
-         limit = max(limit, ratio)
          is_reached = ratio >= law%wanted_ratio
-         if (is_reached) exit
+         if (is_reached .or. ratio < limit) exit   ! it grows to its limit, or has a maximum
+         limit = ratio
       end do
       if (.not. is_reached) return
       do i = 1, merge(6, 0, outer(1) > point(1))   ! halve the stretch in which the ratio is passed
@@ -62,8 +62,9 @@ contains
    end subroutine follow_family
 
    !> The factor at which 1 + sum a_q is `slack`.
-   pure function factor_of(shape, slack, start) result(factor)
-      real(wp), intent(in) :: shape(:), slack
+   function factor_of(law, slack, start) result(factor)
+      class(positive_law), intent(in) :: law
+      real(wp), intent(in) :: slack
       real(wp), intent(in) :: start   !! smaller than it
       real(wp) :: factor
       real(wp) :: high, low
@@ -71,18 +72,31 @@ contains
 
       low = start
       high = start
-      do while (1.0_wp + sum(coefficients_of(tanh(high*shape))) > slack)
+      do while (slack_at(law, high) > slack)
          high = 2.0_wp*high
       end do
       do i = 1, 50
          factor = 0.5_wp*(low + high)
-         if (1.0_wp + sum(coefficients_of(tanh(factor*shape))) > slack) then
+         if (slack_at(law, factor) > slack) then
             low = factor
          else
             high = factor
          end if
       end do
    end function factor_of
+
+   !> 1 + sum a_q; 0 where there is no process any more.
+   function slack_at(law, factor) result(slack)
+      class(positive_law), intent(in) :: law
+      real(wp), intent(in) :: factor
+      real(wp) :: slack
+      real(wp), allocatable :: kappa(:)
+      real(wp) :: unused
+
+      call law%unfold([factor, 0.0_wp], kappa, unused)
+      slack = 0.0_wp
+      if (all(abs(kappa) < 1.0_wp)) slack = 1.0_wp + sum(coefficients_of(kappa))
+   end function slack_at
 
    !> The coordinate that gives the wanted length at this factor, and std/mean there. The length
    !> grows with mu, up to that of the Gaussian.
@@ -91,12 +105,14 @@ contains
       real(wp), intent(inout) :: point(2)
       real(wp), intent(out) :: ratio
       logical, intent(out) :: is_found
-      integer, parameter :: max_steps = 40
-      real(wp), allocatable :: state(:)
+      integer, parameter :: max_steps = 20
+      real(wp), allocatable :: kappa(:), state(:)
       real(wp) :: excess, high, high_excess, low, low_excess, step
       logical :: is_inside
       integer :: i
 
+      call law%unfold(point, kappa, step)
+      call law%settle(coefficients_of(kappa))
       low = -huge(1.0_wp)
       high = huge(1.0_wp)
       low_excess = 0.0_wp
