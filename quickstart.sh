@@ -6,15 +6,19 @@ cd "$(dirname "$0")"
 
 # shellcheck disable=SC2086   # one word a package
 install_packages $build_packages
-mkdir -p results/paper
 build release entroslip
 make_venv postproc/requirements.txt
 
-program=build/release/bin/entroslip
-ranks=$(nproc)
-say "The paper's friction study: input/paper.nml on $ranks ranks"
-"${mpi_run[@]}" "$ranks" $program run input/paper.nml --output results/paper/paper.h5
+# study SCENE FOLDER: everything the scene asks for, and its report.
+study() {
+  mkdir -p "results/$2"
+  "${mpi_run[@]}" "$ranks" build/release/bin/entroslip run "input/$1.nml" --output "results/$2/$1.h5"
+  .venv/bin/python -m postproc "results/$2/$1.h5" --out "results/$2"
+}
 
-say "Figures and report"
-.venv/bin/python -m postproc results/paper/paper.h5 --out results/paper
-say "Done: open results/paper/report.html"
+ranks=$(nproc)
+say "Section 2, the processes: input/paper_process.nml on $ranks ranks"
+study paper_process processes
+say "Section 3, the friction study: input/paper.nml on $ranks ranks"
+study paper paper
+say "Done: open results/paper/report.html and results/processes/report.html"
