@@ -91,19 +91,34 @@ contains
       real(wp), intent(out), optional :: velocity(:, :, :)   !! (record, dof, sample) [m/s]
       type(error_type), allocatable, intent(out) :: error
       real(wp), allocatable :: slip_begin(:, :)   ! (dof, sample) of the slip under way
-      real(wp) :: h, now
+      real(wp) :: h, now, no_velocity(0, 0, 0)
 
       allocate (slip_begin(state%n_dof, state%n_samples), source=real(state%step*self%substeps, wp))
-      if (self%has_tables .and. .not. state%keeps_ledger) then
-         call self%advance_by_tables(state, force, every, slip_begin, displacement, velocity, error)
+      if (present(velocity)) then
+         call go(velocity)
       else
-         call self%advance_by_series(state, force, every, slip_begin, displacement, velocity, error)
+         call go(no_velocity)
       end if
       if (allocated(error)) return
       state%step = state%step + ubound(force, 1)
       h = self%dt/self%substeps
       now = real(state%step*self%substeps, wp)
       where (state%direction /= 0) state%slip_time = state%slip_time + (now - slip_begin)*h
+
+   contains
+
+      subroutine go(velocity)
+         real(wp), intent(inout) :: velocity(:, :, :)
+
+         if (self%has_tables .and. .not. state%keeps_ledger) then
+            call self%advance_by_tables(state, force, every, slip_begin, displacement, velocity, &
+                                        error)
+         else
+            call self%advance_by_series(state, force, every, slip_begin, displacement, velocity, &
+                                        error)
+         end if
+      end subroutine go
+
    end subroutine advance
 
    !> In pieces whose force, with a value at every part of a step, stays in the cache.
@@ -113,8 +128,8 @@ contains
       type(block_state), intent(inout) :: state
       real(wp), intent(in) :: force(0:, :)
       integer, intent(in) :: every
-      real(wp), intent(inout) :: slip_begin(:, :), displacement(:, :, :)
-      real(wp), intent(inout), optional :: velocity(:, :, :)
+      real(wp), intent(inout) :: slip_begin(:, :)
+      real(wp), intent(inout) :: displacement(:, :, :), velocity(:, :, :)   !! each may have size 0
       type(error_type), allocatable, intent(out) :: error
       integer, parameter :: longest_piece = 8192   ! parts of steps
       real(wp), allocatable :: piece(:, :)
@@ -150,8 +165,8 @@ contains
       type(block_state), intent(inout) :: state
       real(wp), intent(in) :: force(0:, :)
       integer, intent(in) :: every
-      real(wp), intent(inout) :: slip_begin(:, :), displacement(:, :, :)
-      real(wp), intent(inout), optional :: velocity(:, :, :)
+      real(wp), intent(inout) :: slip_begin(:, :)
+      real(wp), intent(inout) :: displacement(:, :, :), velocity(:, :, :)   !! each may have size 0
       type(error_type), allocatable, intent(out) :: error
       type(lane_group) :: group
       integer :: l, next, part(lanes), record(lanes)   ! parts of steps done, and records made
@@ -210,7 +225,7 @@ contains
                record(l) = record(l) + 1
                associate (w => group%sample(l), n => state%n_dof, h => group%taylor%h)
                   displacement(record(l), :, w) = group%x(l, 1:n, 0)
-                  if (present(velocity)) velocity(record(l), :, w) = group%x(l, 1:n, 1)/h
+                  if (size(velocity) > 0) velocity(record(l), :, w) = group%x(l, 1:n, 1)/h
                end associate
             end if
          end if

@@ -96,7 +96,7 @@ contains
       integer :: i, k, n
 
       n = self%n
-      g = self%free
+      allocate (g, source=self%free)
       do i = 1, n
          if (btest(pattern, i - 1)) g(n + i, i) = g(n + i, i) - self%contact(i)
       end do
@@ -104,7 +104,7 @@ contains
       do i = 1, size(g, 1)
          term(i, i) = 1.0_wp
       end do
-      total = term
+      allocate (total, source=term)
       factorial = 1.0_wp
       do k = 0, terms
          if (k > 0) then

@@ -75,7 +75,8 @@ contains
       batch%sense(l) = merge(sample(i, at_direction), sign(1.0_wp, extension), stick > 0.5_wp)
       batch%gain(l) = (1.0_wp - 2.0_wp*stick)*contact(i)
       held = (1.0_wp - stick)*contact(i)
-      batch%limit(l) = sample(i, at_slider) + batch%sense(l)*min(sample(i, at_reach), abs(extension))
+      batch%limit(l) = sample(i, at_slider) + &
+                       batch%sense(l)*min(sample(i, at_reach), abs(extension))
       batch%ends(l, 1:2) = sample(i, x0:x0 + 1)
       batch%ends(l, 3) = load(i, 0) + contact(i)*sample(i, at_anchor) - held*sample(i, x0) - &
                          sum(pull(:, 1, i)*sample(:, x0) + pull(:, 2, i)*sample(:, x0 + 1))

@@ -55,8 +55,7 @@ contains
       integer, intent(in) :: spacing                     !! steps from record to record
       integer, intent(in) :: n_recorded                  !! records already made
       real(wp), intent(inout) :: slip_begin(:, :)        !! (dof, sample) [steps]
-      real(wp), intent(inout) :: displacement(:, :, :)
-      real(wp), intent(inout), optional :: velocity(:, :, :)
+      real(wp), intent(inout) :: displacement(:, :, :), velocity(:, :, :)   !! each may have size 0
       type(error_type), allocatable, intent(out) :: error
       type(schedule_type) :: schedule
       real(wp), allocatable :: pool(:)
@@ -84,8 +83,7 @@ contains
       type(block_state), intent(inout) :: state
       integer, intent(in) :: n_forces, spacing
       real(wp), intent(in) :: force(0:n_forces - 1), begin
-      real(wp), intent(inout) :: slip_begin(:, :), displacement(:, :, :)
-      real(wp), intent(inout), optional :: velocity(:, :, :)
+      real(wp), intent(inout) :: slip_begin(:, :), displacement(:, :, :), velocity(:, :, :)
       type(schedule_type), intent(inout) :: todo
       real(wp), intent(inout) :: sample(width, sample_size, state%n_samples)
       type(error_type), allocatable, intent(out) :: error
@@ -189,7 +187,7 @@ contains
          now = begin + (todo%position(w) - todo%origin(w)) + batch%tau(l)
          stick = nint(batch%is_stick(l))
          kind = (1 - stick)*nint(batch%sense(l))
-         sample(i, at_slider, w) = batch%x(l) - batch%sense(l)*sample(i, at_reach, w)   ! it follows a slip
+         sample(i, at_slider, w) = batch%x(l) - batch%sense(l)*sample(i, at_reach, w)
          sample(i, at_direction, w) = kind
          state%stick_starts(i, w) = state%stick_starts(i, w) + stick
          state%slip_starts(i, w) = state%slip_starts(i, w) + (1 - stick)
@@ -368,8 +366,7 @@ contains
       integer, intent(in) :: n, list(:), place(:), spacing
       real(wp), intent(in) :: sample(width, sample_size, *), h
       integer, intent(inout) :: due(:), made(:)
-      real(wp), intent(inout) :: displacement(:, :, :)
-      real(wp), intent(inout), optional :: velocity(:, :, :)
+      real(wp), intent(inout) :: displacement(:, :, :), velocity(:, :, :)   !! each may have size 0
       integer :: a, i, w
 
       do a = 1, size(list)
@@ -377,7 +374,9 @@ contains
          do i = 1, n
             displacement(made(w), i, w) = sample(i, at_state + 2*place(w), w)
          end do
-         if (present(velocity)) velocity(made(w), :, w) = sample(:n, at_state + 2*place(w) + 1, w)/h
+         if (size(velocity) > 0) then
+            velocity(made(w), :, w) = sample(:n, at_state + 2*place(w) + 1, w)/h
+         end if
          made(w) = made(w) + 1
          due(w) = due(w) + spacing
       end do
