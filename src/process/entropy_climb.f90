@@ -9,7 +9,8 @@ module process_entropy_climb
    use process_reciprocal_symbol, only: reciprocal_workspace, symbol_evaluation
    implicit none(type, external)
    private
-   public :: climb_state, begin_climb, evaluate_climb, weak_multiplier, touching_multiplier, steepest
+   public :: climb_state, begin_climb, evaluate_climb, steepest, touching_multiplier, &
+             weak_multiplier
 
    !> One concave maximization: which x_m move, and where they are.
    type :: climb_state
@@ -73,7 +74,7 @@ contains
       type(reciprocal_workspace), intent(inout) :: workspace
       real(wp) :: delta
       real(wp), allocatable :: values(:)
-      real(wp) :: lowest, t
+      real(wp) :: bend, lowest, t
       integer :: j, m, n, step
 
       call workspace%values_on_circle(along, values)
@@ -83,10 +84,11 @@ contains
       t = 8.0_wp*atan(1.0_wp)*j/n
       if (j > 0 .and. j < n/2) then   ! between the points
          do step = 1, 4
-            t = t - sum([(m*along(m)*sin(m*t), m=1, ubound(along, 1))])/ &
-                sum([(m**2*along(m)*cos(m*t), m=1, ubound(along, 1))])
-            lowest = min(lowest, along(0) + 2.0_wp*sum([(along(m)*cos(m*t), m=1, ubound(along, &
-                  1))]))
+            bend = sum([(m**2*along(m)*cos(m*t), m=1, ubound(along, 1))])
+            if (.not. abs(bend) > 0.0_wp) exit
+            t = t - sum([(m*along(m)*sin(m*t), m=1, ubound(along, 1))])/bend
+            lowest = min(lowest, along(0) + &
+                         2.0_wp*sum([(along(m)*cos(m*t), m=1, ubound(along, 1))]))
          end do
       end if
       delta = huge(1.0_wp)

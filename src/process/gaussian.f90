@@ -74,7 +74,7 @@ contains
       allocate (window(size(values) + 2*margin))
       call factor_banded_toeplitz(symbol_of_process(model%a, model%b0), size(window), factor, &
                                   is_positive)
-      if (.not. is_positive) error stop 'draw_gaussian_banded: the model is not a stationary process'
+      if (.not. is_positive) error stop 'draw_gaussian_banded: the model is not stationary'
       call stream%normals(window)
       call factor%solve_transposed(window)
       values = model%mu + window(margin + 1:margin + size(values))

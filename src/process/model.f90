@@ -57,9 +57,9 @@ module process_model
       real(wp) :: other_mean = 0.0_wp, other_std = 0.0_wp, other_l0 = 0.0_wp, other_entropy = 0.0_wp
       integer, allocatable :: signs(:)           !! direct: s_m
       real(wp) :: delta = 0.0_wp, lambda_3 = 0.0_wp   !! direct
-      type(process_solution), allocatable :: solutions(:)   !! direct: the consistent ones, best first, 100 at most
+      type(process_solution), allocatable :: solutions(:)   !! direct: the best, at most 100
       integer :: n_examined = 0                  !! direct: sign sequences examined
-      integer :: n_consistent = 0                !! direct: of them, solutions; 0 where only the best was looked for
+      integer :: n_consistent = 0                !! direct: of them, solutions; 0: not counted
       real(wp) :: entropy_ceiling = 0.0_wp       !! direct: no sign sequence has more, proved [nat]
       character(:), allocatable :: search        !! direct: how the signs were found
    end type process_model_type

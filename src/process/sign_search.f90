@@ -63,13 +63,15 @@ contains
       type(sequence_bound) :: bound
       integer, allocatable :: positions(:)
       integer :: signs(size(constraint%rewarded))
-      integer(long) :: index, n
+      integer(long) :: first, index, longer, n
 
       n = count_sequences(constraint)
       positions = searched_positions(constraint)
       if (present(known)) call bound%prepare(constraint, known)
       allocate (found(0))
-      do index = n*(part - 1)/n_parts, n*part/n_parts - 1
+      longer = modulo(n, int(n_parts, long))   ! parts that have one sequence more
+      first = n/n_parts*(part - 1) + min(int(part - 1, long), longer)
+      do index = first, first + n/n_parts - merge(0, 1, part <= longer)
          signs = signs_of(constraint, positions, index)
          result%n_examined = result%n_examined + 1
          if (present(known)) then

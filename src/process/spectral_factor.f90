@@ -60,7 +60,7 @@ contains
    !! half of change/|B|^2.
    pure function change_of_factor(factor, reciprocal, change) result(step)
       real(wp), intent(in) :: factor(0:)       !! B = [1, a]/b0
-      real(wp), intent(in) :: reciprocal(0:)   !! Fourier coefficients of 1/|B|^2, to twice the order
+      real(wp), intent(in) :: reciprocal(0:)   !! coefficients of 1/|B|^2, to twice the order
       real(wp), intent(in) :: change(0:)       !! of the symbol, (0:order)
       real(wp) :: step(0:ubound(factor, 1))
       real(wp) :: both_sides(-ubound(reciprocal, 1):ubound(reciprocal, 1)), ratio(0:ubound(factor, &
@@ -106,7 +106,7 @@ contains
    pure subroutine reciprocal_of_process(a, b0, reciprocal, is_stable)
       real(wp), intent(in) :: a(:), b0
       real(wp), intent(out) :: reciprocal(0:)
-      logical, intent(out) :: is_stable   !! false: not all poles inside the circle, nothing computed
+      logical, intent(out) :: is_stable   !! false: poles outside the circle, nothing computed
       real(wp) :: kappa(size(a))
 
       kappa = reflection_of(a)
