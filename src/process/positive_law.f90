@@ -39,7 +39,7 @@ module process_positive_law
       !> allocated for the direct method: G_m/G_0 of the unconstrained solution; points are (factor
       !> of these, coordinate)
       real(wp), allocatable :: symbol(:)
-      integer :: cut = 0                             !! lags of the imposed sums, Eq. (11); 0: infinite
+      integer :: cut = 0                             !! lags of imposed sums, Eq. (11); 0: all
       real(wp), allocatable :: companion(:)          !! coefficients of the linear companion
       real(wp), allocatable :: companion_autocovariance(:)   !! (0:n_lags), unit innovations
       !> of the companion's sums, beyond n_lags

@@ -1,8 +1,8 @@
 !> Normalizing constant and entropy of the exact law of Eq. (25), by integration over mu.
 !>
-!> With z = x/b0 the density is exp(psi-independent quadratic form + field sum z); psi is ln of its
-!> integral per point. d psi/d field = E[z], and d ln Lambda/d mu = p_X(0): both averages are
-!> sampled at Gauss nodes on the way from the Gaussian law, where psi is known.
+!> With z = x/b0 the density is exp(- z'Gz/2 + field sum z)/Z, and psi is ln Z per point. Since
+!> d psi/d field = E[z] and d ln Lambda/d mu = p_X(0), averages sampled at Gauss nodes on the way from
+!> the Gaussian law, where psi is known, give psi.
 module process_positive_partition
    use core_kinds, only: wp
    use core_random, only: stream_type
