@@ -35,6 +35,8 @@ def make_tables(results: Results) -> list[Table]:
     tables = []
     if results.processes:
         tables.append(table_processes(results))
+        if any("other_mean" in data for data in results.processes.values()):
+            tables.append(table_laws(results))
     if results.chain is not None:
         tables.append(table_frequencies(results))
     if results.deterministic:
@@ -112,6 +114,27 @@ def table_processes(results: Results) -> Table:
         rows.append((name, wanted, model, *found, status))
     note = "Entropies in nats per point. Standard errors in brackets, in units of the last digits."
     return Table("processes", "Processes", header, rows, note)
+
+
+def table_laws(results: Results) -> Table:
+    """How far apart the two laws of positive processes are, for these very processes."""
+    rows = []
+    for name, data in results.processes.items():
+        if "other_mean" not in data:
+            continue
+        row = [name, str(data.attrs["sampler"])]
+        for ours, other in (("mean_found", "mean"), ("std_found", "std"), ("L0", "L0"),
+                            ("entropy", "entropy")):  # fmt: skip
+            row += [f"{float(data[ours]):.5f}", f"{float(data[f'other_{other}']):.5f}"]
+        rows.append(tuple(row))
+    header = ["process", "law"]
+    for name in ("mean", "std", "L0", "entropy"):
+        header += [name, "other law"]
+    note = (
+        "One-at-a-time rejection (sequential) and Eq. 25 on the positive orthant (exact) are two"
+        " laws: under the same a, b0 and mu they give what stands side by side."
+    )
+    return Table("laws", "Two laws of positive processes", tuple(header), rows, note)
 
 
 def _with_error(data: object, name: str) -> str:

@@ -40,6 +40,7 @@ contains
          call write_recursion(group, model)
          call write_correlation(group, model)
          call write_entropies(group, model)
+         if (model%request%positive) call write_other_law(group, model)
          if (allocated(model%signs)) call write_direct(group, model)
       end if
       if (present(realizations)) call write_realizations(group, realizations)
@@ -129,6 +130,18 @@ contains
                            'geometric mean over the past of the probability to accept')
    end subroutine write_entropies
 
+   !> How far the other law is from the one asked for: what the same parameters give under it.
+   subroutine write_other_law(group, model)
+      type(group_type), intent(inout) :: group
+      type(process_model_type), intent(in) :: model
+      character(*), parameter :: same = ' of the other law with the same a, b0 and mu'
+
+      call group%put_value('other_mean', model%other_mean, 'unit of x', 'mean'//same)
+      call group%put_value('other_std', model%other_std, 'unit of x', 'standard deviation'//same)
+      call group%put_value('other_L0', model%other_l0, 'lag', 'correlation length'//same)
+      call group%put_value('other_entropy', model%other_entropy, 'nat', 'entropy per point'//same)
+   end subroutine write_other_law
+
    !> Multipliers of the direct method, and all solutions that its sign search found.
    subroutine write_direct(group, model)
       type(group_type), intent(inout) :: group
@@ -140,6 +153,12 @@ contains
                      label_type('1', 'sign s_m of the autocovariance', 'sign'))
       call group%put_value('delta', model%delta, '1', 'multiplier lambda_2/lambda_3')
       call group%put_value('lambda_3', model%lambda_3, '1', 'multiplier of the variance')
+      if (allocated(model%search)) call group%attribute('search', model%search)
+      call group%attribute('n_examined', model%n_examined)
+      call group%attribute('n_consistent', model%n_consistent)
+      if (model%entropy_ceiling > 0.0_wp) &
+         call group%put_value('entropy_ceiling', model%entropy_ceiling, 'nat', &
+                              'entropy per point that no sign sequence exceeds')
       if (.not. allocated(model%solutions)) return
       n = size(model%solutions)
       call group%put('solution', counted(n), label_type('1', 'number of the solution', 'solution'))
