@@ -29,7 +29,7 @@ program bench_process_ar
 
 contains
 
-   !> The fit alone, and with the searches of other shapes that `fit_process` adds: the best of several.
+   !> The fit alone, and with the searches of other shapes of `fit_process`: the best of several.
    subroutine report(request)
       type(process_request), intent(in) :: request
       integer, parameter :: repetitions = 5
@@ -50,8 +50,8 @@ contains
          if (.not. model%is_solved) error stop model%reason
          best = min(best, 1.0e3_wp*(time(2:) - time(:2)))
       end do
-      print '(a, f6.1, i4, f15.10, es10.1, 2f9.3)', request%correlation, request%correlation_length, &
-         request%order, model%entropy, model%optimality, best
+      print '(a, f6.1, i4, f15.10, es10.1, 2f9.3)', request%correlation, &
+         request%correlation_length, request%order, model%entropy, model%optimality, best
    end subroutine report
 
 end program bench_process_ar

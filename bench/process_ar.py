@@ -3,9 +3,9 @@
     cmake --build --preset release --target benchmarks
     python bench/process_ar.py build/release/bin/bench_process_ar
 
-The Python search maximizes the entropy in atanh(kappa) under the correlation length summed over enough lags,
-from random starts, with SLSQP's own differences. Its time is that of one start; its share is how many of the
-starts end within 1e-6 nat of the best. Needs numpy and scipy.
+The Python search maximizes the entropy in atanh(kappa) under the correlation length summed over
+enough lags, from random starts, with SLSQP's own differences. Its time is that of one start; its
+share is how many of the starts end within 1e-6 nat of the best. Needs numpy and scipy.
 """
 
 import os
@@ -33,7 +33,7 @@ def coefficients(kappa: np.ndarray) -> np.ndarray:
 
 
 def length(definition: str, kappa: np.ndarray, n_lags: int) -> float:
-    """Eq. (8) or (9) of the autocorrelation, which is the autocorrelation of the impulse response."""
+    """Eq. (8) or (9) of the autocorrelation, that of the impulse response."""
     impulse = np.zeros(n_lags)
     impulse[0] = 1.0
     response = np.fft.rfft(lfilter([1.0], coefficients(kappa), impulse), 2 * n_lags)
@@ -46,35 +46,49 @@ def length(definition: str, kappa: np.ndarray, n_lags: int) -> float:
 def search(definition: str, target: float, order: int, rng: np.random.Generator) -> float:
     """Entropy where one search from a random start ends; -inf where it fails."""
     n_lags = int(400 * (1 + target))
+
+    def excess(x: np.ndarray) -> float:
+        return length(definition, np.tanh(x), n_lags) - target
+
     found = minimize(
         lambda x: np.log(np.cosh(x)).sum(),
         rng.normal(scale=0.3, size=order),
         method="SLSQP",
-        constraints={"type": "eq", "fun": lambda x: length(definition, np.tanh(x), n_lags) - target},
+        constraints={"type": "eq", "fun": excess},
         options={"ftol": 1e-12, "maxiter": 500},
     )
-    reached = abs(length(definition, np.tanh(found.x), n_lags) - target) < 1e-6
-    return HALF_LOG_TWO_PI_E - found.fun if reached else -np.inf
+    return HALF_LOG_TWO_PI_E - found.fun if abs(excess(found.x)) < 1e-6 else -np.inf
 
 
 def main(program: str) -> None:
-    lines = subprocess.run([program], capture_output=True, text=True, check=True).stdout.splitlines()
-    print("            ------- entroslip ----------------   ---- scipy, one of 10 starts ----   CPU time,")
-    print("     L   M       entropy  residual   fit, rivals   best entropy   share        ms   one start/fit")
-    for line in lines[1:]:
+    """Print the table: a line for each case of the Fortran program."""
+    done = subprocess.run([program], capture_output=True, text=True, check=True)
+    print(
+        "            ------- entroslip ----------------"
+        "   ---- scipy, one of 10 starts ----   CPU time,"
+    )
+    print(
+        "     L   M       entropy  residual   fit, rivals"
+        "   best entropy   share        ms   one start/fit"
+    )
+    for line in done.stdout.splitlines()[1:]:
         definition, target, order, entropy, residual, fit_ms, rivals_ms = line.split()
+        fitted = f"{definition} {target:>4} {order:>3} {entropy} {residual:>9}"
+        fitted += f" {fit_ms:>6} {rivals_ms:>6}"
         if int(order) > 10:
-            print(f"{definition} {target:>4} {order:>3} {entropy} {residual:>9} {fit_ms:>6} {rivals_ms:>6}")
+            print(fitted)
             continue
         rng = np.random.default_rng(2016)
         start = time.process_time()
         with np.errstate(all="ignore"):
-            found = np.array([search(definition, float(target), int(order), rng) for _ in range(N_STARTS)])
+            found = np.array(
+                [search(definition, float(target), int(order), rng) for _ in range(N_STARTS)]
+            )
         python_ms = 1e3 * (time.process_time() - start) / N_STARTS
         share = np.mean(found > found.max() - 1e-6)
         print(
-            f"{definition} {target:>4} {order:>3} {entropy} {residual:>9} {fit_ms:>6} {rivals_ms:>6}"
-            f"   {found.max():12.8f}   {share:5.0%} {python_ms:9.1f} {python_ms / float(fit_ms):12.0f}"
+            f"{fitted}   {found.max():12.8f}   {share:5.0%}"
+            f" {python_ms:9.1f} {python_ms / float(fit_ms):12.0f}"
         )
 
 

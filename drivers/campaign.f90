@@ -1,4 +1,4 @@
-!> What the commands have in common: from the command line to a plan, and from a plan to solved processes.
+!> What the commands have in common: from the command line to a plan, from a plan to processes.
 module driver_campaign
    use config_force_file, only: check_force, force_label, read_force_text
    use config_plan, only: build_plan
@@ -27,7 +27,7 @@ contains
       type(command_line), intent(in) :: line
       type(scene_type), intent(out) :: scene
       type(plan_type), intent(out) :: plan
-      real(wp), allocatable, intent(out) :: force(:, :)   !! (0:n_steps, 1 or sample) [N]; none: size 0
+      real(wp), allocatable, intent(out) :: force(:, :)   !! (0:n_steps, 1 or sample) [N], or empty
       type(error_type), allocatable, intent(out) :: error
       type(complaint_list) :: complaints
 
@@ -37,9 +37,10 @@ contains
       if (complaints%n > 0) call raise(error, exit_bad_input, complaints%text)
    end subroutine load_plan
 
+   !> The file's records, and what the scene wants to know of them.
    subroutine load_force(scene, force, complaints)
       type(scene_type), intent(inout) :: scene
-      real(wp), allocatable, intent(out) :: force(:, :)
+      real(wp), allocatable, intent(out) :: force(:, :)   !! (0:n_steps, 1 or sample) [N], or empty
       type(complaint_list), intent(inout) :: complaints
       type(error_type), allocatable :: error
       real(wp), allocatable :: record(:)
@@ -68,7 +69,7 @@ contains
    !> What --output says, or the scene's name in the current directory with an ending.
    function output_path(line, ending) result(path)
       type(command_line), intent(in) :: line
-      character(*), intent(in) :: ending   !! '.h5', '_tradeoff.h5'
+      character(*), intent(in) :: ending   !! '.h5', '_c007_s0042.h5'
       character(:), allocatable :: path
       integer :: dot
 
@@ -82,8 +83,8 @@ contains
       path = path//ending
    end function output_path
 
-   !> Each process once, spread over the ranks, the longest first; all ranks get all models; collective.
-   !> When a stop is requested meanwhile, the rest stays unsolved, without a reason.
+   !> Each process once, spread over the ranks, the longest first; all ranks get all models. When a
+   !> stop is requested meanwhile, the rest stays unsolved, without a reason. Collective.
    subroutine solve_processes(world, plan, models)
       type(world_type), intent(in) :: world
       type(plan_type), intent(in) :: plan
@@ -117,7 +118,7 @@ contains
       end do
    end subroutine solve_processes
 
-   !> An error where a campaign needs a process that has no solution, or where there is none to write.
+   !> An error where a campaign needs a process that has no solution, or where none has one.
    subroutine refuse_unsolved(plan, models, error)
       type(plan_type), intent(in) :: plan
       type(process_model_type), intent(in) :: models(:)

@@ -1,4 +1,4 @@
-!> `entroslip check`: a scene read and checked, and what running it would mean. Nothing is run or written.
+!> `entroslip check`: a scene read and checked, and what running it would mean. Writes nothing.
 module driver_check
    use, intrinsic :: iso_fortran_env, only: output_unit
    use config_scene, only: scene_type

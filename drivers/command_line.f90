@@ -1,25 +1,28 @@
 !> What the user typed: a command, a scene, options.
 module driver_command_line
+   use config_spelling, only: nearest_name
    use core_error, only: error_type, exit_bad_input, raise
    implicit none(type, external)
    private
    public :: command_line, read_command_line, help_text
 
+   !> The arguments, sorted out.
    type :: command_line
-      character(:), allocatable :: command             !! run, check, tradeoff, replay, template, help, version
-      character(:), allocatable :: scene               !! path of the scene file
-      character(:), allocatable :: output              !! path of the results file
-      character(:), allocatable :: overrides(:)        !! group%name=value, in the order typed
+      character(:), allocatable :: command        !! one of `commands`, help or version
+      character(:), allocatable :: scene          !! path of the scene file
+      character(:), allocatable :: output         !! path of the results file
+      character(:), allocatable :: overrides(:)   !! group%name=value, in the order typed
       logical :: is_fresh = .false.
       logical :: is_quiet = .false.
-      integer :: case_number = 0                       !! replay; counts from 1
-      integer :: sample = 0                            !! replay; counts from 1
+      integer :: case_number = 0                  !! replay; counts from 1
+      integer :: sample = 0                       !! replay; counts from 1
    end type command_line
 
-   character(*), parameter :: commands(*) = [character(8) :: &
-                                             'run', 'check', 'replay', 'template']
-   character(*), parameter :: options(*) = [character(9) :: '--output', '--fresh', '--set', '--quiet', &
-                                            '--case', '--sample', '--help', '--version']
+   character(*), parameter :: commands(*) = &
+                              [character(8) :: 'run', 'check', 'replay', 'template']
+   character(*), parameter :: options(*) = &
+                              [character(9) :: '--output', '--fresh', '--set', '--quiet', &
+                                                '--case', '--sample', '--help', '--version']
 
 contains
 
@@ -55,11 +58,10 @@ contains
             value = argument(i)
             call take_value(line, word, value, error)
          else if (index(word, '-') == 1) then
-            call raise(error, exit_bad_input, 'unknown option '//word//'; there are '//listed(options))
+            call refuse_unknown('option', word, options, error)
          else if (.not. allocated(line%command)) then
             line%command = word
-            if (.not. any(word == commands)) call raise(error, exit_bad_input, 'unknown command '// &
-                                                        word//'; there are '//listed(commands))
+            if (.not. any(word == commands)) call refuse_unknown('command', word, commands, error)
          else if (.not. allocated(line%scene)) then
             line%scene = word
          else
@@ -95,6 +97,22 @@ contains
          call raise(error, exit_bad_input, option//' '//value//': needs a whole number from 1')
    end subroutine take_value
 
+   !> A word that nobody knows, with the nearest that is known, or else all of them.
+   subroutine refuse_unknown(what, word, known, error)
+      character(*), intent(in) :: what, word, known(:)
+      type(error_type), allocatable, intent(out) :: error
+      character(len(known)) :: nearest
+
+      nearest = nearest_name(word, known)
+      if (nearest /= '') then
+         call raise(error, exit_bad_input, 'unknown '//what//' '//word//', did you mean '// &
+                    trim(nearest)//'?')
+      else
+         call raise(error, exit_bad_input, 'unknown '//what//' '//word//'; there are '// &
+                    listed(known))
+      end if
+   end subroutine refuse_unknown
+
    !> What a command cannot do without, or does not take.
    subroutine check_together(line, error)
       type(command_line), intent(inout) :: line
@@ -115,27 +133,29 @@ contains
       end if
    end subroutine check_together
 
+   !> One screen of a terminal: 24 lines of 80 columns.
    pure function help_text() result(text)
       character(:), allocatable :: text
       character, parameter :: nl = new_line('a')
 
-      text = 'entroslip: maximum-entropy uncertain properties, and the vibration of structures held by friction' &
-             //nl//nl// &
+      text = 'entroslip: maximum-entropy uncertain properties, and the vibration of'//nl// &
+             'structures held by friction'//nl//nl// &
              'usage: [mpirun -n RANKS] entroslip COMMAND [SCENE] [options]'//nl//nl// &
-             '  run SCENE       everything the scene asks for; continues where an interrupted run stopped'//nl// &
-             '  check SCENE     read and validate, print what will run, its cost and memory; no work'//nl// &
-             '  replay SCENE    one sample again, alone, with its full history (--case, --sample)'//nl// &
+             '  run SCENE       all that the scene asks for; continues an interrupted run'//nl// &
+             '  check SCENE     read and validate; what would run, its cost and memory'//nl// &
+             '  replay SCENE    one sample again, with its full history (--case, --sample)'//nl// &
              '  template        print a complete commented scene'//nl//nl// &
              '  --output FILE   results file; default SCENE.h5 in the current directory'//nl// &
              '  --fresh         discard what an earlier run of the scene left'//nl// &
-             '  --set G%N=V     override one value of the scene: --set integration%n_steps=2000; repeatable'//nl// &
+             '  --set G%N=V     override a value: --set campaign%n_samples=20; repeatable'//nl// &
              '  --case I        replay: case number, from 1'//nl// &
              '  --sample J      replay: sample number, from 1'//nl// &
              '  --quiet         no progress, no summary'//nl// &
+             '  --help          this text'//nl// &
              '  --version       version, compiler, flags, libraries'//nl//nl// &
-             'exit codes: 0 done; 2 bad usage, scene or input file; 3 a file cannot be written, is locked, damaged'// &
-             nl// &
-             'or foreign; 4 no solution, or a target out of reach; 75 stopped early, start again to continue'
+             'exit codes: 0 done; 2 bad usage, scene or input file; 3 a file cannot be'//nl// &
+             'written, is locked, damaged or foreign; 4 no solution, or a target out of'//nl// &
+             'reach; 75 stopped early, start again to continue'
    end function help_text
 
    !> The i-th argument.

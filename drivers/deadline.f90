@@ -18,12 +18,14 @@ contains
       call catch_stop_signals()
    end subroutine start_watch
 
+   !> The run is to end after so long.
    subroutine set_limit(walltime)
       real(wp), intent(in) :: walltime   !! [min]; 0: none
 
       limit = 60.0_wp*walltime
    end subroutine set_limit
 
+   !> Since start_watch [s].
    function seconds_so_far() result(seconds)
       real(wp) :: seconds
       integer(long) :: now, rate

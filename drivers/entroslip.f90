@@ -1,4 +1,4 @@
-!> entroslip: maximum-entropy uncertain properties, and the vibration of structures held by friction.
+!> Maximum-entropy uncertain properties, and the vibration of structures held by friction.
 program entroslip
    use, intrinsic :: iso_fortran_env, only: error_unit, output_unit
    use config_template, only: template_text
@@ -15,7 +15,7 @@ program entroslip
    call read_command_line(line, error)
    if (allocated(error)) then
       write (error_unit, '(a)') 'entroslip: '//error%message
-      stop error%exit_code, quiet=.true.
+      stop error%exit_code, quiet = .true.
    end if
    select case (line%command)
    case ('run')

@@ -36,8 +36,8 @@ module driver_output
 
 contains
 
-   !> Locks the output and finds what is finished; ends the run where it may not be written; collective.
-   !> A replay, whose file has an ending of its own, starts anew.
+   !> Locks the output and finds what is finished; ends the run where it may not be written. A
+   !> replay, whose file has an ending of its own, starts anew. Collective.
    subroutine open_output(world, line, scene, plan, output, replay_ending)
       type(world_type), intent(in) :: world
       type(command_line), intent(in) :: line
@@ -54,13 +54,16 @@ contains
       end if
       output%store = new_store(output%path, identity_of(scene))
       output%is_quiet = line%is_quiet .or. .not. world%is_root()
-      allocate (output%is_finished(maxval([plan%cases%n_samples, 0]), size(plan%cases)), source=.false.)
-      if (world%is_root()) call find_finished(line%is_fresh .or. present(replay_ending), plan, output, error)
+      allocate (output%is_finished(maxval([plan%cases%n_samples, 0]), size(plan%cases)), &
+                source=.false.)
+      if (world%is_root()) &
+         call find_finished(line%is_fresh .or. present(replay_ending), plan, output, error)
       call output%stop_on(world, error)
       call world%broadcast(output%is_complete)
       call share_finished(world, output)
    end subroutine open_output
 
+   !> Takes the lock, clears away what no run can use, and lists the samples that are there.
    subroutine find_finished(starts_anew, plan, output, error)
       logical, intent(in) :: starts_anew
       type(plan_type), intent(in) :: plan
@@ -92,12 +95,13 @@ contains
             output%is_finished(:n, c) = finished_samples(shards, c, n)
          end associate
       end do
-      if (any(output%is_finished)) call output%say('continuing: '//to_text(count(output%is_finished))// &
-                                                   ' of '//to_text(sum(plan%cases%n_samples))// &
-                                                   ' samples are there')
+      if (any(output%is_finished)) &
+         call output%say('continuing: '//to_text(count(output%is_finished))//' of '// &
+                         to_text(sum(plan%cases%n_samples))//' samples are there')
    end subroutine find_finished
 
-   !> A results file that is there already: complete, or fewer samples than wanted now, which go on as shards.
+   !> A results file that is there already: complete, or with fewer samples than are wanted now,
+   !> which go on as shards.
    subroutine take_up_results(plan, output, error)
       type(plan_type), intent(in) :: plan
       type(output_type), intent(inout) :: output

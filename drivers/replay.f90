@@ -53,7 +53,8 @@ contains
       end if
       call output%stop_on(world, error)
       call end_if_asked(world, output)
-      if (world%is_root()) call write_results(line, scene, runner%plan, models, runner, output, world%n_ranks, error)
+      if (world%is_root()) call write_results(line, scene, runner%plan, models, runner, output, &
+                                              world%n_ranks, error)
       call output%stop_on(world, error)
       call output%say(output%path)
       call output%release()
@@ -67,8 +68,8 @@ contains
       type(error_type), allocatable, intent(out) :: error
 
       if (line%case_number > size(plan%cases)) then
-         call raise(error, exit_bad_input, '--case '//to_text(line%case_number)//': the scene has '// &
-                    to_text(size(plan%cases))//' cases')
+         call raise(error, exit_bad_input, '--case '//to_text(line%case_number)// &
+                    ': the scene has '//to_text(size(plan%cases))//' cases')
       else if (line%sample > plan%cases(line%case_number)%n_samples) then
          call raise(error, exit_bad_input, '--sample '//to_text(line%sample)//': case '// &
                     to_text(line%case_number)//' has '// &
@@ -119,8 +120,10 @@ contains
       real(wp), allocatable :: friction(:, :)
       logical :: is_abandoned
 
-      call draw_friction(runner%plan, models, block_range(line%case_number, line%sample, line%sample), friction)
-      call run_block(runner, line%case_number, friction, line%sample, time_to_stop, result, is_abandoned, error)
+      call draw_friction(runner%plan, models, &
+                         block_range(line%case_number, line%sample, line%sample), friction)
+      call run_block(runner, line%case_number, friction, line%sample, time_to_stop, result, &
+                     is_abandoned, error)
       if (allocated(error) .or. is_abandoned) return
       result%first_sample = 1
       runner%plan%cases%n_samples = 0

@@ -41,7 +41,8 @@ contains
       type(error_type), allocatable, intent(out) :: error
       type(results_writer) :: writer
 
-      call begin_results(output%path, provenance_of(scene, line%overrides, plan%title, n_ranks), writer, error)
+      call begin_results(output%path, &
+                         provenance_of(scene, line%overrides, plan%title, n_ranks), writer, error)
       if (allocated(error)) return
       call write_contents(plan, models, runner, output, writer, error)
       if (allocated(error)) then
@@ -52,6 +53,7 @@ contains
       if (.not. allocated(error)) call remove_store(output%store, error)
    end subroutine write_results
 
+   !> Processes, then the chain, then case by case.
    subroutine write_contents(plan, models, runner, output, writer, error)
       type(plan_type), intent(in) :: plan
       type(process_model_type), intent(in) :: models(:)
@@ -63,7 +65,8 @@ contains
       integer :: i
 
       do i = 1, size(models)
-         if (.not. (models(i)%is_solved .or. allocated(models(i)%reason))) cycle   ! not needed for a replay
+         ! neither solved nor refused: a replay did not need it
+         if (.not. (models(i)%is_solved .or. allocated(models(i)%reason))) cycle
          call write_process_of(plan, i, models(i), writer, error)
          if (allocated(error)) return
       end do
@@ -77,28 +80,33 @@ contains
 
    contains
 
+      !> The statistics of a case over its samples, and its group of the file.
       subroutine finish_case(number)
          integer, intent(in) :: number
          type(block_result) :: samples
          type(case_statistics) :: statistics
          real(wp), allocatable :: force(:, :)   ! (0:n_steps, 1 or sample) [N]
 
-         call read_samples(output%store, shards, number, plan%cases(number)%n_samples, samples, error)
+         call read_samples(output%store, shards, number, plan%cases(number)%n_samples, samples, &
+                           error)
          if (allocated(error)) return
          if (samples%n_samples > 1) then
             call slip_statistics(samples%slip_fraction, statistics)
-            if (plan%output%spectrum) call find_bands(plan, number, runner, output, shards, statistics, error)
+            if (plan%output%spectrum) &
+               call find_bands(plan, number, runner, output, shards, statistics, error)
          end if
          if (allocated(error)) return
          if (.not. plan%output%history) then
-            call write_case(writer, plan, number, samples, runner%layout, statistics, output%store, shards, error)
+            call write_case(writer, plan, number, samples, runner%layout, statistics, &
+                            output%store, shards, error)
             return
          end if
-         allocate (force(0:plan%integration%n_steps, merge(samples%n_samples, 1, plan%excitation%per_sample)))
+         allocate (force(0:plan%integration%n_steps, &
+                         merge(samples%n_samples, 1, plan%excitation%per_sample)))
          call runner%force_of(number, plan%cases(number)%first_sample, force, error)
          if (allocated(error)) return
-         call write_case(writer, plan, number, samples, runner%layout, statistics, output%store, shards, error, &
-                         force)
+         call write_case(writer, plan, number, samples, runner%layout, statistics, &
+                         output%store, shards, error, force)
       end subroutine finish_case
 
    end subroutine write_contents
@@ -141,8 +149,8 @@ contains
       n_dof = plan%chain%n_dof
       n_samples = plan%cases(number)%n_samples
       n_frequencies = size(runner%layout%frequency)
-      call start_bands(n_samples, n_dof, runner%layout%frequency, plan%output%percentiles, plan%seed, bands, &
-                       statistics)
+      call start_bands(n_samples, n_dof, runner%layout%frequency, plan%output%percentiles, &
+                       plan%seed, bands, statistics)
       n = neighbours*max(1, int(band_memory/(8.0_wp*n_dof*n_samples*neighbours)))
       do first = 1, n_frequencies, n
          allocate (psd(n_dof, min(n, n_frequencies - first + 1), n_samples))

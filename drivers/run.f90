@@ -61,18 +61,20 @@ contains
          call output%stop_on(world, error)
          call end_if_asked(world, output)
       end if
-      if (world%is_root()) call write_results(line, scene, plan, models, runner, output, world%n_ranks, error)
+      if (world%is_root()) &
+         call write_results(line, scene, plan, models, runner, output, world%n_ranks, error)
       call output%stop_on(world, error)
       call output%say(summary(plan, output))
       call output%release()
       call stop_world(exit_done)
    end subroutine run
 
-   !> The marcher, the force record and the layout of the spectra, the same on every rank; collective.
+   !> The marcher, the force record and the layout of the spectra, the same on every rank.
+   !> Collective.
    subroutine prepare_march(world, plan, force, runner, error)
       type(world_type), intent(in) :: world
       type(plan_type), intent(in) :: plan
-      real(wp), intent(in) :: force(0:, :)
+      real(wp), intent(in) :: force(0:, :)   !! (step, 1 or sample) [N] of a file; else of size 0
       type(runner_type), intent(out) :: runner
       type(error_type), allocatable, intent(out) :: error
       integer :: every
@@ -117,14 +119,16 @@ contains
             call run_block(runner, block%case_number, friction, block%first, time_to_stop, result, &
                            is_abandoned, error)
          end associate
-         if (.not. (allocated(error) .or. is_abandoned)) call write_shard(output%store, result, error)
+         if (.not. (allocated(error) .or. is_abandoned)) &
+            call write_shard(output%store, result, error)
          if (allocated(error) .or. is_abandoned) call counter%request_stop()
       end do
       call counter%close()
       call progress%finish()
    end subroutine march_campaign
 
-   !> Samples done when a block is claimed: those of the blocks before, but for what other ranks still march.
+   !> Samples done when a block is claimed: those of the blocks before, without what other ranks
+   !> still march.
    pure function samples_before(blocks, item, n_ranks) result(n)
       type(block_range), intent(in) :: blocks(:)
       integer, intent(in) :: item, n_ranks
@@ -145,12 +149,14 @@ contains
       call stop_world(exit_stopped)
    end subroutine end_if_asked
 
+   !> What was done, in a line.
    pure function summary(plan, output) result(text)
       type(plan_type), intent(in) :: plan
       type(output_type), intent(in) :: output
       character(:), allocatable :: text
 
-      text = to_text(size(plan%processes))//' processes, '//to_text(size(plan%cases))//' cases, '// &
+      text = to_text(size(plan%processes))//' processes, '// &
+             to_text(size(plan%cases))//' cases, '// &
              to_text(sum(plan%cases%n_samples))//' samples in '//output%path
    end function summary
 

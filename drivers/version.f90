@@ -26,7 +26,8 @@ submodule(driver_version) driver_version_libraries
 
 contains
 
-   module procedure version_text
+   module function version_text() result(text)
+      character(:), allocatable :: text
       character, parameter :: nl = new_line('a')
 
       text = 'entroslip '//version//' ('//git_commit//', '//build_type//')'//nl// &
@@ -38,6 +39,6 @@ contains
              'FFTW          '//fftw_library()//nl// &
              'LAPACK        '//lapack_version()//nl// &
              'NLopt         '//nlopt_library()
-   end procedure version_text
+   end function version_text
 
 end submodule driver_version_libraries

@@ -5,11 +5,11 @@ module core_error
    public :: error_type, raise
    public :: exit_done, exit_bad_input, exit_file, exit_no_solution, exit_stopped
 
-   integer, parameter :: exit_done = 0          !! all that was asked is done
-   integer, parameter :: exit_bad_input = 2     !! bad usage, scene or input file; nothing was computed
-   integer, parameter :: exit_file = 3          !! a file is unwritable, locked, damaged or foreign
-   integer, parameter :: exit_no_solution = 4   !! the problem has none, or a search or target failed
-   integer, parameter :: exit_stopped = 75      !! stopped early by a signal or the wall-time limit
+   integer, parameter :: exit_done = 0         !! all that was asked is done
+   integer, parameter :: exit_bad_input = 2    !! bad usage, scene or input file; nothing computed
+   integer, parameter :: exit_file = 3         !! a file is unwritable, locked, damaged or foreign
+   integer, parameter :: exit_no_solution = 4  !! the problem has none, or a search failed
+   integer, parameter :: exit_stopped = 75     !! stopped early by a signal or the wall-time limit
 
    !> Unallocated means success.
    type :: error_type

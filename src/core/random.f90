@@ -1,7 +1,7 @@
 !> Random streams that belong to a sample, not to a rank: Philox4x32-10 (Salmon et al., 2011).
 !>
-!> A stream is a key (seed and label) and the upper half of the counter (sample number); the lower half
-!> of the counter walks along it. Any stream starts anywhere at no cost, and two never meet.
+!> A stream is a key (seed and label) and the upper half of the counter (sample number); the lower
+!> half of the counter walks along it. Any stream starts anywhere at no cost; two never meet.
 module core_random
    use core_kinds, only: long, wp
    implicit none(type, external)
@@ -29,7 +29,7 @@ module core_random
 
 contains
 
-   !> The stream of (seed, label, sample); label from `label_of`, sample counts from 1, 0: shared by all.
+   !> The stream of (seed, label, sample): label from `label_of`, sample from 1, 0 shared by all.
    pure function new_stream(seed, label, sample) result(stream)
       integer(long), intent(in) :: seed
       integer(long), intent(in) :: label
@@ -61,8 +61,8 @@ contains
          end do
          call philox(counter, self%key, word)
          do i = 1, width/2
-            block(2*i - 1) = (real(ishft(word(i, 1), 21) + ishft(word(i, 2), -11), wp) + 0.5_wp)*unit
-            block(2*i) = (real(ishft(word(i, 3), 21) + ishft(word(i, 4), -11), wp) + 0.5_wp)*unit
+            block(2*i - 1) = (real(upper_53(word(i, 1), word(i, 2)), wp) + 0.5_wp)*unit
+            block(2*i) = (real(upper_53(word(i, 3), word(i, 4)), wp) + 0.5_wp)*unit
          end do
          values(first:last) = block(:last - first + 1)
          self%position = self%position + (last - first + 2)/2
@@ -127,6 +127,15 @@ contains
       low = ior(ishft(iand(upper, 65535_long), 16), iand(lower, 65535_long))
    end subroutine multiply
 
+   !> The upper 53 of the 64 bits that two words make.
+   elemental function upper_53(high, low) result(bits)
+      integer(long), intent(in) :: high, low
+      integer(long) :: bits
+
+      bits = ishft(high, 21) + ishft(low, -11)
+   end function upper_53
+
+   !> Lower and upper 32 bits.
    pure function words_of(value) result(words)
       integer(long), intent(in) :: value
       integer(long) :: words(2)

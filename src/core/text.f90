@@ -36,13 +36,12 @@ contains
       character(12) :: format
       real(wp) :: back
       integer :: digits, status
+      logical :: is_plain
 
+      is_plain = abs(value) >= 1.0e-3_wp .and. abs(value) < 1.0e6_wp .or. .not. abs(value) > 0.0_wp
       do digits = 1, 17
-         if (abs(value) >= 1.0e-3_wp .and. abs(value) < 1.0e6_wp .or. .not. abs(value) > 0.0_wp) then
-            write (format, '(a, i0, a)') '(f0.', max(digits - 1, 1), ')'
-         else
-            write (format, '(a, i0, a)') '(es0.', max(digits - 1, 1), ')'
-         end if
+         write (format, '(a, i0, a)') trim(merge('(f0. ', '(es0.', is_plain)), &
+            max(digits - 1, 1), ')'
          write (buffer, format) value
          read (buffer, *, iostat=status) back
          if (status /= 0 .or. .not. abs(back - value) > 0.0_wp) exit

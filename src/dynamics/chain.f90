@@ -1,8 +1,9 @@
 !> The chain of oscillators, each held by a Jenkins element (Sec. 3, Fig. 7, Table 1).
 !>
-!> Mass i hangs on its neighbours by the coupling springs, spring 1 goes to the wall, and the last mass is
-!> free at its far side. To the ground it is held by a Jenkins element: the contact spring in series with
-!> a slider that carries at most mu N. All sliders stuck, or all slipping, the chain is linear.
+!> Mass i hangs on its neighbours by the coupling springs, spring 1 goes to the wall, and the last
+!> mass is free at its far side. To the ground each is held by a Jenkins element: the contact spring
+!> in series with a slider that carries at most mu N. All sliders stuck, or all slipping, the chain
+!> is linear.
 module dynamics_chain
    use core_error, only: error_type, exit_bad_input, raise
    use core_kinds, only: wp
@@ -18,8 +19,8 @@ module dynamics_chain
       real(wp), allocatable :: mass(:)                !! (dof) [kg]
       real(wp), allocatable :: contact_stiffness(:)   !! (dof) of the Jenkins springs [N/m]
       real(wp), allocatable :: normal_load(:)         !! (dof) N [N]
-      real(wp), allocatable :: coupling(:, :)         !! (dof, dof) stiffness with every slider slipping [N/m]
-      real(wp), allocatable :: damping(:, :)          !! (dof, dof) C, modal damping of the stuck chain [N s/m]
+      real(wp), allocatable :: coupling(:, :)         !! (dof, dof) stiffness, all slipping [N/m]
+      real(wp), allocatable :: damping(:, :)          !! (dof, dof) C, modal, stuck chain [N s/m]
       real(wp), allocatable :: damping_ratio(:)       !! (mode) of the stuck chain
       real(wp), allocatable :: frequencies_stuck(:)   !! (mode) [Hz], Table 1
       real(wp), allocatable :: frequencies_slip(:)    !! (mode) [Hz], Table 1
@@ -29,7 +30,7 @@ module dynamics_chain
 
 contains
 
-   !> Assembles the chain. All arrays have one entry per dof; damping_ratio one per mode of the stuck chain.
+   !> Assembles the chain. Arrays have one entry per dof; damping_ratio one per mode, stuck.
    subroutine build_chain(mass, coupling_stiffness, contact_stiffness, normal_load, damping_ratio, &
                           chain, error)
       real(wp), intent(in) :: mass(:)                 !! [kg], positive
@@ -96,7 +97,7 @@ contains
 
       call solve_symmetric_eigenproblem(stiffness, mass_matrix, eigenvalues, modes, error)
       if (allocated(error)) return
-      frequencies = sqrt(max(eigenvalues, 0.0_wp))/two_pi   ! a free body's zero may come out as -1e-17
+      frequencies = sqrt(max(eigenvalues, 0.0_wp))/two_pi   ! a free body's zero may be -1e-17
    end subroutine find_frequencies
 
    !> C = M Phi diag(2 zeta omega) Phi' M [N s/m]: it stays while sliders slip.

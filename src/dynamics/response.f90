@@ -24,8 +24,8 @@ module dynamics_response
       integer(long) :: step = 0                         !! steps done
       real(wp), allocatable :: displacement(:, :)       !! x (dof, sample) [m]
       real(wp), allocatable :: velocity(:, :)           !! (dof, sample) [m/s]
-      real(wp), allocatable :: slider(:, :)             !! (dof, sample) [m]; spring force = k (x - slider)
-      integer, allocatable :: direction(:, :)           !! (dof, sample) 0: stuck, +1 or -1: slipping that way
+      real(wp), allocatable :: slider(:, :)             !! (dof, sample) [m]; force = k (x - slider)
+      integer, allocatable :: direction(:, :)           !! (dof, sample) 0: stuck, +-1: slips so
       real(wp), allocatable :: slip_limit(:, :)         !! mu N (dof, sample) [N]
       real(wp), allocatable :: slip_time(:, :)          !! (dof, sample) [s]
       integer(long), allocatable :: slip_starts(:, :)   !! (dof, sample)
@@ -48,15 +48,15 @@ module dynamics_response
    end type marcher_type
 
    abstract interface
-      !> Marches a block on by as many steps as the force has intervals.
-      !> Recorded are the displacements after each `every`-th step, counted from the start of the march.
+      !> Marches a block on by as many steps as the force has intervals. Recorded are the
+      !> displacements after each `every`-th step, counted from the start of the march.
       subroutine advance_block(self, state, force, every, displacement, velocity, error)
          import :: block_state, error_type, marcher_type, wp
          class(marcher_type), intent(inout) :: self
          type(block_state), intent(inout) :: state
-         real(wp), intent(in) :: force(0:, :)   !! (step, 1 or sample) [N], linear between its values
+         real(wp), intent(in) :: force(0:, :)   !! (step, 1 or sample) [N], linear in between
          integer, intent(in) :: every
-         real(wp), intent(out) :: displacement(:, :, :)         !! (record, dof, sample) [m]; may have size 0
+         real(wp), intent(out) :: displacement(:, :, :)   !! (record, dof, sample) [m]; or size 0
          real(wp), intent(out), optional :: velocity(:, :, :)   !! (record, dof, sample) [m/s]
          type(error_type), allocatable, intent(out) :: error
       end subroutine advance_block
@@ -64,7 +64,7 @@ module dynamics_response
 
 contains
 
-   !> At rest, sliders at zero, all stuck (a slider that carries nothing, mu N = 0, slips from the start).
+   !> At rest, sliders at zero, all stuck; one that carries nothing, mu N = 0, slips from the start.
    pure subroutine start_block(chain, friction, state)
       type(chain_type), intent(in) :: chain
       real(wp), intent(in) :: friction(:, :)   !! mu_S = mu_D (dof, sample), not negative
@@ -109,7 +109,8 @@ contains
       integer :: w
 
       do w = 1, state%n_samples
-         associate (x => state%displacement(:, w), v => state%velocity(:, w), s => state%slider(:, w))
+         associate (x => state%displacement(:, w), v => state%velocity(:, w), &
+                    s => state%slider(:, w))
             energy(w) = 0.5_wp*(sum(chain%mass*v**2) + dot_product(x, matmul(chain%coupling, x)) &
                                 + sum(chain%contact_stiffness*(x - s)**2))
          end associate

@@ -1,11 +1,12 @@
-!> Bands of uncertainty: percentiles over samples at each frequency, their pseudo-variances, Eq. (46),
-!> and the ratio of the outer ones.
+!> Bands of uncertainty: percentiles over samples at each frequency, their pseudo-variances,
+!> Eq. (46), and the ratio of the outer ones.
 !>
 !> Spectra come a range of frequencies at a time, so that memory does not grow with n_samples times
-!> n_frequencies. Percentiles interpolate linearly between order statistics (Hyndman and Fan, type 7).
-!> Their pointwise intervals are order statistics (binomial, 95 %). The interval of the ratio, which
-!> integrals over all frequencies enter, is ratio exp(+-1.96 s), s the bootstrap standard error over
-!> samples of its logarithm; the bootstrap also tells its bias: percentiles of few samples are drawn inward.
+!> n_frequencies. Percentiles interpolate linearly between order statistics (Hyndman and Fan,
+!> type 7). Their pointwise intervals are order statistics (binomial, 95 %). The interval of the
+!> ratio, which integrals over all frequencies enter, is ratio exp(+-1.96 s), s the bootstrap
+!> standard error over samples of its logarithm; the bootstrap also tells its bias: percentiles of
+!> few samples are drawn inward.
 module ensemble_bands
    use core_kinds, only: long, wp
    use core_random, only: label_of, new_stream, stream_type
@@ -15,17 +16,18 @@ module ensemble_bands
    private
    public :: band_collector, start_bands, n_replicates
 
-   integer, parameter :: n_replicates = 400   !! of the bootstrap: its own scatter is 5 % of the interval
+   integer, parameter :: n_replicates = 400   !! of the bootstrap: it scatters the interval by 5 %
 
    !> Collects the spectra of one case, frequency range by frequency range.
    type :: band_collector
       private
       integer :: n_samples = 0
-      real(wp) :: step = 0.0_wp                         !! between frequencies [Hz]
-      real(wp), allocatable :: rank(:)                  !! (percentile) place among 1..n_samples
-      integer, allocatable :: rank_low(:), rank_high(:) !! (percentile) of the pointwise intervals
-      integer, allocatable :: times(:, :)               !! (sample, replicate) how often drawn again
-      real(wp), allocatable :: replicate(:, :, :)       !! (dof, percentile, replicate) pseudo-variances
+      real(wp) :: step = 0.0_wp                     !! between frequencies [Hz]
+      real(wp), allocatable :: rank(:)              !! (percentile) place among 1..n_samples
+      integer, allocatable :: rank_low(:)           !! (percentile) of the pointwise intervals
+      integer, allocatable :: rank_high(:)
+      integer, allocatable :: times(:, :)           !! (sample, replicate) how often drawn again
+      real(wp), allocatable :: replicate(:, :, :)   !! (dof, percentile, replicate) pseudo-variances
    contains
       procedure :: add
       procedure :: finish
@@ -67,7 +69,7 @@ contains
       integer, intent(in) :: first
       real(wp), intent(in) :: psd(:, :, :)   !! (dof, frequency, sample), one-sided [m^2/Hz]
       type(case_statistics), intent(inout) :: statistics
-      real(wp) :: sorted(self%n_samples), mean
+      real(wp) :: sorted(self%n_samples), mean, again
       integer :: order(self%n_samples)
       integer :: b, dof, f, i, p
 
@@ -80,7 +82,8 @@ contains
             statistics%psd_mean(dof, i) = mean
             statistics%psd_mean_error(dof, i) = sqrt(sum((sorted - mean)**2)/(self%n_samples - 1) &
                                                      /self%n_samples)
-            statistics%pseudo_variance_mean(dof) = statistics%pseudo_variance_mean(dof) + mean*self%step
+            statistics%pseudo_variance_mean(dof) = statistics%pseudo_variance_mean(dof) &
+                                                   + mean*self%step
             do p = 1, size(self%rank)
                statistics%psd_percentiles(dof, i, p) = between(sorted, self%rank(p))
                statistics%psd_percentiles_low(dof, i, p) = sorted(self%rank_low(p))
@@ -89,9 +92,8 @@ contains
                   statistics%pseudo_variance_percentiles(dof, p) &
                   + statistics%psd_percentiles(dof, i, p)*self%step
                do b = 1, n_replicates
-                  self%replicate(dof, p, b) = self%replicate(dof, p, b) &
-                                              + self%step*between_again(sorted, order, self%times(:, b), &
-                                                                        self%rank(p))
+                  again = between_again(sorted, order, self%times(:, b), self%rank(p))
+                  self%replicate(dof, p, b) = self%replicate(dof, p, b) + self%step*again
                end do
             end do
          end do
@@ -198,14 +200,15 @@ contains
       real(wp), intent(in) :: p
       logical, intent(in) :: is_upper
       integer :: rank
-      real(wp) :: cumulated, level
+      real(wp) :: cumulated, level, logarithm
       integer :: k
 
       level = merge(0.975_wp, 0.025_wp, is_upper)
       cumulated = 0.0_wp
       do k = 0, n
-         cumulated = cumulated + exp(log_gamma(n + 1.0_wp) - log_gamma(k + 1.0_wp) &
-                                     - log_gamma(n - k + 1.0_wp) + k*log(p) + (n - k)*log(1.0_wp - p))
+         logarithm = log_gamma(n + 1.0_wp) - log_gamma(k + 1.0_wp) - log_gamma(n - k + 1.0_wp) &
+                     + k*log(p) + (n - k)*log(1.0_wp - p)
+         cumulated = cumulated + exp(logarithm)
          if (cumulated > level) exit
       end do
       rank = merge(k + 1, k, is_upper)

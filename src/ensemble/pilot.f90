@@ -1,7 +1,7 @@
 !> Short marches before the campaign: which steps the spectra need, and what a step costs.
 !>
-!> Spectra of every k-th step cost a k-th, and fold what lies above the new Nyquist frequency onto what
-!> is kept. One sample of average friction under each excitation tells how much that is.
+!> Spectra of every k-th step cost a k-th, and fold what lies above the new Nyquist frequency onto
+!> what is kept. One sample of average friction under each excitation tells how much that is.
 module ensemble_pilot
    use core_error, only: error_type
    use core_kinds, only: wp
@@ -13,8 +13,8 @@ module ensemble_pilot
    private
    public :: choose_every, measure_cost
 
-   !> Of the variance. Where a bin holds a millionth of it, folding then still changes the bin by 1 %
-   !> at most, and Welch's estimate scatters by 10 %.
+   !> Of the variance. Where a bin holds a millionth of it, folding then still changes the bin by
+   !> 1 % at most, and Welch's estimate scatters by 10 %.
    real(wp), parameter :: negligible = 1.0e-8_wp
    integer, parameter :: sparsest = 16             !! every 16th step at most
    integer, parameter :: pilot_segments = 8        !! of the march
@@ -22,11 +22,11 @@ module ensemble_pilot
 
 contains
 
-   !> The k of every k-th step: as the scene says, or the largest power of two that folds a negligible
-   !> share at every dof and excitation level; and the shares that k folds.
+   !> The k of every k-th step: as the scene says, or the largest power of two that folds a
+   !> negligible share at every dof and excitation level; and the shares that k folds.
    subroutine choose_every(plan, file_force, every, folded_share, error)
       type(plan_type), intent(in) :: plan
-      real(wp), intent(in) :: file_force(0:, :)               !! (step, 1 or sample); else of size 0
+      real(wp), intent(in) :: file_force(0:, :)   !! (step, 1 or sample) [N]; else of size 0
       integer, intent(out) :: every
       real(wp), allocatable, intent(out) :: folded_share(:, :)   !! (dof, case) of the variance
       type(error_type), allocatable, intent(out) :: error
@@ -53,11 +53,11 @@ contains
       folded_share = share_above(psd, every)
    end subroutine choose_every
 
-   !> Cost of a sample-step on one rank [ns], by marching a block of the most demanding excitation for a
-   !> moment; spectra and what else is kept included.
+   !> Cost of a sample-step on one rank [ns], by marching a block of the most demanding excitation
+   !> for a moment; spectra and what else is kept included.
    subroutine measure_cost(plan, file_force, nanoseconds, error)
       type(plan_type), intent(in) :: plan
-      real(wp), intent(in) :: file_force(0:, :)   !! (step, 1 or sample); else of size 0
+      real(wp), intent(in) :: file_force(0:, :)   !! (step, 1 or sample) [N]; else of size 0
       real(wp), intent(out) :: nanoseconds
       type(error_type), allocatable, intent(out) :: error
       type(plan_type) :: short
@@ -133,7 +133,7 @@ contains
    !> Segments must stay whole, and be worth the name.
    pure function sparsest_allowed(segment_length, psd) result(every)
       integer, intent(in) :: segment_length
-      real(wp), intent(in) :: psd(:, :, :)
+      real(wp), intent(in) :: psd(:, :, :)   !! (dof, frequency, case)
       integer :: every
       integer, parameter :: shortest = 64
 

@@ -16,6 +16,7 @@ module ensemble_plan
       integer :: first_sample = 1      !! another one in a replay
    end type case_type
 
+   !> The force that acts on one mass.
    type :: excitation_settings
       character(:), allocatable :: kind      !! 'band_limited' or 'file'
       real(wp) :: band(2) = 0.0_wp           !! [Hz]
@@ -24,6 +25,7 @@ module ensemble_plan
       logical :: per_sample = .false.        !! a record of its own for each sample
    end type excitation_settings
 
+   !> How the chain is marched.
    type :: integration_settings
       character(:), allocatable :: method    !! 'newmark' or 'event'
       real(wp) :: dt = 0.0_wp                !! [s]
@@ -48,6 +50,7 @@ module ensemble_plan
       integer :: spectrum_every = 0             !! every k-th step enters the spectra; 0: chosen
    end type output_settings
 
+   !> All that a campaign is made from.
    type :: plan_type
       character(:), allocatable :: title
       integer(long) :: seed = 0

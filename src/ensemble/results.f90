@@ -21,15 +21,16 @@ module ensemble_results
       integer :: case_number = 0
       integer :: first_sample = 0
       integer :: n_samples = 0
-      real(wp), allocatable :: friction(:, :)           !! (dof, sample)
-      real(wp), allocatable :: slip_fraction(:, :)      !! (dof, sample)
-      integer(long), allocatable :: slip_starts(:, :)   !! (dof, sample)
-      integer(long), allocatable :: stick_starts(:, :)  !! (dof, sample)
-      real(wp), allocatable :: psd(:, :, :)             !! (dof, frequency, sample), one-sided [m^2/Hz]
-      real(wp), allocatable :: folded_share(:, :)       !! (dof, sample) power above the kept Nyquist, by the pilot
-      real(wp), allocatable :: energy(:, :)             !! (input viscous friction stored defect, sample) [J]
-      real(wp), allocatable :: displacement(:, :, :)    !! (dof, step, sample) 'history'
-      real(wp), allocatable :: velocity(:, :, :)        !! (dof, step, sample) 'history'
+      real(wp), allocatable :: friction(:, :)            !! (dof, sample) mu
+      real(wp), allocatable :: slip_fraction(:, :)       !! (dof, sample) of the time
+      integer(long), allocatable :: slip_starts(:, :)    !! (dof, sample)
+      integer(long), allocatable :: stick_starts(:, :)   !! (dof, sample)
+      real(wp), allocatable :: psd(:, :, :)   !! (dof, frequency, sample), one-sided [m^2/Hz]
+      !> (dof, sample) of the variance, above the kept Nyquist frequency in the pilot march
+      real(wp), allocatable :: folded_share(:, :)
+      real(wp), allocatable :: energy(:, :)   !! (input viscous friction stored defect, sample) [J]
+      real(wp), allocatable :: displacement(:, :, :)     !! (dof, 0:n_steps, sample) [m]
+      real(wp), allocatable :: velocity(:, :, :)         !! (dof, 0:n_steps, sample) [m/s]
       type(transition_list), allocatable :: transitions(:)   !! (sample)
    end type block_result
 
@@ -38,16 +39,16 @@ module ensemble_results
       integer :: n_samples = 0
       real(wp), allocatable :: slip_mean(:), slip_std(:)               !! (dof)
       real(wp), allocatable :: slip_mean_error(:), slip_std_error(:)   !! (dof)
-      real(wp), allocatable :: psd_mean(:, :)                !! (dof, frequency)
-      real(wp), allocatable :: psd_mean_error(:, :)          !! (dof, frequency)
-      real(wp), allocatable :: psd_percentiles(:, :, :)      !! (dof, frequency, percentile)
-      real(wp), allocatable :: psd_percentiles_low(:, :, :)  !! lower end of the interval
-      real(wp), allocatable :: psd_percentiles_high(:, :, :) !! upper end
+      real(wp), allocatable :: psd_mean(:, :)                     !! (dof, frequency) [m^2/Hz]
+      real(wp), allocatable :: psd_mean_error(:, :)               !! (dof, frequency)
+      real(wp), allocatable :: psd_percentiles(:, :, :)           !! (dof, frequency, percentile)
+      real(wp), allocatable :: psd_percentiles_low(:, :, :)       !! lower end of the interval
+      real(wp), allocatable :: psd_percentiles_high(:, :, :)      !! upper end
       real(wp), allocatable :: pseudo_variance_mean(:)            !! (dof), Eq. (46) [m^2]
-      real(wp), allocatable :: pseudo_variance_percentiles(:, :)  !! (dof, percentile)
-      real(wp), allocatable :: band_ratio(:)                      !! (dof) last over first percentile
+      real(wp), allocatable :: pseudo_variance_percentiles(:, :)  !! (dof, percentile) [m^2]
+      real(wp), allocatable :: band_ratio(:)             !! (dof) last over first percentile
       real(wp), allocatable :: band_ratio_low(:), band_ratio_high(:)
-      real(wp), allocatable :: band_ratio_bias(:)                 !! relative, estimated by bootstrap
+      real(wp), allocatable :: band_ratio_bias(:)        !! relative, estimated by bootstrap
    end type case_statistics
 
 end module ensemble_results

@@ -3,7 +3,7 @@ module ensemble_runner
    use core_error, only: error_type
    use core_kinds, only: wp
    use core_random, only: label_of, new_stream, stream_type
-   use dynamics_event, only: new_event_marcher, event_marcher
+   use dynamics_event, only: event_marcher, new_event_marcher
    use dynamics_excitation, only: band_limited_force
    use dynamics_newmark, only: new_newmark, newmark_marcher
    use dynamics_response, only: marcher_type
@@ -14,16 +14,18 @@ module ensemble_runner
    private
    public :: runner_type, prepare_runner, block_width
 
-   integer, parameter :: widest_block = 32                   !! samples marched together
-   integer, parameter :: records_per_piece = 264             !! between two looks at the spectra
-   real(wp), parameter :: block_memory = 128.0e6_wp          !! [byte] of forces and histories in a block
+   integer, parameter :: widest_block = 32            !! samples marched together
+   integer, parameter :: records_per_piece = 264      !! between two looks at the spectra
+   real(wp), parameter :: block_memory = 128.0e6_wp   !! [byte] of forces and histories in a block
 
+   !> What a rank needs to run any block of a plan.
    type :: runner_type
       type(plan_type) :: plan
       class(marcher_type), allocatable :: marcher
-      real(wp), allocatable :: force(:, :)   !! (0:n_steps, 1 or sample); of unit variance unless a file's
+      real(wp), allocatable :: force(:, :)   !! (0:n_steps, 1 or sample) [N]; drawn: unit variance
       type(spectrum_layout) :: layout
-      real(wp), allocatable :: folded_share(:, :)   !! (dof, case) power above the kept Nyquist, by the pilot
+      !> (dof, case) of the variance, above the kept Nyquist frequency in the pilot march
+      real(wp), allocatable :: folded_share(:, :)
       type(welch_type) :: spectra            !! of the block that is marching
       integer :: piece_steps = records_per_piece
    contains
@@ -54,6 +56,7 @@ contains
       call runner%use_every(max(plan%output%spectrum_every, 1))
    end subroutine prepare_runner
 
+   !> The method that the plan names, prepared for its chain, time step and forced dof.
    subroutine new_marcher(plan, marcher, error)
       type(plan_type), intent(in) :: plan
       class(marcher_type), allocatable, intent(out) :: marcher
@@ -64,7 +67,8 @@ contains
       associate (how => plan%integration, dof => plan%excitation%dof)
          if (how%method == 'newmark') then
             allocate (newmark)
-            call new_newmark(plan%chain, how%dt, how%max_halvings, how%beta, how%gamma, dof, newmark, error)
+            call new_newmark(plan%chain, how%dt, how%max_halvings, how%beta, how%gamma, dof, &
+                             newmark, error)
             call move_alloc(newmark, marcher)
          else
             allocate (event)
@@ -74,23 +78,26 @@ contains
       end associate
    end subroutine new_marcher
 
-   !> The band-limited record of a sample (0: the one shared by all), of unit variance in expectation.
+   !> The band-limited record of a sample (0: the one shared by all); its variance is expected to
+   !> be 1.
    subroutine draw_force(self, sample, force, error)
       class(runner_type), intent(in) :: self
       integer, intent(in) :: sample
-      real(wp), intent(out) :: force(0:)   !! (step)
+      real(wp), intent(out) :: force(0:)   !! (step) [N]
       type(error_type), allocatable, intent(out) :: error
       type(stream_type) :: stream
 
       stream = new_stream(self%plan%seed, label_of('force'), sample)
-      call band_limited_force(self%plan%excitation%band, self%plan%integration%dt, stream, force, error)
+      associate (band => self%plan%excitation%band, dt => self%plan%integration%dt)
+         call band_limited_force(band, dt, stream, force, error)
+      end associate
    end subroutine draw_force
 
    !> The force of a case as it acted, for its histories [N].
    subroutine force_of(self, case_number, first_sample, force, error)
       class(runner_type), intent(in) :: self
       integer, intent(in) :: case_number
-      integer, intent(in) :: first_sample    !! of the records, where each sample has its own
+      integer, intent(in) :: first_sample     !! of the records, where each sample has its own
       real(wp), intent(out) :: force(0:, :)   !! (step, 1 or sample)
       type(error_type), allocatable, intent(out) :: error
       integer :: i
@@ -106,7 +113,8 @@ contains
                if (allocated(error)) return
             end if
          end do
-         if (excitation%kind == 'band_limited') force = sqrt(self%plan%cases(case_number)%variance)*force
+         if (excitation%kind == 'band_limited') &
+            force = sqrt(self%plan%cases(case_number)%variance)*force
       end associate
    end subroutine force_of
 

@@ -1,4 +1,4 @@
-!> Blocks of samples: friction drawn, marched under the case's force, spectra formed as the march goes.
+!> Blocks of samples: marched under the force of their case, spectra formed as the march goes.
 module ensemble_sample
    use core_error, only: error_type
    use core_kinds, only: wp
@@ -26,7 +26,8 @@ module ensemble_sample
 contains
 
    !> Runs samples first, first + 1, ... of a case. Abandoned, without a result, when `should_stop`.
-   subroutine run_block(runner, case_number, friction, first, should_stop, result, is_abandoned, error)
+   subroutine run_block(runner, case_number, friction, first, should_stop, result, is_abandoned, &
+                        error)
       type(runner_type), intent(inout) :: runner
       integer, intent(in) :: case_number
       real(wp), intent(in) :: friction(:, :)   !! (dof, sample)
@@ -101,8 +102,8 @@ contains
          state%work_friction = 0.0_wp
          march%energy_before = stored_energy(runner%plan%chain, state)
          if (runner%plan%output%spectrum) &
-            call runner%spectra%start(state%n_dof*state%n_samples, layout%segment_length, layout%overlap, &
-                                      layout%every*runner%marcher%dt)
+            call runner%spectra%start(state%n_dof*state%n_samples, layout%segment_length, &
+                                      layout%overlap, layout%every*runner%marcher%dt)
       end associate
    end subroutine start_measuring
 
@@ -167,7 +168,8 @@ contains
       type(march_type), intent(inout) :: march
       type(block_result), intent(inout) :: result
       real(wp) :: duration
-      real(wp), allocatable :: psd(:, :), stored(:)   ! (frequency, series)
+      real(wp), allocatable :: psd(:, :)   ! (frequency, dof and sample as one index)
+      real(wp), allocatable :: stored(:)   ! (sample) [J]
       integer :: dof, w
 
       associate (state => march%state, output => runner%plan%output, how => runner%plan%integration)
@@ -183,7 +185,8 @@ contains
             result%energy(2, :) = state%work_viscous
             result%energy(3, :) = state%work_friction
             result%energy(4, :) = stored
-            result%energy(5, :) = state%work_input - state%work_viscous - state%work_friction - stored
+            result%energy(5, :) = state%work_input - state%work_viscous - state%work_friction &
+                                  - stored
          end if
          if (output%spectrum) then
             allocate (psd(size(runner%layout%frequency), state%n_dof*state%n_samples))

@@ -1,6 +1,6 @@
 !> A campaign as blocks of samples, and the statistics of a case once its samples are there.
 module ensemble_study
-   use core_kinds, only: long, wp
+   use core_kinds, only: wp
    use core_random, only: new_stream, stream_type
    use ensemble_plan, only: plan_type
    use ensemble_results, only: case_statistics
@@ -65,7 +65,8 @@ contains
             return
          end if
          do w = 1, size(friction, 2)
-            stream = new_stream(plan%seed, request_label(plan%processes(process)), block%first + w - 1)
+            stream = new_stream(plan%seed, request_label(plan%processes(process)), &
+                                block%first + w - 1)
             call draw_points(models(process), stream, friction(:, w))
          end do
       end associate

@@ -9,7 +9,7 @@ module process_model
    !> A wanted process. Lengths are in lags; mean and std in the unit of X.
    type :: process_request
       character(:), allocatable :: method        !! 'autoregressive' or 'direct'
-      character(:), allocatable :: correlation   !! the definition imposed: 'L0' Eq. (8), 'L1' Eq. (9)
+      character(:), allocatable :: correlation   !! what is imposed: 'L0' Eq. (8), 'L1' Eq. (9)
       real(wp) :: correlation_length = 0.0_wp
       integer :: order = 0                       !! M, or m_max of 'direct'; 0: choose it
       real(wp) :: bound_l0 = 0.0_wp              !! order = 0: the other length's bound; 0: none
@@ -18,7 +18,7 @@ module process_model
       real(wp) :: mean = 0.0_wp
       real(wp) :: std = 0.0_wp
       logical :: positive = .false.
-      character(:), allocatable :: sampler       !! positive: 'sequential' (Sec. 2.4) or 'exact' (Eq. 25)
+      character(:), allocatable :: sampler       !! 'sequential' (Sec. 2.4) or 'exact' Eq. (25)
    end type process_request
 
    !> One consistent solution of the direct method's sign search.
@@ -33,11 +33,11 @@ module process_model
    type :: process_model_type
       type(process_request) :: request
       logical :: is_solved = .false.
-      character(:), allocatable :: reason        !! why not, with the nearest request that is feasible
+      character(:), allocatable :: reason        !! why not, with the nearest feasible request
       integer :: order = 0                       !! M of the recursion below
       real(wp), allocatable :: a(:)              !! a_q, Eq. (39): z_n = b0 w_n - sum a_q z_(n-q)
       real(wp) :: b0 = 0.0_wp
-      real(wp) :: mu = 0.0_wp                    !! of the underlying Gaussian; the mean itself without sign
+      real(wp) :: mu = 0.0_wp                    !! of the Gaussian below; without sign: the mean
       complex(wp), allocatable :: poles(:)       !! (order), Eq. (40)
       real(wp), allocatable :: autocovariance(:) !! K_XX(lag), lag = 0.. [unit of X squared]
       real(wp), allocatable :: autocovariance_error(:)   !! standard error where sampled, else 0
@@ -48,11 +48,11 @@ module process_model
       real(wp) :: entropy = 0.0_wp, entropy_error = 0.0_wp
       real(wp) :: entropy_bound = 0.0_wp         !! white noise, Eq. (42)
       real(wp) :: optimality = 0.0_wp            !! largest residual of the optimality conditions
-      real(wp) :: lambda = 1.0_wp                !! exact law: Lambda, limit of p_acc^(s) of Eq. (45)
+      real(wp) :: lambda = 1.0_wp                !! exact law: limit of p_acc^(s) of Eq. (45)
       real(wp) :: acceptance_ratio = 1.0_wp      !! accepted/proposed = 1/E[1/alpha]
       real(wp) :: acceptance_mean = 1.0_wp       !! E[alpha]
       real(wp) :: acceptance_geometric = 1.0_wp  !! exp E[ln alpha]
-      integer :: memory = 0                      !! positive: steps beyond which nothing is felt, to 1e-9
+      integer :: memory = 0                      !! positive: steps that are felt, to 1e-9
       !> positive: what the same a_q, b0 and mu give under the law that was not asked for
       real(wp) :: other_mean = 0.0_wp, other_std = 0.0_wp, other_l0 = 0.0_wp, other_entropy = 0.0_wp
       integer, allocatable :: signs(:)           !! direct: s_m
@@ -60,7 +60,7 @@ module process_model
       type(process_solution), allocatable :: solutions(:)   !! direct: the best, at most 100
       integer :: n_examined = 0                  !! direct: sign sequences examined
       integer :: n_consistent = 0                !! direct: of them, solutions; 0: not counted
-      real(wp) :: entropy_ceiling = 0.0_wp       !! direct: no sign sequence has more, proved [nat]
+      real(wp) :: entropy_ceiling = 0.0_wp       !! direct: no sign sequence has more, proved
       character(:), allocatable :: search        !! direct: how the signs were found
    end type process_model_type
 

@@ -1,7 +1,7 @@
-!> A solved process as a row of numbers and back, to hand it to other ranks or to keep it in a file.
+!> A solved process as a row of numbers and back, to hand it to other ranks.
 module process_packing
    use core_kinds, only: wp
-   use process_model, only: process_model_type
+   use process_model, only: process_model_type, process_solution
    implicit none(type, external)
    private
    public :: pack_model, unpack_model
@@ -45,10 +45,10 @@ contains
       call walk(t, model)
    end subroutine unpack_model
 
+   !> The list of components.
    subroutine walk(t, model)
       type(tape), intent(inout) :: t
       type(process_model_type), intent(inout) :: model
-      integer :: i, n
 
       call t%pass(model%is_solved)
       call t%pass(model%reason)
@@ -89,20 +89,29 @@ contains
       call t%pass(model%n_consistent)
       call t%pass(model%entropy_ceiling)
       call t%pass(model%search)
-      n = 0
-      if (t%is_writing .and. allocated(model%solutions)) n = size(model%solutions)
+      call walk_solutions(t, model%solutions)
+   end subroutine walk
+
+   !> As for any array, the number stands in front; -1: not allocated.
+   subroutine walk_solutions(t, solutions)
+      type(tape), intent(inout) :: t
+      type(process_solution), allocatable, intent(inout) :: solutions(:)
+      integer :: i, n
+
+      n = -1
+      if (t%is_writing .and. allocated(solutions)) n = size(solutions)
       call t%pass(n)
       if (.not. t%is_writing) then
-         if (allocated(model%solutions)) deallocate (model%solutions)
-         allocate (model%solutions(n))
+         if (allocated(solutions)) deallocate (solutions)
+         if (n >= 0) allocate (solutions(n))
       end if
       do i = 1, n
-         call t%pass(model%solutions(i)%signs)
-         call t%pass(model%solutions(i)%delta)
-         call t%pass(model%solutions(i)%lambda_3)
-         call t%pass(model%solutions(i)%entropy)
+         call t%pass(solutions(i)%signs)
+         call t%pass(solutions(i)%delta)
+         call t%pass(solutions(i)%lambda_3)
+         call t%pass(solutions(i)%entropy)
       end do
-   end subroutine walk
+   end subroutine walk_solutions
 
    subroutine real_value(self, value)
       class(tape), intent(inout) :: self
