@@ -100,27 +100,31 @@ contains
       end do
    end subroutine add
 
-   !> After the last frequency: the ratio of the last to the first percentile's pseudo-variance.
+   !> After the last frequency: the ratio of the last to the first percentile's pseudo-variance; not
+   !> a number for a dof that does not move in that share of the samples.
    pure subroutine finish(self, statistics)
       class(band_collector), intent(in) :: self
       type(case_statistics), intent(inout) :: statistics
-      real(wp) :: logarithm(n_replicates), mean, spread
+      real(wp), parameter :: not_a_number = transfer(int(z'7FF8000000000000', long), 0.0_wp)
+      real(wp) :: logarithm(n_replicates), mean, ratio, spread
       integer :: dof, last
 
       last = size(self%rank)
-      statistics%band_ratio = statistics%pseudo_variance_percentiles(:, last) &
-                              /statistics%pseudo_variance_percentiles(:, 1)
-      allocate (statistics%band_ratio_low, statistics%band_ratio_high, statistics%band_ratio_bias, &
-                mold=statistics%band_ratio)
+      allocate (statistics%band_ratio(size(self%replicate, 1)), source=not_a_number)
+      statistics%band_ratio_low = statistics%band_ratio
+      statistics%band_ratio_high = statistics%band_ratio
+      statistics%band_ratio_bias = statistics%band_ratio
       do dof = 1, size(statistics%band_ratio)
+         if (any(.not. self%replicate(dof, 1, :) > 0.0_wp)) cycle
          logarithm = log(self%replicate(dof, last, :)/self%replicate(dof, 1, :))
          mean = sum(logarithm)/n_replicates
          spread = 1.96_wp*sqrt(sum((logarithm - mean)**2)/(n_replicates - 1))
-         associate (ratio => statistics%band_ratio(dof))
-            statistics%band_ratio_low(dof) = ratio*exp(-spread)
-            statistics%band_ratio_high(dof) = ratio*exp(spread)
-            statistics%band_ratio_bias(dof) = exp(mean)/ratio - 1.0_wp
-         end associate
+         ratio = statistics%pseudo_variance_percentiles(dof, last) &
+                 /statistics%pseudo_variance_percentiles(dof, 1)
+         statistics%band_ratio(dof) = ratio
+         statistics%band_ratio_low(dof) = ratio*exp(-spread)
+         statistics%band_ratio_high(dof) = ratio*exp(spread)
+         statistics%band_ratio_bias(dof) = exp(mean)/ratio - 1.0_wp
       end do
    end subroutine finish
 

@@ -24,6 +24,7 @@ def scene_with(tmp_path, old, new):
         ("n_steps = 4000", "n_steps = many", 5, ["integration%n_steps", "many"]),
         ("variance = 3.7, 41.1", "kind = 'file' file = 'absent.txt'", 4, ["absent.txt"]),
         ("order = 2", "order = 2, 5", 2, ["process%order"]),
+        ("&chain /", "&chain / &accuracy audit = 2.0 /", 3, ["accuracy%audit", "0 to 1"]),
     ],
 )
 def test_a_mistake_gets_its_line(entroslip, tmp_path, old, new, line, words):
