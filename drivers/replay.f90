@@ -1,5 +1,6 @@
 !> `entroslip replay`: one sample of a campaign again, alone, with all that can be kept of it.
 module driver_replay
+   use config_phrases, only: counted
    use config_scene, only: scene_type
    use core_error, only: error_type, exit_bad_input, exit_done, raise
    use core_kinds, only: wp
@@ -69,7 +70,7 @@ contains
 
       if (line%case_number > size(plan%cases)) then
          call raise(error, exit_bad_input, '--case '//to_text(line%case_number)// &
-                    ': the scene has '//to_text(size(plan%cases))//' cases')
+                    ': the scene has '//counted(size(plan%cases), 'case', 'cases'))
       else if (line%sample > plan%cases(line%case_number)%n_samples) then
          call raise(error, exit_bad_input, '--sample '//to_text(line%sample)//': case '// &
                     to_text(line%case_number)//' has '// &

@@ -1,9 +1,9 @@
 !> `entroslip run`: everything a scene asks for, from its processes to the results file.
 module driver_run
+   use config_phrases, only: counted
    use config_scene, only: scene_type
    use core_error, only: error_type, exit_done, exit_stopped
    use core_kinds, only: long, wp
-   use core_text, only: to_text
    use driver_campaign, only: load_plan, refuse_unsolved, solve_processes
    use driver_command_line, only: command_line
    use driver_deadline, only: set_limit, start_watch, time_to_stop
@@ -155,9 +155,9 @@ contains
       type(output_type), intent(in) :: output
       character(:), allocatable :: text
 
-      text = to_text(size(plan%processes))//' processes, '// &
-             to_text(size(plan%cases))//' cases, '// &
-             to_text(sum(plan%cases%n_samples))//' samples in '//output%path
+      text = counted(size(plan%processes), 'process', 'processes')//', '// &
+             counted(size(plan%cases), 'case', 'cases')//', '// &
+             counted(sum(plan%cases%n_samples), 'sample', 'samples')//' in '//output%path
    end function summary
 
 end module driver_run
