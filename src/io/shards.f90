@@ -202,7 +202,7 @@ contains
       if (.not. allocated(error)) call remove_file(store%folder, error)
    end subroutine remove_store
 
-   !> Removes the shards whose samples a results file has, as after a run that was killed at its very
+   !> Removes the shards whose samples a results file has, as after a run killed at its very
    !> end, and the store if nothing is left in it; shards of further samples stay.
    subroutine remove_covered(store, n_samples, error)
       type(shard_store), intent(in) :: store

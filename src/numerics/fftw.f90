@@ -20,7 +20,7 @@ module numerics_fftw
 
    !> What both directions own. Aligned, freed with the variable; not to be copied by assignment.
    type, abstract :: real_fft
-      integer :: n = 0                                              !! length of the signal; 0: not prepared
+      integer :: n = 0                                              !! length of the signal, 0: none
       real(wp), pointer, contiguous :: signal(:) => null()          !! (0:n-1)
       complex(wp), pointer, contiguous :: spectrum(:) => null()     !! (0:n/2), half of it
       type(c_ptr), private :: plan = c_null_ptr
