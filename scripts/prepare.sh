@@ -44,7 +44,6 @@ make_venv() {
   local stamp=.venv/installed-$(sha256sum "$1" | cut -c1-16)
   [ -e "$stamp" ] && return
   say "Python packages into .venv"
-  rm -rf .venv
   python3 -m venv .venv
   .venv/bin/pip install --quiet --disable-pip-version-check -r "$1"
   touch "$stamp"
