@@ -14,7 +14,7 @@ module ensemble_bands
    use numerics_sorting, only: sort_order
    implicit none(type, external)
    private
-   public :: band_collector, start_bands, n_replicates
+   public :: band_collector, start_bands, n_replicates, at_rank
 
    integer, parameter :: n_replicates = 400   !! of the bootstrap: it scatters the interval by 5 %
 
@@ -85,14 +85,14 @@ contains
             statistics%pseudo_variance_mean(dof) = statistics%pseudo_variance_mean(dof) &
                                                    + mean*self%step
             do p = 1, size(self%rank)
-               statistics%psd_percentiles(dof, i, p) = between(sorted, self%rank(p))
+               statistics%psd_percentiles(dof, i, p) = at_rank(sorted, self%rank(p))
                statistics%psd_percentiles_low(dof, i, p) = sorted(self%rank_low(p))
                statistics%psd_percentiles_high(dof, i, p) = sorted(self%rank_high(p))
                statistics%pseudo_variance_percentiles(dof, p) = &
                   statistics%pseudo_variance_percentiles(dof, p) &
                   + statistics%psd_percentiles(dof, i, p)*self%step
                do b = 1, n_replicates
-                  again = between_again(sorted, order, self%times(:, b), self%rank(p))
+                  again = at_rank_again(sorted, order, self%times(:, b), self%rank(p))
                   self%replicate(dof, p, b) = self%replicate(dof, p, b) + self%step*again
                end do
             end do
@@ -129,18 +129,18 @@ contains
    end subroutine finish
 
    !> Value at a rank that may lie between two order statistics.
-   pure function between(sorted, rank) result(value)
+   pure function at_rank(sorted, rank) result(value)
       real(wp), intent(in) :: sorted(:), rank
       real(wp) :: value
       integer :: below
 
       below = min(int(rank), size(sorted) - 1)
       value = sorted(below) + (rank - below)*(sorted(below + 1) - sorted(below))
-   end function between
+   end function at_rank
 
    !> The same of a sample drawn again: sample order(i) stands `times(order(i))` times in it.
    !> Counts from the nearer end, a few steps for an outer percentile.
-   pure function between_again(sorted, order, times, rank) result(value)
+   pure function at_rank_again(sorted, order, times, rank) result(value)
       real(wp), intent(in) :: sorted(:), rank
       integer, intent(in) :: order(:), times(:)
       real(wp) :: value
@@ -175,7 +175,7 @@ contains
          end do
          value = sorted(i) + (rank - below)*(value - sorted(i))
       end if
-   end function between_again
+   end function at_rank_again
 
    !> Bootstrap: n_replicates times n_samples draws with replacement, as counts.
    pure subroutine draw_again(n_samples, seed, times)

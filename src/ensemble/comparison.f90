@@ -1,0 +1,278 @@
+!> How far two marches of the same samples are apart in what is published of a case: the numerical
+!> error of the first, where the second is much better.
+!>
+!> Both marches met the same friction and the same force, so the differences belong to the method
+!> and its settings alone (the response is a contraction: even long histories stay comparable).
+!> Where only some of a case's samples were marched twice, the standard errors say how far the
+!> differences over all samples may be from those found: jackknife, leaving one sample out, times
+!> the root of the share that was not compared; zero when all were. For percentiles the jackknife is
+!> rough, as it is not consistent for one quantile; integrals over many frequencies smooth it.
+module ensemble_comparison
+   use core_kinds, only: wp
+   use ensemble_bands, only: at_rank
+   use numerics_sorting, only: sort_order
+   use numerics_statistics, only: mean, standard_deviation
+   implicit none(type, external)
+   private
+   public :: numerical_error, compare_slip, compare_spectra, compare_histories
+   public :: slip_error, band_ratio_error
+
+   real(wp), parameter :: points = 100.0_wp   !! of percent in a fraction
+
+   !> Of the first march against the second. What was not compared, or needs two samples and has
+   !> one, is not allocated. Each `*_error` is the standard error of what stands before it.
+   type :: numerical_error
+      integer :: n_samples = 0                         !! compared
+      real(wp), allocatable :: slip_mean(:)            !! (dof) of the mean slip fraction [points]
+      real(wp), allocatable :: slip_mean_error(:)
+      real(wp), allocatable :: slip_rms(:)             !! (dof) over samples, of one sample [points]
+      real(wp), allocatable :: slip_rms_error(:)
+      real(wp), allocatable :: slip_largest(:)         !! (dof) of one sample [points]
+      real(wp), allocatable :: slip_std(:)             !! (dof) of the std over samples [points]
+      real(wp), allocatable :: slip_std_error(:)
+      !> (dof) integral over frequency of the absolute difference of the mean densities, relative to
+      !> that of the density
+      real(wp), allocatable :: psd_mean(:)
+      real(wp), allocatable :: psd_mean_error(:)
+      !> (dof, percentile) the same for each percentile over samples
+      real(wp), allocatable :: psd_percentiles(:, :)
+      real(wp), allocatable :: psd_percentiles_error(:, :)
+      !> (dof) relative, of the ratio of the last to the first percentile's pseudo-variance; 0 for a
+      !> dof that does not move in that share of the samples
+      real(wp), allocatable :: band_ratio(:)
+      real(wp), allocatable :: band_ratio_error(:)
+      real(wp), allocatable :: displacement_rms(:)     !! (dof) of all samples, relative to their rms
+   end type numerical_error
+
+   !> Integrals over frequency of one dof, of all samples (0) and without sample i: replicate 0..n.
+   type :: spectrum_integrals
+      real(wp), allocatable :: level(:, :)     !! (curve, replicate) of the second march
+      real(wp), allocatable :: tested(:, :)    !! (curve, replicate) of the first
+      real(wp), allocatable :: apart(:, :)     !! (curve, replicate) of the absolute difference
+   end type spectrum_integrals
+
+contains
+
+   !> The numerical error of the slip fractions that counts against a target [points]: the largest
+   !> over the dofs of the rms over samples. It bounds the error of the mean, and nearly (by the
+   !> root of n/(n - 1)) that of the standard deviation, and no errors cancel in it.
+   pure function slip_error(errors) result(largest)
+      type(numerical_error), intent(in) :: errors
+      real(wp) :: largest
+
+      largest = maxval(errors%slip_rms)
+   end function slip_error
+
+   !> The numerical error of the band ratios that counts against a target: the largest over the dofs,
+   !> relative; 0 where there are no bands.
+   pure function band_ratio_error(errors) result(largest)
+      type(numerical_error), intent(in) :: errors
+      real(wp) :: largest
+
+      largest = 0.0_wp
+      if (allocated(errors%band_ratio)) largest = maxval(abs(errors%band_ratio))
+   end function band_ratio_error
+
+   !> Slip fractions of the samples that were marched twice, of n_all that the case has.
+   pure subroutine compare_slip(tested, reference, n_all, errors)
+      real(wp), intent(in) :: tested(:, :)      !! (dof, sample) slip fractions, first march
+      real(wp), intent(in) :: reference(:, :)   !! (dof, sample) second march
+      integer, intent(in) :: n_all
+      type(numerical_error), intent(inout) :: errors
+      real(wp) :: difference(size(tested, 2))
+      real(wp) :: of_mean(0:size(tested, 2)), of_rms(0:size(tested, 2)), of_std(0:size(tested, 2))
+      integer :: dof, i, n, n_dof
+
+      n_dof = size(tested, 1)
+      n = size(tested, 2)
+      errors%n_samples = n
+      allocate (errors%slip_mean(n_dof), errors%slip_rms(n_dof), errors%slip_largest(n_dof))
+      if (n > 1) allocate (errors%slip_mean_error(n_dof), errors%slip_rms_error(n_dof), &
+                           errors%slip_std(n_dof), errors%slip_std_error(n_dof))
+      do dof = 1, n_dof
+         difference = points*(tested(dof, :) - reference(dof, :))
+         errors%slip_mean(dof) = mean(difference)
+         errors%slip_rms(dof) = sqrt(mean(difference**2))
+         errors%slip_largest(dof) = maxval(abs(difference))
+         if (n == 1) cycle
+         do i = 0, n
+            associate (kept => without(i, n))
+               of_mean(i) = mean(difference(kept))
+               of_rms(i) = sqrt(mean(difference(kept)**2))
+               of_std(i) = deviation(points*tested(dof, kept)) &
+                           - deviation(points*reference(dof, kept))
+            end associate
+         end do
+         errors%slip_std(dof) = of_std(0)
+         errors%slip_mean_error(dof) = jackknife_error(of_mean(1:), n_all)
+         errors%slip_rms_error(dof) = jackknife_error(of_rms(1:), n_all)
+         errors%slip_std_error(dof) = jackknife_error(of_std(1:), n_all)
+      end do
+   end subroutine compare_slip
+
+   !> Spectra of the samples that were marched twice, of n_all that the case has.
+   pure subroutine compare_spectra(tested, reference, percentiles, n_all, errors)
+      real(wp), intent(in) :: tested(:, :, :)      !! (dof, frequency, sample) densities
+      real(wp), intent(in) :: reference(:, :, :)   !! (dof, frequency, sample)
+      real(wp), intent(in) :: percentiles(:)       !! [%], ascending
+      integer, intent(in) :: n_all
+      type(numerical_error), intent(inout) :: errors
+      type(spectrum_integrals) :: integrals
+      real(wp) :: relative(0:size(tested, 3))
+      integer :: dof, n, n_dof, p
+
+      n_dof = size(tested, 1)
+      n = size(tested, 3)
+      errors%n_samples = n
+      allocate (errors%psd_mean(n_dof))
+      if (n > 1) allocate (errors%psd_mean_error(n_dof), &
+                           errors%psd_percentiles(n_dof, size(percentiles)), &
+                           errors%psd_percentiles_error(n_dof, size(percentiles)), &
+                           errors%band_ratio(n_dof), errors%band_ratio_error(n_dof))
+      do dof = 1, n_dof
+         call integrate(tested(dof, :, :), reference(dof, :, :), percentiles, integrals)
+         relative = share(integrals%apart(0, :), integrals%level(0, :))
+         errors%psd_mean(dof) = relative(0)
+         if (n == 1) cycle
+         errors%psd_mean_error(dof) = jackknife_error(relative(1:), n_all)
+         do p = 1, size(percentiles)
+            relative = share(integrals%apart(p, :), integrals%level(p, :))
+            errors%psd_percentiles(dof, p) = relative(0)
+            errors%psd_percentiles_error(dof, p) = jackknife_error(relative(1:), n_all)
+         end do
+         p = size(percentiles)
+         relative = change(share(integrals%tested(p, :), integrals%tested(1, :)), &
+                           share(integrals%level(p, :), integrals%level(1, :)))
+         errors%band_ratio(dof) = relative(0)
+         errors%band_ratio_error(dof) = jackknife_error(relative(1:), n_all)
+      end do
+   end subroutine compare_spectra
+
+   !> Displacements of the samples whose histories exist twice.
+   pure subroutine compare_histories(tested, reference, errors)
+      real(wp), intent(in) :: tested(:, :, :)      !! (dof, step, sample) [m]
+      real(wp), intent(in) :: reference(:, :, :)   !! (dof, step, sample) [m]
+      type(numerical_error), intent(inout) :: errors
+      integer :: dof
+
+      errors%n_samples = size(tested, 3)
+      allocate (errors%displacement_rms(size(tested, 1)))
+      do dof = 1, size(tested, 1)
+         errors%displacement_rms(dof) = sqrt(share(sum((tested(dof, :, :) &
+                                                        - reference(dof, :, :))**2), &
+                                                   sum(reference(dof, :, :)**2)))
+      end do
+   end subroutine compare_histories
+
+   !> Sums over the frequencies of one dof's curves, the mean (0) and the percentiles (1..), for all
+   !> samples and without each of them.
+   pure subroutine integrate(tested, reference, percentiles, integrals)
+      real(wp), intent(in) :: tested(:, :), reference(:, :)   !! (frequency, sample)
+      real(wp), intent(in) :: percentiles(:)
+      type(spectrum_integrals), intent(out) :: integrals
+      real(wp), dimension(0:size(percentiles), 0:size(tested, 2)) :: ours, theirs
+      integer :: f, n, n_curves
+
+      n = size(tested, 2)
+      n_curves = size(percentiles)
+      allocate (integrals%level(0:n_curves, 0:n), source=0.0_wp)
+      allocate (integrals%tested(0:n_curves, 0:n), integrals%apart(0:n_curves, 0:n), source=0.0_wp)
+      do f = 1, size(tested, 1)
+         ours = curves(tested(f, :), percentiles)
+         theirs = curves(reference(f, :), percentiles)
+         integrals%level = integrals%level + theirs
+         integrals%tested = integrals%tested + ours
+         integrals%apart = integrals%apart + abs(ours - theirs)
+      end do
+   end subroutine integrate
+
+   !> Mean (0) and percentiles (1..) of all values (0) and of all but the i-th (1..n); one value has
+   !> its mean alone.
+   pure function curves(values, percentiles) result(statistics)
+      real(wp), intent(in) :: values(:), percentiles(:)
+      real(wp) :: statistics(0:size(percentiles), 0:size(values))
+      real(wp) :: sorted(size(values))
+      integer :: order(size(values))
+      integer :: i, n, p
+
+      n = size(values)
+      statistics = 0.0_wp
+      statistics(0, 0) = mean(values)
+      if (n == 1) return
+      statistics(0, 1:) = (sum(values) - values)/(n - 1)
+      order = sort_order(values)
+      sorted = values(order)
+      do p = 1, size(percentiles)
+         statistics(p, 0) = at_rank(sorted, 1.0_wp + (n - 1)*percentiles(p)/100.0_wp)
+         do i = 1, n
+            statistics(p, order(i)) = at_rank_without(i, sorted, percentiles(p))
+         end do
+      end do
+   end function curves
+
+   !> A percentile of all values but the i-th: order statistics from i on are the next one's.
+   pure function at_rank_without(i, sorted, percentile) result(value)
+      integer, intent(in) :: i
+      real(wp), intent(in) :: sorted(:)   !! two or more
+      real(wp), intent(in) :: percentile
+      real(wp) :: value
+      real(wp) :: low, high, rank
+      integer :: below, n
+
+      n = size(sorted)
+      rank = 1.0_wp + (n - 2)*percentile/100.0_wp
+      below = max(1, min(int(rank), n - 2))
+      low = sorted(merge(below, below + 1, below < i))
+      high = sorted(min(n, merge(below + 1, below + 2, below + 1 < i)))
+      value = low + (rank - below)*(high - low)
+   end function at_rank_without
+
+   !> 1..n without i; all of them for i = 0.
+   pure function without(i, n) result(kept)
+      integer, intent(in) :: i, n
+      integer, allocatable :: kept(:)
+      integer :: k
+
+      kept = pack([(k, k=1, n)], [(k /= i, k=1, n)])
+   end function without
+
+   !> Zero for one value.
+   pure function deviation(values) result(scatter)
+      real(wp), intent(in) :: values(:)
+      real(wp) :: scatter
+
+      scatter = 0.0_wp
+      if (size(values) > 1) scatter = standard_deviation(values)
+   end function deviation
+
+   !> Standard error from the values without one sample each, when n_all samples are meant.
+   pure function jackknife_error(replicates, n_all) result(error)
+      real(wp), intent(in) :: replicates(:)
+      integer, intent(in) :: n_all
+      real(wp) :: error
+      integer :: n
+
+      n = size(replicates)
+      error = sqrt((n - 1.0_wp)/n*sum((replicates - mean(replicates))**2) &
+                   *max(0.0_wp, 1.0_wp - real(n, wp)/n_all))
+   end function jackknife_error
+
+   !> A part of a whole; of nothing: zero.
+   elemental function share(part, whole) result(value)
+      real(wp), intent(in) :: part, whole
+      real(wp) :: value
+
+      value = 0.0_wp
+      if (whole > 0.0_wp) value = part/whole
+   end function share
+
+   !> Relative change of a positive value; zero where there is none.
+   elemental function change(tested, reference) result(value)
+      real(wp), intent(in) :: tested, reference
+      real(wp) :: value
+
+      value = 0.0_wp
+      if (reference > 0.0_wp) value = tested/reference - 1.0_wp
+   end function change
+
+end module ensemble_comparison
