@@ -8,7 +8,7 @@ module driver_command_line
 
    !> The arguments, sorted out.
    type :: command_line
-      character(:), allocatable :: command        !! one of `commands`, help or version
+      character(:), allocatable :: command        !! one of `commands`, or help, or version
       character(:), allocatable :: scene          !! path of the scene file
       character(:), allocatable :: output         !! path of the results file
       character(:), allocatable :: overrides(:)   !! group%name=value, in the order typed
@@ -16,13 +16,26 @@ module driver_command_line
       logical :: is_quiet = .false.
       integer :: case_number = 0                  !! replay; counts from 1
       integer :: sample = 0                       !! replay; counts from 1
+      logical :: wants_reference = .false.        !! template
    end type command_line
 
-   character(*), parameter :: commands(*) = &
-                              [character(8) :: 'run', 'check', 'replay', 'template']
-   character(*), parameter :: options(*) = &
-                              [character(9) :: '--output', '--fresh', '--set', '--quiet', &
-                                                '--case', '--sample', '--help', '--version']
+   !> What there is, one row each: the name, what follows it, and from `text_column` what it does.
+   character(*), parameter :: commands(*) = [character(76) :: &
+      'run SCENE       all that the scene asks for; continues an interrupted run', &
+      'check SCENE     read and validate; what would run, its cost and memory', &
+      'replay SCENE    one sample again, with its full history (--case, --sample)', &
+      'template        print a complete commented scene']
+   character(*), parameter :: options(*) = [character(76) :: &
+      '--output FILE   results file; default SCENE.h5 in the current directory', &
+      '--fresh         discard what an earlier run of the scene left', &
+      '--set G%N=V     override a value: --set campaign%n_samples=20; repeatable', &
+      '--case I        replay: case number, from 1', &
+      '--sample J      replay: sample number, from 1', &
+      '--reference     template: the scene reference instead, in Markdown', &
+      '--quiet         no progress, no summary', &
+      '--help          this text', &
+      '--version       version, compiler, flags, libraries']
+   integer, parameter :: text_column = 17
 
 contains
 
@@ -49,7 +62,9 @@ contains
             line%is_fresh = .true.
          else if (word == '--quiet') then
             line%is_quiet = .true.
-         else if (any(word == ['--output', '--set   ', '--case  ', '--sample'])) then
+         else if (word == '--reference') then
+            line%wants_reference = .true.
+         else if (any(word == pack(names_in(options), takes_value(options)))) then
             i = i + 1
             if (i > command_argument_count()) then
                call raise(error, exit_bad_input, word//' needs a value')
@@ -58,10 +73,11 @@ contains
             value = argument(i)
             call take_value(line, word, value, error)
          else if (index(word, '-') == 1) then
-            call refuse_unknown('option', word, options, error)
+            call refuse_unknown('option', word, names_in(options), error)
          else if (.not. allocated(line%command)) then
             line%command = word
-            if (.not. any(word == commands)) call refuse_unknown('command', word, commands, error)
+            if (.not. any(word == names_in(commands))) &
+               call refuse_unknown('command', word, names_in(commands), error)
          else if (.not. allocated(line%scene)) then
             line%scene = word
          else
@@ -119,7 +135,7 @@ contains
       type(error_type), allocatable, intent(out) :: error
 
       if (.not. allocated(line%command)) then
-         call raise(error, exit_bad_input, 'no command; there are '//listed(commands)// &
+         call raise(error, exit_bad_input, 'no command; there are '//listed(names_in(commands))// &
                     ' (entroslip --help)')
       else if (line%command == 'template') then
          if (allocated(line%scene)) call raise(error, exit_bad_input, 'template takes no scene')
@@ -131,6 +147,8 @@ contains
       else if (line%command /= 'replay' .and. (line%case_number /= 0 .or. line%sample /= 0)) then
          call raise(error, exit_bad_input, '--case and --sample belong to replay')
       end if
+      if (.not. allocated(error) .and. line%wants_reference .and. line%command /= 'template') &
+         call raise(error, exit_bad_input, '--reference belongs to template')
    end subroutine check_together
 
    !> One screen of a terminal: 24 lines of 80 columns.
@@ -138,25 +156,41 @@ contains
       character(:), allocatable :: text
       character, parameter :: nl = new_line('a')
 
-      text = 'entroslip: maximum-entropy uncertain properties, and the vibration of'//nl// &
-             'structures held by friction'//nl//nl// &
+      text = 'entroslip: maximum-entropy properties, and vibration held by friction'//nl//nl// &
              'usage: [mpirun -n RANKS] entroslip COMMAND [SCENE] [options]'//nl//nl// &
-             '  run SCENE       all that the scene asks for; continues an interrupted run'//nl// &
-             '  check SCENE     read and validate; what would run, its cost and memory'//nl// &
-             '  replay SCENE    one sample again, with its full history (--case, --sample)'//nl// &
-             '  template        print a complete commented scene'//nl//nl// &
-             '  --output FILE   results file; default SCENE.h5 in the current directory'//nl// &
-             '  --fresh         discard what an earlier run of the scene left'//nl// &
-             '  --set G%N=V     override a value: --set campaign%n_samples=20; repeatable'//nl// &
-             '  --case I        replay: case number, from 1'//nl// &
-             '  --sample J      replay: sample number, from 1'//nl// &
-             '  --quiet         no progress, no summary'//nl// &
-             '  --help          this text'//nl// &
-             '  --version       version, compiler, flags, libraries'//nl//nl// &
+             rows(commands)//nl//rows(options)//nl// &
              'exit codes: 0 done; 2 bad usage, scene or input file; 3 a file cannot be'//nl// &
              'written, is locked, damaged or foreign; 4 no solution, or a target out of'//nl// &
              'reach; 75 stopped early, start again to continue'
+
+   contains
+
+      pure function rows(table) result(lines)
+         character(*), intent(in) :: table(:)
+         character(:), allocatable :: lines
+         integer :: i
+
+         lines = ''
+         do i = 1, size(table)
+            lines = lines//'  '//trim(table(i))//nl
+         end do
+      end function rows
+
    end function help_text
+
+   !> The name that a row of a table begins with.
+   elemental function names_in(row) result(name)
+      character(*), intent(in) :: row
+      character(text_column) :: name
+
+      name = row(:index(row, ' '))
+   end function names_in
+
+   elemental logical function takes_value(row)
+      character(*), intent(in) :: row
+
+      takes_value = row(index(row, ' '):text_column) /= ''
+   end function takes_value
 
    !> The i-th argument.
    function argument(i) result(text)

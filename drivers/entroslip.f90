@@ -1,8 +1,9 @@
 !> Maximum-entropy uncertain properties, and the vibration of structures held by friction.
 program entroslip
-   use, intrinsic :: iso_fortran_env, only: error_unit, output_unit
-   use config_template, only: template_text
+   use, intrinsic :: iso_fortran_env, only: output_unit
+   use config_template, only: scene_reference, template_text
    use core_error, only: error_type
+   use core_terminal, only: write_error
    use driver_check, only: check
    use driver_command_line, only: command_line, help_text, read_command_line
    use driver_replay, only: replay
@@ -14,7 +15,7 @@ program entroslip
 
    call read_command_line(line, error)
    if (allocated(error)) then
-      write (error_unit, '(a)') 'entroslip: '//error%message
+      call write_error(error%message)
       stop error%exit_code, quiet = .true.
    end if
    select case (line%command)
@@ -25,7 +26,11 @@ program entroslip
    case ('replay')
       call replay(line)
    case ('template')
-      write (output_unit, '(a)') template_text()
+      if (line%wants_reference) then
+         write (output_unit, '(a)') scene_reference()
+      else
+         write (output_unit, '(a)') template_text()
+      end if
    case ('version')
       write (output_unit, '(a)') version_text()
    case ('help')

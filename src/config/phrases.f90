@@ -7,16 +7,26 @@ module config_phrases
    public :: brief, counted, duration, joined, labelled, numbered, padded, size_text
 
    character(*), parameter :: line_feed = new_line('a')
-   integer, parameter :: label_width = 13
+   integer, parameter :: label_width = 13, line_width = 80
 
 contains
 
-   !> A line of a report: the label in a column of its own.
-   pure function labelled(label, text) result(line)
+   !> A line of a report: the label in a column of its own; broken at blanks where a terminal ends.
+   pure function labelled(label, text) result(lines)
       character(*), intent(in) :: label, text
-      character(:), allocatable :: line
+      character(:), allocatable :: lines
+      integer, parameter :: width = line_width - label_width
+      integer :: first, last
 
-      line = padded(label, label_width)//text//line_feed
+      lines = padded(label, label_width)
+      first = 1
+      do while (len(text) - first >= width)
+         last = first - 1 + index(text(first:first + width), ' ', back=.true.)
+         if (last < first) exit
+         lines = lines//text(first:last - 1)//line_feed//repeat(' ', label_width)
+         first = last + 1
+      end do
+      lines = lines//text(first:)//line_feed
    end function labelled
 
    !> At least one blank behind it.

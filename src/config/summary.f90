@@ -28,7 +28,8 @@ contains
       character(:), allocatable :: text
       integer :: i
 
-      text = labelled('scene', plan%title//', '//scene%path//', fingerprint '//fingerprint(scene))
+      text = labelled('scene', plan%title//', '//scene%path)// &
+             labelled('fingerprint', fingerprint(scene))
       text = text//labelled('runs', joined(parts(scene, plan, wanted=.true.)))
       text = text//labelled('does not run', joined(parts(scene, plan, wanted=.false.)))
       if (size(plan%processes) > 0) text = text//line_feed//process_table(plan, verdicts)
@@ -49,6 +50,7 @@ contains
       logical, intent(in) :: wanted
       character(40), allocatable :: names(:)
       logical :: is_there(9)
+      logical, parameter :: is_of_motion(9) = [.false., .false., spread(.true., 1, 6), .false.]
 
       associate (output => plan%output)
          is_there = [size(plan%processes) > 0, size(plan%cases) > 0, &
@@ -66,7 +68,7 @@ contains
          names(9) = counted(plan%n_realizations, 'realization', 'realizations')//' of '// &
                     counted(plan%n_points, 'point', 'points')
       end if
-      names = pack(names, is_there .eqv. wanted)
+      names = pack(names, (is_there .eqv. wanted) .and. (plan%has_chain .or. .not. is_of_motion))
    end function parts
 
    !> One row per process.
@@ -165,7 +167,7 @@ contains
          if (how%method == 'newmark') &
             method = 'newmark, at most '//counted(how%max_halvings, 'halving', 'halvings')
          steps = to_text(how%n_steps)//' steps of '//to_text(how%dt)//' s, '// &
-                 duration(how%n_steps*how%dt)//' of motion'
+                 duration(how%n_steps*how%dt)
          if (how%n_discard > 0) steps = steps//', the first '//to_text(how%n_discard)//' discarded'
          text = text//labelled('integration', method//', '//steps)
          if (plan%output%spectrum) &

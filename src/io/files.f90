@@ -4,10 +4,11 @@ module io_files
                      c_null_char, c_null_ptr, c_ptr, c_size_t
    use core_error, only: error_type
    use core_kinds, only: long
+   use core_terminal, only: is_terminal, standard_output
    use core_text, only: to_text
    use io_posix, only: c_access, c_fclose, c_fileno, c_fopen, c_fsync, c_gethostname, c_getpid, &
-                       c_getppid, c_glob, c_globfree, c_isatty, c_mkdir, c_remove, c_rename, &
-                       raise_system, system_error, text_at
+                       c_getppid, c_glob, c_globfree, c_mkdir, c_remove, c_rename, raise_system, &
+                       system_error, text_at
    implicit none(type, external)
    private
    public :: exists, file_size, folder_of, host_name, is_folder
@@ -196,13 +197,13 @@ contains
       integer(c_int) :: closed
       integer :: status
 
-      shows_on_terminal = c_isatty(1_c_int) == 1
+      shows_on_terminal = is_terminal(standard_output)
       call get_environment_variable('OMPI_COMM_WORLD_SIZE', status=status)
       if (status /= 0 .or. .not. shows_on_terminal) return
       stream = c_fopen('/proc/'//to_text(int(c_getppid()))//'/fd/1'//c_null_char, 'r'//c_null_char)
       shows_on_terminal = c_associated(stream)
       if (.not. shows_on_terminal) return
-      shows_on_terminal = c_isatty(c_fileno(stream)) == 1
+      shows_on_terminal = is_terminal(c_fileno(stream))
       closed = c_fclose(stream)
    end function shows_on_terminal
 

@@ -5,7 +5,7 @@ module io_posix
    implicit none(type, external)
    private
    public :: c_access, c_fclose, c_fflush, c_fileno, c_fopen, c_fputs, c_fstat, c_fsync, &
-             c_gethostname, c_getpid, c_getppid, c_glob, c_globfree, c_isatty, c_lockf, c_mkdir, &
+             c_gethostname, c_getpid, c_getppid, c_glob, c_globfree, c_lockf, c_mkdir, &
              c_remove, c_rename, c_stat
    public :: raise_system, system_error, text_at
 
@@ -107,12 +107,6 @@ module io_posix
          integer(c_size_t), value :: length
          integer(c_int) :: status
       end function c_gethostname
-
-      function c_isatty(descriptor) result(answer) bind(c, name='isatty')
-         import :: c_int
-         integer(c_int), value :: descriptor
-         integer(c_int) :: answer
-      end function c_isatty
 
       function c_fputs(text, stream) result(status) bind(c, name='fputs')
          import :: c_char, c_int, c_ptr

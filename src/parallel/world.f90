@@ -8,6 +8,7 @@ module parallel_world
    use, intrinsic :: iso_fortran_env, only: error_unit, int8, output_unit
    use core_error, only: error_type, exit_done
    use core_kinds, only: long, wp
+   use core_terminal, only: write_error
    use mpi_f08, only: MPI_Allreduce, MPI_ANY_SOURCE, MPI_ANY_TAG, MPI_Barrier, MPI_Bcast, &
                       MPI_CHARACTER, MPI_Comm, MPI_Comm_rank, MPI_Comm_size, MPI_COMM_WORLD, &
                       MPI_DOUBLE_PRECISION, MPI_Finalize, MPI_Gather, MPI_Gatherv, &
@@ -168,7 +169,7 @@ contains
       end if
       call self%broadcast(exit_code, from=failed)
       call self%broadcast(message, from=failed)
-      if (self%is_root()) write (error_unit, '(a)') message
+      if (self%is_root()) call write_error(message)
       call stop_world(exit_code)
    end subroutine stop_on
 

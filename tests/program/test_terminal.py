@@ -1,0 +1,58 @@
+"""What a person at a terminal sees: help on one screen, colour where it is wanted, aligned text."""
+
+from __future__ import annotations
+
+import os
+import pty
+import subprocess
+
+import pytest
+
+from tests.conftest import ENVIRONMENT, ROOT
+
+ESCAPE = "\x1b["
+
+
+def errors_on_a_terminal(program, *arguments, **environment):
+    """Standard error of a run for which it is a terminal."""
+    reader, writer = pty.openpty()
+    variables = {name: text for name, text in ENVIRONMENT.items() if name != "NO_COLOR"}
+    process = subprocess.Popen(
+        [program, *arguments], stdout=subprocess.DEVNULL, stderr=writer, env=variables | environment
+    )
+    os.close(writer)
+    text = b""
+    try:
+        while part := os.read(reader, 4096):
+            text += part
+    except OSError:  # Linux: the other end is closed
+        pass
+    os.close(reader)
+    assert process.wait() == 2
+    return text.decode()
+
+
+def test_errors_are_coloured_on_a_terminal_only(program, entroslip):
+    assert errors_on_a_terminal(program, "rnu").startswith(f"{ESCAPE}1;31mentroslip:{ESCAPE}0m ")
+    assert ESCAPE not in errors_on_a_terminal(program, "rnu", NO_COLOR="1")
+    assert entroslip("rnu").stderr.startswith("entroslip: unknown command rnu")
+
+
+def test_a_complaint_begins_with_its_place(entroslip, tmp_path):
+    (tmp_path / "bad.nml").write_text("&chain mass = -1.0 /\n&excitation variance = 1.0 /\n")
+    first, line, caret = entroslip("check", "bad.nml").stderr.splitlines()
+    assert first.startswith("bad.nml:1: ")
+    assert line.index("-1.0") == caret.index("^")
+
+
+def test_help_fits_a_screen(entroslip):
+    lines = entroslip("--help").stdout.splitlines()
+    assert len(lines) <= 24
+    assert max(map(len, lines)) <= 80
+
+
+@pytest.mark.parametrize("scene", sorted(path.name for path in (ROOT / "input").glob("*.nml")))
+def test_check_keeps_to_80_columns(entroslip, scene):
+    done = entroslip("check", scene, cwd=ROOT / "input")
+    assert done.returncode == 0, done.stderr
+    assert [line for line in done.stdout.splitlines() if len(line) > 80] == []
