@@ -1,0 +1,74 @@
+!> The energy ledger of the event method over the paper's 400,000 steps at a tolerance of 1e-10: its
+!> defect, relative to the work done, and what keeping it costs. 32 samples of the paper's chain.
+!> Run: build/release/bin/bench_dynamics_ledger
+program bench_dynamics_ledger
+   use core_error, only: error_type
+   use core_kinds, only: long, wp
+   use core_random, only: label_of, new_stream, stream_type
+   use dynamics_chain, only: build_chain, chain_type
+   use dynamics_event, only: event_marcher, new_event_marcher
+   use dynamics_excitation, only: band_limited_force
+   use dynamics_response, only: block_state, start_block, stored_energy
+   implicit none(type, external)
+   integer, parameter :: n_steps = 400000, n_samples = 32, n_dof = 5
+   real(wp), parameter :: dt = 0.00843_wp, variances(2) = [3.7_wp, 41.1_wp]
+   type(chain_type) :: chain
+   type(event_marcher) :: marcher
+   type(stream_type) :: stream
+   type(error_type), allocatable :: error
+   real(wp) :: friction(n_dof, n_samples), normal(n_dof*n_samples), nanoseconds, with_ledger, defect
+   real(wp), allocatable :: record(:), force(:, :)
+   integer :: i
+
+   call build_chain(spread(1.0_wp, 1, n_dof), spread(25.0_wp, 1, n_dof), spread(50.0_wp, 1, n_dof), &
+                    spread(10.0_wp, 1, n_dof), spread(0.005_wp, 1, n_dof), chain, error)
+   call stop_on_error()
+   call new_event_marcher(chain, dt, 1.0e-10_wp, n_dof, marcher, error)
+   call stop_on_error()
+   allocate (record(0:n_steps), force(0:n_steps, 1))
+   stream = new_stream(2016_long, label_of('bench'), 0)
+   call stream%normals(normal)
+   friction = max(0.01_wp, 0.2_wp + 0.067_wp*reshape(normal, shape(friction)))
+   call band_limited_force([0.0_wp, 2.5_wp], dt, stream, record, error)
+   call stop_on_error()
+   print '(a)', '# variance  defect_over_work  ns_with_ledger  ns_without  ratio'
+   do i = 1, size(variances)
+      force(:, 1) = sqrt(variances(i))*record
+      call time_march(.false., nanoseconds, defect)
+      call time_march(.true., with_ledger, defect)
+      print '(f10.1, es18.1, f16.1, f12.1, f7.2)', variances(i), defect, with_ledger, nanoseconds, &
+         with_ledger/nanoseconds
+   end do
+
+contains
+
+   !> CPU time per sample-step, and the largest defect of the samples where a ledger is kept.
+   subroutine time_march(keeps_ledger, nanoseconds, defect)
+      logical, intent(in) :: keeps_ledger
+      real(wp), intent(out) :: nanoseconds   !! [ns]
+      real(wp), intent(out) :: defect        !! relative to the work of damping and friction
+      integer, parameter :: piece = 1000
+      type(block_state) :: state
+      real(wp) :: begin, end, nothing(0, n_dof, n_samples), work(n_samples)
+      integer :: step
+
+      state%keeps_ledger = keeps_ledger
+      call start_block(chain, friction, state)
+      call cpu_time(begin)
+      do step = 0, n_steps - piece, piece
+         call marcher%advance(state, force(step:step + piece, :), piece + 1, nothing, error=error)
+         call stop_on_error()
+      end do
+      call cpu_time(end)
+      nanoseconds = 1.0e9_wp*(end - begin)/(real(n_steps, wp)*n_samples)
+      defect = 0.0_wp
+      if (.not. keeps_ledger) return
+      work = state%work_viscous + state%work_friction
+      defect = maxval(abs(state%work_input - work - stored_energy(chain, state))/work)
+   end subroutine time_march
+
+   subroutine stop_on_error()
+      if (allocated(error)) error stop error%message
+   end subroutine stop_on_error
+
+end program bench_dynamics_ledger
