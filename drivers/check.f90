@@ -5,12 +5,14 @@ module driver_check
    use config_summary, only: summary_text
    use core_error, only: error_type, exit_done
    use core_kinds, only: wp
-   use driver_campaign, only: load_plan
+   use driver_campaign, only: load_plan, refuse_unsolved
    use driver_command_line, only: command_line
    use ensemble_pilot, only: measure_cost
    use ensemble_plan, only: plan_type
    use ensemble_runner, only: block_width
    use parallel_world, only: start_world, stop_world, world_type
+   use process_fit, only: foresee_process
+   use process_model, only: process_model_type
    implicit none(type, external)
    private
    public :: check
@@ -22,6 +24,7 @@ contains
       type(world_type) :: world
       type(scene_type) :: scene
       type(plan_type) :: plan
+      type(process_model_type), allocatable :: models(:)
       real(wp), allocatable :: force(:, :)
       real(wp) :: nanoseconds
       type(error_type), allocatable :: error
@@ -32,9 +35,30 @@ contains
       nanoseconds = 0.0_wp
       if (plan%has_chain .and. world%is_root()) call measure_cost(plan, force, nanoseconds, error)
       call world%stop_on(error)
-      if (world%is_root()) write (output_unit, '(a)') &
-         summary_text(scene, plan, nanoseconds, world%n_ranks, block_width(plan))
+      if (world%is_root()) then
+         call foresee_processes(plan, models)
+         write (output_unit, '(a)') summary_text(scene, plan, nanoseconds, world%n_ranks, &
+                                                 block_width(plan), models)
+         call refuse_unsolved(plan, models, error)
+      end if
+      call world%stop_on(error)
       call stop_world(exit_done)
    end subroutine check
+
+   !> Which processes have a solution, as far as it is known before they are fitted.
+   subroutine foresee_processes(plan, models)
+      type(plan_type), intent(in) :: plan
+      type(process_model_type), allocatable, intent(out) :: models(:)
+      type(error_type), allocatable :: error
+      integer :: i
+
+      allocate (models(size(plan%processes)))
+      do i = 1, size(models)
+         models(i)%request = plan%processes(i)
+         call foresee_process(plan%processes(i), plan%seed, error)
+         models(i)%is_solved = .not. allocated(error)
+         if (allocated(error)) models(i)%reason = error%message
+      end do
+   end subroutine foresee_processes
 
 end module driver_check

@@ -7,6 +7,7 @@ module config_summary
    use core_kinds, only: wp
    use core_text, only: to_text
    use ensemble_plan, only: plan_type
+   use process_model, only: process_model_type
    implicit none(type, external)
    private
    public :: summary_text
@@ -18,13 +19,14 @@ module config_summary
 contains
 
    !> Aligned and short; ends without a line feed.
-   function summary_text(scene, plan, nanoseconds, n_ranks, block_width, verdicts) result(text)
+   function summary_text(scene, plan, nanoseconds, n_ranks, block_width, foreseen) result(text)
       type(scene_type), intent(in) :: scene
       type(plan_type), intent(in) :: plan
       real(wp), intent(in) :: nanoseconds   !! cost of a sample-step; 0: not known
       integer, intent(in) :: n_ranks
       integer, intent(in) :: block_width    !! samples marched together
-      character(*), intent(in), optional :: verdicts(:)   !! (process) whether it has a solution
+      !> (process) whether it has a solution, as far as that is known before the fit, or why not
+      type(process_model_type), intent(in), optional :: foreseen(:)
       character(:), allocatable :: text
       integer :: i
 
@@ -32,7 +34,7 @@ contains
              labelled('fingerprint', fingerprint(scene))
       text = text//labelled('runs', joined(parts(scene, plan, wanted=.true.)))
       text = text//labelled('does not run', joined(parts(scene, plan, wanted=.false.)))
-      if (size(plan%processes) > 0) text = text//line_feed//process_table(plan, verdicts)
+      if (size(plan%processes) > 0) text = text//line_feed//process_table(plan, foreseen)
       if (plan%has_chain) then
          text = text//line_feed//case_table(plan)//line_feed//motion_text(plan)
          text = text//cost_text(plan, nanoseconds, n_ranks, block_width)
@@ -71,14 +73,17 @@ contains
       names = pack(names, (is_there .eqv. wanted) .and. (plan%has_chain .or. .not. is_of_motion))
    end function parts
 
-   !> One row per process.
-   function process_table(plan, verdicts) result(text)
+   !> One row per process, then the reasons why some have no solution.
+   function process_table(plan, foreseen) result(text)
       type(plan_type), intent(in) :: plan
-      character(*), intent(in), optional :: verdicts(:)
-      character(:), allocatable :: text, order, law
+      type(process_model_type), intent(in), optional :: foreseen(:)
+      character(:), allocatable :: text, reasons, order, law
       integer :: i
 
-      text = 'process  method          correlation  order   mean    std     law'//line_feed
+      text = 'process  method          correlation  order   mean    std     law'
+      if (present(foreseen)) text = text//'         verdict'
+      text = text//line_feed
+      reasons = ''
       do i = 1, min(size(plan%processes), max_rows)
          associate (p => plan%processes(i))
             order = to_text(p%order)
@@ -89,11 +94,16 @@ contains
                    padded(p%correlation//' = '//brief(p%correlation_length), 13)// &
                    padded(order, 8)//padded(brief(p%mean), 8)//padded(brief(p%std), 8)
          end associate
-         if (present(verdicts)) law = padded(law, 12)//trim(verdicts(i))
-         text = text//trim(law)//line_feed
+         if (present(foreseen)) then
+            law = padded(law, 12)//trim(merge('ordinary  ', 'infeasible', foreseen(i)%is_solved))
+            if (.not. foreseen(i)%is_solved) &
+               reasons = reasons//labelled(numbered('p', i), foreseen(i)%reason)
+         end if
+         text = text//law//line_feed
       end do
       if (size(plan%processes) > max_rows) &
          text = text//'... and '//to_text(size(plan%processes) - max_rows)//' more'//line_feed
+      text = text//reasons
    end function process_table
 
    !> One row per process: its cases differ in variance only.

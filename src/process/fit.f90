@@ -6,12 +6,13 @@ module process_fit
    use process_ar_fit, only: fit_ar
    use process_ar_order, only: choose_order
    use process_ar_search, only: ar_rival, find_rival
+   use process_direct_limits, only: certainly_feasible_m_max
    use process_maxent_direct, only: fit_direct
    use process_model, only: process_model_type, process_request
-   use process_positive_fit, only: fit_positive
+   use process_positive_fit, only: fit_positive, foresee_positive
    implicit none(type, external)
    private
-   public :: fit_process, differ_only_in_scale
+   public :: fit_process, foresee_process, differ_only_in_scale
 
    ! beyond this order or length a search costs far more than the fit
    integer, parameter :: n_rivals = 4, highest_rival_order = 12
@@ -27,24 +28,12 @@ contains
       type(process_request) :: resolved
       type(error_type), allocatable :: error
 
-      if (request%method == 'direct' .and. .not. request%positive) then
-         call fit_direct(request, model)
-         return
-      end if
-      if (request%method == 'direct') then
-         call fit_positive(request, seed, model)
-         return
-      end if
-      resolved = request
-      if (request%method == 'autoregressive') then
-         call choose_order(request, resolved%order, error)
-      else
-         call raise(error, exit_bad_input, &
-                    "method = '"//request%method//"': must be 'autoregressive' or 'direct'")
-      end if
+      call resolve_order(request, resolved, error)
       if (.not. allocated(error)) then
          if (request%positive) then
             call fit_positive(resolved, seed, model)
+         else if (request%method == 'direct') then
+            call fit_direct(resolved, model)
          else
             call fit_unconstrained(resolved, seed, model, error)
          end if
@@ -55,6 +44,46 @@ contains
          model%reason = error%message
       end if
    end subroutine fit_process
+
+   !> What is known before the fit, in a fraction of a second as a rule: fails, by the rules of the
+   !> fit itself, where it would not even begin.
+   subroutine foresee_process(request, seed, error)
+      type(process_request), intent(in) :: request
+      integer(long), intent(in) :: seed
+      type(error_type), allocatable, intent(out) :: error
+      type(process_request) :: resolved
+      type(process_model_type) :: model
+
+      call resolve_order(request, resolved, error)
+      if (allocated(error)) return
+      if (request%positive) then
+         call foresee_positive(resolved, seed, error)
+      else if (request%method == 'autoregressive') then
+         call fit_ar(resolved%correlation, resolved%correlation_length, resolved%order, &
+                     resolved%std, model, error)
+      else if (resolved%order < certainly_feasible_m_max(resolved%correlation, &
+                                                         resolved%correlation_length)) then
+         call fit_direct(resolved, model)
+         if (.not. model%is_solved) call raise(error, exit_no_solution, model%reason)
+      end if
+   end subroutine foresee_process
+
+   !> The request with its order chosen where it is not given.
+   subroutine resolve_order(request, resolved, error)
+      type(process_request), intent(in) :: request
+      type(process_request), intent(out) :: resolved
+      type(error_type), allocatable, intent(out) :: error
+
+      resolved = request
+      select case (request%method)
+      case ('autoregressive')
+         call choose_order(request, resolved%order, error)
+      case ('direct')
+      case default
+         call raise(error, exit_bad_input, &
+                    "method = '"//request%method//"': must be 'autoregressive' or 'direct'")
+      end select
+   end subroutine resolve_order
 
    !> The process without sign constraint: the mean is added to it.
    subroutine fit_unconstrained(request, seed, model, error)

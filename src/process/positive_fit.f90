@@ -24,7 +24,7 @@ module process_positive_fit
    use process_truncated_normal, only: fit_truncated_normal, hazard_ratio, log_acceptance
    implicit none(type, external)
    private
-   public :: fit_positive
+   public :: fit_positive, foresee_positive
 
    integer, parameter :: quick_steps = 128     !! of a batch on the way to a first solution
    integer, parameter :: limit_steps = 1024    !! of a batch where std/mean may end
@@ -48,37 +48,46 @@ contains
       type(process_model_type), intent(out) :: model
       class(positive_law), allocatable :: law
       type(search_result) :: found
-      type(stream_type) :: stream
       type(error_type), allocatable :: error
-      real(wp), allocatable :: kappa(:), point(:)
-      real(wp) :: location, mu, sigma, violation
+      real(wp), allocatable :: point(:)
+      real(wp) :: mu, sigma, violation
 
       model%request = request
-      stream = new_stream(seed, label_of('positive process'), 0)
-      call fit_truncated_normal(request%mean, request%std, mu, sigma, error)
-      if (.not. allocated(error) .and. .not. abs(request%correlation_length) > 0.0_wp) then
-         call describe_white(request, mu, sigma, model)
-         return
+      if (.not. abs(request%correlation_length) > 0.0_wp) then
+         call fit_truncated_normal(request%mean, request%std, mu, sigma, error)
+         if (.not. allocated(error)) call describe_white(request, mu, sigma, model)
+      else
+         call approach(request, seed, law, point, found, error)
+         if (.not. allocated(error)) call find_shape(law, point, found, error)
+         if (.not. allocated(error)) then
+            call match_targets(law, found, point, violation)
+            call describe(request, law, model, error)
+         end if
+         if (.not. allocated(error)) call compare_laws(request, law, point, model, error)
+         if (request%method == 'direct' .and. .not. allocated(error)) &
+            call name_multipliers(request, model)
+         model%optimality = merge(violation, found%residual, request%method == 'direct')
       end if
-      if (.not. allocated(error)) call prepare_law(request, request%sampler, stream, law, kappa, &
-                                                   error)
-      if (.not. allocated(error)) then
-         ! a first guess: the unconstrained optimum and the univariate law
-         location = mu/(sigma*innovation_std(kappa, 1.0_wp))
-         point = [atanh(kappa), location*(1.0_wp + sum(law%companion))**law%power]
-         call find_shape(law, point, found, error)
-      end if
-      if (.not. allocated(error)) then
-         call match_targets(law, found, point, violation)
-         call describe(request, law, model, error)
-      end if
-      if (.not. allocated(error)) call compare_laws(request, stream, law, point, model, error)
-      if (request%method == 'direct' .and. .not. allocated(error)) call name_multipliers(request, &
-                                                                                         model)
-      model%optimality = merge(violation, found%residual, request%method == 'direct')
       model%is_solved = .not. allocated(error)
       if (allocated(error)) model%reason = error%message
    end subroutine fit_positive
+
+   !> What is known before the fit: fails where `fit_positive` would not even begin.
+   subroutine foresee_positive(request, seed, error)
+      type(process_request), intent(in) :: request
+      integer(long), intent(in) :: seed
+      type(error_type), allocatable, intent(out) :: error
+      class(positive_law), allocatable :: law
+      type(search_result) :: found
+      real(wp), allocatable :: point(:)
+      real(wp) :: mu, sigma
+
+      if (abs(request%correlation_length) > 0.0_wp) then
+         call approach(request, seed, law, point, found, error)
+      else
+         call fit_truncated_normal(request%mean, request%std, mu, sigma, error)
+      end if
+   end subroutine foresee_positive
 
    !> Without correlation both laws are the univariate one, in closed form.
    subroutine describe_white(request, mu, sigma, model)
@@ -111,49 +120,81 @@ contains
       model%other_entropy = model%entropy
    end subroutine describe_white
 
-   !> First the unconstrained optimum of another length, then every coefficient free.
+   !> The unconstrained optimum of another length that has the targets under the law, on few
+   !> simulated values: `point` is (factor, coordinate). Fails where that family ends before.
+   subroutine approach(request, seed, law, point, found, error)
+      type(process_request), intent(in) :: request
+      integer(long), intent(in) :: seed
+      class(positive_law), allocatable, intent(out) :: law
+      real(wp), allocatable, intent(out) :: point(:)
+      type(search_result), intent(out) :: found
+      type(error_type), allocatable, intent(out) :: error
+      real(wp), allocatable :: kappa(:)
+      real(wp) :: coordinate, limit, mu, sigma
+      logical :: is_reached
+
+      call fit_truncated_normal(request%mean, request%std, mu, sigma, error)
+      if (allocated(error)) return
+      call prepare_law(request, request%sampler, stream_of(seed), law, kappa, error)
+      if (allocated(error)) return
+      ! a first guess: the unconstrained optimum and the univariate law
+      law%shape = atanh(kappa)
+      coordinate = mu/(sigma*innovation_std(kappa, 1.0_wp))*(1.0_wp + sum(law%companion))**law%power
+      point = [1.0_wp, coordinate]
+      law%n_steps = quick_steps
+      call law%settle(law%companion)
+      call maximize(law, point, n_constraints, 1.0e-4_wp, close_enough, 8, found)
+      if (found%violation > close_enough) then
+         point = [1.0_wp, coordinate]
+         law%n_steps = limit_steps
+         call follow_family(law, point, limit, is_reached)
+         if (.not. is_reached) then
+            call raise(error, exit_no_solution, name_of(law, size(kappa))//': with the shape of '// &
+                       'the unconstrained optimum std/mean ends near '// &
+                       to_text(nint(1.0e2_wp*limit)/1.0e2_wp)// &
+                       ', where mu runs away to minus infinity')
+            return
+         end if
+         call maximize(law, point, n_constraints, 1.0e-4_wp, close_enough, 20, found)
+      end if
+      found%is_converged = found%violation <= close_enough
+      call require_converged(law, found, size(kappa), error)
+   end subroutine approach
+
+   !> Every coefficient free. The direct method's form is that of the maximum already.
    subroutine find_shape(law, point, found, error)
       class(positive_law), intent(inout) :: law
       real(wp), allocatable, intent(inout) :: point(:)
-      type(search_result), intent(out) :: found
+      type(search_result), intent(inout) :: found
       type(error_type), allocatable, intent(out) :: error
-      real(wp) :: limit, reduced(2)
-      integer :: order
-      logical :: is_reached
 
-      order = size(point) - 1
-      law%shape = point(:order)
-      reduced = [1.0_wp, point(order + 1)]
-      law%n_steps = quick_steps
-      call law%settle(law%companion)
-      call maximize(law, reduced, n_constraints, 1.0e-4_wp, close_enough, 8, found)
-      if (found%violation > close_enough) then
-         reduced = [1.0_wp, point(order + 1)]
-         law%n_steps = limit_steps
-         call follow_family(law, reduced, limit, is_reached)
-         if (.not. is_reached) then
-            call raise(error, exit_no_solution, name_of(law, order)//': with the shape of the '// &
-                       'unconstrained optimum std/mean ends near '// &
-                       to_text(nint(1.0e2_wp*limit)/1.0e2_wp)// &
-                          ', where mu runs away to minus infinity')
-            return
-         end if
-         call maximize(law, reduced, n_constraints, 1.0e-4_wp, close_enough, 20, found)
-      end if
       law%n_steps = shape_steps
-      found%is_converged = found%violation <= close_enough
-      if (allocated(law%symbol)) then   ! the direct method's form is that of the maximum
-         point = reduced
-      else if (found%is_converged) then
-         point = [reduced(1)*law%shape, reduced(2)]
-         deallocate (law%shape)
-         call free_shape(law, point, found)
-      end if
-      if (.not. found%is_converged) call raise(error, exit_no_solution, name_of(law, order)// &
-                                               ': the search ended '//to_text(found%violation)// &
-                                               ' (relative) from its targets, with '// &
-                                               to_text(found%residual)//' of the gradient left')
+      if (allocated(law%symbol)) return
+      point = [point(1)*law%shape, point(2)]
+      deallocate (law%shape)
+      call free_shape(law, point, found)
+      call require_converged(law, found, size(point) - 1, error)
    end subroutine find_shape
+
+   subroutine require_converged(law, found, order, error)
+      class(positive_law), intent(in) :: law
+      type(search_result), intent(in) :: found
+      integer, intent(in) :: order
+      type(error_type), allocatable, intent(out) :: error
+
+      if (.not. found%is_converged) &
+         call raise(error, exit_no_solution, name_of(law, order)//': the search ended '// &
+                    to_text(found%violation)//' (relative) from its targets, with '// &
+                    to_text(found%residual)//' of the gradient left')
+   end subroutine require_converged
+
+   !> The simulated values are the same in every fit of a seed.
+   pure function stream_of(seed) result(stream)
+      integer(long), intent(in) :: seed
+      type(stream_type) :: stream
+
+      stream = new_stream(seed, label_of('positive process'), 0)
+   end function stream_of
 
    !> Every coefficient free. Where correlation is so weak that the entropy does not feel its shape
    !> above the noise of the sample, the shape of the unconstrained optimum is kept, with the
@@ -273,9 +314,8 @@ contains
    end subroutine name_multipliers
 
    !> What the same a_q, b0 and mu give under the other law, and the acceptances of both.
-   subroutine compare_laws(request, stream, law, point, model, error)
+   subroutine compare_laws(request, law, point, model, error)
       type(process_request), intent(in) :: request
-      type(stream_type), intent(in) :: stream
       class(positive_law), intent(in) :: law
       real(wp), intent(in) :: point(:)
       type(process_model_type), intent(inout) :: model
@@ -286,7 +326,7 @@ contains
       logical :: is_inside
 
       call prepare_law(request, merge('exact     ', 'sequential', &
-                                      request%sampler == 'sequential'), stream, other, &
+                                      request%sampler == 'sequential'), law%stream, other, &
                        kappa, error)
       if (allocated(error)) return
       location = model%mu/model%b0
