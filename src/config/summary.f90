@@ -80,8 +80,8 @@ contains
       character(:), allocatable :: text, reasons, order, law
       integer :: i
 
-      text = 'process  method          correlation  order   mean    std     law'
-      if (present(foreseen)) text = text//'         verdict'
+      text = 'process  method         correlation  order  mean   std     law'
+      if (present(foreseen)) text = text//'        verdict'
       text = text//line_feed
       reasons = ''
       do i = 1, min(size(plan%processes), max_rows)
@@ -90,12 +90,12 @@ contains
             if (p%order == 0) order = 'chosen'
             law = 'any sign'
             if (p%positive) law = p%sampler
-            text = text//padded(numbered('p', i), 9)//padded(p%method, 16)// &
+            text = text//padded(numbered('p', i), 9)//padded(p%method, 15)// &
                    padded(p%correlation//' = '//brief(p%correlation_length), 13)// &
-                   padded(order, 8)//padded(brief(p%mean), 8)//padded(brief(p%std), 8)
+                   padded(order, 7)//padded(brief(p%mean), 7)//padded(brief(p%std), 8)
          end associate
          if (present(foreseen)) then
-            law = padded(law, 12)//trim(merge('ordinary  ', 'infeasible', foreseen(i)%is_solved))
+            law = padded(law, 11)//trim(merge('ordinary  ', 'infeasible', foreseen(i)%is_solved))
             if (.not. foreseen(i)%is_solved) &
                reasons = reasons//labelled(numbered('p', i), foreseen(i)%reason)
          end if
