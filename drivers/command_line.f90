@@ -14,6 +14,7 @@ module driver_command_line
       character(:), allocatable :: overrides(:)   !! group%name=value, in the order typed
       logical :: is_fresh = .false.
       logical :: is_quiet = .false.
+      logical :: is_shared = .false.              !! run: one of several on one output
       integer :: case_number = 0                  !! replay; counts from 1
       integer :: sample = 0                       !! replay; counts from 1
       logical :: wants_reference = .false.        !! template
@@ -29,6 +30,7 @@ module driver_command_line
       '--output FILE   results file; default SCENE.h5 in the current directory', &
       '--fresh         discard what an earlier run of the scene left', &
       '--set G%N=V     override a value: --set campaign%n_samples=20; repeatable', &
+      '--share         one of several runs on one output; a plain run then merges', &
       '--case I        replay: case number, from 1', &
       '--sample J      replay: sample number, from 1', &
       '--reference     template: the scene reference instead, in Markdown', &
@@ -62,6 +64,8 @@ contains
             line%is_fresh = .true.
          else if (word == '--quiet') then
             line%is_quiet = .true.
+         else if (word == '--share') then
+            line%is_shared = .true.
          else if (word == '--reference') then
             line%wants_reference = .true.
          else if (any(word == pack(names_in(options), takes_value(options)))) then
@@ -146,6 +150,11 @@ contains
          call raise(error, exit_bad_input, 'replay needs --case and --sample')
       else if (line%command /= 'replay' .and. (line%case_number /= 0 .or. line%sample /= 0)) then
          call raise(error, exit_bad_input, '--case and --sample belong to replay')
+      else if (line%is_shared .and. line%command /= 'run') then
+         call raise(error, exit_bad_input, '--share belongs to run')
+      else if (line%is_shared .and. line%is_fresh) then
+         call raise(error, exit_bad_input, '--fresh discards what others share: start one run '// &
+                    'without --share for it')
       end if
       if (.not. allocated(error) .and. line%wants_reference .and. line%command /= 'template') &
          call raise(error, exit_bad_input, '--reference belongs to template')

@@ -3,17 +3,19 @@ module driver_output
    use, intrinsic :: iso_fortran_env, only: output_unit
    use config_scene, only: scene_type
    use core_error, only: error_type
+   use core_kinds, only: long
    use core_text, only: to_text
    use driver_campaign, only: output_path
    use driver_command_line, only: command_line
    use driver_provenance, only: identity_of
    use ensemble_plan, only: plan_type
    use ensemble_runner, only: block_width
+   use ensemble_study, only: block_range
    use io_existing, only: extract_shards, inspect_results
    use io_files, only: exists, folder_of, make_folder, remove_file
    use io_gathering, only: finished_samples
-   use io_lock, only: lock_type, take_lock
-   use io_shards, only: list_shards, new_store, remove_covered, remove_leftovers, remove_store, &
+   use io_lock, only: join_lock, lock_type, take_lock
+   use io_shards, only: has_shard, list_shards, new_store, remove_covered, remove_leftovers, remove_store, &
                         shard_store, shard_type, verify_shard
    use parallel_world, only: world_type
    implicit none(type, external)
@@ -25,14 +27,20 @@ module driver_output
       character(:), allocatable :: path
       type(shard_store) :: store
       logical :: is_quiet = .false.
+      logical :: is_shared = .false.                 !! with other runs; none of them merges
       logical :: is_complete = .false.               !! an earlier run left nothing to do
       logical, allocatable :: is_finished(:, :)      !! (sample, case) by an earlier run
       type(lock_type), private :: lock
    contains
+      procedure :: take
+      procedure :: give_back
+      procedure :: count_missing
       procedure :: say
       procedure :: stop_on
       procedure :: release
    end type output_type
+
+   character(*), parameter :: lock_ending = '.lock'
 
 contains
 
@@ -56,8 +64,14 @@ contains
       output%is_quiet = line%is_quiet .or. .not. world%is_root()
       allocate (output%is_finished(maxval([plan%cases%n_samples, 0]), size(plan%cases)), &
                 source=.false.)
-      if (world%is_root()) &
+      output%is_shared = line%is_shared
+      if (output%is_shared) then
+         if (world%is_root()) call find_stored(plan, output, error)
+         call output%stop_on(world, error)
+         if (.not. world%is_root()) call join_lock(output%path//lock_ending, output%lock, error)
+      else if (world%is_root()) then
          call find_finished(line%is_fresh .or. present(replay_ending), plan, output, error)
+      end if
       call output%stop_on(world, error)
       call world%broadcast(output%is_complete)
       call share_finished(world, output)
@@ -70,10 +84,10 @@ contains
       type(output_type), intent(inout) :: output
       type(error_type), allocatable, intent(out) :: error
       type(shard_type), allocatable :: shards(:)
-      integer :: c, i
+      integer :: i
 
       call make_folder(folder_of(output%path), error)
-      if (.not. allocated(error)) call take_lock(output%path//'.lock', output%lock, error)
+      if (.not. allocated(error)) call take_lock(output%path//lock_ending, output%lock, error)
       if (allocated(error)) return
       if (starts_anew) then
          call remove_store(output%store, error)
@@ -90,15 +104,52 @@ contains
          call verify_shard(output%store, shards(i), error)
          if (allocated(error)) return
       end do
+      call mark_finished(plan, shards, output)
+   end subroutine find_finished
+
+   !> The same beside other runs: nothing is cleared away, and a results file stays what it is. One
+   !> shard tells whose all are; the run that merges them reads every one.
+   subroutine find_stored(plan, output, error)
+      type(plan_type), intent(in) :: plan
+      type(output_type), intent(inout) :: output
+      type(error_type), allocatable, intent(out) :: error
+      type(shard_type), allocatable :: shards(:)
+      integer, allocatable :: n_samples(:)
+      integer :: c
+
+      call make_folder(folder_of(output%path), error)
+      if (.not. allocated(error)) call join_lock(output%path//lock_ending, output%lock, error)
+      if (allocated(error)) return
+      call inspect_results(output%path, output%store%identity, n_samples, error)
+      if (.not. allocated(error)) call list_shards(output%store, shards, error)
+      if (.not. allocated(error) .and. size(shards) > 0) &
+         call verify_shard(output%store, shards(1), error)
+      if (allocated(error)) return
+      if (allocated(n_samples)) then
+         output%is_complete = all(n_samples >= plan%cases%n_samples)
+         do c = 1, size(plan%cases)
+            output%is_finished(:min(n_samples(c), plan%cases(c)%n_samples), c) = .true.
+         end do
+      end if
+      call mark_finished(plan, shards, output)
+   end subroutine find_stored
+
+   !> The samples that have a shard.
+   subroutine mark_finished(plan, shards, output)
+      type(plan_type), intent(in) :: plan
+      type(shard_type), intent(in) :: shards(:)
+      type(output_type), intent(inout) :: output
+      integer :: c
+
       do c = 1, size(plan%cases)
          associate (n => plan%cases(c)%n_samples)
-            output%is_finished(:n, c) = finished_samples(shards, c, n)
+            output%is_finished(:n, c) = output%is_finished(:n, c) .or. finished_samples(shards, c, n)
          end associate
       end do
-      if (any(output%is_finished)) &
+      if (any(output%is_finished) .and. .not. output%is_complete) &
          call output%say('continuing: '//to_text(count(output%is_finished))//' of '// &
                          to_text(sum(plan%cases%n_samples))//' samples are there')
-   end subroutine find_finished
+   end subroutine mark_finished
 
    !> A results file that is there already: complete, or with fewer samples than are wanted now,
    !> which go on as shards.
@@ -128,6 +179,65 @@ contains
       call world%broadcast(numbers)
       output%is_finished = reshape(numbers == 1, shape(output%is_finished))
    end subroutine share_finished
+
+   !> Whether a block is this rank's to march; beside other runs, when none of them has it.
+   function take(self, block) result(is_ours)
+      class(output_type), intent(in) :: self
+      type(block_range), intent(in) :: block
+      logical :: is_ours
+
+      is_ours = .true.
+      if (.not. self%is_shared) return
+      is_ours = .not. is_stored(self, block)
+      if (is_ours) is_ours = self%lock%claim(number_of(block))
+      if (.not. is_ours) return
+      is_ours = .not. is_stored(self, block)   ! finished between our looking and our claim
+      if (.not. is_ours) call self%lock%give_back(number_of(block))
+   end function take
+
+   !> A block that was taken is finished, or left.
+   subroutine give_back(self, block)
+      class(output_type), intent(in) :: self
+      type(block_range), intent(in) :: block
+
+      if (self%is_shared) call self%lock%give_back(number_of(block))
+   end subroutine give_back
+
+   function is_stored(self, block)
+      class(output_type), intent(in) :: self
+      type(block_range), intent(in) :: block
+      logical :: is_stored
+
+      is_stored = has_shard(self%store, block%case_number, block%first, block%last - block%first + 1)
+   end function is_stored
+
+   !> The same for every run, whatever else it finds to do.
+   pure function number_of(block) result(number)
+      type(block_range), intent(in) :: block
+      integer(long) :: number
+
+      number = block%case_number*2_long**32 + block%first
+   end function number_of
+
+   !> Samples that are not stored yet: other runs still march them, or were killed.
+   subroutine count_missing(self, plan, n, error)
+      class(output_type), intent(in) :: self
+      type(plan_type), intent(in) :: plan
+      integer, intent(out) :: n
+      type(error_type), allocatable, intent(out) :: error
+      type(shard_type), allocatable :: shards(:)
+      integer :: c
+
+      n = 0
+      call list_shards(self%store, shards, error)
+      if (allocated(error)) return
+      do c = 1, size(plan%cases)
+         associate (wanted => plan%cases(c)%n_samples)
+            n = n + count(.not. (self%is_finished(:wanted, c) .or. &
+                                 finished_samples(shards, c, wanted)))
+         end associate
+      end do
+   end subroutine count_missing
 
    !> A line for the user, from the root and unless told to be quiet.
    subroutine say(self, text)

@@ -2,7 +2,7 @@
 module driver_run
    use config_phrases, only: counted
    use config_scene, only: scene_type
-   use core_error, only: error_type, exit_done, exit_stopped
+   use core_error, only: error_type, exit_bad_input, exit_done, exit_stopped, raise
    use core_kinds, only: long, wp
    use driver_campaign, only: load_plan, refuse_unsolved, solve_processes
    use driver_command_line, only: command_line
@@ -40,6 +40,7 @@ contains
       call start_watch()
       call start_world(world)
       call load_plan(line, scene, plan, force, error)
+      if (.not. allocated(error)) call check_share(line, plan, error)
       call world%stop_on(error)
       call set_limit(plan%walltime)
       call open_output(world, line, scene, plan, output)
@@ -60,6 +61,10 @@ contains
          call march_campaign(world, models, runner, output, error)
          call output%stop_on(world, error)
          call end_if_asked(world, output)
+         if (output%is_shared) then
+            call leave_merging(world, plan, output)
+            return
+         end if
       end if
       if (world%is_root()) &
          call write_results(line, scene, plan, models, runner, output, world%n_ranks, error)
@@ -68,6 +73,38 @@ contains
       call output%release()
       call stop_world(exit_done)
    end subroutine run
+
+   !> That there is something to share.
+   subroutine check_share(line, plan, error)
+      type(command_line), intent(in) :: line
+      type(plan_type), intent(in) :: plan
+      type(error_type), allocatable, intent(out) :: error
+
+      if (line%is_shared .and. .not. plan%has_chain) &
+         call raise(error, exit_bad_input, '--share: the scene has no samples to be shared')
+   end subroutine check_share
+
+   !> Ends one of several runs on an output: what it leaves is for a plain run to merge. Collective.
+   subroutine leave_merging(world, plan, output)
+      type(world_type), intent(in) :: world
+      type(plan_type), intent(in) :: plan
+      type(output_type), intent(inout) :: output
+      type(error_type), allocatable :: error
+      integer :: n
+
+      if (world%is_root()) call output%count_missing(plan, n, error)
+      call output%stop_on(world, error)
+      if (world%is_root()) then
+         if (n == 0) then
+            call output%say('every sample is there: run without --share to make '//output%path)
+         else
+            call output%say('nothing left to take: other runs have '// &
+                            counted(n, 'sample', 'samples')//'; in the end, run without --share')
+         end if
+      end if
+      call output%release()
+      call stop_world(exit_done)
+   end subroutine leave_merging
 
    !> The marcher, the force record and the layout of the spectra, the same on every rank.
    !> Collective.
@@ -115,12 +152,14 @@ contains
          if (item == 0) exit
          call progress%show(samples_before(blocks, item, world%n_ranks) + count(output%is_finished))
          associate (block => blocks(item))
+            if (.not. output%take(block)) cycle
             call draw_friction(runner%plan, models, block, friction)
             call run_block(runner, block%case_number, friction, block%first, time_to_stop, result, &
                            is_abandoned, error)
          end associate
          if (.not. (allocated(error) .or. is_abandoned)) &
             call write_shard(output%store, result, error)
+         call output%give_back(blocks(item))
          if (allocated(error) .or. is_abandoned) call counter%request_stop()
       end do
       call counter%close()

@@ -1,62 +1,86 @@
-!> One run at a time on one output: an advisory lock that the system gives back when a run dies.
+!> Who may write an output: one run alone, or several that share its work. Advisory locks, which the
+!> system gives back when a run dies; they hold between machines where the file system's locks do.
+!>
+!> A run alone locks the whole lock file. Runs that share each hold one byte of it to show that they
+!> are there, and one more for each piece of work on its way.
 module io_lock
    use, intrinsic :: iso_c_binding, only: c_associated, c_int, c_long, c_null_char, c_null_ptr, &
                      c_ptr
    use core_error, only: error_type, exit_file, raise
+   use core_kinds, only: long
    use core_text, only: to_text
    use io_files, only: host_name, process_id, remove_file
-   use io_posix, only: c_fclose, c_fflush, c_fileno, c_fopen, c_fputs, c_fstat, c_lockf, c_stat, &
-                       raise_system, system_error
+   use io_posix, only: c_fclose, c_fflush, c_fileno, c_fopen, c_fputs, c_fstat, c_lockf, c_lseek, &
+                       c_stat, raise_system, system_error
    implicit none(type, external)
    private
-   public :: lock_type, take_lock
+   public :: lock_type, join_lock, take_lock
 
-   integer(c_int), parameter :: try_to_lock = 2   !! F_TLOCK of lockf(3); works across NFS too
+   integer(c_int), parameter :: unlock = 0, try_to_lock = 2   !! of lockf(3)
+   integer(c_long), parameter :: whole = 0, one_byte = 1
+   !> Bytes by which runs that share show that they are there; those of their work lie above.
+   integer(c_long), parameter :: n_places = 2_c_long**20
 
-   !> Held from `take_lock` to `release`, or to the end of the process.
+   !> Held from `take_lock` or `join_lock` to `release`, or to the end of the process.
    type :: lock_type
       private
       character(:), allocatable :: path
       type(c_ptr) :: stream = c_null_ptr
+      logical :: is_shared = .false.
    contains
       procedure :: is_held
+      procedure :: claim
+      procedure :: give_back
       procedure :: release
    end type lock_type
 
 contains
 
    !> Locks a file, made where it is missing, that names its holder; refused by name while another
-   !> process holds it.
+   !> process holds it, alone or with others.
    recursive subroutine take_lock(path, lock, error)
       character(*), intent(in) :: path
       type(lock_type), intent(out) :: lock
       type(error_type), allocatable, intent(out) :: error
-      integer(c_int) :: status
 
-      lock%path = path
-      lock%stream = c_fopen(path//c_null_char, 'r+'//c_null_char)
-      if (.not. c_associated(lock%stream)) then
-         lock%stream = c_fopen(path//c_null_char, 'a+'//c_null_char)
-      end if
-      if (.not. c_associated(lock%stream)) then
-         call raise_system(system_error(), path//': cannot make this lock file', error)
-         return
-      end if
-      if (c_lockf(c_fileno(lock%stream), try_to_lock, 0_c_long) /= 0) then
-         call raise(error, exit_file, path//' is locked by '//holder_of(path)// &
-                    ': another run is at work on this output')
-         status = c_fclose(lock%stream)
-         lock%stream = c_null_ptr
+      call open_lock(path, lock, error)
+      if (allocated(error)) return
+      if (.not. takes(lock, 0_c_long, whole)) then
+         call refuse(lock, error)
       else if (.not. is_same_file(lock)) then
          ! its holder removed the file between our opening and our locking it
-         status = c_fclose(lock%stream)
+         call close_lock(lock)
          call take_lock(path, lock, error)
       else
-         status = c_fputs('process '//to_text(process_id())//' on '//host_name()//new_line('a')// &
-                          c_null_char, lock%stream)
-         status = c_fflush(lock%stream)   ! a full disk only costs the name of the holder
+         call write_name(lock)
       end if
    end subroutine take_lock
+
+   !> A place among the runs that share; refused by name while a run alone holds the lock.
+   recursive subroutine join_lock(path, lock, error)
+      character(*), intent(in) :: path
+      type(lock_type), intent(out) :: lock
+      type(error_type), allocatable, intent(out) :: error
+      integer, parameter :: n_tries = 64   ! that all these places are others' is beyond belief
+      logical :: is_taken
+      integer :: i
+
+      call open_lock(path, lock, error)
+      if (allocated(error)) return
+      lock%is_shared = .true.
+      do i = 1, n_tries
+         is_taken = takes(lock, modulo(int(process_id(), c_long)*n_tries + i, n_places), one_byte)
+         if (is_taken) exit
+      end do
+      if (.not. is_taken) then
+         call refuse(lock, error)
+      else if (.not. is_same_file(lock)) then
+         call close_lock(lock)
+         call join_lock(path, lock, error)
+      else
+         call write_name(lock)
+      end if
+   end subroutine join_lock
 
    pure function is_held(self)
       class(lock_type), intent(in) :: self
@@ -65,17 +89,104 @@ contains
       is_held = c_associated(self%stream)
    end function is_held
 
-   !> Removes the file while it is still locked, then gives the lock back.
+   !> Whether a piece of work is now this process's: no other that shares the lock has it.
+   function claim(self, number) result(is_ours)
+      class(lock_type), intent(in) :: self
+      integer(long), intent(in) :: number   !! of the piece, from 0
+      logical :: is_ours
+
+      is_ours = takes(self, n_places + int(number, c_long), one_byte)
+   end function claim
+
+   !> A piece of work that was claimed is done, or left to others.
+   subroutine give_back(self, number)
+      class(lock_type), intent(in) :: self
+      integer(long), intent(in) :: number
+      integer(c_int) :: status
+
+      status = lock_at(self, unlock, n_places + int(number, c_long), one_byte)
+   end subroutine give_back
+
+   !> Gives the lock back. Who held it alone removes the file first, while it is still locked.
    subroutine release(self, error)
       class(lock_type), intent(inout) :: self
       type(error_type), allocatable, intent(out) :: error
-      integer(c_int) :: status
 
       if (.not. self%is_held()) return
-      call remove_file(self%path, error)
-      status = c_fclose(self%stream)
-      self%stream = c_null_ptr
+      if (.not. self%is_shared) call remove_file(self%path, error)
+      call close_lock(self)
    end subroutine release
+
+   subroutine open_lock(path, lock, error)
+      character(*), intent(in) :: path
+      type(lock_type), intent(inout) :: lock
+      type(error_type), allocatable, intent(out) :: error
+
+      lock%path = path
+      lock%stream = c_fopen(path//c_null_char, 'r+'//c_null_char)
+      if (.not. c_associated(lock%stream)) then
+         lock%stream = c_fopen(path//c_null_char, 'a+'//c_null_char)
+      end if
+      if (.not. c_associated(lock%stream)) then
+         call raise_system(system_error(), path//': cannot make this lock file', error)
+      end if
+   end subroutine open_lock
+
+   subroutine close_lock(lock)
+      type(lock_type), intent(inout) :: lock
+      integer(c_int) :: status
+
+      status = c_fclose(lock%stream)
+      lock%stream = c_null_ptr
+   end subroutine close_lock
+
+   !> A full disk only costs the name of the holder.
+   subroutine write_name(lock)
+      type(lock_type), intent(in) :: lock
+      integer(c_int) :: status
+
+      if (.not. stands_at(lock, 0_c_long)) return
+      status = c_fputs('process '//to_text(process_id())//' on '//host_name()//new_line('a')// &
+                       c_null_char, lock%stream)
+      status = c_fflush(lock%stream)
+   end subroutine write_name
+
+   subroutine refuse(lock, error)
+      type(lock_type), intent(inout) :: lock
+      type(error_type), allocatable, intent(out) :: error
+
+      call raise(error, exit_file, lock%path//' is locked by '//holder_of(lock%path)// &
+                 ': another run is at work on this output')
+      call close_lock(lock)
+   end subroutine refuse
+
+   function takes(lock, first, length) result(is_taken)
+      type(lock_type), intent(in) :: lock
+      integer(c_long), intent(in) :: first, length   !! bytes
+      logical :: is_taken
+
+      is_taken = lock_at(lock, try_to_lock, first, length) == 0
+   end function takes
+
+   function lock_at(lock, command, first, length) result(status)
+      type(lock_type), intent(in) :: lock
+      integer(c_int), intent(in) :: command
+      integer(c_long), intent(in) :: first, length   !! bytes
+      integer(c_int) :: status
+
+      status = -1
+      if (stands_at(lock, first)) status = c_lockf(c_fileno(lock%stream), command, length)
+   end function lock_at
+
+   !> Sets the place from which lockf counts.
+   function stands_at(lock, place)
+      type(lock_type), intent(in) :: lock
+      integer(c_long), intent(in) :: place   !! byte, from 0
+      logical :: stands_at
+      integer(c_int), parameter :: from_the_start = 0
+
+      stands_at = c_lseek(c_fileno(lock%stream), place, from_the_start) == place
+   end function stands_at
 
    !> Whether the path still leads to the file that was opened.
    function is_same_file(lock)

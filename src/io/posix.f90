@@ -5,8 +5,8 @@ module io_posix
    implicit none(type, external)
    private
    public :: c_access, c_fclose, c_fflush, c_fileno, c_fopen, c_fputs, c_fstat, c_fsync, &
-             c_gethostname, c_getpid, c_getppid, c_glob, c_globfree, c_lockf, c_mkdir, &
-             c_remove, c_rename, c_stat
+             c_gethostname, c_getpid, c_getppid, c_glob, c_globfree, c_lockf, c_lseek, &
+             c_mkdir, c_remove, c_rename, c_stat
    public :: raise_system, system_error, text_at
 
    interface
@@ -121,6 +121,14 @@ module io_posix
          integer(c_int) :: status
       end function c_fflush
 
+      function c_lseek(descriptor, offset, whence) result(place) bind(c, name='lseek')
+         import :: c_int, c_long
+         integer(c_int), value :: descriptor, whence
+         integer(c_long), value :: offset
+         integer(c_long) :: place
+      end function c_lseek
+
+      !> Of `length` bytes from where the descriptor stands; 0: to the end of all files.
       function c_lockf(descriptor, command, length) result(status) bind(c, name='lockf')
          import :: c_int, c_long
          integer(c_int), value :: descriptor, command

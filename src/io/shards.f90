@@ -13,8 +13,8 @@ module io_shards
    implicit none(type, external)
    private
    public :: shard_store, shard_type, new_store
-   public :: list_shards, open_shard, read_shard, remove_covered, remove_leftovers, remove_store, &
-             verify_shard, write_shard
+   public :: has_shard, list_shards, open_shard, read_shard, remove_covered, remove_leftovers, &
+             remove_store, verify_shard, write_shard
 
    character(*), parameter :: unfinished = '.part'
    character(*), parameter :: advice = '; remove it to have its samples computed again'
@@ -54,7 +54,7 @@ contains
       type(error_type), allocatable :: ignored
       character(:), allocatable :: path, temporary
 
-      path = store%folder//'/'//shard_name(block)
+      path = store%folder//'/'//shard_name(block%case_number, block%first_sample, block%n_samples)
       temporary = path//'.'//host_name()//'-'//to_text(process_id())//unfinished
       call make_folder(store%folder, error)
       if (allocated(error)) return
@@ -95,6 +95,15 @@ contains
          call file%close(error)
       end if
    end subroutine fill_shard
+
+   !> Whether a block is there, by its name alone.
+   function has_shard(store, case_number, first_sample, n_samples)
+      type(shard_store), intent(in) :: store
+      integer, intent(in) :: case_number, first_sample, n_samples
+      logical :: has_shard
+
+      has_shard = exists(store%folder//'/'//shard_name(case_number, first_sample, n_samples))
+   end function has_shard
 
    !> The shards of a store by their names alone; a file that is none is refused by name.
    subroutine list_shards(store, shards, error)
@@ -242,13 +251,13 @@ contains
    end subroutine remove_files
 
    !> c007_s00033-00064.h5: case 7, samples 33 to 64.
-   function shard_name(block) result(name)
-      type(block_result), intent(in) :: block
+   function shard_name(case_number, first_sample, n_samples) result(name)
+      integer, intent(in) :: case_number, first_sample, n_samples
       character(:), allocatable :: name
       character(64) :: buffer
 
-      write (buffer, '(a, i0.3, a, i0.5, a, i0.5, a)') 'c', block%case_number, '_s', &
-         block%first_sample, '-', block%first_sample + block%n_samples - 1, '.h5'
+      write (buffer, '(a, i0.3, a, i0.5, a, i0.5, a)') 'c', case_number, '_s', first_sample, '-', &
+         first_sample + n_samples - 1, '.h5'
       name = trim(buffer)
    end function shard_name
 
@@ -256,23 +265,21 @@ contains
       character(*), intent(in) :: path
       type(shard_type), intent(out) :: shard
       type(error_type), allocatable, intent(out) :: error
-      type(block_result) :: block
       character(:), allocatable :: name
-      integer :: dash, last, mark, status
+      integer :: case_number, dash, first, last, mark, status
 
       name = path(index(path, '/', back=.true.) + 1:)
       mark = index(name, '_s')
       dash = index(name, '-')
       status = 1
       if (name(1:1) == 'c' .and. mark > 2 .and. dash > mark + 2 .and. len(name) > dash + 3) then
-         read (name(2:mark - 1), *, iostat=status) block%case_number
-         if (status == 0) read (name(mark + 2:dash - 1), *, iostat=status) block%first_sample
+         read (name(2:mark - 1), *, iostat=status) case_number
+         if (status == 0) read (name(mark + 2:dash - 1), *, iostat=status) first
          if (status == 0) read (name(dash + 1:len(name) - 3), *, iostat=status) last
       end if
       if (status == 0) then
-         block%n_samples = last - block%first_sample + 1
-         if (shard_name(block) == name) then
-            shard = shard_type(path, block%case_number, block%first_sample, block%n_samples)
+         if (shard_name(case_number, first, last - first + 1) == name) then
+            shard = shard_type(path, case_number, first, last - first + 1)
             return
          end if
       end if

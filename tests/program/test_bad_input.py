@@ -59,6 +59,8 @@ def test_all_mistakes_in_one_pass(entroslip, tmp_path):
         ("replay", "x.nml", "--case", "0", "--sample", "1"),
         ("replay", "x.nml"),
         ("template", "x.nml"),
+        ("check", "x.nml", "--share"),
+        ("run", "x.nml", "--share", "--fresh"),
     ],
 )
 def test_bad_usage(entroslip, tmp_path, arguments):
@@ -66,6 +68,14 @@ def test_bad_usage(entroslip, tmp_path, arguments):
     assert done.returncode == 2
     assert done.stderr.strip()
     assert not list(tmp_path.iterdir())
+
+
+def test_a_scene_without_samples_has_nothing_to_share(entroslip, tmp_path):
+    (tmp_path / "p.nml").write_text("&process correlation_length = 1.0 mean = 0.2 std = 0.067 /\n")
+    done = entroslip("run", "p.nml", "--share")
+    assert done.returncode == 2
+    assert "no samples to be shared" in done.stderr
+    assert [p.name for p in tmp_path.iterdir()] == ["p.nml"]
 
 
 def test_help_version_and_template(entroslip, tmp_path):

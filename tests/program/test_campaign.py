@@ -148,6 +148,45 @@ def test_two_runs_on_one_output_do_not_meet(campaign, output, reference):
     assert datasets(output) == reference
 
 
+def test_runs_that_share_do_each_block_once_and_a_plain_run_merges(campaign, output, reference):
+    members = [campaign(0, "--share"), campaign(2, "--share"), campaign(0, "--share")]
+    wait_for_shards(members[0], output, 3)
+    assert_refused(campaign(), "r.h5.lock is locked by process", "another run is at work")
+    members[0].signal(signal.SIGKILL, members[0].ranks())
+    members[1].signal(signal.SIGUSR1, [members[1].process.pid])
+    members[0].wait()
+    code, said, errors = members[1].wait()
+    assert code == STOPPED, errors
+    code, said, errors = members[2].wait()
+    assert code == 0, errors
+    assert not output.exists()
+    # it is the last one, and nobody else has anything: every sample, or all but what it was refused
+    assert "run without --share" in said
+    kept = shards_of(output)
+    again = campaign(2, "--share")
+    code, said, errors = again.wait()
+    assert code == 0, errors
+    assert "every sample is there" in said
+    assert kept.items() <= shards_of(output).items()
+    assert_refused(campaign(0, "--share", "--set", "scene%seed=8"), "belongs to another scene")
+    assert campaign(2).wait()[0] == 0
+    assert datasets(output) == reference
+    code, said, errors = campaign(0, "--share").wait()
+    assert code == 0, errors
+    assert "nothing to do" in said
+
+
+def test_more_samples_are_shared_beside_a_finished_campaign(campaign, output, reference):
+    assert campaign(0, "--set", "campaign%n_samples=50").wait()[0] == 0
+    before = output.read_bytes()
+    code, said, errors = campaign(0, "--share").wait()
+    assert code == 0, errors
+    assert "every sample is there" in said
+    assert output.read_bytes() == before
+    assert campaign().wait()[0] == 0
+    assert datasets(output) == reference
+
+
 def test_results_of_another_scene_are_not_overwritten(campaign, output):
     assert campaign(0, "--set", "campaign%n_samples=2").wait()[0] == 0
     before = output.read_bytes()
