@@ -5,7 +5,7 @@ cd "$(dirname "$0")/.."
 . scripts/prepare.sh
 
 # shellcheck disable=SC2086   # one word a package
-install_packages $build_packages
+install_packages $build_packages $test_packages
 build debug
 build release
 make_venv tests/requirements.txt

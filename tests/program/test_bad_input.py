@@ -71,7 +71,8 @@ def test_bad_usage(entroslip, tmp_path, arguments):
 
 
 def test_a_scene_without_samples_has_nothing_to_share(entroslip, tmp_path):
-    (tmp_path / "p.nml").write_text("&process correlation_length = 1.0 mean = 0.2 std = 0.067 /\n")
+    scene = "&process correlation_length = 1.0 order = 2 mean = 0.2 std = 0.067 /\n"
+    (tmp_path / "p.nml").write_text(scene)
     done = entroslip("run", "p.nml", "--share")
     assert done.returncode == 2
     assert "no samples to be shared" in done.stderr

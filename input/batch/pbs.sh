@@ -1,0 +1,37 @@
+#!/bin/bash
+# A scene as a PBS job that goes on, by itself, for as many wall times as it needs:
+#
+#   qsub -v SCENE=input/paper.nml,OUTPUT=results/paper.h5 input/batch/pbs.sh
+#
+# PBS gives no warning ahead of the wall time, so the program keeps a limit of its own, ten minutes
+# below it: it stops with everything finished safe (code 75), and the job submits itself again.
+# As a job array (qsub -J 1-8 ...) its members share the work; when all are done, submit the job once
+# more without -J: it merges what they left.
+#
+#PBS -N entroslip
+#PBS -l select=1:ncpus=32:mpiprocs=32
+#PBS -l walltime=04:00:00
+#PBS -j oe
+#PBS -r y
+
+minutes=230 # below the wall time above
+
+cd "$PBS_O_WORKDIR" || exit 2
+: "${SCENE:?which scene? qsub -v SCENE=...,OUTPUT=... pbs.sh}"
+: "${OUTPUT:?which output? qsub -v SCENE=...,OUTPUT=... pbs.sh}"
+program=${ENTROSLIP:-build/release/bin/entroslip}
+script=${SCRIPT:-input/batch/pbs.sh} # to be submitted again: PBS runs a copy of it
+export OPENBLAS_NUM_THREADS=1 # ranks are the parallelism
+
+share=$SHARE # handed on by a member of an array that submits itself again
+if [ -n "$PBS_ARRAY_INDEX" ]; then share=--share; fi
+
+# shellcheck disable=SC2086   # words of options
+mpirun $MPIRUN_OPTIONS -n "$(wc -l <"$PBS_NODEFILE")" -machinefile "$PBS_NODEFILE" "$program" run \
+  "$SCENE" --output "$OUTPUT" --set "campaign%walltime=$minutes" $share
+code=$?
+
+if [ "$code" -eq 75 ]; then
+  qsub -v "SCENE=$SCENE,OUTPUT=$OUTPUT,ENTROSLIP=$program,SCRIPT=$script,SHARE=$share" "$script"
+fi
+exit "$code"

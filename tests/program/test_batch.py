@@ -1,0 +1,109 @@
+"""The job scripts of input/batch, by a real Slurm on this machine."""
+
+from __future__ import annotations
+
+import os
+import shutil
+import signal
+import subprocess
+import tempfile
+from pathlib import Path
+
+import pytest
+
+from tests.conftest import ENVIRONMENT, ROOT
+from tests.program import slurm as slurm_on_this_machine
+from tests.program.campaign import SCENE, TOKEN, Run, datasets, processes_of, shards_of
+
+BATCH = ROOT / "input/batch"
+OF_ONE_MACHINE = {"MPIRUN_OPTIONS": "--oversubscribe --bind-to none"}
+
+
+@pytest.fixture(scope="module")
+def slurm():
+    lacking = slurm_on_this_machine.missing()
+    if lacking:
+        pytest.skip(f"Slurm is not installed: no {', '.join(lacking)} (slurm-wlm, munge)")
+    folder = Path(tempfile.mkdtemp(prefix="entroslip-slurm-"))  # sockets want short paths
+    server = slurm_on_this_machine.Slurm(folder, ENVIRONMENT | OF_ONE_MACHINE)
+    try:
+        server.start()
+        yield server
+    finally:
+        server.stop()
+        shutil.rmtree(folder)
+
+
+@pytest.fixture(scope="module")
+def reference(program, tmp_path_factory):
+    """Results of the uninterrupted campaign."""
+    folder = tmp_path_factory.mktemp("reference")
+    (folder / "scene.nml").write_text(SCENE)
+    run = Run(program, ["run", "scene.nml", "--output", "r.h5"], folder, ENVIRONMENT, 2)
+    code, _, errors = run.wait()
+    assert code == 0, errors
+    return datasets(folder / "r.h5")
+
+
+@pytest.fixture
+def submit(slurm, program, tmp_path):
+    """Runs a command that submits jobs in a folder of its own; returns what it said."""
+    (tmp_path / "scene.nml").write_text(SCENE)
+
+    def run(*words: str) -> str:
+        done = subprocess.run(
+            words, cwd=tmp_path, capture_output=True, text=True, check=False,
+            env=slurm.environment | {"ENTROSLIP": str(program), TOKEN: str(tmp_path)},
+        )  # fmt: skip
+        assert done.returncode == 0, done.stderr
+        return done.stdout
+
+    return run
+
+
+def test_a_job_that_runs_out_of_time_goes_on_by_itself(slurm, submit, reference, tmp_path):
+    """A minute is granted, and the signal comes as early as Slurm ever sends it.
+
+    The ranks are held once some shards are finished, so that no machine outruns the signal.
+    """
+    output, log = tmp_path / "r.h5", tmp_path / "job.log"
+    said = submit(
+        "sbatch", "--parsable", "--ntasks=2", "--time=1", "--signal=B:USR1@59", f"--output={log}",
+        str(BATCH / "slurm.sh"), "scene.nml", str(output),
+    )  # fmt: skip
+    job = said.strip()
+    slurm.wait_until(lambda: len(shards_of(output)) >= 3, "shards")
+    ranks = [pid for pid in processes_of(str(tmp_path)) if is_rank(pid)]
+    for pid in ranks:
+        os.kill(pid, signal.SIGSTOP)
+    slurm.wait_until(lambda: "signalled" in log.read_text(), "the signal ahead of the wall time")
+    kept = shards_of(output)
+    for pid in ranks:
+        os.kill(pid, signal.SIGCONT)
+    slurm.wait_until(lambda: slurm.state(job) == "COMPLETED", "the end of the job")
+    text = log.read_text()
+    assert len(ranks) == 2
+    assert len(kept) >= 3
+    assert "stopped early" in text
+    assert "back into the queue" in text
+    assert "continuing:" in text
+    assert "Restarts=1" in slurm.ask("show", "job", job)
+    assert datasets(output) == reference
+
+
+def test_members_of_an_array_share_the_work(slurm, submit, reference, tmp_path):
+    output = tmp_path / "r.h5"
+    said = submit(
+        str(BATCH / "slurm_array.sh"), "3", "scene.nml", str(output), "--ntasks=1", "--time=5",
+        f"--output={tmp_path}/%j.log",
+    )  # fmt: skip
+    merge = said.split()[-1]
+    slurm.wait_until(lambda: slurm.state(merge) == "COMPLETED", "the merging job")
+    logs = [path.read_text() for path in tmp_path.glob("*.log")]
+    assert len(logs) == 4
+    assert sum("run without --share" in log for log in logs) == 3
+    assert datasets(output) == reference
+
+
+def is_rank(pid: int) -> bool:
+    return Path(f"/proc/{pid}/comm").read_text().strip() == "entroslip"
