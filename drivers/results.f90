@@ -13,8 +13,9 @@ module driver_results
    use ensemble_results, only: block_result, case_statistics
    use ensemble_runner, only: runner_type
    use ensemble_study, only: slip_statistics
+   use ensemble_time_average, only: count_spans, fewest_spans, span_collector
    use io_case_results, only: write_case
-   use io_gathering, only: read_psd_band, read_samples
+   use io_gathering, only: read_psd_band, read_samples, read_slip_series, shards_of
    use io_process_results, only: write_process
    use io_results, only: begin_results, results_writer
    use io_shards, only: list_shards, remove_store, shard_type
@@ -90,6 +91,8 @@ contains
          call read_samples(output%store, shards, number, plan%cases(number)%n_samples, samples, &
                            error)
          if (allocated(error)) return
+         if (plan%output%slip) call find_time_averages(plan, number, shards, statistics, error)
+         if (allocated(error)) return
          if (samples%n_samples > 1) then
             call slip_statistics(samples%slip_fraction, statistics)
             if (plan%output%spectrum) &
@@ -132,6 +135,28 @@ contains
       end do
       call write_process(writer, number, model, error, values)
    end subroutine write_process_of
+
+   !> What the finite march does to the slip fractions of one case.
+   subroutine find_time_averages(plan, number, shards, statistics, error)
+      type(plan_type), intent(in) :: plan
+      integer, intent(in) :: number
+      type(shard_type), intent(in) :: shards(:)
+      type(case_statistics), intent(inout) :: statistics
+      type(error_type), allocatable, intent(out) :: error
+      type(span_collector) :: spans
+      type(shard_type), allocatable :: ours(:)
+      real(wp), allocatable :: series(:, :, :)   ! (dof, span, sample)
+      integer :: i
+
+      if (count_spans(plan%integration) < fewest_spans) return
+      ours = shards_of(shards, number, plan%cases(number)%n_samples)
+      do i = 1, size(ours)
+         call read_slip_series(ours(i), plan%cases(number)%n_samples, series, error)
+         if (allocated(error)) return
+         call spans%add(series, statistics)
+      end do
+      if (plan%cases(number)%n_samples > 1) call spans%finish(statistics)
+   end subroutine find_time_averages
 
    !> Bands of uncertainty of one case, a range of frequencies at a time.
    subroutine find_bands(plan, number, runner, output, shards, statistics, error)

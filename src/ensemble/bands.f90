@@ -3,15 +3,17 @@
 !>
 !> Spectra come a range of frequencies at a time, so that memory does not grow with n_samples times
 !> n_frequencies. Percentiles interpolate linearly between order statistics (Hyndman and Fan,
-!> type 7). Their pointwise intervals are order statistics (binomial, 95 %). The interval of the
-!> ratio, which integrals over all frequencies enter, is ratio exp(+-1.96 s), s the bootstrap
-!> standard error over samples of its logarithm; the bootstrap also tells its bias: percentiles of
-!> few samples are drawn inward.
+!> type 7). Their pointwise intervals are order statistics (binomial, 95 %). What integrals over all
+!> frequencies enter has its errors from the bootstrap over samples: standard errors of the
+!> pseudo-variances of percentiles, and for the ratio the interval ratio exp(+-1.96 s), s the
+!> standard error of its logarithm. The bootstrap also tells the ratio's bias: percentiles of few
+!> samples are drawn inward.
 module ensemble_bands
    use core_kinds, only: long, wp
    use core_random, only: label_of, new_stream, stream_type
    use ensemble_results, only: case_statistics
    use numerics_sorting, only: sort_order
+   use numerics_statistics, only: error_of_mean, standard_deviation
    implicit none(type, external)
    private
    public :: band_collector, start_bands, n_replicates, at_rank
@@ -28,6 +30,7 @@ module ensemble_bands
       integer, allocatable :: rank_high(:)
       integer, allocatable :: times(:, :)           !! (sample, replicate) how often drawn again
       real(wp), allocatable :: replicate(:, :, :)   !! (dof, percentile, replicate) pseudo-variances
+      real(wp), allocatable :: variance(:, :)       !! (dof, sample) integral of each density
    contains
       procedure :: add
       procedure :: finish
@@ -54,6 +57,7 @@ contains
       collector%rank_high = [(interval_rank(n_samples, percentiles(p)/100.0_wp, .true.), p=1, np)]
       call draw_again(n_samples, seed, collector%times)
       allocate (collector%replicate(n_dof, np, n_replicates), source=0.0_wp)
+      allocate (collector%variance(n_dof, n_samples), source=0.0_wp)
 
       allocate (statistics%psd_mean(n_dof, nf), statistics%psd_mean_error(n_dof, nf))
       allocate (statistics%psd_percentiles(n_dof, nf, np))
@@ -76,6 +80,7 @@ contains
       do f = 1, size(psd, 2)
          i = first + f - 1
          do dof = 1, size(psd, 1)
+            self%variance(dof, :) = self%variance(dof, :) + psd(dof, f, :)*self%step
             order = sort_order(psd(dof, f, :))
             sorted = psd(dof, f, order)
             mean = sum(sorted)/self%n_samples
@@ -100,16 +105,24 @@ contains
       end do
    end subroutine add
 
-   !> After the last frequency: the ratio of the last to the first percentile's pseudo-variance; not
-   !> a number for a dof that does not move in that share of the samples.
+   !> After the last frequency: errors of the pseudo-variances, and the ratio of the last to the
+   !> first percentile's; not a number for a dof that does not move in that share of the samples.
    pure subroutine finish(self, statistics)
       class(band_collector), intent(in) :: self
       type(case_statistics), intent(inout) :: statistics
       real(wp), parameter :: not_a_number = transfer(int(z'7FF8000000000000', long), 0.0_wp)
       real(wp) :: logarithm(n_replicates), mean, ratio, spread
-      integer :: dof, last
+      integer :: dof, last, p
 
       last = size(self%rank)
+      statistics%pseudo_variance_mean_error = &
+         [(error_of_mean(self%variance(dof, :)), dof=1, size(self%variance, 1))]
+      allocate (statistics%pseudo_variance_percentiles_error, &
+                mold=statistics%pseudo_variance_percentiles)
+      do p = 1, last
+         statistics%pseudo_variance_percentiles_error(:, p) = &
+            [(standard_deviation(self%replicate(dof, p, :)), dof=1, size(self%replicate, 1))]
+      end do
       allocate (statistics%band_ratio(size(self%replicate, 1)), source=not_a_number)
       statistics%band_ratio_low = statistics%band_ratio
       statistics%band_ratio_high = statistics%band_ratio

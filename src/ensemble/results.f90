@@ -23,6 +23,7 @@ module ensemble_results
       integer :: n_samples = 0
       real(wp), allocatable :: friction(:, :)            !! (dof, sample) mu
       real(wp), allocatable :: slip_fraction(:, :)       !! (dof, sample) of the time
+      real(wp), allocatable :: slip_series(:, :, :)      !! (dof, span, sample) of each span's time
       integer(long), allocatable :: slip_starts(:, :)    !! (dof, sample)
       integer(long), allocatable :: stick_starts(:, :)   !! (dof, sample)
       real(wp), allocatable :: psd(:, :, :)   !! (dof, frequency, sample), one-sided [m^2/Hz]
@@ -39,13 +40,19 @@ module ensemble_results
       integer :: n_samples = 0
       real(wp), allocatable :: slip_mean(:), slip_std(:)               !! (dof)
       real(wp), allocatable :: slip_mean_error(:), slip_std_error(:)   !! (dof)
+      !> (dof, sample) of slip_fraction, for a march of finite length; as are the two below
+      real(wp), allocatable :: slip_fraction_error(:, :)
+      real(wp), allocatable :: slip_mean_time_error(:)   !! (dof) of what the samples have in common
+      real(wp), allocatable :: slip_std_time_part(:)     !! (dof) standard deviation it adds
       real(wp), allocatable :: psd_mean(:, :)                     !! (dof, frequency) [m^2/Hz]
       real(wp), allocatable :: psd_mean_error(:, :)               !! (dof, frequency)
       real(wp), allocatable :: psd_percentiles(:, :, :)           !! (dof, frequency, percentile)
       real(wp), allocatable :: psd_percentiles_low(:, :, :)       !! lower end of the interval
       real(wp), allocatable :: psd_percentiles_high(:, :, :)      !! upper end
       real(wp), allocatable :: pseudo_variance_mean(:)            !! (dof), Eq. (46) [m^2]
+      real(wp), allocatable :: pseudo_variance_mean_error(:)      !! (dof)
       real(wp), allocatable :: pseudo_variance_percentiles(:, :)  !! (dof, percentile) [m^2]
+      real(wp), allocatable :: pseudo_variance_percentiles_error(:, :)
       real(wp), allocatable :: band_ratio(:)             !! (dof) last over first percentile
       real(wp), allocatable :: band_ratio_low(:), band_ratio_high(:)
       real(wp), allocatable :: band_ratio_bias(:)        !! relative, estimated by bootstrap

@@ -5,6 +5,7 @@ module ensemble_sample
    use dynamics_response, only: block_state, start_block, stored_energy
    use ensemble_results, only: block_result
    use ensemble_runner, only: runner_type
+   use ensemble_time_average, only: count_spans, end_of_span
    implicit none(type, external)
    private
    public :: run_block, stop_query
@@ -20,6 +21,8 @@ module ensemble_sample
       type(block_state) :: state
       real(wp), allocatable :: force(:, :)            !! (0:n_steps, 1 or sample) [N]
       logical :: is_measuring = .false.               !! past n_discard
+      integer :: span = 0                             !! of the slip series, on its way
+      real(wp), allocatable :: slip_before(:, :)      !! (dof, sample) slip_time at its start [s]
       real(wp), allocatable :: energy_before(:)       !! (sample) stored at the end of n_discard [J]
    end type march_type
 
@@ -51,13 +54,15 @@ contains
          do while (last < integration%n_steps)
             is_abandoned = should_stop()
             if (is_abandoned) return
-            if (last == integration%n_discard) call start_measuring(runner, march)
+            if (last == integration%n_discard) call start_measuring(runner, march, result)
             next = last + runner%piece_steps
             if (last < integration%n_discard) next = min(next, integration%n_discard)
+            if (march%span > 0) next = min(next, end_of_span(integration, march%span))
             next = min(next, integration%n_steps)
             call march_piece(runner, last, next, march, result, error)
             if (allocated(error)) return
             last = next
+            if (march%span > 0) call keep_span(runner, last, march, result)
          end do
       end associate
       call collect(runner, march, result)
@@ -88,9 +93,10 @@ contains
    end subroutine start_march
 
    !> The transient is over: what was counted in it is forgotten.
-   subroutine start_measuring(runner, march)
+   subroutine start_measuring(runner, march, result)
       type(runner_type), intent(inout) :: runner
       type(march_type), intent(inout) :: march
+      type(block_result), intent(inout) :: result
 
       march%is_measuring = .true.
       associate (state => march%state, layout => runner%layout)
@@ -101,6 +107,12 @@ contains
          state%work_viscous = 0.0_wp
          state%work_friction = 0.0_wp
          march%energy_before = stored_energy(runner%plan%chain, state)
+         if (runner%plan%output%slip) then
+            march%span = 1
+            march%slip_before = state%slip_time
+            allocate (result%slip_series(state%n_dof, count_spans(runner%plan%integration), &
+                                         state%n_samples))
+         end if
          if (runner%plan%output%spectrum) &
             call runner%spectra%start(state%n_dof*state%n_samples, layout%segment_length, &
                                       layout%overlap, layout%every*runner%marcher%dt)
@@ -136,6 +148,24 @@ contains
          if (output%spectrum .and. march%is_measuring) call listen(runner, from, every, x)
       end associate
    end subroutine march_piece
+
+   !> When a span of the slip series is over: the fraction of its time.
+   subroutine keep_span(runner, step, march, result)
+      type(runner_type), intent(in) :: runner
+      integer, intent(in) :: step   !! the march has come to
+      type(march_type), intent(inout) :: march
+      type(block_result), intent(inout) :: result
+      integer :: first
+
+      associate (integration => runner%plan%integration, slip_time => march%state%slip_time)
+         if (step < end_of_span(integration, march%span)) return
+         first = end_of_span(integration, march%span - 1)
+         result%slip_series(:, march%span, :) = (slip_time - march%slip_before) &
+                                                /((step - first)*integration%dt)
+         march%slip_before = slip_time
+         march%span = march%span + 1
+      end associate
+   end subroutine keep_span
 
    !> Of the displacements recorded every so many steps, those of the layout enter the spectra.
    subroutine listen(runner, from, every, x)

@@ -14,7 +14,7 @@ module io_blocks
    !> Walks through the components of a block; one list of them serves all that is done with it.
    type :: walker
       integer :: deed = writes
-      logical :: skips_long = .false.   !! spectra, histories and transitions left out
+      logical :: skips_long = .false.   !! series, spectra, histories and transitions left out
       type(hdf5_file) :: file
       character(:), allocatable :: group   !! with its last slash
       type(checksum_type) :: checksum
@@ -44,7 +44,7 @@ contains
       character(*), intent(in) :: group   !! with its last slash
       type(block_result), intent(inout) :: block
       type(error_type), allocatable, intent(out) :: error
-      logical, intent(in), optional :: skips_long   !! without spectra, histories and transitions
+      logical, intent(in), optional :: skips_long   !! without series, spectra, histories and transitions
       type(walker) :: w
 
       w%deed = reads
@@ -80,6 +80,7 @@ contains
       call w%pass('folded_share', block%folded_share)
       call w%pass('energy', block%energy)
       if (w%skips_long) return
+      call w%pass('slip_series', block%slip_series)
       call w%pass('psd', block%psd)
       call w%pass('displacement', block%displacement)
       call w%pass('velocity', block%velocity)
@@ -260,6 +261,9 @@ contains
          label = label_type('1', 'friction coefficient', 'sample dof')
       case ('slip_fraction')
          label = label_type('1', 'fraction of time in slip', 'sample dof')
+      case ('slip_series')
+         label = label_type('1', 'fraction of time in slip within each of equal spans of time', &
+                            'sample span dof')
       case ('slip_starts')
          label = label_type('1', 'number of transitions from stick to slip', 'sample dof')
       case ('stick_starts')

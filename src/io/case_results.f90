@@ -6,6 +6,7 @@ module io_case_results
    use dynamics_response, only: transition_list
    use ensemble_plan, only: plan_type
    use ensemble_results, only: block_result, case_statistics, spectrum_layout
+   use ensemble_time_average, only: count_spans, time_average_method
    use io_blocks, only: sample_label
    use io_gathering, only: count_transitions, shards_of
    use io_group, only: counted, group_type, new_group
@@ -57,6 +58,7 @@ contains
                      label_type('1', 'mass, from the wall', 'dof'))
       call write_samples(group, samples)
       call write_slip_statistics(group, statistics)
+      call write_time_averages(group, plan, statistics)
       if (plan%output%spectrum) then
          call write_spectrum_axes(group, plan, layout, samples)
          call write_bands(group, statistics)
@@ -113,6 +115,9 @@ contains
       type(group_type), intent(inout) :: group
       type(case_statistics), intent(in) :: statistics
 
+      if (.not. allocated(statistics%slip_mean)) return
+      call group%attribute('slip_mean_error_method', 'standard deviation over root of n_samples')
+      call group%attribute('slip_std_error_method', 'fourth central moment, any law')
       call group%put_allocated('slip_mean', statistics%slip_mean, &
                                label_type('1', 'mean over samples of slip_fraction', 'dof'))
       call group%put_allocated('slip_mean_error', statistics%slip_mean_error, &
@@ -123,6 +128,28 @@ contains
       call group%put_allocated('slip_std_error', statistics%slip_std_error, &
                                label_type('1', 'standard error of slip_std', 'dof'))
    end subroutine write_slip_statistics
+
+   !> The slip series' axis, and what its autocovariance tells of errors.
+   subroutine write_time_averages(group, plan, statistics)
+      type(group_type), intent(inout) :: group
+      type(plan_type), intent(in) :: plan
+      type(case_statistics), intent(in) :: statistics
+
+      if (.not. plan%output%slip) return
+      call group%put('span', counted(count_spans(plan%integration)), &
+                     label_type('1', 'equal span of the time that is measured', 'span'))
+      if (.not. allocated(statistics%slip_fraction_error)) return
+      call group%attribute('time_average_method', time_average_method)
+      call group%put('slip_fraction_error', statistics%slip_fraction_error, &
+                     label_type('1', 'standard error of slip_fraction: the march is finite', &
+                                'sample dof'))
+      call group%put_allocated('slip_mean_time_error', statistics%slip_mean_time_error, &
+                               label_type('1', 'standard error of slip_mean that more samples '// &
+                                          'do not lower: the march is finite', 'dof'))
+      call group%put_allocated('slip_std_time_part', statistics%slip_std_time_part, &
+                               label_type('1', 'part of slip_std that the finite march adds', &
+                                          'dof'))
+   end subroutine write_time_averages
 
    subroutine write_spectrum_axes(group, plan, layout, samples)
       type(group_type), intent(inout) :: group
@@ -149,6 +176,11 @@ contains
       type(group_type), intent(inout) :: group
       type(case_statistics), intent(in) :: statistics
 
+      if (.not. allocated(statistics%psd_mean)) return
+      call group%attribute('psd_percentiles_interval_method', 'order statistics, binomial, 95 %')
+      call group%attribute('band_ratio_interval_method', &
+                           'bootstrap over samples, of the logarithm, 95 %')
+      call group%attribute('pseudo_variance_percentiles_error_method', 'bootstrap over samples')
       call group%put_allocated('psd_mean', statistics%psd_mean, &
                                label_type('m^2/Hz', 'mean over samples of psd', 'frequency dof'))
       call group%put_allocated('psd_mean_error', statistics%psd_mean_error, &
@@ -165,9 +197,16 @@ contains
       call group%put_allocated('pseudo_variance_mean', statistics%pseudo_variance_mean, &
                                label_type('m^2', 'integral of psd_mean over frequency, Eq. (46)', &
                                           'dof'))
+      call group%put_allocated('pseudo_variance_mean_error', &
+                               statistics%pseudo_variance_mean_error, &
+                               label_type('m^2', 'standard error of pseudo_variance_mean', 'dof'))
       call group%put_allocated('pseudo_variance_percentiles', &
                                statistics%pseudo_variance_percentiles, &
                                label_type('m^2', 'integral of each percentile, Eq. (46)', &
+                                          'percentile dof'))
+      call group%put_allocated('pseudo_variance_percentiles_error', &
+                               statistics%pseudo_variance_percentiles_error, &
+                               label_type('m^2', 'standard error of pseudo_variance_percentiles', &
                                           'percentile dof'))
       call group%put_allocated('band_ratio', statistics%band_ratio, &
                                label_type('1', &
@@ -200,7 +239,7 @@ contains
       end if
    end subroutine write_history_axes
 
-   !> Spectra, histories and transitions, one shard after the other.
+   !> Series, spectra, histories and transitions, one shard after the other.
    subroutine write_long(group, plan, layout, n_samples, store, shards)
       type(group_type), intent(inout) :: group
       type(plan_type), intent(in) :: plan
@@ -219,6 +258,8 @@ contains
          if (allocated(group%error)) return
          first = block%first_sample
          n = min(block%n_samples, n_samples - first + 1)
+         if (plan%output%slip) &
+            call group%put_part('slip_series', [1, 1, first], block%slip_series(:, :, :n))
          if (plan%output%spectrum) call group%put_part('psd', [1, 1, first], block%psd(:, :, :n))
          if (plan%output%history) then
             call group%put_part('displacement', [1, 1, first], block%displacement(:, :, :n))
@@ -240,6 +281,11 @@ contains
 
       n_dof = plan%chain%n_dof
       n_steps = plan%integration%n_steps + 1
+      if (plan%output%slip) then
+         call group%make('slip_series', 0.0_wp, &
+                         [n_dof, count_spans(plan%integration), n_samples], &
+                         sample_label('slip_series'))
+      end if
       if (plan%output%spectrum) then
          call group%make('psd', 0.0_wp, [n_dof, size(layout%frequency), n_samples], &
                          sample_label('psd'))

@@ -144,6 +144,7 @@ contains
       type(block_result), intent(inout) :: block
       type(error_type), allocatable, intent(out) :: error
 
+      call read_cube('slip_series', block%slip_series)
       call read_cube('psd', block%psd)
       call read_cube('displacement', block%displacement)
       call read_cube('velocity', block%velocity)

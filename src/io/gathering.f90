@@ -6,12 +6,13 @@ module io_gathering
    use core_text, only: to_text
    use ensemble_results, only: block_result
    use io_blocks, only: read_block
-   use io_hdf5, only: hdf5_file, open_hdf5, read_dataset, read_part
+   use io_hdf5, only: hdf5_file, open_hdf5, read_dataset, read_extent, read_part
    use io_shards, only: open_shard, shard_store, shard_type
    use numerics_sorting, only: sort_order
    implicit none(type, external)
    private
-   public :: count_transitions, finished_samples, read_psd_band, read_samples, shards_of
+   public :: count_transitions, finished_samples, read_psd_band, read_samples, read_slip_series, &
+             shards_of
 
 contains
 
@@ -66,7 +67,27 @@ contains
       end do
    end subroutine count_transitions
 
-   !> Everything of samples 1..n_samples but spectra, histories and transitions.
+   !> The slip series of those samples of a shard that are among samples 1..n_samples.
+   subroutine read_slip_series(shard, n_samples, series, error)
+      type(shard_type), intent(in) :: shard
+      integer, intent(in) :: n_samples
+      real(wp), allocatable, intent(out) :: series(:, :, :)   !! (dof, span, sample)
+      type(error_type), allocatable, intent(out) :: error
+      type(hdf5_file) :: file
+      integer(long), allocatable :: n(:)
+
+      call open_hdf5(shard%path, file, error)
+      if (allocated(error)) return
+      call read_extent(file, '/slip_series', 3, n, error)
+      if (.not. allocated(error)) then
+         n(3) = min(n(3), n_samples - shard%first_sample + 1_long)
+         allocate (series(n(1), n(2), n(3)))
+         call read_part(file, '/slip_series', [1, 1, 1], series, error)
+      end if
+      call file%abandon()
+   end subroutine read_slip_series
+
+   !> Everything of samples 1..n_samples but series, spectra, histories and transitions.
    subroutine read_samples(store, shards, case_number, n_samples, block, error)
       type(shard_store), intent(in) :: store
       type(shard_type), intent(in) :: shards(:)

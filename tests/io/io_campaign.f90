@@ -92,6 +92,7 @@ contains
       block%n_samples = n
       block%friction = reshape([((value(1, d, s), d=1, n_dof), s=first, last)], [n_dof, n])
       block%slip_fraction = reshape([((value(2, d, s), d=1, n_dof), s=first, last)], [n_dof, n])
+      block%slip_series = reshape(0.5_wp*block%slip_fraction, [n_dof, 1, n])
       block%slip_starts = reshape([((5000000000_long + 10*s + d, d=1, n_dof), s=first, last)], &
                                   [n_dof, n])
       block%stick_starts = block%slip_starts + 1
@@ -129,6 +130,9 @@ contains
       statistics%slip_std = 0.1_wp*statistics%slip_mean
       statistics%slip_mean_error = 0.01_wp*statistics%slip_mean
       statistics%slip_std_error = 0.01_wp*statistics%slip_std
+      statistics%slip_fraction_error = reshape([(0.001_wp*d, d=1, n_dof*n_samples)], &
+                                               [n_dof, n_samples])
+      statistics%slip_mean_time_error = 0.02_wp*statistics%slip_mean
       allocate (statistics%psd_mean(n_dof, n_frequencies), source=1.5_wp)
       allocate (statistics%psd_percentiles(n_dof, n_frequencies, 2), source=2.5_wp)
       allocate (statistics%pseudo_variance_percentiles(n_dof, 2), source=3.5_wp)
