@@ -24,6 +24,7 @@ module driver_command_line
    character(*), parameter :: commands(*) = [character(76) :: &
       'run SCENE       all that the scene asks for; continues an interrupted run', &
       'check SCENE     read and validate; what would run, its cost and memory', &
+      'tradeoff SCENE  what accuracy costs in this scene, and the cheapest settings', &
       'replay SCENE    one sample again, with its full history (--case, --sample)', &
       'template        print a complete commented scene']
    character(*), parameter :: options(*) = [character(76) :: &

@@ -8,6 +8,7 @@ program entroslip
    use driver_command_line, only: command_line, help_text, read_command_line
    use driver_replay, only: replay
    use driver_run, only: run
+   use driver_tradeoff, only: tradeoff
    use driver_version, only: version_text
    implicit none(type, external)
    type(command_line) :: line
@@ -23,6 +24,8 @@ program entroslip
       call run(line)
    case ('check')
       call check(line)
+   case ('tradeoff')
+      call tradeoff(line)
    case ('replay')
       call replay(line)
    case ('template')

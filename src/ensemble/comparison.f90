@@ -15,7 +15,7 @@ module ensemble_comparison
    implicit none(type, external)
    private
    public :: numerical_error, compare_slip, compare_spectra, compare_histories
-   public :: slip_error, band_ratio_error
+   public :: slip_error, band_ratio_error, band_ratios
 
    real(wp), parameter :: points = 100.0_wp   !! of percent in a fraction
 
@@ -72,6 +72,28 @@ contains
       largest = 0.0_wp
       if (allocated(errors%band_ratio)) largest = maxval(abs(errors%band_ratio))
    end function band_ratio_error
+
+   !> Ratio of the last to the first percentile's pseudo-variance, Eq. (46); 0 for a dof that does not
+   !> move in that share of the samples.
+   pure function band_ratios(psd, percentiles) result(ratio)
+      real(wp), intent(in) :: psd(:, :, :)     !! (dof, frequency, sample); two samples or more
+      real(wp), intent(in) :: percentiles(:)   !! [%], ascending
+      real(wp) :: ratio(size(psd, 1))
+      real(wp) :: low, high, sorted(size(psd, 3))
+      integer :: dof, f, n
+
+      n = size(psd, 3)
+      do dof = 1, size(psd, 1)
+         low = 0.0_wp
+         high = 0.0_wp
+         do f = 1, size(psd, 2)
+            sorted = psd(dof, f, sort_order(psd(dof, f, :)))
+            low = low + at_rank(sorted, 1.0_wp + (n - 1)*percentiles(1)/100.0_wp)
+            high = high + at_rank(sorted, 1.0_wp + (n - 1)*percentiles(size(percentiles))/100.0_wp)
+         end do
+         ratio(dof) = share(high, low)
+      end do
+   end function band_ratios
 
    !> Slip fractions of the samples that were marched twice, of n_all that the case has.
    pure subroutine compare_slip(tested, reference, n_all, errors)

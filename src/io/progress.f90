@@ -13,6 +13,7 @@ module io_progress
       private
       logical :: is_silent = .true.
       logical :: is_redrawn = .false.
+      character(:), allocatable :: noun
       integer :: total = 0, done_before = 0
       integer :: width = 0                 !! of the line that stands on the terminal
       real(wp) :: next_line = 0.0_wp       !! [s] after the start
@@ -26,13 +27,16 @@ module io_progress
 contains
 
    !> From here time is counted; what an earlier run has done does not enter the rate.
-   subroutine start(self, total, done_before)
+   subroutine start(self, total, done_before, noun)
       class(progress_type), intent(inout) :: self
       integer, intent(in) :: total, done_before   !! samples
+      character(*), intent(in), optional :: noun  !! what is counted, if not samples
 
       self%is_silent = .false.
       self%is_redrawn = shows_on_terminal()
       self%total = total
+      self%noun = 'samples'
+      if (present(noun)) self%noun = noun
       self%done_before = done_before
       self%next_line = interval(self)
       call system_clock(self%started)
@@ -51,7 +55,7 @@ contains
       seconds = real(now - self%started, wp)/real(rate, wp)
       if (seconds < self%next_line) return
       self%next_line = seconds + interval(self)
-      text = progress_text(done, self%done_before, self%total, seconds)
+      text = progress_text(done, self%done_before, self%total, seconds, self%noun)
       if (self%is_redrawn) then
          call redraw(self, text)
       else
@@ -87,13 +91,14 @@ contains
    end function interval
 
    !> 412 of 1200 samples, 34 %, 5.2 a second, 2:31 left
-   pure function progress_text(done, done_before, total, seconds) result(text)
+   pure function progress_text(done, done_before, total, seconds, noun) result(text)
       integer, intent(in) :: done, done_before, total   !! samples
       real(wp), intent(in) :: seconds                   !! since done_before
+      character(*), intent(in) :: noun                  !! 'samples'
       character(:), allocatable :: text
       real(wp) :: rate
 
-      text = to_text(done)//' of '//to_text(total)//' samples, '// &
+      text = to_text(done)//' of '//to_text(total)//' '//noun//', '// &
              to_text(int(100.0_wp*done/max(total, 1)))//' %'
       if (done <= done_before .or. .not. seconds > 0.0_wp) return
       rate = (done - done_before)/seconds

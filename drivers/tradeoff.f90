@@ -1,0 +1,179 @@
+!> `entroslip tradeoff`: what accuracy costs in this scene, measured on a small piece of it.
+module driver_tradeoff
+   use, intrinsic :: iso_fortran_env, only: output_unit
+   use config_scene, only: scene_type
+   use core_error, only: error_type, exit_done, exit_stopped
+   use core_kinds, only: wp
+   use driver_campaign, only: load_plan, output_path, refuse_unsolved, solve_processes
+   use driver_command_line, only: command_line
+   use driver_deadline, only: seconds_so_far, set_limit, start_watch, time_to_stop
+   use driver_measuring, only: measure_settings
+   use driver_provenance, only: provenance_of
+   use driver_tradeoff_text, only: fits_text, orders_text, parts_text, settings_text, &
+                                   spectra_text, wanted_text
+   use ensemble_plan, only: plan_type
+   use ensemble_tradeoff_front, only: error_parts, parts_of, rows_of, sample_steps, setting_row, &
+                                      spectrum_row, spectrum_rows_of
+   use ensemble_tradeoff_process, only: compare_orders, order_row
+   use ensemble_tradeoff_tasks, only: tradeoff_type
+   use io_files, only: folder_of, make_folder
+   use io_lock, only: lock_type, take_lock
+   use io_results, only: begin_results, results_writer
+   use io_tradeoff_results, only: check_no_campaign, write_orders, write_parts, write_settings, &
+                                  write_spectra
+   use parallel_world, only: start_world, stop_world, world_type
+   use process_model, only: process_model_type
+   implicit none(type, external)
+   private
+   public :: tradeoff
+
+   !> Expected processor time of the comparison of settings [s]; what is statistical adds as much at
+   !> most.
+   real(wp), parameter :: budget = 30.0_wp
+
+   !> What was found out.
+   type :: findings_type
+      type(tradeoff_type) :: tradeoff
+      type(setting_row), allocatable :: settings(:)
+      type(spectrum_row), allocatable :: spectra(:)
+      type(error_parts) :: parts
+      type(order_row), allocatable :: orders(:)
+   end type findings_type
+
+contains
+
+   subroutine tradeoff(line)
+      type(command_line), intent(in) :: line
+      type(world_type) :: world
+      type(scene_type) :: scene
+      type(plan_type) :: plan
+      type(findings_type) :: found
+      type(process_model_type), allocatable :: models(:)
+      type(lock_type) :: lock
+      character(:), allocatable :: path
+      real(wp), allocatable :: force(:, :)
+      type(error_type), allocatable :: error
+      logical :: is_stopped
+
+      call start_watch()
+      call start_world(world)
+      call load_plan(line, scene, plan, force, error)
+      call world%stop_on(error)
+      call set_limit(plan%walltime)
+      path = output_path(line, '_tradeoff.h5')
+      if (world%is_root()) call open_place(path, lock, error)
+      call stop_unlocked(world, lock, error)
+      call solve_processes(world, plan, models)
+      call refuse_unsolved(plan, models, error)
+      call stop_unlocked(world, lock, error)
+      is_stopped = world%any_true(time_to_stop())
+      if (plan%has_chain .and. .not. is_stopped) &
+         call measure_march(world, line, plan, force, models, found, is_stopped, error)
+      call stop_unlocked(world, lock, error)
+      if (world%is_root() .and. .not. is_stopped) then
+         call compare_orders(plan, found%orders)
+         if (.not. line%is_quiet) &
+            write (output_unit, '(a)') text_of(scene, plan, models, found, world%n_ranks)//path
+         call write_findings(path, line, scene, plan, found, world%n_ranks, error)
+      end if
+      call stop_unlocked(world, lock, error)
+      call lock%release(error)
+      call stop_world(merge(exit_stopped, exit_done, is_stopped))
+   end subroutine tradeoff
+
+   !> Locks the output; an earlier tradeoff there will be replaced, anything else is left alone.
+   subroutine open_place(path, lock, error)
+      character(*), intent(in) :: path
+      type(lock_type), intent(inout) :: lock
+      type(error_type), allocatable, intent(out) :: error
+
+      call make_folder(folder_of(path), error)
+      if (.not. allocated(error)) call take_lock(path//'.lock', lock, error)
+      if (.not. allocated(error)) call check_no_campaign(path, error)
+   end subroutine open_place
+
+   !> Ends on an error of any rank, the output unlocked first; collective.
+   subroutine stop_unlocked(world, lock, error)
+      type(world_type), intent(in) :: world
+      type(lock_type), intent(inout) :: lock
+      type(error_type), allocatable, intent(in) :: error
+      type(error_type), allocatable :: ignored   ! a lock file that stays behind locks nobody out
+
+      if (world%any_true(allocated(error))) call lock%release(ignored)
+      call world%stop_on(error)
+   end subroutine stop_unlocked
+
+   !> Settings, spectra and the parts of the error. Collective.
+   subroutine measure_march(world, line, plan, force, models, found, is_stopped, error)
+      type(world_type), intent(in) :: world
+      type(command_line), intent(in) :: line
+      type(plan_type), intent(in) :: plan
+      real(wp), intent(in) :: force(0:, :)   !! (step, 1 or sample) [N] of a file; else of size 0
+      type(process_model_type), intent(in) :: models(:)
+      type(findings_type), intent(inout) :: found
+      logical, intent(out) :: is_stopped
+      type(error_type), allocatable, intent(out) :: error
+      real(wp), allocatable :: values(:, :)   ! (value, task)
+
+      call measure_settings(world, plan, force, budget, line%is_quiet .or. .not. world%is_root(), &
+                            found%tradeoff, values, is_stopped, error, models)
+      if (is_stopped .or. allocated(error)) return
+      found%settings = rows_of(found%tradeoff, values)
+      found%spectra = spectrum_rows_of(found%tradeoff, values)
+      found%parts = parts_of(found%tradeoff, values, found%settings(found%tradeoff%own), &
+                             plan%integration%n_steps - plan%integration%n_discard)
+   end subroutine measure_march
+
+   !> All that the terminal gets.
+   function text_of(scene, plan, models, found, n_ranks) result(text)
+      type(scene_type), intent(in) :: scene
+      type(plan_type), intent(in) :: plan
+      type(process_model_type), intent(in) :: models(:)
+      type(findings_type), intent(in) :: found
+      integer, intent(in) :: n_ranks
+      character(:), allocatable :: text
+      character, parameter :: line_feed = new_line('a')
+
+      text = ''
+      if (plan%has_chain) then
+         text = settings_text(plan, found%tradeoff, found%settings, n_ranks)// &
+                wanted_text(plan, found%settings, scene%accuracy%target_slip_points, &
+                            scene%accuracy%target_band_ratio, n_ranks)//line_feed// &
+                parts_text(plan, found%settings, found%tradeoff%own, found%parts, n_ranks)// &
+                line_feed
+         if (size(found%spectra) > 0) text = text//spectra_text(found%spectra)//line_feed
+      end if
+      if (size(found%orders) > 0) &
+         text = text//orders_text(found%orders)//line_feed//fits_text(models)
+   end function text_of
+
+   !> The file, whole or not at all.
+   subroutine write_findings(path, line, scene, plan, found, n_ranks, error)
+      character(*), intent(in) :: path
+      type(command_line), intent(in) :: line
+      type(scene_type), intent(in) :: scene
+      type(plan_type), intent(in) :: plan
+      type(findings_type), intent(in) :: found
+      integer, intent(in) :: n_ranks
+      type(error_type), allocatable, intent(out) :: error
+      type(results_writer) :: writer
+
+      call begin_results(path, provenance_of(scene, line%overrides, plan%title, n_ranks), writer, &
+                         error)
+      if (allocated(error)) return
+      if (plan%has_chain) then
+         call write_settings(writer, plan, found%settings, &
+                             found%tradeoff%plan%integration%n_steps, &
+                             1.0e-9_wp*sample_steps(plan), error)
+         if (.not. allocated(error)) call write_parts(writer, found%parts, error)
+         if (.not. allocated(error)) call write_spectra(writer, found%spectra, error)
+      end if
+      if (.not. allocated(error)) call write_orders(writer, found%orders, error)
+      if (allocated(error)) then
+         call writer%abandon()
+      else
+         call writer%finish(seconds_so_far(), error)
+      end if
+   end subroutine write_findings
+
+end module driver_tradeoff

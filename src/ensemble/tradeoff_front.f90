@@ -1,0 +1,260 @@
+!> From measured tasks to what a user decides by: the error and cost of every setting, the settings
+!> that no other beats in both, the cheapest for a wanted error, and the parts of the error now.
+module ensemble_tradeoff_front
+   use core_kinds, only: wp
+   use ensemble_plan, only: plan_type
+   use ensemble_tradeoff_settings, only: expected_cost, setting_type
+   use ensemble_tradeoff_tasks, only: n_batches, of_batch, of_samples, of_setting, of_spectrum, &
+                                      tradeoff_type
+   implicit none(type, external)
+   private
+   public :: error_parts, setting_row, spectrum_row
+   public :: rows_of, spectrum_rows_of, parts_of, cheapest, best, keeps, sample_steps
+
+   !> A setting measured: the largest errors over levels of force and dofs.
+   type :: setting_row
+      type(setting_type) :: setting
+      real(wp) :: cost = 0.0_wp               !! [ns of a processor] of a sample-step of the scene
+      real(wp) :: work = 0.0_wp               !! the same as expected from counted work
+      real(wp) :: slip = 0.0_wp               !! [points], rms over samples
+      real(wp) :: slip_error = 0.0_wp         !! its standard error
+      real(wp) :: slip_mean = 0.0_wp          !! [points] of the mean over samples
+      real(wp) :: slip_std = 0.0_wp           !! [points] of the standard deviation over samples
+      real(wp) :: psd_mean = 0.0_wp           !! of the mean spectrum, relative
+      real(wp) :: psd_percentiles = 0.0_wp    !! of the percentiles of the spectrum, relative
+      real(wp) :: band_ratio = 0.0_wp         !! relative
+      real(wp) :: band_ratio_error = 0.0_wp   !! its standard error
+      logical :: is_on_front = .false.        !! nothing cheaper has a smaller error of slip
+      logical :: is_own = .false.             !! the scene's
+   end type setting_row
+
+   !> A way to form spectra.
+   type :: spectrum_row
+      integer :: every = 1
+      integer :: segment_length = 0         !! [steps]
+      real(wp) :: cost = 0.0_wp             !! [ns] of a sample-step, march included
+      real(wp) :: band_ratio = 0.0_wp       !! largest relative change, from every step's
+   end type spectrum_row
+
+   !> Parts of the error that the scene has now, each the largest over cases and dofs; standard
+   !> errors where they are statistical.
+   type :: error_parts
+      real(wp) :: discretisation_slip = 0.0_wp   !! [points]
+      real(wp) :: time_slip = 0.0_wp             !! [points] of the mean, n_steps are finite
+      real(wp) :: samples_slip = 0.0_wp          !! [points] of the mean, n_samples are finite
+      real(wp) :: samples_slip_std = 0.0_wp      !! [points] of the standard deviation
+      real(wp) :: discretisation_ratio = 0.0_wp  !! relative
+      real(wp) :: time_ratio = 0.0_wp            !! relative
+      real(wp) :: samples_ratio = 0.0_wp         !! relative
+   end type error_parts
+
+contains
+
+   !> The rows of all settings, in their order.
+   pure function rows_of(tradeoff, values) result(rows)
+      type(tradeoff_type), intent(in) :: tradeoff
+      real(wp), intent(in) :: values(:, :)   !! (value, task) as run_task gives them
+      type(setting_row), allocatable :: rows(:)
+      real(wp) :: share(size(tradeoff%levels))
+      integer :: i, k, n
+
+      n = size(tradeoff%settings)
+      share = [(real(tradeoff%levels(k)%n_all, wp), k=1, size(tradeoff%levels))]
+      share = share/sum(share)
+      allocate (rows(n))
+      do i = 1, n
+         rows(i)%setting = tradeoff%settings(i)
+         rows(i)%is_own = i == tradeoff%own
+         rows(i)%work = sum(share*[(expected_cost(rows(i)%setting, tradeoff%plan, &
+                                                  tradeoff%transitions(k)), k=1, size(share))])
+      end do
+      do i = 1, size(tradeoff%tasks)
+         associate (task => tradeoff%tasks(i), v => values(:, i))
+            if (task%kind /= of_setting) cycle
+            associate (row => rows(task%row))
+               row%cost = row%cost + share(task%level)*v(1)
+               if (v(2) >= row%slip) row%slip_error = v(3)
+               row%slip = max(row%slip, v(2))
+               row%slip_mean = max(row%slip_mean, v(4))
+               row%slip_std = max(row%slip_std, v(5))
+               row%psd_mean = max(row%psd_mean, v(6))
+               row%psd_percentiles = max(row%psd_percentiles, v(7))
+               if (v(8) >= row%band_ratio) row%band_ratio_error = v(9)
+               row%band_ratio = max(row%band_ratio, v(8))
+            end associate
+         end associate
+      end do
+      do i = 1, n
+         rows(i)%is_on_front = .not. any(beats(rows, rows(i)))
+      end do
+   end function rows_of
+
+   !> Not worse in cost and error, and better in one of them.
+   elemental logical function beats(a, b)
+      type(setting_row), intent(in) :: a, b
+
+      beats = a%cost <= b%cost .and. a%slip <= b%slip .and. (a%cost < b%cost .or. a%slip < b%slip)
+   end function beats
+
+   !> The row of least cost that surely keeps the wanted errors, 0 where none does; by counted work
+   !> where the choice must not depend on how busy a machine is.
+   pure function cheapest(rows, slip_points, band_ratio, by_work) result(best_row)
+      type(setting_row), intent(in) :: rows(:)
+      real(wp), intent(in) :: slip_points, band_ratio   !! 0: not wanted
+      logical, intent(in) :: by_work
+      integer :: best_row
+
+      if (by_work) then
+         best_row = minloc(rows%work, 1, mask=keeps(rows, slip_points, band_ratio))
+      else
+         best_row = minloc(rows%cost, 1, mask=keeps(rows, slip_points, band_ratio))
+      end if
+   end function cheapest
+
+   !> The measured error and twice its standard error are within what is wanted.
+   elemental logical function keeps(row, slip_points, band_ratio)
+      type(setting_row), intent(in) :: row
+      real(wp), intent(in) :: slip_points, band_ratio   !! 0: not wanted
+
+      keeps = (.not. slip_points > 0.0_wp .or. row%slip + 2*row%slip_error <= slip_points) .and. &
+              (.not. band_ratio > 0.0_wp .or. &
+               row%band_ratio + 2*row%band_ratio_error <= band_ratio)
+   end function keeps
+
+   !> The row that comes nearest to what is wanted.
+   pure function best(rows, slip_points, band_ratio) result(best_row)
+      type(setting_row), intent(in) :: rows(:)
+      real(wp), intent(in) :: slip_points, band_ratio   !! 0: not wanted
+      integer :: best_row
+      real(wp) :: excess(size(rows))
+
+      excess = 0.0_wp
+      if (slip_points > 0.0_wp) excess = (rows%slip + 2*rows%slip_error)/slip_points
+      if (band_ratio > 0.0_wp) &
+         excess = max(excess, (rows%band_ratio + 2*rows%band_ratio_error)/band_ratio)
+      best_row = minloc(excess, 1)
+   end function best
+
+   !> The ways to form spectra, each compared with the first.
+   pure function spectrum_rows_of(tradeoff, values) result(rows)
+      type(tradeoff_type), intent(in) :: tradeoff
+      real(wp), intent(in) :: values(:, :)   !! (value, task)
+      type(spectrum_row), allocatable :: rows(:)
+      real(wp) :: ratio(tradeoff%plan%chain%n_dof, size(tradeoff%every), size(tradeoff%levels))
+      integer :: i, n_dof, n_levels
+
+      n_dof = size(ratio, 1)
+      n_levels = size(ratio, 3)
+      allocate (rows(size(tradeoff%every)))
+      rows%every = tradeoff%every
+      rows%segment_length = tradeoff%segment_length
+      do i = 1, size(tradeoff%tasks)
+         associate (task => tradeoff%tasks(i), v => values(:, i))
+            if (task%kind /= of_spectrum) cycle
+            rows(task%row)%cost = rows(task%row)%cost + v(1)/n_levels
+            ratio(:, task%row, task%level) = v(2:1 + n_dof)
+         end associate
+      end do
+      do i = 1, size(rows)
+         rows(i)%band_ratio = maxval(abs(ratio(:, i, :) - ratio(:, 1, :)) &
+                                     /merge(ratio(:, 1, :), 1.0_wp, ratio(:, 1, :) > 0.0_wp))
+      end do
+   end function spectrum_rows_of
+
+   !> What the error of the scene's results is made of.
+   pure function parts_of(tradeoff, values, own, n_steps) result(parts)
+      type(tradeoff_type), intent(in) :: tradeoff
+      real(wp), intent(in) :: values(:, :)   !! (value, task)
+      type(setting_row), intent(in) :: own   !! the scene's setting
+      integer, intent(in) :: n_steps         !! of the scene, after those discarded
+      type(error_parts) :: parts
+      integer :: i
+
+      parts%discretisation_slip = own%slip
+      parts%discretisation_ratio = own%band_ratio
+      call add_time_averages(tradeoff, values, n_steps, parts)
+      do i = 1, size(tradeoff%tasks)
+         if (tradeoff%tasks(i)%kind == of_samples) &
+            call add_samples(tradeoff, tradeoff%cases(tradeoff%tasks(i)%row), values(:, i), parts)
+      end do
+   end function parts_of
+
+   !> From batches: their mean over a march of the scene's length. Where every sample has a force of
+   !> its own, the mean over samples averages their errors too.
+   pure subroutine add_time_averages(tradeoff, values, n_steps, parts)
+      type(tradeoff_type), intent(in) :: tradeoff
+      real(wp), intent(in) :: values(:, :)
+      integer, intent(in) :: n_steps
+      type(error_parts), intent(inout) :: parts
+      real(wp) :: series(2*tradeoff%plan%chain%n_dof, n_batches), shorter
+      integer :: dof, i, k, n_dof
+
+      n_dof = tradeoff%plan%chain%n_dof
+      do k = 1, size(tradeoff%levels)
+         do i = 1, size(tradeoff%tasks)
+            associate (task => tradeoff%tasks(i))
+               if (task%kind == of_batch .and. task%level == k) &
+                  series(:, task%row) = values(2:1 + 2*n_dof, i)
+            end associate
+         end do
+         associate (level => tradeoff%levels(k), plan => tradeoff%plan)
+            shorter = sqrt(real(tradeoff%long%integration%n_steps, wp)/n_steps)
+            if (plan%excitation%per_sample) &
+               shorter = shorter*sqrt(real(size(level%sample), wp) &
+                                      /maxval(plan%cases(level%case_number)%n_samples))
+            do dof = 1, n_dof
+               parts%time_slip = max(parts%time_slip, shorter*error_of_batches(series(dof, :)))
+               if (minval(series(n_dof + dof, :)) > 0.0_wp) parts%time_ratio = max( &
+                  parts%time_ratio, shorter*error_of_batches(log(series(n_dof + dof, :))))
+            end do
+         end associate
+      end do
+   end subroutine add_time_averages
+
+   !> Standard error of the mean of consecutive batches: from their scatter, or from that of pairs
+   !> of them where it is larger, as it is when batches are too short to be independent.
+   pure function error_of_batches(batches) result(error)
+      real(wp), intent(in) :: batches(:)   !! an even number
+      real(wp) :: error
+
+      error = max(error_of_mean_of(batches), &
+                  error_of_mean_of(0.5_wp*(batches(1::2) + batches(2::2))))
+   end function error_of_batches
+
+   pure function error_of_mean_of(values) result(error)
+      real(wp), intent(in) :: values(:)
+      real(wp) :: error
+      integer :: n
+
+      n = size(values)
+      error = sqrt(sum((values - sum(values)/n)**2)/(real(n, wp)*(n - 1)))
+   end function error_of_mean_of
+
+   !> From the samples of one case, for as many as the scene has of it.
+   pure subroutine add_samples(tradeoff, case_number, values, parts)
+      type(tradeoff_type), intent(in) :: tradeoff
+      integer, intent(in) :: case_number
+      real(wp), intent(in) :: values(:)
+      type(error_parts), intent(inout) :: parts
+      real(wp) :: n, w
+      integer :: n_dof
+
+      n_dof = tradeoff%plan%chain%n_dof
+      n = tradeoff%plan%cases(case_number)%n_samples
+      w = values(size(values))
+      parts%samples_slip = max(parts%samples_slip, maxval(values(2:1 + n_dof))/sqrt(n))
+      parts%samples_slip_std = max(parts%samples_slip_std, &
+                                   sqrt(w/n)*maxval(values(2 + n_dof:1 + 2*n_dof)))
+      parts%samples_ratio = max(parts%samples_ratio, &
+                                sqrt(w/n)*maxval(values(2 + 2*n_dof:1 + 3*n_dof)))
+   end subroutine add_samples
+
+   !> Steps that all samples of the scene march together.
+   pure function sample_steps(plan) result(n)
+      type(plan_type), intent(in) :: plan
+      real(wp) :: n
+
+      n = real(plan%integration%n_steps, wp)*sum(plan%cases%n_samples)
+   end function sample_steps
+
+end module ensemble_tradeoff_front

@@ -1,0 +1,73 @@
+"""entroslip tradeoff: its table, its file, the same numbers on any number of ranks."""
+
+from __future__ import annotations
+
+import h5py
+import numpy as np
+import xarray as xr
+
+FEW_STEPS = ("--set", "integration%n_steps=1500", "--set", "output%segment_length=256")
+COSTS = {"cost", "seconds", "milliseconds", "is_on_front"}  # those depend on the machine's hurry
+
+
+def measured(path):
+    """Every dataset's bytes but for the costs."""
+    found = {}
+    with h5py.File(path) as file:
+        file["tradeoff"].visititems(
+            lambda name, item: (
+                found.update({name: item[()].tobytes()})
+                if isinstance(item, h5py.Dataset) and name.split("/")[-1] not in COSTS
+                else None
+            )
+        )
+    return found
+
+
+def test_a_scene_gets_its_tradeoff(entroslip, small_scene, tmp_path):
+    done = entroslip("tradeoff", small_scene, *FEW_STEPS)
+    assert done.returncode == 0, done.stderr
+    for words in ("slip [points]", "cheapest", "largest", "time average", "L0 = 0.3"):
+        assert words in done.stdout
+    assert max(map(len, done.stdout.splitlines())) <= 80
+    path = tmp_path / "small_tradeoff.h5"
+    with xr.open_dataset(path, group="tradeoff", engine="h5netcdf") as data:
+        assert data["slip"].dims == ("setting",)
+        assert all(data[name].attrs["units"] and data[name].attrs["long_name"] for name in data)
+        own = data.isel(setting=int(np.flatnonzero(data["is_own"])[0]))
+        assert int(own["max_halvings"]) == 6
+        assert int(own["method"]) == 0
+        # the exact method's error is far below that of the scheme at the same step
+        exact = data["slip"][(data["method"] == 1) & (data["dt"] == float(own["dt"]))]
+        assert float(exact.max()) < 1e-3 * float(own["slip"])
+        front = data["slip"][data["is_on_front"] == 1]
+        assert float(front.min()) == float(data["slip"].min())
+    again = entroslip("tradeoff", small_scene, *FEW_STEPS, "--output", "three.h5", ranks=3)
+    assert again.returncode == 0, again.stderr
+    assert measured(tmp_path / "small_tradeoff.h5") == measured(tmp_path / "three.h5")
+    assert len(measured(tmp_path / "three.h5")) > 25
+
+
+def test_a_campaign_is_not_overwritten(entroslip, small_scene, tmp_path):
+    assert entroslip("run", small_scene, *FEW_STEPS).returncode == 0
+    before = (tmp_path / "small.h5").read_bytes()
+    done = entroslip("tradeoff", small_scene, *FEW_STEPS, "--output", "small.h5")
+    assert done.returncode == 3
+    assert "small.h5" in done.stderr
+    assert (tmp_path / "small.h5").read_bytes() == before
+
+
+def test_processes_alone_have_orders(entroslip, tmp_path):
+    scene = tmp_path / "alone.nml"
+    scene.write_text(
+        "&process correlation_length = 1.0 order = 2 mean = 0 std = 1 positive = .false. /\n"
+    )
+    done = entroslip("tradeoff", scene)
+    assert done.returncode == 0, done.stderr
+    with h5py.File(tmp_path / "alone_tradeoff.h5") as file:
+        orders = file["tradeoff/orders"]
+        assert (np.diff(orders["entropy_lost"][()]) < 0).all()
+        own = orders["order"][orders["is_own"][()] == 1]
+        assert own.tolist() == [2]
+        # closed form: AR(2) with L0 = 1 has L1 = 1.4330127
+        assert abs(orders["other_length"][1] - 1.4330127) < 1e-6
