@@ -126,7 +126,7 @@ contains
          call verify_shard(output%store, shards(1), error)
       if (allocated(error)) return
       if (allocated(n_samples)) then
-         output%is_complete = all(n_samples >= plan%cases%n_samples)
+         output%is_complete = all(n_samples(:size(plan%cases)) >= plan%cases%n_samples)
          do c = 1, size(plan%cases)
             output%is_finished(:min(n_samples(c), plan%cases(c)%n_samples), c) = .true.
          end do
@@ -161,7 +161,7 @@ contains
 
       call inspect_results(output%path, output%store%identity, n_samples, error)
       if (allocated(error) .or. .not. allocated(n_samples)) return
-      output%is_complete = all(n_samples >= plan%cases%n_samples)
+      output%is_complete = all(n_samples(:size(plan%cases)) >= plan%cases%n_samples)
       if (output%is_complete) then
          call remove_covered(output%store, n_samples, error)
       else

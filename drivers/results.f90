@@ -8,12 +8,15 @@ module driver_results
    use driver_deadline, only: seconds_so_far
    use driver_output, only: output_type
    use driver_provenance, only: provenance_of
+   use ensemble_audit, only: audit_of
    use ensemble_bands, only: band_collector, start_bands
+   use ensemble_comparison, only: compare_slip, compare_spectra, numerical_error
    use ensemble_plan, only: plan_type
    use ensemble_results, only: block_result, case_statistics
    use ensemble_runner, only: runner_type
    use ensemble_study, only: slip_statistics
    use ensemble_time_average, only: count_spans, fewest_spans, span_collector
+   use io_audit_results, only: write_audit
    use io_case_results, only: write_case
    use io_gathering, only: read_psd_band, read_samples, read_slip_series, shards_of
    use io_process_results, only: write_process
@@ -76,7 +79,7 @@ contains
       if (.not. allocated(error)) call list_shards(output%store, shards, error)
       do i = 1, size(plan%cases)
          if (allocated(error)) return
-         if (plan%cases(i)%n_samples > 0) call finish_case(i)
+         if (plan%cases(i)%n_samples > 0 .and. plan%cases(i)%audits == 0) call finish_case(i)
       end do
 
    contains
@@ -102,6 +105,7 @@ contains
          if (.not. plan%output%history) then
             call write_case(writer, plan, number, samples, runner%layout, statistics, &
                             output%store, shards, error)
+            if (.not. allocated(error)) call finish_audit(number, samples)
             return
          end if
          allocate (force(0:plan%integration%n_steps, &
@@ -110,7 +114,31 @@ contains
          if (allocated(error)) return
          call write_case(writer, plan, number, samples, runner%layout, statistics, &
                          output%store, shards, error, force)
+         if (.not. allocated(error)) call finish_audit(number, samples)
       end subroutine finish_case
+
+      !> What the audit of a case tells of its numerical error, where it has one.
+      subroutine finish_audit(number, samples)
+         integer, intent(in) :: number
+         type(block_result), intent(in) :: samples   !! of the case
+         type(block_result) :: repeated
+         type(numerical_error) :: errors
+         integer :: audit
+
+         audit = audit_of(plan, number)
+         if (audit == 0) return
+         call read_samples(output%store, shards, audit, plan%cases(audit)%n_samples, repeated, &
+                           error)
+         if (allocated(error)) return
+         call compare_slip(samples%slip_fraction(:, :repeated%n_samples), &
+                           repeated%slip_fraction, samples%n_samples, errors)
+         if (plan%output%spectrum) &
+            call compare_psd(plan, audit, size(runner%layout%frequency), output, shards, errors, &
+                             error)
+         if (allocated(error)) return
+         call write_audit(writer, plan, audit, repeated, runner%layout, errors, output%store, &
+                          shards, error)
+      end subroutine finish_audit
 
    end subroutine write_contents
 
@@ -135,6 +163,29 @@ contains
       end do
       call write_process(writer, number, model, error, values)
    end subroutine write_process_of
+
+   !> Spectra of a case beside those of its audit.
+   subroutine compare_psd(plan, audit, n_frequencies, output, shards, errors, error)
+      type(plan_type), intent(in) :: plan
+      integer, intent(in) :: audit   !! case number
+      integer, intent(in) :: n_frequencies
+      type(output_type), intent(in) :: output
+      type(shard_type), intent(in) :: shards(:)
+      type(numerical_error), intent(inout) :: errors
+      type(error_type), allocatable, intent(out) :: error
+      real(wp), allocatable :: tested(:, :, :), reference(:, :, :)   ! (dof, frequency, sample)
+
+      associate (audited => plan%cases(audit)%audits)
+         allocate (tested(plan%chain%n_dof, n_frequencies, plan%cases(audit)%n_samples))
+         allocate (reference, mold=tested)
+         call read_psd_band(output%store, shards, audited, 1, tested, error)
+         if (.not. allocated(error)) &
+            call read_psd_band(output%store, shards, audit, 1, reference, error)
+         if (allocated(error)) return
+         call compare_spectra(tested, reference, plan%output%percentiles, &
+                              plan%cases(audited)%n_samples, errors)
+      end associate
+   end subroutine compare_psd
 
    !> What the finite march does to the slip fractions of one case.
    subroutine find_time_averages(plan, number, shards, statistics, error)

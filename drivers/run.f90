@@ -9,6 +9,7 @@ module driver_run
    use driver_deadline, only: set_limit, start_watch, time_to_stop
    use driver_output, only: open_output, output_type
    use driver_results, only: write_results
+   use ensemble_audit, only: add_audits
    use ensemble_pilot, only: choose_every
    use ensemble_plan, only: plan_type
    use ensemble_results, only: block_result
@@ -43,6 +44,7 @@ contains
       if (.not. allocated(error)) call check_share(line, plan, error)
       call world%stop_on(error)
       call set_limit(plan%walltime)
+      call add_audits(plan)
       call open_output(world, line, scene, plan, output)
       if (output%is_complete) then
          call output%say(output%path//' is complete: nothing to do')

@@ -7,7 +7,7 @@ module config_plan
    use core_kinds, only: wp
    use core_text, only: to_text
    use dynamics_chain, only: build_chain
-   use ensemble_plan, only: case_type, plan_type
+   use ensemble_plan, only: accuracy_settings, case_type, plan_type
    use process_model, only: process_request
    implicit none(type, external)
    private
@@ -36,6 +36,10 @@ contains
          plan%n_realizations = scene%processes(1)%n_realizations
       end if
       plan%walltime = scene%campaign%walltime
+      plan%accuracy = accuracy_settings(scene%accuracy%target_slip_points, &
+                                        scene%accuracy%target_band_ratio, &
+                                        scene%accuracy%target_statistical, &
+                                        scene%accuracy%sample_until_met, scene%accuracy%audit)
       plan%has_chain = scene%has_chain
       if (.not. scene%has_chain) return
       call plan_chain(scene, plan, complaints)

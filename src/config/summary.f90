@@ -6,7 +6,8 @@ module config_summary
                              size_text
    use core_kinds, only: wp
    use core_text, only: to_text
-   use ensemble_plan, only: plan_type
+   use ensemble_audit, only: add_audits, reference_for
+   use ensemble_plan, only: integration_settings, plan_type
    use process_model, only: process_model_type
    implicit none(type, external)
    private
@@ -180,12 +181,29 @@ contains
                  duration(how%n_steps*how%dt)
          if (how%n_discard > 0) steps = steps//', the first '//to_text(how%n_discard)//' discarded'
          text = text//labelled('integration', method//', '//steps)
+         if (plan%accuracy%audit > 0.0_wp) text = text//labelled('audit', audit_text(plan))
          if (plan%output%spectrum) &
             text = text//labelled('spectra', 'segments of '// &
                                   to_text(plan%output%segment_length)//' steps, '// &
                                   brief(1.0_wp/(plan%output%segment_length*how%dt))//' Hz apart')
       end associate
    end function motion_text
+
+   !> What is repeated, and how.
+   function audit_text(plan) result(text)
+      type(plan_type), intent(in) :: plan
+      character(:), allocatable :: text
+      type(plan_type) :: audited
+      type(integration_settings) :: reference
+
+      audited = plan
+      call add_audits(audited)
+      reference = reference_for(plan%integration)
+      associate (cases => audited%cases)
+         text = counted(sum(cases%n_samples, mask=cases%audits > 0), 'sample', 'samples')// &
+                ' repeated, '//reference%method//', tolerance '//brief(reference%tolerance)
+      end associate
+   end function audit_text
 
    !> Work, memory of a rank, size of the results; the last two are bounds.
    function cost_text(plan, nanoseconds, n_ranks, block_width) result(text)

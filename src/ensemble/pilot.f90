@@ -43,6 +43,10 @@ contains
       if (allocated(error)) return
       allocate (psd(plan%chain%n_dof, size(runner%layout%frequency), size(plan%cases)))
       do c = 1, size(short%cases)
+         if (short%cases(c)%audits > 0) then
+            psd(:, :, c) = psd(:, :, short%cases(c)%audits)
+            cycle
+         end if
          call run_block(runner, c, average_friction(plan, short%cases(c)), 1, never, result, &
                         is_abandoned, error)
          if (allocated(error)) return

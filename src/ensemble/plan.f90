@@ -5,7 +5,8 @@ module ensemble_plan
    use process_model, only: process_request
    implicit none(type, external)
    private
-   public :: plan_type, case_type, excitation_settings, integration_settings, output_settings
+   public :: plan_type, case_type, accuracy_settings, excitation_settings, integration_settings, &
+             output_settings
 
    !> One excitation level with one process: n_samples structures that differ in friction only
    !> (and in the force record, when every sample has its own).
@@ -14,6 +15,7 @@ module ensemble_plan
       real(wp) :: variance = 0.0_wp    !! of the force [N^2]; 0 with a force file
       integer :: n_samples = 1
       integer :: first_sample = 1      !! another one in a replay
+      integer :: audits = 0            !! the case whose samples it repeats, to find their errors
    end type case_type
 
    !> The force that acts on one mass.
@@ -50,6 +52,15 @@ module ensemble_plan
       integer :: spectrum_every = 0             !! every k-th step enters the spectra; 0: chosen
    end type output_settings
 
+   !> Errors that are wanted, and how they are watched; 0: none.
+   type :: accuracy_settings
+      real(wp) :: target_slip_points = 0.0_wp    !! numerical error [points of %]
+      real(wp) :: target_band_ratio = 0.0_wp     !! numerical error, relative
+      real(wp) :: target_statistical = 0.0_wp    !! standard error [points of %]
+      logical :: sample_until_met = .false.
+      real(wp) :: audit = 0.0_wp                 !! share of the samples that is repeated
+   end type accuracy_settings
+
    !> All that a campaign is made from.
    type :: plan_type
       character(:), allocatable :: title
@@ -62,7 +73,8 @@ module ensemble_plan
       real(wp), allocatable :: friction(:)      !! (dof) for cases without process
       type(excitation_settings) :: excitation
       type(integration_settings) :: integration
-      type(case_type), allocatable :: cases(:)  !! in case-number order, c001 first
+      type(case_type), allocatable :: cases(:)  !! in case-number order, c001 first; audits last
+      type(accuracy_settings) :: accuracy
       type(output_settings) :: output
       real(wp) :: walltime = 0.0_wp             !! [min]; 0: no limit
    end type plan_type

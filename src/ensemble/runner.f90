@@ -7,7 +7,8 @@ module ensemble_runner
    use dynamics_excitation, only: band_limited_force
    use dynamics_newmark, only: new_newmark, newmark_marcher
    use dynamics_response, only: marcher_type
-   use ensemble_plan, only: plan_type
+   use ensemble_audit, only: reference_for
+   use ensemble_plan, only: integration_settings, plan_type
    use ensemble_results, only: spectrum_layout
    use numerics_spectrum, only: count_segments, welch_type
    implicit none(type, external)
@@ -22,6 +23,7 @@ module ensemble_runner
    type :: runner_type
       type(plan_type) :: plan
       class(marcher_type), allocatable :: marcher
+      class(marcher_type), allocatable :: reference   !! of audits, where there are any
       real(wp), allocatable :: force(:, :)   !! (0:n_steps, 1 or sample) [N]; drawn: unit variance
       type(spectrum_layout) :: layout
       !> (dof, case) of the variance, above the kept Nyquist frequency in the pilot march
@@ -44,7 +46,10 @@ contains
       type(error_type), allocatable, intent(out) :: error
 
       runner%plan = plan
-      call new_marcher(plan, runner%marcher, error)
+      call new_marcher(plan, plan%integration, runner%marcher, error)
+      if (allocated(error)) return
+      if (any(plan%cases%audits > 0)) &
+         call new_marcher(plan, reference_for(plan%integration), runner%reference, error)
       if (allocated(error)) return
       if (plan%excitation%kind == 'file') then
          runner%force = file_force
@@ -56,15 +61,16 @@ contains
       call runner%use_every(max(plan%output%spectrum_every, 1))
    end subroutine prepare_runner
 
-   !> The method that the plan names, prepared for its chain, time step and forced dof.
-   subroutine new_marcher(plan, marcher, error)
+   !> A method prepared for the plan's chain, time step and forced dof.
+   subroutine new_marcher(plan, how, marcher, error)
       type(plan_type), intent(in) :: plan
+      type(integration_settings), intent(in) :: how
       class(marcher_type), allocatable, intent(out) :: marcher
       type(error_type), allocatable, intent(out) :: error
       type(newmark_marcher), allocatable :: newmark
       type(event_marcher), allocatable :: event
 
-      associate (how => plan%integration, dof => plan%excitation%dof)
+      associate (dof => plan%excitation%dof)
          if (how%method == 'newmark') then
             allocate (newmark)
             call new_newmark(plan%chain, how%dt, how%max_halvings, how%beta, how%gamma, dof, &

@@ -3,6 +3,8 @@ module ensemble_sample
    use core_error, only: error_type
    use core_kinds, only: wp
    use dynamics_response, only: block_state, start_block, stored_energy
+   use ensemble_audit, only: kept_of
+   use ensemble_plan, only: output_settings
    use ensemble_results, only: block_result
    use ensemble_runner, only: runner_type
    use ensemble_time_average, only: count_spans, end_of_span
@@ -19,6 +21,8 @@ module ensemble_sample
    !> A march on its way: the block and what listens to it.
    type :: march_type
       type(block_state) :: state
+      type(output_settings) :: keeps
+      logical :: is_audit = .false.                   !! marched by the reference
       real(wp), allocatable :: force(:, :)            !! (0:n_steps, 1 or sample) [N]
       logical :: is_measuring = .false.               !! past n_discard
       integer :: span = 0                             !! of the slip series, on its way
@@ -76,7 +80,9 @@ contains
       type(march_type), intent(inout) :: march
       type(error_type), allocatable, intent(out) :: error
 
-      associate (plan => runner%plan, output => runner%plan%output, n => result%n_samples)
+      march%keeps = kept_of(runner%plan, case_number)
+      march%is_audit = runner%plan%cases(case_number)%audits > 0
+      associate (plan => runner%plan, output => march%keeps, n => result%n_samples)
          march%state%keeps_ledger = output%energy
          march%state%keeps_transitions = output%transitions
          call start_block(plan%chain, result%friction, march%state)
@@ -107,13 +113,12 @@ contains
          state%work_viscous = 0.0_wp
          state%work_friction = 0.0_wp
          march%energy_before = stored_energy(runner%plan%chain, state)
-         if (runner%plan%output%slip) then
-            march%span = 1
-            march%slip_before = state%slip_time
+         march%span = 1
+         march%slip_before = state%slip_time
+         if (march%keeps%slip) &
             allocate (result%slip_series(state%n_dof, count_spans(runner%plan%integration), &
                                          state%n_samples))
-         end if
-         if (runner%plan%output%spectrum) &
+         if (march%keeps%spectrum) &
             call runner%spectra%start(state%n_dof*state%n_samples, layout%segment_length, &
                                       layout%overlap, layout%every*runner%marcher%dt)
       end associate
@@ -129,7 +134,7 @@ contains
       real(wp), allocatable, target :: x(:, :, :), v(:, :, :)   ! (record, dof, sample)
       integer :: every, n
 
-      associate (state => march%state, output => runner%plan%output)
+      associate (state => march%state, output => march%keeps)
          every = merge(1, runner%layout%every, output%history)
          n = to/every - from/every
          if (.not. (output%history .or. output%spectrum .and. march%is_measuring)) n = 0
@@ -137,6 +142,8 @@ contains
          if (output%history) then
             allocate (v, mold=x)
             call runner%marcher%advance(state, march%force(from:to, :), every, x, v, error)
+         else if (march%is_audit) then
+            call runner%reference%advance(state, march%force(from:to, :), every, x, error=error)
          else
             call runner%marcher%advance(state, march%force(from:to, :), every, x, error=error)
          end if
@@ -149,7 +156,8 @@ contains
       end associate
    end subroutine march_piece
 
-   !> When a span of the slip series is over: the fraction of its time.
+   !> When a span of the slip series is over: the fraction of its time. Every march is cut into
+   !> spans, whether the series is kept or not: rounding sees where a march is cut.
    subroutine keep_span(runner, step, march, result)
       type(runner_type), intent(in) :: runner
       integer, intent(in) :: step   !! the march has come to
@@ -160,8 +168,9 @@ contains
       associate (integration => runner%plan%integration, slip_time => march%state%slip_time)
          if (step < end_of_span(integration, march%span)) return
          first = end_of_span(integration, march%span - 1)
-         result%slip_series(:, march%span, :) = (slip_time - march%slip_before) &
-                                                /((step - first)*integration%dt)
+         if (allocated(result%slip_series)) &
+            result%slip_series(:, march%span, :) = (slip_time - march%slip_before) &
+                                                   /((step - first)*integration%dt)
          march%slip_before = slip_time
          march%span = march%span + 1
       end associate
@@ -202,7 +211,7 @@ contains
       real(wp), allocatable :: stored(:)   ! (sample) [J]
       integer :: dof, w
 
-      associate (state => march%state, output => runner%plan%output, how => runner%plan%integration)
+      associate (state => march%state, output => march%keeps, how => runner%plan%integration)
          duration = how%dt*(how%n_steps - how%n_discard)
          result%slip_fraction = state%slip_time/duration
          result%slip_starts = state%slip_starts

@@ -4,7 +4,7 @@ module io_case_results
    use core_error, only: error_type
    use core_kinds, only: wp
    use dynamics_response, only: transition_list
-   use ensemble_plan, only: plan_type
+   use ensemble_plan, only: output_settings, plan_type
    use ensemble_results, only: block_result, case_statistics, spectrum_layout
    use ensemble_time_average, only: count_spans, time_average_method
    use io_blocks, only: sample_label
@@ -16,7 +16,8 @@ module io_case_results
    use io_shards, only: read_shard, shard_store, shard_type
    implicit none(type, external)
    private
-   public :: case_name, energy_terms, write_case
+   public :: case_group, case_name, energy_terms, write_case, write_frequency, write_long, &
+             write_samples
 
    !> Datasets of the energy ledger, in the order of its terms.
    character(*), parameter :: energy_terms(*) = [character(15) :: 'energy_input', &
@@ -35,6 +36,20 @@ contains
       name = trim(buffer)
    end function case_name
 
+   !> Where a case lies, without a last slash. The audits come behind all cases of their own, in the
+   !> same order, each in the group of the case that it repeats.
+   pure function case_group(number, n_own) result(group)
+      integer, intent(in) :: number
+      integer, intent(in) :: n_own   !! cases that are no audits
+      character(:), allocatable :: group
+
+      if (number <= n_own) then
+         group = '/campaign/'//case_name(number)
+      else
+         group = '/campaign/'//case_name(number - n_own)//'/audit'
+      end if
+   end function case_group
+
    !> All of a case. `samples` is what read_samples gave; spectra, histories and transitions come
    !> from the shards; `force` is the record, or one for each sample, and belongs to histories.
    subroutine write_case(writer, plan, number, samples, layout, statistics, store, shards, error, &
@@ -51,7 +66,7 @@ contains
       real(wp), intent(in), contiguous, optional :: force(:, :)   !! (step, 1 or sample) [N]
       type(group_type) :: group
 
-      group = new_group(writer%file, '/campaign/'//case_name(number))
+      group = new_group(writer%file, case_group(number, size(plan%cases)))
       call write_attributes(group, plan, number)
       call group%put('sample', counted(samples%n_samples), label_type('1', 'sample', 'sample'))
       call group%put('dof', counted(plan%chain%n_dof), &
@@ -64,7 +79,7 @@ contains
          call write_bands(group, statistics)
       end if
       if (plan%output%history) call write_history_axes(group, plan, force)
-      call write_long(group, plan, layout, samples%n_samples, store, &
+      call write_long(group, plan, plan%output, layout, samples%n_samples, store, &
                       shards_of(shards, number, samples%n_samples))
       call group%take_error(error)
    end subroutine write_case
@@ -157,7 +172,7 @@ contains
       type(spectrum_layout), intent(in) :: layout
       type(block_result), intent(in) :: samples
 
-      call group%put('frequency', layout%frequency, label_type('Hz', 'frequency', 'frequency'))
+      call write_frequency(group, layout)
       call group%put('percentile', plan%output%percentiles, &
                      label_type('%', 'percentile over samples', 'percentile'))
       call group%attribute('window', 'periodic Hann')
@@ -171,6 +186,13 @@ contains
          call group%attribute('folded_share', maxval(samples%folded_share))
       end if
    end subroutine write_spectrum_axes
+
+   subroutine write_frequency(group, layout)
+      type(group_type), intent(inout) :: group
+      type(spectrum_layout), intent(in) :: layout
+
+      call group%put('frequency', layout%frequency, label_type('Hz', 'frequency', 'frequency'))
+   end subroutine write_frequency
 
    subroutine write_bands(group, statistics)
       type(group_type), intent(inout) :: group
@@ -240,9 +262,10 @@ contains
    end subroutine write_history_axes
 
    !> Series, spectra, histories and transitions, one shard after the other.
-   subroutine write_long(group, plan, layout, n_samples, store, shards)
+   subroutine write_long(group, plan, kept, layout, n_samples, store, shards)
       type(group_type), intent(inout) :: group
       type(plan_type), intent(in) :: plan
+      type(output_settings), intent(in) :: kept   !! of the case
       type(spectrum_layout), intent(in) :: layout
       integer, intent(in) :: n_samples
       type(shard_store), intent(in) :: store
@@ -251,29 +274,30 @@ contains
       integer :: first, i, n, n_rows
 
       n_rows = 0
-      call make_long(group, plan, layout, n_samples, shards)
+      call make_long(group, plan, kept, layout, n_samples, shards)
       do i = 1, size(shards)
          if (allocated(group%error)) return
          call read_shard(store, shards(i), block, group%error)
          if (allocated(group%error)) return
          first = block%first_sample
          n = min(block%n_samples, n_samples - first + 1)
-         if (plan%output%slip) &
+         if (kept%slip) &
             call group%put_part('slip_series', [1, 1, first], block%slip_series(:, :, :n))
-         if (plan%output%spectrum) call group%put_part('psd', [1, 1, first], block%psd(:, :, :n))
-         if (plan%output%history) then
+         if (kept%spectrum) call group%put_part('psd', [1, 1, first], block%psd(:, :, :n))
+         if (kept%history) then
             call group%put_part('displacement', [1, 1, first], block%displacement(:, :, :n))
             call group%put_part('velocity', [1, 1, first], block%velocity(:, :, :n))
          end if
-         if (plan%output%transitions) then
+         if (kept%transitions) then
             call put_transitions(group, first, block%transitions(:n), n_rows)
          end if
       end do
    end subroutine write_long
 
-   subroutine make_long(group, plan, layout, n_samples, shards)
+   subroutine make_long(group, plan, kept, layout, n_samples, shards)
       type(group_type), intent(inout) :: group
       type(plan_type), intent(in) :: plan
+      type(output_settings), intent(in) :: kept
       type(spectrum_layout), intent(in) :: layout
       integer, intent(in) :: n_samples
       type(shard_type), intent(in) :: shards(:)
@@ -281,21 +305,21 @@ contains
 
       n_dof = plan%chain%n_dof
       n_steps = plan%integration%n_steps + 1
-      if (plan%output%slip) then
+      if (kept%slip) then
          call group%make('slip_series', 0.0_wp, &
                          [n_dof, count_spans(plan%integration), n_samples], &
                          sample_label('slip_series'))
       end if
-      if (plan%output%spectrum) then
+      if (kept%spectrum) then
          call group%make('psd', 0.0_wp, [n_dof, size(layout%frequency), n_samples], &
                          sample_label('psd'))
       end if
-      if (plan%output%history) then
+      if (kept%history) then
          call group%make('displacement', 0.0_wp, [n_dof, n_steps, n_samples], &
                          sample_label('displacement'))
          call group%make('velocity', 0.0_wp, [n_dof, n_steps, n_samples], sample_label('velocity'))
       end if
-      if (plan%output%transitions .and. .not. allocated(group%error)) then
+      if (kept%transitions .and. .not. allocated(group%error)) then
          call count_transitions(shards, n_samples, n_rows, group%error)
          call group%put('transition', counted(n_rows), label_type('1', 'transition', 'transition'))
          call group%make('transition_sample', 0, [n_rows], &

@@ -5,7 +5,7 @@ module io_existing
    use core_kinds, only: long, wp
    use ensemble_results, only: block_result
    use io_blocks, only: read_block
-   use io_case_results, only: case_name, energy_terms
+   use io_case_results, only: case_group, energy_terms
    use io_files, only: exists
    use io_gathering, only: finished_samples
    use io_hdf5, only: hdf5_file, open_hdf5, read_attribute, read_dataset, read_extent, read_part
@@ -17,25 +17,34 @@ module io_existing
 
 contains
 
-   !> Samples of each case that a results file holds; none where there is no file. A file of another
-   !> scene or program, or one that cannot be read, is an error that names it.
+   !> Samples of each case that a results file holds, then of the audit of each; none where there is
+   !> no file. A file of another scene or program, or one that cannot be read, is an error that names
+   !> it.
    subroutine inspect_results(path, identity, n_samples, error)
       character(*), intent(in) :: path
       type(identity_type), intent(in) :: identity
-      integer, allocatable, intent(out) :: n_samples(:)   !! (case); not allocated: no file
+      !> (case and audit), twice as many as cases; not allocated: no file
+      integer, allocatable, intent(out) :: n_samples(:)
       type(error_type), allocatable, intent(out) :: error
       type(hdf5_file) :: file
       integer, allocatable :: found(:)
-      integer :: n
+      integer :: i, n, n_own
 
       if (.not. exists(path)) return
       call open_hdf5(path, file, error)
       if (allocated(error)) return
       call require_same(file, identity, error)
-      allocate (found(0))
+      n_own = 0
       do while (.not. allocated(error))
-         if (.not. file%has('/campaign/'//case_name(size(found) + 1))) exit
-         call read_attribute(file, '/campaign/'//case_name(size(found) + 1), 'n_samples', n, error)
+         if (.not. file%has(case_group(n_own + 1, huge(1)))) exit
+         n_own = n_own + 1
+      end do
+      allocate (found(0))
+      do i = 1, 2*n_own
+         n = 0
+         if (file%has(case_group(i, n_own))) &
+            call read_attribute(file, case_group(i, n_own), 'n_samples', n, error)
+         if (allocated(error)) exit
          found = [found, n]
       end do
       call file%abandon()
@@ -45,7 +54,7 @@ contains
    !> Writes the samples of a results file as shards, but for those that the store has already.
    subroutine extract_shards(path, n_samples, samples_per_shard, store, error)
       character(*), intent(in) :: path
-      integer, intent(in) :: n_samples(:)        !! (case), as inspect_results found them
+      integer, intent(in) :: n_samples(:)   !! (case and audit), as inspect_results found them
       integer, intent(in) :: samples_per_shard
       type(shard_store), intent(in) :: store
       type(error_type), allocatable, intent(out) :: error
@@ -58,26 +67,26 @@ contains
       call open_hdf5(path, file, error)
       if (allocated(error)) return
       do case_number = 1, size(n_samples)
-         call extract_case(file, case_number, samples_per_shard, store, &
+         call extract_case(file, case_group(case_number, size(n_samples)/2)//'/', case_number, &
+                           samples_per_shard, store, &
                            finished_samples(shards, case_number, n_samples(case_number)), error)
          if (allocated(error)) exit
       end do
       call file%abandon()
    end subroutine extract_shards
 
-   subroutine extract_case(file, case_number, samples_per_shard, store, is_stored, error)
+   subroutine extract_case(file, group, case_number, samples_per_shard, store, is_stored, error)
       type(hdf5_file), intent(in) :: file
+      character(*), intent(in) :: group   !! with its last slash
       integer, intent(in) :: case_number, samples_per_shard
       type(shard_store), intent(in) :: store
       logical, intent(in) :: is_stored(:)   !! (sample)
       type(error_type), allocatable, intent(out) :: error
-      character(:), allocatable :: group
       type(block_result) :: all_samples, block
       integer :: first, last, n
 
       n = size(is_stored)
       if (all(is_stored)) return
-      group = '/campaign/'//case_name(case_number)//'/'
       call read_block(file, group, all_samples, error, skips_long=.true.)
       if (allocated(error)) return
       call read_energy(file, group, n, all_samples%energy, error)

@@ -5,8 +5,11 @@ module io_campaign
    use core_kinds, only: long, wp
    use core_text, only: to_text
    use dynamics_chain, only: build_chain
+   use ensemble_audit, only: add_audits
+   use ensemble_comparison, only: compare_slip, compare_spectra, numerical_error
    use ensemble_plan, only: plan_type
    use ensemble_results, only: block_result, case_statistics, spectrum_layout
+   use io_audit_results, only: write_audit
    use io_case_results, only: write_case
    use io_files, only: make_folder, process_id
    use io_gathering, only: read_samples
@@ -17,7 +20,7 @@ module io_campaign
    use process_model, only: process_model_type
    implicit none(type, external)
    private
-   public :: fresh_folder, made_block, made_identity, made_provenance, write_made_results, &
+   public :: fresh_folder, made_audit_block, made_block, made_identity, made_provenance, write_made_results, &
              write_made_shards
 
    integer, parameter, public :: n_dof = 3, n_frequencies = 130, n_steps = 20
@@ -121,6 +124,17 @@ contains
 
    end function made_block
 
+   !> The audit of case 2, fourth of all cases: its first three samples, a little different.
+   function made_audit_block() result(block)
+      type(block_result) :: block
+
+      block = made_block(2, 1, 3)
+      block%case_number = 4
+      block%slip_fraction = block%slip_fraction + 0.001_wp
+      block%psd = 1.01_wp*block%psd
+      deallocate (block%slip_series, block%displacement, block%velocity, block%transitions)
+   end function made_audit_block
+
    function made_statistics() result(statistics)
       type(case_statistics) :: statistics
       integer :: d
@@ -189,11 +203,12 @@ contains
       end do
    end subroutine write_made_shards
 
-   !> The results file of the shards, as a run writes it.
-   subroutine write_made_results(path, store, error)
+   !> The results file of the shards, as a run writes it; on demand with an audit of case 2.
+   subroutine write_made_results(path, store, error, has_audit)
       character(*), intent(in) :: path
       type(shard_store), intent(in) :: store
       type(error_type), allocatable, intent(out) :: error
+      logical, intent(in), optional :: has_audit
       type(shard_type), allocatable :: shards(:)
       type(results_writer) :: writer
       type(plan_type) :: plan
@@ -218,11 +233,48 @@ contains
                             shards, error, force)
          end if
       end do
+      if (present(has_audit) .and. .not. allocated(error)) then
+         plan%accuracy%audit = 0.6_wp
+         call add_audits(plan)
+         call write_made_audit(writer, plan, samples, store, error)
+      end if
       if (allocated(error)) then
          call writer%abandon()
       else
          call writer%finish(1.0_wp, error)
       end if
    end subroutine write_made_results
+
+   subroutine write_made_audit(writer, plan, samples, store, error)
+      type(results_writer), intent(in) :: writer
+      type(plan_type), intent(in) :: plan
+      type(block_result), intent(in) :: samples   !! of case 2
+      type(shard_store), intent(in) :: store
+      type(error_type), allocatable, intent(out) :: error
+      type(shard_type), allocatable :: shards(:)
+      type(block_result) :: block
+      type(numerical_error) :: errors
+
+      block = made_audit_block()
+      call write_shard(store, block, error)
+      if (.not. allocated(error)) call list_shards(store, shards, error)
+      if (.not. allocated(error)) call read_samples(store, shards, 4, 3, block, error)
+      if (allocated(error)) return
+      call compare_slip(samples%slip_fraction(:, :3), block%slip_fraction, 5, errors)
+      call compare_spectra(made_audit_psd()/1.01_wp, made_audit_psd(), plan%output%percentiles, 5, &
+                           errors)
+      call write_audit(writer, plan, 4, block, made_layout(), errors, store, shards, error)
+
+   contains
+
+      function made_audit_psd() result(psd)
+         real(wp), allocatable :: psd(:, :, :)
+         type(block_result) :: made
+
+         made = made_audit_block()
+         psd = made%psd
+      end function made_audit_psd
+
+   end subroutine write_made_audit
 
 end module io_campaign

@@ -1,0 +1,112 @@
+!> The audit of a case as a group of the results file, `audit` in that of the case: its samples as
+!> the reference marched them, and what the differences tell of the case's numerical error.
+module io_audit_results
+   use core_error, only: error_type
+   use core_kinds, only: wp
+   use ensemble_audit, only: kept_of, reference_for
+   use ensemble_comparison, only: band_ratio_error, numerical_error, slip_error
+   use ensemble_plan, only: integration_settings, plan_type
+   use ensemble_results, only: block_result, spectrum_layout
+   use io_case_results, only: case_group, write_frequency, write_long, write_samples
+   use io_gathering, only: shards_of
+   use io_group, only: counted, group_type, new_group
+   use io_hdf5, only: label_type
+   use io_results, only: results_writer
+   use io_shards, only: shard_store, shard_type
+   implicit none(type, external)
+   private
+   public :: write_audit
+
+contains
+
+   !> All of an audit. `samples` is what read_samples gave of it; its spectra come from the shards.
+   subroutine write_audit(writer, plan, number, samples, layout, errors, store, shards, error)
+      type(results_writer), intent(in) :: writer
+      type(plan_type), intent(in) :: plan
+      integer, intent(in) :: number   !! of the audit among the plan's cases
+      type(block_result), intent(in) :: samples
+      type(spectrum_layout), intent(in) :: layout
+      type(numerical_error), intent(in) :: errors
+      type(shard_store), intent(in) :: store
+      type(shard_type), intent(in) :: shards(:)
+      type(error_type), allocatable, intent(out) :: error
+      type(group_type) :: group
+      type(integration_settings) :: reference
+
+      group = new_group(writer%file, case_group(number, count(plan%cases%audits == 0)))
+      call group%attribute('n_samples', samples%n_samples)
+      reference = reference_for(plan%integration)
+      call group%attribute('method', reference%method)
+      call group%attribute('tolerance', reference%tolerance)
+      call group%attribute('standard_error_method', &
+                           'jackknife over the samples repeated; zero where all are')
+      call group%put('sample', counted(samples%n_samples), label_type('1', 'sample', 'sample'))
+      call group%put('dof', counted(plan%chain%n_dof), &
+                     label_type('1', 'mass, from the wall', 'dof'))
+      call write_samples(group, samples)
+      call write_slip_errors(group, errors)
+      if (plan%output%spectrum) then
+         call write_frequency(group, layout)
+         call group%put('percentile', plan%output%percentiles, &
+                        label_type('%', 'percentile over samples', 'percentile'))
+         call write_spectrum_errors(group, errors)
+      end if
+      call write_long(group, plan, kept_of(plan, number), layout, samples%n_samples, store, &
+                      shards_of(shards, number, samples%n_samples))
+      call group%take_error(error)
+   end subroutine write_audit
+
+   !> The case less its reference, in points of percent.
+   subroutine write_slip_errors(group, errors)
+      type(group_type), intent(inout) :: group
+      type(numerical_error), intent(in) :: errors
+
+      call group%attribute('slip_points', slip_error(errors))
+      call put('slip_mean_difference', errors%slip_mean, 'numerical error of slip_mean')
+      call put('slip_mean_difference_error', errors%slip_mean_error, &
+               'standard error of slip_mean_difference')
+      call put('slip_rms_difference', errors%slip_rms, &
+               'numerical error of slip_fraction, root mean square over samples')
+      call put('slip_rms_difference_error', errors%slip_rms_error, &
+               'standard error of slip_rms_difference')
+      call put('slip_largest_difference', errors%slip_largest, &
+               'numerical error of slip_fraction, largest of a sample')
+      call put('slip_std_difference', errors%slip_std, 'numerical error of slip_std')
+      call put('slip_std_difference_error', errors%slip_std_error, &
+               'standard error of slip_std_difference')
+
+   contains
+
+      subroutine put(name, values, meaning)
+         character(*), intent(in) :: name, meaning
+         real(wp), allocatable, intent(in) :: values(:)   !! (dof)
+
+         call group%put_allocated(name, values, label_type('%', meaning, 'dof'))
+      end subroutine put
+
+   end subroutine write_slip_errors
+
+   !> Relative, of integrals over frequency.
+   subroutine write_spectrum_errors(group, errors)
+      type(group_type), intent(inout) :: group
+      type(numerical_error), intent(in) :: errors
+
+      call group%attribute('band_ratio', band_ratio_error(errors))
+      call group%put_allocated('psd_mean_difference', errors%psd_mean, &
+                               label_type('1', 'numerical error of psd_mean, relative: integral '// &
+                                          'of its absolute value', 'dof'))
+      call group%put_allocated('psd_mean_difference_error', errors%psd_mean_error, &
+                               label_type('1', 'standard error of psd_mean_difference', 'dof'))
+      call group%put_allocated('psd_percentiles_difference', errors%psd_percentiles, &
+                               label_type('1', 'numerical error of psd_percentiles, relative: '// &
+                                          'integral of its absolute value', 'percentile dof'))
+      call group%put_allocated('psd_percentiles_difference_error', errors%psd_percentiles_error, &
+                               label_type('1', 'standard error of psd_percentiles_difference', &
+                                          'percentile dof'))
+      call group%put_allocated('band_ratio_difference', errors%band_ratio, &
+                               label_type('1', 'numerical error of band_ratio, relative', 'dof'))
+      call group%put_allocated('band_ratio_difference_error', errors%band_ratio_error, &
+                               label_type('1', 'standard error of band_ratio_difference', 'dof'))
+   end subroutine write_spectrum_errors
+
+end module io_audit_results

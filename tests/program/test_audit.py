@@ -1,0 +1,73 @@
+"""Audits: what is repeated, what it tells, and that nothing finished is repeated again."""
+
+from __future__ import annotations
+
+import h5py
+import numpy as np
+import pytest
+
+from tests.program.campaign import datasets, shards_of
+
+SCENE = """\
+&scene title = 'audited' seed = 7 /
+&process correlation_length = 0.3 order = 1 mean = 0.2 std = 0.02 /
+&chain n_dof = 2 normal_load = 1.0 /
+&excitation variance = 3.7, 41.1 /
+&integration n_steps = 4000 /
+&campaign n_samples = 8 deterministic = .true. /
+&accuracy audit = 0.5 /
+&output segment_length = 256 /
+"""
+REFERENCE = (
+    "--set", "integration%method='event'", "--set", "integration%tolerance=1e-9",
+    "--set", "output%quantities='slip', 'spectrum', 'energy'", "--set", "accuracy%audit=0",
+)  # fmt: skip
+
+
+@pytest.fixture
+def scene(tmp_path):
+    path = tmp_path / "audited.nml"
+    path.write_text(SCENE)
+    return path
+
+
+def test_an_audit_tells_the_true_error(entroslip, scene, tmp_path):
+    """The samples repeated are those of a run with the reference itself, bit for bit."""
+    assert entroslip("run", scene, "--output", "a.h5").returncode == 0
+    other = entroslip("run", scene, "--output", "b.h5", *REFERENCE)
+    assert other.returncode == 0, other.stderr
+    with h5py.File(tmp_path / "a.h5") as file, h5py.File(tmp_path / "b.h5") as reference:
+        for case, n in (("c001", 1), ("c004", 4)):
+            ours, truth = file["campaign"][case], reference["campaign"][case]
+            audit = ours["audit"]
+            assert audit.attrs["n_samples"] == n
+            for name in ("slip_fraction", "friction", "psd"):
+                np.testing.assert_array_equal(audit[name], truth[name][:n])
+            defect = np.abs(audit["energy_defect"][()] / audit["energy_input"][()])
+            assert defect.max() < 1e-8
+            difference = 100 * (ours["slip_fraction"][:n] - truth["slip_fraction"][:n])
+            rms = np.sqrt(np.mean(difference**2, axis=0))
+            np.testing.assert_allclose(audit["slip_rms_difference"], rms, rtol=1e-9)
+            np.testing.assert_allclose(audit.attrs["slip_points"], rms.max(), rtol=1e-9)
+        assert "audit" not in reference["campaign/c004"]
+
+
+def test_audits_go_on_where_they_were(entroslip, scene, tmp_path):
+    """Asked for later, or grown with the campaign, on any number of ranks: the same results."""
+    assert entroslip("run", scene, "--output", "direct.h5", ranks=2).returncode == 0
+    few = entroslip("run", scene, "--output", "grown.h5", "--set", "campaign%n_samples=4")
+    assert few.returncode == 0, few.stderr
+    grown = entroslip("run", scene, "--output", "grown.h5")
+    assert "continuing: 16 of 28 samples are there" in grown.stdout
+    none = entroslip("run", scene, "--output", "later.h5", "--set", "accuracy%audit=0")
+    assert none.returncode == 0, none.stderr
+    later = entroslip("run", scene, "--output", "later.h5")
+    assert "continuing: 18 of 28 samples are there" in later.stdout
+    again = entroslip("run", scene, "--output", "later.h5")
+    assert "nothing to do" in again.stdout
+    expected = datasets(tmp_path / "direct.h5")
+    for name in ("grown.h5", "later.h5"):
+        found = datasets(tmp_path / name)
+        differing = {key for key in expected if expected[key] != found.get(key)}
+        assert differing <= {"@scene", "@overrides"}
+        assert not shards_of(tmp_path / name)
