@@ -8,6 +8,8 @@ SLIP_PERCENT = {  # Table 2, by variance of the excitation
     3.7: (7, 8, 12, 22, 37),
     41.1: (36, 45, 52, 59, 65),
 }
+STDS = (0.067, 0.10)  # of the friction coefficients
+LENGTHS = (0.3, 1.0, 3.0)  # L0 of the friction coefficients
 LEVELS = {3.7: "low", 41.1: "high"}  # the paper's names of its two variances
 
 

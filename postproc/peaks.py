@@ -1,0 +1,59 @@
+"""How far a spectrum stands out at given frequencies, with the error of a Welch estimate."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+import xarray as xr
+from numpy.typing import NDArray
+
+from postproc.evidence import NoEvidence
+
+CORE, FLANK = 0.03, 0.09  # Hz from the frequency: the peak itself, and what it stands out from
+_NEIGHBOURS = (1.0, 4.0 / 9.0, 1.0 / 36.0)  # correlation of bins 0, 1, 2 apart, Hann window
+
+
+def prominence_weights(
+    frequency: NDArray[np.float64], peaks: Sequence[float]
+) -> NDArray[np.float64]:
+    """Weights of ln psd (frequency): mean near the peaks less mean of their flanks, all peaks."""
+    weights = np.zeros(frequency.size)
+    for peak in peaks:
+        distance = np.abs(frequency - peak)
+        core, flank = distance <= CORE, (distance > CORE) & (distance <= FLANK)
+        if not (core.any() and flank.any()):
+            raise NoEvidence(f"the spectrum is too coarse for a peak at {peak:g} Hz")
+        weights += core / core.sum() - flank / flank.sum()
+    return weights / len(peaks)
+
+
+def scatter_of_ln_psd(data: xr.Dataset) -> float:
+    """Standard deviation of ln psd in one bin, of Hann segments that overlap by half."""
+    n_segments = int(data.attrs["n_segments"])
+    return float(np.sqrt((1.0 + 2.0 * _NEIGHBOURS[2] * (1.0 - 1.0 / n_segments)) / n_segments))
+
+
+def error_of_sum(weights: NDArray[np.float64], scatter: float) -> float:
+    """Standard error of sum(weights*ln psd), neighbouring bins being correlated."""
+    total = 0.0
+    for apart, correlation in enumerate(_NEIGHBOURS):
+        products = float(weights[apart:] @ weights[: weights.size - apart])
+        total += (1.0 if apart == 0 else 2.0) * correlation * products
+    return scatter * float(np.sqrt(total))
+
+
+def share_outside(
+    data: xr.Dataset, low: float, high: float
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Share of the power (dof) outside low..high Hz of the first sample, and its standard error."""
+    psd = data["psd"].isel(sample=0).values
+    frequency = data["frequency"].values
+    outside = (frequency < low) | (frequency > high)
+    share = psd[outside].sum(axis=0) / psd.sum(axis=0)
+    scatter = scatter_of_ln_psd(data)
+    errors = [
+        error_of_sum(psd[:, i] / psd[:, i].sum() * (outside - share[i]), scatter)
+        for i in range(psd.shape[1])
+    ]
+    return share, np.array(errors)

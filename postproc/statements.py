@@ -1,0 +1,38 @@
+"""What the paper says of its friction study (Sec. 3 and 4), each statement put to a stated test."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Sequence
+from functools import partial
+
+import numpy as np
+
+from postproc import band_statements, certain_statements, slip_statements
+from postproc.evidence import NoEvidence, Statement
+from postproc.results import Results
+from postproc.study import paper_study
+
+
+def assess(files: Sequence[Results]) -> list[Statement]:
+    """Every statement that these results files have data for; the first file with it decides."""
+    found: dict[str, Statement] = {}
+    for results in files:
+        for test in _tests(results):
+            try:
+                with np.errstate(divide="ignore", invalid="ignore"):
+                    statement = test()
+            except NoEvidence:
+                continue
+            found.setdefault(statement.number, statement)
+    return sorted(found.values(), key=lambda statement: statement.number)
+
+
+def _tests(results: Results) -> Iterator[Callable[[], Statement]]:
+    study = paper_study(results)
+    if study is not None:
+        yield from (partial(test, study) for test in slip_statements.ALL)
+        if study.has_spectra:
+            yield from (partial(test, study) for test in band_statements.ALL)
+            if study.has_certain_spectra:
+                yield partial(band_statements.peaks_of_percentile, study)
+    yield from (partial(test, results) for test in certain_statements.ALL)

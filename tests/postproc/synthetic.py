@@ -1,0 +1,88 @@
+"""Results that were never computed: a friction study whose statistics a test chooses."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import xarray as xr
+
+from postproc.paper import LENGTHS, LEVELS, SLIP_HZ, STDS, STUCK_HZ
+from postproc.results import Case, Results
+
+FREQUENCY = np.arange(0, 173) * 0.01448  # Hz
+LOW, HIGH = LEVELS
+MEAN_SLIP = {LOW: np.linspace(0.05, 0.35, 5), HIGH: np.linspace(0.4, 0.7, 5)}
+
+
+def bumps(at, height):
+    """ln of a spectrum (frequency) that stands out near these frequencies."""
+    return height * sum(np.exp(-(((FREQUENCY - f) / 0.02) ** 2)) for f in at)
+
+
+def case_of(name, process, slip, psd, starts=5000, n_segments=400, **attrs):
+    """slip (sample, dof); psd (sample, frequency, dof)."""
+    axes = ("sample", "dof")
+    data = xr.Dataset(
+        {
+            "slip_fraction": (axes, slip),
+            "slip_starts": (axes, np.full(slip.shape, starts)),
+            "psd": (("sample", "frequency", "dof"), psd),
+        },
+        coords={"frequency": FREQUENCY},
+        attrs={"process": process, "n_segments": n_segments, **attrs},
+    )
+    return Case(name, data)
+
+
+def results_of(cases):
+    """A file that holds these cases of the paper's chain."""
+    chain = xr.Dataset(
+        {"frequencies_stuck": ("mode", list(STUCK_HZ)), "frequencies_slip": ("mode", list(SLIP_HZ))}
+    )
+    return Results(Path("synthetic.h5"), {"title": "synthetic"}, {}, chain, cases)
+
+
+def certain(variance, slip=None, ln_psd=0.0, starts=5000, n_segments=400):
+    """A case with friction certain; ln_psd is a number, a spectrum, or (frequency, dof)."""
+    slip = MEAN_SLIP.get(variance, np.full(5, 0.5)) if slip is None else np.asarray(slip, float)
+    ln_psd = np.asarray(ln_psd, float)
+    if ln_psd.ndim == 1:
+        ln_psd = ln_psd[:, None]
+    psd = np.exp(np.broadcast_to(ln_psd, (FREQUENCY.size, 5)))[None]
+    return case_of("c001", "none", slip[None], psd, starts, n_segments, variance=variance)
+
+
+def friction_study(
+    scatter=lambda std, length, mean: 0.1 + 0 * mean,
+    width=lambda std, length, variance: np.full(5, 0.5),
+    level=lambda std, variance: np.zeros(5),
+    shape=lambda width, z: np.exp(width * z),
+    high_bumps=0.0,
+    n_samples=40,
+    seed=4,
+):
+    """The paper's twelve cases and the two with friction certain.
+
+    scatter: standard deviation of the slip fractions over their mean; width: standard deviation of
+    ln psd over samples (dof); level: ln psd (dof); shape: psd of normal deviates z of that width.
+    Samples of a process share z, in all oscillators and at both variances.
+    """
+    cases = [certain(variance) for variance in LEVELS]
+    processes = [(std, length) for std in STDS for length in LENGTHS]
+    for number, (std, length) in enumerate(processes, start=1):
+        random = np.random.default_rng([seed, number])
+        z = random.standard_normal(n_samples)
+        z = (z - z.mean()) / z.std()
+        for variance in LEVELS:
+            mean = MEAN_SLIP[variance]
+            noise = random.standard_normal((n_samples, 5))
+            slip = mean + scatter(std, length, mean) * (noise - noise.mean(axis=0))
+            spread = shape(width(std, length, variance)[None, :], z[:, None])  # (sample, dof)
+            rise = np.maximum(z, 0.0)[:, None, None] * bumps(SLIP_HZ[:3], high_bumps)[:, None]
+            psd = spread[:, None, :] * np.exp(level(std, variance) + rise)
+            cases.append(
+                case_of("c003", f"p{number:03d}", slip, psd, std=std,
+                        correlation_length=length, variance=variance)
+            )  # fmt: skip
+    return results_of(cases)
