@@ -1,4 +1,4 @@
-"""python -m postproc RESULTS --out DIR: every figure and table of a results file, and a report."""
+"""Draws every figure and table of results files, and one report of all of them."""
 
 from __future__ import annotations
 
@@ -8,35 +8,59 @@ from pathlib import Path
 
 import matplotlib as mpl
 
+from postproc.figure import Ranges
 from postproc.gallery import make_figures
+from postproc.paper import AXES
 from postproc.report import write_report
 from postproc.results import ResultsError, open_results
+from postproc.statements import assess
 from postproc.style import apply_style
-from postproc.tables import make_tables
+from postproc.tables import make_tables, table_statements
 
 
 def main(arguments: list[str] | None = None) -> int:
-    """Draw everything; exit code 2 when the file is not a results file."""
-    parser = argparse.ArgumentParser(prog="python -m postproc", description=__doc__)
-    parser.add_argument("results", type=Path, help="results file of entroslip run")
-    parser.add_argument("--out", type=Path, required=True, help="folder for what is drawn")
-    options = parser.parse_args(arguments)
+    """Draw everything; exit code 2 when a file is not a results file."""
+    options = _parser().parse_args(arguments)
     mpl.use("Agg")
     apply_style()
     try:
-        results = open_results(options.results)
+        files = [open_results(path) for path in options.results]
     except ResultsError as error:
         print(error, file=sys.stderr)
         return 2
     options.out.mkdir(parents=True, exist_ok=True)
-    tables = make_tables(results)
-    for table in tables:
+    statements, tables = assess(files), make_tables(files)
+    for table in [*tables, *([table_statements(statements)] if statements else [])]:
         table.write_csv(options.out)
-    figures = [(figure, figure.save(options.out)) for figure in make_figures(results)]
+    ranges = (AXES if options.paper_axes else {}) | dict(options.axes)
+    figures = [(figure, figure.save(options.out, ranges)) for figure in make_figures(files)]
     report = options.out / "report.html"
-    write_report(results, tables, figures, report)
+    write_report(files, statements, tables, figures, report)
     print(f"{len(figures)} figures and {len(tables)} tables in {options.out}; report: {report}")
     return 0
+
+
+def _parser() -> argparse.ArgumentParser:
+    parser = argparse.ArgumentParser(prog="python -m postproc", description=__doc__)
+    parser.add_argument("results", type=Path, nargs="+", help="results files of entroslip")
+    parser.add_argument("--out", type=Path, required=True, help="folder for what is drawn")
+    parser.add_argument(
+        "--paper-axes", action="store_true",
+        help="the same ranges of the axes in all panels of a figure, as far as the paper's text"
+        " says any, to lay them beside the paper's",
+    )  # fmt: skip
+    parser.add_argument(
+        "--axes", type=_ranges, action="append", default=[], metavar="NAME=X0,X1,Y0,Y1",
+        help="ranges of the axes of the figures whose name starts so (repeatable)",
+    )  # fmt: skip
+    return parser
+
+
+def _ranges(text: str) -> tuple[str, Ranges]:
+    """fig_09=0,0.8,0,0.25"""
+    name, _, numbers = text.partition("=")
+    left, right, bottom, top = (float(number) for number in numbers.split(","))
+    return name, (left, right, bottom, top)
 
 
 if __name__ == "__main__":

@@ -7,12 +7,18 @@ from collections.abc import Sequence
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.ticker import FuncFormatter
+from numpy.typing import NDArray
 
 from postproc import style
+from postproc.certain_statements import FULLY, slip_with_error
 from postproc.paper import LEVELS
 from postproc.results import Case, Results
+from postproc.slip_statements import ABOUT_03
 
-FREQUENCY_RANGE = (0.0, 3.0)  # Hz, as far as the paper's figures speak of
+_BEYOND_STUCK = 1.6  # drawn of a spectrum: to this multiple of the highest stuck frequency
+_DECADES = 7.0  # drawn of a spectrum
+_MOST_MODES = 20  # marked; more would hide the curves
+_SLIP_AXIS = "mean fraction of time in slip"
 
 
 def variance_name(variance: float) -> str:
@@ -22,63 +28,63 @@ def variance_name(variance: float) -> str:
 
 
 def plot_spectra(axes: Axes, case: Case, results: Results) -> None:
-    """Fig. 8: power spectral densities of all oscillators, friction certain."""
+    """Fig. 8: power spectral densities of the oscillators in one sample."""
     spectrum = case.data["psd"].isel(sample=0)
-    for dof in range(1, case.n_dof + 1):
+    drawn = style.some_dofs(case.n_dof)
+    for dof in drawn:
         axes.semilogy(
             spectrum["frequency"], spectrum.isel(dof=dof - 1),
-            label=f"oscillator {dof}", **style.of_dof(dof, case.n_dof),
+            label=f"oscillator {dof}", **style.line_of_dof(dof, case.n_dof),
         )  # fmt: skip
-    if results.chain is not None:
-        style.mark_frequencies(axes, results.chain["frequencies_stuck"].values, "stuck", "-")
-        style.mark_frequencies(axes, results.chain["frequencies_slip"].values, "slipping", ":")
-    _frame_spectrum(axes, spectrum.values)
-    axes.set_title(f"no uncertainty, {variance_name(case.variance)}")
+    _mark_chain(axes, results)
+    _frame_spectrum(axes, spectrum["frequency"].values, spectrum.values, results)
 
 
 def plot_slip_scatter(axes: Axes, cases: Sequence[Case]) -> None:
     """Fig. 9: scatter of the time in slip over its mean, a mark per oscillator, bars one s.e."""
+    axes.axvspan(*ABOUT_03, color="0.94", zorder=0, label="a mean of about 0.3")
     for case, look, label in _by_length(cases):
         axes.errorbar(
             case.data["slip_mean"], case.data["slip_std"],
             xerr=case.data["slip_mean_error"], yerr=case.data["slip_std_error"],
             label=label, elinewidth=0.8, **look,
         )  # fmt: skip
-    axes.axvline(0.3, color="0.55", linewidth=0.8, linestyle="--", zorder=0, label="mean of 0.3")
     axes.set(
-        xlabel="mean fraction of time in slip",
-        ylabel="standard deviation over samples",
-        xlim=(0, None), ylim=(0, None),
-    )  # fmt: skip
+        xlabel=_SLIP_AXIS, ylabel="standard deviation over samples", xlim=(0, None), ylim=(0, None)
+    )
     axes.legend(ncols=2)
 
 
 def plot_band(axes: Axes, cases: Sequence[Case], dof: int, results: Results) -> None:
-    """Fig. 10: mean (line) and outer percentiles (band) of the spectra of one oscillator.
+    """Fig. 10: mean (thick) and outer percentiles (thin) of the spectra of one oscillator.
 
-    Several variances in one panel stand apart as sets of curves, the larger one higher.
+    Shaded: 95 % intervals of the percentiles. Several variances in one panel stand apart as sets
+    of curves, the larger one higher.
     """
-    lengths = [case.correlation_length for case in cases]
+    lengths = sorted({case.correlation_length for case in cases})
     values = []
     for case in cases:
-        look = {"color": style.of_length(case.correlation_length, lengths)["color"]}
-        frequency = case.data["frequency"].values
-        mean = case.data["psd_mean"].isel(dof=dof - 1).values
-        band = case.data["psd_percentiles"].isel(dof=dof - 1).values
-        low, high = band[0], band[-1]
-        line = style.dashes(sorted(set(lengths)).index(case.correlation_length))
-        label = f"$L$ = {case.correlation_length:g}"
-        axes.fill_between(frequency, low, high, alpha=0.13, linewidth=0, **look)
-        axes.semilogy(frequency, mean, linestyle=line, label=label, **look)
-        for edge in (low, high):
-            axes.semilogy(frequency, edge, linestyle=line, linewidth=0.6, **look)
-        values += [low, high]
+        colour = style.of_length(case.correlation_length, lengths)["color"]
+        line = style.dashes(lengths.index(case.correlation_length))
+        one = case.data.isel(dof=dof - 1)
+        frequency = one["frequency"].values
+        axes.semilogy(
+            frequency, one["psd_mean"], color=colour, linestyle=line, linewidth=1.5,
+            label=f"$L$ = {case.correlation_length:g}",
+        )  # fmt: skip
+        for outer in (0, -1):
+            edge = one["psd_percentiles"].values[outer]
+            axes.semilogy(frequency, edge, color=colour, linestyle=line, linewidth=0.8)
+            if case.has("psd_percentiles_low", "psd_percentiles_high"):
+                low, high = (one[f"psd_percentiles_{end}"].values[outer] for end in ("low", "high"))
+                axes.fill_between(frequency, low, high, alpha=0.15, linewidth=0, color=colour)
+            values.append(edge)
     if results.chain is not None:
         style.mark_frequencies(axes, results.chain["frequencies_slip"].values, "slipping", ":")
-    _frame_spectrum(axes, np.stack(values))
+    _frame_spectrum(axes, frequency, np.stack(values), results)
     handles, labels = axes.get_legend_handles_labels()
     unique = dict(zip(labels, handles, strict=True))
-    axes.legend(unique.values(), unique.keys())
+    axes.legend(list(unique.values()), list(unique.keys()))
 
 
 def plot_band_ratio(axes: Axes, cases: Sequence[Case]) -> None:
@@ -87,7 +93,7 @@ def plot_band_ratio(axes: Axes, cases: Sequence[Case]) -> None:
         ratio = case.data["band_ratio"].values
         low, high = case.data["band_ratio_low"].values, case.data["band_ratio_high"].values
         axes.errorbar(
-            case.data["slip_mean"], ratio,
+            case.data["slip_mean"], ratio, xerr=case.data["slip_mean_error"],
             yerr=np.clip([ratio - low, high - ratio], 0.0, None),
             label=label, elinewidth=0.8, **look,
         )  # fmt: skip
@@ -97,10 +103,50 @@ def plot_band_ratio(axes: Axes, cases: Sequence[Case]) -> None:
         ticks(FuncFormatter(_short_tick))
     axes.legend(ncols=2)
     axes.set(
-        xlabel="mean fraction of time in slip",
-        ylabel=rf"$\sigma_{{{last:g}}}^2\,/\,\sigma_{{{first:g}}}^2$",
+        xlabel=_SLIP_AXIS,
+        ylabel=rf"band ratio $\sigma_{{{last:g}}}^2\,/\,\sigma_{{{first:g}}}^2$",
         xlim=(0, None),
     )
+
+
+def plot_sweep(axes: Axes, cases: Sequence[Case]) -> None:
+    """Time in slip of each oscillator over the variance of the force, bars two standard errors."""
+    cases = sorted(cases, key=lambda case: case.variance)
+    variance = [case.variance for case in cases]
+    slips = [slip_with_error(case) for case in cases]
+    for dof in style.some_dofs(cases[0].n_dof):
+        axes.errorbar(
+            variance, [slip[dof - 1] for slip, _ in slips],
+            yerr=[2.0 * error[dof - 1] for _, error in slips],
+            label=f"oscillator {dof}", elinewidth=0.8, **style.of_dof(dof, cases[0].n_dof),
+        )  # fmt: skip
+    for edge in (FULLY, 1.0 - FULLY):
+        axes.axhline(edge, color="0.6", linewidth=0.8, linestyle=":", zorder=0)
+    axes.set_xscale("log")
+    axes.set(xlabel="variance of the force [N²]", ylabel="fraction of time in slip", ylim=(0, 1))
+    axes.legend()
+
+
+def plot_sweep_spectra(axes: Axes, cases: Sequence[Case], results: Results) -> None:
+    """Spectra of the first oscillator over the variance of the force, from stuck to slipping."""
+    cases = sorted(cases, key=lambda case: case.variance)
+    chosen = [cases[i - 1] for i in style.some_dofs(len(cases), 6)]
+    values = []
+    for rank, case in enumerate(chosen):
+        spectrum = case.data["psd"].isel(sample=0, dof=0) / case.variance
+        look = style.of_rank(rank, len(chosen)) | {"marker": "none"}
+        axes.semilogy(spectrum["frequency"], spectrum, label=f"{case.variance:g} N²", **look)
+        values.append(spectrum.values)
+    _mark_chain(axes, results)
+    _frame_spectrum(axes, spectrum["frequency"].values, np.stack(values), results)
+    axes.set_ylabel("power spectral density / variance [m²/(N² Hz)]")
+
+
+def _mark_chain(axes: Axes, results: Results) -> None:
+    chain = results.chain
+    if chain is not None and chain.sizes["mode"] <= _MOST_MODES:
+        style.mark_frequencies(axes, chain["frequencies_stuck"].values, "stuck", "-")
+        style.mark_frequencies(axes, chain["frequencies_slip"].values, "slipping", ":")
 
 
 def _short_tick(value: float, _: int) -> str:
@@ -109,9 +155,7 @@ def _short_tick(value: float, _: int) -> str:
     return f"{value:g}" if leading in (1.0, 2.0, 3.0, 5.0) else ""
 
 
-def _by_length(
-    cases: Sequence[Case],
-) -> list[tuple[Case, dict[str, object], str | None]]:
+def _by_length(cases: Sequence[Case]) -> list[tuple[Case, style.Look, str]]:
     """Cases with their look: colour and mark by length, filled at the largest excitation."""
     lengths = [case.correlation_length for case in cases]
     variances = sorted({case.variance for case in cases})
@@ -125,10 +169,15 @@ def _by_length(
     return rows
 
 
-def _frame_spectrum(axes: Axes, values: np.ndarray) -> None:
+def _frame_spectrum(
+    axes: Axes, frequency: NDArray[np.float64], values: NDArray[np.float64], results: Results
+) -> None:
+    last = float(frequency[-1])
+    if results.chain is not None:
+        last = min(last, _BEYOND_STUCK * float(results.chain["frequencies_stuck"][-1]))
     positive = values[values > 0]
     if positive.size:
         top = 10 ** np.ceil(np.log10(positive.max()))
-        axes.set_ylim(top * 1e-7, top)
-    axes.set(xlabel="frequency [Hz]", ylabel="power spectral density [m²/Hz]", xlim=FREQUENCY_RANGE)
+        axes.set_ylim(top * 10**-_DECADES, top)
+    axes.set(xlabel="frequency [Hz]", ylabel="power spectral density [m²/Hz]", xlim=(0.0, last))
     axes.legend(ncols=2)

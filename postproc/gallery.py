@@ -1,51 +1,41 @@
-"""Which figures a results file has data for, each with what to see in it."""
+"""Which figures results files have data for, each with what to see in it."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
-from dataclasses import dataclass
-from pathlib import Path
+from collections.abc import Callable, Iterator, Sequence
+from functools import partial
+from typing import TypeVar
 
-import matplotlib.pyplot as plt
 import xarray as xr
-from matplotlib.axes import Axes
 
-from postproc import figures, process_figures
+from postproc import chain_figure, figures, process_figures, response_figures
+from postproc.figure import SECTIONS, Figure
 from postproc.results import Case, Results
 
-
-@dataclass(frozen=True)
-class Figure:
-    """One figure: its file name, title, caption, and how to draw it."""
-
-    name: str
-    title: str
-    caption: str
-    draw: Callable[[Axes], None]
-
-    def save(self, folder: Path) -> Path:
-        """PNG and PDF into the folder; returns the PNG."""
-        picture, axes = plt.subplots()
-        self.draw(axes)
-        png = folder / f"{self.name}.png"
-        picture.savefig(png)
-        picture.savefig(png.with_suffix(".pdf"), metadata={"CreationDate": None})
-        plt.close(picture)
-        return png
+_Item = TypeVar("_Item")
+_PROCESSES, _CHAIN, _STUDY, _RESPONSES, _COST = SECTIONS
+_MOST_SPECTRA = 4  # cases with friction certain; more are a sweep
 
 
-def make_figures(results: Results) -> Iterator[Figure]:
-    """In the paper's order; a letter per panel, as the paper has them."""
-    yield from _process_figures(results)
-    yield from _friction_figures(results)
+def make_figures(files: Sequence[Results]) -> list[Figure]:
+    """Those of every file, in the paper's order; later files' twins carry the file's name."""
+    found: dict[str, Figure] = {}
+    for results in files:
+        own = [figure for source in SOURCES for figure in source(results)]
+        for figure in own:
+            twin = figure.name in found
+            kept = figure.renamed(results.path.stem) if twin else figure
+            if not (twin and figure.name == "fig_07"):
+                found[kept.name] = kept
+    return sorted(found.values(), key=lambda figure: (SECTIONS.index(figure.section), figure.name))
 
 
-def _process_figures(results: Results) -> Iterator[Figure]:
+def of_processes(results: Results) -> Iterator[Figure]:
     """Figs. 1 to 6, of processes that a scene without chain solved."""
     if results.chain is not None:
         return
     solved = [p for p in results.processes.values() if p.attrs["status"] == "solved"]
-    free = [p for p in solved if not int(p.attrs["positive"])]
+    free = [p for p in solved if not process_figures.is_positive(p)]
     asked = [p for p in free if int(p.attrs["order"]) > 0]
     regressive = [p for p in asked if p.attrs["method"] == "autoregressive"]
     for number, method, family in (
@@ -55,48 +45,210 @@ def _process_figures(results: Results) -> Iterator[Figure]:
         for name, length, panel in _length_panels(family):
             yield Figure(
                 f"fig_{number:02d}{name}",
-                f"Fig. {number}{name}. Autocovariance, {method}, {length}",
-                "Values beyond lag 0 fall as the order grows, towards white noise: flat in the lag"
-                " where L0 is imposed, growing with it where L1 is.",
-                lambda axes, panel=panel: process_figures.plot_autocovariances(axes, panel),
-            )
+                f"Fig. {number}{name[0]}. Autocovariance, {method}, {length}",
+                "At lags up to the order the values fall as the order grows, towards white noise:"
+                " flat in the lag where L0 is imposed, growing with it where L1 is."
+                " Without errors: both methods are exact to 1e-8.",
+                _PROCESSES, (partial(process_figures.plot_autocovariances, processes=panel),),
+            )  # fmt: skip
     if len({process_figures.order_of(p) for p in regressive}) > 1:
         yield Figure(
-            "fig_03",
-            "Fig. 3. Entropy over the order",
+            "fig_03", "Fig. 3. Entropy over the order",
             "The order needed to come near white noise rises with the correlation length, and is"
             " higher where L0 is imposed (full lines) than where L1 is (dashed).",
-            lambda axes: process_figures.plot_entropies(axes, regressive),
-        )
+            _PROCESSES, (partial(process_figures.plot_entropies, processes=regressive),),
+        )  # fmt: skip
         yield Figure(
-            "fig_04",
-            "Fig. 4. The correlation length that was not imposed",
+            "fig_04", "Fig. 4. The correlation length that was not imposed",
             "With L0 imposed (full lines) L1 grows with the order; with L1 imposed (dashed) L0"
-            " falls. Infinite sums.",
-            lambda axes: process_figures.plot_achieved_lengths(axes, regressive),
-        )
+            " falls. Infinite sums. The largest order with L0 = 0.3 and L1 at most 1 is 5; the"
+            " paper reads 6 off its figure, where L1 is 1.03.",
+            _PROCESSES, (partial(process_figures.plot_achieved_lengths, processes=regressive),),
+        )  # fmt: skip
     chosen = [p for p in free if int(p.attrs["order"]) == 0]
     if chosen:
         yield Figure(
-            "fig_05",
-            "Fig. 5. One length imposed, the other bounded",
+            "fig_05", "Fig. 5. One length imposed, the other bounded",
             "With L0 imposed the bound on L1 picks the largest order that keeps it.",
-            lambda axes: process_figures.plot_chosen_orders(axes, chosen),
-        )
-    positive = [p for p in solved if int(p.attrs["positive"])]
-    if positive:
-        like = positive[0].attrs
-        twins = [
-            p for p in regressive
-            if all(p.attrs[a] == like[a] for a in ("correlation", "correlation_length", "order"))
-        ]  # fmt: skip
+            _PROCESSES, (partial(process_figures.plot_chosen_orders, processes=chosen),),
+        )  # fmt: skip
+    yield from _positive(solved, regressive)
+    for name, process in results.processes.items():
+        if "realizations" in process:
+            yield Figure(
+                f"realizations_{name}", f"Realizations of process {name}",
+                "The first of the realizations that the scene asked for, and the mean.",
+                _PROCESSES, (partial(process_figures.plot_realizations, process=process),),
+            )  # fmt: skip
+
+
+def _positive(solved: list[xr.Dataset], regressive: list[xr.Dataset]) -> Iterator[Figure]:
+    """Fig. 6: positive processes, beside the free one of the same length and order."""
+    positive = [p for p in solved if process_figures.is_positive(p)]
+    if not positive:
+        return
+    like = ("correlation", "correlation_length", "order")
+    twins = [p for p in regressive if all(p.attrs[a] == positive[0].attrs[a] for a in like)]
+    if not twins:
         yield Figure(
-            "fig_06",
-            "Fig. 6. Positive processes and the one without sign constraint",
-            "Autocovariances of positive processes beside that of the unconstrained one of the same"
-            " length and order; the closer, the larger the mean over the standard deviation.",
-            lambda axes: process_figures.plot_positive(axes, [*twins, *positive]),
-        )
+            "positive", "Autocovariances of positive processes",
+            "By the sequential law (marks) or the exact one (dashed), over the variance.",
+            _PROCESSES, (partial(process_figures.plot_positive, processes=positive),),
+        )  # fmt: skip
+        return
+    both = [twins[0], *positive]
+    largest = "; ".join(
+        f"{_largest(process_figures.difference_from_free(p, twins[0])):.2g} at mean"
+        f" {p.attrs['mean']:g} ({p.attrs['sampler']})"
+        for p in positive
+    )
+    yield Figure(
+        "fig_06", "Fig. 6. Positive processes and the one without sign constraint",
+        "Autocovariances of positive processes, by the sequential law (marks) and the exact one"
+        " (dashed), beside that of the process without sign constraint; below, the differences with"
+        " bars of two standard errors. The paper finds them very close; the largest differences"
+        f" here: {largest}.", _PROCESSES,
+        (
+            partial(process_figures.plot_positive, processes=both),
+            partial(process_figures.plot_positive_difference, processes=both),
+        ), height=3.6,
+    )  # fmt: skip
+
+
+def _largest(difference: xr.Dataset) -> float:
+    return float(abs(difference["value"]).max())
+
+
+def of_chain(results: Results) -> Iterator[Figure]:
+    """Fig. 7."""
+    if results.chain is not None:
+        n_dof = int(results.chain.sizes["dof"])
+        yield Figure(
+            "fig_07", "Fig. 7. The chain with its Jenkins elements",
+            f"{n_dof} oscillators. Springs k1 join neighbours and the first mass to the wall; each"
+            " mass holds to the ground by a spring k2 in series with a slider that the load N"
+            " presses down; the force acts on the last mass, whose far side is free.",
+            _CHAIN, (partial(chain_figure.plot_chain, n_dof=n_dof),), height=2.6,
+        )  # fmt: skip
+
+
+def of_certain_friction(results: Results) -> Iterator[Figure]:
+    """Fig. 8, or the figures of a sweep of the variance."""
+    cases = results.deterministic
+    spectra = [case for case in cases if case.has("psd")]
+    if len(cases) > _MOST_SPECTRA:
+        yield Figure(
+            "sweep", "From stuck to slipping",
+            "Time in slip over the variance of the force, friction certain, bars of two standard"
+            " errors of the time average; dotted: what counts as fully stuck and fully slipping.",
+            _STUDY, (partial(figures.plot_sweep, cases=cases),), ("8",),
+        )  # fmt: skip
+        if spectra:
+            yield Figure(
+                "sweep_spectra", "Spectra from stuck to slipping",
+                "Oscillator 1, over the variance of the force: peaks at the stuck frequencies (full"
+                " lines) broaden, vanish, and return at those of the slipping chain (dotted).",
+                _STUDY,
+                (partial(figures.plot_sweep_spectra, cases=spectra, results=results),), ("8",),
+            )  # fmt: skip
+        return
+    for letter, case in _lettered(spectra):
+        name = figures.variance_name(case.variance)
+        yield Figure(
+            f"fig_08{letter}", f"Fig. 8{letter}. Spectra without uncertainty, {name}",
+            "Power spectral densities of the displacements, friction certain. Where the sliders"
+            " mostly stick, power stands in the band of the stuck natural frequencies; where they"
+            f" mostly slip it has moved out of it. {_welch(case)}",
+            _STUDY, (partial(figures.plot_spectra, case=case, results=results),), ("7",),
+        )  # fmt: skip
+
+
+def of_drawn_friction(results: Results) -> Iterator[Figure]:
+    """Figs. 9 to 11, of a campaign."""
+    random = [case for case in results.random if case.n_samples > 1]
+    scattered = [case for case in random if case.has("slip_mean", "slip_std")]
+    for letter, std, cases in _by_std(scattered):
+        yield Figure(
+            f"fig_09{letter}", f"Fig. 9{letter}. Scatter of the time in slip, friction std {std:g}",
+            "Standard deviation over samples of the fraction of time in slip, over its mean; a mark"
+            " per oscillator, filled at the largest excitation; bars of one standard error.",
+            _STUDY, (partial(figures.plot_slip_scatter, cases=cases),), ("1a", "1b", "2"),
+        )  # fmt: skip
+    banded = [case for case in random if case.has("psd_mean", "psd_percentiles")]
+    for letter, (cases, dof) in _lettered(_band_panels(banded)):
+        levels = ", ".join(figures.variance_name(v) for v in sorted({c.variance for c in cases}))
+        yield Figure(
+            f"fig_10{letter}", f"Fig. 10{letter}. Band of uncertainty, oscillator {dof}, {levels}",
+            "Mean spectrum (thick) between the outer percentiles over samples (thin; shaded: their"
+            f" 95 % intervals), friction std {cases[0].std:g}, for each correlation length; dotted:"
+            f" natural frequencies with every slider slipping. {_welch(cases[0])}",
+            _STUDY, (partial(figures.plot_band, cases=cases, dof=dof, results=results),),
+            ("5a", "5b", "6b", "9"),
+        )  # fmt: skip
+    ratios = [case for case in banded if case.has("band_ratio", "band_ratio_low", "slip_mean")]
+    for letter, std, cases in _by_std(ratios):
+        yield Figure(
+            f"fig_11{letter}",
+            f"Fig. 11{letter}. Width of the band of uncertainty, friction std {std:g}",
+            "Ratio of the pseudo-variances (Eq. 46) of the outer percentiles, over the mean"
+            " fraction of time in slip; a mark per oscillator, filled at the largest excitation;"
+            " 95 % bootstrap intervals over samples.",
+            _STUDY, (partial(figures.plot_band_ratio, cases=cases),),
+            ("3a", "3b", "4a", "4b", "4c"),
+        )  # fmt: skip
+
+
+def of_responses(results: Results) -> Iterator[Figure]:
+    """Histories, and a transition enlarged; the spectra of a sample that stands alone."""
+    for case in results.cases:
+        name = f"case {case.name[1:].lstrip('0')}, {figures.variance_name(case.variance)}"
+        if case.has("psd") and case.n_samples == 1 and not case.is_deterministic:
+            yield Figure(
+                f"spectra_{case.name}", f"Spectra of one sample, {name}",
+                f"Power spectral densities of the displacements. {_welch(case)}",
+                _RESPONSES, (partial(figures.plot_spectra, case=case, results=results),),
+            )  # fmt: skip
+        if not case.has("displacement", "velocity", "time"):
+            continue
+        yield Figure(
+            f"history_{case.name}", f"Displacements, {name}",
+            "Of the first sample, the last minute at most.",
+            _RESPONSES, (partial(response_figures.plot_history, case=case),), height=3.2,
+        )  # fmt: skip
+        if results.chain is not None and case.has("transition_time", "friction"):
+            yield from _transition(results.chain, case, name)
+
+
+def _transition(chain: xr.Dataset, case: Case, name: str) -> Iterator[Figure]:
+    episode = response_figures.find_episode(case)
+    if episode is not None:
+        yield Figure(
+            f"transition_{case.name}", f"One slip, oscillator {episode.dof}, {name}",
+            "Above, a slip from start to end: the force in the slider stays at its limit until the"
+            " mass turns. Below, its end at full resolution: the transition is located inside a"
+            " time step.",
+            _RESPONSES,
+            (
+                partial(response_figures.plot_slider, case=case, chain=chain, episode=episode),
+                partial(response_figures.plot_transition, case=case, chain=chain, episode=episode),
+            ),
+            height=3.2,
+        )  # fmt: skip
+
+
+# Each yields the figures that a file has data for.
+SOURCES: tuple[Callable[[Results], Iterator[Figure]], ...] = (
+    of_processes, of_chain, of_certain_friction, of_drawn_friction, of_responses,
+)  # fmt: skip
+
+
+def _welch(case: Case) -> str:
+    n_segments = int(case.data.attrs["n_segments"])
+    segments = "segment" if n_segments == 1 else "segments"
+    return (
+        f"Welch's method, {n_segments} {segments}: a bin scatters by"
+        f" {100 / n_segments**0.5:.0f} % with the force record."
+    )
 
 
 def _length_panels(processes: list[xr.Dataset]) -> Iterator[tuple[str, str, list[xr.Dataset]]]:
@@ -114,57 +266,14 @@ def _length_panels(processes: list[xr.Dataset]) -> Iterator[tuple[str, str, list
                 yield letter + suffix, f"{definition} = {length:g}", panel
 
 
-def _friction_figures(results: Results) -> Iterator[Figure]:
-    """Figs. 8 to 11, of a campaign."""
-    spectra = [case for case in results.deterministic if case.has("psd")]
-    for letter, case in _lettered(spectra):
-        yield Figure(
-            f"fig_08{letter}",
-            f"Fig. 8{letter}. Spectra without uncertainty, variance {case.variance:g}",
-            "Power spectral densities of the displacements, friction certain. Where the sliders"
-            " mostly stick, peaks stand at the stuck natural frequencies; where they mostly slip,"
-            " the peaks are gone and energy has moved out of the band of natural frequencies.",
-            lambda axes, case=case: figures.plot_spectra(axes, case, results),
-        )
-    scattered = [case for case in results.random if case.has("slip_mean")]
-    for letter, std, cases in _by_std(scattered):
-        yield Figure(
-            f"fig_09{letter}",
-            f"Fig. 9{letter}. Scatter of the time in slip, friction std {std:g}",
-            "Standard deviation over samples of the fraction of time in slip, over its mean; a mark"
-            " per oscillator, filled at the largest excitation; bars of one standard error."
-            " The paper sees the largest scatter near a mean of 0.3 (dashed).",
-            lambda axes, cases=cases: figures.plot_slip_scatter(axes, cases),
-        )
-    banded = [case for case in results.random if case.has("psd_percentiles")]
-    for letter, (cases, dof) in _lettered(_band_panels(banded)):
-        levels = ", ".join(figures.variance_name(v) for v in sorted({c.variance for c in cases}))
-        yield Figure(
-            f"fig_10{letter}",
-            f"Fig. 10{letter}. Band of uncertainty, oscillator {dof}, {levels}",
-            f"Mean spectrum (lines) between the outer percentiles over samples (shaded), friction"
-            f" std {cases[0].std:g}, for each correlation length; dotted: natural frequencies with"
-            " every slider slipping.",
-            lambda axes, cases=cases, dof=dof: figures.plot_band(axes, cases, dof, results),
-        )
-    for letter, std, cases in _by_std(banded):
-        yield Figure(
-            f"fig_11{letter}",
-            f"Fig. 11{letter}. Width of the band of uncertainty, friction std {std:g}",
-            "Ratio of the pseudo-variances (Eq. 46) of the outer percentiles, over the mean"
-            " fraction of time in slip; a mark per oscillator, filled at the largest excitation;"
-            " 95 % bootstrap intervals over samples.",
-            lambda axes, cases=cases: figures.plot_band_ratio(axes, cases),
-        )
-
-
-def _lettered(items: list) -> Iterator[tuple[str, object]]:  # type: ignore[type-arg]
-    return zip("abcdefghijklmnopqrstuvwxyz", items, strict=False)
+def _lettered(items: Sequence[_Item]) -> Iterator[tuple[str, _Item]]:
+    """(a, first), (b, second), ..., (z, ...), (aa, ...)."""
+    for i, item in enumerate(items):
+        yield ("" if i < 26 else chr(96 + i // 26)) + chr(97 + i % 26), item
 
 
 def _by_std(cases: list[Case]) -> Iterator[tuple[str, float, list[Case]]]:
-    stds = sorted({case.std for case in cases})
-    for letter, std in _lettered(stds):
+    for letter, std in _lettered(sorted({case.std for case in cases})):
         yield letter, std, [case for case in cases if case.std == std]
 
 

@@ -19,3 +19,45 @@ def is_paper_chain(n_dof: int, frequencies_stuck: list[float]) -> bool:
         abs(ours - theirs) <= 0.006
         for ours, theirs in zip(frequencies_stuck, STUCK_HZ, strict=True)
     )
+
+
+# The paper's key observations (Sec. 4) and findings (Sec. 3), and which statements are theirs.
+OBSERVATIONS = (
+    (
+        "key observation (i)",
+        "The standard deviation of the time in slip peaks at an intermediate value of its mean.",
+        ("1a",),
+    ),
+    (
+        "key observation (ii)",
+        "The width of the band of uncertainty decreases with the mean time in slip.",
+        ("3a",),
+    ),
+    (
+        "key observation (iii)",
+        "The correlation length has a definite effect on the width of the bands, clear at high"
+        " fractions: largest at intermediate or high lengths, by the level of uncertainty.",
+        ("4a", "4b", "4c"),
+    ),
+    (
+        "Sec. 3 (i)",
+        "The width falls monotonically with the time in slip, and so with the excitation.",
+        ("3b", "6b"),
+    ),
+    (
+        "Sec. 3 (ii)",
+        "At high fractions the width is largest at L0 = 1 for the larger uncertainty and at L0 = 3"
+        " for the smaller.",
+        ("4b", "4c"),
+    ),
+)
+
+# What the text says of axes: the force has power up to 2.5 Hz, the panels of a figure are read side
+# by side. (xmin, xmax, ymin, ymax), by the start of a figure's name.
+AXES = {
+    "fig_03": (0.0, 20.0, 1.0, 1.45),
+    "fig_08": (0.0, 2.5, 1.0e-7, 1.0e1),
+    "fig_09": (0.0, 0.8, 0.0, 0.25),
+    "fig_10": (0.0, 2.5, 1.0e-7, 1.0e1),
+    "fig_11": (0.0, 0.8, 1.0, 50.0),
+}

@@ -15,7 +15,7 @@ _NEIGHBOURS = (1.0, 4.0 / 9.0, 1.0 / 36.0)  # correlation of bins 0, 1, 2 apart,
 
 
 def prominence_weights(
-    frequency: NDArray[np.float64], peaks: Sequence[float]
+    frequency: NDArray[np.float64], peaks: Sequence[float] | NDArray[np.float64]
 ) -> NDArray[np.float64]:
     """Weights of ln psd (frequency): mean near the peaks less mean of their flanks, all peaks."""
     weights = np.zeros(frequency.size)

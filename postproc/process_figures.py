@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
+import numpy as np
 import xarray as xr
 from matplotlib.axes import Axes
 from matplotlib.ticker import MaxNLocator
@@ -12,6 +13,8 @@ from postproc import style
 
 LONGEST_LAG = 20  # drawn; the paper's figures end about there
 MOST_CURVES = 8  # in one figure; of more orders only the even ones are drawn
+MOST_REALIZATIONS = 3  # drawn
+_ZERO = 1.0e-12  # of an autocovariance, relative to the variance
 
 
 def order_of(process: xr.Dataset) -> int:
@@ -24,36 +27,46 @@ def length_of(process: xr.Dataset) -> float:
     return float(process.attrs["correlation_length"])
 
 
+def is_positive(process: xr.Dataset) -> bool:
+    """Whether its values may not be negative."""
+    return bool(int(process.attrs["positive"]))
+
+
 def plot_autocovariances(axes: Axes, processes: Sequence[xr.Dataset]) -> None:
-    """Figs. 1 and 2: autocovariance over the lag, logarithmic, a curve per order."""
+    """Figs. 1 and 2: size of the autocovariance over the lag, a curve per order.
+
+    Open marks where it is negative.
+    """
     orders = sorted({order_of(process) for process in processes})
     if len(orders) > MOST_CURVES:
         orders = [order for order in orders if order % 2 == 0]
-        processes = [process for process in processes if order_of(process) in orders]
     for process in processes:
         order = order_of(process)
+        if order not in orders:
+            continue
         curve = process["autocovariance"].isel(lag=slice(0, LONGEST_LAG + 1))
-        positive = curve.where(curve > 0)
+        size = abs(curve).where(abs(curve) > _ZERO * curve[0])
         look = style.of_rank(orders.index(order), len(orders))
-        axes.semilogy(positive["lag"], positive, marker=".", label=f"{order}", **look)
+        axes.semilogy(size["lag"], size, label=f"{order}", **look)
+        below = size.where(curve < 0)
+        axes.semilogy(below["lag"], below, **look | {"linestyle": "none", "markerfacecolor": "w"})
     name = "$m_{max}$" if processes[0].attrs["method"] == "direct" else "order"
     _frame_lags(axes)
+    if any((process["autocovariance"] < 0).any() for process in processes):
+        axes.set_ylabel("size of the autocovariance")
     axes.legend(title=name, ncols=2)
 
 
 def plot_entropies(axes: Axes, processes: Sequence[xr.Dataset]) -> None:
     """Fig. 3: entropy per point over the order, with that of white noise (Eq. 42)."""
+    bound = float(processes[0]["entropy_bound"])
+    axes.axhline(bound, color="0.3", linewidth=0.9, zorder=0, label="$S_{max}$, Eq. 42")
     for curve, look, label in _by_length(processes):
         axes.plot([order_of(p) for p in curve], [float(p["entropy"]) for p in curve],
                   label=label, **look)  # fmt: skip
-    axes.axhline(float(processes[0]["entropy_bound"]), color="0.4", linewidth=0.9, zorder=0)
-    axes.annotate(
-        "white noise, Eq. 42", (0.98, float(processes[0]["entropy_bound"])),
-        xycoords=("axes fraction", "data"), ha="right", va="top", fontsize=9, color="0.3",
-    )  # fmt: skip
     axes.xaxis.set_major_locator(MaxNLocator(integer=True))
     axes.set(xlabel="order of the autoregressive model", ylabel="entropy per point [nat]")
-    axes.legend()
+    axes.legend(ncols=2)
 
 
 def plot_achieved_lengths(axes: Axes, processes: Sequence[xr.Dataset]) -> None:
@@ -63,40 +76,90 @@ def plot_achieved_lengths(axes: Axes, processes: Sequence[xr.Dataset]) -> None:
         axes.semilogy([order_of(p) for p in curve], [float(p[other]) for p in curve],
                       label=f"{_symbol(other)} at {label}", **look)  # fmt: skip
     axes.xaxis.set_major_locator(MaxNLocator(integer=True))
-    axes.set(xlabel="order of the autoregressive model", ylabel="correlation length achieved")
-    axes.legend()
+    axes.set(xlabel="order of the autoregressive model", ylabel="correlation length achieved [lag]")
+    axes.legend(ncols=2, loc="upper left")
+    bottom, top = axes.get_ylim()
+    axes.set_ylim(bottom, top * (top / bottom) ** 0.3)  # room for the legend
 
 
 def plot_chosen_orders(axes: Axes, processes: Sequence[xr.Dataset]) -> None:
     """Fig. 5: one length imposed, the other bounded; the order follows."""
-    for rank, process in enumerate(processes):
+    lengths = [length_of(process) for process in processes]
+    for process in processes:
         curve = process["autocovariance"].isel(lag=slice(0, LONGEST_LAG + 1))
-        label = f"{_imposed(process)}, {_bound(process)}: order {order_of(process)}"
-        axes.plot(curve["lag"], curve, marker=".", label=label, **style.of_rank(rank, 3))
+        bounds = "".join(f", {_bound(process, other)}" for other in _bounded(process))
+        label = f"{_imposed(process)}{bounds}: order {order_of(process)}"
+        look = style.of_length(length_of(process), lengths)
+        line = "-" if process.attrs["correlation"] == "L0" else "--"
+        axes.plot(curve["lag"], curve, label=label, linestyle=line, **look)
     _frame_lags(axes)
     axes.legend()
 
 
 def plot_positive(axes: Axes, processes: Sequence[xr.Dataset]) -> None:
     """Fig. 6: without sign constraint, and positive with several means, by either law."""
-    means = sorted({float(p.attrs["mean"]) for p in processes if int(p.attrs["positive"])})
+    means = sorted({float(p.attrs["mean"]) for p in processes if is_positive(p)})
     for process in processes:
-        curve = process["autocovariance"].isel(lag=slice(0, LONGEST_LAG + 1))
-        curve = curve / curve[0]
-        if not int(process.attrs["positive"]):
-            axes.plot(curve["lag"], curve, color="0.2", label="without sign constraint")
-            continue
-        mean, law = float(process.attrs["mean"]), str(process.attrs["sampler"])
-        look = style.of_length(mean, means) | {"linestyle": "--" if law == "exact" else "none"}
-        axes.plot(curve["lag"], curve, label=f"positive, mean {mean:g}, {law}", **look)
+        curve = _correlation(process)
+        label, look = _look_of_law(process, means)
+        axes.plot(curve["lag"], curve, label=label, **look)
     _frame_lags(axes)
     axes.set_ylabel("autocovariance / variance")
     axes.legend()
 
 
+def difference_from_free(process: xr.Dataset, free: xr.Dataset) -> xr.Dataset:
+    """Autocovariance over variance, less that of the process without sign constraint; errors."""
+    error = process["autocovariance_error"] / float(process["autocovariance"][0])
+    return xr.Dataset({"value": _correlation(process) - _correlation(free), "error": error}).isel(
+        lag=slice(0, LONGEST_LAG + 1)
+    )
+
+
+def plot_positive_difference(axes: Axes, processes: Sequence[xr.Dataset]) -> None:
+    """Fig. 6, enlarged: differences from the process without sign constraint, two s.e. as bars."""
+    free = next(process for process in processes if not is_positive(process))
+    positive = [process for process in processes if is_positive(process)]
+    means = sorted({float(process.attrs["mean"]) for process in positive})
+    for process in positive:
+        difference = difference_from_free(process, free)
+        label, look = _look_of_law(process, means)
+        axes.errorbar(difference["lag"], difference["value"], yerr=2.0 * difference["error"],
+                      label=label, elinewidth=0.8, **look)  # fmt: skip
+    axes.axhline(0.0, color="0.3", linewidth=0.9, zorder=0)
+    _frame_lags(axes)
+    axes.set_ylabel("difference")
+    axes.legend()
+
+
+def plot_realizations(axes: Axes, process: xr.Dataset) -> None:
+    """A few realizations of a process, point by point."""
+    drawn = process["realizations"].isel(realization=slice(0, MOST_REALIZATIONS))
+    for rank, curve in enumerate(drawn):
+        look = style.of_rank(rank, len(drawn)) | {"marker": "none", "linewidth": 1.0}
+        axes.plot(np.arange(1, curve.size + 1), curve, **look)
+    axes.axhline(float(process.attrs["mean"]), color="0.3", linewidth=0.9, label="mean")
+    axes.set(xlabel="point", ylabel="value", xlim=(1, drawn.shape[1]))
+    axes.legend()
+
+
+def _correlation(process: xr.Dataset) -> xr.DataArray:
+    curve = process["autocovariance"].isel(lag=slice(0, LONGEST_LAG + 1))
+    return curve / curve[0]
+
+
+def _look_of_law(process: xr.Dataset, means: Sequence[float]) -> tuple[str, style.Look]:
+    if not is_positive(process):
+        return "without sign constraint", {"color": "0.2"}
+    mean, law = float(process.attrs["mean"]), str(process.attrs["sampler"])
+    look = style.of_rank(means.index(mean), max(len(means), 2)) | {"markersize": 5}
+    look |= {"linestyle": "none"} if law == "sequential" else {"linestyle": "--", "marker": "x"}
+    return f"positive, mean {mean:g}, {law}", look
+
+
 def _by_length(
     processes: Sequence[xr.Dataset],
-) -> list[tuple[list[xr.Dataset], dict[str, object], str]]:
+) -> list[tuple[list[xr.Dataset], style.Look, str]]:
     """One curve per imposed length, ascending in the order: L0 full lines, L1 dashed."""
     lengths = [length_of(process) for process in processes]
     curves = []
@@ -108,6 +171,8 @@ def _by_length(
             ]  # fmt: skip
             if curve:
                 look = style.of_length(length, lengths) | {"linestyle": line}
+                if definition == "L1":
+                    look["markerfacecolor"] = "none"
                 curves.append((sorted(curve, key=order_of), look, _imposed(curve[0])))
     return curves
 
@@ -120,9 +185,13 @@ def _imposed(process: xr.Dataset) -> str:
     return f"{_symbol(str(process.attrs['correlation']))} = {length_of(process):g}"
 
 
-def _bound(process: xr.Dataset) -> str:
-    other = "l1" if process.attrs["correlation"] == "L0" else "l0"
-    return f"{_symbol(other.upper())} ≤ {float(process.attrs[f'bound_{other}']):g}"
+def _bounded(process: xr.Dataset) -> list[str]:
+    """Which lengths the scene bounds."""
+    return [name for name in ("l0", "l1") if float(process.attrs.get(f"bound_{name}", 0.0)) > 0.0]
+
+
+def _bound(process: xr.Dataset, name: str) -> str:
+    return f"{_symbol(name.upper())} ≤ {float(process.attrs[f'bound_{name}']):g}"
 
 
 def _frame_lags(axes: Axes) -> None:

@@ -1,105 +1,199 @@
-"""One self-contained page: the scene, what ran, tables and figures."""
+"""One self-contained page: what the paper says and what was found, tables, figures, the scenes."""
 
 from __future__ import annotations
 
 import base64
+from collections.abc import Sequence
 from html import escape
+from importlib import resources
 from pathlib import Path
 
-from postproc.gallery import Figure
+from postproc.evidence import Statement, Verdict
+from postproc.figure import SECTIONS, Figure
+from postproc.paper import OBSERVATIONS
 from postproc.results import Results
-from postproc.tables import Table
+from postproc.table import Table
 
-_STYLE = """
-:root { color-scheme: light dark; --ink: #1a1a1a; --soft: #666; --paper: #fff; --line: #d8d8d8; }
-@media (prefers-color-scheme: dark) {
-  :root { --ink: #e8e8e8; --soft: #a0a0a0; --paper: #16181b; --line: #3a3d42; }
-  img { background: #fff; border-radius: 4px; }
+_CLASSES = {
+    Verdict.CONFIRMED: "confirmed",
+    Verdict.REFUTED: "refuted",
+    Verdict.UNDECIDED: "undecided",
 }
-body { margin: 0 auto; padding: 2rem 1.2rem; max-width: 68rem; color: var(--ink);
-  background: var(--paper); font: 16px/1.55 system-ui, sans-serif; }
-h1 { font-size: 1.7rem; margin: 0; } h2 { font-size: 1.2rem; margin: 2.6rem 0 .6rem; }
-.facts, figcaption, .note { color: var(--soft); font-size: .92rem; }
-.scroll { overflow-x: auto; }
-table { border-collapse: collapse; font-variant-numeric: tabular-nums; font-size: .92rem; }
-th, td { padding: .28rem .7rem; text-align: right; border-bottom: 1px solid var(--line); }
-th:first-child, td:first-child { text-align: left; white-space: nowrap; }
-#processes { font-size: .8rem; } #processes td { white-space: nowrap; padding: .28rem .45rem; }
-#processes th:nth-child(-n+3), #processes td:nth-child(-n+3) { text-align: left; }
-#processes td:last-child { white-space: normal; text-align: left; }
-figure { margin: 0 0 1.6rem; break-inside: avoid; } img { max-width: 100%; height: auto; }
-.figures { display: grid; gap: 1.2rem;
-  grid-template-columns: repeat(auto-fit, minmax(26rem, 1fr)); }
-figure h3 { font-size: 1rem; margin: 0 0 .3rem; }
-pre { overflow-x: auto; border: 1px solid var(--line); padding: .8rem; font-size: .82rem; }
-@media (max-width: 30rem) { .figures { grid-template-columns: 1fr; } }
-@media print { body { max-width: none; padding: 0; font-size: 11px; } }
-"""
+_READING = (
+    "Each statement is put to a stated test; no verdict is given by eye. Confirmed: every number"
+    " that it speaks of lies where it says, each at the 2.5 % level, one-sided. Not confirmed: at"
+    " least one surely does not, with Bonferroni's correction. Else undecided at this sample size."
+    " Intervals over samples take them with replacement, together for all cases of a process; the"
+    " force record that all samples share is not drawn again, so its scatter is in none of them."
+)
 
 
 def write_report(
-    results: Results, tables: list[Table], figures: list[tuple[Figure, Path]], path: Path
+    files: Sequence[Results],
+    statements: Sequence[Statement],
+    tables: Sequence[Table],
+    figures: Sequence[tuple[Figure, Path]],
+    path: Path,
 ) -> None:
     """Write the page; figures come with the PNG that was saved of them."""
-    title = escape(str(results.attrs.get("title") or results.path.stem))
+    title = escape(" · ".join(dict.fromkeys(results.title for results in files)))
+    chapters = [
+        ("findings", "The paper's statements", _findings(statements)),
+        ("tables", "Tables", "".join(_table(t) for t in tables if not t.is_detail)),
+        *(
+            (f"section-{i}", name, _figures(figures, name, statements))
+            for i, name in enumerate(SECTIONS)
+        ),
+        ("details", "Statistics of every case", "".join(_table(t) for t in tables if t.is_detail)),
+        ("scenes", "What ran", "".join(_scene(results) for results in files)),
+    ]
+    chapters = [chapter for chapter in chapters if chapter[2]]
+    style = resources.files("postproc").joinpath("report.css").read_text(encoding="utf-8")
     parts = [
         "<!doctype html>",
         f'<html lang="en"><head><meta charset="utf-8"><title>{title}</title>',
         '<meta name="viewport" content="width=device-width, initial-scale=1">',
         '<link rel="icon" href="data:,">',
-        f"<style>{_STYLE}</style></head><body>",
-        f"<h1>{title}</h1>",
-        f'<p class="facts">{_facts(results)}</p>',
+        f"<style>{style}</style></head><body>",
+        f"<header><h1>{title}</h1>",
+        *(f'<p class="facts">{_facts(results)}</p>' for results in files),
+        "</header>",
+        _contents(chapters, figures),
+        "<main>",
+        *(f'<section id="{name}"><h2>{head}</h2>{body}</section>' for name, head, body in chapters),
+        "</main></body></html>",
     ]
-    parts += [_table(table) for table in tables if not table.name.startswith("statistics")]
-    if figures:
-        parts.append('<h2>Figures</h2><div class="figures">')
-        parts += [_figure(figure, png) for figure, png in figures]
-        parts.append("</div>")
-    details = [_table(table) for table in tables if table.name.startswith("statistics")]
-    if details:
-        parts.append("<h2>Statistics of every case</h2>")
-        parts.append(
-            '<p class="note">Standard errors in brackets, in units of the last digits.</p>'
-        )
-        parts += details
-    scene = escape(str(results.attrs.get("scene", "")))
-    parts.append(f"<h2>The scene</h2><details open><summary>as run</summary><pre>{scene}</pre>")
-    parts.append("</details></body></html>")
     path.write_text("\n".join(parts), encoding="utf-8")
 
 
 def _facts(results: Results) -> str:
     attrs = results.attrs
-    samples = sum(case.data.sizes.get("sample", 1) for case in results.cases)
-    facts = []
+    facts = [results.title]
+    if results.processes:
+        facts.append(f"{len(results.processes)} processes")
     if results.cases:
+        samples = sum(case.n_samples for case in results.cases)
         facts.append(f"{len(results.cases)} cases, {samples} samples")
     facts.append(f"seed {attrs.get('seed')}")
-    facts.append(f"{float(attrs.get('wall_seconds', 0.0)):.1f} s on {attrs.get('n_ranks')} ranks")
+    seconds = float(str(attrs.get("wall_seconds", 0.0)))
+    facts.append(f"{seconds:.1f} s on {attrs.get('n_ranks')} ranks")
     facts.append(f"entroslip {attrs.get('version')}")
     facts.append(str(attrs.get("created")))
     return escape(" · ".join(facts))
 
 
+def _contents(
+    chapters: Sequence[tuple[str, str, str]], figures: Sequence[tuple[Figure, Path]]
+) -> str:
+    rows = []
+    for name, head, _ in chapters:
+        inside = " · ".join(
+            f'<a href="#{figure.name}">{escape(_short(figure.title))}</a>'
+            for figure, _ in figures
+            if figure.section == head
+        )
+        rows.append(f'<li><a href="#{name}">{head}</a>{f"<br>{inside}" if inside else ""}</li>')
+    return f'<nav aria-label="Contents"><ul>{"".join(rows)}</ul></nav>'
+
+
+def _short(title: str) -> str:
+    """'Fig. 8a' of the paper's figures, the whole title of others."""
+    return f"Fig. {title.split('. ')[1]}" if title.startswith("Fig. ") else title
+
+
+def _findings(statements: Sequence[Statement]) -> str:
+    if not statements:
+        return ""
+    of = {statement.number: statement for statement in statements}
+    key = "".join(
+        f"<tr><td>{escape(source)}</td><td>{escape(text)}</td><td>{marks}</td></tr>"
+        for source, text, numbers in OBSERVATIONS
+        if (marks := _marks([of[number] for number in numbers if number in of]))
+    )
+    rows = "".join(
+        f'<tr id="statement-{s.number}"><td>{s.number}</td>'
+        f'<td>{escape(s.claim)}<br><span class="test">{escape(s.source)}. Test: {escape(s.test)}.'
+        f"</span></td><td>{_verdict(s)}</td>"
+        f'<td class="p">{s.judgement.p_value:.2g}</td><td>{_numbers(s)}</td></tr>'
+        for s in statements
+    )
+    head = "".join(f"<th>{cell}</th>" for cell in ("", "statement", "verdict", "p", "numbers"))
+    observations = (
+        '<div class="scroll"><table class="text"><thead><tr><th>of the paper</th><th>it says</th>'
+        f"<th>verdict</th></tr></thead><tbody>{key}</tbody></table></div>"
+    )
+    return (
+        f'<p class="note">{escape(_READING)}</p>{observations if key else ""}'
+        f"<h3>Statement by statement</h3>"
+        f'<div class="scroll"><table class="text"><thead><tr>{head}</tr></thead>'
+        f"<tbody>{rows}</tbody></table></div>"
+    )
+
+
+def _verdict(statement: Statement) -> str:
+    verdict = statement.verdict
+    return f'<span class="verdict {_CLASSES[verdict]}">{verdict.value.split(" at ")[0]}</span>'
+
+
+def _marks(statements: Sequence[Statement]) -> str:
+    return "<br>".join(
+        f'<a href="#statement-{s.number}">{s.number}</a> {_verdict(s)}' for s in statements
+    )
+
+
+def _numbers(statement: Statement) -> str:
+    """The numbers of a statement: all of a few, the outer ones of many."""
+    findings = list(statement.findings)
+    few = findings if len(findings) <= 4 else sorted(findings, key=lambda f: f.p_for)
+    shown = few if len(few) <= 4 else [few[0], few[-1]]
+    lines = [f"{f.text}: {f.estimate:.3g} [{f.low:.3g}, {f.high:.3g}]" for f in shown]
+    if len(findings) > len(shown):
+        lines.append(f"and {len(findings) - len(shown)} between these in p-value")
+    return "<br>".join(escape(line) for line in lines)
+
+
 def _table(table: Table) -> str:
     head = "".join(f"<th>{escape(cell)}</th>" for cell in table.header)
     body = "".join(
-        "<tr>" + "".join(f"<td>{escape(cell)}</td>" for cell in row) + "</tr>" for row in table.rows
+        f"<tr{_paper_class(row)}>" + "".join(f"<td>{escape(cell)}</td>" for cell in row) + "</tr>"
+        for row in table.rows
     )
     note = f'<p class="note">{escape(table.note)}</p>' if table.note else ""
     return (
-        f"<h2>{escape(table.title)}</h2>"
+        f"<h3>{escape(table.title)}</h3>"
         f'<div class="scroll"><table id="{table.name}"><thead><tr>{head}</tr></thead>'
         f"<tbody>{body}</tbody></table></div>{note}"
     )
 
 
-def _figure(figure: Figure, png: Path) -> str:
+def _paper_class(row: tuple[str, ...]) -> str:
+    return ' class="paper"' if row[0].endswith(", paper") else ""
+
+
+def _figures(
+    figures: Sequence[tuple[Figure, Path]], section: str, statements: Sequence[Statement]
+) -> str:
+    parts = [_figure(f, png, statements) for f, png in figures if f.section == section]
+    return f'<div class="figures">{"".join(parts)}</div>' if parts else ""
+
+
+def _figure(figure: Figure, png: Path, statements: Sequence[Statement]) -> str:
     image = base64.b64encode(png.read_bytes()).decode()
     title, caption = escape(figure.title), escape(figure.caption)
+    shown = [s for s in statements if s.number in figure.statements]
+    verdicts = "".join(f"<li>{escape(s.claim)} {_verdict(s)}</li>" for s in shown)
     return (
         f'<figure id="{figure.name}"><h3>{title}</h3>'
         f'<img alt="{title}. {caption}" src="data:image/png;base64,{image}">'
-        f"<figcaption>{caption}</figcaption></figure>"
+        f"<figcaption>{caption}{f'<ul>{verdicts}</ul>' if verdicts else ''}</figcaption></figure>"
+    )
+
+
+def _scene(results: Results) -> str:
+    scene = escape(str(results.attrs.get("scene", "")))
+    overrides = str(results.attrs.get("overrides") or "")
+    changed = f'<p class="note">Changed by --set: {escape(overrides)}</p>' if overrides else ""
+    return (
+        f"<h3>{escape(results.title)}</h3>{changed}"
+        f"<details open><summary>the scene as run</summary><pre>{scene}</pre></details>"
     )

@@ -1,4 +1,8 @@
-"""A results file as labelled data."""
+"""A results file as labelled data.
+
+>>> results = open_results("paper.h5")
+>>> results.cases[0].data["slip_fraction"]  # an xarray.DataArray with axes, units and long_name
+"""
 
 from __future__ import annotations
 
@@ -18,12 +22,12 @@ class Case:
     """One case of the campaign: a process (or none) under one excitation."""
 
     name: str  # c001
-    data: xr.Dataset
+    data: xr.Dataset  # read from the file as it is used
 
     @property
     def process(self) -> str:
         """Name of the process, or 'none'."""
-        return str(self.data.attrs["process"])
+        return str(self.data.attrs.get("process", "none"))
 
     @property
     def is_deterministic(self) -> bool:
@@ -33,22 +37,27 @@ class Case:
     @property
     def variance(self) -> float:
         """Of the force; 0 where the force came from a file."""
-        return float(self.data.attrs["variance"])
+        return float(self.data.attrs.get("variance", 0.0))
 
     @property
     def std(self) -> float:
         """Of the friction coefficients."""
-        return float(self.data.attrs["std"])
+        return float(self.data.attrs.get("std", 0.0))
 
     @property
     def correlation_length(self) -> float:
         """Imposed on the friction coefficients, in lags."""
-        return float(self.data.attrs["correlation_length"])
+        return float(self.data.attrs.get("correlation_length", 0.0))
 
     @property
     def n_dof(self) -> int:
         """Oscillators of the chain."""
         return int(self.data.sizes["dof"])
+
+    @property
+    def n_samples(self) -> int:
+        """Samples that the file holds."""
+        return int(self.data.sizes.get("sample", 1))
 
     def has(self, *names: str) -> bool:
         """Whether the scene asked for all of these."""
@@ -64,6 +73,7 @@ class Results:
     processes: dict[str, xr.Dataset]  # by name, p001 first
     chain: xr.Dataset | None
     cases: list[Case]  # c001 first
+    tradeoff: xr.Dataset | None = None
 
     @property
     def deterministic(self) -> list[Case]:
@@ -75,32 +85,55 @@ class Results:
         """Cases with drawn friction."""
         return [case for case in self.cases if not case.is_deterministic]
 
+    @property
+    def title(self) -> str:
+        """Of the scene, or else the file's name."""
+        return str(self.attrs.get("title") or self.path.stem)
 
-def _text(value: object) -> object:
-    return value.decode() if isinstance(value, bytes) else value
+    @property
+    def tree(self) -> xr.DataTree:
+        """All groups under the names that they have in the file."""
+        groups = {f"/process/{name}": data for name, data in self.processes.items()}
+        groups |= {f"/campaign/{case.name}": case.data for case in self.cases}
+        groups |= {
+            f"/{name}": data
+            for name, data in (("chain", self.chain), ("tradeoff", self.tradeoff))
+            if data is not None
+        }
+        tree = xr.DataTree.from_dict(groups, name=self.path.stem)
+        tree.attrs.update(self.attrs)
+        return tree
 
 
 def open_results(path: str | Path) -> Results:
-    """Load a results file; every dataset carries `units` and `long_name`."""
+    """Open a results file; every dataset carries `units` and `long_name`."""
     path = Path(path)
     try:
         with h5py.File(path) as file:
             attrs = {name: _text(value) for name, value in file.attrs.items()}
             groups = {kind: sorted(file[kind]) for kind in ("process", "campaign") if kind in file}
-            has_chain = "chain" in file
+            alone = {kind for kind in ("chain", "tradeoff") if kind in file}
     except OSError as error:
         raise ResultsError(f"{path}: cannot be read as HDF5: {error}") from error
     if attrs.get("program") != "entroslip":
         raise ResultsError(f"{path}: not written by entroslip")
 
+    def view(group: str) -> xr.Dataset:
+        return xr.open_dataset(path, group=group, engine="h5netcdf")
+
     def load(group: str) -> xr.Dataset:
-        with xr.open_dataset(path, group=group, engine="h5netcdf") as data:
+        with view(group) as data:
             return data.load()
 
     return Results(
         path=path,
         attrs=attrs,
         processes={name: load(f"process/{name}") for name in groups.get("process", [])},
-        chain=load("chain") if has_chain else None,
-        cases=[Case(name, load(f"campaign/{name}")) for name in groups.get("campaign", [])],
+        chain=load("chain") if "chain" in alone else None,
+        cases=[Case(name, view(f"campaign/{name}")) for name in groups.get("campaign", [])],
+        tradeoff=load("tradeoff") if "tradeoff" in alone else None,
     )
+
+
+def _text(value: object) -> object:
+    return value.decode() if isinstance(value, bytes) else value

@@ -2,69 +2,103 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable
+from typing import Any
 
 import matplotlib as mpl
 from matplotlib.axes import Axes
 
+from postproc.paper import LENGTHS
+
+Look = dict[str, Any]  # keyword arguments of a matplotlib call
+
 # Okabe and Ito: told apart in grey and by colour-blind readers; marks and dashes say it again.
-_COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#000000")
+_COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#B8860B", "#56B4E9", "#000000")
 _MARKS = ("o", "s", "^", "D", "v", "P", "X")
-_DASHES = ("-", "--", "-.", ":", (0, (5, 1, 1, 1, 1, 1)), (0, (8, 2)), (0, (1, 2)))
+_DASHES = ("-", "--", "-.", (0, (1, 1)), (0, (5, 1, 1, 1, 1, 1)), (0, (8, 2)), (0, (1, 2)))
+_LIGHTEST = 0.78  # of viridis, still seen on white
 
 
 def apply_style() -> None:
     """Sizes and lines fit for a printed column."""
     mpl.rcParams.update(
         {
-            "figure.figsize": (6.4, 4.4),
             "figure.constrained_layout.use": True,
             "font.size": 10,
             "axes.grid": True,
-            "grid.color": "0.88",
+            "axes.axisbelow": True,
+            "grid.color": "0.9",
             "grid.linewidth": 0.6,
             "axes.spines.top": False,
             "axes.spines.right": False,
             "lines.linewidth": 1.3,
             "lines.markersize": 5,
-            "legend.frameon": False,
-            "legend.fontsize": 9,
-            "savefig.dpi": 160,
+            "legend.frameon": True,
+            "legend.framealpha": 0.85,
+            "legend.edgecolor": "none",
+            "legend.fontsize": 8.5,
+            "savefig.dpi": 150,
             "svg.hashsalt": "entroslip",
+            "pdf.fonttype": 42,
         }
     )
 
 
-def of_dof(dof: int, n_dof: int) -> dict[str, object]:
-    """Colour and dashes of oscillator `dof`, which counts from 1."""
-    if n_dof <= 5:
-        colour: object = _COLOURS[dof - 1]
+def of_dof(dof: int, n_dof: int) -> Look:
+    """Colour, mark and dashes of oscillator `dof`, which counts from 1."""
+    index = (dof - 1) % len(_MARKS)
+    if n_dof <= len(_COLOURS):
+        colour: Any = _COLOURS[index]
     else:
-        colour = mpl.colormaps["viridis"](0.9 * (dof - 1) / max(n_dof - 1, 1))
-    return {"color": colour, "linestyle": _DASHES[(dof - 1) % 5]}
+        colour = _shade((dof - 1) / (n_dof - 1))
+    return {"color": colour, "linestyle": _DASHES[index], "marker": _MARKS[index]}
 
 
-def of_length(length: float, lengths: Sequence[float]) -> dict[str, object]:
-    """Colour and mark of a correlation length among all that are drawn."""
-    index = sorted(set(lengths)).index(length) % len(_COLOURS)
+def line_of_dof(dof: int, n_dof: int) -> Look:
+    """The same without mark, for curves of many points."""
+    return of_dof(dof, n_dof) | {"marker": "none"}
+
+
+def some_dofs(n_dof: int, most: int = len(_COLOURS)) -> list[int]:
+    """All oscillators, or as many as can be told apart, from the wall to the last."""
+    if n_dof <= most:
+        return list(range(1, n_dof + 1))
+    return sorted({1 + round(i * (n_dof - 1) / (most - 1)) for i in range(most)})
+
+
+def of_length(length: float, lengths: Iterable[float]) -> Look:
+    """Colour and mark of a correlation length: the paper's have their own in every figure."""
+    others = sorted(set(lengths) - set(LENGTHS))
+    if length in LENGTHS:
+        index = LENGTHS.index(length)
+    else:
+        index = (len(LENGTHS) + others.index(length)) % len(_COLOURS)
     return {"color": _COLOURS[index], "marker": _MARKS[index]}
 
 
-def of_rank(rank: int, count: int) -> dict[str, object]:
-    """Colour and dashes of the rank-th of an ordered family, dark to light."""
-    colour = mpl.colormaps["viridis"](0.85 * rank / max(count - 1, 1))
-    return {"color": colour, "linestyle": _DASHES[rank % len(_DASHES)]}
+def of_rank(rank: int, count: int) -> Look:
+    """Colour, mark and dashes of the rank-th of an ordered family, dark to light."""
+    return {
+        "color": _shade(rank / max(count - 1, 1)),
+        "linestyle": _DASHES[rank % len(_DASHES)],
+        "marker": _MARKS[rank % len(_MARKS)],
+        "markersize": 3.5,
+    }
 
 
-def dashes(index: int) -> object:
+def dashes(index: int) -> Any:  # noqa: ANN401  (a matplotlib line style has no type of its own)
     """The index-th line style, for curves that share a colour."""
     return _DASHES[index % len(_DASHES)]
 
 
-def mark_frequencies(axes: Axes, frequencies: Sequence[float], label: str, linestyle: str) -> None:
+def mark_frequencies(axes: Axes, frequencies: Iterable[float], label: str, linestyle: str) -> None:
     """Natural frequencies as thin vertical lines, named once."""
     for i, frequency in enumerate(frequencies):
         axes.axvline(
-            frequency, color="0.55", linewidth=0.7, linestyle=linestyle, zorder=0,
+            frequency, color="0.6", linewidth=0.8, linestyle=linestyle, zorder=0,
             label=label if i == 0 else None,
         )  # fmt: skip
+
+
+def _shade(share: float) -> Any:  # noqa: ANN401
+    return mpl.colormaps["viridis"](_LIGHTEST * share)

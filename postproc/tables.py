@@ -2,47 +2,78 @@
 
 from __future__ import annotations
 
-import csv
-from dataclasses import dataclass
-from pathlib import Path
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import replace
 
-import numpy as np
+import xarray as xr
 
+from postproc.certain_statements import slip_with_error
+from postproc.evidence import Statement
 from postproc.paper import SLIP_HZ, SLIP_PERCENT, STUCK_HZ, is_paper_chain
 from postproc.results import Case, Results
+from postproc.table import Table, value_with_error
+
+_MOST_COLUMNS = 12  # of a table over oscillators or modes; longer chains stand upright
+_ERRORS = "Standard errors in brackets, in units of the last digits."
 
 
-@dataclass(frozen=True)
-class Table:
-    """Rows under a header; `name` is the file's, `note` says how to read it."""
-
-    name: str
-    title: str
-    header: tuple[str, ...]
-    rows: list[tuple[str, ...]]
-    note: str = ""
-
-    def write_csv(self, folder: Path) -> Path:
-        """The same cells, comma separated."""
-        path = folder / f"{self.name}.csv"
-        with path.open("w", newline="", encoding="utf-8") as file:
-            csv.writer(file).writerows([self.header, *self.rows])
-        return path
+def make_tables(files: Sequence[Results]) -> list[Table]:
+    """Every table that the files have data for; later files' twins carry the file's name."""
+    found: dict[str, Table] = {}
+    for results in files:
+        for table in (table for source in SOURCES for table in source(results)):
+            if table.name in found:
+                ending = results.path.stem
+                if table == found[table.name]:
+                    continue
+                table = replace(
+                    table, name=f"{table.name}_{ending}", title=f"{table.title} ({ending})"
+                )
+            found[table.name] = table
+    return list(found.values())
 
 
-def make_tables(results: Results) -> list[Table]:
-    """Every table that the file has data for."""
-    tables = []
+def table_statements(statements: Sequence[Statement]) -> Table:
+    """Every number that the paper's statements were judged by."""
+    rows = [
+        (
+            s.number, s.claim, s.verdict.value, f"{s.judgement.p_value:.2g}", finding.text,
+            f"{finding.estimate:.4g}", f"{finding.low:.4g}", f"{finding.high:.4g}", s.test,
+        )
+        for s in statements
+        for finding in s.findings
+    ]  # fmt: skip
+    header = (
+        "statement", "claim", "verdict", "p", "number", "estimate", "95 % from", "to", "test",
+    )  # fmt: skip
+    return Table("statements", "The paper's statements", header, rows)
+
+
+def of_processes(results: Results) -> Iterator[Table]:
+    """What was asked of the processes, and what was found."""
     if results.processes:
-        tables.append(table_processes(results))
+        yield table_processes(results)
         if any("other_mean" in data for data in results.processes.values()):
-            tables.append(table_laws(results))
+            yield table_laws(results)
+
+
+def of_chain(results: Results) -> Iterator[Table]:
+    """Tables 1 and 2."""
     if results.chain is not None:
-        tables.append(table_frequencies(results))
-    if results.deterministic:
-        tables.append(table_slip(results))
-    tables += [table_statistics(case) for case in results.random if case.has("slip_mean")]
-    return tables
+        yield table_frequencies(results)
+    if any(case.has("slip_fraction") for case in results.deterministic):
+        yield table_slip(results)
+
+
+def of_cases(results: Results) -> Iterator[Table]:
+    """Statistics of the cases with drawn friction."""
+    for case in results.random:
+        if case.has("slip_mean", "slip_std"):
+            yield table_statistics(case)
+
+
+# Each yields the tables that a file has data for.
+SOURCES: tuple[Callable[[Results], Iterator[Table]], ...] = (of_processes, of_chain, of_cases)
 
 
 def _paper_chain(results: Results) -> bool:
@@ -55,7 +86,6 @@ def _paper_chain(results: Results) -> bool:
 def table_frequencies(results: Results) -> Table:
     """Table 1: natural frequencies with every slider stuck, and with every slider slipping."""
     assert results.chain is not None
-    modes = range(1, results.chain.sizes["mode"] + 1)
     rows = []
     for name, dataset, paper in (
         ("stuck", "frequencies_stuck", STUCK_HZ),
@@ -64,30 +94,32 @@ def table_frequencies(results: Results) -> Table:
         rows.append((name, *(f"{hz:.4f}" for hz in results.chain[dataset].values)))
         if _paper_chain(results):
             rows.append((f"{name}, paper", *(f"{hz:.2f}" for hz in paper)))
-    return Table(
-        "table_1", "Table 1. Natural frequencies [Hz]", ("", *(f"mode {m}" for m in modes)), rows
-    )
+    modes = range(1, results.chain.sizes["mode"] + 1)
+    note = "Eigenvalues to rounding; every digit of the paper's is met." if len(rows) > 2 else ""
+    header, body = _upright("mode", modes, rows)
+    return Table("table_1", "Table 1. Natural frequencies [Hz]", header, body, note)
 
 
 def table_slip(results: Results) -> Table:
     """Table 2: percentage of time in slip, friction certain."""
-    n_dof = results.deterministic[0].n_dof
+    cases = [case for case in results.deterministic if case.has("slip_fraction")]
     rows = []
-    for case in results.deterministic:
-        percent = 100.0 * case.data["slip_fraction"].isel(sample=0).values
-        rows.append((f"variance {case.variance:g}", *(f"{p:.1f}" for p in percent)))
+    for case in cases:
+        slip, error = slip_with_error(case)
+        ours = (value_with_error(100.0 * p, 100.0 * e) for p, e in zip(slip, error, strict=True))
+        rows.append((f"variance {case.variance:g}", *ours))
         if case.variance in SLIP_PERCENT and _paper_chain(results):
             paper = SLIP_PERCENT[case.variance]
             rows.append((f"variance {case.variance:g}, paper", *(f"{p:d}" for p in paper)))
-    note = ""
-    if _paper_chain(results):
-        note = (
-            "One force record each; another record moves an entry by 0.1 to 0.5 (one standard"
-            " deviation over seeds). The paper's two rows are not consistent under one flat force"
-            " spectrum: the row at 41.1 is met, the row at 3.7 is not, and nothing was tuned."
+    note = f"{_ERRORS} They are those of the time average over one force record."
+    if len(rows) > len(cases):
+        note += (
+            " The paper's two rows are not consistent under one flat force spectrum: the row at"
+            " 41.1 is met, the row at 3.7 is not, and nothing was tuned."
         )
-    header = ("", *(f"oscillator {d}" for d in range(1, n_dof + 1)))
-    return Table("table_2", "Table 2. Time in slip [%]", header, rows, note)
+    oscillators = range(1, cases[0].n_dof + 1)
+    header, body = _upright("oscillator", oscillators, rows)
+    return Table("table_2", "Table 2. Time in slip [%]", header, body, note)
 
 
 def table_processes(results: Results) -> Table:
@@ -112,7 +144,7 @@ def table_processes(results: Results) -> Table:
             status += f": {asked['reason']}"
         wanted = f"{length}, mean {asked['mean']:g}, std {asked['std']:g}"
         rows.append((name, wanted, model, *found, status))
-    note = "Entropies in nats per point. Standard errors in brackets, in units of the last digits."
+    note = f"Entropies in nats per point. {_ERRORS}"
     return Table("processes", "Processes", header, rows, note)
 
 
@@ -125,7 +157,7 @@ def table_laws(results: Results) -> Table:
         row = [name, str(data.attrs["sampler"])]
         for ours, other in (("mean_found", "mean"), ("std_found", "std"), ("L0", "L0"),
                             ("entropy", "entropy")):  # fmt: skip
-            row += [f"{float(data[ours]):.5f}", f"{float(data[f'other_{other}']):.5f}"]
+            row += [_with_error(data, ours), f"{float(data[f'other_{other}']):.5f}"]
         rows.append(tuple(row))
     header = ["process", "law"]
     for name in ("mean", "std", "L0", "entropy"):
@@ -135,23 +167,6 @@ def table_laws(results: Results) -> Table:
         " laws: under the same a, b0 and mu they give what stands side by side."
     )
     return Table("laws", "Two laws of positive processes", tuple(header), rows, note)
-
-
-def _with_error(data: object, name: str) -> str:
-    """'1.0002(4)': the value with its standard error in units of the last digit."""
-    if name not in data or not np.isfinite(float(data[name])):  # type: ignore[operator, index]
-        return "-"
-    value = float(data[name])  # type: ignore[index]
-    error = float(data[f"{name}_error"]) if f"{name}_error" in data else 0.0  # type: ignore[index, operator]
-    return value_with_error(value, error)
-
-
-def value_with_error(value: float, error: float) -> str:
-    """'1.0002(4)'; without an error, six significant digits."""
-    if not error > 0.0:
-        return f"{value:.6g}"
-    digits = max(0, 1 - int(np.floor(np.log10(error))))
-    return f"{value:.{digits}f}({round(error * 10**digits):d})"
 
 
 def table_statistics(case: Case) -> Table:
@@ -174,6 +189,27 @@ def table_statistics(case: Case) -> Table:
         header += ["band ratio", "95 % interval"]
     title = (
         f"{case.name}: {case.process}, std {case.std:g}, L {case.correlation_length:g},"
-        f" variance {case.variance:g}, {data.sizes['sample']} samples"
+        f" variance {case.variance:g}, {case.n_samples} samples"
     )
-    return Table(f"statistics_{case.name}", title, tuple(header), rows)
+    return Table(f"statistics_{case.name}", title, tuple(header), rows, _ERRORS, is_detail=True)
+
+
+def _upright(
+    what: str, numbers: Sequence[int], rows: Sequence[tuple[str, ...]]
+) -> tuple[tuple[str, ...], Sequence[tuple[str, ...]]]:
+    """Header and rows over oscillators or modes; many of them stand below one another."""
+    header = ("", *(f"{what} {number}" for number in numbers))
+    if len(numbers) <= _MOST_COLUMNS:
+        return header, rows
+    names = (what, *(row[0] for row in rows))
+    return names, [
+        (str(number), *(row[number] for row in rows)) for number in numbers
+    ]  # fmt: skip
+
+
+def _with_error(data: xr.Dataset, name: str) -> str:
+    """A value of the file with its standard error where it has one."""
+    if name not in data:
+        return "-"
+    error = float(data[f"{name}_error"]) if f"{name}_error" in data else 0.0
+    return value_with_error(float(data[name]), error)

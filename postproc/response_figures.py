@@ -1,0 +1,167 @@
+"""Figures of single responses: a history, and one transition between stick and slip, enlarged."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import xarray as xr
+from matplotlib.axes import Axes
+from numpy.typing import NDArray
+
+from postproc import style
+from postproc.results import Case
+
+_SHOWN = 60.0  # s of a history, at most
+_MARGIN = 0.6  # of an episode's length, shown on either side
+_STEPS_AROUND = 5  # of a transition enlarged
+
+
+@dataclass(frozen=True)
+class Episode:
+    """A slip of one oscillator, from its start to the stick that ends it."""
+
+    dof: int  # counts from 1
+    start: float
+    end: float
+    direction: int
+
+
+def plot_history(axes: Axes, case: Case) -> None:
+    """Displacements of the first sample, the last minute of it at most."""
+    time = case.data["time"].values
+    first = int(np.searchsorted(time, time[-1] - _SHOWN))
+    for dof in style.some_dofs(case.n_dof, 5):
+        axes.plot(
+            time[first:], case.data["displacement"].isel(sample=0, dof=dof - 1).values[first:],
+            label=f"oscillator {dof}", **style.line_of_dof(dof, case.n_dof) | {"linewidth": 1.0},
+        )  # fmt: skip
+    axes.set(xlabel="time [s]", ylabel="displacement [m]", xlim=(time[first], time[-1]))
+    axes.legend(ncols=3)
+
+
+def find_episode(case: Case) -> Episode | None:
+    """The longest slip that starts in the second half of the first sample and ends in it."""
+    rows = _transitions(case)
+    middle = float(case.data["time"][-1]) / 2.0
+    found: list[Episode] = []
+    for dof in range(1, case.n_dof + 1):
+        times, kinds = rows.time[rows.dof == dof], rows.kind[rows.dof == dof]
+        found += [
+            Episode(dof, float(times[i]), float(times[i + 1]), int(kinds[i]))
+            for i in range(times.size - 1)
+            if kinds[i] != 0 and kinds[i + 1] == 0 and times[i] > middle
+        ]
+    return max(found, key=lambda episode: episode.end - episode.start, default=None)
+
+
+def plot_slider(axes: Axes, case: Case, chain: xr.Dataset, episode: Episode) -> None:
+    """Force in the slider and velocity of its mass through one slip, a mark per time step."""
+    margin = _MARGIN * (episode.end - episode.start)
+    limit = _limit(case, chain, episode.dof)
+    times, force = slider_force(case, chain, episode.dof)
+    shown = (times >= episode.start - margin) & (times <= episode.end + margin)
+    look = style.of_dof(1, 5)
+    axes.axvspan(episode.start, episode.end, color="0.93", zorder=0, label="slip")
+    axes.plot(times[shown], force[shown], color=look["color"], label="force in the slider")
+    _mark_steps(axes, case, times[shown], force[shown])
+    for sign in (-1, 1):
+        axes.axhline(sign * limit, color="0.4", linewidth=0.9, linestyle="--",
+                     label=r"$\pm\mu N$" if sign > 0 else None)  # fmt: skip
+    axes.set(
+        xlabel="time [s]", ylabel="force [N]",
+        xlim=(episode.start - margin, episode.end + margin), ylim=(-1.6 * limit, 1.6 * limit),
+    )  # fmt: skip
+    axes.legend(ncols=3, loc="upper left")
+    beside = axes.twinx()
+    beside.grid(visible=False)
+    velocity = case.data["velocity"].isel(sample=0, dof=episode.dof - 1).values
+    steps = case.data["time"].values
+    shown = (steps >= episode.start - margin) & (steps <= episode.end + margin)
+    other = style.of_dof(2, 5)
+    beside.plot(steps[shown], velocity[shown], color=other["color"], linestyle="-.",
+                label="velocity of the mass")  # fmt: skip
+    largest = 1.6 * np.abs(velocity[shown]).max()
+    beside.set(ylabel="velocity [m/s]", ylim=(-largest, largest))
+    beside.spines["right"].set_visible(True)
+    beside.legend(loc="lower right")
+
+
+def plot_transition(axes: Axes, case: Case, chain: xr.Dataset, episode: Episode) -> None:
+    """The end of that slip at full resolution: the transition falls inside a time step."""
+    steps = case.data["time"].values
+    width = _STEPS_AROUND * (steps[1] - steps[0])
+    times, force = slider_force(case, chain, episode.dof)
+    shown = np.abs(times - episode.end) <= width
+    axes.axvspan(episode.end - width, episode.end, color="0.93", zorder=0, label="slip")
+    axes.axvline(episode.end, color="0.2", linewidth=0.9, linestyle=":", label="located transition")
+    axes.plot(times[shown], force[shown], label="force in the slider", **style.line_of_dof(1, 5))
+    _mark_steps(axes, case, times[shown], force[shown])
+    axes.set(xlabel="time [s]", ylabel="force [N]", xlim=(episode.end - width, episode.end + width))
+    axes.ticklabel_format(useOffset=False)
+    axes.legend()
+
+
+def slider_force(
+    case: Case, chain: xr.Dataset, dof: int
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Times of steps and transitions, and the force in one slider there, first sample.
+
+    While it slips the force is the limit; when it sticks the slider stays where that limit put it.
+    """
+    rows = _transitions(case)
+    times, kinds = rows.time[rows.dof == dof], rows.kind[rows.dof == dof]
+    one = case.data.isel(sample=0, dof=dof - 1)
+    steps = one["time"].values
+    every = np.union1d(steps, times[(times >= steps[0]) & (times <= steps[-1])])
+    position = _hermite(steps, one["displacement"].values, one["velocity"].values, every)
+    stiffness = float(chain["contact_stiffness"][dof - 1])
+    limit = _limit(case, chain, dof)
+    force = stiffness * position  # sliders start at zero, stuck
+    for i, (time, kind) in enumerate(zip(times, kinds, strict=True)):
+        later = every >= time
+        if kind != 0:
+            force[later] = kind * limit
+        elif i > 0:
+            at_stick = np.interp(time, every, position)
+            force[later] = kinds[i - 1] * limit + stiffness * (position[later] - at_stick)
+    return every, force
+
+
+@dataclass(frozen=True)
+class _Rows:
+    time: NDArray[np.float64]
+    dof: NDArray[np.int64]
+    kind: NDArray[np.int64]
+
+
+def _transitions(case: Case) -> _Rows:
+    """Those of the first sample, in time order."""
+    data = case.data
+    first = data["transition_sample"].values == 1
+    columns = (data[f"transition_{name}"].values[first] for name in ("time", "dof", "kind"))
+    return _Rows(*columns)
+
+
+def _limit(case: Case, chain: xr.Dataset, dof: int) -> float:
+    return float(case.data["friction"][0, dof - 1] * chain["normal_load"][dof - 1])
+
+
+def _mark_steps(
+    axes: Axes, case: Case, times: NDArray[np.float64], force: NDArray[np.float64]
+) -> None:
+    steps = case.data["time"].values
+    steps = steps[(steps >= times[0]) & (steps <= times[-1])]
+    axes.plot(steps, np.interp(steps, times, force), ".", color="0.2", label="time steps")
+
+
+def _hermite(
+    x: NDArray[np.float64], y: NDArray[np.float64], slope: NDArray[np.float64],
+    at: NDArray[np.float64],
+) -> NDArray[np.float64]:  # fmt: skip
+    """Cubic through values and slopes."""
+    i = np.clip(np.searchsorted(x, at, side="right") - 1, 0, x.size - 2)
+    h = x[i + 1] - x[i]
+    t = (at - x[i]) / h
+    start = (1 + 2 * t) * (1 - t) ** 2 * y[i] + t * (1 - t) ** 2 * h * slope[i]
+    return start + t**2 * (3 - 2 * t) * y[i + 1] + t**2 * (t - 1) * h * slope[i + 1]

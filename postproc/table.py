@@ -1,0 +1,39 @@
+"""Rows under a header, for the report and as CSV, and numbers with their errors."""
+
+from __future__ import annotations
+
+import csv
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+
+@dataclass(frozen=True)
+class Table:
+    """Rows under a header; `name` is the file's, `note` says how to read it."""
+
+    name: str
+    title: str
+    header: tuple[str, ...]
+    rows: Sequence[tuple[str, ...]]
+    note: str = ""
+    is_detail: bool = False  # for the end of the report
+
+    def write_csv(self, folder: Path) -> Path:
+        """The same cells, comma separated."""
+        path = folder / f"{self.name}.csv"
+        with path.open("w", newline="", encoding="utf-8") as file:
+            csv.writer(file).writerows([self.header, *self.rows])
+        return path
+
+
+def value_with_error(value: float, error: float) -> str:
+    """'1.0002(4)': the error in units of the last digits; without one, six significant digits."""
+    if not np.isfinite(value):
+        return "-"
+    if not (error > 0.0 and np.isfinite(error)):
+        return f"{value:.6g}"
+    digits = max(0, 1 - int(np.floor(np.log10(error))))
+    return f"{value:.{digits}f}({round(error * 10**digits):d})"
