@@ -14,6 +14,13 @@ from postproc.results import Case, Results
 from postproc.table import Table, value_with_error
 
 _MOST_COLUMNS = 12  # of a table over oscillators or modes; longer chains stand upright
+_STATISTICS = (
+    ("slip_mean", "mean time in slip"),
+    ("slip_mean_time_error", "its error by the finite march"),
+    ("slip_std", "std over samples"),
+    ("slip_std_time_part", "of it by the finite march"),
+    ("pseudo_variance_mean", "mean pseudo-variance [m²]"),
+)
 _ERRORS = "Standard errors in brackets, in units of the last digits."
 
 
@@ -172,19 +179,17 @@ def table_laws(results: Results) -> Table:
 def table_statistics(case: Case) -> Table:
     """Slip fractions and band ratios of one case with their errors."""
     data = case.data
+    columns = [(name, title) for name, title in _STATISTICS if name in data]
     rows = []
     for i in range(case.n_dof):
-        row = [
-            str(i + 1),
-            value_with_error(float(data["slip_mean"][i]), float(data["slip_mean_error"][i])),
-            value_with_error(float(data["slip_std"][i]), float(data["slip_std_error"][i])),
-        ]
+        row = [str(i + 1)]
+        row += [_with_error(data.isel(dof=i), name) for name, _ in columns]
         if case.has("band_ratio"):
             row.append(f"{float(data['band_ratio'][i]):.3f}")
             low, high = float(data["band_ratio_low"][i]), float(data["band_ratio_high"][i])
             row.append(f"{low:.3f} to {high:.3f}")
         rows.append(tuple(row))
-    header = ["oscillator", "mean time in slip", "std over samples"]
+    header = ["oscillator", *(title for _, title in columns)]
     if case.has("band_ratio"):
         header += ["band ratio", "95 % interval"]
     title = (

@@ -1,10 +1,8 @@
-"""Tables, figures and the report of a real, small results file."""
+"""Tables, figures and the command, on a real, small results file."""
 
 from __future__ import annotations
 
 import csv
-import re
-import shutil
 import subprocess
 import sys
 
@@ -15,32 +13,30 @@ import pytest
 
 from postproc import figures, open_results
 from postproc.__main__ import main
+from postproc.figure import SECTIONS, Figure
+from postproc.paper import AXES
 from postproc.results import ResultsError
-from postproc.tables import table_frequencies, table_slip, value_with_error
-from tests.conftest import ENVIRONMENT, PROGRAM, ROOT, SMALL_SCENE
+from postproc.table import value_with_error
+from postproc.tables import table_frequencies, table_slip
+from tests.conftest import ROOT
 
 
 @pytest.fixture(scope="module")
-def results_file(tmp_path_factory):
-    folder = tmp_path_factory.mktemp("results")
-    (folder / "small.nml").write_text(SMALL_SCENE)
-    subprocess.run([PROGRAM, "run", "small.nml"], cwd=folder, env=ENVIRONMENT, check=True)
-    return folder / "small.h5"
-
-
-@pytest.fixture(scope="module")
-def drawn(results_file):
-    folder = results_file.parent / "drawn"
-    assert main([str(results_file), "--out", str(folder)]) == 0
-    return folder
+def process_file(results_of_scene):
+    """Two processes and no chain."""
+    return results_of_scene(
+        "&process correlation_length = 0.3 order = 1, 2 pairing = 'product' mean = 0.0 std = 1.0"
+        " positive = .false. /\n"
+    )
 
 
 def test_every_figure_and_table_is_drawn(drawn):
     names = {path.name for path in drawn.iterdir()}
-    for figure in ("08a", "08b", "09a", "10a", "10b", "10c", "11a"):
+    for figure in ("07", "08a", "08b", "09a", "10a", "10b", "10c", "11a"):
         assert {f"fig_{figure}.png", f"fig_{figure}.pdf"} <= names
         assert plt.imread(drawn / f"fig_{figure}.png").std() > 0.01  # not a blank page
     assert {"table_1.csv", "table_2.csv", "processes.csv", "statistics_c003.csv"} <= names
+    assert {"statements.csv", "report.html"} <= names
 
 
 def test_table_1_has_the_paper_beside_it(results_file):
@@ -54,19 +50,24 @@ def test_table_2_is_what_the_file_holds(results_file, drawn):
         rows = {row[0]: row[1:] for row in csv.reader(file)}
     with h5py.File(results_file) as file:
         fraction = file["campaign/c002/slip_fraction"][0]
-    np.testing.assert_allclose([float(x) for x in rows["variance 41.1"]], 100 * fraction, atol=0.05)
+    shown = [float(cell.split("(")[0]) for cell in rows["variance 41.1"]]
+    np.testing.assert_allclose(shown, 100 * fraction, atol=0.5)  # errors are some points here
+    assert all("(" in cell for cell in rows["variance 41.1"])
     assert rows["variance 41.1, paper"] == ["36", "45", "52", "59", "65"]
     assert "nothing was tuned" in table_slip(open_results(results_file)).note
 
 
-def test_report_is_one_file_with_texts_for_its_images(drawn):
-    page = (drawn / "report.html").read_text()
-    assert not re.search(r'(src|href)="(?!data:)', page)
-    images = re.findall(r"<img [^>]*>", page)
-    assert len(images) == 7
-    assert all(re.search(r'alt="[^"]{40,}"', image) for image in images)
-    assert "Table 2" in page
-    assert "&amp;process" in page  # the scene
+def test_every_dataset_is_labelled(results_file):
+    results = open_results(results_file)
+    for group in results.tree.subtree:
+        for name, variable in group.variables.items():
+            assert variable.attrs["units"], (group.path, name)
+            assert variable.attrs["long_name"], (group.path, name)
+            if name not in variable.dims and variable.ndim:
+                assert all(axis in group.variables for axis in variable.dims), (group.path, name)
+    assert {"/chain", "/process/p001", "/campaign/c003"} <= set(results.tree.groups)
+    assert results.tree["campaign/c003"].attrs["process"] == "p001"
+    assert results.title == "small"
 
 
 def test_figure_functions_draw_on_the_axes_they_are_given(results_file):
@@ -76,6 +77,45 @@ def test_figure_functions_draw_on_the_axes_they_are_given(results_file):
     figures.plot_band_ratio(right, results.random)
     assert left.get_xlabel() == right.get_xlabel() == "mean fraction of time in slip"
     plt.close(picture)
+
+
+def test_one_look_for_one_thing():
+    """Each length and oscillator: one colour, mark and line, whatever else is drawn."""
+    from postproc import style
+
+    assert style.of_length(1.0, [1.0]) == style.of_length(1.0, [0.3, 1.0, 3.0, 7.0])
+    assert style.of_length(7.0, [7.0]) != style.of_length(0.3, [0.3])
+    looks = [style.of_dof(dof, 5) for dof in range(1, 6)]
+    for trait in ("color", "marker", "linestyle"):
+        assert len({str(look[trait]) for look in looks}) == 5
+    assert style.some_dofs(3) == [1, 2, 3]
+    assert style.some_dofs(200)[0] == 1
+    assert style.some_dofs(200)[-1] == 200
+
+
+def test_axes_can_be_laid_beside_the_papers(process_file, tmp_path):
+    """The ranges of the paper's text, or of the user, by the start of the figure's name."""
+    panels = []
+    figure = Figure("fig_09b", "", "", SECTIONS[0], (panels.append,))
+    figure.save(tmp_path, AXES)
+    figure.save(tmp_path, {"fig_09": (0.0, 1.0, 0.1, 2.0), "fig_1": (0.0, 9.0, 0.0, 9.0)})
+    ranges = [(*axes.get_xlim(), *axes.get_ylim()) for axes in panels]
+    assert ranges == [AXES["fig_09"], (0.0, 1.0, 0.1, 2.0)]
+    options = [str(process_file), "--out", str(tmp_path), "--paper-axes"]
+    assert main([*options, "--axes", "fig_02=0,5,1e-3,1"]) == 0
+    with pytest.raises(SystemExit):
+        main([*options, "--axes", "fig_08=1"])
+
+
+def test_two_files_make_one_report(process_file, tmp_path):
+    twin = process_file.with_name("twin.h5")
+    twin.write_bytes(process_file.read_bytes())
+    assert main([str(process_file), str(twin), "--out", str(tmp_path)]) == 0
+    names = {path.name for path in tmp_path.iterdir()}
+    assert {"processes.csv", "fig_02a.png", "fig_02a_twin.png"} <= names
+    assert "processes_twin.csv" not in names  # the same table
+    page = (tmp_path / "report.html").read_text()
+    assert page.count("the scene as run") == 2
 
 
 def test_a_file_that_is_none_is_refused(tmp_path, capsys):
@@ -94,27 +134,43 @@ def test_values_carry_their_errors():
     assert value_with_error(1.00023, 0.00041) == "1.00023(41)"
     assert value_with_error(0.3, 0.0) == "0.3"
     assert value_with_error(123.0, 20.0) == "123(20)"
+    assert value_with_error(float("nan"), 1.0) == "-"
 
 
-def test_module_runs_as_a_command(results_file, tmp_path):
+def test_module_runs_as_a_command(process_file, tmp_path):
     done = subprocess.run(
-        [sys.executable, "-m", "postproc", results_file, "--out", tmp_path / "x"],
+        [sys.executable, "-m", "postproc", process_file, "--out", tmp_path / "x"],
         cwd=ROOT, capture_output=True, text=True, check=False,
     )  # fmt: skip
     assert done.returncode == 0, done.stderr
     assert "report.html" in done.stdout
 
 
-@pytest.mark.skipif(not shutil.which("chromium"), reason="chromium is not installed")
-def test_report_opens_in_a_browser(drawn, tmp_path):
-    shot = tmp_path / "report.png"
+def test_the_worked_example_runs(results_file, tmp_path):
     done = subprocess.run(
-        ["chromium", "--headless", "--no-sandbox", "--disable-gpu", "--disable-quic",
-         "--no-first-run", "--disable-background-networking", "--disable-component-update",
-         "--disable-sync", f"--user-data-dir={tmp_path}/profile", "--enable-logging=stderr",
-         "--window-size=1200,3000", f"--screenshot={shot}", (drawn / "report.html").as_uri()],
-        capture_output=True, text=True, check=False, timeout=120,
+        [sys.executable, ROOT / "postproc/examples/friction_and_slip.py", results_file,
+         "--out", tmp_path / "x.png"],
+        env={"PYTHONPATH": str(ROOT)}, capture_output=True, text=True, check=False,
     )  # fmt: skip
-    assert done.returncode == 0
-    assert "CONSOLE" not in done.stderr
-    assert plt.imread(shot).std() > 0.01
+    assert done.returncode == 0, done.stderr
+    assert "correlation of friction" in done.stdout
+    assert plt.imread(tmp_path / "x.png").std() > 0.01
+
+
+def test_draws_agree_with_the_program(results_of_scene):
+    """The bootstrap's own statistic is the file's, but for power beyond the kept frequencies."""
+    from postproc.study import Study
+
+    text = "&process correlation_length = 0.3 order = 2 mean = 0.2 std = 0.067 /\n&chain /\n"
+    text += "&excitation variance = 3.7 /\n&integration method = 'event' n_steps = 4000 /\n"
+    text += "&campaign n_samples = 30 /\n&output segment_length = 1024 /\n"
+    case = open_results(results_of_scene(text)).cases[0]
+    key = (0.067, 0.3, 3.7)
+    study = Study({key: case}, {}, np.ones(5), np.ones(5), n_draws=50)
+    data = case.data
+    np.testing.assert_allclose(study.slip_mean(key)[0], data["slip_mean"], rtol=1e-12)
+    np.testing.assert_allclose(study.slip_std(key)[0], data["slip_std"], rtol=1e-12)
+    ratio = study.bands(key).ln_ratio
+    np.testing.assert_allclose(np.exp(ratio[0]), data["band_ratio"], rtol=2e-3)
+    width = np.log(data["band_ratio_high"] / data["band_ratio_low"]) / (2 * 1.96)
+    np.testing.assert_allclose(ratio[1:].std(axis=0), width, rtol=0.6)  # two bootstraps, one of 50

@@ -91,7 +91,7 @@ def test_monotony_of_bands(rise, verdict):
 
 @pytest.mark.parametrize(
     ("widths", "verdict"),
-    [((0.5, 1.0, 0.7), YES), ((0.02, 0.02, 0.02), NO), ((0.5, 0.5, 0.5), OPEN)],
+    [((0.3, 1.5, 0.7), YES), ((0.02, 0.02, 0.02), NO), ((0.5, 0.5, 0.5), OPEN)],
 )
 def test_effect_of_length(widths, verdict):
     of = dict(zip((0.3, 1.0, 3.0), widths, strict=True))
@@ -162,7 +162,7 @@ def test_order_of_oscillators(slip, verdict):
     ("low", "high", "verdict"), [(1.0, 0.0, YES), (1.0, 1.0, NO), (0.03, 0.0, OPEN)]
 )
 def test_peaks_without_uncertainty(low, high, verdict):
-    in_band = 2.0 * ((FREQUENCY > STUCK_HZ[0] - 0.2) & (FREQUENCY < STUCK_HZ[-1] + 0.2))
+    in_band = 2.0 * (abs(FREQUENCY - np.mean(STUCK_HZ)) < 0.6)
     cases = [
         certain(LOW, ln_psd=in_band + bumps(STUCK_HZ, low)),
         certain(HIGH, ln_psd=bumps(STUCK_HZ, high)),
@@ -179,7 +179,7 @@ def test_sweep(last, verdict):
 
 def test_all_statements_in_their_order():
     numbers = [statement.number for statement in assess([friction_study(n_samples=20)])]
-    assert numbers == "1a 1b 2 3a 3b 4a 4b 4c 5a 5b 6a 6b 7 9".split()
+    assert " ".join(numbers) == "1a 1b 2 3a 3b 4a 4b 4c 5a 5b 6a 6b 7 9"
 
 
 def test_too_few_samples_or_cases_are_not_judged():

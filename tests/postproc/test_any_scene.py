@@ -1,0 +1,114 @@
+"""A results file of any scene is drawable, whatever it leaves out."""
+
+from __future__ import annotations
+
+import matplotlib.pyplot as plt
+import numpy as np
+import pytest
+
+from postproc import open_results
+from postproc.__main__ import main
+from postproc.response_figures import find_episode, slider_force
+
+PROCESS = "&process correlation_length = 0.3 order = 2 mean = 0.2 std = 0.067 /\n"
+SHORT = "&integration method = 'event' n_steps = 2000 /\n"
+FORCE = "&excitation variance = 41.1 /\n"
+CAMPAIGN = "&campaign n_samples = 3 /\n"
+
+SCENES = {
+    "some processes refused": (
+        "&process correlation_length = 0.3 order = 2 mean = 1.0 std = 0.5, 0.99"
+        " sampler = 'exact' /\n",
+        {"positive"},
+    ),
+    "realizations": (
+        "&process correlation_length = 1.0 order = 3 mean = 1.0 std = 0.2 n_realizations = 2 /\n",
+        {"positive", "realizations_p001"},
+    ),
+    "one sample": (
+        PROCESS + "&chain /\n" + FORCE + SHORT + "&campaign n_samples = 1 /\n"
+        "&output segment_length = 256 /\n",
+        {"fig_07", "spectra_c001"},
+    ),
+    "no spectra": (
+        PROCESS + "&chain /\n" + FORCE + SHORT + CAMPAIGN + "&output quantities = 'slip' /\n",
+        {"fig_07", "fig_09a"},
+    ),
+    "energy alone": (
+        "&chain /\n" + FORCE + SHORT + "&output quantities = 'energy' /\n",
+        {"fig_07"},
+    ),
+    "histories": (
+        "&chain /\n" + FORCE + SHORT + "&output quantities = 'history' /\n",
+        {"fig_07", "history_c001"},
+    ),
+    "one oscillator": (
+        PROCESS + "&chain n_dof = 1 /\n" + FORCE + SHORT + CAMPAIGN
+        + "&output segment_length = 256 /\n",
+        {"fig_07", "fig_09a", "fig_10a", "fig_10b", "fig_11a"},
+    ),
+    "200 oscillators": (
+        "&chain n_dof = 200 /\n" + FORCE
+        + "&integration method = 'newmark' n_steps = 400 /\n&output segment_length = 64 /\n",
+        {"fig_07", "fig_08a"},
+    ),
+    "nothing moves": (
+        "&chain friction = 1.0e8 /\n&excitation variance = 1.0e-12 /\n" + SHORT
+        + "&output segment_length = 256 /\n",
+        {"fig_07", "fig_08a"},
+    ),
+}  # fmt: skip
+
+
+@pytest.fixture(autouse=True)
+def quick_drawing(monkeypatch):
+    """Coarse PNG and no PDF: how they are saved is another test's."""
+    save = plt.Figure.savefig
+
+    def savefig(self, path, **_):
+        if path.suffix == ".png":
+            save(self, path, dpi=30)
+
+    monkeypatch.setattr(plt.Figure, "savefig", savefig)
+
+
+@pytest.mark.filterwarnings("error::RuntimeWarning", "error::UserWarning")
+@pytest.mark.parametrize("scene", SCENES)
+def test_a_scene_is_drawn(results_of_scene, tmp_path, scene):
+    text, wanted = SCENES[scene]
+    assert main([str(results_of_scene(text)), "--out", str(tmp_path)]) == 0
+    assert {path.stem for path in tmp_path.glob("*.png")} == wanted
+    assert (tmp_path / "report.html").exists()
+
+
+@pytest.fixture(scope="module")
+def replayed(results_of_scene):
+    text = PROCESS + "&chain /\n" + FORCE + SHORT + CAMPAIGN + "&output segment_length = 256 /\n"
+    return results_of_scene(text, "replay", "--case", 1, "--sample", 2)
+
+
+def test_a_replayed_sample_is_drawn(replayed, tmp_path):
+    assert main([str(replayed), "--out", str(tmp_path)]) == 0
+    drawn = {path.stem for path in tmp_path.glob("*.png")}
+    assert drawn == {"fig_07", "history_c001", "spectra_c001", "transition_c001"}
+
+
+def test_force_of_a_slider_keeps_its_limit(replayed):
+    """It never exceeds mu N, is mu N in the slip, and is continuous where a slip starts."""
+    results = open_results(replayed)
+    case, chain = results.cases[0], results.chain
+    episode = find_episode(case)
+    for dof in range(1, case.n_dof + 1):
+        limit = 10.0 * float(case.data["friction"][0, dof - 1])
+        times, force = slider_force(case, chain, dof)
+        # cubic between steps of 0.00843 s: 1e-4 of the force
+        assert np.abs(force).max() < limit * (1 + 1e-3)
+        first_slip = case.data["transition_time"].values[
+            (case.data["transition_dof"] == dof) & (case.data["transition_kind"] != 0)
+        ][0]
+        before = np.searchsorted(times, first_slip) - 1
+        assert abs(force[before]) > 0.7 * limit
+    times, force = slider_force(case, chain, episode.dof)
+    inside = (times > episode.start) & (times < episode.end)
+    limit = 10.0 * float(case.data["friction"][0, episode.dof - 1])
+    np.testing.assert_allclose(force[inside], episode.direction * limit)
