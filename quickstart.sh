@@ -9,16 +9,21 @@ install_packages $build_packages
 build release entroslip
 make_venv postproc/requirements.txt
 
-# study SCENE FOLDER: everything the scene asks for, and its report.
-study() {
-  mkdir -p "results/$2"
-  "${mpi_run[@]}" "$ranks" build/release/bin/entroslip run "input/$1.nml" --output "results/$2/$1.h5"
-  .venv/bin/python -m postproc "results/$2/$1.h5" --out "results/$2"
+# solve SCENE: everything the scene asks for, into results/paper.
+solve() {
+  "${mpi_run[@]}" "$ranks" build/release/bin/entroslip run "input/$1.nml" --output "results/paper/$1.h5"
 }
 
 ranks=$(nproc)
+mkdir -p results/paper
 say "Section 2, the processes: input/paper_process.nml on $ranks ranks"
-study paper_process processes
+solve paper_process
 say "Section 3, the friction study: input/paper.nml on $ranks ranks"
-study paper paper
-say "Done: open results/paper/report.html and results/processes/report.html"
+solve paper
+say "From stuck to slipping: input/sweep.nml, and one sample of input/smallest.nml with its history"
+solve sweep
+build/release/bin/entroslip replay input/smallest.nml --case 1 --sample 3 \
+  --output results/paper/one_sample.h5
+say "Tables, figures and the report"
+.venv/bin/python -m postproc results/paper/{paper_process,paper,sweep,one_sample}.h5 --out results/paper
+say "Done: open results/paper/report.html"

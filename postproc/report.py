@@ -19,6 +19,7 @@ _CLASSES = {
     Verdict.REFUTED: "refuted",
     Verdict.UNDECIDED: "undecided",
 }
+_SMALLEST_P = 1.0e-4  # shown: errors are not known to be normal further out
 _READING = (
     "Each statement is put to a stated test; no verdict is given by eye. Confirmed: every number"
     " that it speaks of lies where it says, each at the 2.5 % level, one-sided. Not confirmed: at"
@@ -36,7 +37,8 @@ def write_report(
     path: Path,
 ) -> None:
     """Write the page; figures come with the PNG that was saved of them."""
-    title = escape(" · ".join(dict.fromkeys(results.title for results in files)))
+    titles = list(dict.fromkeys(results.title for results in files))
+    title = escape(titles[0] if len(titles) == 1 else f"Results of {len(titles)} scenes")
     chapters = [
         ("findings", "The paper's statements", _findings(statements)),
         ("tables", "Tables", "".join(_table(t) for t in tables if not t.is_detail)),
@@ -44,7 +46,7 @@ def write_report(
             (f"section-{i}", name, _figures(figures, name, statements))
             for i, name in enumerate(SECTIONS)
         ),
-        ("details", "Statistics of every case", "".join(_table(t) for t in tables if t.is_detail)),
+        ("details", "Every process and case", "".join(_table(t) for t in tables if t.is_detail)),
         ("scenes", "What ran", "".join(_scene(results) for results in files)),
     ]
     chapters = [chapter for chapter in chapters if chapter[2]]
@@ -70,16 +72,22 @@ def _facts(results: Results) -> str:
     attrs = results.attrs
     facts = [results.title]
     if results.processes:
-        facts.append(f"{len(results.processes)} processes")
+        facts.append(_counted(len(results.processes), "process", "processes"))
     if results.cases:
         samples = sum(case.n_samples for case in results.cases)
-        facts.append(f"{len(results.cases)} cases, {samples} samples")
+        facts.append(_counted(len(results.cases), "case", "cases"))
+        facts.append(_counted(samples, "sample", "samples"))
     facts.append(f"seed {attrs.get('seed')}")
     seconds = float(str(attrs.get("wall_seconds", 0.0)))
-    facts.append(f"{seconds:.1f} s on {attrs.get('n_ranks')} ranks")
+    ranks = _counted(int(str(attrs.get("n_ranks", 1))), "rank", "ranks")
+    facts.append(f"{seconds:.1f} s on {ranks}")
     facts.append(f"entroslip {attrs.get('version')}")
     facts.append(str(attrs.get("created")))
     return escape(" · ".join(facts))
+
+
+def _counted(number: int, one: str, many: str) -> str:
+    return f"{number} {one if number == 1 else many}"
 
 
 def _contents(
@@ -87,10 +95,10 @@ def _contents(
 ) -> str:
     rows = []
     for name, head, _ in chapters:
+        own = [figure for figure, _ in figures if figure.section == head]
+        first = {_short(figure.title): figure.name for figure in reversed(own)}
         inside = " · ".join(
-            f'<a href="#{figure.name}">{escape(_short(figure.title))}</a>'
-            for figure, _ in figures
-            if figure.section == head
+            f'<a href="#{target}">{escape(label)}</a>' for label, target in reversed(first.items())
         )
         rows.append(f'<li><a href="#{name}">{head}</a>{f"<br>{inside}" if inside else ""}</li>')
     return f'<nav aria-label="Contents"><ul>{"".join(rows)}</ul></nav>'
@@ -114,10 +122,11 @@ def _findings(statements: Sequence[Statement]) -> str:
         f'<tr id="statement-{s.number}"><td>{s.number}</td>'
         f'<td>{escape(s.claim)}<br><span class="test">{escape(s.source)}. Test: {escape(s.test)}.'
         f"</span></td><td>{_verdict(s)}</td>"
-        f'<td class="p">{s.judgement.p_value:.2g}</td><td>{_numbers(s)}</td></tr>'
+        f'<td class="p">{_p_value(s)}</td><td>{_numbers(s)}</td></tr>'
         for s in statements
     )
-    head = "".join(f"<th>{cell}</th>" for cell in ("", "statement", "verdict", "p", "numbers"))
+    cells = ("", "statement", "verdict", "p", "estimates [95 % intervals]")
+    head = "".join(f"<th>{cell}</th>" for cell in cells)
     observations = (
         '<div class="scroll"><table class="text"><thead><tr><th>of the paper</th><th>it says</th>'
         f"<th>verdict</th></tr></thead><tbody>{key}</tbody></table></div>"
@@ -125,7 +134,7 @@ def _findings(statements: Sequence[Statement]) -> str:
     return (
         f'<p class="note">{escape(_READING)}</p>{observations if key else ""}'
         f"<h3>Statement by statement</h3>"
-        f'<div class="scroll"><table class="text"><thead><tr>{head}</tr></thead>'
+        f'<div class="scroll"><table class="text" id="statements"><thead><tr>{head}</tr></thead>'
         f"<tbody>{rows}</tbody></table></div>"
     )
 
@@ -133,6 +142,11 @@ def _findings(statements: Sequence[Statement]) -> str:
 def _verdict(statement: Statement) -> str:
     verdict = statement.verdict
     return f'<span class="verdict {_CLASSES[verdict]}">{verdict.value.split(" at ")[0]}</span>'
+
+
+def _p_value(statement: Statement) -> str:
+    p = statement.judgement.p_value
+    return f"{p:.2g}" if p >= _SMALLEST_P else f"&lt; {_SMALLEST_P:g}"
 
 
 def _marks(statements: Sequence[Statement]) -> str:

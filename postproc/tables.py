@@ -14,6 +14,7 @@ from postproc.results import Case, Results
 from postproc.table import Table, value_with_error
 
 _MOST_COLUMNS = 12  # of a table over oscillators or modes; longer chains stand upright
+_MOST_ROWS = 12  # of a table among the first; a longer one stands at the end of the report
 _STATISTICS = (
     ("slip_mean", "mean time in slip"),
     ("slip_mean_time_error", "its error by the finite march"),
@@ -80,7 +81,7 @@ def of_cases(results: Results) -> Iterator[Table]:
 
 
 # Each yields the tables that a file has data for.
-SOURCES: tuple[Callable[[Results], Iterator[Table]], ...] = (of_processes, of_chain, of_cases)
+SOURCES: tuple[Callable[[Results], Iterator[Table]], ...] = (of_chain, of_processes, of_cases)
 
 
 def _paper_chain(results: Results) -> bool:
@@ -124,8 +125,9 @@ def table_slip(results: Results) -> Table:
             " The paper's two rows are not consistent under one flat force spectrum: the row at"
             " 41.1 is met, the row at 3.7 is not, and nothing was tuned."
         )
-    oscillators = range(1, cases[0].n_dof + 1)
-    header, body = _upright("oscillator", oscillators, rows)
+    header, body = _upright("oscillator", range(1, cases[0].n_dof + 1), rows)
+    if len(rows) > _MOST_ROWS:
+        return Table("slip", "Time in slip [%]", header, body, note, is_detail=True)
     return Table("table_2", "Table 2. Time in slip [%]", header, body, note)
 
 
@@ -152,7 +154,7 @@ def table_processes(results: Results) -> Table:
         wanted = f"{length}, mean {asked['mean']:g}, std {asked['std']:g}"
         rows.append((name, wanted, model, *found, status))
     note = f"Entropies in nats per point. {_ERRORS}"
-    return Table("processes", "Processes", header, rows, note)
+    return Table("processes", "Processes", header, rows, note, is_detail=len(rows) > _MOST_ROWS)
 
 
 def table_laws(results: Results) -> Table:
