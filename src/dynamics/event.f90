@@ -8,10 +8,10 @@ module dynamics_event
    use core_kinds, only: long, wp
    use core_text, only: to_text
    use dynamics_chain, only: chain_type
+   use dynamics_crossing, only: new_batch, path_error
    use dynamics_lanes, only: lane_group, new_lane_group
-   use dynamics_propagator, only: new_propagator, width
+   use dynamics_propagator, only: longest_stride, new_propagator, width
    use dynamics_response, only: block_state, marcher_type
-   use dynamics_single, only: path_error
    use dynamics_tabulated, only: tabulated_march
    use dynamics_taylor, only: fastest_rate, lanes, new_taylor, order_for
    implicit none(type, external)
@@ -46,6 +46,7 @@ contains
       !> a step's error lives on for some 1/zeta periods of many steps each
       real(wp), parameter :: share_of_step = 1.0e-4_wp, share_of_transition = 1.0e-2_wp
       real(wp) :: h, rate
+      integer :: k
 
       if (.not. dt > 0.0_wp) then
          call raise(error, exit_bad_input, 'dt = '//to_text(dt)//': must be positive')
@@ -73,8 +74,11 @@ contains
       associate (tables => marcher%tabulated)
          tables%chain = chain
          tables%h = h
-         tables%floor = (rate*h)**4/384.0_wp
-         tables%has_singles = path_error(rate*h) <= share_of_transition*tolerance
+         tables%stride = merge(longest_stride, 1, rate*h*longest_stride <= table_rate_step)
+         tables%floor = (rate*h*[(k, k=1, longest_stride)])**4/384.0_wp
+         tables%has_crossings = [(path_error(k*rate*h) <= share_of_transition*tolerance, &
+                                k=1, longest_stride)]
+         tables%batch = new_batch(rate*h*tables%stride, share_of_transition*tolerance)
          tables%forced_dof = forced_dof
          tables%group = marcher%group
          call new_propagator(chain, h, forced_dof, tables%propagator)

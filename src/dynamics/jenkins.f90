@@ -7,9 +7,9 @@ module dynamics_jenkins
 
 contains
 
-   !> Its force [N] at each displacement of a history that begins unstrained. Exact for a motion that
-   !> is monotonic between the given points, however few: the slider gives way just as far as keeps
-   !> the spring at its limit.
+   !> Its force [N] at each displacement of a history that begins unstrained. Exact for a motion
+   !> that is monotonic between the given points, however few: the slider gives way just as far as
+   !> keeps the spring at its limit.
    pure function jenkins_force(stiffness, slip_limit, displacement) result(force)
       real(wp), intent(in) :: stiffness         !! of the spring [N/m]
       real(wp), intent(in) :: slip_limit        !! mu N [N], not negative

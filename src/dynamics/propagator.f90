@@ -1,5 +1,5 @@
-!> Exact solutions of one step for every stick pattern: what is the same for all samples is
-!> tabulated once.
+!> Exact solutions of one step, and of two at once, for every stick pattern: what is the same for
+!> all samples is tabulated once.
 !>
 !> With the pattern of stuck masses fixed, the chain under a linear force is z' = A z + loads, z =
 !> (x, u), time in steps, u = h v. The matrix exponential gives the state after a step; the powers
@@ -12,23 +12,25 @@ module dynamics_propagator
    implicit none(type, external)
    private
    public :: propagator_type, new_propagator, alignment_gap
-   public :: width, column_force
+   public :: width, columns, column_force, longest_stride
 
-   integer, parameter :: width = 8                   !! most masses; one 64-byte vector
-   integer, parameter :: column_force = 2*width + 1   !! of a step's table, and the next: both ends
+   integer, parameter :: width = 8                    !! most masses; one 64-byte vector
+   integer, parameter :: longest_stride = 2           !! steps that a table takes at once, at most
+   integer, parameter :: column_force = 2*width + 1   !! and on: between steps
+   integer, parameter :: columns = 2*width + 1 + longest_stride
 
-   integer, parameter :: step_length = 2*width*(2*width + 2)
+   integer, parameter :: step_length = 2*width*columns
    integer, parameter :: load_length = 2*width*width
    integer, parameter :: kick_length = 2*width*width*width
    integer, parameter :: pull_length = 2*width*width
 
    !> Tables for the 2^n patterns; bit i-1 of a pattern says that mass i is stuck. They lie in one
-   !> pool, each beginning on a cache line: pool(step) is table(16, 18, 0:2^n-1) and so on.
+   !> pool, each beginning on a cache line: pool(step) is table(16, 19, 0:2^n-1, 2) and so on.
    type :: propagator_type
       integer :: n = 0
       real(wp), allocatable :: pool(:)
-      integer :: step = 0   !! (mass, x u, x u force, pattern): state after a step
-      integer :: load = 0   !! (mass, x u, anchor, pattern): what the anchors add to it
+      integer :: step = 0   !! (mass, x u, x u force, pattern, stride): state after a stride
+      integer :: load = 0   !! (mass, x u, anchor, pattern, stride): what the anchors add to it
       integer :: kick = 0   !! (mass, x u, 0:7, mass, pattern): A^m times a unit load on one mass
       integer :: pull = 0   !! (mass, x u, mass): what pulls one mass back, but for its contact
       logical, allocatable :: is_built(:)   !! (0:2^n-1)
@@ -65,11 +67,11 @@ contains
       self%free(n + forced_dof, 2*n + 1) = h**2/chain%mass(forced_dof)
       self%free(2*n + 1, 2*n + 2) = 1.0_wp   ! the force rises linearly
 
-      allocate (self%pool(patterns*(step_length + load_length + kick_length) + pull_length + &
-                          width), source=0.0_wp)
+      allocate (self%pool(patterns*(longest_stride*(step_length + load_length) + kick_length) + &
+                          pull_length + width), source=0.0_wp)
       self%step = 1 + alignment_gap(self%pool)
-      self%load = self%step + patterns*step_length
-      self%kick = self%load + patterns*load_length
+      self%load = self%step + longest_stride*patterns*step_length
+      self%kick = self%load + longest_stride*patterns*load_length
       self%pull = self%kick + patterns*kick_length
       allocate (self%is_built(0:patterns - 1), source=.false.)
       call put_pull(n, self%free, self%pool(self%pull))
@@ -114,24 +116,28 @@ contains
          end if
          if (k < width) call put_kick(n, k, factorial*term, self%pool(self%at_kick(pattern)))
       end do
-      call put_step(n, total, self%pool(self%at_step(pattern)), &
-                    self%pool(self%at_load(pattern)))
+      associate (after_one => response_to(n, total))
+         call put_step(n, 1, after_one, self%pool(self%at_step(pattern, 1)), &
+                       self%pool(self%at_load(pattern, 1)))
+         call put_step(n, 2, twice(n, after_one), self%pool(self%at_step(pattern, 2)), &
+                       self%pool(self%at_load(pattern, 2)))
+      end associate
       self%is_built(pattern) = .true.
    end subroutine build
 
    !> First element of a pattern's table in the pool.
-   pure integer function at_step(self, pattern)
+   pure integer function at_step(self, pattern, stride)
       class(propagator_type), intent(in) :: self
-      integer, intent(in) :: pattern
+      integer, intent(in) :: pattern, stride
 
-      at_step = self%step + pattern*step_length
+      at_step = self%step + ((stride - 1)*2**self%n + pattern)*step_length
    end function at_step
 
-   pure integer function at_load(self, pattern)
+   pure integer function at_load(self, pattern, stride)
       class(propagator_type), intent(in) :: self
-      integer, intent(in) :: pattern
+      integer, intent(in) :: pattern, stride
 
-      at_load = self%load + pattern*load_length
+      at_load = self%load + ((stride - 1)*2**self%n + pattern)*load_length
    end function at_load
 
    pure integer function at_kick(self, pattern)
@@ -141,21 +147,45 @@ contains
       at_kick = self%kick + pattern*kick_length
    end function at_kick
 
-   pure subroutine put_step(n, exponential, step, load)
+   !> What state, anchors and force at both ends of a step make of the state: (x u, x u anchors
+   !> forces), from the exponential, whose last but n columns belong to the force and its rise.
+   pure function response_to(n, exponential) result(response)
       integer, intent(in) :: n
       real(wp), intent(in) :: exponential(:, :)
-      real(wp), intent(inout) :: step(width, 2, 2*width + 2), load(width, 2, width)
-      integer :: i, half
+      real(wp) :: response(2*n, 3*n + 2)
+
+      response(:, :2*n) = exponential(:2*n, :2*n)
+      response(:, 2*n + 1:3*n) = exponential(:2*n, 2*n + 3:)
+      response(:, 3*n + 1) = exponential(:2*n, 2*n + 1) - exponential(:2*n, 2*n + 2)
+      response(:, 3*n + 2) = exponential(:2*n, 2*n + 2)
+   end function response_to
+
+   !> The same after two steps, with the force at three times.
+   pure function twice(n, once) result(response)
+      integer, intent(in) :: n
+      real(wp), intent(in) :: once(:, :)
+      real(wp) :: response(2*n, 3*n + 3)
+
+      response(:, :3*n + 2) = matmul(once(:, :2*n), once)
+      response(:, 3*n + 3) = 0.0_wp
+      response(:, 2*n + 1:3*n) = response(:, 2*n + 1:3*n) + once(:, 2*n + 1:3*n)
+      response(:, 3*n + 2:) = response(:, 3*n + 2:) + once(:, 3*n + 1:)
+   end function twice
+
+   pure subroutine put_step(n, stride, response, step, load)
+      integer, intent(in) :: n, stride
+      real(wp), intent(in) :: response(:, :)
+      real(wp), intent(inout) :: step(width, 2, columns), load(width, 2, width)
+      integer :: first, half
 
       do half = 1, 2
-         do i = 1, n
-            associate (from => exponential((half - 1)*n + i, :))
-               step(i, half, 1:n) = from(:n)
-               step(i, half, width + 1:width + n) = from(n + 1:2*n)
-               step(i, half, column_force:column_force + 1) = ends(from(2*n + 1), from(2*n + 2))
-               load(i, half, :n) = from(2*n + 3:)
-            end associate
-         end do
+         first = (half - 1)*n
+         associate (from => response(first + 1:first + n, :))
+            step(:n, half, 1:n) = from(:, :n)
+            step(:n, half, width + 1:width + n) = from(:, n + 1:2*n)
+            step(:n, half, column_force:column_force + stride) = from(:, 3*n + 1:)
+            load(:n, half, :n) = from(:, 2*n + 1:3*n)
+         end associate
       end do
    end subroutine put_step
 
@@ -182,13 +212,5 @@ contains
          kick(:n, 2, k, i) = power(n + 1:2*n, n + i)
       end do
    end subroutine put_kick
-
-   !> From the weights of (value, rise) of the force to those of its values at both ends.
-   pure function ends(of_value, of_rise)
-      real(wp), intent(in) :: of_value, of_rise
-      real(wp) :: ends(2)
-
-      ends = [of_value - of_rise, of_rise]
-   end function ends
 
 end module dynamics_propagator

@@ -1,0 +1,120 @@
+!> The transitions of one stretch of a sample: which mass may be next, what has been found, and
+!> whether it can be all.
+module dynamics_transitions
+   use core_kinds, only: long, wp
+   use dynamics_crossing, only: crossing_batch
+   use dynamics_propagator, only: width
+   use dynamics_quiet, only: at_direction, at_reach, at_slack, at_slider, at_state, sample_size
+   implicit none(type, external)
+   private
+   public :: most_transitions, transition_log, first_suspect, keep_transition, keeps_regimes
+
+   integer, parameter :: most_transitions = 3   !! in a stretch
+
+   !> The transitions found in one stretch, in time order.
+   type :: transition_log
+      integer :: n = 0
+      integer :: mass(most_transitions) = 0
+      integer :: switched = 0   !! bit i-1: mass i is among them
+      real(wp), dimension(most_transitions) :: time = 0.0_wp, x = 0.0_wp, u = 0.0_wp, sense = 1.0_wp
+      real(wp), dimension(most_transitions) :: is_stick = 0.0_wp
+   end type transition_log
+
+contains
+
+   !> The mass whose guard may have been crossed, but for those that have switched; 0: none. Of
+   !> several, that which would be the first by a straight line from end to end.
+   pure function first_suspect(n, switched, place, sample) result(first)
+      integer, intent(in) :: n, place
+      integer, intent(in) :: switched   !! bit i-1: mass i has had its transition
+      real(wp), intent(in) :: sample(width, sample_size)
+      integer :: first
+      real(wp) :: after, before, earliest, share, way
+      integer :: i, suspects, x0, x1
+
+      suspects = iand(negative_slacks(sample), not(switched))
+      first = 0
+      if (suspects == 0) return
+      first = 1 + trailz(suspects)
+      if (popcnt(suspects) == 1) return
+      x0 = at_state + 2*place
+      x1 = at_state + 2 - 2*place
+      earliest = huge(1.0_wp)
+      do i = 1, n
+         if (.not. btest(suspects, i - 1)) cycle
+         way = sample(i, at_direction)
+         if (abs(way) > 0.5_wp) then
+            before = way*sample(i, x0 + 1)
+            after = way*sample(i, x1 + 1)
+         else
+            before = sample(i, at_reach) - abs(sample(i, x0) - sample(i, at_slider))
+            after = sample(i, at_reach) - abs(sample(i, x1) - sample(i, at_slider))
+         end if
+         share = after/max(abs(before) + abs(after), tiny(1.0_wp))   ! grows with the time
+         if (share < earliest) first = i
+         earliest = min(earliest, share)
+      end do
+   end function first_suspect
+
+   !> Bit i-1: the guard of mass i has a negative bound. Without a branch, by sign bits.
+   pure function negative_slacks(sample) result(suspects)
+      real(wp), intent(in) :: sample(width, sample_size)
+      integer :: suspects
+      integer(long), parameter :: bit(width) = [1_long, 2_long, 4_long, 8_long, 16_long, 32_long, &
+                                                64_long, 128_long]
+      integer(long) :: negative
+      integer :: i
+
+      negative = 0
+      !$omp simd reduction(ior: negative)
+      do i = 1, width
+         negative = ior(negative, iand(bit(i), shifta(transfer(sample(i, at_slack), 0_long), 63)))
+      end do
+      suspects = int(negative)
+   end function negative_slacks
+
+   !> Notes the transition of mass i that a lane has found.
+   pure subroutine keep_transition(batch, l, i, log)
+      type(crossing_batch), intent(in) :: batch
+      integer, intent(in) :: l, i
+      type(transition_log), intent(inout) :: log
+
+      log%n = log%n + 1
+      log%mass(log%n) = i
+      log%switched = ibset(log%switched, i - 1)
+      log%time(log%n) = batch%tau(l)
+      log%x(log%n) = batch%x(l)
+      log%u(log%n) = batch%u(l)
+      log%sense(log%n) = batch%sense(l)
+      log%is_stick(log%n) = batch%is_stick(l)
+   end subroutine keep_transition
+
+   !> Whether all masses with a transition keep their new regimes to the end of the stretch: a slip
+   !> whose velocity stays clear of zero, a stick that does not come as far as its other limit (it
+   !> moves back all the way, as the velocity that fell through zero falls all the way).
+   pure function keeps_regimes(log, stride, kink, place, sample)
+      type(transition_log), intent(in) :: log
+      integer, intent(in) :: stride, place
+      real(wp), intent(in) :: kink   !! bend of the force
+      real(wp), intent(in) :: sample(width, sample_size)
+      logical :: keeps_regimes
+      real(wp) :: clear, clear_of_limit, clear_of_zero, rest, run, u
+      integer :: i, k, x1
+
+      x1 = at_state + 2 - 2*place
+      clear = huge(1.0_wp)
+      do k = 1, log%n
+         i = log%mass(k)
+         rest = 1.0_wp - log%time(k)
+         run = sample(i, x1) - log%x(k)
+         u = stride*sample(i, x1 + 1)
+         clear_of_zero = rest*min(log%sense(k)*log%u(k), log%sense(k)*u) - abs(kink) - &
+                         abs((log%u(k) + u)*rest - 2.0_wp*run)
+         clear_of_limit = sample(i, at_reach) - abs(run)
+         clear = min(clear, log%is_stick(k)*clear_of_limit + &
+                            (1.0_wp - log%is_stick(k))*clear_of_zero)
+      end do
+      keeps_regimes = clear > 0.0_wp
+   end function keeps_regimes
+
+end module dynamics_transitions
