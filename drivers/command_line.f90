@@ -98,25 +98,32 @@ contains
       type(command_line), intent(inout) :: line
       character(*), intent(in) :: option, value
       type(error_type), allocatable, intent(out) :: error
-      integer :: status
 
-      status = 0
       select case (option)
       case ('--output')
          line%output = value
       case ('--set')
          line%overrides = [character(len(line%overrides)) :: line%overrides, value]
       case ('--case')
-         read (value, *, iostat=status) line%case_number
-         if (line%case_number < 1) status = 1
+         call read_count(option, value, line%case_number, error)
       case ('--sample')
-         read (value, *, iostat=status) line%sample
-         if (line%sample < 1) status = 1
+         call read_count(option, value, line%sample, error)
       end select
-      if (status /= 0 .or. verify(value, '0123456789') /= 0 .and. &
-          (option == '--case' .or. option == '--sample')) &
-         call raise(error, exit_bad_input, option//' '//value//': needs a whole number from 1')
    end subroutine take_value
+
+   !> A whole number from 1.
+   subroutine read_count(option, value, n, error)
+      character(*), intent(in) :: option, value
+      integer, intent(out) :: n
+      type(error_type), allocatable, intent(out) :: error
+      integer :: status
+
+      n = 0
+      status = verify(value, '0123456789')
+      if (status == 0) read (value, *, iostat=status) n
+      if (status /= 0 .or. n < 1) &
+         call raise(error, exit_bad_input, option//' '//value//': needs a whole number from 1')
+   end subroutine read_count
 
    !> A word that nobody knows, with the nearest that is known, or else all of them.
    subroutine refuse_unknown(what, word, known, error)

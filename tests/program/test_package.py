@@ -1,26 +1,143 @@
-"""The installed package serves a project of its own."""
+"""The installed package: complete, found by projects of their own, packaged for Debian."""
 
 from __future__ import annotations
 
+import os
+import re
+import shutil
 import subprocess
+
+import pytest
 
 from tests.conftest import PROGRAM, ROOT
 
+BUILD = PROGRAM.parent.parent
+EXAMPLE = ROOT / "examples/library"
+COMPLETIONS = ("entroslip.bash", "_entroslip", "entroslip.fish")
 
-def test_an_installed_library_is_found_and_linked(tmp_path):
-    prefix, build = tmp_path / "prefix", tmp_path / "build"
-    for command in (
-        ["cmake", "--install", PROGRAM.parent.parent, "--prefix", prefix],
-        ["cmake", "-G", "Ninja", "-S", ROOT / "tests/package", "-B", build,
-         f"-DCMAKE_PREFIX_PATH={prefix}"],
-        ["cmake", "--build", build],
-    ):  # fmt: skip
-        done = subprocess.run(command, capture_output=True, text=True, check=False)
-        assert done.returncode == 0, done.stdout + done.stderr
-    done = subprocess.run([build / "example"], capture_output=True, text=True, check=False)
-    assert done.returncode == 0, done.stderr
-    assert "b0 =  0.928203" in done.stdout
-    shown = subprocess.run(
-        [prefix / "bin/entroslip", "--version"], capture_output=True, check=False
+
+def run(*command, **options):
+    done = subprocess.run(
+        [str(word) for word in command], capture_output=True, text=True, check=False, **options
     )
-    assert shown.returncode == 0
+    assert done.returncode == 0, done.stdout + done.stderr
+    return done.stdout
+
+
+@pytest.fixture(scope="module")
+def prefix(program, tmp_path_factory):
+    folder = tmp_path_factory.mktemp("installed") / "prefix"
+    run("cmake", "--install", BUILD, "--prefix", folder)
+    return folder
+
+
+def test_everything_is_in_place(prefix):
+    for path in (
+        "bin/entroslip",
+        "include/entroslip/process/process_fit.mod",
+        "share/man/man1/entroslip.1",
+        "share/bash-completion/completions/entroslip",
+        "share/zsh/site-functions/_entroslip",
+        "share/fish/vendor_completions.d/entroslip.fish",
+        "share/doc/entroslip/README.md",
+        "share/doc/entroslip/docs/index.md",
+        "share/entroslip/input/paper.nml",
+        "share/entroslip/examples/library/CMakeLists.txt",
+    ):
+        assert (prefix / path).exists(), path
+    for name in (
+        "libentroslip_core.a",
+        "pkgconfig/entroslip.pc",
+        "entroslip/entroslipConfig.cmake",
+    ):
+        assert list(prefix.glob(f"lib*/**/{name}")), name
+    assert "entroslip" in run(prefix / "bin/entroslip", "--version")
+
+
+def check_scatter(table):
+    """Until a slider gives way, the contact is a spring of 20 x 50 N/m."""
+    rows = [[float(word) for word in line.split()] for line in table.splitlines()[1:]]
+    assert rows[1][1] == pytest.approx(10.0, abs=0.2)
+    assert rows[-1][1] == pytest.approx(20 * 0.2 * 10.0, rel=0.02)  # 400 x 20 coefficients
+    assert rows[-1][2] > 3 * rows[1][2] > 0.0
+
+
+def test_the_example_finds_the_library_by_cmake(prefix, tmp_path):
+    run("cmake", "-G", "Ninja", "-S", EXAMPLE, "-B", tmp_path, f"-DCMAKE_PREFIX_PATH={prefix}")
+    run("cmake", "--build", tmp_path)
+    check_scatter(run(tmp_path / "friction_of_a_contact"))
+
+
+@pytest.mark.skipif(not shutil.which("pkg-config"), reason="pkg-config is not installed")
+def test_the_example_finds_the_library_by_pkg_config(prefix, tmp_path):
+    (folder,) = prefix.glob("lib*/**/pkgconfig")
+    flags = run(
+        "pkg-config", "--cflags", "--libs", "entroslip",
+        env=os.environ | {"PKG_CONFIG_PATH": str(folder)},
+    )  # fmt: skip
+    source = EXAMPLE / "friction_of_a_contact.f90"
+    run("gfortran", source, "-o", tmp_path / "example", *flags.split(), cwd=tmp_path)
+    check_scatter(run(tmp_path / "example"))
+
+
+@pytest.fixture(scope="module")
+def words(program):
+    """Commands and options, as --help has them."""
+    return re.findall(r"^  (-*\w+)", run(program, "--help"), re.MULTILINE)
+
+
+def test_the_man_page_has_every_command_and_option(words):
+    page = (ROOT / "packaging/entroslip.1").read_text().replace("\\-", "-")
+    found = re.findall(r"^\.TP\n\.BI? (-*\w+)", page, re.MULTILINE)
+    assert [word for word in found if word in words] == words
+    assert {word for word in found if word.startswith("-")} <= set(words)
+
+
+@pytest.mark.parametrize("name", COMPLETIONS)
+def test_completion_knows_every_command_and_option(words, name):
+    text = (ROOT / "packaging/completions" / name).read_text()
+    for word in words:
+        stem = word.removeprefix("--")
+        assert re.search(rf"(?<![\w-])(?:{word}|-l {stem})\b", text), word
+
+
+def test_completion_in_bash():
+    script = f"""
+        source {ROOT}/packaging/completions/entroslip.bash
+        compopt() {{ :; }}
+        complete_words() {{
+          COMP_WORDS=("$@") COMP_CWORD=$(($# - 1))
+          _entroslip entroslip "${{COMP_WORDS[COMP_CWORD]}}" "${{COMP_WORDS[COMP_CWORD - 1]}}"
+          echo "${{COMPREPLY[@]}}"
+        }}
+        complete_words entroslip re
+        complete_words entroslip replay --s
+        complete_words entroslip run small
+    """
+    lines = run("bash", "-c", script, cwd=ROOT / "input").splitlines()
+    assert lines == ["replay", "--set --sample", "smallest.nml"]
+
+
+@pytest.mark.parametrize("shell", ["zsh", "fish"])
+def test_completion_parses(shell):
+    if not shutil.which(shell):
+        pytest.skip(f"{shell} is not installed")
+    name = {"zsh": "_entroslip", "fish": "entroslip.fish"}[shell]
+    run(shell, "-n", ROOT / "packaging/completions" / name)
+
+
+@pytest.mark.skipif(
+    not (shutil.which("dpkg-buildpackage") and shutil.which("dh")),
+    reason="dpkg-buildpackage and debhelper are not installed",
+)
+def test_the_debian_package_builds(tmp_path):
+    source = tmp_path / "entroslip"
+    shutil.copytree(
+        ROOT, source, ignore=shutil.ignore_patterns("build", "results", ".git", ".venv", "*.h5")
+    )
+    (source / "debian").symlink_to("packaging/debian")
+    run("dpkg-buildpackage", "--build=binary", "--no-sign", cwd=source)
+    (package,) = tmp_path.glob("entroslip_*.deb")
+    listed = run("dpkg-deb", "--contents", package)
+    for path in ("/usr/bin/entroslip", "/usr/share/man/man1/entroslip.1", "/usr/share/entroslip/"):
+        assert path in listed, path

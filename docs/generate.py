@@ -1,0 +1,203 @@
+"""Writes the generated halves of docs/scene.md and docs/results.md from what the program says.
+
+    python docs/generate.py build/release/bin/entroslip
+
+A page keeps what stands above its marker; below it stands the scene reference of the program's own
+tables, or what is found in results files of small scenes that together ask for everything.
+"""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+import tempfile
+from dataclasses import dataclass
+from pathlib import Path
+
+import h5py
+
+DOCS = Path(__file__).resolve().parent
+MARKER = "<!-- generated below this line by docs/generate.py -->\n"
+PLUMBING = {"DIMENSION_LIST", "REFERENCE_LIST", "CLASS", "NAME", "units", "long_name"}
+
+MOTION = """\
+&process correlation_length = 0.3 order = 1 mean = 0.2 std = 0.02 /
+&chain n_dof = 2 /
+&excitation variance = 41.1 /
+&integration method = 'event' n_steps = 600 /
+&campaign n_samples = 3 /
+&output quantities = 'slip'{quantity} segment_length = 128 /
+"""
+PROCESS = "&process correlation_length = 0.3 order = 2 mean = 1.0 std = 0.3 {values} /\n"
+
+UNSOLVED = "no solution"
+
+# what a scene asks for -> the scene; what is in the results of all of a kind is there always
+MOTIONS = {"": MOTION.format(quantity="")} | {
+    f"'{name}'": MOTION.format(quantity=f", '{name}'")
+    for name in ("spectrum", "energy", "history", "transitions")
+}
+PROCESSES = {
+    "'autoregressive'": PROCESS.format(values="positive = f"),
+    "'direct'": PROCESS.format(values="positive = f method = 'direct' correlation = 'L1'"),
+    "positive": PROCESS.format(values="sampler = 'sequential'"),
+    "'realizations'": PROCESS.format(values="positive = f n_realizations = 2"),
+    UNSOLVED: PROCESS.format(values="").replace("std = 0.3", "std = 2.0, 0.3"),
+}
+
+# attributes have no long_name of their own; one that is not explained here stops the generator
+ATTRIBUTES = {
+    "architecture": "instruction set and compiler that the samples depend on",
+    "compiler": "name and version",
+    "correlation": "which length is imposed, 'L0' (Eq. 8) or 'L1' (Eq. 9)",
+    "correlation_length": "as imposed [lags]",
+    "created": "UTC, when the file was finished",
+    "detrending": "what is taken off a segment before its transform",
+    "every": "every how many steps a displacement enters the spectra",
+    "fingerprint": "of all in the scene that changes a sample",
+    "flags": "of the compiler",
+    "folded_share": "largest share of the power that thinning folds below the highest frequency",
+    "format_version": "of the layout described here",
+    "git_commit": "of the program's source",
+    "mean": "as wanted",
+    "method": "'autoregressive' (Sec. 2.3) or 'direct' (Sec. 2.2)",
+    "n_consistent": "sign sequences found to be solutions; 0: not counted",
+    "n_examined": "sign sequences examined",
+    "n_ranks": "of the last run that wrote to it",
+    "n_samples": "of the case",
+    "n_segments": "Welch segments of a sample",
+    "order": "M, or m_max of the direct method",
+    "overlap": "of neighbouring segments [kept displacements]",
+    "overrides": "the --set options",
+    "positive": "1: no negative values",
+    "process": "pNNN, or none: friction as given",
+    "program": "entroslip",
+    "reason": "why there is no solution, with the nearest request that has one",
+    "sampler": "'sequential' or 'exact'; of positive processes",
+    "scene": "the text of the scene, the --set options as comments behind it",
+    "search": "how the signs were found",
+    "seed": "of every random number",
+    "segment_length": "of a Welch segment [kept displacements]",
+    "sided": "one: the density is over positive frequencies",
+    "status": "'solved' or 'infeasible'",
+    "std": "as wanted",
+    "title": "of the scene",
+    "variance": "of the force [N^2]; 0: from a file",
+    "version": "of the program, with its commit",
+    "wall_seconds": "of the last run that wrote to it",
+    "window": "of a Welch segment",
+}
+
+
+@dataclass(frozen=True)
+class Entry:
+    """One dataset or attribute, as a results file describes it."""
+
+    name: str
+    shape: str
+    kind: str
+    unit: str
+    meaning: str
+
+    def order(self) -> tuple[bool, str, str]:
+        """Attributes come first."""
+        return self.shape != "attribute", self.name.lower(), self.meaning
+
+
+def kind_of(value: object) -> str:
+    """What a value is called in the tables."""
+    kind = getattr(value, "dtype", None)
+    if kind is None or kind.kind in "SO":
+        return "text"
+    return "integer" if kind.kind in "iu" else "real"
+
+
+def explained(attribute: str) -> str:
+    """Its meaning, which must be among those written down here."""
+    if attribute not in ATTRIBUTES:
+        raise SystemExit(f"docs/generate.py: ATTRIBUTES does not explain '{attribute}'")
+    return ATTRIBUTES[attribute]
+
+
+def entries(group: h5py.Group) -> list[Entry]:
+    """Attributes first, then the datasets; axes are named by their scales."""
+    found = [
+        Entry(name, "attribute", kind_of(value), "", explained(name))
+        for name, value in group.attrs.items()
+        if name not in PLUMBING
+    ]
+    for name, item in group.items():
+        if isinstance(item, h5py.Dataset):
+            axes = [scales.keys()[0] for scales in item.dims if len(scales)]
+            is_axis = item.attrs.get("CLASS") == b"DIMENSION_SCALE"
+            shape = f"axis `{name}`" if is_axis else f"({', '.join(axes)})" if axes else "number"
+            labels = [str(item.attrs[key]) for key in ("units", "long_name")]
+            found.append(Entry(name, shape, kind_of(item), *labels))
+    return found
+
+
+def run(program: Path, scene: str, folder: Path) -> Path:
+    """The results file of a scene."""
+    (folder / "scene.nml").write_text(scene)
+    command = [program, "run", "scene.nml", "--fresh", "--quiet", "--output", "results.h5"]
+    done = subprocess.run(command, cwd=folder, capture_output=True, text=True, check=False)
+    if done.returncode != 0:
+        raise SystemExit(f"{scene}\n{done.stdout}{done.stderr}")
+    return folder / "results.h5"
+
+
+def collect(program: Path, scenes: dict[str, str], group: str) -> dict[Entry, list[str]]:
+    """Every entry of a group, with what was asked for where it was found."""
+    found: dict[Entry, list[str]] = {}
+    with tempfile.TemporaryDirectory() as folder:
+        for wish, scene in scenes.items():
+            with h5py.File(run(program, scene, Path(folder))) as file:
+                for entry in entries(file[group]):
+                    found.setdefault(entry, []).append(wish)
+    return found
+
+
+def table(found: dict[Entry, list[str]], n_scenes: int) -> str:
+    """Markdown; the last column is empty for what is there always, or for every solution."""
+    lines = ["| name | shape | type | unit | meaning | there with |", "|---|---|---|---|---|---|"]
+    for entry, wishes in sorted(found.items(), key=lambda item: item[0].order()):
+        n_least = n_scenes if UNSOLVED in wishes else n_scenes - 1
+        when = "" if len(wishes) >= n_least or "" in wishes else ", ".join(wishes)
+        cells = [f"`{entry.name}`", entry.shape, entry.kind, entry.unit, entry.meaning, when]
+        lines.append("| " + " | ".join(cells) + " |")
+    return "\n".join(lines) + "\n"
+
+
+def scene_page(program: Path) -> str:
+    """Below the marker of docs/scene.md."""
+    command = [program, "template", "--reference"]
+    return subprocess.run(command, capture_output=True, text=True, check=True).stdout
+
+
+def results_page(program: Path) -> str:
+    """Below the marker of docs/results.md."""
+    groups = {
+        "/": ("", MOTIONS),
+        "/process/pNNN": ("process/p001", PROCESSES),
+        "/chain": ("chain", MOTIONS),
+        "/campaign/cNNN": ("campaign/c001", MOTIONS),
+    }
+    text = ""
+    for heading, (group, scenes) in groups.items():
+        found = collect(program, scenes, group or "/")
+        text += f"\n## {heading}\n\n{table(found, len(scenes))}"
+    return text
+
+
+def pages(program: Path) -> dict[Path, str]:
+    """Each generated page as it should be."""
+    made = {"scene.md": scene_page, "results.md": results_page}
+    return {
+        DOCS / name: (DOCS / name).read_text().partition(MARKER)[0] + MARKER + make(program)
+        for name, make in made.items()
+    }
+
+
+if __name__ == "__main__":
+    for path, text in pages(Path(sys.argv[1]).resolve()).items():
+        path.write_text(text)

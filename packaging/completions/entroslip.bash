@@ -1,0 +1,31 @@
+# bash completion of entroslip: commands, options, scenes
+_entroslip() {
+  local word=$2 previous=$3 commands='run check replay template' command='' i
+  COMPREPLY=()
+  for ((i = 1; i < COMP_CWORD; i++)); do
+    case ${COMP_WORDS[i]} in
+      run | check | replay | template) command=${COMP_WORDS[i]} ;;
+    esac
+  done
+  case $previous in
+    --output)
+      mapfile -t COMPREPLY < <(compgen -f -- "$word")
+      return ;;
+    --set | --case | --sample) return ;;
+  esac
+  if [[ $word == -* ]]; then
+    local options='--help --version'
+    case $command in
+      run | check) options='--output --fresh --set --quiet --help' ;;
+      replay) options='--output --fresh --set --quiet --case --sample --help' ;;
+      template) options='--reference --help' ;;
+    esac
+    mapfile -t COMPREPLY < <(compgen -W "$options" -- "$word")
+  elif [[ -z $command ]]; then
+    mapfile -t COMPREPLY < <(compgen -W "$commands" -- "$word")
+  elif [[ $command != template ]]; then
+    compopt -o filenames
+    mapfile -t COMPREPLY < <(compgen -f -X '!*.nml' -- "$word"; compgen -d -- "$word")
+  fi
+}
+complete -F _entroslip entroslip

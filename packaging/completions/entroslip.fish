@@ -1,0 +1,20 @@
+# fish completion of entroslip: commands, options, scenes
+set -l commands run check replay template
+set -l of_scene '__fish_seen_subcommand_from run check replay'
+set -l of_replay '__fish_seen_subcommand_from replay'
+
+complete -c entroslip -f
+complete -c entroslip -n "not __fish_seen_subcommand_from $commands" -a run -d 'all that the scene asks for'
+complete -c entroslip -n "not __fish_seen_subcommand_from $commands" -a check -d 'what would run, its cost'
+complete -c entroslip -n "not __fish_seen_subcommand_from $commands" -a replay -d 'one sample again'
+complete -c entroslip -n "not __fish_seen_subcommand_from $commands" -a template -d 'a commented scene'
+complete -c entroslip -n $of_scene -a '(__fish_complete_suffix .nml)'
+complete -c entroslip -n $of_scene -l output -r -F -d 'results file'
+complete -c entroslip -n $of_scene -l fresh -d 'discard what an earlier run left'
+complete -c entroslip -n $of_scene -l set -x -d 'override a value: group%name=value'
+complete -c entroslip -n $of_scene -l quiet -d 'no progress, no summary'
+complete -c entroslip -n $of_replay -l case -x -d 'case number, from 1'
+complete -c entroslip -n $of_replay -l sample -x -d 'sample number, from 1'
+complete -c entroslip -n '__fish_seen_subcommand_from template' -l reference -d 'the scene reference, in Markdown'
+complete -c entroslip -l help -d 'one screen of help'
+complete -c entroslip -l version -d 'version, compiler, flags, libraries'

@@ -1,0 +1,128 @@
+"""The documentation: nothing stale, no dead links, no command that is not there."""
+
+from __future__ import annotations
+
+import os
+import re
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from tests.conftest import ENVIRONMENT, ROOT
+
+sys.path.insert(0, str(ROOT / "docs"))
+import generate
+
+PAGES = [ROOT / "README.md", ROOT / "CHANGELOG.md", *sorted((ROOT / "docs").glob("*.md"))]
+SOURCES = [*ROOT.glob("src/*/*.f90"), *ROOT.glob("drivers/*.f90"), *ROOT.glob("postproc/*.py")]
+page_by_page = pytest.mark.parametrize("page", PAGES, ids=lambda page: page.name)
+
+
+def anchors(page: Path) -> set[str]:
+    """What a link into a page can point at: its headings, as Markdown names them."""
+    headings = re.findall(r"^#+ (.*)$", page.read_text(), re.MULTILINE)
+    return {re.sub(r"[^\w\- ]", "", heading.lower()).replace(" ", "-") for heading in headings}
+
+
+def code_in(page: Path) -> str:
+    """Indented and fenced lines, and what stands in backticks; continued lines joined."""
+    text = page.read_text().partition(generate.MARKER)[0].replace("\\\n", " ")
+    blocks = re.findall(r"^(?:    |\t)(.*)$", text, re.MULTILINE)
+    blocks += re.findall(r"^```\w*\n(.*?)^```", text, re.MULTILINE | re.DOTALL)
+    return "\n".join([*blocks, *re.findall(r"`([^`\n]+)`", text)])
+
+
+@page_by_page
+def test_relative_links_lead_somewhere(page):
+    for target in re.findall(r"\]\(([^)\s]+)\)", page.read_text()):
+        if re.match(r"https?:", target):
+            continue
+        name, _, anchor = target.partition("#")
+        path = (page.parent / name).resolve() if name else page
+        assert path.exists(), target
+        assert not anchor or anchor in anchors(path), target
+
+
+def test_every_page_is_reached_from_the_index():
+    linked = set(re.findall(r"\]\(([^)#\s]+)", (ROOT / "docs/index.md").read_text()))
+    assert {page.name for page in (ROOT / "docs").glob("*.md")} - linked == {"index.md"}
+
+
+@pytest.fixture(scope="module")
+def vocabulary(program):
+    """Commands, options and group%name of scenes, as the program itself lists them."""
+
+    def said(*arguments):
+        return subprocess.run([program, *arguments], capture_output=True, text=True).stdout
+
+    names = set()
+    for group, table in re.findall(r"^## &(\w+)\n(.*?)(?=^## |\Z)", said("template", "--reference"),
+                                   re.MULTILINE | re.DOTALL):  # fmt: skip
+        names |= {f"{group}%{name}" for name in re.findall(r"^\| `(\w+)` \|", table, re.MULTILINE)}
+    rows = re.findall(r"^  (-*\w+)", said("--help"), re.MULTILINE)
+    return {
+        "commands": {row for row in rows if not row.startswith("-")},
+        "options": {row for row in rows if row.startswith("-")},
+        "names": names,
+    }
+
+
+@page_by_page
+def test_commands_options_and_names_exist(page, vocabulary):
+    code = code_in(page)
+    for line in re.findall(r"(?:^|[\s/])entroslip +((?:[a-z]+|--)[^\n;|]*)", code):
+        words = line.partition(" #")[0].split()
+        if not words[0].startswith("-"):
+            assert words[0] in vocabulary["commands"], line
+        options = {word for word in words if word.startswith("--") and word != "--"}
+        assert options <= vocabulary["options"], line
+    groups = {name.partition("%")[0] for name in vocabulary["names"]}
+    for group, name in re.findall(r"\b([a-z]+)%(\w+)", code):
+        if group in groups:
+            assert f"{group}%{name}" in vocabulary["names"], f"{group}%{name}"
+
+
+@page_by_page
+def test_named_files_are_there(page):
+    folders = "input|src|drivers|tests|scripts|bench|docs|examples|packaging|cmake|postproc"
+    for path in re.findall(rf"(?<![\w./])(?:{folders})/[\w./-]*\w", code_in(page)):
+        assert (ROOT / path).exists(), path
+
+
+def test_generated_pages_are_what_the_program_says(program):
+    for path, text in generate.pages(program).items():
+        assert path.read_text() == text, (
+            f"stale: {path.name}; python docs/generate.py {program} writes it anew"
+        )
+
+
+def test_troubleshooting_quotes_messages_that_exist():
+    source = "".join(path.read_text() for path in SOURCES)
+    source = re.sub(r"'\s*//\s*&\s*'", "", source)  # a text continued on the next line
+    for quoted in re.findall(r"^\| `([^`]+)`", (ROOT / "docs/troubleshooting.md").read_text(),
+                             re.MULTILINE):  # fmt: skip
+        for part in quoted.split("..."):  # dots stand for what differs
+            assert part.strip(" :") in source, quoted
+
+
+def test_first_run_works_as_written(program, tmp_path):
+    for name in ("input", "postproc"):
+        (tmp_path / name).symlink_to(ROOT / name)
+    (tmp_path / "build/release").mkdir(parents=True)
+    (tmp_path / "build/release/bin").symlink_to(program.parent)
+    (tmp_path / ".venv/bin").mkdir(parents=True)
+    (tmp_path / ".venv/bin/python").write_text(f'#!/bin/sh\nexec {sys.executable} "$@"\n')
+    (tmp_path / ".venv/bin/python").chmod(0o755)
+    blocks = re.findall(r"^```sh\n(.*?)^```", (ROOT / "docs/first_run.md").read_text(),
+                        re.MULTILINE | re.DOTALL)  # fmt: skip
+    (tmp_path / "first_run.sh").write_text("".join(blocks))
+    done = subprocess.run(
+        ["bash", "-e", "first_run.sh"], cwd=tmp_path, capture_output=True, text=True,
+        env=ENVIRONMENT | {"OMPI_MCA_rmaps_base_oversubscribe": "1", "PATH": os.environ["PATH"]},
+        check=False,
+    )  # fmt: skip
+    assert done.returncode == 0, done.stdout + done.stderr
+    assert "nothing to do" in done.stdout
+    assert (tmp_path / "figures/report.html").exists()
