@@ -42,12 +42,17 @@ PROCESSES = {
     "'direct'": PROCESS.format(values="positive = f method = 'direct' correlation = 'L1'"),
     "positive": PROCESS.format(values="sampler = 'sequential'"),
     "'realizations'": PROCESS.format(values="positive = f n_realizations = 2"),
+    "`order = 0`": PROCESS.format(values="positive = f").replace(
+        "order = 2", "order = 0 bound_l1 = 1.0"
+    ),
     UNSOLVED: PROCESS.format(values="").replace("std = 0.3", "std = 2.0, 0.3"),
 }
 
 # attributes have no long_name of their own; one that is not explained here stops the generator
 ATTRIBUTES = {
     "architecture": "instruction set and compiler that the samples depend on",
+    "bound_l0": "least L0",
+    "bound_l1": "largest L1",
     "compiler": "name and version",
     "correlation": "which length is imposed, 'L0' (Eq. 8) or 'L1' (Eq. 9)",
     "correlation_length": "as imposed [lags]",
@@ -59,6 +64,7 @@ ATTRIBUTES = {
     "folded_share": "largest share of the power that thinning folds below the highest frequency",
     "format_version": "of the layout described here",
     "git_commit": "of the program's source",
+    "max_order": "where the search for the order ends",
     "mean": "as wanted",
     "method": "'autoregressive' (Sec. 2.3) or 'direct' (Sec. 2.2)",
     "n_consistent": "sign sequences found to be solutions; 0: not counted",
@@ -114,6 +120,8 @@ def kind_of(value: object) -> str:
 
 def explained(attribute: str) -> str:
     """Its meaning, which must be among those written down here."""
+    if attribute.endswith("_method"):  # their value is the explanation
+        return f"how {attribute.removesuffix('_method')} is found"
     if attribute not in ATTRIBUTES:
         raise SystemExit(f"docs/generate.py: ATTRIBUTES does not explain '{attribute}'")
     return ATTRIBUTES[attribute]

@@ -7,8 +7,8 @@ module driver_deadline
    private
    public :: start_watch, set_limit, seconds_so_far, time_to_stop
 
-   integer(long), save :: started = 0
-   real(wp), save :: limit = 0.0_wp   !! [s]; 0: none
+   integer(long) :: started = 0
+   real(wp) :: limit = 0.0_wp   !! [s]; 0: none
 
 contains
 

@@ -16,7 +16,8 @@ _entroslip() {
   if [[ $word == -* ]]; then
     local options='--help --version'
     case $command in
-      run | check) options='--output --fresh --set --quiet --help' ;;
+      run) options='--output --fresh --set --share --quiet --help' ;;
+      check) options='--set --help' ;;
       replay) options='--output --fresh --set --quiet --case --sample --help' ;;
       template) options='--reference --help' ;;
     esac

@@ -1,6 +1,8 @@
 # fish completion of entroslip: commands, options, scenes
 set -l commands run check replay template
 set -l of_scene '__fish_seen_subcommand_from run check replay'
+set -l of_run '__fish_seen_subcommand_from run'
+set -l of_output '__fish_seen_subcommand_from run replay'
 set -l of_replay '__fish_seen_subcommand_from replay'
 
 complete -c entroslip -f
@@ -9,10 +11,11 @@ complete -c entroslip -n "not __fish_seen_subcommand_from $commands" -a check -d
 complete -c entroslip -n "not __fish_seen_subcommand_from $commands" -a replay -d 'one sample again'
 complete -c entroslip -n "not __fish_seen_subcommand_from $commands" -a template -d 'a commented scene'
 complete -c entroslip -n $of_scene -a '(__fish_complete_suffix .nml)'
-complete -c entroslip -n $of_scene -l output -r -F -d 'results file'
-complete -c entroslip -n $of_scene -l fresh -d 'discard what an earlier run left'
+complete -c entroslip -n $of_output -l output -r -F -d 'results file'
+complete -c entroslip -n $of_output -l fresh -d 'discard what an earlier run left'
 complete -c entroslip -n $of_scene -l set -x -d 'override a value: group%name=value'
-complete -c entroslip -n $of_scene -l quiet -d 'no progress, no summary'
+complete -c entroslip -n $of_output -l quiet -d 'no progress, no summary'
+complete -c entroslip -n $of_run -l share -d 'one of several runs on one output'
 complete -c entroslip -n $of_replay -l case -x -d 'case number, from 1'
 complete -c entroslip -n $of_replay -l sample -x -d 'sample number, from 1'
 complete -c entroslip -n '__fish_seen_subcommand_from template' -l reference -d 'the scene reference, in Markdown'

@@ -1,0 +1,77 @@
+"""The house: laid out and linted by tools whose settings are committed, public things explained."""
+
+from __future__ import annotations
+
+import re
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from tests.conftest import ROOT
+
+CODE = ["src", "drivers", "bench", "examples"]
+MODULES = sorted([*ROOT.glob("src/*/*.f90"), *ROOT.glob("drivers/*.f90")])
+
+
+def tool(name: str) -> str:
+    """A program of tests/requirements.txt, beside this Python."""
+    found = shutil.which(name, path=str(Path(sys.executable).parent))
+    if not found:
+        pytest.skip(f"{name} is not installed (tests/requirements.txt)")
+    return found
+
+
+def complaints(*command: object) -> str:
+    done = subprocess.run(
+        [str(word) for word in command], cwd=ROOT, capture_output=True, text=True, check=False
+    )
+    return done.stdout + done.stderr if done.returncode or done.stdout else ""
+
+
+def test_fortran_is_laid_out_by_fprettify():
+    config = ["--config-file", ROOT / ".fprettify.rc"]
+    assert complaints(tool("fprettify"), *config, "--silent", "--diff", "--recursive", *CODE) == ""
+
+
+def test_fortran_passes_fortitude():
+    said = complaints(tool("fortitude"), "check", "--output-format", "concise", *CODE)
+    assert "All checks passed!" in said or not re.search(r"^\S+:\d+:\d+:", said, re.MULTILINE), said
+
+
+def test_python_passes_ruff():
+    assert "All checks passed!" in complaints(tool("ruff"), "check", ".")
+    assert "would be reformatted" not in complaints(tool("ruff"), "format", "--check", ".")
+
+
+def undocumented(module: Path) -> list[str]:
+    """Public procedures, types and interfaces without a comment for their reader."""
+    text = re.sub(r"&\s*\n\s*&?", " ", module.read_text())
+    public = {
+        name
+        for names in re.findall(r"^   public ::(.*)$", text, re.MULTILINE)
+        for name in re.findall(r"\w+", names)
+    }
+    missing = [] if text.startswith("!>") else [module.stem]
+    procedure = r"(?:\w[\w() =*]* )?(?:subroutine|function)"
+    kinds = rf"{procedure}|(?:abstract )?interface|type(?:, [\w, ()]+)? ::"
+    lines = text.splitlines()
+    for number, line in enumerate(lines):
+        found = re.match(rf"   (?!end )(?:{kinds}) (\w+)", line)
+        if found and found[1] in public and not re.match(r"\s*![>!]", lines[number - 1]):
+            missing.append(f"{module.relative_to(ROOT)}: {found[1]}")
+    return missing
+
+
+def test_every_public_thing_is_explained():
+    assert [name for module in MODULES for name in undocumented(module)] == []
+
+
+def test_the_api_pages_build_offline(tmp_path):
+    said = complaints(tool("ford"), "--quiet", "-o", tmp_path, ROOT / "docs/ford.md")
+    assert "warning" not in said.lower(), said
+    pages = {path.stem for path in (tmp_path / "module").glob("*.html")}
+    floors = [path for path in MODULES if path.parent.name != "drivers"]
+    assert {f"{path.parent.name}_{path.stem}" for path in floors} <= pages
