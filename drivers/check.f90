@@ -19,6 +19,7 @@ module driver_check
 
 contains
 
+   !> The command: collective.
    subroutine check(line)
       type(command_line), intent(in) :: line
       type(world_type) :: world

@@ -27,6 +27,7 @@ module driver_run
 
 contains
 
+   !> The command: collective.
    subroutine run(line)
       type(command_line), intent(in) :: line
       type(world_type) :: world

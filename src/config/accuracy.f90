@@ -6,6 +6,7 @@ module config_accuracy
    private
    public :: accuracy_group
 
+   !> By default nothing is watched.
    type :: accuracy_group
       real(wp) :: target_slip_points = 0.0_wp
       real(wp) :: target_band_ratio = 0.0_wp

@@ -6,6 +6,7 @@ module config_campaign
    private
    public :: campaign_group
 
+   !> Defaults are those of the paper, without its deterministic runs.
    type :: campaign_group
       integer :: n_samples = 100
       logical :: deterministic = .false.

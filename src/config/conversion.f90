@@ -25,6 +25,7 @@ contains
       if (.not. entry%rule%admits(real(value, wp))) rule = 'must be '//entry%rule%text()
    end subroutine convert_integer
 
+   !> A number within the rule of its entry; `rule` tells what it breaks.
    pure subroutine convert_real(text, entry, value, rule)
       character(*), intent(in) :: text
       type(entry_type), intent(in) :: entry

@@ -26,6 +26,7 @@ module config_document
       integer :: first_value = 1, last_value = 0   !! into document%tokens
    end type assignment_type
 
+   !> The file and the options, cut into tokens, groups and assignments.
    type :: document_type
       type(source_type) :: source(2)      !! the scene file; the --set options, one a line
       type(token_type), allocatable :: tokens(:)

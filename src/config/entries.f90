@@ -22,6 +22,7 @@ module config_entries
       procedure :: text => rule_text
    end type rule_type
 
+   !> One value of a group: its name, meaning, unit, rule and choices.
    type :: entry_type
       character(name_length) :: name
       character(doc_length) :: doc = ''
@@ -178,16 +179,19 @@ contains
       end do
    end function choices_text
 
+   !> Zero does not belong to it.
    pure type(rule_type) function positive()
 
       positive = rule_type(lower=0.0_wp, excludes_lower=.true.)
    end function positive
 
+   !> Zero belongs to it.
    pure type(rule_type) function not_negative()
 
       not_negative = rule_type(lower=0.0_wp)
    end function not_negative
 
+   !> The end belongs to it.
    elemental type(rule_type) function at_least(lower)
       real(wp), intent(in) :: lower
 

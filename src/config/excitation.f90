@@ -7,6 +7,7 @@ module config_excitation
    private
    public :: excitation_group
 
+   !> Defaults are the paper's noise; its variance must be given.
    type :: excitation_group
       character(choice_length) :: kind = 'band_limited'
       real(wp), allocatable :: band(:)

@@ -6,6 +6,7 @@ module config_heading
    private
    public :: heading_group
 
+   !> Title and seed.
    type :: heading_group
       character(:), allocatable :: title
       integer(long) :: seed = 2016

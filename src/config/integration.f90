@@ -7,6 +7,7 @@ module config_integration
    private
    public :: integration_group
 
+   !> Defaults are the paper's scheme, step and length.
    type :: integration_group
       character(choice_length) :: method = 'newmark'
       real(wp) :: dt = 0.00843_wp

@@ -7,6 +7,7 @@ module config_lister
    private
    public :: lister_type, row_type
 
+   !> An entry, with its value as a scene would give it.
    type :: row_type
       type(entry_type) :: entry
       character(:), allocatable :: value     !! empty: none

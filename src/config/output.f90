@@ -7,6 +7,7 @@ module config_output
    private
    public :: output_group
 
+   !> Defaults are what the figures of the paper need.
    type :: output_group
       character(choice_length), allocatable :: quantities(:)
       real(wp), allocatable :: percentiles(:)

@@ -38,6 +38,7 @@ contains
       padded = text//repeat(' ', max(1, width - len(text)))
    end function padded
 
+   !> 'a, b, c'; 'nothing' where there is none.
    pure function joined(names) result(text)
       character(*), intent(in) :: names(:)
       character(:), allocatable :: text
@@ -101,6 +102,7 @@ contains
       if (text(len(text) - 1:) == '.0') shorter = text(:len(text) - 2)
    end function without_point
 
+   !> A time in the unit that a person would take.
    pure function duration(seconds) result(text)
       real(wp), intent(in) :: seconds
       character(:), allocatable :: text
@@ -118,6 +120,7 @@ contains
       end if
    end function duration
 
+   !> Bytes in kB, MB or GB.
    pure function size_text(bytes) result(text)
       real(wp), intent(in) :: bytes
       character(:), allocatable :: text

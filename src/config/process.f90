@@ -7,6 +7,7 @@ module config_process
    private
    public :: process_group
 
+   !> Every correlation length with its order, and these with every std.
    type :: process_group
       character(choice_length) :: method = 'autoregressive'
       character(choice_length) :: correlation = 'L0'

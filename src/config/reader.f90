@@ -14,6 +14,7 @@ module config_reader
    private
    public :: reader_type
 
+   !> Visits the groups of a scene and fills them from a document.
    type, extends(visitor_type) :: reader_type
       type(document_type) :: document
       type(complaint_list) :: complaints

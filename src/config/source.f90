@@ -8,6 +8,7 @@ module config_source
    integer, parameter :: max_size = 16*1024**2   !! [bytes]; whoever exceeds it did not mean a scene
    integer, parameter :: line_feed = 10
 
+   !> A text, and where its lines begin.
    type :: source_type
       character(:), allocatable :: name       !! as complaints call it
       character(:), allocatable :: text
@@ -19,6 +20,7 @@ module config_source
 
 contains
 
+   !> A text that is there already, under the name that complaints give it.
    pure function new_source(name, text) result(source)
       character(*), intent(in) :: name, text
       type(source_type) :: source

@@ -6,6 +6,7 @@ module config_spelling
 
 contains
 
+   !> In lower case.
    pure function lowered(text)
       character(*), intent(in) :: text
       character(len(text)) :: lowered

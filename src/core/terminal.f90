@@ -18,6 +18,7 @@ module core_terminal
 
 contains
 
+   !> Whether a descriptor leads to a terminal.
    function is_terminal(descriptor)
       integer(c_int), intent(in) :: descriptor
       logical :: is_terminal

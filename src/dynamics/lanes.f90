@@ -44,6 +44,7 @@ module dynamics_lanes
 
 contains
 
+   !> Lanes for a chain, at rest and empty.
    pure function new_lane_group(chain, taylor) result(group)
       type(chain_type), intent(in) :: chain
       type(taylor_type), intent(in) :: taylor

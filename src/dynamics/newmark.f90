@@ -18,6 +18,7 @@ module dynamics_newmark
 
    integer, parameter :: most_halvings = 30   !! time is a number of smallest steps, in 64 bits
 
+   !> The march by Newmark's scheme, prepared for one chain, step and forced mass.
    type, extends(marcher_type) :: newmark_marcher
       type(newmark_steps), private :: steps
    contains

@@ -7,6 +7,7 @@ module dynamics_newmark_recorder
    private
    public :: newmark_recorder, start_recorder
 
+   !> Where the records of a block go, and which comes next.
    type :: newmark_recorder
       integer(long), allocatable :: next_tick(:)       !! (sample) of its next record; -1: none
       integer(long), private :: ticks_apart = 0

@@ -21,6 +21,7 @@ module dynamics_newmark_steps
    integer, parameter :: rows = register_width   !! of a table: the longest chain that has one
    integer, parameter :: narrow = 5              !! columns of a table, up to the paper's chain
 
+   !> Tables of steps, by level of halving and pattern of stuck sliders.
    type :: newmark_steps
       type(chain_type) :: chain
       integer :: forced_dof = 0
@@ -38,6 +39,7 @@ module dynamics_newmark_steps
 
 contains
 
+   !> The tables for one chain and step.
    subroutine new_newmark_steps(chain, dt, max_halvings, beta, gamma, forced_dof, steps, error)
       type(chain_type), intent(in) :: chain
       real(wp), intent(in) :: dt

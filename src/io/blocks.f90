@@ -26,6 +26,7 @@ module io_blocks
 
 contains
 
+   !> Writes a block to the root of an open file.
    subroutine write_block(file, block, error)
       type(hdf5_file), intent(in) :: file
       type(block_result), intent(inout) :: block   !! left as it was

@@ -27,6 +27,7 @@ contains
       exists = c_access(path//c_null_char, ask_exists) == 0
    end function exists
 
+   !> Whether there is a folder of this name.
    function is_folder(path)
       character(*), intent(in) :: path
       logical :: is_folder
@@ -169,12 +170,14 @@ contains
       end do
    end function escaped
 
+   !> Number of this process.
    function process_id() result(number)
       integer :: number
 
       number = int(c_getpid())
    end function process_id
 
+   !> Name of this machine.
    function host_name() result(name)
       character(:), allocatable :: name
       character(kind=c_char) :: buffer(256)

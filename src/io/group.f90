@@ -9,6 +9,7 @@ module io_group
    private
    public :: group_type, new_group, counted
 
+   !> A group and the first error met in filling it.
    type :: group_type
       type(hdf5_file) :: file
       character(:), allocatable :: path
@@ -30,6 +31,7 @@ module io_group
 
 contains
 
+   !> The group at a path, made where it is not there.
    function new_group(file, path) result(group)
       type(hdf5_file), intent(in) :: file
       character(*), intent(in) :: path

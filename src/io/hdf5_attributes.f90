@@ -23,12 +23,14 @@ module io_hdf5_attributes
       module procedure write_text, write_integer, write_long, write_real, write_logical
    end interface write_attribute
 
+   !> A number, a logical or a text.
    interface read_attribute
       module procedure read_text, read_integer, read_long, read_real
    end interface read_attribute
 
 contains
 
+   !> Whether an object has an attribute of this name.
    function has_attribute(file, object, name)
       type(hdf5_file), intent(in) :: file
       character(*), intent(in) :: object, name
@@ -56,6 +58,7 @@ contains
       call h5tclose_f(kind, status)
    end subroutine write_text
 
+   !> A text of fixed length, which no variable-length heap holds: a flipped bit in it is seen.
    subroutine write_sealed_attribute(file, object, name, value, error)
       type(hdf5_file), intent(in) :: file
       character(*), intent(in) :: object, name

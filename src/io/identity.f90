@@ -18,6 +18,7 @@ module io_identity
 
 contains
 
+   !> Writes it into the root of a file.
    subroutine write_identity(file, identity, error)
       type(hdf5_file), intent(in) :: file
       type(identity_type), intent(in) :: identity

@@ -36,6 +36,7 @@ module numerics_constrained_maximum
       end function gain_of_objective
    end interface
 
+   !> How a search ended.
    type :: search_result
       logical :: is_converged = .false.
       real(wp) :: violation = huge(1.0_wp)             !! largest constraint

@@ -64,6 +64,7 @@ contains
       end do
    end subroutine solve_transposed
 
+   !> The whole matrix.
    pure function dense_toeplitz(band, n) result(matrix)
       real(wp), intent(in) :: band(0:)
       integer, intent(in) :: n

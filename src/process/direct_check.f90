@@ -14,6 +14,7 @@ module process_direct_check
    private
    public :: inversion_check, check_by_inversion
 
+   !> What the finite matrix gives, beside the limit of an infinite one.
    type :: inversion_check
       real(wp), allocatable :: autocovariance(:)   !! Eq. (35), lags 0..order [unit of X squared]
       real(wp) :: error = 0.0_wp                   !! largest, over K(0), against the model

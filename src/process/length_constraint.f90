@@ -15,6 +15,7 @@ module process_length_constraint
 
 contains
 
+   !> The constraint with these weights.
    pure function new_constraint(weights) result(constraint)
       real(wp), intent(in) :: weights(0:)   !! a_m, m = 0..m_max, Eqs. (13), (14)
       type(length_constraint) :: constraint

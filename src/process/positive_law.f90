@@ -30,6 +30,7 @@ module process_positive_law
    integer, parameter :: max_lags = 600
    real(wp), parameter :: largest_kappa = 0.9999_wp
 
+   !> A law, its targets, and the random numbers that every trial shares.
    type, abstract, extends(objective_type) :: positive_law
       character(:), allocatable :: correlation
       real(wp) :: wanted_ratio = 0.0_wp              !! std/mean

@@ -39,6 +39,7 @@ module process_positive_moments
 
 contains
 
+   !> Empty batches.
    pure function new_batches(n_lags, n_batches) result(batches)
       integer, intent(in) :: n_lags, n_batches
       type(batch_averages) :: batches

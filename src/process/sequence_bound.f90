@@ -11,6 +11,7 @@ module process_sequence_bound
    private
    public :: sequence_bound
 
+   !> What sequences of signs must beat, and what those with the same leading signs share.
    type :: sequence_bound
       private
       real(wp) :: to_beat = 0.0_wp                !! entropy of the known solution
