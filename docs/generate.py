@@ -8,6 +8,7 @@ tables, or what is found in results files of small scenes that together ask for 
 
 from __future__ import annotations
 
+import re
 import subprocess
 import sys
 import tempfile
@@ -48,9 +49,13 @@ PROCESSES = {
     UNSOLVED: PROCESS.format(values="").replace("std = 0.3", "std = 2.0, 0.3"),
 }
 
+AUDITS = {wish: scene + "&accuracy audit = 1.0 /\n" for wish, scene in MOTIONS.items()}
+TRADEOFF = {"": MOTION.format(quantity=", 'spectrum'")}
+
 # attributes have no long_name of their own; one that is not explained here stops the generator
 ATTRIBUTES = {
     "architecture": "instruction set and compiler that the samples depend on",
+    "band_ratio": "largest relative numerical error of a band ratio",
     "bound_l0": "least L0",
     "bound_l1": "largest L1",
     "compiler": "name and version",
@@ -66,7 +71,9 @@ ATTRIBUTES = {
     "git_commit": "of the program's source",
     "max_order": "where the search for the order ends",
     "mean": "as wanted",
-    "method": "'autoregressive' (Sec. 2.3) or 'direct' (Sec. 2.2)",
+    "method": "as in the scene; of an audit: the reference",
+    "method_meanings": "of the numbers in `method`",
+    "n_steps": "marched in each setting",
     "n_consistent": "sign sequences found to be solutions; 0: not counted",
     "n_examined": "sign sequences examined",
     "n_ranks": "of the last run that wrote to it",
@@ -79,6 +86,7 @@ ATTRIBUTES = {
     "process": "pNNN, or none: friction as given",
     "program": "entroslip",
     "reason": "why there is no solution, with the nearest request that has one",
+    "reference": "what the settings are measured against",
     "sampler": "'sequential' or 'exact'; of positive processes",
     "scene": "the text of the scene, the --set options as comments behind it",
     "search": "how the signs were found",
@@ -86,7 +94,9 @@ ATTRIBUTES = {
     "segment_length": "of a Welch segment [kept displacements]",
     "sided": "one: the density is over positive frequencies",
     "status": "'solved' or 'infeasible'",
+    "slip_points": "largest numerical error of a slip fraction [points of %]",
     "std": "as wanted",
+    "tolerance": "of the reference",
     "title": "of the scene",
     "variance": "of the force [N^2]; 0: from a file",
     "version": "of the program, with its commit",
@@ -108,6 +118,9 @@ class Entry:
     def order(self) -> tuple[bool, str, str]:
         """Attributes come first."""
         return self.shape != "attribute", self.name.lower(), self.meaning
+
+
+Found = dict[Entry, list[str]]  # an entry, and what was asked for where it was found
 
 
 def kind_of(value: object) -> str:
@@ -144,28 +157,38 @@ def entries(group: h5py.Group) -> list[Entry]:
     return found
 
 
-def run(program: Path, scene: str, folder: Path) -> Path:
+def groups_in(group: h5py.Group) -> list[tuple[str, h5py.Group]]:
+    """It and all groups below it, by path."""
+    below = [item for item in group.values() if isinstance(item, h5py.Group)]
+    return [(group.name, group), *(found for item in below for found in groups_in(item))]
+
+
+def run(program: Path, command: str, scene: str, folder: Path) -> Path:
     """The results file of a scene."""
     (folder / "scene.nml").write_text(scene)
-    command = [program, "run", "scene.nml", "--fresh", "--quiet", "--output", "results.h5"]
-    done = subprocess.run(command, cwd=folder, capture_output=True, text=True, check=False)
+    words = [program, command, "scene.nml", "--fresh", "--quiet", "--output", "results.h5"]
+    done = subprocess.run(words, cwd=folder, capture_output=True, text=True, check=False)
     if done.returncode != 0:
         raise SystemExit(f"{scene}\n{done.stdout}{done.stderr}")
     return folder / "results.h5"
 
 
-def collect(program: Path, scenes: dict[str, str], group: str) -> dict[Entry, list[str]]:
-    """Every entry of a group, with what was asked for where it was found."""
-    found: dict[Entry, list[str]] = {}
+def results_of(program: Path, command: str, scenes: dict[str, str]) -> dict[str, Found]:
+    """Each group of the results, its name the same for all of its kind, with its entries."""
+    found: dict[str, Found] = {}
     with tempfile.TemporaryDirectory() as folder:
         for wish, scene in scenes.items():
-            with h5py.File(run(program, scene, Path(folder))) as file:
-                for entry in entries(file[group]):
-                    found.setdefault(entry, []).append(wish)
+            with h5py.File(run(program, command, scene, Path(folder))) as file:
+                for name, group in groups_in(file):
+                    if re.search(r"[pc]\d{3}", name) and not re.search(r"[pc]001", name):
+                        continue
+                    kind = re.sub(r"([pc])001", r"\1NNN", name)
+                    for entry in entries(group):
+                        found.setdefault(kind, {}).setdefault(entry, []).append(wish)
     return found
 
 
-def table(found: dict[Entry, list[str]], n_scenes: int) -> str:
+def table(found: Found, n_scenes: int) -> str:
     """Markdown; the last column is empty for what is there always, or for every solution."""
     lines = ["| name | shape | type | unit | meaning | there with |", "|---|---|---|---|---|---|"]
     for entry, wishes in sorted(found.items(), key=lambda item: item[0].order()):
@@ -184,17 +207,20 @@ def scene_page(program: Path) -> str:
 
 def results_page(program: Path) -> str:
     """Below the marker of docs/results.md."""
-    groups = {
-        "/": ("", MOTIONS),
-        "/process/pNNN": ("process/p001", PROCESSES),
-        "/chain": ("chain", MOTIONS),
-        "/campaign/cNNN": ("campaign/c001", MOTIONS),
+    processes = results_of(program, "run", PROCESSES)
+    motions = results_of(program, "run", MOTIONS)
+    audits = results_of(program, "run", AUDITS)
+    tradeoff = results_of(program, "tradeoff", TRADEOFF)
+    chosen = {name: (motions[name], MOTIONS) for name in ("/", "/chain", "/campaign/cNNN")}
+    chosen["/process/pNNN"] = processes["/process/pNNN"], PROCESSES
+    chosen["/campaign/cNNN/audit"] = audits["/campaign/cNNN/audit"], AUDITS
+    chosen |= {
+        name: (found, TRADEOFF) for name, found in tradeoff.items() if name.startswith("/tradeoff")
     }
-    text = ""
-    for heading, (group, scenes) in groups.items():
-        found = collect(program, scenes, group or "/")
-        text += f"\n## {heading}\n\n{table(found, len(scenes))}"
-    return text
+    return "".join(
+        f"\n## {name}\n\n{table(found, len(scenes))}"
+        for name, (found, scenes) in sorted(chosen.items())
+    )
 
 
 def pages(program: Path) -> dict[Path, str]:

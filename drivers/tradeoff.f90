@@ -42,6 +42,7 @@ module driver_tradeoff
 
 contains
 
+   !> The command: collective.
    subroutine tradeoff(line)
       type(command_line), intent(in) :: line
       type(world_type) :: world

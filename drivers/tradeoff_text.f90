@@ -210,6 +210,7 @@ contains
 
    end function parts_text
 
+   !> What the ways to form spectra change and cost.
    pure function spectra_text(rows) result(text)
       type(spectrum_row), intent(in) :: rows(:)
       character(:), allocatable :: text
@@ -223,6 +224,7 @@ contains
       end do
    end function spectra_text
 
+   !> What orders of the processes cost in entropy and time.
    pure function orders_text(rows) result(text)
       type(order_row), intent(in) :: rows(:)
       character(:), allocatable :: text, other

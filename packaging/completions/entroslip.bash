@@ -1,10 +1,10 @@
 # bash completion of entroslip: commands, options, scenes
 _entroslip() {
-  local word=$2 previous=$3 commands='run check replay template' command='' i
+  local word=$2 previous=$3 commands='run check tradeoff replay template' command='' i
   COMPREPLY=()
   for ((i = 1; i < COMP_CWORD; i++)); do
     case ${COMP_WORDS[i]} in
-      run | check | replay | template) command=${COMP_WORDS[i]} ;;
+      run | check | tradeoff | replay | template) command=${COMP_WORDS[i]} ;;
     esac
   done
   case $previous in
@@ -17,6 +17,7 @@ _entroslip() {
     local options='--help --version'
     case $command in
       run) options='--output --fresh --set --share --quiet --help' ;;
+      tradeoff) options='--output --fresh --set --quiet --help' ;;
       check) options='--set --help' ;;
       replay) options='--output --fresh --set --quiet --case --sample --help' ;;
       template) options='--reference --help' ;;

@@ -1,13 +1,14 @@
 # fish completion of entroslip: commands, options, scenes
-set -l commands run check replay template
-set -l of_scene '__fish_seen_subcommand_from run check replay'
+set -l commands run check tradeoff replay template
+set -l of_scene '__fish_seen_subcommand_from run check tradeoff replay'
 set -l of_run '__fish_seen_subcommand_from run'
-set -l of_output '__fish_seen_subcommand_from run replay'
+set -l of_output '__fish_seen_subcommand_from run tradeoff replay'
 set -l of_replay '__fish_seen_subcommand_from replay'
 
 complete -c entroslip -f
 complete -c entroslip -n "not __fish_seen_subcommand_from $commands" -a run -d 'all that the scene asks for'
 complete -c entroslip -n "not __fish_seen_subcommand_from $commands" -a check -d 'what would run, its cost'
+complete -c entroslip -n "not __fish_seen_subcommand_from $commands" -a tradeoff -d 'what accuracy costs'
 complete -c entroslip -n "not __fish_seen_subcommand_from $commands" -a replay -d 'one sample again'
 complete -c entroslip -n "not __fish_seen_subcommand_from $commands" -a template -d 'a commented scene'
 complete -c entroslip -n $of_scene -a '(__fish_complete_suffix .nml)'

@@ -97,6 +97,7 @@ contains
       end associate
    end function is_stable
 
+   !> Whether two settings march alike.
    elemental function same_setting(a, b) result(is_same)
       type(setting_type), intent(in) :: a, b
       logical :: is_same

@@ -31,6 +31,7 @@ module ensemble_tradeoff_tasks
    real(wp), parameter :: usual_transitions = 0.3_wp   !! in a step, where nothing is known yet
    type(setting_type), parameter :: usual = setting_type('event', tolerance=1.0e-6_wp)
 
+   !> One piece of work, to be done by any rank.
    type :: task_type
       integer :: kind = of_setting
       integer :: row = 0       !! setting, way to form spectra, batch, or case

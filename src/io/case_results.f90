@@ -99,6 +99,7 @@ contains
       end associate
    end subroutine write_attributes
 
+   !> What there is one value of per sample, or per sample and dof.
    subroutine write_samples(group, samples)
       type(group_type), intent(inout) :: group
       type(block_result), intent(in) :: samples
@@ -187,6 +188,7 @@ contains
       end if
    end subroutine write_spectrum_axes
 
+   !> The axis of the spectra, and how they are formed.
    subroutine write_frequency(group, layout)
       type(group_type), intent(inout) :: group
       type(spectrum_layout), intent(in) :: layout
