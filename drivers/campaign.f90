@@ -37,7 +37,7 @@ contains
       if (complaints%n == 0) call build_plan(scene, plan, complaints)
       if (asks_for_accuracy(scene%accuracy)) &
          call complaints%add_general(line%scene//': &accuracy: this version keeps no '// &
-                                     'targets of accuracy: leave them out')
+                                     'targets of numerical error: leave them out')
       if (complaints%n > 0) call raise(error, exit_bad_input, complaints%text)
    end subroutine load_plan
 
@@ -45,8 +45,7 @@ contains
       type(accuracy_group), intent(in) :: wanted
       logical :: is_so
 
-      is_so = max(wanted%target_slip_points, wanted%target_band_ratio, &
-                  wanted%target_statistical) > 0.0_wp .or. wanted%sample_until_met
+      is_so = max(wanted%target_slip_points, wanted%target_band_ratio) > 0.0_wp
    end function asks_for_accuracy
 
    !> The file's records, and what the scene wants to know of them.

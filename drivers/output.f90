@@ -10,7 +10,9 @@ module driver_output
    use driver_provenance, only: identity_of
    use ensemble_plan, only: plan_type
    use ensemble_runner, only: block_width
+   use ensemble_statistical, only: needs_more_samples
    use ensemble_study, only: block_range
+   use io_error_results, only: case_errors, read_errors
    use io_existing, only: extract_shards, inspect_results
    use io_files, only: exists, folder_of, make_folder, remove_file
    use io_gathering, only: finished_samples
@@ -35,6 +37,7 @@ module driver_output
       procedure :: take
       procedure :: give_back
       procedure :: count_missing
+      procedure :: look_again
       procedure :: say
       procedure :: stop_on
       procedure :: release
@@ -162,12 +165,31 @@ contains
       call inspect_results(output%path, output%store%identity, n_samples, error)
       if (allocated(error) .or. .not. allocated(n_samples)) return
       output%is_complete = all(n_samples(:size(plan%cases)) >= plan%cases%n_samples)
+      if (output%is_complete .and. plan%accuracy%sample_until_met) &
+         call find_unmet(plan, output, error)
+      if (allocated(error)) return
       if (output%is_complete) then
          call remove_covered(output%store, n_samples, error)
       else
          call extract_shards(output%path, n_samples, block_width(plan), output%store, error)
       end if
    end subroutine take_up_results
+
+   !> A results file is not complete while a case in it needs more samples for the scene's target.
+   subroutine find_unmet(plan, output, error)
+      type(plan_type), intent(in) :: plan
+      type(output_type), intent(inout) :: output
+      type(error_type), allocatable, intent(out) :: error
+      type(case_errors), allocatable :: errors(:)
+      integer :: i
+
+      call read_errors(output%path, count(plan%cases%audits == 0), plan%chain%n_dof, errors, error)
+      if (allocated(error)) return
+      do i = 1, size(errors)
+         if (needs_more_samples(errors(i)%statistics, plan%excitation%per_sample, &
+                                plan%accuracy%target_statistical)) output%is_complete = .false.
+      end do
+   end subroutine find_unmet
 
    !> What the root found becomes known to all; collective.
    subroutine share_finished(world, output)
@@ -179,6 +201,21 @@ contains
       call world%broadcast(numbers)
       output%is_finished = reshape(numbers == 1, shape(output%is_finished))
    end subroutine share_finished
+
+   !> Which samples are there of a plan that has more than before. Collective.
+   subroutine look_again(self, world, plan, error)
+      class(output_type), intent(inout) :: self
+      type(world_type), intent(in) :: world
+      type(plan_type), intent(in) :: plan
+      type(error_type), allocatable, intent(out) :: error
+      type(shard_type), allocatable :: shards(:)
+
+      deallocate (self%is_finished)
+      allocate (self%is_finished(maxval(plan%cases%n_samples), size(plan%cases)), source=.false.)
+      if (world%is_root()) call list_shards(self%store, shards, error)
+      if (allocated(shards)) call mark_finished(plan, shards, self)
+      call share_finished(world, self)
+   end subroutine look_again
 
    !> Whether a block is this rank's to march; beside other runs, when none of them has it.
    function take(self, block) result(is_ours)

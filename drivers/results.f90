@@ -26,7 +26,7 @@ module driver_results
    use process_positive, only: draw_points
    implicit none(type, external)
    private
-   public :: write_results
+   public :: find_slip_statistics, write_results
 
    real(wp), parameter :: band_memory = 64.0e6_wp   !! [byte] of spectra held at a time
    integer, parameter :: neighbours = 64            !! frequencies that shards keep together
@@ -94,13 +94,10 @@ contains
          call read_samples(output%store, shards, number, plan%cases(number)%n_samples, samples, &
                            error)
          if (allocated(error)) return
-         if (plan%output%slip) call find_time_averages(plan, number, shards, statistics, error)
+         call find_slip_statistics(plan, number, samples, shards, statistics, error)
          if (allocated(error)) return
-         if (samples%n_samples > 1) then
-            call slip_statistics(samples%slip_fraction, statistics)
-            if (plan%output%spectrum) &
-               call find_bands(plan, number, runner, output, shards, statistics, error)
-         end if
+         if (samples%n_samples > 1 .and. plan%output%spectrum) &
+            call find_bands(plan, number, runner, output, shards, statistics, error)
          if (allocated(error)) return
          if (.not. plan%output%history) then
             call write_case(writer, plan, number, samples, runner%layout, statistics, &
@@ -186,6 +183,20 @@ contains
                               plan%cases(audited)%n_samples, errors)
       end associate
    end subroutine compare_psd
+
+   !> Statistics of the slip fractions of one case, and their errors.
+   subroutine find_slip_statistics(plan, number, samples, shards, statistics, error)
+      type(plan_type), intent(in) :: plan
+      integer, intent(in) :: number
+      type(block_result), intent(in) :: samples   !! of the case
+      type(shard_type), intent(in) :: shards(:)
+      type(case_statistics), intent(inout) :: statistics
+      type(error_type), allocatable, intent(out) :: error
+
+      if (plan%output%slip) call find_time_averages(plan, number, shards, statistics, error)
+      if (allocated(error)) return
+      if (samples%n_samples > 1) call slip_statistics(samples%slip_fraction, statistics)
+   end subroutine find_slip_statistics
 
    !> What the finite march does to the slip fractions of one case.
    subroutine find_time_averages(plan, number, shards, statistics, error)

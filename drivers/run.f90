@@ -4,11 +4,13 @@ module driver_run
    use config_scene, only: scene_type
    use core_error, only: error_type, exit_bad_input, exit_done, exit_stopped, raise
    use core_kinds, only: long, wp
+   use core_text, only: to_text
    use driver_campaign, only: load_plan, refuse_unsolved, solve_processes
    use driver_command_line, only: command_line
    use driver_deadline, only: set_limit, start_watch, time_to_stop
    use driver_output, only: open_output, output_type
    use driver_results, only: write_results
+   use driver_verdict, only: judge, take_more
    use ensemble_audit, only: add_audits
    use ensemble_pilot, only: choose_every
    use ensemble_plan, only: plan_type
@@ -49,6 +51,8 @@ contains
       call open_output(world, line, scene, plan, output)
       if (output%is_complete) then
          call output%say(output%path//' is complete: nothing to do')
+         if (world%is_root()) call judge(output%path, plan, error)
+         call output%stop_on(world, error)
          call output%release()
          call stop_world(exit_done)
          return
@@ -61,9 +65,8 @@ contains
       if (plan%has_chain) then
          call prepare_march(world, plan, force, runner, error)
          call output%stop_on(world, error)
-         call march_campaign(world, models, runner, output, error)
-         call output%stop_on(world, error)
-         call end_if_asked(world, output)
+         call march_until_met(world, models, runner, output)
+         plan = runner%plan
          if (output%is_shared) then
             call leave_merging(world, plan, output)
             return
@@ -73,6 +76,8 @@ contains
          call write_results(line, scene, plan, models, runner, output, world%n_ranks, error)
       call output%stop_on(world, error)
       call output%say(summary(plan, output))
+      if (world%is_root()) call judge(output%path, plan, error)
+      call output%stop_on(world, error)
       call output%release()
       call stop_world(exit_done)
    end subroutine run
@@ -85,6 +90,9 @@ contains
 
       if (line%is_shared .and. .not. plan%has_chain) &
          call raise(error, exit_bad_input, '--share: the scene has no samples to be shared')
+      if (line%is_shared .and. plan%accuracy%sample_until_met) &
+         call raise(error, exit_bad_input, '--share: several runs cannot sample until a target is '// &
+                    'met: leave out accuracy%sample_until_met')
    end subroutine check_share
 
    !> Ends one of several runs on an output: what it leaves is for a plain run to merge. Collective.
@@ -129,6 +137,28 @@ contains
       call world%broadcast(runner%folded_share)
       if (.not. allocated(error)) call runner%use_every(every)
    end subroutine prepare_march
+
+   !> All samples of the plan, and more while its target wants more. Ends the run on errors and when
+   !> asked to; collective.
+   subroutine march_until_met(world, models, runner, output)
+      type(world_type), intent(in) :: world
+      type(process_model_type), intent(in) :: models(:)
+      type(runner_type), intent(inout) :: runner
+      type(output_type), intent(inout) :: output
+      type(error_type), allocatable :: error
+      integer :: batch
+      logical :: has_more
+
+      batch = maxval(runner%plan%cases%n_samples)
+      has_more = .true.
+      do while (has_more)
+         call march_campaign(world, models, runner, output, error)
+         call output%stop_on(world, error)
+         call end_if_asked(world, output)
+         call take_more(world, batch, runner%plan, output, has_more, error)
+         call output%stop_on(world, error)
+      end do
+   end subroutine march_until_met
 
    !> Every sample that has no shard yet: ranks claim blocks, march them, and keep each as a shard.
    !> Ends when all are done, or early when a rank is asked to stop or meets an error; collective.
@@ -196,10 +226,15 @@ contains
       type(plan_type), intent(in) :: plan
       type(output_type), intent(in) :: output
       character(:), allocatable :: text
+      logical :: is_own(size(plan%cases))   ! and no audit
 
+      is_own = plan%cases%audits == 0
       text = counted(size(plan%processes), 'process', 'processes')//', '// &
-             counted(size(plan%cases), 'case', 'cases')//', '// &
-             counted(sum(plan%cases%n_samples), 'sample', 'samples')//' in '//output%path
+             counted(count(is_own), 'case', 'cases')//', '// &
+             counted(sum(plan%cases%n_samples, is_own), 'sample', 'samples')
+      if (.not. all(is_own)) &
+         text = text//', '//to_text(sum(plan%cases%n_samples, .not. is_own))//' repeated'
+      text = text//' in '//output%path
    end function summary
 
 end module driver_run

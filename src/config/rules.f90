@@ -175,6 +175,16 @@ contains
          call reader%require(.not. accuracy%sample_until_met .or. &
                              accuracy%target_statistical > 0.0_wp, 'accuracy', &
                              'sample_until_met', 'needs a target_statistical')
+         call reader%require(.not. accuracy%sample_until_met .or. &
+                             .not. (scene%excitation%per_sample .and. &
+                                    scene%excitation%kind == 'file'), 'accuracy', &
+                             'sample_until_met', 'needs forces without end: a file has so many')
+         call reader%require(.not. accuracy%target_statistical > 0.0_wp .or. &
+                             scene%output%keeps('slip'), 'accuracy', 'target_statistical', &
+                             "needs 'slip' among output%quantities")
+         call reader%require(.not. accuracy%target_statistical > 0.0_wp .or. &
+                             scene%runs_samples() .and. scene%campaign%n_samples > 1, 'accuracy', &
+                             'target_statistical', 'needs two samples with drawn friction or more')
       end associate
    end subroutine check_statistics
 

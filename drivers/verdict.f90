@@ -1,0 +1,166 @@
+!> Whether results are as accurate as their scene wants them, and sampling until they are.
+module driver_verdict
+   use config_phrases, only: brief, counted
+   use core_error, only: error_type, exit_no_solution, raise
+   use core_kinds, only: long, wp
+   use core_text, only: to_text
+   use driver_output, only: output_type
+   use driver_results, only: find_slip_statistics
+   use ensemble_audit, only: add_audits
+   use ensemble_plan, only: plan_type
+   use ensemble_results, only: block_result, case_statistics
+   use ensemble_statistical, only: find_need, needs_more_samples, statistical_error
+   use io_error_results, only: case_errors, read_errors
+   use io_gathering, only: read_samples
+   use io_shards, only: list_shards, shard_type
+   use parallel_world, only: world_type
+   implicit none(type, external)
+   private
+   public :: judge, take_more
+
+contains
+
+   !> An error that names every target the results file does not meet, with what would meet it.
+   subroutine judge(path, plan, error)
+      character(*), intent(in) :: path
+      type(plan_type), intent(in) :: plan
+      type(error_type), allocatable, intent(out) :: error
+      type(case_errors), allocatable :: errors(:)
+      character(:), allocatable :: failures
+      integer :: i, n_own
+
+      associate (wanted => plan%accuracy)
+         if (.not. (plan%has_chain .and. max(wanted%target_slip_points, wanted%target_band_ratio, &
+                                             wanted%target_statistical) > 0.0_wp)) return
+      end associate
+      n_own = count(plan%cases%audits == 0)
+      call read_errors(path, n_own, plan%chain%n_dof, errors, error)
+      if (allocated(error)) return
+      failures = ''
+      do i = 1, n_own
+         failures = failures//numerical_failures(plan, i, errors(i))// &
+                    statistical_failure(plan, i, errors(i)%statistics)
+      end do
+      if (failures /= '') call raise(error, exit_no_solution, path//' is written, and not as '// &
+                                     'accurate as wanted'//failures)
+   end subroutine judge
+
+   !> Of one case, what its audit finds above the targets; a line each.
+   function numerical_failures(plan, number, errors) result(text)
+      type(plan_type), intent(in) :: plan
+      integer, intent(in) :: number
+      type(case_errors), intent(in) :: errors
+      character(:), allocatable :: text
+
+      text = ''
+      if (errors%n_audited == 0) return
+      associate (wanted => plan%accuracy%target_slip_points)
+         if (wanted > 0.0_wp .and. errors%slip_points > wanted) &
+            text = text//failure('target_slip_points', wanted, number, 'a numerical error of '// &
+                                 brief(errors%slip_points)//' points in '// &
+                                 counted(errors%n_audited, 'audited sample', 'audited samples'))
+      end associate
+      associate (wanted => plan%accuracy%target_band_ratio)
+         if (wanted > 0.0_wp .and. errors%band_ratio > wanted) &
+            text = text//failure('target_band_ratio', wanted, number, 'a numerical error of '// &
+                                 brief(errors%band_ratio)//' in '// &
+                                 counted(errors%n_audited, 'audited sample', 'audited samples'))
+      end associate
+   end function numerical_failures
+
+   !> Of one case with a mean: its standard error where that is above the target, and what it needs.
+   function statistical_failure(plan, number, statistics) result(text)
+      type(plan_type), intent(in) :: plan
+      integer, intent(in) :: number
+      type(case_statistics), intent(in) :: statistics
+      character(:), allocatable :: text
+      integer(long) :: n_samples, n_steps
+      real(wp) :: error
+
+      text = ''
+      associate (wanted => plan%accuracy%target_statistical, how => plan%integration)
+         if (.not. wanted > 0.0_wp .or. statistics%n_samples < 2) return
+         error = statistical_error(statistics, plan%excitation%per_sample)
+         if (error <= wanted) return
+         if (error >= huge(1.0_wp)) then
+            text = failure('target_statistical', wanted, number, 'too short a march to tell')
+            return
+         end if
+         call find_need(statistics, plan%excitation%per_sample, wanted, &
+                        how%n_steps - how%n_discard, n_samples, n_steps)
+         text = failure('target_statistical', wanted, number, brief(error)//' points; about '// &
+                        to_text(n_samples)//' samples and '//to_text(n_steps + how%n_discard)// &
+                        ' steps would do')
+      end associate
+   end function statistical_failure
+
+   function failure(name, wanted, number, found) result(line)
+      character(*), intent(in) :: name, found
+      real(wp), intent(in) :: wanted
+      integer, intent(in) :: number
+      character(:), allocatable :: line
+
+      line = new_line('a')//'accuracy%'//name//' = '//brief(wanted)//': case '//to_text(number)// &
+             ' has '//found
+   end function failure
+
+   !> After a batch of samples, where the scene samples until its target is met: the cases that have
+   !> not met it and can by samples get more, in whole batches. Each decision follows from the first
+   !> samples alone, so it is the same whenever and on however many ranks it is made. Collective.
+   subroutine take_more(world, batch, plan, output, has_more, error)
+      type(world_type), intent(in) :: world
+      integer, intent(in) :: batch   !! samples
+      type(plan_type), intent(inout) :: plan
+      type(output_type), intent(inout) :: output
+      logical, intent(out) :: has_more
+      type(error_type), allocatable, intent(out) :: error
+      integer, allocatable :: n_samples(:)
+
+      has_more = .false.
+      if (.not. plan%accuracy%sample_until_met) return
+      n_samples = plan%cases%n_samples
+      if (world%is_root()) call decide(plan, batch, output, n_samples, error)
+      if (allocated(error)) n_samples = plan%cases%n_samples
+      call world%broadcast(n_samples)
+      has_more = any(n_samples > plan%cases%n_samples)
+      if (.not. has_more) return
+      plan%cases%n_samples = n_samples
+      call add_audits(plan)
+      call output%look_again(world, plan, error)
+   end subroutine take_more
+
+   !> The samples that each case goes on to.
+   subroutine decide(plan, batch, output, n_samples, error)
+      type(plan_type), intent(in) :: plan
+      integer, intent(in) :: batch
+      type(output_type), intent(in) :: output
+      integer, intent(inout) :: n_samples(:)   !! (case)
+      type(error_type), allocatable, intent(out) :: error
+      type(shard_type), allocatable :: shards(:)
+      type(block_result) :: samples
+      type(case_statistics) :: statistics
+      integer(long) :: n, n_steps
+      integer :: i, n_batches
+
+      call list_shards(output%store, shards, error)
+      if (allocated(error)) return
+      associate (wanted => plan%accuracy%target_statistical, &
+                 per_sample => plan%excitation%per_sample)
+         do i = 1, size(plan%cases)
+            if (plan%cases(i)%audits > 0 .or. plan%cases(i)%process == 0) cycle
+            call read_samples(output%store, shards, i, n_samples(i), samples, error)
+            if (allocated(error)) return
+            statistics = case_statistics()
+            call find_slip_statistics(plan, i, samples, shards, statistics, error)
+            if (allocated(error)) return
+            if (.not. needs_more_samples(statistics, per_sample, wanted)) cycle
+            call find_need(statistics, per_sample, wanted, plan%integration%n_steps, n, n_steps)
+            ! half of what seems to be needed: an error that came out too large wastes nothing
+            n_batches = n_samples(i)/batch
+            n_batches = max(n_batches + 1, int(min(n/2/batch, 10_long*n_batches)))
+            n_samples(i) = n_batches*batch
+         end do
+      end associate
+   end subroutine decide
+
+end module driver_verdict

@@ -1,0 +1,73 @@
+!> The standard error of mean slip fractions as a whole, and what would bring it to a target.
+!>
+!> With one record of the force for all samples, samples lower the error of the mean that is due to
+!> friction, and only a longer march lowers what the record adds. With a record for each sample, the
+!> scatter over samples holds both.
+module ensemble_statistical
+   use core_kinds, only: long, wp
+   use ensemble_results, only: case_statistics
+   implicit none(type, external)
+   private
+   public :: statistical_error, find_need, needs_more_samples
+
+   real(wp), parameter :: points = 100.0_wp     !! of percent in a fraction
+   real(wp), parameter :: largest = 1.0e15_wp   !! number that is told
+
+contains
+
+   !> The largest over the dofs of the standard error of slip_mean [points]; huge when the march is
+   !> too short to tell it.
+   pure function statistical_error(statistics, per_sample) result(error)
+      type(case_statistics), intent(in) :: statistics   !! of two samples or more
+      logical, intent(in) :: per_sample   !! a record of the force for each sample
+      real(wp) :: error
+
+      error = huge(1.0_wp)
+      if (.not. allocated(statistics%slip_mean_time_error)) return
+      error = maxval(hypot(points*statistics%slip_mean_error, record_part(statistics, per_sample)))
+   end function statistical_error
+
+   !> Whether the error is above the target and more samples alone can bring it there.
+   pure function needs_more_samples(statistics, per_sample, target) result(is_so)
+      type(case_statistics), intent(in) :: statistics
+      logical, intent(in) :: per_sample
+      real(wp), intent(in) :: target   !! [points]
+      logical :: is_so
+
+      is_so = allocated(statistics%slip_mean_time_error)
+      if (is_so) is_so = maxval(record_part(statistics, per_sample)) < target .and. &
+                         statistical_error(statistics, per_sample) > target
+   end function needs_more_samples
+
+   !> Samples and steps that bring the error to the target, as the statistics of some have it. Steps
+   !> are added where the record alone takes more than half of the variance allowed, and then so
+   !> many that it takes half; errors fall with the root of the number.
+   pure subroutine find_need(statistics, per_sample, target, n_steps, samples_needed, steps_needed)
+      type(case_statistics), intent(in) :: statistics   !! that has a statistical error
+      logical, intent(in) :: per_sample
+      real(wp), intent(in) :: target          !! [points]
+      integer, intent(in) :: n_steps          !! of the march that the statistics are of
+      integer(long), intent(out) :: samples_needed, steps_needed
+      real(wp), parameter :: share = 0.5_wp   ! of the variance, that the record may take
+      real(wp) :: friction(size(statistics%slip_mean_error)), record(size(friction))
+
+      friction = (points*statistics%slip_mean_error/target)**2
+      record = (record_part(statistics, per_sample)/target)**2
+      steps_needed = n_steps
+      if (maxval(record) > share) &
+         steps_needed = ceiling(min(largest, n_steps*maxval(record)/share), long)
+      samples_needed = ceiling(min(largest, statistics%n_samples &
+                                   *maxval(friction/(1.0_wp - min(record, share)))), long)
+   end subroutine find_need
+
+   !> (dof) What falls with the length of the march alone [points].
+   pure function record_part(statistics, per_sample) result(part)
+      type(case_statistics), intent(in) :: statistics
+      logical, intent(in) :: per_sample
+      real(wp) :: part(size(statistics%slip_mean_time_error))
+
+      part = 0.0_wp
+      if (.not. per_sample) part = points*statistics%slip_mean_time_error
+   end function record_part
+
+end module ensemble_statistical

@@ -1,0 +1,77 @@
+!> What a results file tells of the errors of its cases: targets are judged by what was written.
+module io_error_results
+   use core_error, only: error_type
+   use core_kinds, only: wp
+   use ensemble_results, only: case_statistics
+   use io_case_results, only: case_group
+   use io_hdf5, only: hdf5_file, open_hdf5, read_attribute, read_dataset
+   implicit none(type, external)
+   private
+   public :: case_errors, read_errors
+
+   !> Of one case. Of the statistics only errors of slip fractions are there, where they are known.
+   type :: case_errors
+      type(case_statistics) :: statistics
+      integer :: n_audited = 0
+      real(wp) :: slip_points = 0.0_wp   !! numerical error found by the audit [points]
+      real(wp) :: band_ratio = 0.0_wp    !! the same, relative
+   end type case_errors
+
+contains
+
+   subroutine read_errors(path, n_cases, n_dof, errors, error)
+      character(*), intent(in) :: path
+      integer, intent(in) :: n_cases, n_dof
+      type(case_errors), allocatable, intent(out) :: errors(:)   !! (case)
+      type(error_type), allocatable, intent(out) :: error
+      type(hdf5_file) :: file
+      integer :: i
+
+      call open_hdf5(path, file, error)
+      if (allocated(error)) return
+      allocate (errors(n_cases))
+      do i = 1, n_cases
+         call read_statistics(file, case_group(i, n_cases), n_dof, errors(i)%statistics, error)
+         if (.not. allocated(error)) &
+            call read_audit(file, case_group(i + n_cases, n_cases), errors(i), error)
+         if (allocated(error)) exit
+      end do
+      call file%abandon()
+   end subroutine read_errors
+
+   subroutine read_statistics(file, group, n_dof, statistics, error)
+      type(hdf5_file), intent(in) :: file
+      character(*), intent(in) :: group
+      integer, intent(in) :: n_dof
+      type(case_statistics), intent(inout) :: statistics
+      type(error_type), allocatable, intent(out) :: error
+
+      call read_attribute(file, group, 'n_samples', statistics%n_samples, error)
+      if (allocated(error)) return
+      if (file%has(group//'/slip_mean_error')) then
+         allocate (statistics%slip_mean_error(n_dof))
+         call read_dataset(file, group//'/slip_mean_error', statistics%slip_mean_error, error)
+      end if
+      if (allocated(error)) return
+      if (.not. file%has(group//'/slip_mean_time_error')) return
+      allocate (statistics%slip_mean_time_error(n_dof))
+      call read_dataset(file, group//'/slip_mean_time_error', statistics%slip_mean_time_error, &
+                        error)
+   end subroutine read_statistics
+
+   subroutine read_audit(file, group, errors, error)
+      type(hdf5_file), intent(in) :: file
+      character(*), intent(in) :: group
+      type(case_errors), intent(inout) :: errors
+      type(error_type), allocatable, intent(out) :: error
+
+      if (.not. file%has(group)) return
+      call read_attribute(file, group, 'n_samples', errors%n_audited, error)
+      if (.not. allocated(error)) &
+         call read_attribute(file, group, 'slip_points', errors%slip_points, error)
+      if (allocated(error)) return
+      if (file%has(group//'/psd')) &
+         call read_attribute(file, group, 'band_ratio', errors%band_ratio, error)
+   end subroutine read_audit
+
+end module io_error_results

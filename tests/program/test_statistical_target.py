@@ -1,0 +1,81 @@
+"""Sampling until the standard error of slip fractions is as small as wanted."""
+
+from __future__ import annotations
+
+import h5py
+import numpy as np
+import pytest
+
+from tests.program.campaign import datasets
+
+SCENE = """\
+&scene title = 'until' seed = 7 /
+&process correlation_length = 0.3 order = 1 mean = 0.2 std = 0.02 /
+&chain n_dof = 2 normal_load = 1.0 /
+&excitation variance = 0.1, 1.0 per_sample = .true. /
+&integration method = 'event' n_steps = 10000 /
+&campaign n_samples = 8 deterministic = .true. /
+&accuracy target_statistical = 0.6 sample_until_met = .true. audit = 0.1 /
+&output quantities = 'slip' /
+"""
+
+
+@pytest.fixture
+def scene(tmp_path):
+    path = tmp_path / "until.nml"
+    path.write_text(SCENE)
+    return path
+
+
+def standard_errors(case: h5py.Group) -> float:
+    """In points, largest over dofs; records differ, so the scatter over samples holds all."""
+    slip = 100 * case["slip_fraction"][()]
+    return float((slip.std(axis=0, ddof=1) / np.sqrt(len(slip))).max())
+
+
+def test_sampling_goes_on_until_the_target_is_met(entroslip, scene, tmp_path):
+    """Met at the end, not a batch before; the same on three ranks and when taken up again."""
+    done = entroslip("run", scene, "--output", "a.h5")
+    assert done.returncode == 0, done.stderr
+    with h5py.File(tmp_path / "a.h5") as file:
+        reached = []
+        for name in ("c003", "c004"):
+            case = file["campaign"][name]
+            reached.append(case.attrs["n_samples"])
+            assert reached[-1] % 8 == 0
+            assert standard_errors(case) <= 0.6
+            slip = 100 * case["slip_fraction"][: reached[-1] - 8]
+            assert (slip.std(axis=0, ddof=1) / np.sqrt(len(slip))).max() > 0.6
+            assert case["audit"].attrs["n_samples"] == max(2, np.ceil(reached[-1] / 10))
+        assert reached[0] != reached[1]
+    assert "nothing to do" in entroslip("run", scene, "--output", "a.h5").stdout
+
+    some = entroslip("run", scene, "--output", "b.h5", "--set", "accuracy%sample_until_met=.false.")
+    assert some.returncode == 4
+    assert "target_statistical = 0.6: case 3 has" in some.stderr
+    assert "samples and 10000 steps would do" in some.stderr
+    assert entroslip("run", scene, "--output", "b.h5", ranks=3).returncode == 0
+    expected, found = datasets(tmp_path / "a.h5"), datasets(tmp_path / "b.h5")
+    assert not {key for key in expected if expected[key] != found.get(key)}
+
+
+def test_what_samples_cannot_mend_is_told(entroslip, scene, tmp_path):
+    """One record for all samples: its error stays, and only steps are of use."""
+    one = ("--set", "excitation%per_sample=.false.", "--set", "accuracy%target_statistical=0.1")
+    done = entroslip("run", scene, "--output", "c.h5", *one)
+    assert done.returncode == 4
+    assert "c.h5 is written, and not as accurate as wanted" in done.stderr
+    assert "steps would do" in done.stderr
+    with h5py.File(tmp_path / "c.h5") as file:
+        assert file["campaign/c003"].attrs["n_samples"] == 8
+    again = entroslip("run", scene, "--output", "c.h5", *one)
+    assert again.returncode == 4
+    short = entroslip("run", scene, "--output", "d.h5", "--set", "integration%n_steps=400")
+    assert short.returncode == 4
+    assert "too short a march to tell" in short.stderr
+
+
+def test_a_share_of_runs_cannot_sample_on(entroslip, scene):
+    done = entroslip("run", scene, "--share")
+    assert done.returncode == 2
+    assert "accuracy%sample_until_met" in done.stderr
