@@ -23,6 +23,7 @@ class Case:
 
     name: str  # c001
     data: xr.Dataset  # read from the file as it is used
+    audit: xr.Dataset | None = None  # its samples that the reference repeated, where it was asked
 
     @property
     def process(self) -> str:
@@ -92,9 +93,17 @@ class Results:
 
     @property
     def tree(self) -> xr.DataTree:
-        """All groups under the names that they have in the file."""
+        """All groups under the names that they have in the file, but audits under /audit.
+
+        A branch of a DataTree must share the axes of its stem, and an audit has fewer samples.
+        """
         groups = {f"/process/{name}": data for name, data in self.processes.items()}
         groups |= {f"/campaign/{case.name}": case.data for case in self.cases}
+        groups |= {
+            f"/audit/{case.name}": case.audit
+            for case in self.cases
+            if case.audit is not None
+        }
         groups |= {
             f"/{name}": data
             for name, data in (("chain", self.chain), ("tradeoff", self.tradeoff))
@@ -113,6 +122,9 @@ def open_results(path: str | Path) -> Results:
             attrs = {name: _text(value) for name, value in file.attrs.items()}
             groups = {kind: sorted(file[kind]) for kind in ("process", "campaign") if kind in file}
             alone = {kind for kind in ("chain", "tradeoff") if kind in file}
+            audited = {
+                name for name in groups.get("campaign", []) if "audit" in file["campaign"][name]
+            }
     except OSError as error:
         raise ResultsError(f"{path}: cannot be read as HDF5: {error}") from error
     if attrs.get("program") != "entroslip":
@@ -125,12 +137,16 @@ def open_results(path: str | Path) -> Results:
         with view(group) as data:
             return data.load()
 
+    def case_of(name: str) -> Case:
+        group = f"campaign/{name}"
+        return Case(name, view(group), view(f"{group}/audit") if name in audited else None)
+
     return Results(
         path=path,
         attrs=attrs,
         processes={name: load(f"process/{name}") for name in groups.get("process", [])},
         chain=load("chain") if "chain" in alone else None,
-        cases=[Case(name, view(f"campaign/{name}")) for name in groups.get("campaign", [])],
+        cases=[case_of(name) for name in groups.get("campaign", [])],
         tradeoff=load("tradeoff") if "tradeoff" in alone else None,
     )
 

@@ -9,6 +9,8 @@ from pathlib import Path
 
 import numpy as np
 
+_MOST_DIGITS = 9  # behind the point
+
 
 @dataclass(frozen=True)
 class Table:
@@ -36,4 +38,6 @@ def value_with_error(value: float, error: float) -> str:
     if not (error > 0.0 and np.isfinite(error)):
         return f"{value:.6g}"
     digits = max(0, 1 - int(np.floor(np.log10(error))))
+    if digits > _MOST_DIGITS:
+        return f"{value:.2e} ± {error:.1e}"
     return f"{value:.{digits}f}({round(error * 10**digits):d})"

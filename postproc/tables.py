@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
 
+import numpy as np
 import xarray as xr
 
 from postproc.certain_statements import slip_with_error
@@ -21,6 +22,13 @@ _STATISTICS = (
     ("slip_std", "std over samples"),
     ("slip_std_time_part", "of it by the finite march"),
     ("pseudo_variance_mean", "mean pseudo-variance [m²]"),
+)
+_AUDITED = (
+    ("slip_mean", "mean time in slip [points]", 1.0),
+    ("slip_rms", "of one sample, rms [points]", 1.0),
+    ("slip_std", "std over samples [points]", 1.0),
+    ("psd_mean", "mean spectrum [%]", 100.0),
+    ("band_ratio", "band ratio [%]", 100.0),
 )
 _ERRORS = "Standard errors in brackets, in units of the last digits."
 
@@ -74,7 +82,9 @@ def of_chain(results: Results) -> Iterator[Table]:
 
 
 def of_cases(results: Results) -> Iterator[Table]:
-    """Statistics of the cases with drawn friction."""
+    """Statistics of the cases with drawn friction, and numerical errors where they were audited."""
+    if any(case.audit is not None for case in results.cases):
+        yield table_audit(results)
     for case in results.random:
         if case.has("slip_mean", "slip_std"):
             yield table_statistics(case)
@@ -199,6 +209,36 @@ def table_statistics(case: Case) -> Table:
         f" variance {case.variance:g}, {case.n_samples} samples"
     )
     return Table(f"statistics_{case.name}", title, tuple(header), rows, _ERRORS, is_detail=True)
+
+
+def table_audit(results: Results) -> Table:
+    """Numerical errors: samples less what a reference gives for the same ones."""
+    rows = []
+    for case in results.cases:
+        audit = case.audit
+        if audit is None:
+            continue
+        errors = [_largest(audit, f"{name}_difference", scale) for name, _, scale in _AUDITED]
+        rows.append((case.name, f"{audit.attrs['n_samples']} of {case.n_samples}", *errors))
+    header = ("case", "samples repeated", *(title for _, title, _ in _AUDITED))
+    note = (
+        "Largest over oscillators of what the case's own method differs by from the reference that"
+        f" repeated some of its samples. {_ERRORS}"
+    )
+    return Table("audit", "Numerical errors, by audit", header, rows, note)
+
+
+def _largest(audit: xr.Dataset, name: str, scale: float) -> str:
+    """The largest difference over oscillators (and percentiles), with its own error."""
+    if name not in audit:
+        return "-"
+    sizes = np.abs(audit[name].values).ravel()
+    if not np.isfinite(sizes).any():
+        return "-"
+    worst = int(np.nanargmax(sizes))
+    error = f"{name}_error"
+    known = float(audit[error].values.ravel()[worst]) if error in audit else 0.0
+    return value_with_error(scale * float(sizes[worst]), scale * known)
 
 
 def _upright(

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import csv
+import shutil
 import subprocess
 import sys
 
@@ -17,7 +18,7 @@ from postproc.figure import SECTIONS, Figure
 from postproc.paper import AXES
 from postproc.results import ResultsError
 from postproc.table import value_with_error
-from postproc.tables import table_frequencies, table_slip
+from postproc.tables import table_audit, table_frequencies, table_slip
 from tests.conftest import ROOT
 
 
@@ -55,6 +56,23 @@ def test_table_2_is_what_the_file_holds(results_file, drawn):
     assert all("(" in cell for cell in rows["variance 41.1"])
     assert rows["variance 41.1, paper"] == ["36", "45", "52", "59", "65"]
     assert "nothing was tuned" in table_slip(open_results(results_file)).note
+
+
+def test_audited_cases_show_their_numerical_errors(results_of_scene, tmp_path):
+    text = "&process correlation_length = 0.3 order = 2 mean = 0.2 std = 0.067 /\n&chain /\n"
+    text += "&excitation variance = 41.1 /\n&integration n_steps = 2000 /\n"
+    text += "&campaign n_samples = 4 /\n&accuracy audit = 0.5 /\n&output segment_length = 256 /\n"
+    path = results_of_scene(text)
+    results = open_results(path)
+    audit = results.cases[0].audit
+    assert "/audit/c001" in results.tree.groups
+    (row,) = table_audit(results).rows
+    assert row[:2] == ("c001", "2 of 4")
+    shown = row[2].split("(")[0].split(" ")[0]
+    worst = np.abs(audit["slip_mean_difference"]).max()
+    np.testing.assert_allclose(float(shown), worst, rtol=0.1)  # as many digits as its error allows
+    assert main([str(path), "--out", str(tmp_path)]) == 0
+    assert (tmp_path / "audit.csv").exists()
 
 
 def test_every_dataset_is_labelled(results_file):
@@ -144,6 +162,23 @@ def test_module_runs_as_a_command(process_file, tmp_path):
     )  # fmt: skip
     assert done.returncode == 0, done.stderr
     assert "report.html" in done.stdout
+
+
+def test_it_installs_as_a_package(tmp_path):
+    """With its style sheet and its command; where pip can build without the network."""
+    pytest.importorskip("wheel", reason="pip cannot build a wheel offline without `wheel`")
+    source = shutil.copytree(ROOT / "postproc", tmp_path / "source/postproc")
+    shutil.copy(ROOT / "pyproject.toml", source.parent)
+    done = subprocess.run(
+        [sys.executable, "-m", "pip", "install", "--quiet", "--no-deps", "--no-build-isolation",
+         "--target", tmp_path / "site", source.parent],
+        capture_output=True, text=True, check=False,
+    )  # fmt: skip
+    assert done.returncode == 0, done.stderr
+    names = {
+        path.relative_to(tmp_path / "site").as_posix() for path in (tmp_path / "site").rglob("*")
+    }
+    assert {"postproc/report.css", "postproc/py.typed", "bin/entroslip-figures"} <= names
 
 
 def test_the_worked_example_runs(results_file, tmp_path):
