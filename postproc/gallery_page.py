@@ -8,14 +8,17 @@ from __future__ import annotations
 import argparse
 import sys
 import tempfile
+from collections.abc import Sequence
 from pathlib import Path
 
 import matplotlib as mpl
 from PIL import Image
 
+from postproc.evidence import Statement
 from postproc.figure import SECTIONS, Figure
 from postproc.gallery import make_figures
 from postproc.results import Results, open_results
+from postproc.statements import assess
 from postproc.style import apply_style
 
 _WIDTH = 720  # pixels
@@ -23,8 +26,8 @@ _SHADES = 256  # of a picture's palette
 _HEAD = """# Gallery
 
 Every figure of the paper, drawn by `python -m postproc` from the scenes in `input/`. The report of
-the same command sets the paper's numbers beside ours and puts its statements to tests. This page
-and its pictures are written by
+the same command sets the paper's numbers beside ours. This page and its pictures are written, from the results of
+`./quickstart.sh`, by
 
     python -m postproc.gallery_page results/paper/*.h5 --out docs/gallery.md
 """
@@ -36,7 +39,7 @@ def write_page(files: list[Results], path: Path) -> list[Path]:
     folder.mkdir(parents=True, exist_ok=True)
     figures = make_figures(files)
     pictures = [_small_picture(figure, folder) for figure in figures]
-    parts = [_HEAD]
+    parts = [_HEAD, *_verdicts(assess(files))]
     for section in SECTIONS:
         own = [figure for figure in figures if figure.section == section]
         parts += [f"## {section}\n"] if own else []
@@ -49,6 +52,20 @@ def write_page(files: list[Results], path: Path) -> list[Path]:
     parts.append(f"Drawn from {titles}.\n")
     path.write_text("\n".join(parts), encoding="utf-8")
     return pictures
+
+
+def _verdicts(statements: Sequence[Statement]) -> list[str]:
+    """The paper's statements and what the tests said, as a table."""
+    if not statements:
+        return []
+    rows = "".join(
+        f"| {s.number} | {s.claim} | {s.source} | {s.verdict.value} |\n" for s in statements
+    )
+    return [
+        "## The paper's statements\n\nBy tests that the report names, with their numbers and"
+        " p-values.\n",
+        f"| | statement | where | verdict |\n|---|---|---|---|\n{rows}",
+    ]
 
 
 def _small_picture(figure: Figure, folder: Path) -> Path:

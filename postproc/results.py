@@ -100,9 +100,7 @@ class Results:
         groups = {f"/process/{name}": data for name, data in self.processes.items()}
         groups |= {f"/campaign/{case.name}": case.data for case in self.cases}
         groups |= {
-            f"/audit/{case.name}": case.audit
-            for case in self.cases
-            if case.audit is not None
+            f"/audit/{case.name}": case.audit for case in self.cases if case.audit is not None
         }
         groups |= {
             f"/{name}": data

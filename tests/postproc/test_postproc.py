@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import csv
+import re
 import shutil
 import subprocess
 import sys
@@ -12,7 +13,7 @@ import matplotlib.pyplot as plt
 import numpy as np
 import pytest
 
-from postproc import figures, open_results
+from postproc import figures, gallery_page, open_results
 from postproc.__main__ import main
 from postproc.figure import SECTIONS, Figure
 from postproc.paper import AXES
@@ -162,6 +163,22 @@ def test_module_runs_as_a_command(process_file, tmp_path):
     )  # fmt: skip
     assert done.returncode == 0, done.stderr
     assert "report.html" in done.stdout
+
+
+def test_gallery_is_a_page_with_small_pictures(process_file, tmp_path):
+    page = tmp_path / "gallery.md"
+    assert gallery_page.main([str(process_file), "--out", str(page)]) == 0
+    pictures = re.findall(r"!\[[^]]+\]\(([^)]+)\)", page.read_text())
+    assert len(pictures) == 3
+    assert all((tmp_path / picture).stat().st_size < 100_000 for picture in pictures)
+
+
+def test_committed_gallery_has_all_figures_of_the_paper():
+    page = (ROOT / "docs/gallery.md").read_text()
+    pictures = re.findall(r"!\[[^]]+\]\(([^)]+)\)", page)
+    for number in range(1, 12):
+        assert any(f"fig_{number:02d}" in picture for picture in pictures)
+    assert all((ROOT / "docs" / picture).stat().st_size < 100_000 for picture in pictures)
 
 
 def test_it_installs_as_a_package(tmp_path):
