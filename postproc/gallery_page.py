@@ -26,8 +26,8 @@ _SHADES = 256  # of a picture's palette
 _HEAD = """# Gallery
 
 Every figure of the paper, drawn by `python -m postproc` from the scenes in `input/`. The report of
-the same command sets the paper's numbers beside ours. This page and its pictures are written, from the results of
-`./quickstart.sh`, by
+the same command sets the paper's numbers beside ours. This page and its pictures are written, from
+the results of `./quickstart.sh`, by
 
     python -m postproc.gallery_page results/paper/*.h5 --out docs/gallery.md
 """
