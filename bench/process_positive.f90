@@ -59,7 +59,7 @@ contains
             call cpu_time(start)
             call sample_sequential(a, 1.0_wp, a, 2.0_wp, n_burn_in, n_lags, 4096, stream, batches)
          else
-            n_burn_in = sweeps_to_forget(a, 1.0e-5_wp)
+            n_burn_in = sweeps_to_forget(a, 2.0_wp, 1.0_wp, 1.0e-5_wp)
             n_values = lanes*real(ring_length, wp)*(n_burn_in + n_stretches*8)
             call cpu_time(start)
             call sample_exact(a, 1.0_wp, a, 2.0_wp, ring_length, n_burn_in, n_lags, 8, stream, &

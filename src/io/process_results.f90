@@ -40,7 +40,7 @@ contains
          call write_recursion(group, model)
          call write_correlation(group, model)
          call write_entropies(group, model)
-         if (model%request%positive) call write_other_law(group, model)
+         if (model%other_std > 0.0_wp) call write_other_law(group, model)
          if (allocated(model%signs)) call write_direct(group, model)
       end if
       if (present(realizations)) call write_realizations(group, realizations)
@@ -130,7 +130,8 @@ contains
                            'geometric mean over the past of the probability to accept')
    end subroutine write_entropies
 
-   !> How far the other law is from the one asked for: what the same parameters give under it.
+   !> How far the other law is from the one asked for: what the same parameters give under it, where
+   !! that is known.
    subroutine write_other_law(group, model)
       type(group_type), intent(inout) :: group
       type(process_model_type), intent(in) :: model

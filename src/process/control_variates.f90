@@ -14,7 +14,8 @@ module process_control_variates
       !> (control) average less known mean, same combination
       real(wp), allocatable :: excess(:)
    contains
-      procedure :: correct
+      procedure :: free
+      procedure :: standard_error
    end type control_type
 
 contains
@@ -51,30 +52,36 @@ contains
       end do
    end function new_control
 
-   !> Subtracts from a value what the controls explain of its error, and gives the standard error
-   !> left.
-   pure subroutine correct(self, influence, value, standard_error)
+   !> The average over the batches less what the controls explain of its error, and what they leave
+   !> of each batch's deviation from it. Where a quantity is linear in the controls, this is exact.
+   pure subroutine free(self, series, average, rest)
       class(control_type), intent(in) :: self
-      !> (batch) first-order change of the value by that batch; its average is the value's own error
-      !> term
-      real(wp), intent(in) :: influence(:)
-      real(wp), intent(inout) :: value
-      real(wp), intent(out) :: standard_error
-      real(wp) :: rest(size(influence)), share
-      integer :: j, n
+      real(wp), intent(in) :: series(:)   !! (batch)
+      real(wp), intent(out) :: average
+      real(wp), intent(out) :: rest(:)    !! (batch) of mean 0
+      real(wp) :: share
+      integer :: j
 
-      n = size(influence)
-      rest = influence - sum(influence)/n
+      average = sum(series)/size(series)
+      rest = series - average
       do j = 1, size(self%excess)
          share = dot_product(self%direction(:, j), rest)
          rest = rest - share*self%direction(:, j)
-         value = value - share*self%excess(j)
+         average = average - share*self%excess(j)
       end do
-      ! batches of one run may depend on each other, runs do not
-      associate (run => sum(reshape(rest, [self%n_groups, n/self%n_groups]), dim=2)/n)
-         standard_error = sqrt(sum(run**2)*self%n_groups/(self%n_groups - 1.0_wp) &
-                               *n/(n - size(self%excess)))
-      end associate
-   end subroutine correct
+   end subroutine free
+
+   !> Of an average, from what is left of its batches. Batches of one run may depend on each other,
+   !> runs do not.
+   pure function standard_error(self, rest) result(error)
+      class(control_type), intent(in) :: self
+      real(wp), intent(in) :: rest(:)     !! (batch)
+      real(wp) :: error
+      real(wp) :: n, runs(self%n_groups)
+
+      n = size(rest)
+      runs = sum(reshape(rest, [self%n_groups, size(rest)/self%n_groups]), dim=2)/n
+      error = sqrt(sum(runs**2)*self%n_groups/(self%n_groups - 1.0_wp)*n/(n - size(self%excess)))
+   end function standard_error
 
 end module process_control_variates

@@ -28,8 +28,7 @@ contains
          call draw_gaussian(model, stream, values)
       else if (model%request%sampler == 'sequential') then
          call march_sequential(model%a, model%mu/model%b0*(1.0_wp + sum(model%a)), &
-                               model%mean/model%b0, &
-                               model%memory, stream, values)
+                               model%mean/model%b0, model%memory, stream, values)
          values = model%b0*values
       else
          call draw_exact(model, stream, values)
@@ -44,6 +43,7 @@ contains
       real(wp), intent(out) :: values(:)
       real(wp), parameter :: most_trials = 200.0_wp
       real(wp) :: window(size(values) + 2*model%memory)
+      integer :: n_sweeps
 
       if (-log(model%lambda)*size(window) < log(most_trials)) then
          do
@@ -52,9 +52,9 @@ contains
          end do
          values = window(model%memory + 1:model%memory + size(values))
       else
+         n_sweeps = sweeps_to_forget(model%a, (model%std/model%b0)**2, model%l0, forgotten)
          call draw_window(model%a, model%mu/model%b0*(1.0_wp + sum(model%a))**2, &
-                          model%mean/model%b0, &
-                          model%memory, sweeps_to_forget(model%a, forgotten), stream, values)
+                          model%mean/model%b0, model%memory, n_sweeps, stream, values)
          values = model%b0*values
       end if
    end subroutine draw_exact

@@ -42,25 +42,17 @@ contains
       end do
    end function precision_of
 
-   !> Sweeps after which a start has lost all but `tolerance` of its weight. Where all G_k, k > 0,
-   !> are negative this bounds every ring in the largest norm; else it is the rate of the Gaussian
-   !> law.
-   pure function sweeps_to_forget(a, tolerance) result(n)
-      real(wp), intent(in) :: a(:)
+   !> Sweeps after which a start has lost all but `tolerance` of its weight: the rate of the Gaussian
+   !> law of this variance and length, the smallest over the mean of 1/(power spectral density).
+   pure function sweeps_to_forget(a, variance, l0, tolerance) result(n)
+      real(wp), intent(in) :: a(:)       !! a_q, Eq. (39)
+      real(wp), intent(in) :: variance   !! K(0)/b0^2
+      real(wp), intent(in) :: l0         !! [lags]
       real(wp), intent(in) :: tolerance
       integer :: n
-      integer, parameter :: n_frequencies = 256
-      real(wp), parameter :: pi = 4.0_wp*atan(1.0_wp)
-      real(wp) :: g(0:size(a)), frequency, smallest
-      integer :: i, k
+      real(wp) :: smallest
 
-      g = precision_of(a)
-      smallest = huge(1.0_wp)
-      do i = 0, n_frequencies
-         frequency = pi*i/n_frequencies
-         smallest = min(smallest, g(0) + 2.0_wp*sum([(g(k)*cos(k*frequency), k=1, size(a))]))
-      end do
-      smallest = max(smallest/g(0), 1.0e-6_wp)
+      smallest = 1.0_wp/(max(1.0_wp, variance*(1.0_wp + sum(a**2)))*(1.0_wp + 2.0_wp*l0))
       n = max(ceiling(log(tolerance)/log((1.0_wp - min(smallest, 0.999_wp))/(1.0_wp + smallest))), &
               4)
    end function sweeps_to_forget

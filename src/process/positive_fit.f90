@@ -16,6 +16,8 @@ module process_positive_fit
    use process_entropy, only: white_noise_entropy
    use process_model, only: process_model_type, process_request
    use process_positive_exact, only: precision_of
+   use process_positive_first_order, only: describe_first_order, match_first_order
+   use process_positive_kernel, only: first_order_law
    use process_positive_law, only: exact_law, n_constraints, positive_law, prepare_law, &
       sequential_law
    use process_positive_limit, only: follow_family
@@ -47,6 +49,7 @@ contains
       integer(long), intent(in) :: seed
       type(process_model_type), intent(out) :: model
       class(positive_law), allocatable :: law
+      type(first_order_law) :: first_order
       type(search_result) :: found
       type(error_type), allocatable :: error
       real(wp), allocatable :: point(:)
@@ -56,6 +59,9 @@ contains
       if (.not. abs(request%correlation_length) > 0.0_wp) then
          call fit_truncated_normal(request%mean, request%std, mu, sigma, error)
          if (.not. allocated(error)) call describe_white(request, mu, sigma, model)
+      else if (is_first_order(request)) then
+         call match_first_order(request, first_order, error)
+         if (.not. allocated(error)) call describe_first_order(request, first_order, model, error)
       else
          call approach(request, seed, law, point, found, error)
          if (.not. allocated(error)) call find_shape(law, point, found, error)
@@ -63,7 +69,7 @@ contains
             call match_targets(law, found, point, violation)
             call describe(request, law, model, error)
          end if
-         if (.not. allocated(error)) call compare_laws(request, law, point, model, error)
+         if (.not. allocated(error)) call compare_laws(request, law, point, model)
          if (request%method == 'direct' .and. .not. allocated(error)) &
             call name_multipliers(request, model)
          model%optimality = merge(violation, found%residual, request%method == 'direct')
@@ -78,16 +84,28 @@ contains
       integer(long), intent(in) :: seed
       type(error_type), allocatable, intent(out) :: error
       class(positive_law), allocatable :: law
+      type(first_order_law) :: first_order
       type(search_result) :: found
       real(wp), allocatable :: point(:)
       real(wp) :: mu, sigma
 
-      if (abs(request%correlation_length) > 0.0_wp) then
-         call approach(request, seed, law, point, found, error)
-      else
+      if (.not. abs(request%correlation_length) > 0.0_wp) then
          call fit_truncated_normal(request%mean, request%std, mu, sigma, error)
+      else if (is_first_order(request)) then
+         call match_first_order(request, first_order, error)
+      else
+         call approach(request, seed, law, point, found, error)
       end if
    end subroutine foresee_positive
+
+   !> What quadrature solves.
+   pure function is_first_order(request) result(is_so)
+      type(process_request), intent(in) :: request
+      logical :: is_so
+
+      is_so = request%order == 1 .and. request%method == 'autoregressive' .and. &
+              (request%sampler == 'sequential' .or. request%sampler == 'exact')
+   end function is_first_order
 
    !> Without correlation both laws are the univariate one, in closed form.
    subroutine describe_white(request, mu, sigma, model)
@@ -313,13 +331,14 @@ contains
       model%delta = lambda_2/model%lambda_3
    end subroutine name_multipliers
 
-   !> What the same a_q, b0 and mu give under the other law, and the acceptances of both.
-   subroutine compare_laws(request, law, point, model, error)
+   !> What the same a_q, b0 and mu give under the other law, and the acceptances of both. Of the
+   !> exact law, nothing where it remembers more than its fits carry.
+   subroutine compare_laws(request, law, point, model)
       type(process_request), intent(in) :: request
       class(positive_law), intent(in) :: law
       real(wp), intent(in) :: point(:)
       type(process_model_type), intent(inout) :: model
-      type(error_type), allocatable, intent(out) :: error
+      type(error_type), allocatable :: error
       class(positive_law), allocatable :: other
       real(wp), allocatable :: kappa(:), state(:)
       real(wp) :: coordinate, location, unused
@@ -328,7 +347,11 @@ contains
       call prepare_law(request, merge('exact     ', 'sequential', &
                                       request%sampler == 'sequential'), law%stream, other, &
                        kappa, error)
-      if (allocated(error)) return
+      if (allocated(error)) then   ! longer than it is sampled: not known
+         deallocate (error)
+         call note_acceptances(law, model)
+         return
+      end if
       location = model%mu/model%b0
       coordinate = location*(1.0_wp + sum(model%a))**other%power
       other%n_steps = final_steps

@@ -27,7 +27,6 @@ module process_positive_law
    integer, parameter, public :: n_constraints = 2
 
    integer, parameter :: n_batches = 16*lanes
-   integer, parameter :: max_lags = 600
    real(wp), parameter :: largest_kappa = 0.9999_wp
 
    !> A law, its targets, and the random numbers that every trial shares.
@@ -35,6 +34,7 @@ module process_positive_law
       character(:), allocatable :: correlation
       real(wp) :: wanted_ratio = 0.0_wp              !! std/mean
       real(wp) :: wanted_length = 0.0_wp
+      real(wp) :: wanted_l0 = 0.0_wp                 !! the companion's where L1 is wanted
       !> allocated: points are (factor of this shape, coordinate)
       real(wp), allocatable :: shape(:)
       !> allocated for the direct method: G_m/G_0 of the unconstrained solution; points are (factor
@@ -61,6 +61,7 @@ module process_positive_law
       procedure :: imposed_length
       procedure(sample_law), deferred :: sample
       procedure(settle_law), deferred :: settle
+      procedure(max_lags_of_law), deferred, nopass :: max_lags
       procedure(features_of_law), deferred :: features
       procedure(entropy_of_law), deferred :: find_entropy
    end type positive_law
@@ -78,6 +79,10 @@ module process_positive_law
          class(positive_law), intent(inout) :: self
          real(wp), intent(in) :: a(:)
       end subroutine settle_law
+
+      !> Lags that a fit carries within a minute or two.
+      pure integer function max_lags_of_law()
+      end function max_lags_of_law
 
       !> What `gain` needs of a point, from `batches` and `moments`.
       function features_of_law(self) result(features)
@@ -101,6 +106,7 @@ module process_positive_law
       procedure, nopass :: gain => gain_by_difference
       procedure :: sample => sample_sequential_law
       procedure :: settle => settle_sequential
+      procedure, nopass :: max_lags => max_lags_of_chains
       procedure :: features => entropy_feature
       procedure :: find_entropy => averaged_entropy
    end type sequential_law
@@ -112,6 +118,7 @@ module process_positive_law
       procedure, nopass :: gain => gain_by_multipliers
       procedure :: sample => sample_exact_law
       procedure :: settle => settle_exact
+      procedure, nopass :: max_lags => max_lags_of_rings
       procedure :: features => multiplier_features
       procedure :: find_entropy => integrated_entropy
       procedure :: ring_length
@@ -158,13 +165,14 @@ contains
       law%correlation = request%correlation
       law%wanted_ratio = request%std/request%mean
       law%wanted_length = request%correlation_length
+      law%wanted_l0 = sums%l0
       law%n_lags = max(size(kappa), memory_of(unconstrained%poles, 1.0e-4_wp))
-      if (law%n_lags > max_lags) then
-         call raise(error, exit_no_solution, &
-                    'positive process with '//request%correlation//' = '// &
-                    to_text(request%correlation_length)//', order = '//to_text(request%order)// &
-                    ': '//to_text(law%n_lags)//' lags count, sampled fits carry '// &
-                    to_text(max_lags))
+      if (law%n_lags > law%max_lags()) then
+         call raise(error, exit_no_solution, 'positive process ('//sampler//' law) with '// &
+                    request%correlation//' = '//to_text(request%correlation_length)// &
+                    ', order = '//to_text(request%order)//': '//to_text(law%n_lags)// &
+                    ' lags count, sampled fits carry '//to_text(law%max_lags())// &
+                    '; order 1 is solved without sampling')
          return
       end if
       rho = autocovariance_of(kappa, law%n_lags)
@@ -281,6 +289,10 @@ contains
       self%n_burn_in = max(self%memory, size(a))
    end subroutine settle_sequential
 
+   pure integer function max_lags_of_chains() result(n)
+      n = 4000
+   end function max_lags_of_chains
+
    function entropy_feature(self) result(features)
       class(sequential_law), intent(in) :: self
       real(wp), allocatable :: features(:)
@@ -321,13 +333,20 @@ contains
       length = max(3*self%n_lags, 64)
    end function ring_length
 
+   !> Sweeps grow with the square of the length.
+   pure integer function max_lags_of_rings() result(n)
+      n = 160
+   end function max_lags_of_rings
+
+   !> By the variance of the last evaluation; before the first one, by the companion's.
    subroutine settle_exact(self, a)
       class(exact_law), intent(inout) :: self
       real(wp), intent(in) :: a(:)
-      !> near its limit the law forgets faster than its Gaussian
-      integer, parameter :: max_sweeps = 300
+      real(wp) :: variance
 
-      self%n_burn_in = min(sweeps_to_forget(a, 1.0e-5_wp), max_sweeps)
+      variance = self%companion_autocovariance(0)
+      if (self%moments%std > 0.0_wp) variance = self%moments%std**2
+      self%n_burn_in = sweeps_to_forget(a, variance, self%wanted_l0, 1.0e-5_wp)
    end subroutine settle_exact
 
    !> Moments m, K(0..order), and their multipliers.

@@ -7,7 +7,7 @@ module process_positive_moments
    implicit none(type, external)
    private
    public :: batch_averages, new_batches, positive_moments, estimate_moments, &
-      estimate_autocovariance
+      estimate_autocovariance, estimate_products
    public :: add_products, n_acceptance_sums
 
    !> alpha, 1/alpha, ln alpha, c phi(c)/(2 alpha), density at 0
@@ -99,66 +99,89 @@ contains
       real(wp), intent(in) :: tail_moment      !! sum of m |rho(m)| beyond n_lags
       type(positive_moments) :: moments
       type(control_type) :: control
-      real(wp), dimension(size(batches%x, 2)) :: d, k0, length, moment, work
-      real(wp) :: deviations(size(d), 4 + order), sign_of(size(companion) - 1), &
-         lag(size(companion) - 1)
-      real(wp) :: average(4), centred, k0_mean, sum0, sum1, unused
-      integer :: last, m, n
+      real(wp) :: weights(0:ubound(companion, 1), 3)   ! K(0), sum |K|, sum m |K| of the lags
+      real(wp), dimension(size(batches%x, 2), 3) :: rest
+      real(wp), dimension(size(batches%x, 2)) :: centre_rest, work
+      real(wp) :: k(3), offset, unused
+      integer :: i, last, m
 
-      n = size(d)
       last = ubound(companion, 1)
-      sign_of = sign(1.0_wp, companion(1:))
-      lag = [(real(m, wp), m=1, last)]
+      weights = 0.0_wp
+      weights(0, 1) = 1.0_wp
+      weights(1:, 2) = sign(1.0_wp, companion(1:))
+      weights(1:, 3) = [(m*weights(m, 2), m=1, last)]
+      control = controls_of(batches, companion, weights, order)
+
+      ! each average by itself, then what is not linear in them: no bias of second order
+      call control%free(batches%x(-1, :), offset, centre_rest)
+      do i = 1, 3
+         call control%free(matmul(weights(:, i), batches%x(0:last, :)), k(i), rest(:, i))
+         k(i) = k(i) - sum(weights(:, i))*offset**2
+         rest(:, i) = rest(:, i) - sum(weights(:, i))*2.0_wp*offset*centre_rest
+      end do
+      moments%mean = batches%centre + offset
+      moments%mean_error = control%standard_error(centre_rest)
+      moments%std = sqrt(k(1))
+      moments%std_error = control%standard_error(0.5_wp*rest(:, 1)/moments%std)
+      moments%ratio = moments%std/moments%mean
+      moments%ratio_error = control%standard_error(moments%ratio*(0.5_wp*rest(:, 1)/k(1) &
+                                                                  - centre_rest/moments%mean))
+      moments%l0 = k(2)/k(1) + tail_l0
+      moments%l0_error = control%standard_error((rest(:, 2) - k(2)/k(1)*rest(:, 1))/k(1))
+      moments%l1 = (k(3)/k(1) + tail_moment)/(1.0_wp + moments%l0)
+      work = rest(:, 1) + rest(:, 2)
+      moments%l1_error = control%standard_error((rest(:, 3) - k(3)/(k(1) + k(2))*work)/(k(1) + k(2)))
+
+      call control%free(batches%acceptance(3, :) - batches%acceptance(4, :), moments%entropy, work)
+      moments%entropy = moments%entropy + half_log_two_pi_e - log(moments%std)
+      moments%entropy_error = control%standard_error(work - 0.5_wp*rest(:, 1)/k(1))
+      call control%free(batches%acceptance(5, :), moments%at_zero, work)
+      moments%at_zero_error = control%standard_error(work)
+      call control%free(batches%acceptance(1, :), moments%acceptance_mean, work)
+      if (any(batches%acceptance(2, :) > 0.0_wp)) &
+         moments%acceptance_ratio = size(work)/sum(batches%acceptance(2, :))
+      call control%free(batches%acceptance(3, :), unused, work)
+      moments%acceptance_geometric = exp(unused)
+   end function estimate_moments
+
+   !> E sum w_m (x_n - centre)(x_(n+m) - centre) and its standard error.
+   pure subroutine estimate_products(batches, companion, weights, centre, value, standard_error)
+      type(batch_averages), intent(in) :: batches
+      real(wp), intent(in) :: companion(0:)   !! autocovariance of y, m = 0..n_lags
+      real(wp), intent(in) :: weights(0:)     !! w_m, m = 0..n_lags
+      real(wp), intent(in) :: centre          !! [b0]
+      real(wp), intent(out) :: value, standard_error
+      type(control_type) :: control
+      real(wp) :: rest(size(batches%x, 2)), shift
+
+      control = controls_of(batches, companion, reshape(weights, [size(weights), 1]), 1)
+      shift = batches%centre - centre
+      call control%free(matmul(weights, batches%x(0:ubound(weights, 1), :)) &
+                        + 2.0_wp*shift*sum(weights)*batches%x(-1, :), value, rest)
+      value = value + sum(weights)*shift**2
+      standard_error = control%standard_error(rest)
+   end subroutine estimate_products
+
+   !> What is known of the companion: its mean, the weighted sums of its lags, the first lags.
+   pure function controls_of(batches, companion, weights, order) result(control)
+      type(batch_averages), intent(in) :: batches
+      real(wp), intent(in) :: companion(0:), weights(:, :)   !! weights: (lag, sum)
+      integer, intent(in) :: order
+      type(control_type) :: control
+      real(wp) :: deviations(size(batches%y, 2), 1 + size(weights, 2) + order)
+      integer :: i, m, n
+
+      n = size(weights, 2)
       deviations(:, 1) = batches%y(-1, :)
-      deviations(:, 2) = batches%y(0, :) - companion(0)
-      deviations(:, 3) = matmul(sign_of, batches%y(1:last, :)) - sum(abs(companion(1:)))
-      deviations(:, 4) = matmul(sign_of*lag, batches%y(1:last, :)) - sum(lag*abs(companion(1:)))
+      do i = 1, n
+         deviations(:, 1 + i) = matmul(weights(:, i), batches%y(0:size(weights, 1) - 1, :)) &
+                                - dot_product(weights(:, i), companion(:size(weights, 1) - 1))
+      end do
       do m = 1, order
-         deviations(:, 4 + m) = batches%y(m, :) - companion(m)
+         deviations(:, 1 + n + m) = batches%y(m, :) - companion(m)
       end do
       control = new_control(deviations, lanes)
-
-      ! first-order influences of a batch on mean, K(0), sum |K|, sum m |K|
-      centred = sum(batches%x(-1, :))/n
-      d = batches%x(-1, :) - centred
-      k0 = batches%x(0, :) - centred**2 - 2.0_wp*centred*d
-      length = matmul(sign_of, batches%x(1:last, :)) - sum(sign_of)*(centred**2 + 2.0_wp*centred*d)
-      moment = matmul(sign_of*lag, batches%x(1:last, :)) &
-               - sum(sign_of*lag)*(centred**2 + 2.0_wp*centred*d)
-      average = [sum(d), sum(k0), sum(length), sum(moment)]/n
-      k0_mean = average(2)
-      sum0 = average(3)
-      sum1 = average(4)
-
-      moments%mean = batches%centre + centred
-      call control%correct(d, moments%mean, moments%mean_error)
-      moments%std = sqrt(k0_mean)
-      call control%correct(0.5_wp*k0/moments%std, moments%std, moments%std_error)
-      moments%ratio = sqrt(k0_mean)/(batches%centre + centred)
-      work = moments%ratio*(0.5_wp*k0/k0_mean - d/(batches%centre + centred))
-      call control%correct(work, moments%ratio, moments%ratio_error)
-      moments%l0 = sum0/k0_mean
-      work = (length - moments%l0*k0)/k0_mean
-      call control%correct(work, moments%l0, moments%l0_error)
-      moments%l0 = moments%l0 + tail_l0
-      moments%l1 = sum1/(k0_mean + sum0)
-      work = (moment - moments%l1*(k0 + length))/(k0_mean + sum0)
-      call control%correct(work, moments%l1, moments%l1_error)
-      moments%l1 = (moments%l1*(1.0_wp + sum0/k0_mean) + tail_moment)/(1.0_wp + moments%l0)
-
-      work = batches%acceptance(3, :) - batches%acceptance(4, :)
-      moments%entropy = half_log_two_pi_e + sum(work)/n - 0.5_wp*log(k0_mean)
-      work = work - 0.5_wp*k0/k0_mean
-      call control%correct(work, moments%entropy, moments%entropy_error)
-      moments%at_zero = sum(batches%acceptance(5, :))/n
-      call control%correct(batches%acceptance(5, :), moments%at_zero, moments%at_zero_error)
-      moments%acceptance_mean = sum(batches%acceptance(1, :))/n
-      call control%correct(batches%acceptance(1, :), moments%acceptance_mean, unused)
-      if (any(batches%acceptance(2, :) > 0.0_wp)) &
-         moments%acceptance_ratio = n/sum(batches%acceptance(2, :))
-      work = sum(batches%acceptance(3, :))/n
-      moments%acceptance_geometric = exp(work(1))
-   end function estimate_moments
+   end function controls_of
 
    !> K(m), m = 0..last, and standard errors; each lag with its own lag of the companion as a
    !> control.
@@ -168,21 +191,20 @@ contains
       integer, intent(in) :: last
       real(wp), allocatable, intent(out) :: autocovariance(:), standard_error(:)   !! (0:last)
       type(control_type) :: control
-      real(wp) :: centred, d(size(batches%x, 2)), deviations(size(d), 3), influence(size(d))
-      integer :: m, n
+      real(wp), dimension(size(batches%x, 2)) :: centre_rest, rest
+      real(wp) :: deviations(size(rest), 3), offset
+      integer :: m
 
-      n = size(d)
       allocate (autocovariance(0:last), standard_error(0:last))
-      centred = sum(batches%x(-1, :))/n
-      d = batches%x(-1, :) - centred
       do m = 0, last
          deviations(:, 1) = batches%y(-1, :)
          deviations(:, 2) = batches%y(0, :) - companion(0)
          deviations(:, 3) = batches%y(m, :) - companion(m)
          control = new_control(deviations, lanes)
-         influence = batches%x(m, :) - centred**2 - 2.0_wp*centred*d
-         autocovariance(m) = sum(influence)/n
-         call control%correct(influence, autocovariance(m), standard_error(m))
+         call control%free(batches%x(-1, :), offset, centre_rest)
+         call control%free(batches%x(m, :), autocovariance(m), rest)
+         autocovariance(m) = autocovariance(m) - offset**2
+         standard_error(m) = control%standard_error(rest - 2.0_wp*offset*centre_rest)
       end do
    end subroutine estimate_autocovariance
 

@@ -1,0 +1,71 @@
+!> The root of an increasing function of one variable, asked for values one at a time.
+module numerics_root_search
+   use core_kinds, only: wp
+   implicit none(type, external)
+   private
+   public :: root_search, new_root_search
+
+   !> Steps that double until the root is enclosed, then regula falsi that keeps its bracket.
+   type :: root_search
+      private
+      real(wp) :: step = 1.0_wp
+      real(wp), public :: low = -huge(1.0_wp), high = huge(1.0_wp)   !! what encloses the root
+      real(wp) :: low_value = -huge(1.0_wp), high_value = huge(1.0_wp)
+      integer :: side = 0                                            !! of the last value
+   contains
+      procedure :: advance
+      procedure :: is_enclosed
+   end type root_search
+
+contains
+
+   pure function new_root_search(first_step) result(search)
+      real(wp), intent(in) :: first_step
+      type(root_search) :: search
+
+      search%step = first_step
+   end function new_root_search
+
+   pure function is_enclosed(self) result(is_so)
+      class(root_search), intent(in) :: self
+      logical :: is_so
+
+      is_so = self%low > -huge(1.0_wp) .and. self%high < huge(1.0_wp)
+   end function is_enclosed
+
+   !> Takes the value at x and moves x to where the next one is wanted.
+   pure subroutine advance(self, x, value)
+      class(root_search), intent(inout) :: self
+      real(wp), intent(inout) :: x
+      real(wp), intent(in) :: value
+      integer :: side
+
+      side = merge(1, -1, value > 0.0_wp)
+      if (side == 1) then   ! an end that stays twice is made to count less (Anderson, Bjorck)
+         if (self%side == side) self%low_value = self%low_value*weight_left(value, self%high_value)
+         self%high = x
+         self%high_value = value
+      else
+         if (self%side == side) self%high_value = self%high_value*weight_left(value, self%low_value)
+         self%low = x
+         self%low_value = value
+      end if
+      if (self%is_enclosed()) then
+         self%side = side
+         x = (self%low*self%high_value - self%high*self%low_value)/(self%high_value - self%low_value)
+         x = max(self%low, min(self%high, x))
+      else
+         x = x - side*self%step
+         self%step = 2.0_wp*self%step
+      end if
+   end subroutine advance
+
+   elemental function weight_left(value, before) result(weight)
+      real(wp), intent(in) :: value, before
+      real(wp) :: weight
+
+      weight = 1.0_wp - value/before
+      if (.not. weight > 0.0_wp) weight = 0.5_wp
+   end function weight_left
+
+end module numerics_root_search

@@ -1,0 +1,271 @@
+!> Positive processes of first order without sampling: the transfer kernel on Gauss nodes.
+!>
+!> Under both laws the kernel is symmetric: that of Eq. (25) by itself; that of one-at-a-time
+!> rejection because its chain is reversible, whence it is the other one over the root of the
+!> acceptances of both values. Moments, sums over all lags and entropies are good to about 1e-10.
+!> Everything is in units of b0.
+module process_positive_kernel
+   use core_error, only: error_type
+   use core_kinds, only: wp
+   use numerics_lapack, only: solve_linear_system, solve_positive_definite, &
+      solve_symmetric_eigenproblem
+   use numerics_quadrature, only: gauss_legendre
+   use process_positive_partition, only: entropy_of_exact_law, log_sqrt_two_pi
+   use process_truncated_normal, only: hazard_ratio, log_acceptance
+   implicit none(type, external)
+   private
+   public :: first_order_law, new_first_order_law
+
+   !> x_n = w_n + mu (1 - r) + r x_(n-1), kept positive by one law or the other.
+   type :: first_order_law
+      real(wp) :: r = 0.0_wp              !! -a_1, in (0, 1]
+      real(wp) :: slack = 1.0_wp          !! 1 - r; at 0 mu is minus infinity, its coordinate finite
+      real(wp) :: coordinate = 0.0_wp     !! mu slack^2; sequential law: mu slack
+      logical :: is_sequential = .false.
+      real(wp) :: mean = 0.0_wp, std = 0.0_wp
+      real(wp) :: l0 = 0.0_wp, l1 = 0.0_wp       !! infinite sums
+      real(wp) :: entropy = 0.0_wp               !! per point
+      real(wp) :: log_lambda = 0.0_wp            !! exact law: ln Lambda, Eq. (45)
+      !> sequential law: 1/E[1/alpha], E[alpha], exp E[ln alpha]
+      real(wp) :: acceptance_ratio = 1.0_wp, acceptance_mean = 1.0_wp, acceptance_geometric = 1.0_wp
+      real(wp), allocatable, private :: kernel(:, :)    !! (node, node), its Perron value is 1
+      real(wp), allocatable, private :: deviation(:)    !! (node) (x - mean) times Perron's vector
+   contains
+      procedure :: autocovariance
+   end type first_order_law
+
+contains
+
+   !> All that is known of the law of these parameters. Fails where LAPACK does.
+   subroutine new_first_order_law(r, slack, coordinate, is_sequential, law, error)
+      real(wp), intent(in) :: r, slack, coordinate   !! as in the type
+      logical, intent(in) :: is_sequential
+      type(first_order_law), intent(out) :: law
+      type(error_type), allocatable, intent(out) :: error
+      real(wp), allocatable :: nodes(:), vector(:), weights(:)
+      real(wp) :: perron
+
+      law%r = r
+      law%slack = slack
+      law%coordinate = coordinate
+      law%is_sequential = is_sequential
+      call place_nodes(law, nodes, weights)
+      law%kernel = kernel_of(law, nodes, sqrt(weights))
+      if (is_sequential) then
+         vector = stationary_vector(law, nodes, sqrt(weights))
+         perron = dot_product(vector, matmul(law%kernel, vector))
+      else
+         call find_perron(law%kernel, vector, perron, error)
+         if (allocated(error)) return
+      end if
+      law%kernel = law%kernel/perron
+      call describe_sums(law, nodes, vector, error)
+      if (is_sequential) then
+         call describe_acceptances(law, nodes, vector**2)
+      else
+         call describe_partition(law, log(perron))
+      end if
+   end subroutine new_first_order_law
+
+   !> Gauss nodes where the mass is, dense enough for the kernel's width; what is left out is below
+   !> 1e-15.
+   pure subroutine place_nodes(law, nodes, weights)
+      type(first_order_law), intent(in) :: law
+      real(wp), allocatable, intent(out) :: nodes(:), weights(:)
+      integer, parameter :: fewest = 48
+      real(wp), parameter :: density = 1.8_wp   ! of nodes, over the width of the kernel
+      real(wp) :: high, low, reach
+      integer :: n
+
+      reach = reach_of(law)
+      low = max(positive_mu(law) - reach, 0.0_wp)
+      high = positive_mu(law) + reach
+      n = fewest + ceiling(density*(high - low)*sqrt(law%r))
+      allocate (nodes(n), weights(n))
+      call gauss_legendre(low, high, nodes, weights)
+   end subroutine place_nodes
+
+   !> How far the mass goes beyond mu, or beyond 0 where mu < 0.
+   pure function reach_of(law) result(reach)
+      type(first_order_law), intent(in) :: law
+      real(wp) :: reach
+      real(wp), parameter :: beyond = 8.5_wp   ! of a normal law [std]
+      real(wp), parameter :: far = 38.0_wp     ! -ln of what is left out
+      real(wp) :: strength
+
+      reach = huge(1.0_wp)
+      if (law%slack > 0.0_wp) reach = beyond/sqrt(law%slack*(1.0_wp + law%r))
+      if (law%coordinate >= 0.0_wp) return
+      strength = max(-law%coordinate, far/huge(1.0_wp))
+      reach = min(reach, far/strength)
+      if (law%is_sequential) then   ! (1 + r) mu slack is the rate, once a value is accepted surely
+         reach = min(reach, (far - log_acceptance(-strength))/(strength*(1.0_wp + law%r)))
+      else                          ! the square of Airy's function
+         reach = min(reach, 10.0_wp/strength**(1.0_wp/3.0_wp))
+      end if
+   end function reach_of
+
+   !> The symmetric kernel with the roots of the weights; for mu < 0 without exp(-(mu slack)^2/2).
+   pure function kernel_of(law, nodes, roots) result(kernel)
+      type(first_order_law), intent(in) :: law
+      real(wp), intent(in) :: nodes(:), roots(:)   !! (node)
+      real(wp) :: kernel(size(nodes), size(nodes))
+      real(wp) :: part(size(nodes))
+      integer :: i
+
+      part = -0.25_wp*(law%slack*(nodes - positive_mu(law)))**2 + 0.5_wp*negative_field(law)*nodes
+      if (law%is_sequential) part = part - 0.5_wp*scaled_acceptance(law, nodes)
+      do i = 1, size(nodes)
+         kernel(:, i) = roots*roots(i)*exp(max(part + part(i) - 0.5_wp*law%r*(nodes - nodes(i))**2 &
+                                               - log_sqrt_two_pi, -700.0_wp))
+      end do
+   end function kernel_of
+
+   !> mu where it is positive, else 0: what the kernel is centred on.
+   elemental function positive_mu(law) result(mu)
+      type(first_order_law), intent(in) :: law
+      real(wp) :: mu
+
+      mu = 0.0_wp
+      if (law%coordinate > 0.0_wp) mu = law%coordinate/law%slack**merge(1, 2, law%is_sequential)
+   end function positive_mu
+
+   !> mu slack^2 where it is negative, else 0.
+   elemental function negative_field(law) result(field)
+      type(first_order_law), intent(in) :: law
+      real(wp) :: field
+
+      field = min(law%coordinate, 0.0_wp)*merge(law%slack, 1.0_wp, law%is_sequential)
+   end function negative_field
+
+   !> Sequential law: ln alpha after a value, for mu < 0 times exp((mu slack)^2/2).
+   elemental function scaled_acceptance(law, x) result(value)
+      type(first_order_law), intent(in) :: law
+      real(wp), intent(in) :: x
+      real(wp) :: value
+
+      value = log_acceptance(law%coordinate + law%r*x) + 0.5_wp*min(law%coordinate, 0.0_wp)**2
+   end function scaled_acceptance
+
+   !> Sequential law: the root of the stationary density, which is known.
+   pure function stationary_vector(law, nodes, roots) result(vector)
+      type(first_order_law), intent(in) :: law
+      real(wp), intent(in) :: nodes(:), roots(:)
+      real(wp) :: vector(size(nodes))
+
+      vector = (1.0_wp + law%r)*(min(law%coordinate, 0.0_wp)*nodes - 0.5_wp*law%slack* &
+                                 (nodes - positive_mu(law))**2) + scaled_acceptance(law, nodes)
+      vector = roots*exp(max(0.5_wp*(vector - maxval(vector)), -700.0_wp))
+      vector = vector/norm2(vector)
+   end function stationary_vector
+
+   !> The largest eigenvalue and its vector, the only one of one sign: inverse iteration, and all
+   !> pairs where that ends elsewhere.
+   subroutine find_perron(kernel, vector, perron, error)
+      real(wp), intent(in) :: kernel(:, :)               !! (n, n) symmetric, positive
+      real(wp), allocatable, intent(out) :: vector(:)    !! (n) of norm 1
+      real(wp), intent(out) :: perron
+      type(error_type), allocatable, intent(out) :: error
+      integer, parameter :: n_powers = 30, max_steps = 12
+      real(wp), parameter :: settled = 1.0e-13_wp, rounding = 1.0e-10_wp
+      real(wp), allocatable :: next(:), shifted(:, :), values(:), vectors(:, :)
+      integer :: i, step
+
+      allocate (vector(size(kernel, 1)), source=1.0_wp)
+      do step = 1, n_powers
+         next = matmul(kernel, vector)
+         vector = next/norm2(next)
+      end do
+      perron = dot_product(vector, matmul(kernel, vector))
+      do step = 1, max_steps
+         shifted = kernel
+         do i = 1, size(vector)
+            shifted(i, i) = shifted(i, i) - perron
+         end do
+         call solve_linear_system(shifted, vector, next, error)
+         if (allocated(error)) exit   ! the shift is the eigenvalue itself
+         vector = next/sign(norm2(next), sum(next))
+         next = matmul(kernel, vector)
+         perron = dot_product(vector, next)
+         if (norm2(next - perron*vector) <= settled*perron) exit
+      end do
+      if (allocated(error)) deallocate (error)
+      if (all(vector >= -rounding*maxval(vector)) .and. step <= max_steps) return
+      shifted = 0.0_wp*kernel
+      do i = 1, size(vector)
+         shifted(i, i) = 1.0_wp
+      end do
+      call solve_symmetric_eigenproblem(kernel, shifted, values, vectors, error)
+      if (allocated(error)) return
+      perron = values(size(values))
+      vector = vectors(:, size(values))
+      vector = vector*sign(1.0_wp, sum(vector))
+   end subroutine find_perron
+
+   !> Mean, std and both lengths: with w = (x - mean) v the lags are K(m) = w'A^m w.
+   subroutine describe_sums(law, nodes, vector, error)
+      type(first_order_law), intent(inout) :: law
+      real(wp), intent(in) :: nodes(:), vector(:)
+      type(error_type), allocatable, intent(out) :: error
+      real(wp) :: matrix(size(nodes), size(nodes)), variance, z(size(nodes), 1)
+      integer :: i
+
+      law%mean = sum(nodes*vector**2)
+      law%deviation = (nodes - law%mean)*vector
+      variance = sum(law%deviation**2)
+      law%std = sqrt(variance)
+      do i = 1, size(nodes)
+         matrix(:, i) = vector*vector(i) - law%kernel(:, i)
+         matrix(i, i) = matrix(i, i) + 1.0_wp
+      end do
+      z(:, 1) = law%deviation
+      call solve_positive_definite(matrix, z, error)
+      if (allocated(error)) return
+      law%l0 = dot_product(law%deviation, z(:, 1))/variance - 1.0_wp
+      law%l1 = dot_product(z(:, 1), z(:, 1) - law%deviation)/dot_product(law%deviation, z(:, 1))
+   end subroutine describe_sums
+
+   !> Exact law: Lambda and the entropy.
+   pure subroutine describe_partition(law, log_perron)
+      type(first_order_law), intent(inout) :: law
+      real(wp), intent(in) :: log_perron
+      real(wp) :: psi
+
+      law%log_lambda = log_perron
+      if (law%coordinate < 0.0_wp .and. law%slack > 0.0_wp) &
+         law%log_lambda = log_perron - 0.5_wp*(law%coordinate/law%slack)**2
+      psi = log_sqrt_two_pi + log_perron + 0.5_wp*positive_mu(law)*law%coordinate
+      law%entropy = entropy_of_exact_law(psi, law%coordinate, law%mean)
+   end subroutine describe_partition
+
+   !> Sequential law: acceptances, and E[ln sqrt(2 pi e) + ln alpha - c phi(c)/(2 alpha)].
+   pure subroutine describe_acceptances(law, nodes, density)
+      type(first_order_law), intent(inout) :: law
+      real(wp), intent(in) :: nodes(:), density(:)   !! (node); density: weights included
+      real(wp) :: c(size(nodes)), log_alpha(size(nodes))
+
+      c = law%coordinate + law%r*nodes
+      log_alpha = log_acceptance(c)
+      law%acceptance_mean = sum(density*exp(max(log_alpha, -700.0_wp)))
+      law%acceptance_ratio = 1.0_wp/sum(density*exp(min(-log_alpha, 700.0_wp)))
+      law%acceptance_geometric = exp(max(sum(density*log_alpha), -700.0_wp))
+      law%entropy = log_sqrt_two_pi + 0.5_wp &
+                    + sum(density*(log_alpha - 0.5_wp*c*hazard_ratio(c)))
+   end subroutine describe_acceptances
+
+   !> K(m), m = 0..n_lags.
+   pure function autocovariance(self, n_lags) result(k)
+      class(first_order_law), intent(in) :: self
+      integer, intent(in) :: n_lags
+      real(wp) :: k(0:n_lags)
+      real(wp) :: moving(size(self%deviation))
+      integer :: m
+
+      moving = self%deviation
+      do m = 0, n_lags
+         k(m) = dot_product(self%deviation, moving)
+         moving = matmul(self%kernel, moving)
+      end do
+   end function autocovariance
+
+end module process_positive_kernel
