@@ -335,7 +335,7 @@ contains
 
    !> Sweeps grow with the square of the length.
    pure integer function max_lags_of_rings() result(n)
-      n = 160
+      n = 200
    end function max_lags_of_rings
 
    !> By the variance of the last evaluation; before the first one, by the companion's.

@@ -7,6 +7,7 @@
 !> process there is.
 module process_positive_limit
    use core_kinds, only: wp
+   use numerics_root_search, only: new_root_search, root_search
    use process_ar_model, only: coefficients_of
    use process_positive_law, only: positive_law
    implicit none(type, external)
@@ -106,44 +107,23 @@ contains
       real(wp), intent(out) :: ratio
       logical, intent(out) :: is_found
       integer, parameter :: max_steps = 20
+      type(root_search) :: search
       real(wp), allocatable :: kappa(:), state(:)
-      real(wp) :: excess, high, high_excess, low, low_excess, step
+      real(wp) :: unused
       logical :: is_inside
       integer :: i
 
-      call law%unfold(point, kappa, step)
+      call law%unfold(point, kappa, unused)
       call law%settle(coefficients_of(kappa))
-      low = -huge(1.0_wp)
-      high = huge(1.0_wp)
-      low_excess = 0.0_wp
-      high_excess = 0.0_wp
-      step = 0.25_wp*max(1.0_wp, abs(point(2)))
+      search = new_root_search(0.25_wp*max(1.0_wp, abs(point(2))))
       ratio = 0.0_wp
       do i = 1, max_steps
          call law%evaluate(point, state, is_inside)
          if (.not. is_inside) exit
          ratio = law%moments%ratio
-         excess = state(2)
-         is_found = abs(excess) <= length_tolerance
+         is_found = abs(state(2)) <= length_tolerance
          if (is_found) return
-         if (excess > 0.0_wp) then
-            high = point(2)
-            high_excess = excess
-            if (low > -huge(1.0_wp)) low_excess = 0.7_wp*low_excess
-         else
-            low = point(2)
-            low_excess = excess
-            if (high < huge(1.0_wp)) high_excess = 0.7_wp*high_excess
-         end if
-         if (low <= -huge(1.0_wp)) then
-            point(2) = high - step
-            step = 2.0_wp*step
-         else if (high >= huge(1.0_wp)) then
-            point(2) = low + step
-            step = 2.0_wp*step
-         else
-            point(2) = (low*high_excess - high*low_excess)/(high_excess - low_excess)
-         end if
+         call search%advance(point(2), state(2))
       end do
       is_found = .false.
    end subroutine match_length

@@ -19,6 +19,7 @@ module process_positive_partition
    public :: log_partition, entropy_of_exact_law
 
    real(wp), parameter, public :: log_sqrt_two_pi = 0.91893853320467274_wp
+   real(wp), parameter :: between_nodes = 1.0e-6_wp   !! error of the integration at L0 = 10
 
 contains
 
@@ -30,7 +31,7 @@ contains
       integer, intent(in) :: n_burn_in, n_sweeps   !! sweeps, and sweeps of a batch
       type(stream_type), intent(inout) :: stream
       real(wp), intent(out) :: psi, standard_error
-      integer, parameter :: n_nodes = 12
+      integer, parameter :: n_nodes = 16
       real(wp) :: error, g(0:size(a)), mu, nodes(n_nodes), slope, symbol(0:size(a)), variance, &
          weights(n_nodes)
       integer :: i
@@ -55,7 +56,7 @@ contains
          psi = psi + weights(i)*slope
          variance = variance + (weights(i)*error)**2
       end do
-      standard_error = sqrt(variance)
+      standard_error = norm2([sqrt(variance), between_nodes])
    end subroutine log_partition
 
    !> - sum G_k E[(z_i - mu)(z_(i+k) - mu)], k > 0, under the law of this G, centred on mu.
