@@ -52,7 +52,8 @@ contains
       end if
       if (self%is_enclosed()) then
          self%side = side
-         x = (self%low*self%high_value - self%high*self%low_value)/(self%high_value - self%low_value)
+         x = (self%low*self%high_value - self%high*self%low_value) &
+             /(self%high_value - self%low_value)
          x = max(self%low, min(self%high, x))
       else
          x = x - side*self%step

@@ -9,7 +9,7 @@ module process_control_variates
    !> Orthonormal controls over the batches, and what remains of their averages' errors.
    type :: control_type
       private
-      integer :: n_groups = 0                    !! independent runs; batch i belongs to run mod(i, n)
+      integer :: n_groups = 0   !! independent runs; batch i belongs to run mod(i, n_groups)
       real(wp), allocatable :: direction(:, :)   !! (batch, control), centred, orthonormal
       !> (control) average less known mean, same combination
       real(wp), allocatable :: excess(:)

@@ -42,8 +42,9 @@ contains
       end do
    end function precision_of
 
-   !> Sweeps after which a start has lost all but `tolerance` of its weight: the rate of the Gaussian
-   !> law of this variance and length, the smallest over the mean of 1/(power spectral density).
+   !> Sweeps after which a start has lost all but `tolerance` of its weight: the rate of the
+   !> Gaussian law of this variance and length, the smallest over the mean of 1/(power spectral
+   !> density).
    pure function sweeps_to_forget(a, variance, l0, tolerance) result(n)
       real(wp), intent(in) :: a(:)       !! a_q, Eq. (39)
       real(wp), intent(in) :: variance   !! K(0)/b0^2

@@ -18,7 +18,8 @@ module process_positive_first_order
    private
    public :: match_first_order, describe_first_order
 
-   real(wp), parameter :: longest_first_order = 1000.0_wp   !! [lags] seconds of matrices of order 800
+   !> [lags] seconds of matrices of order 800
+   real(wp), parameter :: longest_first_order = 1000.0_wp
    real(wp), parameter :: matched = 1.0e-10_wp              !! relative, of the length
    real(wp), parameter :: ratio_matched = 1.0e-9_wp         !! relative
    real(wp), parameter :: always_below = 0.447_wp           !! the limits of std/mean: 1/sqrt(5)

@@ -167,8 +167,8 @@ contains
          law%n_steps = limit_steps
          call follow_family(law, point, limit, is_reached)
          if (.not. is_reached) then
-            call raise(error, exit_no_solution, name_of(law, size(kappa))//': with the shape of '// &
-                       'the unconstrained optimum std/mean ends near '// &
+            call raise(error, exit_no_solution, name_of(law, size(kappa))// &
+                       ': with the shape of the unconstrained optimum std/mean ends near '// &
                        to_text(nint(1.0e2_wp*limit)/1.0e2_wp)// &
                        ', where mu runs away to minus infinity')
             return

@@ -129,8 +129,8 @@ contains
       moments%l0 = k(2)/k(1) + tail_l0
       moments%l0_error = control%standard_error((rest(:, 2) - k(2)/k(1)*rest(:, 1))/k(1))
       moments%l1 = (k(3)/k(1) + tail_moment)/(1.0_wp + moments%l0)
-      work = rest(:, 1) + rest(:, 2)
-      moments%l1_error = control%standard_error((rest(:, 3) - k(3)/(k(1) + k(2))*work)/(k(1) + k(2)))
+      work = rest(:, 3) - k(3)/(k(1) + k(2))*(rest(:, 1) + rest(:, 2))
+      moments%l1_error = control%standard_error(work/(k(1) + k(2)))
 
       call control%free(batches%acceptance(3, :) - batches%acceptance(4, :), moments%entropy, work)
       moments%entropy = moments%entropy + half_log_two_pi_e - log(moments%std)

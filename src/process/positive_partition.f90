@@ -1,5 +1,5 @@
-!> Normalizing constant and entropy of the exact law of Eq. (25), by integration over the strength of
-!> its correlation.
+!> Normalizing constant and entropy of the exact law of Eq. (25), by integration over the strength
+!> of its correlation.
 !>
 !> With z = x/b0 the density is exp(- z'Gz/2 + field sum z)/Z, and psi is ln Z per point. Where all
 !> entries of G off its diagonal are multiplied by t, psi is known at t = 0, and its derivative is
