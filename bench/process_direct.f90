@@ -8,10 +8,10 @@ program bench_process_direct
    use core_error, only: error_type
    use core_kinds, only: wp
    use process_correlation, only: constraint_weights
-   use process_direct_check, only: check_by_inversion, inversion_check
+   use process_direct_check, only: check_by_inversion
    use process_length_constraint, only: length_constraint, new_constraint
    use process_maxent_direct, only: fit_direct, search_direct
-   use process_model, only: process_model_type, process_request
+   use process_model, only: inversion_check, process_model_type, process_request
    use process_reciprocal_symbol, only: reciprocal_workspace
    use process_sign_search, only: search_result
    use process_sign_sequence, only: sequence_solution, solve_sequence

@@ -1,25 +1,19 @@
-!> What the commands have in common: from the command line to a plan, from a plan to processes.
+!> What the commands have in common: from the command line to a plan, and when a run cannot go on.
 module driver_campaign
    use config_accuracy, only: accuracy_group
    use config_force_file, only: check_force, force_label, read_force_text
    use config_plan, only: build_plan
    use config_scene, only: complaint_list, read_scene, scene_type
    use core_error, only: error_type, exit_bad_input, exit_no_solution, raise
-   use core_kinds, only: long, wp
+   use core_kinds, only: wp
    use core_text, only: to_text
    use driver_command_line, only: command_line
-   use driver_deadline, only: time_to_stop
    use ensemble_plan, only: plan_type
    use io_force, only: read_force_hdf5
-   use numerics_sorting, only: sort_order
-   use parallel_work, only: new_counter, work_counter
-   use parallel_world, only: world_type
-   use process_fit, only: fit_process
    use process_model, only: process_model_type
-   use process_packing, only: pack_model, unpack_model
    implicit none(type, external)
    private
-   public :: load_plan, output_path, refuse_unsolved, solve_processes
+   public :: load_plan, output_path, refuse_unsolved
 
 contains
 
@@ -93,41 +87,6 @@ contains
       if (dot > 1) path = path(:dot - 1)
       path = path//ending
    end function output_path
-
-   !> Each process once, spread over the ranks, the longest first; all ranks get all models. When a
-   !> stop is requested meanwhile, the rest stays unsolved, without a reason. Collective.
-   subroutine solve_processes(world, plan, models)
-      type(world_type), intent(in) :: world
-      type(plan_type), intent(in) :: plan
-      type(process_model_type), allocatable, intent(out) :: models(:)
-      type(work_counter) :: counter
-      real(wp), allocatable :: numbers(:)
-      integer(long) :: owner(size(plan%processes))
-      integer :: order(size(plan%processes)), i, item
-
-      allocate (models(size(plan%processes)))
-      if (size(models) == 0) return
-      order = sort_order(-real(plan%processes%order, wp))
-      owner = -1
-      call new_counter(world, size(models, kind=long), counter)
-      do
-         if (time_to_stop()) call counter%request_stop()
-         item = int(counter%next())
-         if (item == 0) exit
-         i = order(item)
-         call fit_process(plan%processes(i), plan%seed, models(i))
-         owner(i) = world%rank
-      end do
-      call counter%close()
-      do i = 1, size(models)
-         models(i)%request = plan%processes(i)
-         owner(i) = world%maximum(owner(i))
-         if (owner(i) < 0) cycle
-         if (owner(i) == world%rank) numbers = pack_model(models(i))
-         call world%broadcast(numbers, from=int(owner(i)))
-         call unpack_model(numbers, models(i))
-      end do
-   end subroutine solve_processes
 
    !> An error where a campaign needs a process that has no solution, or where none has one.
    subroutine refuse_unsolved(plan, models, error)

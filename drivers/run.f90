@@ -5,10 +5,11 @@ module driver_run
    use core_error, only: error_type, exit_bad_input, exit_done, exit_stopped, raise
    use core_kinds, only: long, wp
    use core_text, only: to_text
-   use driver_campaign, only: load_plan, refuse_unsolved, solve_processes
+   use driver_campaign, only: load_plan, refuse_unsolved
    use driver_command_line, only: command_line
    use driver_deadline, only: set_limit, start_watch, time_to_stop
    use driver_output, only: open_output, output_type
+   use driver_processes, only: solve_processes
    use driver_results, only: write_results
    use driver_verdict, only: judge, take_more
    use ensemble_audit, only: add_audits

@@ -60,7 +60,11 @@ contains
       process%correlation = trim(group%correlation)
       process%bound_l0 = group%bound_l0
       process%bound_l1 = group%bound_l1
+      process%bound_side = group%bound_side
       process%max_order = group%max_order
+      process%all_signs = group%all_signs .and. .not. group%positive
+      process%inversion_half_width = merge(0, group%inversion_half_width, group%positive)
+      process%simulation = group%simulation
       process%mean = group%mean
       process%positive = group%positive
       process%sampler = trim(group%sampler)

@@ -16,11 +16,15 @@ module config_process
       character(choice_length) :: pairing = 'zip'
       real(wp) :: bound_l0 = 0.0_wp
       real(wp) :: bound_l1 = 0.0_wp
+      character(choice_length) :: bound_side = 'automatic'
       integer :: max_order = 30
       real(wp) :: mean = 0.0_wp               !! no default: must be given
       real(wp), allocatable :: std(:)
       logical :: positive = .true.
       character(choice_length) :: sampler = 'sequential'
+      logical :: all_signs = .false.
+      integer :: inversion_half_width = 0
+      character(choice_length) :: simulation = 'stationary'
       integer :: n_points = 5
       integer :: n_realizations = 0
    contains
@@ -44,18 +48,23 @@ contains
       entry = about('correlation_length', 'one or several', 'points', positive(), required=.true.)
       call visitor%visit(self%correlation_length, entry)
       entry = about('order', 'M of the recursion, m_max of direct; 0: found from the bounds', &
-                    rule=between(0.0_wp, 200.0_wp))
+                    rule=between(0.0_wp, 2000.0_wp))
       call visitor%visit(self%order, entry, default=[2, 5, 10])
       entry = about('pairing', &
                     'zip: an order for each correlation length, or one for all; product: all', &
                     choices='zip product')
       call visitor%visit(self%pairing, entry)
-      entry = about('bound_l0', 'order 0 with L1 imposed: least L0; 0: none', 'points', &
+      entry = about('bound_l0', 'order 0 with L1 imposed: of L0; 0: none', 'points', &
                     not_negative(), used=any_zero(self%order))
       call visitor%visit(self%bound_l0, entry)
-      entry = about('bound_l1', 'order 0 with L0 imposed: largest L1; 0: none', 'points', &
+      entry = about('bound_l1', 'order 0 with L0 imposed: of L1; 0: none', 'points', &
                     not_negative(), used=any_zero(self%order))
       call visitor%visit(self%bound_l1, entry)
+      entry = about('bound_side', &
+                    'of the bound; automatic: upper of L1, lower of L0, so the largest order', &
+                    choices='automatic upper lower', &
+                    used=max(self%bound_l0, self%bound_l1) > 0.0_wp)
+      call visitor%visit(self%bound_side, entry)
       entry = about('max_order', 'order 0: search no further', rule=between(1.0_wp, 200.0_wp), &
                     used=any_zero(self%order))
       call visitor%visit(self%max_order, entry)
@@ -69,6 +78,19 @@ contains
                     'positive values: one at a time as Sec. 2.4, or the law of Eq. 25 itself', &
                     choices='sequential exact', used=self%positive)
       call visitor%visit(self%sampler, entry)
+      entry = about('all_signs', &
+                    'direct: solve every sequence of signs (2**30 at most), list the best', &
+                    used=self%method == 'direct' .and. .not. self%positive)
+      call visitor%visit(self%all_signs, entry)
+      entry = about('inversion_half_width', &
+                    "direct: M of Eq. 35, the paper's inversion as a check; 0: none", &
+                    rule=between(0.0_wp, 2000.0_wp), &
+                    used=self%method == 'direct' .and. .not. self%positive)
+      call visitor%visit(self%inversion_half_width, entry)
+      entry = about('simulation', &
+                    'any sign: Eq. 39 from its stationary law or from_rest, or Eq. 38 (matrix)', &
+                    choices='stationary from_rest matrix', used=.not. self%positive)
+      call visitor%visit(self%simulation, entry)
       entry = about('n_points', 'of a written realization; with &chain n_dof', &
                     rule=at_least(1.0_wp), shapes_samples=.false.)
       call visitor%visit(self%n_points, entry)

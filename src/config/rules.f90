@@ -51,6 +51,7 @@ contains
                              'process', 'bound_l0', 'must be absent with L0 imposed', number=i)
          call reader%require(this%correlation /= 'L1' .or. .not. this%bound_l1 > 0.0_wp, &
                              'process', 'bound_l1', 'must be absent with L1 imposed', number=i)
+         call check_direct(this, i, reader)
          if (reader%was_given('process', 'mean', i)) &
             call reader%require(.not. this%positive .or. this%mean > 0.0_wp, 'process', 'mean', &
                                 'must be positive with positive = .true.', number=i)
@@ -59,6 +60,25 @@ contains
                              number=i)
       end associate
    end subroutine check_process
+
+   !> Rules of one method alone.
+   subroutine check_direct(this, i, reader)
+      type(process_group), intent(in) :: this
+      integer, intent(in) :: i
+      type(reader_type), intent(inout) :: reader
+      integer, parameter :: highest_ar_order = 200
+
+      if (.not. allocated(this%order)) return
+      if (this%method == 'direct') then
+         call reader%require(this%inversion_half_width == 0 .or. &
+                             all(this%inversion_half_width >= this%order), 'process', &
+                             'inversion_half_width', 'must be 0 or at least order', number=i)
+      else
+         call reader%require(all(this%order <= highest_ar_order), 'process', 'order', &
+                             'must be at most '//to_text(highest_ar_order)// &
+                             ", but with method = 'direct'", number=i)
+      end if
+   end subroutine check_direct
 
    !> The results file has one length and one number of realizations.
    subroutine check_realizations(scene, reader)

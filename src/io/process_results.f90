@@ -42,6 +42,7 @@ contains
          call write_entropies(group, model)
          if (model%other_std > 0.0_wp) call write_other_law(group, model)
          if (allocated(model%signs)) call write_direct(group, model)
+         if (model%inversion%half_width > 0) call write_inversion(group, model)
       end if
       if (present(realizations)) call write_realizations(group, realizations)
       call group%take_error(error)
@@ -59,9 +60,11 @@ contains
       call group%attribute('std', request%std)
       call group%attribute('positive', request%positive)
       call group%attribute('sampler', request%sampler)
+      if (.not. request%positive) call group%attribute('simulation', trim(request%simulation))
       if (request%order > 0) return
       call group%attribute('bound_l0', request%bound_l0)
       call group%attribute('bound_l1', request%bound_l1)
+      call group%attribute('bound_side', trim(request%bound_side))
       call group%attribute('max_order', request%max_order)
    end subroutine write_request
 
@@ -173,6 +176,27 @@ contains
       call group%put('solutions_entropy', model%solutions%entropy, &
                      label_type('nat', 'entropy per point of each', 'solution'))
    end subroutine write_direct
+
+   !> The paper's finite matrix beside the direct method: how far off, and at what cost.
+   subroutine write_inversion(group, model)
+      type(group_type), intent(inout) :: group
+      type(process_model_type), intent(in) :: model
+
+      associate (check => model%inversion)
+         call group%attribute('inversion_half_width', check%half_width)
+         call group%attribute('inversion_seconds', check%seconds)
+         call group%attribute('direct_seconds', check%seconds_of_fit)
+         call group%put('inversion_lag', counted(size(check%autocovariance)) - 1, &
+                        label_type('1', 'lag', 'inversion_lag'))
+         call group%put('inversion_autocovariance', check%autocovariance, &
+                        label_type('unit of x squared', 'K_XX by inversion, Eq. (35)', &
+                                   'inversion_lag'))
+         call group%put_value('inversion_error', check%error, '1', &
+                              'largest error of the inversion, over K_XX(0)')
+         call group%put_value('inversion_expected_error', check%expected_error, '1', &
+                              'largest pole to the power of twice the half-width')
+      end associate
+   end subroutine write_inversion
 
    subroutine write_realizations(group, realizations)
       type(group_type), intent(inout) :: group

@@ -8,22 +8,15 @@ module process_direct_check
    use core_kinds, only: wp
    use numerics_lapack, only: invert_matrix
    use numerics_toeplitz, only: dense_toeplitz
-   use process_model, only: process_model_type
+   use process_model, only: inversion_check, process_model_type
    use process_spectral_factor, only: symbol_of_process
    implicit none(type, external)
    private
-   public :: inversion_check, check_by_inversion
-
-   !> What the finite matrix gives, beside the limit of an infinite one.
-   type :: inversion_check
-      real(wp), allocatable :: autocovariance(:)   !! Eq. (35), lags 0..order [unit of X squared]
-      real(wp) :: error = 0.0_wp                   !! largest, over K(0), against the model
-      real(wp) :: expected_error = 0.0_wp          !! |largest pole|^(2 half_width)
-   end type inversion_check
+   public :: check_by_inversion
 
 contains
 
-   !> Inverts the matrix G of 2 half_width + 1 points.
+   !> Inverts the matrix G of 2 half_width + 1 points; what that costs is for the caller to measure.
    subroutine check_by_inversion(model, half_width, check, error)
       type(process_model_type), intent(in) :: model   !! solved, without sign constraint
       integer, intent(in) :: half_width               !! M of Eq. (35), at least the order
@@ -36,6 +29,7 @@ contains
       call invert_matrix(dense_toeplitz(symbol_of_process(model%a, model%b0), 2*half_width + 1), &
                          inverse, error)
       if (allocated(error)) return
+      check%half_width = half_width
       allocate (check%autocovariance(0:model%order))
       check%autocovariance(:) = inverse(middle:middle + model%order, middle)
       associate (exact => model%autocovariance(:model%order))

@@ -4,15 +4,18 @@ module process_fit
    use core_kinds, only: long, wp
    use core_text, only: to_text
    use process_ar_fit, only: fit_ar
-   use process_ar_order, only: choose_order
    use process_ar_search, only: ar_rival, find_rival
    use process_direct_limits, only: certainly_feasible_m_max
-   use process_maxent_direct, only: fit_direct
+   use process_direct_refusal, only: find_complaint
+   use process_gaussian, only: burn_in_length, widest_margin
+   use process_maxent_direct, only: conclude_direct, fit_direct
    use process_model, only: process_model_type, process_request
+   use process_order, only: choose_order
    use process_positive_fit, only: fit_positive, foresee_positive
+   use process_sign_search, only: search_result
    implicit none(type, external)
    private
-   public :: fit_process, foresee_process, differ_only_in_scale
+   public :: fit_process, fit_from_search, foresee_process
 
    ! beyond this order or length a search costs far more than the fit
    integer, parameter :: n_rivals = 4, highest_rival_order = 12
@@ -43,7 +46,31 @@ contains
          model%is_solved = .false.
          model%reason = error%message
       end if
+      call accept_simulation(model)
    end subroutine fit_process
+
+   !> The same from a search for signs that was shared out, when all its parts are joined.
+   subroutine fit_from_search(request, search, model)
+      type(process_request), intent(in) :: request
+      type(search_result), intent(in) :: search
+      type(process_model_type), intent(out) :: model
+
+      call conclude_direct(request, search, model)
+      call accept_simulation(model)
+   end subroutine fit_from_search
+
+   !> Refuses a process whose memory is too long to be drawn in the way that was asked for.
+   subroutine accept_simulation(model)
+      type(process_model_type), intent(inout) :: model
+
+      if (.not. model%is_solved .or. model%request%positive .or. &
+          model%request%simulation /= 'matrix') return
+      if (burn_in_length(model) <= widest_margin(model)) return
+      model%is_solved = .false.
+      model%reason = "simulation = 'matrix': values are felt over "// &
+                     to_text(burn_in_length(model))//' points, margins of the matrix have at '// &
+                     'most '//to_text(widest_margin(model))//": take 'stationary'"
+   end subroutine accept_simulation
 
    !> What is known before the fit, in a fraction of a second as a rule: fails, by the rules of the
    !> fit itself, where it would not even begin.
@@ -61,10 +88,14 @@ contains
       else if (request%method == 'autoregressive') then
          call fit_ar(resolved%correlation, resolved%correlation_length, resolved%order, &
                      resolved%std, model, error)
-      else if (resolved%order < certainly_feasible_m_max(resolved%correlation, &
-                                                         resolved%correlation_length)) then
-         call fit_direct(resolved, model)
-         if (.not. model%is_solved) call raise(error, exit_no_solution, model%reason)
+      else
+         call find_complaint(resolved, model%reason)
+         resolved%all_signs = .false.   ! a few signs tell as much
+         if (.not. allocated(model%reason) .and. &
+             resolved%order < certainly_feasible_m_max(resolved%correlation, &
+                                                       resolved%correlation_length)) &
+            call fit_direct(resolved, model)
+         if (allocated(model%reason)) call raise(error, exit_no_solution, model%reason)
       end if
    end subroutine foresee_process
 
@@ -76,9 +107,8 @@ contains
 
       resolved = request
       select case (request%method)
-      case ('autoregressive')
+      case ('autoregressive', 'direct')
          call choose_order(request, resolved%order, error)
-      case ('direct')
       case default
          call raise(error, exit_bad_input, &
                     "method = '"//request%method//"': must be 'autoregressive' or 'direct'")
@@ -127,30 +157,5 @@ contains
          end if
       end do
    end subroutine challenge
-
-   !> Whether one process is the other times a factor (and, without sign, moved): one fit serves
-   !! both.
-   pure function differ_only_in_scale(request, other) result(is_so)
-      type(process_request), intent(in) :: request, other
-      logical :: is_so
-      real(wp), parameter :: rounding = 4*epsilon(1.0_wp)
-
-      is_so = (request%positive .eqv. other%positive) .and. request%method == other%method .and. &
-              request%correlation == other%correlation .and. request%order == other%order .and. &
-              all(same([request%correlation_length, request%bound_l0, request%bound_l1], &
-                       [other%correlation_length, other%bound_l0, other%bound_l1]))
-      if (is_so .and. request%order == 0) is_so = request%max_order == other%max_order
-      if (is_so .and. request%positive) &
-         is_so = request%sampler == other%sampler .and. &
-                 abs(request%mean*other%std - other%mean*request%std) <= &
-                 rounding*abs(request%mean*other%std)
-   end function differ_only_in_scale
-
-   elemental function same(x, y) result(is_so)
-      real(wp), intent(in) :: x, y
-      logical :: is_so
-
-      is_so = .not. abs(x - y) > 0.0_wp
-   end function same
 
 end module process_fit

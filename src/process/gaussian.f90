@@ -15,12 +15,28 @@ module process_gaussian
    use process_spectral_factor, only: symbol_of_process
    implicit none(type, external)
    private
-   public :: draw_gaussian, draw_gaussian_from_rest, draw_gaussian_banded, burn_in_length
+   public :: draw_as_requested, draw_gaussian, burn_in_length, widest_margin
 
    real(wp), parameter :: forgotten = 1.0e-9_wp   !! share of a start that may be left
    integer, parameter :: longest_burn_in = 100000000
 
 contains
+
+   !> Consecutive values of a stationary run, by the way that the request names.
+   subroutine draw_as_requested(model, stream, values)
+      type(process_model_type), intent(in) :: model     !! solved, without sign constraint
+      type(stream_type), intent(inout) :: stream
+      real(wp), intent(out) :: values(:)                !! (point) [unit of X]
+
+      select case (model%request%simulation)
+      case ('from_rest')
+         call draw_from_rest(model, stream, values)
+      case ('matrix')
+         call draw_by_matrix(model, stream, values)
+      case default
+         call draw_gaussian(model, stream, values)
+      end select
+   end subroutine draw_as_requested
 
    !> Consecutive values of a stationary run, started from the stationary Gaussian law: no burn-in.
    subroutine draw_gaussian(model, stream, values)
@@ -45,7 +61,7 @@ contains
    end subroutine draw_gaussian
 
    !> The same from z = 0, with as many values dropped as it takes to forget that start (Sec. 2.3).
-   subroutine draw_gaussian_from_rest(model, stream, values)
+   subroutine draw_from_rest(model, stream, values)
       type(process_model_type), intent(in) :: model
       type(stream_type), intent(inout) :: stream
       real(wp), intent(out) :: values(:)
@@ -57,11 +73,11 @@ contains
       call stream%normals(run)
       call recur(model, run, 0)
       values = model%mu + run(n_dropped + 1:)
-   end subroutine draw_gaussian_from_rest
+   end subroutine draw_from_rest
 
-   !> Eq. (38) with the matrix G of the direct method on a window with margins. Not stationary to
-   !! rounding where the margin, at most 64 times the order, is shorter than the memory.
-   subroutine draw_gaussian_banded(model, stream, values)
+   !> Eq. (38) with the matrix G of the direct method on a window with margins as long as the
+   !! memory. Not stationary to rounding where that is more than `widest_margin`.
+   subroutine draw_by_matrix(model, stream, values)
       type(process_model_type), intent(in) :: model
       type(stream_type), intent(inout) :: stream
       real(wp), intent(out) :: values(:)
@@ -70,15 +86,24 @@ contains
       logical :: is_positive
       integer :: margin
 
-      margin = min(burn_in_length(model), 64*model%order)
+      margin = min(burn_in_length(model), widest_margin(model))
       allocate (window(size(values) + 2*margin))
       call factor_banded_toeplitz(symbol_of_process(model%a, model%b0), size(window), factor, &
                                   is_positive)
-      if (.not. is_positive) error stop 'draw_gaussian_banded: the model is not stationary'
+      if (.not. is_positive) error stop 'draw_by_matrix: the model is not stationary'
       call stream%normals(window)
       call factor%solve_transposed(window)
       values = model%mu + window(margin + 1:margin + size(values))
-   end subroutine draw_gaussian_banded
+   end subroutine draw_by_matrix
+
+   !> Points beside the wanted ones that a banded matrix has room for.
+   pure function widest_margin(model) result(n)
+      type(process_model_type), intent(in) :: model
+      integer :: n
+      integer, parameter :: most_entries = 2**23   ! of the band, on either side: 64 MB
+
+      n = most_entries/(1 + model%order)
+   end function widest_margin
 
    !> Values after which a start is forgotten, by the largest pole.
    pure function burn_in_length(model) result(n)

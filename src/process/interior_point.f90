@@ -5,7 +5,7 @@
 module process_interior_point
    use core_error, only: error_type
    use core_kinds, only: wp
-   use numerics_lapack, only: solve_linear_system
+   use numerics_lapack, only: solve_positive_definite
    use process_entropy_climb, only: begin_climb, climb_state, evaluate_climb, steepest, &
                                     weak_multiplier
    use process_length_constraint, only: length_constraint
@@ -90,8 +90,9 @@ contains
       type(error_type), allocatable :: error
       real(wp) :: gradient(0:size(p)), curvature(0:size(p), 0:size(p))
       real(wp) :: start(0:constraint%m_max), direction(0:constraint%m_max)
-      real(wp) :: p_step(size(p)), q_step(size(p)), height, length, rise
-      real(wp), allocatable :: step(:)
+      real(wp) :: upper_step(size(p)), lower_step(size(p)), p_step(size(p)), q_step(size(p))
+      real(wp) :: height, length, rise
+      real(wp) :: step(0:size(p), 1)
       integer :: i
 
       gradient = state%value%gradient
@@ -104,18 +105,21 @@ contains
       do i = 1, size(p)
          curvature(i, i) = curvature(i, i) + p(i)/upper(i) + q(i)/lower(i)
       end do
-      call solve_linear_system(curvature, gradient, step, error)
+      step(:, 1) = gradient
+      call solve_positive_definite(curvature, step, error)
       is_moving = .not. allocated(error)
       if (.not. is_moving) return
-      rise = dot_product(step, gradient)
-      direction = step(1)*[1.0_wp, state%s]
-      direction(state%free) = step(2:)
-      p_step = (mu - p*(step(1) - step(2:)))/upper - p
-      q_step = (mu - q*(step(1) + step(2:)))/lower - q
+      rise = dot_product(step(:, 1), gradient)
+      direction = step(0, 1)*[1.0_wp, state%s]
+      direction(state%free) = step(1:, 1)
+      upper_step = step(0, 1) - step(1:, 1)
+      lower_step = step(0, 1) + step(1:, 1)
+      p_step = (mu - p*upper_step)/upper - p
+      q_step = (mu - q*lower_step)/lower - q
       height = state%value%log_mean + mu*sum(log(upper) + log(lower))
       start = state%x
-      length = min(1.0_wp, (1.0_wp - keep)/max(tiny(1.0_wp), maxval(-(step(1) - step(2:))/upper), &
-                                               maxval(-(step(1) + step(2:))/lower)))
+      length = min(1.0_wp, (1.0_wp - keep)/max(tiny(1.0_wp), maxval(-upper_step/upper), &
+                                               maxval(-lower_step/lower)))
       do i = 0, max_halvings
          state%x = start + length*direction
          call evaluate_climb(constraint, workspace, state)

@@ -7,13 +7,12 @@
 module process_maxent_direct
    use core_error, only: error_type
    use core_kinds, only: long, wp
-   use core_text, only: to_text
    use process_ar_fit, only: describe_ar
    use process_ar_model, only: autocovariance_of, innovation_std, reflection_of
    use process_ar_sums, only: correlation_sums
    use process_correlation, only: constraint_weights, correlation_length
-   use process_direct_limits, only: certainly_feasible_m_max, certainly_infeasible_m_max, &
-                                    smallest_feasible_m_max
+   use process_direct_limits, only: certainly_infeasible_m_max
+   use process_direct_refusal, only: find_complaint, reason_of_failure, reason_of_inaccuracy
    use process_direct_sums, only: sum_direct_correlation
    use process_entropy, only: gaussian_entropy
    use process_model, only: process_model_type, process_request, process_solution
@@ -25,8 +24,10 @@ module process_maxent_direct
    use process_spectral_factor, only: factor_symbol, symbol_of_process
    implicit none(type, external)
    private
-   public :: fit_direct, search_direct, describe_direct, direct_symbol, equivalent_process
+   public :: fit_direct, count_parts, search_direct, conclude_direct
+   public :: direct_symbol, equivalent_process
 
+   character(*), parameter :: every_sequence = 'all sequences'
    real(wp), parameter :: optimality_tolerance = 1.0e-8_wp
 
 contains
@@ -35,69 +36,85 @@ contains
    subroutine fit_direct(request, model)
       type(process_request), intent(in) :: request
       type(process_model_type), intent(out) :: model
-      integer(long), parameter :: most_sequences = 2048   ! solved in a fraction of a second
-      integer(long), parameter :: cheaper = 8             ! when many are excluded by the bound
       type(length_constraint) :: constraint
       type(reciprocal_workspace) :: workspace
-      type(sequence_solution) :: best
       type(search_result) :: search
-      integer(long) :: affordable
       logical :: is_certain
 
       model%request = request
       call find_complaint(request, model%reason)
       if (allocated(model%reason)) return
-      constraint = new_constraint(constraint_weights(request%correlation, &
-                                                     request%correlation_length, request%order))
       if (.not. request%correlation_length > 0.0_wp) then
-         call describe_direct(request, white_noise(request%order), model)
+         call describe(request, white_noise(request%order), model)
+         model%entropy_ceiling = model%entropy
          return
       end if
-      if (request%order <= certainly_infeasible_m_max(request%correlation, &
-                                                      request%correlation_length)) then
+      if (is_hopeless(request)) then
          model%reason = reason_of_failure(request, is_certain=.true.)
          return
       end if
-      call workspace%prepare(request%order)
-      affordable = most_sequences/(1 + size(constraint%penalized)/4)
-      is_certain = count_sequences(constraint) <= affordable
-      if (is_certain) then
-         call search_all_signs(constraint, 1, 1, workspace, search)
-         model%search = 'all sequences'
-      else
-         call search_structured(constraint, workspace, best)
-         model%search = 'structured'
-         is_certain = is_all_plus_best(constraint)
-         if (is_certain) model%search = 'all plus'
-         if (best%is_feasible .and. .not. is_certain .and. &
-             count_sequences(constraint) <= cheaper*affordable) then
-            call search_all_signs(constraint, 1, 1, workspace, search, best)
-            is_certain = .true.
-            model%search = 'all sequences, some excluded by a bound'
-         else
-            search%n_examined = 1
-            allocate (search%solutions(0))
-            if (best%is_feasible) search%solutions = [best]
-         end if
+      if (request%all_signs) then
+         call search_direct(request, 1, 1, .true., search)
+         call conclude_direct(request, search, model)
+         return
       end if
+      constraint = constraint_of(request)
+      call workspace%prepare(request%order)
+      call search_as_affordable(constraint, workspace, search, is_certain, model%search)
+      call describe_winner(request, search, is_certain, model)
+      if (is_certain .or. .not. model%is_solved) return
+      call limit_of_entropy(constraint, workspace, model%entropy_ceiling)
+      model%entropy_ceiling = model%entropy_ceiling + log(request%std)
+   end subroutine fit_direct
+
+   !> How many parts a request's search is best cut into; 1: it is not worth sharing.
+   function count_parts(request) result(n)
+      type(process_request), intent(in) :: request
+      integer :: n
+      integer, parameter :: part_size = 1024   ! sequences: some 0.05 s
+      character(:), allocatable :: complaint
+
+      n = 1
+      if (request%method /= 'direct' .or. request%positive .or. .not. request%all_signs) return
+      call find_complaint(request, complaint)
+      if (allocated(complaint) .or. .not. request%correlation_length > 0.0_wp) return
+      if (is_hopeless(request)) return
+      n = int(max(1_long, count_sequences(constraint_of(request))/part_size))
+   end function count_parts
+
+   !> The process from the search of all sequences, whole or joined from its parts. While some are
+   !! missing the model stays unsolved, without a reason.
+   subroutine conclude_direct(request, search, model)
+      type(process_request), intent(in) :: request
+      type(search_result), intent(in) :: search
+      type(process_model_type), intent(inout) :: model
+
+      model%request = request
+      if (search%n_examined < count_sequences(constraint_of(request))) return
+      model%search = every_sequence
+      call describe_winner(request, search, .true., model)
+   end subroutine conclude_direct
+
+   !> The best solution of a search, and the list of them; a reason where there is none.
+   subroutine describe_winner(request, search, is_certain, model)
+      type(process_request), intent(in) :: request
+      type(search_result), intent(in) :: search
+      logical, intent(in) :: is_certain   !! no sequence has more entropy
+      type(process_model_type), intent(inout) :: model
+
       if (size(search%solutions) == 0) then
          model%reason = reason_of_failure(request, is_certain)
          return
       end if
       model%n_examined = int(search%n_examined)
       model%n_consistent = int(search%n_consistent)
-      call describe_direct(request, search%solutions(1), model)
+      call describe(request, search%solutions(1), model)
       call list_solutions(request, search%solutions, model)
-      if (is_certain) then
-         model%entropy_ceiling = model%entropy
-      else
-         call limit_of_entropy(constraint, workspace, model%entropy_ceiling)
-         model%entropy_ceiling = model%entropy_ceiling + log(request%std)
-      end if
-   end subroutine fit_direct
+      model%entropy_ceiling = model%entropy
+   end subroutine describe_winner
 
    !> Part `part` of `n_parts` of the certificate that no sign sequence has more entropy: to be
-   !! shared out, and merged by `merge_searches`. With `is_listing` every sequence is solved; else
+   !! shared out, and joined by `add_search`. With `is_listing` every sequence is solved; else
    !! the hopeless ones are excluded.
    subroutine search_direct(request, part, n_parts, is_listing, result)
       type(process_request), intent(in) :: request
@@ -108,8 +125,7 @@ contains
       type(reciprocal_workspace) :: workspace
       type(sequence_solution) :: best
 
-      constraint = new_constraint(constraint_weights(request%correlation, &
-                                                     request%correlation_length, request%order))
+      constraint = constraint_of(request)
       call workspace%prepare(request%order)
       if (.not. is_listing) call search_structured(constraint, workspace, best)
       if (best%is_feasible) then
@@ -119,8 +135,60 @@ contains
       end if
    end subroutine search_direct
 
+   !> All sequences where they are few; else likely ones, with a proof where there is one.
+   subroutine search_as_affordable(constraint, workspace, search, is_certain, how)
+      type(length_constraint), intent(in) :: constraint
+      type(reciprocal_workspace), intent(inout) :: workspace
+      type(search_result), intent(out) :: search
+      logical, intent(out) :: is_certain                 !! no sequence has more entropy
+      character(:), allocatable, intent(out) :: how
+      integer(long), parameter :: most_sequences = 2048   ! solved in a fraction of a second
+      integer(long), parameter :: cheaper = 8             ! when many are excluded by the bound
+      type(sequence_solution) :: best
+      integer(long) :: affordable
+
+      affordable = most_sequences/(1 + size(constraint%penalized)/4)
+      is_certain = count_sequences(constraint) <= affordable
+      if (is_certain) then
+         call search_all_signs(constraint, 1, 1, workspace, search)
+         how = every_sequence
+         return
+      end if
+      call search_structured(constraint, workspace, best)
+      is_certain = is_all_plus_best(constraint)
+      if (best%is_feasible .and. .not. is_certain .and. &
+          count_sequences(constraint) <= cheaper*affordable) then
+         call search_all_signs(constraint, 1, 1, workspace, search, best)
+         is_certain = .true.
+         how = 'all sequences, some excluded by a bound'
+      else
+         how = 'structured'
+         if (is_certain) how = 'all plus'
+         search%n_examined = 1
+         allocate (search%solutions(0))
+         if (best%is_feasible) search%solutions = [best]
+      end if
+   end subroutine search_as_affordable
+
+   !> Whether no signs can give the length.
+   pure function is_hopeless(request)
+      type(process_request), intent(in) :: request
+      logical :: is_hopeless
+
+      is_hopeless = request%order <= certainly_infeasible_m_max(request%correlation, &
+                                                                request%correlation_length)
+   end function is_hopeless
+
+   pure function constraint_of(request) result(constraint)
+      type(process_request), intent(in) :: request
+      type(length_constraint) :: constraint
+
+      constraint = new_constraint(constraint_weights(request%correlation, &
+                                                     request%correlation_length, request%order))
+   end function constraint_of
+
    !> Fills the model from one solution, in the unit of X, and checks it anew from a_q and b0 alone.
-   subroutine describe_direct(request, solution, model)
+   subroutine describe(request, solution, model)
       type(process_request), intent(in) :: request
       type(sequence_solution), intent(in) :: solution   !! sigma_X = 1
       type(process_model_type), intent(inout) :: model
@@ -154,15 +222,13 @@ contains
       described%delta = solution%delta
       described%lambda_3 = solution%lambda_3/request%std**2
       described%optimality = residual(request, solution, s, a)
-      described%entropy_ceiling = described%entropy
+      ! to rounding of the solution's own, where rounding of the a_q moves that of b0
+      described%entropy = solution%entropy + log(request%std)
       described%is_solved = described%optimality <= optimality_tolerance
-      if (.not. described%is_solved) then
-         described%reason = named(request)//': the optimality conditions are met to '// &
-                            to_text(described%optimality)//' only, too near the limit for '// &
-                            'double precision; a larger m_max is farther from it'
-      end if
+      if (.not. described%is_solved) &
+         described%reason = reason_of_inaccuracy(request, described%optimality)
       model = described
-   end subroutine describe_direct
+   end subroutine describe
 
    pure function are_all_positive(request, s) result(is_so)
       type(process_request), intent(in) :: request
@@ -283,62 +349,5 @@ contains
       solution%lambda_3 = 0.5_wp
       solution%entropy = gaussian_entropy(1.0_wp)
    end function white_noise
-
-   subroutine find_complaint(request, complaint)
-      type(process_request), intent(in) :: request
-      character(:), allocatable, intent(out) :: complaint
-
-      if (request%correlation /= 'L0' .and. request%correlation /= 'L1') then
-         complaint = "correlation = '"//request%correlation//"': must be 'L0' or 'L1'"
-      else if (request%order < 1) then
-         complaint = 'order = '//to_text(request%order)// &
-            ': m_max of the direct method must be at least 1'
-      else if (.not. (request%correlation_length >= 0.0_wp .and. &
-                      request%correlation_length <= huge(1.0_wp))) then
-         complaint = 'correlation_length = '//to_text(request%correlation_length)// &
-            ': must be finite and not negative'
-      else if (.not. (request%std > 0.0_wp .and. request%std <= huge(1.0_wp))) then
-         complaint = 'std = '//to_text(request%std)//': must be finite and positive'
-      end if
-   end subroutine find_complaint
-
-   function reason_of_failure(request, is_certain) result(reason)
-      type(process_request), intent(in) :: request
-      logical, intent(in) :: is_certain   !! every sequence was examined
-      character(:), allocatable :: reason
-
-      if (is_certain) then
-         reason = named(request)//': no process has this; '//advice(request)
-      else
-         reason = named(request)//': no process was found that has this; '//advice(request)
-      end if
-   end function reason_of_failure
-
-   pure function named(request) result(name)
-      type(process_request), intent(in) :: request
-      character(:), allocatable :: name
-
-      name = 'direct method, '//request%correlation//' = '//to_text(request%correlation_length)// &
-             ' cut at m_max = '//to_text(request%order)
-   end function named
-
-   !> The smallest m_max that is feasible, as far as it is known.
-   function advice(request) result(text)
-      type(process_request), intent(in) :: request
-      character(:), allocatable :: text
-      integer :: m_max
-      logical :: is_smallest
-
-      call smallest_feasible_m_max(request%correlation, request%correlation_length, m_max, &
-                                   is_smallest)
-      if (is_smallest) then
-         text = 'the smallest m_max that is feasible is '//to_text(m_max)
-      else
-         m_max = certainly_feasible_m_max(request%correlation, request%correlation_length)
-         text = 'm_max = '//to_text(m_max)//' is feasible, and none below '// &
-                to_text(certainly_infeasible_m_max(request%correlation, &
-                                                   request%correlation_length) + 1)//' is'
-      end if
-   end function advice
 
 end module process_maxent_direct

@@ -4,7 +4,8 @@ module process_model
    use core_random, only: label_of
    implicit none(type, external)
    private
-   public :: process_request, process_model_type, process_solution, request_label
+   public :: process_request, process_model_type, process_solution, inversion_check, &
+             request_label
 
    !> A wanted process. Lengths are in lags; mean and std in the unit of X.
    type :: process_request
@@ -14,11 +15,16 @@ module process_model
       integer :: order = 0                       !! M, or m_max of 'direct'; 0: choose it
       real(wp) :: bound_l0 = 0.0_wp              !! order = 0: the other length's bound; 0: none
       real(wp) :: bound_l1 = 0.0_wp
+      character(16) :: bound_side = 'automatic'  !! of the other length: 'upper', 'lower' or chosen
       integer :: max_order = 30                  !! order = 0: search no further
+      logical :: all_signs = .false.             !! direct: every sequence of signs is solved
+      integer :: inversion_half_width = 0        !! direct: M of Eq. (35), a check; 0: none
       real(wp) :: mean = 0.0_wp
       real(wp) :: std = 0.0_wp
       logical :: positive = .false.
       character(:), allocatable :: sampler       !! 'sequential' (Sec. 2.4) or 'exact' Eq. (25)
+      !> without sign: Eq. (39) from the 'stationary' law or 'from_rest', or Eq. (38), 'matrix'
+      character(16) :: simulation = 'stationary'
    end type process_request
 
    !> One consistent solution of the direct method's sign search.
@@ -28,6 +34,16 @@ module process_model
       real(wp) :: lambda_3 = 0.0_wp
       real(wp) :: entropy = 0.0_wp       !! per point [nat]
    end type process_solution
+
+   !> The paper's own way to the autocovariance, the inverse of a finite matrix, as a check.
+   type :: inversion_check
+      integer :: half_width = 0                    !! M of Eq. (35); 0: not made
+      real(wp), allocatable :: autocovariance(:)   !! Eq. (35), lags 0..order [unit of X squared]
+      real(wp) :: error = 0.0_wp                   !! largest, over K(0), against the model
+      real(wp) :: expected_error = 0.0_wp          !! |largest pole|^(2 half_width)
+      real(wp) :: seconds = 0.0_wp                 !! CPU time of the inversion
+      real(wp) :: seconds_of_fit = 0.0_wp          !! and of the direct method itself
+   end type inversion_check
 
    !> A solved (or refused) process. Entropies are per point, in nats.
    type :: process_model_type
@@ -62,6 +78,7 @@ module process_model
       integer :: n_consistent = 0                !! direct: of them, solutions; 0: not counted
       real(wp) :: entropy_ceiling = 0.0_wp       !! direct: no sign sequence has more, proved
       character(:), allocatable :: search        !! direct: how the signs were found
+      type(inversion_check) :: inversion         !! direct
    end type process_model_type
 
 contains

@@ -1,10 +1,13 @@
-!> A solved process as a row of numbers and back, to hand it to other ranks.
+!> A solved process, or a part of a search for one, as a row of numbers and back, to hand it to
+!> other ranks.
 module process_packing
-   use core_kinds, only: wp
+   use core_kinds, only: long, wp
    use process_model, only: process_model_type, process_solution
+   use process_sign_search, only: search_result
+   use process_sign_sequence, only: sequence_solution
    implicit none(type, external)
    private
-   public :: pack_model, unpack_model
+   public :: pack_model, unpack_model, pack_search, unpack_search
 
    !> Walks through a model and a row of numbers together, in either direction: one list of
    !> components serves both.
@@ -13,9 +16,9 @@ module process_packing
       real(wp), allocatable :: numbers(:)
       integer :: position = 0   !! numbers already read
    contains
-      procedure, private :: real_value, integer_value, logical_value, text_value
+      procedure, private :: real_value, integer_value, long_value, logical_value, text_value
       procedure, private :: real_array, integer_array, complex_array
-      generic :: pass => real_value, integer_value, logical_value, text_value, &
+      generic :: pass => real_value, integer_value, long_value, logical_value, text_value, &
          real_array, integer_array, complex_array
    end type tape
 
@@ -45,6 +48,60 @@ contains
       call walk(t, model)
    end subroutine unpack_model
 
+   !> What a search has found, as far as a merged search needs it.
+   function pack_search(search) result(numbers)
+      type(search_result), intent(in) :: search
+      real(wp), allocatable :: numbers(:)
+      type(search_result) :: copy
+      type(tape) :: t
+
+      copy = search
+      allocate (t%numbers(0))
+      call walk_search(t, copy)
+      call move_alloc(t%numbers, numbers)
+   end function pack_search
+
+   subroutine unpack_search(numbers, search)
+      real(wp), intent(in) :: numbers(:)
+      type(search_result), intent(out) :: search
+      type(tape) :: t
+
+      t%is_writing = .false.
+      t%numbers = numbers
+      call walk_search(t, search)
+   end subroutine unpack_search
+
+   subroutine walk_search(t, search)
+      type(tape), intent(inout) :: t
+      type(search_result), intent(inout) :: search
+      integer :: i, n
+
+      call t%pass(search%n_examined)
+      call t%pass(search%n_excluded)
+      call t%pass(search%n_consistent)
+      n = 0
+      if (allocated(search%solutions)) n = size(search%solutions)
+      call t%pass(n)
+      if (.not. t%is_writing) allocate (search%solutions(n))
+      do i = 1, n
+         call walk_sequence(t, search%solutions(i))
+      end do
+   end subroutine walk_search
+
+   subroutine walk_sequence(t, solution)
+      type(tape), intent(inout) :: t
+      type(sequence_solution), intent(inout) :: solution
+
+      call t%pass(solution%is_feasible)
+      call t%pass(solution%is_consistent)
+      call t%pass(solution%s)
+      call t%pass(solution%delta)
+      call t%pass(solution%lambda_3)
+      call t%pass(solution%correlation, first=0)
+      call t%pass(solution%entropy)
+      call t%pass(solution%number)
+   end subroutine walk_sequence
+
    !> The list of components.
    subroutine walk(t, model)
       type(tape), intent(inout) :: t
@@ -57,8 +114,8 @@ contains
       call t%pass(model%b0)
       call t%pass(model%mu)
       call t%pass(model%poles)
-      call t%pass(model%autocovariance)
-      call t%pass(model%autocovariance_error)
+      call t%pass(model%autocovariance, first=0)
+      call t%pass(model%autocovariance_error, first=0)
       call t%pass(model%l0)
       call t%pass(model%l1)
       call t%pass(model%l0_cut)
@@ -89,6 +146,12 @@ contains
       call t%pass(model%n_consistent)
       call t%pass(model%entropy_ceiling)
       call t%pass(model%search)
+      call t%pass(model%inversion%half_width)
+      call t%pass(model%inversion%autocovariance, first=0)
+      call t%pass(model%inversion%error)
+      call t%pass(model%inversion%expected_error)
+      call t%pass(model%inversion%seconds)
+      call t%pass(model%inversion%seconds_of_fit)
       call walk_solutions(t, model%solutions)
    end subroutine walk
 
@@ -135,6 +198,17 @@ contains
       value = nint(number)
    end subroutine integer_value
 
+   !> Exact up to 2**53.
+   subroutine long_value(self, value)
+      class(tape), intent(inout) :: self
+      integer(long), intent(inout) :: value
+      real(wp) :: number
+
+      number = real(value, wp)
+      call self%real_value(number)
+      value = nint(number, long)
+   end subroutine long_value
+
    subroutine logical_value(self, value)
       class(tape), intent(inout) :: self
       logical, intent(inout) :: value
@@ -146,11 +220,14 @@ contains
    end subroutine logical_value
 
    !> An array stands behind its length; -1: not allocated.
-   subroutine real_array(self, values)
+   subroutine real_array(self, values, first)
       class(tape), intent(inout) :: self
       real(wp), allocatable, intent(inout) :: values(:)
-      integer :: n
+      integer, intent(in), optional :: first   !! lower bound, else 1
+      integer :: lower, n
 
+      lower = 1
+      if (present(first)) lower = first
       n = -1
       if (self%is_writing .and. allocated(values)) n = size(values)
       call self%integer_value(n)
@@ -158,8 +235,10 @@ contains
          if (n > 0) self%numbers = [self%numbers, values]
       else
          if (allocated(values)) deallocate (values)
-         if (n >= 0) values = self%numbers(self%position + 1:self%position + n)
-         self%position = self%position + max(n, 0)
+         if (n < 0) return
+         allocate (values(lower:lower + n - 1))
+         values(:) = self%numbers(self%position + 1:self%position + n)
+         self%position = self%position + n
       end if
    end subroutine real_array
 

@@ -5,7 +5,7 @@
 module process_positive
    use core_kinds, only: wp
    use core_random, only: stream_type
-   use process_gaussian, only: draw_gaussian
+   use process_gaussian, only: draw_as_requested, draw_gaussian
    use process_model, only: process_model_type
    use process_positive_exact, only: draw_window, sweeps_to_forget
    use process_positive_sequential, only: march_sequential
@@ -25,7 +25,7 @@ contains
 
       if (.not. model%is_solved) error stop 'draw_points: the process is not solved'
       if (.not. model%request%positive) then
-         call draw_gaussian(model, stream, values)
+         call draw_as_requested(model, stream, values)
       else if (model%request%sampler == 'sequential') then
          call march_sequential(model%a, model%mu/model%b0*(1.0_wp + sum(model%a)), &
                                model%mean/model%b0, model%memory, stream, values)

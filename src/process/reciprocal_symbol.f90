@@ -8,6 +8,7 @@
 module process_reciprocal_symbol
    use core_kinds, only: wp
    use numerics_fftw, only: forward_fft, good_fft_length, inverse_fft
+   use numerics_toeplitz, only: dense_toeplitz
    use process_spectral_factor, only: change_of_factor, factor_symbol, reciprocal_of_process
    implicit none(type, external)
    private
@@ -123,7 +124,7 @@ contains
       real(wp), parameter :: folded = 1.0e-9_wp   ! at lag n/2; at n - m_max nearly its square
       real(wp), allocatable :: g(:), weight(:)
       real(wp) :: square(0:2*maxval([0, cosines])), slope(0:self%m_max)
-      integer :: half, i, j, n
+      integer :: half, n
 
       is_resolved = .false.
       call self%values_on_circle(symbol, g)
@@ -152,6 +153,17 @@ contains
          call lags%execute()
          slope = lags%spectrum(:self%m_max)%re/n              ! of A/g^2
       end associate
+      call fill_derivatives(along, cosines, slope, square, evaluation)
+   end subroutine evaluate_by_fft
+
+   !> Gradient and curvature from the Fourier coefficients of 1/g, A/g^2 and 1/g^2.
+   pure subroutine fill_derivatives(along, cosines, slope, square, evaluation)
+      real(wp), intent(in) :: along(0:)
+      integer, intent(in) :: cosines(:)
+      real(wp), intent(in) :: slope(0:), square(0:)
+      type(symbol_evaluation), intent(inout) :: evaluation
+      integer :: i, j
+
       evaluation%gradient(0) = product_mean(along, evaluation%reciprocal)
       evaluation%gradient(1:) = evaluation%reciprocal(cosines)
       evaluation%curvature(0, 0) = product_mean(along, slope)
@@ -163,7 +175,7 @@ contains
                                                  square(cosines(i) + cosines(j)))
          end do
       end do
-   end subroutine evaluate_by_fft
+   end subroutine fill_derivatives
 
    !> Mean over the circle of the product of two even functions, one of them a banded symbol.
    pure function product_mean(symbol, coefficients) result(mean)
@@ -204,20 +216,16 @@ contains
       signal(half + 1:) = values(half - 1:1:-1)
    end subroutine fill_evenly
 
-   !> The same without any sampling: the mean of ln |B|^2 is 2 ln B_0, and B is known to second
-   !! order.
+   !> The same without any sampling: the mean of ln |B|^2 is 2 ln B_0.
    subroutine evaluate_by_factor(self, symbol, along, cosines, evaluation)
       class(reciprocal_workspace), intent(inout) :: self
       real(wp), intent(in) :: symbol(0:), along(0:)
       integer, intent(in) :: cosines(:)
       type(symbol_evaluation), intent(inout) :: evaluation
-      real(wp), parameter :: too_many = 2.0e9_wp   ! products for one evaluation: some seconds
-      real(wp) :: change(0:self%m_max, 0:size(cosines)), image(0:self%m_max), cosine(0:self%m_max)
-      real(wp) :: factor(0:self%m_max), reciprocal(0:2*self%m_max)
-      integer :: i, j
+      real(wp), parameter :: many = 3.0e7_wp   ! products for one evaluation: some 0.01 s
+      real(wp) :: reciprocal(0:2*self%m_max)
 
-      evaluation%is_positive = symbol(0) > 0.0_wp .and. &
-                               size(cosines)*real(self%m_max, wp)**2 < too_many
+      evaluation%is_positive = symbol(0) > 0.0_wp
       if (.not. evaluation%is_positive) return
       if (.not. allocated(self%a)) then
          self%a = 0.0_wp*symbol(1:)
@@ -232,36 +240,63 @@ contains
       end if
       evaluation%reciprocal(:) = reciprocal(:self%m_max)
       evaluation%log_mean = -2.0_wp*log(self%b0)
-      factor = [1.0_wp, self%a]/self%b0
+      if (size(cosines)*real(self%m_max, wp)**2 < many) then
+         call differentiate_factor([1.0_wp, self%a]/self%b0, reciprocal, along, cosines, evaluation)
+      else
+         call differentiate_square(self%a, self%b0, along, cosines, evaluation)
+      end if
+   end subroutine evaluate_by_factor
+
+   !> Gradient and curvature from the changes of B, which is known to second order: as exact as B.
+   pure subroutine differentiate_factor(factor, reciprocal, along, cosines, evaluation)
+      real(wp), intent(in) :: factor(0:)       !! B
+      real(wp), intent(in) :: reciprocal(0:)   !! to twice the order
+      real(wp), intent(in) :: along(0:)
+      integer, intent(in) :: cosines(:)
+      type(symbol_evaluation), intent(inout) :: evaluation
+      real(wp) :: change(0:ubound(factor, 1), 0:size(cosines)), cosine(0:ubound(factor, 1))
+      integer :: j
+
       change(:, 0) = change_of_factor(factor, reciprocal, along)
       do j = 1, size(cosines)
          cosine = 0.0_wp
          cosine(cosines(j)) = 0.5_wp
          change(:, j) = change_of_factor(factor, reciprocal, cosine)
       end do
-      evaluation%gradient(0) = product_mean(along, evaluation%reciprocal)
-      evaluation%gradient(1:) = evaluation%reciprocal(cosines)
+      evaluation%gradient(0) = product_mean(along, reciprocal(:ubound(along, 1)))
+      evaluation%gradient(1:) = reciprocal(cosines)
+      ! the mean of the product of two changes of B over |B|^2, twice, and what (ln B)'' leaves
+      evaluation%curvature(:, :) = matmul(transpose(2.0_wp*change), &
+                                          matmul(dense_toeplitz(reciprocal, size(factor)), change))
       do j = 0, size(cosines)
-         image = toeplitz_product(evaluation%reciprocal, change(:, j))
-         do i = 0, size(cosines)
-            evaluation%curvature(i, j) = 2.0_wp*dot_product(change(:, i), image) &
-                                         + 0.5_wp*evaluation%gradient(i)*evaluation%gradient(j)
-         end do
+         evaluation%curvature(:, j) = evaluation%curvature(:, j) &
+                                      + 0.5_wp*evaluation%gradient*evaluation%gradient(j)
       end do
-   end subroutine evaluate_by_factor
+   end subroutine differentiate_factor
 
-   !> Symmetric Toeplitz matrix, given by its first row, times a vector.
-   pure function toeplitz_product(row, x) result(y)
-      real(wp), intent(in) :: row(0:), x(0:)
-      real(wp) :: y(0:ubound(x, 1))
-      integer :: j, n
+   !> The same from 1/g^2, the spectrum of the process that has every pole of 1/g twice: cheap for
+   !> many cosines, less exact where poles are very near the circle.
+   pure subroutine differentiate_square(a, b0, along, cosines, evaluation)
+      real(wp), intent(in) :: a(:), b0
+      real(wp), intent(in) :: along(0:)
+      integer, intent(in) :: cosines(:)
+      type(symbol_evaluation), intent(inout) :: evaluation
+      real(wp) :: factor(0:size(a)), twice(0:2*size(a)), square(0:2*size(a)), slope(0:size(a))
+      integer :: i, j, order
 
-      n = ubound(x, 1)
-      y = 0.0_wp
-      do j = 0, n
-         y(j:) = y(j:) + x(j)*row(:n - j)
-         y(:j - 1) = y(:j - 1) + x(j)*row(j:1:-1)
+      order = size(a)
+      factor = [1.0_wp, a]
+      twice = 0.0_wp
+      do j = 0, order
+         twice(j:j + order) = twice(j:j + order) + factor(j)*factor
       end do
-   end function toeplitz_product
+      call reciprocal_of_process(twice(1:), b0**2, square, evaluation%is_positive)
+      if (.not. evaluation%is_positive) return
+      slope = along(0)*square(:order)
+      do j = 1, order
+         slope = slope + along(j)*(square(j:j + order) + square(abs([(i - j, i=0, order)])))
+      end do
+      call fill_derivatives(along, cosines, slope, square, evaluation)
+   end subroutine differentiate_square
 
 end module process_reciprocal_symbol

@@ -17,7 +17,7 @@ module process_sign_search
    use process_sign_sequence, only: sequence_solution, solve_sequence
    implicit none(type, external)
    private
-   public :: search_result, count_sequences, search_all_signs, merge_searches, search_structured, &
+   public :: search_result, count_sequences, search_all_signs, add_search, search_structured, &
              is_all_plus_best, limit_of_entropy
 
    !> What a search, or a part of one, has found.
@@ -83,6 +83,7 @@ contains
          call solve_sequence(constraint, signs, workspace, solution)
          if (.not. (solution%is_feasible .and. solution%is_consistent)) cycle
          result%n_consistent = result%n_consistent + 1
+         solution%number = index
          found = [found, solution]
          if (size(found) >= 2*max_listed) call sort_and_cut(found)
       end do
@@ -90,48 +91,50 @@ contains
       call move_alloc(found, result%solutions)
    end subroutine search_all_signs
 
-   !> One result from those of all parts, in the order of the parts.
-   subroutine merge_searches(parts, result)
-      type(search_result), intent(in) :: parts(:)   !! each as it came from a search
-      type(search_result), intent(out) :: result
-      integer :: i
+   !> Joins what a part has found to the rest: the same in whatever order that is done.
+   subroutine add_search(part, total)
+      type(search_result), intent(in) :: part       !! as it came from a search, or empty
+      type(search_result), intent(inout) :: total   !! at first as it is declared
 
-      allocate (result%solutions(0))
-      do i = 1, size(parts)
-         result%n_examined = result%n_examined + parts(i)%n_examined
-         result%n_excluded = result%n_excluded + parts(i)%n_excluded
-         result%n_consistent = result%n_consistent + parts(i)%n_consistent
-         result%solutions = [result%solutions, parts(i)%solutions]
-      end do
-      call sort_and_cut(result%solutions)
-   end subroutine merge_searches
+      total%n_examined = total%n_examined + part%n_examined
+      total%n_excluded = total%n_excluded + part%n_excluded
+      total%n_consistent = total%n_consistent + part%n_consistent
+      if (.not. allocated(total%solutions)) allocate (total%solutions(0))
+      if (allocated(part%solutions)) total%solutions = [total%solutions, part%solutions]
+      call sort_and_cut(total%solutions)
+   end subroutine add_search
 
    !> A few sequences that are likely to win, each improved until it is consistent, the best one
    !! then sign by sign and, where there are few, pair by pair.
    !!
    !! All plus wins where m_max is large beside L1. Nearer to the limit the winners are sequences
-   !! whose sum of cosines is flat: quadratic phases, and all plus with the last sign turned.
+   !! whose sum of cosines is flat: quadratic phases, and all plus with the last sign turned. Where
+   !! signs are very many, seconds are spent on those starts alone that have won there.
    subroutine search_structured(constraint, workspace, best)
       type(length_constraint), intent(in) :: constraint
       type(reciprocal_workspace), intent(inout) :: workspace   !! prepared for m_max
       type(sequence_solution), intent(out) :: best             !! not feasible: none was found
       integer, parameter :: few = 16, many = 48, very_many = 200
       type(sequence_solution) :: solution
-      integer :: signs(size(constraint%rewarded)), i, n, n_rates
+      integer :: signs(size(constraint%rewarded)), i, n, n_rates, max_passes
+      logical :: is_large
 
       n = size(constraint%rewarded)
       if (n == 0) return
+      is_large = n > very_many
+      max_passes = merge(2, 50, is_large)
+      n_rates = merge(4, 12, is_large)
       signs = 1
-      call make_consistent(constraint, signs, workspace, best)
+      call make_consistent(constraint, signs, max_passes, workspace, best)
       if (is_all_plus_best(constraint)) return
       if (constraint%m_max > 4*size(constraint%penalized) .and. best%is_feasible) return
-      n_rates = merge(12, 4, n <= very_many)
-      do i = 0, n_rates
+      do i = merge(1, 0, is_large), n_rates
          signs = quadratic_phases(n, 3.0_wp*i/n_rates)
          if (i == 0) signs(n) = -1
-         call make_consistent(constraint, signs, workspace, solution)
+         call make_consistent(constraint, signs, max_passes, workspace, solution)
          call take_better(solution, best)
-         call make_consistent(constraint, -signs, workspace, solution)
+         if (is_large) cycle
+         call make_consistent(constraint, -signs, max_passes, workspace, solution)
          call take_better(solution, best)
       end do
       if (best%is_feasible .and. n <= many) call turn_signs(constraint, n <= few, workspace, best)
@@ -154,12 +157,12 @@ contains
 
    !> Takes over the signs of K(m) until they stay. That only raises the entropy: with the new signs
    !! the old solution has more than the wanted length.
-   subroutine make_consistent(constraint, signs, workspace, solution)
+   subroutine make_consistent(constraint, signs, max_passes, workspace, solution)
       type(length_constraint), intent(in) :: constraint
       integer, intent(in) :: signs(:)   !! start
+      integer, intent(in) :: max_passes
       type(reciprocal_workspace), intent(inout) :: workspace
       type(sequence_solution), intent(out) :: solution
-      integer, parameter :: max_passes = 50
       integer :: now(size(signs)), pass
 
       now = signs
@@ -178,6 +181,7 @@ contains
       logical, intent(in) :: in_pairs
       type(reciprocal_workspace), intent(inout) :: workspace
       type(sequence_solution), intent(inout) :: best
+      integer, parameter :: max_passes = 50
       type(sequence_solution) :: solution
       integer :: signs(size(constraint%rewarded)), i, j
       real(wp) :: before
@@ -189,7 +193,7 @@ contains
                signs = nint(best%s(constraint%rewarded))
                signs(i) = -signs(i)
                if (j > i) signs(j) = -signs(j)
-               call make_consistent(constraint, signs, workspace, solution)
+               call make_consistent(constraint, signs, max_passes, workspace, solution)
                call take_better(solution, best)
             end do
          end do
@@ -246,12 +250,13 @@ contains
       end do
    end function signs_of
 
-   !> By descending entropy, equal ones as they came; only the best are kept.
+   !> By descending entropy, equal ones by their numbers; only the best are kept.
    pure subroutine sort_and_cut(solutions)
       type(sequence_solution), allocatable, intent(inout) :: solutions(:)
       integer, allocatable :: order(:)
 
-      order = sort_order(-solutions%entropy)
+      order = sort_order(real(solutions%number, wp))
+      order = order(sort_order(-solutions(order)%entropy))
       solutions = solutions(order(:min(size(order), max_listed)))
    end subroutine sort_and_cut
 

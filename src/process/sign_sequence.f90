@@ -8,7 +8,7 @@
 !> stays positive for every delta.
 module process_sign_sequence
    use core_error, only: error_type
-   use core_kinds, only: wp
+   use core_kinds, only: long, wp
    use numerics_lapack, only: solve_linear_system
    use process_entropy, only: white_noise_entropy
    use process_entropy_climb, only: begin_climb, climb_state, evaluate_climb, steepest, &
@@ -29,6 +29,7 @@ module process_sign_sequence
       real(wp) :: lambda_3 = 0.0_wp            !! 0.5 at every solution
       real(wp), allocatable :: correlation(:)  !! K(m)/K(0), m = 0..m_max
       real(wp) :: entropy = 0.0_wp             !! per point [nat]
+      integer(long) :: number = 0              !! among the sequences of a search
    end type sequence_solution
 
    real(wp), parameter :: sign_rounding = 1.0e-12_wp   !! of K(m)/K(0)

@@ -1,0 +1,165 @@
+!> The processes of a scene, solved by all ranks together.
+module driver_processes
+   use core_error, only: error_type
+   use core_kinds, only: long, wp
+   use driver_deadline, only: time_to_stop
+   use ensemble_plan, only: plan_type
+   use numerics_sorting, only: sort_order
+   use parallel_work, only: new_counter, work_counter
+   use parallel_world, only: world_type
+   use process_direct_check, only: check_by_inversion
+   use process_fit, only: fit_from_search, fit_process
+   use process_maxent_direct, only: count_parts, search_direct
+   use process_model, only: process_model_type
+   use process_packing, only: pack_model, pack_search, unpack_model, unpack_search
+   use process_sign_search, only: add_search, search_result
+   implicit none(type, external)
+   private
+   public :: solve_processes
+
+   !> What a rank takes at a time: a process, or a part of its search for signs.
+   type :: share_type
+      integer :: process = 0
+      integer :: part = 1, n_parts = 1
+   end type share_type
+
+contains
+
+   !> Each process once, spread over the ranks, long searches in parts; all ranks get all models.
+   !> When a stop is requested meanwhile, the rest stays unsolved, without a reason. Collective.
+   subroutine solve_processes(world, plan, models)
+      type(world_type), intent(in) :: world
+      type(plan_type), intent(in) :: plan
+      type(process_model_type), allocatable, intent(out) :: models(:)
+      type(search_result) :: searches(size(plan%processes))   ! this rank's parts, merged
+      type(share_type), allocatable :: shares(:)
+      type(work_counter) :: counter
+      integer :: owner(size(plan%processes)), i, item
+
+      allocate (models(size(plan%processes)))
+      if (size(models) == 0) return
+      do i = 1, size(models)
+         models(i)%request = plan%processes(i)
+      end do
+      shares = all_shares(plan)
+      owner = -1
+      call new_counter(world, size(shares, kind=long), counter)
+      do
+         if (time_to_stop()) call counter%request_stop()
+         item = int(counter%next())
+         if (item == 0) exit
+         associate (share => shares(item))
+            if (share%n_parts > 1) then
+               call search_part(plan, share, searches(share%process))
+            else
+               call solve(plan, share%process, models(share%process))
+               owner(share%process) = world%rank
+            end if
+         end associate
+      end do
+      call counter%close()
+      do i = 1, size(shares)
+         if (shares(i)%n_parts > 1 .and. shares(i)%part == 1) &
+            call finish_search(world, plan, shares(i), searches(shares(i)%process), &
+                               models(shares(i)%process), owner(shares(i)%process))
+      end do
+      call tell_all(world, owner, models)
+   end subroutine solve_processes
+
+   !> Whole processes first, the longest in front; then the parts.
+   function all_shares(plan) result(shares)
+      type(plan_type), intent(in) :: plan
+      type(share_type), allocatable :: shares(:)
+      integer :: n_parts(size(plan%processes)), order(size(plan%processes)), i, part
+
+      n_parts = [(count_parts(plan%processes(i)), i=1, size(n_parts))]
+      order = sort_order(-real(plan%processes%order, wp))
+      order = [pack(order, n_parts(order) == 1), pack(order, n_parts(order) > 1)]
+      allocate (shares(sum(n_parts)))
+      shares = [((share_type(order(i), part, n_parts(order(i))), part=1, n_parts(order(i))), &
+                 i=1, size(order))]
+   end function all_shares
+
+   !> A process, and where it is asked for the paper's inversion beside it.
+   subroutine solve(plan, number, model)
+      type(plan_type), intent(in) :: plan
+      integer, intent(in) :: number
+      type(process_model_type), intent(out) :: model
+      real(wp) :: finish, start
+
+      call cpu_time(start)
+      call fit_process(plan%processes(number), plan%seed, model)
+      call cpu_time(finish)
+      call check_inversion(finish - start, model)
+   end subroutine solve
+
+   !> Adds one part of a search to what this rank has found.
+   subroutine search_part(plan, share, search)
+      type(plan_type), intent(in) :: plan
+      type(share_type), intent(in) :: share
+      type(search_result), intent(inout) :: search
+      type(search_result) :: found
+
+      call search_direct(plan%processes(share%process), share%part, share%n_parts, .true., found)
+      call add_search(found, search)
+   end subroutine search_part
+
+   !> All ranks' parts together; the root concludes, if none is missing. Collective.
+   subroutine finish_search(world, plan, share, search, model, owner)
+      type(world_type), intent(in) :: world
+      type(plan_type), intent(in) :: plan
+      type(share_type), intent(in) :: share
+      type(search_result), intent(in) :: search   !! of this rank
+      type(process_model_type), intent(inout) :: model
+      integer, intent(inout) :: owner
+      type(search_result) :: found, merged
+      real(wp), allocatable :: numbers(:)
+      integer :: rank
+
+      do rank = 0, world%n_ranks - 1
+         if (rank == world%rank) numbers = pack_search(search)
+         call world%broadcast(numbers, from=rank)
+         call unpack_search(numbers, found)
+         call add_search(found, merged)
+      end do
+      if (.not. world%is_root()) return
+      call fit_from_search(plan%processes(share%process), merged, model)
+      if (model%is_solved .or. allocated(model%reason)) owner = world%rank
+   end subroutine finish_search
+
+   !> Where it is asked for, the paper's inversion of a finite matrix beside the model.
+   subroutine check_inversion(seconds_of_fit, model)
+      real(wp), intent(in) :: seconds_of_fit
+      type(process_model_type), intent(inout) :: model
+      type(error_type), allocatable :: error
+      real(wp) :: finish, start
+
+      associate (half_width => model%request%inversion_half_width)
+         if (half_width == 0 .or. .not. model%is_solved) return
+         call cpu_time(start)
+         call check_by_inversion(model, half_width, model%inversion, error)
+         call cpu_time(finish)
+      end associate
+      if (allocated(error)) model%inversion%error = huge(1.0_wp)   ! the matrix is singular
+      model%inversion%seconds = finish - start
+      model%inversion%seconds_of_fit = seconds_of_fit
+   end subroutine check_inversion
+
+   !> The models of all ranks, to all; collective.
+   subroutine tell_all(world, owner, models)
+      type(world_type), intent(in) :: world
+      integer, intent(in) :: owner(:)   !! the rank that has the model, else -1
+      type(process_model_type), intent(inout) :: models(:)
+      real(wp), allocatable :: numbers(:)
+      integer :: from, i
+
+      do i = 1, size(models)
+         from = int(world%maximum(int(owner(i), long)))
+         if (from < 0) cycle
+         if (from == world%rank) numbers = pack_model(models(i))
+         call world%broadcast(numbers, from=from)
+         call unpack_model(numbers, models(i))
+      end do
+   end subroutine tell_all
+
+end module driver_processes

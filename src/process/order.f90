@@ -1,0 +1,201 @@
+!> The order, where it is not given: the paper's second criterion (end of Sec. 2.3, Fig. 4).
+!>
+!> One length is imposed and the two drift apart as the order grows: with L0 imposed L1 grows, with
+!> L1 imposed L0 falls. A bound on the drift (L1 at most, or L0 at least) leaves the orders up to
+!> one; the entropy grows with the order, so the largest is taken. A bound from the other side (L1
+!> at least, or L0 at most) leaves the orders from one on, and the smallest is taken. The paper
+!> reads order 6 off Fig. 4 for L0 = 0.3 and L1 <= 1; the infinite sums are L1 = 0.887 at order 5
+!> and 1.034 at order 6, so it is 5. Without a bound the order is taken after which one more order
+!> gains too little entropy.
+!>
+!> The lengths are the ones that the method imposes: infinite sums of an autoregressive process,
+!> cut at m_max those of the direct method, whose orders begin with the first that is feasible.
+module process_order
+   use core_error, only: error_type, exit_bad_input, exit_no_solution, raise
+   use core_kinds, only: wp
+   use core_text, only: to_text
+   use process_ar_fit, only: fit_ar
+   use process_direct_limits, only: certainly_infeasible_m_max
+   use process_maxent_direct, only: fit_direct
+   use process_model, only: process_model_type, process_request
+   implicit none(type, external)
+   private
+   public :: choose_order, least_gain
+
+   real(wp), parameter :: least_gain = 1.0e-3_wp   !! of entropy by one more order [nat per point]
+
+contains
+
+   !> The request's own order, or for order = 0 the chosen one, at most `max_order`. Fails when no
+   !> order up to there has the length and keeps the bound.
+   subroutine choose_order(request, order, error)
+      type(process_request), intent(in) :: request
+      integer, intent(out) :: order
+      type(error_type), allocatable, intent(out) :: error
+      type(process_model_type) :: higher, model
+      logical :: is_enough
+
+      order = request%order
+      if (order /= 0) return
+      call check_bounds(request, error)
+      if (allocated(error)) return
+      call fit_lowest(request, order, model, error)
+      if (allocated(error)) return
+      if (.not. (limits_drift(request) .or. keeps_bound(request, model))) then
+         call find_smallest(request, order, model, error)
+         return
+      end if
+      if (.not. keeps_bound(request, model)) then
+         call refuse_bound(request, order, model, error)
+         return
+      end if
+      if (.not. limits_drift(request)) return
+      do order = order, request%max_order - 1
+         call fit_order(request, order + 1, higher, error)
+         if (allocated(error)) return
+         if (bound_of(request) > 0.0_wp) then
+            is_enough = .not. keeps_bound(request, higher)
+         else
+            is_enough = higher%entropy - model%entropy < least_gain
+         end if
+         if (is_enough) return
+         model = higher
+      end do
+   end subroutine choose_order
+
+   !> Climbs from an order that does not keep the bound to the first that does.
+   subroutine find_smallest(request, order, model, error)
+      type(process_request), intent(in) :: request
+      integer, intent(inout) :: order
+      type(process_model_type), intent(inout) :: model
+      type(error_type), allocatable, intent(out) :: error
+
+      do while (order < request%max_order)
+         order = order + 1
+         call fit_order(request, order, model, error)
+         if (allocated(error)) return
+         if (keeps_bound(request, model)) return
+      end do
+      call refuse_bound(request, order, model, error)
+   end subroutine find_smallest
+
+   !> Order 1, or the direct method's first feasible m_max.
+   subroutine fit_lowest(request, order, model, error)
+      type(process_request), intent(in) :: request
+      integer, intent(out) :: order
+      type(process_model_type), intent(out) :: model
+      type(error_type), allocatable, intent(out) :: error
+      integer :: first
+
+      first = 1
+      if (request%method == 'direct') &
+         first = min(request%max_order, &
+                     1 + certainly_infeasible_m_max(request%correlation, &
+                                                    request%correlation_length))
+      do order = first, request%max_order
+         call fit_order(request, order, model, error)
+         if (request%method /= 'direct' .or. .not. allocated(error)) return
+      end do
+   end subroutine fit_lowest
+
+   !> The process of one order, std 1.
+   subroutine fit_order(request, order, model, error)
+      type(process_request), intent(in) :: request
+      integer, intent(in) :: order
+      type(process_model_type), intent(out) :: model
+      type(error_type), allocatable, intent(out) :: error
+      type(process_request) :: trial
+
+      if (request%method /= 'direct') then
+         call fit_ar(request%correlation, request%correlation_length, order, 1.0_wp, model, error)
+         return
+      end if
+      trial%method = request%method
+      trial%correlation = request%correlation
+      trial%correlation_length = request%correlation_length
+      trial%order = order
+      trial%std = 1.0_wp
+      call fit_direct(trial, model)
+      if (.not. model%is_solved) call raise(error, exit_no_solution, model%reason)
+   end subroutine fit_order
+
+   !> A bound of the length that is imposed is a mistake.
+   pure subroutine check_bounds(request, error)
+      type(process_request), intent(in) :: request
+      type(error_type), allocatable, intent(out) :: error
+
+      if (request%max_order < 1) then
+         call raise(error, exit_bad_input, 'max_order = '//to_text(request%max_order)// &
+                    ': must be at least 1')
+      else if (request%correlation == 'L0' .and. request%bound_l0 > 0.0_wp) then
+         call raise(error, exit_bad_input, 'bound_l0 = '//to_text(request%bound_l0)// &
+                    ': L0 is imposed, only L1 can be bounded')
+      else if (request%correlation == 'L1' .and. request%bound_l1 > 0.0_wp) then
+         call raise(error, exit_bad_input, 'bound_l1 = '//to_text(request%bound_l1)// &
+                    ': L1 is imposed, only L0 can be bounded')
+      end if
+   end subroutine check_bounds
+
+   !> Says what the nearest bound is that is kept.
+   pure subroutine refuse_bound(request, order, model, error)
+      type(process_request), intent(in) :: request
+      integer, intent(in) :: order
+      type(process_model_type), intent(in) :: model   !! of this order, the nearest to the bound
+      type(error_type), allocatable, intent(out) :: error
+
+      call raise(error, exit_no_solution, name_of_bound(request)//' = '// &
+                 to_text(bound_of(request))//': no order up to '// &
+                 to_text(request%max_order)//' keeps it with '//request%correlation//' = '// &
+                 to_text(request%correlation_length)//'; the nearest bound that is kept is '// &
+                 to_text(other_length(request, model))//', by order '//to_text(order))
+   end subroutine refuse_bound
+
+   !> Whether the bound ends the orders that keep it, rather than begins them; so too without any.
+   pure function limits_drift(request) result(does_limit)
+      type(process_request), intent(in) :: request
+      logical :: does_limit
+
+      does_limit = .not. bound_of(request) > 0.0_wp .or. request%bound_side == 'automatic' .or. &
+                   (request%bound_side == 'upper' .eqv. request%correlation == 'L0')
+   end function limits_drift
+
+   pure function keeps_bound(request, model) result(does_keep)
+      type(process_request), intent(in) :: request
+      type(process_model_type), intent(in) :: model
+      logical :: does_keep
+      real(wp), parameter :: slack = 1.0e-9_wp   ! a bound equal to the length itself is kept
+      real(wp) :: excess
+
+      excess = other_length(request, model) - bound_of(request)
+      if (.not. (limits_drift(request) .eqv. request%correlation == 'L0')) excess = -excess
+      does_keep = .not. bound_of(request) > 0.0_wp .or. excess <= slack*bound_of(request)
+   end function keeps_bound
+
+   !> The length that is not imposed.
+   pure function other_length(request, model) result(length)
+      type(process_request), intent(in) :: request
+      type(process_model_type), intent(in) :: model
+      real(wp) :: length
+
+      if (request%method == 'direct') then
+         length = merge(model%l1_cut, model%l0_cut, request%correlation == 'L0')
+      else
+         length = merge(model%l1, model%l0, request%correlation == 'L0')
+      end if
+   end function other_length
+
+   pure function bound_of(request) result(bound)
+      type(process_request), intent(in) :: request
+      real(wp) :: bound
+
+      bound = merge(request%bound_l1, request%bound_l0, request%correlation == 'L0')
+   end function bound_of
+
+   pure function name_of_bound(request) result(name)
+      type(process_request), intent(in) :: request
+      character(8) :: name
+
+      name = merge('bound_l1', 'bound_l0', request%correlation == 'L0')
+   end function name_of_bound
+
+end module process_order
