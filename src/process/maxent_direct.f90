@@ -188,24 +188,25 @@ contains
    end function constraint_of
 
    !> Fills the model from one solution, in the unit of X, and checks it anew from a_q and b0 alone.
-   subroutine describe(request, solution, model)
+   subroutine describe(request, found, model)
       type(process_request), intent(in) :: request
-      type(sequence_solution), intent(in) :: solution   !! sigma_X = 1
+      type(sequence_solution), intent(in) :: found   !! sigma_X = 1
       type(process_model_type), intent(inout) :: model
       type(process_model_type) :: described
+      type(sequence_solution) :: solution
       type(correlation_sums) :: sums
       type(error_type), allocatable :: error
-      real(wp), allocatable :: s(:), a(:)
+      real(wp), allocatable :: a(:)
       real(wp) :: b0
       logical :: is_positive
 
-      s = mirrored(solution%s, solution%correlation)
+      solution = mirrored(found)
       call equivalent_process(direct_symbol(request%correlation, request%correlation_length, &
-                                            solution%delta, 0.5_wp, s), &
+                                            solution%delta, 0.5_wp, solution%s), &
                               a, b0, is_positive)
       if (is_positive) then
          b0 = request%std*innovation_std(reflection_of(a), 1.0_wp)
-         call sum_direct_correlation(a, are_all_positive(request, s), sums, error)
+         call sum_direct_correlation(a, are_all_positive(request, solution%s), sums, error)
          if (.not. allocated(error)) call describe_ar(a, b0, described, error, sums)
          if (allocated(error)) model%reason = error%message
       else
@@ -218,12 +219,15 @@ contains
       described%n_consistent = model%n_consistent
       described%mu = request%mean
       described%mean = request%mean
-      described%signs = integer_signs(s)
+      described%signs = integer_signs(solution%s)
       described%delta = solution%delta
       described%lambda_3 = solution%lambda_3/request%std**2
-      described%optimality = residual(request, solution, s, a)
-      ! to rounding of the solution's own, where rounding of the a_q moves that of b0
+      described%optimality = residual(request, solution, a)
+      ! those of the solution are right to rounding, where rounding of the a_q moves what they give
       described%entropy = solution%entropy + log(request%std)
+      described%autocovariance(:request%order) = request%std**2*solution%correlation
+      described%l0_cut = correlation_length('L0', solution%correlation)
+      described%l1_cut = correlation_length('L1', solution%correlation)
       described%is_solved = described%optimality <= optimality_tolerance
       if (.not. described%is_solved) &
          described%reason = reason_of_inaccuracy(request, described%optimality)
@@ -272,10 +276,9 @@ contains
    !> Largest violation of: the length, lambda_3 = 1/(2 sigma^2), and g_m = delta a_m s_m/2 with s_m
    !! = sgn K(m), or anywhere between where K(m) = 0. The last one relative to g_0. Everything from
    !! the a_q.
-   pure function residual(request, solution, s, a) result(largest)
+   pure function residual(request, solution, a) result(largest)
       type(process_request), intent(in) :: request
       type(sequence_solution), intent(in) :: solution
-      real(wp), intent(in) :: s(:)
       real(wp), intent(in) :: a(:)
       real(wp) :: largest
       real(wp), parameter :: zero = 1.0e-9_wp   ! of K(m)/K(0)
@@ -285,7 +288,8 @@ contains
       kappa = reflection_of(a)
       rho = autocovariance_of(kappa, size(a))
       symbol = symbol_of_process(a, innovation_std(kappa, 1.0_wp))
-      signs = merge(max(-1.0_wp, min(1.0_wp, s)), sign(1.0_wp, rho(1:)), abs(rho(1:)) <= zero)
+      signs = merge(max(-1.0_wp, min(1.0_wp, solution%s)), sign(1.0_wp, rho(1:)), &
+                    abs(rho(1:)) <= zero)
       associate (length => request%correlation_length, definition => request%correlation)
          wanted = direct_symbol(definition, length, solution%delta, 0.5_wp, signs)
          largest = max(maxval(abs(symbol - wanted))/symbol(0), &
@@ -296,18 +300,22 @@ contains
 
    !> K(m) and (-1)^m K(m) are one solution: the one whose first odd lag that is not zero is
    !! positive.
-   pure function mirrored(s, correlation) result(turned)
-      real(wp), intent(in) :: s(:), correlation(0:)
-      real(wp) :: turned(size(s))
+   pure function mirrored(solution) result(turned)
+      type(sequence_solution), intent(in) :: solution
+      type(sequence_solution) :: turned
       real(wp), parameter :: zero = 1.0e-9_wp
       integer :: m
 
-      turned = s
-      do m = 1, size(s), 2
-         if (correlation(m) > zero) return
-         if (correlation(m) < -zero) exit
+      turned = solution
+      do m = 1, size(solution%s), 2
+         if (solution%correlation(m) > zero) return
+         if (solution%correlation(m) < -zero) exit
       end do
-      if (m <= size(s)) turned(1::2) = -turned(1::2)
+      if (m > size(solution%s)) return
+      do m = 1, size(solution%s), 2
+         turned%s(m) = -solution%s(m)
+         turned%correlation(m) = -solution%correlation(m)
+      end do
    end function mirrored
 
    !> 0 where K(m) = 0 is held by an s_m between the signs.
@@ -322,16 +330,18 @@ contains
       type(process_request), intent(in) :: request
       type(sequence_solution), intent(in) :: found(:)
       type(process_model_type), intent(inout) :: model
+      type(sequence_solution) :: solution
       integer :: i
 
       if (allocated(model%solutions)) deallocate (model%solutions)
       allocate (model%solutions(size(found)))
       do i = 1, size(found)
          associate (listed => model%solutions(i))
-            listed%signs = integer_signs(mirrored(found(i)%s, found(i)%correlation))
-            listed%delta = found(i)%delta
-            listed%lambda_3 = found(i)%lambda_3/request%std**2
-            listed%entropy = found(i)%entropy + log(request%std)
+            solution = mirrored(found(i))
+            listed%signs = integer_signs(solution%s)
+            listed%delta = solution%delta
+            listed%lambda_3 = solution%lambda_3/request%std**2
+            listed%entropy = solution%entropy + log(request%std)
          end associate
       end do
    end subroutine list_solutions
