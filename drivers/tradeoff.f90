@@ -4,10 +4,11 @@ module driver_tradeoff
    use config_scene, only: scene_type
    use core_error, only: error_type, exit_done, exit_stopped
    use core_kinds, only: wp
-   use driver_campaign, only: load_plan, output_path, refuse_unsolved, solve_processes
+   use driver_campaign, only: load_plan, output_path, refuse_unsolved
    use driver_command_line, only: command_line
    use driver_deadline, only: seconds_so_far, set_limit, start_watch, time_to_stop
    use driver_measuring, only: measure_settings
+   use driver_processes, only: solve_processes
    use driver_provenance, only: provenance_of
    use driver_tradeoff_text, only: fits_text, orders_text, parts_text, settings_text, &
                                    spectra_text, wanted_text

@@ -8,7 +8,6 @@
 module process_reciprocal_symbol
    use core_kinds, only: wp
    use numerics_fftw, only: forward_fft, good_fft_length, inverse_fft
-   use numerics_toeplitz, only: dense_toeplitz
    use process_spectral_factor, only: change_of_factor, factor_symbol, reciprocal_of_process
    implicit none(type, external)
    private
@@ -254,8 +253,9 @@ contains
       real(wp), intent(in) :: along(0:)
       integer, intent(in) :: cosines(:)
       type(symbol_evaluation), intent(inout) :: evaluation
-      real(wp) :: change(0:ubound(factor, 1), 0:size(cosines)), cosine(0:ubound(factor, 1))
-      integer :: j
+      real(wp) :: change(0:ubound(factor, 1), 0:size(cosines))
+      real(wp) :: cosine(0:ubound(factor, 1)), image(0:ubound(factor, 1))
+      integer :: i, j
 
       change(:, 0) = change_of_factor(factor, reciprocal, along)
       do j = 1, size(cosines)
@@ -265,14 +265,28 @@ contains
       end do
       evaluation%gradient(0) = product_mean(along, reciprocal(:ubound(along, 1)))
       evaluation%gradient(1:) = reciprocal(cosines)
-      ! the mean of the product of two changes of B over |B|^2, twice, and what (ln B)'' leaves
-      evaluation%curvature(:, :) = matmul(transpose(2.0_wp*change), &
-                                          matmul(dense_toeplitz(reciprocal, size(factor)), change))
       do j = 0, size(cosines)
-         evaluation%curvature(:, j) = evaluation%curvature(:, j) &
-                                      + 0.5_wp*evaluation%gradient*evaluation%gradient(j)
+         image = toeplitz_product(reciprocal, change(:, j))
+         do i = 0, size(cosines)
+            evaluation%curvature(i, j) = 2.0_wp*dot_product(change(:, i), image) &
+                                         + 0.5_wp*evaluation%gradient(i)*evaluation%gradient(j)
+         end do
       end do
    end subroutine differentiate_factor
+
+   !> Symmetric Toeplitz matrix, given by its first row, times a vector.
+   pure function toeplitz_product(row, x) result(y)
+      real(wp), intent(in) :: row(0:), x(0:)
+      real(wp) :: y(0:ubound(x, 1))
+      integer :: j, n
+
+      n = ubound(x, 1)
+      y = 0.0_wp
+      do j = 0, n
+         y(j:) = y(j:) + x(j)*row(:n - j)
+         y(:j - 1) = y(:j - 1) + x(j)*row(j:1:-1)
+      end do
+   end function toeplitz_product
 
    !> The same from 1/g^2, the spectrum of the process that has every pole of 1/g twice: cheap for
    !> many cosines, less exact where poles are very near the circle.
