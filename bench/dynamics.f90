@@ -1,8 +1,10 @@
-!> Work and precision of the marches, and what a step costs in longer chains.
+!> Work and precision of the marches, what a step costs in longer chains and when nothing happens,
+!> and how near that is to what the core can do.
 !>
-!> Each setting marches 64 samples of the paper's chain; sample 1 is one of the reference histories
-!> of tests/reference/dynamics, whose errors are given, the others differ in friction. CPU time, best
-!> of several. Run from the root of the repository: build/release/bin/bench_dynamics [folder]
+!> Each setting marches 32 samples of the paper's chain, a campaign's block; sample 1 is one of the
+!> reference histories of tests/reference/dynamics, whose errors are given, the others differ in
+!> friction. CPU time, best of several. Run from the root of the repository:
+!> build/release/bin/bench_dynamics [folder]
 program bench_dynamics
    use core_error, only: error_type
    use core_kinds, only: long, wp
@@ -13,7 +15,7 @@ program bench_dynamics
    use dynamics_newmark, only: new_newmark, newmark_marcher
    use dynamics_response, only: block_state, marcher_type, start_block
    implicit none(type, external)
-   integer, parameter :: n_samples = 64, repetitions = 3, stride = 100, records_per_piece = 10
+   integer, parameter :: n_samples = 32, repetitions = 3, stride = 100, records_per_piece = 10
    real(wp), parameter :: dt = 0.00843_wp
    character(:), allocatable :: folder
    character(200) :: argument
@@ -27,9 +29,68 @@ program bench_dynamics
    call compare('p1_low')
    call compare('p2_high')
    print '(a)', '# event method at 1e-6: dofs ns_per_sample_step transitions_per_sample_step'
+   print '(a)', '# up to 8 dofs by tables, 2^n of them; beyond by Taylor series, whose sums over'
+   print '(a)', '# the dofs (the damping matrix is full) grow as n^2 per power'
    call lengthen([1, 2, 3, 5, 8, 9, 10, 20, 50, 100])
+   print '(a)', '# when nothing happens: motion setting ns_per_sample_step'
+   call idle()
 
 contains
+
+   !> Chains that cannot slip (a force a thousand times smaller), and that always slip (without
+   !> friction): what is left is the linear step. Of its table's 13 columns of 16 rows, two steps at
+   !> once, each entry is one multiplication and addition; beside it the core's own rate of these.
+   subroutine idle()
+      type(event_marcher) :: event
+      type(newmark_marcher) :: newmark
+      type(error_type), allocatable :: error
+      type(block_state) :: state
+      type(chain_type) :: chain
+      real(wp), allocatable :: force(:, :), x(:, :)
+      real(wp), parameter :: flops = 13*16*2/2.0_wp
+      real(wp) :: nanoseconds, peak
+
+      call read_force('p1_low', 1, force)
+      chain = equal_chain(5)
+      call new_event_marcher(chain, dt, 1.0e-6_wp, 5, event, error)
+      call new_newmark(chain, dt, 15, 0.25_wp, 0.5_wp, 5, newmark, error)
+      call time_march(newmark, chain, 1.0e-3_wp*force, stride, state, x, nanoseconds)
+      print '(a, f8.1)', 'stuck    newmark halvings 15', nanoseconds
+      chain%normal_load = 0.0_wp
+      call new_event_marcher(chain, dt, 1.0e-6_wp, 5, event, error)
+      call time_march(event, chain, force, stride, state, x, nanoseconds)
+      print '(a, f8.1)', 'slipping event 1e-6         ', nanoseconds
+      chain = equal_chain(5)
+      call new_event_marcher(chain, dt, 1.0e-6_wp, 5, event, error)
+      call time_march(event, chain, 1.0e-3_wp*force, stride, state, x, nanoseconds)
+      print '(a, f8.1)', 'stuck    event 1e-6         ', nanoseconds
+      peak = peak_rate()
+      print '(a)', '# roofline, stuck event 1e-6: flops_per_sample_step flops_per_ns peak share'
+      print '(f6.0, 2f8.1, f7.2)', flops, flops/nanoseconds, peak, flops/nanoseconds/peak
+   end subroutine idle
+
+   !> Multiplications and additions per ns on numbers that stay in registers.
+   function peak_rate() result(rate)
+      real(wp) :: rate
+      integer, parameter :: chains = 96, rounds = 2000000
+      real(wp) :: begin, best, end, x(chains)
+      integer :: i, k, repetition
+
+      best = huge(1.0_wp)
+      do repetition = 1, repetitions
+         x = [(1.0_wp/i, i=1, chains)]
+         call cpu_time(begin)
+         do k = 1, rounds
+            !$omp simd
+            do i = 1, chains
+               x(i) = x(i)*0.999_wp + 0.001_wp
+            end do
+         end do
+         call cpu_time(end)
+         if (sum(x) > 0.0_wp) best = min(best, end - begin)
+      end do
+      rate = 2.0_wp*chains*real(rounds, wp)/(1.0e9_wp*best)
+   end function peak_rate
 
    !> All settings on one reference history.
    subroutine compare(case)

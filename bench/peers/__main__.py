@@ -8,7 +8,7 @@ libsundials-dev) for the lines that they give; a line whose tool is missing says
 
 All march one sample of the paper's chain, the first steps of two histories that were computed in
 extended precision (tests/reference/dynamics). The error is the largest over the masses: rms error
-over rms displacement, and the slip fraction in points of per cent. Ours marches 64 samples
+over rms displacement, and the slip fraction in points of per cent. Ours marches 32 samples
 together, as a campaign does. How the accuracy of a peer was set stands in its name.
 """
 
