@@ -41,6 +41,9 @@ MOTIONS = {"": MOTION.format(quantity="")} | {
 PROCESSES = {
     "'autoregressive'": PROCESS.format(values="positive = f"),
     "'direct'": PROCESS.format(values="positive = f method = 'direct' correlation = 'L1'"),
+    "`inversion_half_width`": PROCESS.format(
+        values="positive = f method = 'direct' correlation = 'L1' inversion_half_width = 9"
+    ),
     "positive": PROCESS.format(values="sampler = 'sequential'"),
     "'realizations'": PROCESS.format(values="positive = f n_realizations = 2"),
     "`order = 0`": PROCESS.format(values="positive = f").replace(
@@ -56,19 +59,23 @@ TRADEOFF = {"": MOTION.format(quantity=", 'spectrum'")}
 ATTRIBUTES = {
     "architecture": "instruction set and compiler that the samples depend on",
     "band_ratio": "largest relative numerical error of a band ratio",
-    "bound_l0": "least L0",
-    "bound_l1": "largest L1",
+    "bound_l0": "bound of L0",
+    "bound_l1": "bound of L1",
+    "bound_side": "side of that bound; automatic: upper of L1, lower of L0",
     "compiler": "name and version",
     "correlation": "which length is imposed, 'L0' (Eq. 8) or 'L1' (Eq. 9)",
     "correlation_length": "as imposed [lags]",
     "created": "UTC, when the file was finished",
     "detrending": "what is taken off a segment before its transform",
+    "direct_seconds": "CPU time of the direct method, beside `inversion_seconds`",
     "every": "every how many steps a displacement enters the spectra",
     "fingerprint": "of all in the scene that changes a sample",
     "flags": "of the compiler",
     "folded_share": "largest share of the power that thinning folds below the highest frequency",
     "format_version": "of the layout described here",
     "git_commit": "of the program's source",
+    "inversion_half_width": "M of Eq. 35, the paper's inversion of 2M + 1 points",
+    "inversion_seconds": "CPU time of that inversion",
     "max_order": "where the search for the order ends",
     "mean": "as wanted",
     "method": "as in the scene; of an audit: the reference",
@@ -94,6 +101,7 @@ ATTRIBUTES = {
     "segment_length": "of a Welch segment [kept displacements]",
     "sided": "one: the density is over positive frequencies",
     "status": "'solved' or 'infeasible'",
+    "simulation": "how values are drawn: 'stationary', 'from_rest' or 'matrix'",
     "slip_points": "largest numerical error of a slip fraction [points of %]",
     "std": "as wanted",
     "tolerance": "of the reference",
