@@ -8,7 +8,7 @@ program storage
    use io_shards, only: list_shards, new_store, remove_store, shard_store, shard_type, verify_shard, &
                         write_shard
    implicit none(type, external)
-   integer, parameter :: n_shards = 40, n_samples = 32, n_dof = 5, n_band = 64
+   integer, parameter :: n_shards = 40, n_samples = 32, n_dof = 5, n_band = 61
    integer, parameter :: n_frequencies = 1025   !! segments of 8192 steps, every 4th step
    type(shard_store) :: store
    type(shard_type), allocatable :: shards(:)
@@ -39,13 +39,13 @@ program storage
    call tell('verify_shard', began, n_shards)
 
    call cpu_time(began)
-   call read_samples(store, shards, 1, n_shards*n_samples, block, error)
+   call read_samples(store, shards, 1, 1, n_shards*n_samples, block, error)
    call check()
    call tell('read_samples', began, n_shards)
 
    allocate (psd(n_dof, n_band, n_shards*n_samples))
    call cpu_time(began)
-   call read_psd_band(store, shards, 1, 1, psd, error)
+   call read_psd_band(store, shards, 1, 1, 1, psd, error)
    call check()
    call tell('read_psd_band', began, n_shards)
    call remove_store(store, error)

@@ -17,8 +17,8 @@ module driver_output
    use io_files, only: exists, folder_of, make_folder, remove_file
    use io_gathering, only: finished_samples
    use io_lock, only: join_lock, lock_type, take_lock
-   use io_shards, only: has_shard, list_shards, new_store, remove_covered, remove_leftovers, remove_store, &
-                        shard_store, shard_type, verify_shard
+   use io_shards, only: has_shard, list_shards, new_store, remove_covered, remove_leftovers, &
+                        remove_store, shard_store, shard_type, verify_shard
    use parallel_world, only: world_type
    implicit none(type, external)
    private
@@ -146,7 +146,8 @@ contains
 
       do c = 1, size(plan%cases)
          associate (n => plan%cases(c)%n_samples)
-            output%is_finished(:n, c) = output%is_finished(:n, c) .or. finished_samples(shards, c, n)
+            output%is_finished(:n, c) = output%is_finished(:n, c) .or. &
+                                        finished_samples(shards, c, n)
          end associate
       end do
       if (any(output%is_finished) .and. .not. output%is_complete) &
@@ -245,7 +246,8 @@ contains
       type(block_range), intent(in) :: block
       logical :: is_stored
 
-      is_stored = has_shard(self%store, block%case_number, block%first, block%last - block%first + 1)
+      is_stored = has_shard(self%store, block%case_number, block%first, &
+                            block%last - block%first + 1)
    end function is_stored
 
    !> The same for every run, whatever else it finds to do.

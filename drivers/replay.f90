@@ -47,6 +47,7 @@ contains
       call keep_everything(plan)
       call prepare_march(world, plan, force, runner, error)
       call output%stop_on(world, error)
+      allocate (models(size(plan%processes)))
       if (world%is_root()) then
          call solve_needed(line, plan, models)
          call refuse_unsolved(plan, models, error)
@@ -54,8 +55,8 @@ contains
       end if
       call output%stop_on(world, error)
       call end_if_asked(world, output)
-      if (world%is_root()) call write_results(line, scene, runner%plan, models, runner, output, &
-                                              world%n_ranks, error)
+      call keep_sample(line, runner%plan)
+      call write_results(world, line, scene, runner%plan, models, runner, output, error)
       call output%stop_on(world, error)
       call output%say(output%path)
       call output%release()
@@ -102,15 +103,14 @@ contains
    subroutine solve_needed(line, plan, models)
       type(command_line), intent(in) :: line
       type(plan_type), intent(in) :: plan
-      type(process_model_type), allocatable, intent(out) :: models(:)
+      type(process_model_type), intent(inout) :: models(:)
 
-      allocate (models(size(plan%processes)))
       associate (i => plan%cases(line%case_number)%process)
          if (i > 0) call fit_process(plan%processes(i), plan%seed, models(i))
       end associate
    end subroutine solve_needed
 
-   !> The sample as the campaign runs it, kept as the only sample of the only case that is written.
+   !> The sample as the campaign runs it, kept as a shard of its own.
    subroutine march_again(line, models, runner, output, error)
       type(command_line), intent(in) :: line
       type(process_model_type), intent(in) :: models(:)
@@ -127,10 +127,17 @@ contains
                      is_abandoned, error)
       if (allocated(error) .or. is_abandoned) return
       result%first_sample = 1
-      runner%plan%cases%n_samples = 0
-      runner%plan%cases(line%case_number)%n_samples = 1
-      runner%plan%cases(line%case_number)%first_sample = line%sample
       call write_shard(output%store, result, error)
    end subroutine march_again
+
+   !> The only sample of the only case that is written.
+   pure subroutine keep_sample(line, plan)
+      type(command_line), intent(in) :: line
+      type(plan_type), intent(inout) :: plan
+
+      plan%cases%n_samples = 0
+      plan%cases(line%case_number)%n_samples = 1
+      plan%cases(line%case_number)%first_sample = line%sample
+   end subroutine keep_sample
 
 end module driver_replay

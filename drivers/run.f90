@@ -73,8 +73,7 @@ contains
             return
          end if
       end if
-      if (world%is_root()) &
-         call write_results(line, scene, plan, models, runner, output, world%n_ranks, error)
+      call write_results(world, line, scene, plan, models, runner, output, error)
       call output%stop_on(world, error)
       call output%say(summary(plan, output))
       if (world%is_root()) call judge(output%path, plan, error)

@@ -5,13 +5,13 @@ module driver_verdict
    use core_kinds, only: long, wp
    use core_text, only: to_text
    use driver_output, only: output_type
-   use driver_results, only: find_slip_statistics
+   use driver_statistics, only: find_slip_statistics
    use ensemble_audit, only: add_audits
    use ensemble_plan, only: plan_type
-   use ensemble_results, only: block_result, case_statistics
+   use ensemble_results, only: case_statistics
    use ensemble_statistical, only: find_need, needs_more_samples, statistical_error
    use io_error_results, only: case_errors, read_errors
-   use io_gathering, only: read_samples
+   use io_gathering, only: shards_of
    use io_shards, only: list_shards, shard_type
    use parallel_world, only: world_type
    implicit none(type, external)
@@ -137,7 +137,6 @@ contains
       integer, intent(inout) :: n_samples(:)   !! (case)
       type(error_type), allocatable, intent(out) :: error
       type(shard_type), allocatable :: shards(:)
-      type(block_result) :: samples
       type(case_statistics) :: statistics
       integer(long) :: n, n_steps
       integer :: i, n_batches
@@ -148,10 +147,9 @@ contains
                  per_sample => plan%excitation%per_sample)
          do i = 1, size(plan%cases)
             if (plan%cases(i)%audits > 0 .or. plan%cases(i)%process == 0) cycle
-            call read_samples(output%store, shards, i, n_samples(i), samples, error)
-            if (allocated(error)) return
             statistics = case_statistics()
-            call find_slip_statistics(plan, i, samples, shards, statistics, error)
+            call find_slip_statistics(plan, i, output%store, shards_of(shards, i, n_samples(i)), &
+                                      statistics, error)
             if (allocated(error)) return
             if (.not. needs_more_samples(statistics, per_sample, wanted)) cycle
             call find_need(statistics, per_sample, wanted, plan%integration%n_steps, n, n_steps)

@@ -1,36 +1,52 @@
 !> Bands of uncertainty: percentiles over samples at each frequency, their pseudo-variances,
 !> Eq. (46), and the ratio of the outer ones.
 !>
-!> Spectra come a range of frequencies at a time, so that memory does not grow with n_samples times
-!> n_frequencies. Percentiles interpolate linearly between order statistics (Hyndman and Fan,
-!> type 7). Their pointwise intervals are order statistics (binomial, 95 %). What integrals over all
-!> frequencies enter has its errors from the bootstrap over samples: standard errors of the
-!> pseudo-variances of percentiles, and for the ratio the interval ratio exp(+-1.96 s), s the
-!> standard error of its logarithm. The bootstrap also tells the ratio's bias: percentiles of few
-!> samples are drawn inward.
+!> Percentiles interpolate linearly between order statistics (Hyndman and Fan, type 7). Their
+!> pointwise intervals are order statistics (binomial, 95 %). What integrals over all frequencies
+!> enter has its errors from the bootstrap over samples: standard errors of the pseudo-variances of
+!> percentiles, and for the ratio the interval ratio exp(+-1.96 s), s the standard error of its
+!> logarithm. The bootstrap also tells the ratio's bias: percentiles of few samples are drawn
+!> inward.
+!>
+!> Memory does not grow with n_samples: spectra come a range of frequencies and a group of at most
+!> 2**14 samples at a time. Up to that many, percentiles are those of all samples; beyond, means
+!> over the groups of each group's, which scatter no more. From the percentiles of all they then
+!> differ by a fifth of their standard error to 100,000 samples and a third at a million (rms;
+!> exponential and lognormal densities). The bootstrap draws within groups, fewer times in each.
+!>
+!> Ranges of frequencies may be taken by different ranks: sums over the ranks of at_frequency,
+!> replicate and integral, which are zero where nothing was added, make a collector that has all.
 module ensemble_bands
    use core_kinds, only: long, wp
    use core_random, only: label_of, new_stream, stream_type
    use ensemble_results, only: case_statistics
    use numerics_sorting, only: sort_order
-   use numerics_statistics, only: error_of_mean, standard_deviation
+   use numerics_statistics, only: error_of_mean
    implicit none(type, external)
    private
-   public :: band_collector, start_bands, n_replicates, at_rank
+   public :: band_collector, start_bands, at_rank, sample_groups
 
-   integer, parameter :: n_replicates = 400   !! of the bootstrap: it scatters the interval by 5 %
+   integer, parameter :: largest_group = 2**14    !! samples sorted together
+   integer, parameter :: n_replicates = 400       !! of the bootstrap: intervals scatter by 5 %
+   integer, parameter :: most_batches = 512       !! of samples, whose integrals are kept
+   integer, parameter :: mean_of = 1, square_of = 2, n_moments = 2   !! of at_frequency
 
-   !> Collects the spectra of one case, frequency range by frequency range.
+   !> Collects the spectra of one case, by ranges of frequencies and groups of samples.
    type :: band_collector
-      private
-      integer :: n_samples = 0
-      real(wp) :: step = 0.0_wp                     !! between frequencies [Hz]
-      real(wp), allocatable :: rank(:)              !! (percentile) place among 1..n_samples
-      integer, allocatable :: rank_low(:)           !! (percentile) of the pointwise intervals
-      integer, allocatable :: rank_high(:)
-      integer, allocatable :: times(:, :)           !! (sample, replicate) how often drawn again
-      real(wp), allocatable :: replicate(:, :, :)   !! (dof, percentile, replicate) pseudo-variances
-      real(wp), allocatable :: variance(:, :)       !! (dof, sample) integral of each density
+      integer, allocatable :: group_first(:)   !! (group + 1) first sample; behind the last: n + 1
+      !> (dof, frequency, mean and sum of squared deviations, percentiles, lower, upper ends)
+      real(wp), allocatable :: at_frequency(:, :, :)
+      !> (dof, percentile, replicate, part) pseudo-variances; the replicates of a group together
+      real(wp), allocatable :: replicate(:, :, :, :)
+      real(wp), allocatable :: integral(:, :, :)   !! (dof, batch, part) mean integral of densities
+      integer, private :: n_samples = 0
+      integer, private :: n_drawn = 0              !! replicates of each group
+      integer, private :: batch = 1                !! samples whose integrals are kept as one
+      integer(long), private :: seed = 0
+      real(wp), private :: step = 0.0_wp           !! between frequencies [Hz]
+      !> (percentiles, their lower ends, their upper ends) places among 1..n_samples
+      real(wp), allocatable, private :: rank(:)
+      integer, private :: n_percentiles = 0
    contains
       procedure :: add
       procedure :: finish
@@ -38,108 +54,203 @@ module ensemble_bands
 
 contains
 
-   !> Prepares the collector and the statistics it fills; needs two samples or more.
-   subroutine start_bands(n_samples, n_dof, frequency, percentiles, seed, collector, statistics)
+   !> First samples of groups of nearly equal size, as few as possible; behind the last, n + 1.
+   pure function sample_groups(n_samples) result(first)
+      integer, intent(in) :: n_samples
+      integer, allocatable :: first(:)   !! (group + 1)
+      integer :: g, n_groups
+
+      n_groups = (n_samples - 1)/largest_group + 1
+      first = [(1 + int((g - 1)*int(n_samples, long)/n_groups), g=1, n_groups + 1)]
+   end function sample_groups
+
+   !> Prepares a collector; needs two samples or more.
+   subroutine start_bands(n_samples, n_dof, frequency, percentiles, seed, n_parts, collector)
       integer, intent(in) :: n_samples, n_dof
       real(wp), intent(in) :: frequency(:)      !! (frequency) [Hz], equally spaced from 0
       real(wp), intent(in) :: percentiles(:)    !! [%]
       integer(long), intent(in) :: seed
+      integer, intent(in) :: n_parts            !! in which the frequencies come
       type(band_collector), intent(out) :: collector
-      type(case_statistics), intent(inout) :: statistics
-      integer :: p, np, nf
+      integer :: n_groups, np, p
 
       np = size(percentiles)
-      nf = size(frequency)
       collector%n_samples = n_samples
+      collector%n_percentiles = np
+      collector%seed = seed
       collector%step = frequency(2) - frequency(1)
-      collector%rank = 1.0_wp + (n_samples - 1)*percentiles/100.0_wp
-      collector%rank_low = [(interval_rank(n_samples, percentiles(p)/100.0_wp, .false.), p=1, np)]
-      collector%rank_high = [(interval_rank(n_samples, percentiles(p)/100.0_wp, .true.), p=1, np)]
-      call draw_again(n_samples, seed, collector%times)
-      allocate (collector%replicate(n_dof, np, n_replicates), source=0.0_wp)
-      allocate (collector%variance(n_dof, n_samples), source=0.0_wp)
-
-      allocate (statistics%psd_mean(n_dof, nf), statistics%psd_mean_error(n_dof, nf))
-      allocate (statistics%psd_percentiles(n_dof, nf, np))
-      allocate (statistics%psd_percentiles_low, statistics%psd_percentiles_high, &
-                mold=statistics%psd_percentiles)
-      allocate (statistics%pseudo_variance_mean(n_dof), source=0.0_wp)
-      allocate (statistics%pseudo_variance_percentiles(n_dof, np), source=0.0_wp)
+      collector%group_first = sample_groups(n_samples)
+      n_groups = size(collector%group_first) - 1
+      collector%n_drawn = max(2, (n_replicates - 1)/n_groups + 1)
+      collector%batch = (n_samples - 1)/most_batches + 1
+      allocate (collector%rank(3*np))
+      collector%rank(:np) = 1.0_wp + (n_samples - 1)*percentiles/100.0_wp
+      do p = 1, np
+         collector%rank(np + p) = interval_rank(n_samples, percentiles(p)/100.0_wp, .false.)
+         collector%rank(2*np + p) = interval_rank(n_samples, percentiles(p)/100.0_wp, .true.)
+      end do
+      allocate (collector%at_frequency(n_dof, size(frequency), n_moments + 3*np), source=0.0_wp)
+      allocate (collector%replicate(n_dof, np, n_groups*collector%n_drawn, n_parts), source=0.0_wp)
+      allocate (collector%integral(n_dof, n_samples/collector%batch, n_parts), source=0.0_wp)
    end subroutine start_bands
 
-   !> Takes the spectra of all samples at frequencies first, first + 1, ...
-   pure subroutine add(self, first, psd, statistics)
+   !> Takes the spectra of a group's samples at frequencies first, first + 1, ..., which belong to
+   !> one part. Groups come in order, frequencies of a part too.
+   pure subroutine add(self, part, first, group, psd)
       class(band_collector), intent(inout) :: self
-      integer, intent(in) :: first
+      integer, intent(in) :: part, first, group
       real(wp), intent(in) :: psd(:, :, :)   !! (dof, frequency, sample), one-sided [m^2/Hz]
-      type(case_statistics), intent(inout) :: statistics
-      real(wp) :: sorted(self%n_samples), mean, again
-      integer :: order(self%n_samples)
-      integer :: b, dof, f, i, p
+      integer :: times(size(psd, 3), self%n_drawn), order(size(psd, 3))
+      real(wp) :: sorted(size(psd, 3)), rank(size(self%rank)), again, weight
+      integer :: b, dof, f, p, before
 
+      weight = real(size(psd, 3), wp)/self%n_samples
+      rank = rank_in_group(self, size(psd, 3))
+      before = (group - 1)*self%n_drawn
+      call draw_again(self%seed, before, times)
       do f = 1, size(psd, 2)
-         i = first + f - 1
          do dof = 1, size(psd, 1)
-            self%variance(dof, :) = self%variance(dof, :) + psd(dof, f, :)*self%step
+            call add_to_batches(self, self%group_first(group), psd(dof, f, :), &
+                                self%integral(dof, :, part))
             order = sort_order(psd(dof, f, :))
             sorted = psd(dof, f, order)
-            mean = sum(sorted)/self%n_samples
-            statistics%psd_mean(dof, i) = mean
-            statistics%psd_mean_error(dof, i) = sqrt(sum((sorted - mean)**2)/(self%n_samples - 1) &
-                                                     /self%n_samples)
-            statistics%pseudo_variance_mean(dof) = statistics%pseudo_variance_mean(dof) &
-                                                   + mean*self%step
-            do p = 1, size(self%rank)
-               statistics%psd_percentiles(dof, i, p) = at_rank(sorted, self%rank(p))
-               statistics%psd_percentiles_low(dof, i, p) = sorted(self%rank_low(p))
-               statistics%psd_percentiles_high(dof, i, p) = sorted(self%rank_high(p))
-               statistics%pseudo_variance_percentiles(dof, p) = &
-                  statistics%pseudo_variance_percentiles(dof, p) &
-                  + statistics%psd_percentiles(dof, i, p)*self%step
-               do b = 1, n_replicates
-                  again = at_rank_again(sorted, order, self%times(:, b), self%rank(p))
-                  self%replicate(dof, p, b) = self%replicate(dof, p, b) + self%step*again
+            associate (at => self%at_frequency(dof, first + f - 1, :))
+               call add_moments(self%group_first(group) - 1, sorted, at(mean_of), at(square_of))
+               do p = 1, size(rank)
+                  at(n_moments + p) = at(n_moments + p) + weight*at_rank(sorted, rank(p))
+               end do
+            end associate
+            do p = 1, self%n_percentiles
+               do b = 1, self%n_drawn
+                  again = at_rank_again(sorted, order, times(:, b), rank(p))
+                  associate (variance => self%replicate(dof, p, before + b, part))
+                     variance = variance + self%step*again
+                  end associate
                end do
             end do
          end do
       end do
    end subroutine add
 
-   !> After the last frequency: errors of the pseudo-variances, and the ratio of the last to the
-   !> first percentile's; not a number for a dof that does not move in that share of the samples.
+   !> Ranks in a group of m samples that are expected at the same probability, rank/(m + 1), as the
+   !> ranks among all samples.
+   pure function rank_in_group(self, m) result(rank)
+      class(band_collector), intent(in) :: self
+      integer, intent(in) :: m
+      real(wp) :: rank(size(self%rank))
+
+      rank = self%rank*((m + 1)/(self%n_samples + 1.0_wp))
+      rank = max(1.0_wp, min(rank, real(m, wp)))
+   end function rank_in_group
+
+   !> The integrals of the samples grow by one frequency, as means of batches; the last samples are
+   !> left out where they do not fill a batch.
+   pure subroutine add_to_batches(self, first_sample, density, integral)
+      class(band_collector), intent(in) :: self
+      integer, intent(in) :: first_sample
+      real(wp), intent(in) :: density(:)         !! (sample)
+      real(wp), intent(inout) :: integral(:)     !! (batch)
+      integer :: b, i
+
+      do i = 1, size(density)
+         b = (first_sample + i - 2)/self%batch + 1
+         if (b <= size(integral)) integral(b) = integral(b) + self%step*density(i)/self%batch
+      end do
+   end subroutine add_to_batches
+
+   !> Mean and sum of squared deviations of the values so far, joined by those of more (Chan).
+   pure subroutine add_moments(n_before, values, mean, square)
+      integer, intent(in) :: n_before
+      real(wp), intent(in) :: values(:)
+      real(wp), intent(inout) :: mean, square
+      real(wp) :: ours, apart
+      integer :: n
+
+      n = size(values)
+      ours = sum(values)/n
+      apart = ours - mean
+      square = square + sum((values - ours)**2) + apart**2*(real(n, wp)*n_before/(n + n_before))
+      mean = merge(ours, mean + apart*n/(n + n_before), n_before == 0)
+   end subroutine add_moments
+
+   !> After the last frequency, from what all ranks have added: the statistics, errors of the
+   !> pseudo-variances, and the ratio of the last to the first percentile's; not a number for a dof
+   !> that does not move in that share of the samples.
    pure subroutine finish(self, statistics)
       class(band_collector), intent(in) :: self
       type(case_statistics), intent(inout) :: statistics
+      integer :: dof, f, np
+
+      np = self%n_percentiles
+      associate (at => self%at_frequency, n => real(self%n_samples, wp))
+         statistics%psd_mean = at(:, :, mean_of)
+         statistics%psd_mean_error = sqrt(at(:, :, square_of)/(n - 1)/n)
+         statistics%psd_percentiles = at(:, :, n_moments + 1:n_moments + np)
+         statistics%psd_percentiles_low = at(:, :, n_moments + np + 1:n_moments + 2*np)
+         statistics%psd_percentiles_high = at(:, :, n_moments + 2*np + 1:)
+         allocate (statistics%pseudo_variance_mean(size(at, 1)), source=0.0_wp)
+         allocate (statistics%pseudo_variance_percentiles(size(at, 1), np), source=0.0_wp)
+         do f = 1, size(at, 2)
+            statistics%pseudo_variance_mean = statistics%pseudo_variance_mean &
+                                              + self%step*statistics%psd_mean(:, f)
+            statistics%pseudo_variance_percentiles = statistics%pseudo_variance_percentiles &
+                                                     + self%step*statistics%psd_percentiles(:, f, :)
+         end do
+         statistics%pseudo_variance_mean_error = &
+            [(error_of_mean(sum(self%integral(dof, :, :), 2)), dof=1, size(at, 1))]
+      end associate
+      call find_ratios(self, statistics)
+   end subroutine finish
+
+   !> What the bootstrap tells. Replicates scatter about the value of their group, and groups are
+   !> independent: variances of the mean over groups are the groups' over their number squared.
+   pure subroutine find_ratios(self, statistics)
+      class(band_collector), intent(in) :: self
+      type(case_statistics), intent(inout) :: statistics
       real(wp), parameter :: not_a_number = transfer(int(z'7FF8000000000000', long), 0.0_wp)
-      real(wp) :: logarithm(n_replicates), mean, ratio, spread
+      real(wp) :: variance(self%n_percentiles, size(self%replicate, 3)), ratio, spread
       integer :: dof, last, p
 
-      last = size(self%rank)
-      statistics%pseudo_variance_mean_error = &
-         [(error_of_mean(self%variance(dof, :)), dof=1, size(self%variance, 1))]
+      last = self%n_percentiles
       allocate (statistics%pseudo_variance_percentiles_error, &
                 mold=statistics%pseudo_variance_percentiles)
-      do p = 1, last
-         statistics%pseudo_variance_percentiles_error(:, p) = &
-            [(standard_deviation(self%replicate(dof, p, :)), dof=1, size(self%replicate, 1))]
-      end do
       allocate (statistics%band_ratio(size(self%replicate, 1)), source=not_a_number)
       statistics%band_ratio_low = statistics%band_ratio
       statistics%band_ratio_high = statistics%band_ratio
       statistics%band_ratio_bias = statistics%band_ratio
       do dof = 1, size(statistics%band_ratio)
-         if (any(.not. self%replicate(dof, 1, :) > 0.0_wp)) cycle
-         logarithm = log(self%replicate(dof, last, :)/self%replicate(dof, 1, :))
-         mean = sum(logarithm)/n_replicates
-         spread = 1.96_wp*sqrt(sum((logarithm - mean)**2)/(n_replicates - 1))
-         ratio = statistics%pseudo_variance_percentiles(dof, last) &
-                 /statistics%pseudo_variance_percentiles(dof, 1)
-         statistics%band_ratio(dof) = ratio
-         statistics%band_ratio_low(dof) = ratio*exp(-spread)
-         statistics%band_ratio_high(dof) = ratio*exp(spread)
-         statistics%band_ratio_bias(dof) = exp(mean)/ratio - 1.0_wp
+         variance = sum(self%replicate(dof, :, :, :), 3)
+         statistics%pseudo_variance_percentiles_error(dof, :) = &
+            [(error_over_groups(self, variance(p, :)), p=1, last)]
+         if (any(.not. variance(1, :) > 0.0_wp)) cycle
+         associate (logarithm => log(variance(last, :)/variance(1, :)))
+            spread = 1.96_wp*error_over_groups(self, logarithm)
+            ratio = statistics%pseudo_variance_percentiles(dof, last) &
+                    /statistics%pseudo_variance_percentiles(dof, 1)
+            statistics%band_ratio(dof) = ratio
+            statistics%band_ratio_low(dof) = ratio*exp(-spread)
+            statistics%band_ratio_high(dof) = ratio*exp(spread)
+            statistics%band_ratio_bias(dof) = exp(sum(logarithm)/size(logarithm))/ratio - 1.0_wp
+         end associate
       end do
-   end subroutine finish
+   end subroutine find_ratios
+
+   !> Standard error of the mean over groups of what its replicates scatter in.
+   pure function error_over_groups(self, replicate) result(error)
+      class(band_collector), intent(in) :: self
+      real(wp), intent(in) :: replicate(:)   !! those of a group together
+      real(wp) :: error, mean, squares
+      integer :: b
+
+      squares = 0.0_wp
+      do b = 1, size(replicate), self%n_drawn
+         associate (group => replicate(b:b + self%n_drawn - 1))
+            mean = sum(group)/self%n_drawn
+            squares = squares + sum((group - mean)**2)
+         end associate
+      end do
+      error = sqrt(squares/(self%n_drawn - 1))/(size(replicate)/self%n_drawn)
+   end function error_over_groups
 
    !> Value at a rank that may lie between two order statistics.
    pure function at_rank(sorted, rank) result(value)
@@ -190,21 +301,22 @@ contains
       end if
    end function at_rank_again
 
-   !> Bootstrap: n_replicates times n_samples draws with replacement, as counts.
-   pure subroutine draw_again(n_samples, seed, times)
-      integer, intent(in) :: n_samples
+   !> Bootstrap: as many draws with replacement as there are samples, as counts.
+   pure subroutine draw_again(seed, n_before, times)
       integer(long), intent(in) :: seed
-      integer, allocatable, intent(out) :: times(:, :)   !! (sample, replicate)
+      integer, intent(in) :: n_before       !! replicates of the groups before
+      integer, intent(out) :: times(:, :)   !! (sample, replicate)
       type(stream_type) :: stream
-      real(wp) :: u(n_samples)
-      integer :: b, i, drawn
+      real(wp) :: u(size(times, 1))
+      integer :: b, i, drawn, n
 
-      allocate (times(n_samples, n_replicates), source=0)
-      do b = 1, n_replicates
-         stream = new_stream(seed, label_of('bootstrap'), b)
+      n = size(times, 1)
+      times = 0
+      do b = 1, size(times, 2)
+         stream = new_stream(seed, label_of('bootstrap'), n_before + b)
          call stream%uniforms(u)
-         do i = 1, n_samples
-            drawn = min(1 + int(u(i)*n_samples), n_samples)
+         do i = 1, n
+            drawn = min(1 + int(u(i)*n), n)
             times(drawn, b) = times(drawn, b) + 1
          end do
       end do

@@ -27,8 +27,6 @@ module ensemble_results
       integer(long), allocatable :: slip_starts(:, :)    !! (dof, sample)
       integer(long), allocatable :: stick_starts(:, :)   !! (dof, sample)
       real(wp), allocatable :: psd(:, :, :)   !! (dof, frequency, sample), one-sided [m^2/Hz]
-      !> (dof, sample) of the variance, above the kept Nyquist frequency in the pilot march
-      real(wp), allocatable :: folded_share(:, :)
       real(wp), allocatable :: energy(:, :)   !! (input viscous friction stored defect, sample) [J]
       real(wp), allocatable :: displacement(:, :, :)     !! (dof, 0:n_steps, sample) [m]
       real(wp), allocatable :: velocity(:, :, :)         !! (dof, 0:n_steps, sample) [m/s]
@@ -40,9 +38,8 @@ module ensemble_results
       integer :: n_samples = 0
       real(wp), allocatable :: slip_mean(:), slip_std(:)               !! (dof)
       real(wp), allocatable :: slip_mean_error(:), slip_std_error(:)   !! (dof)
-      !> (dof, sample) of slip_fraction, for a march of finite length; as are the two below
-      real(wp), allocatable :: slip_fraction_error(:, :)
-      real(wp), allocatable :: slip_mean_time_error(:)   !! (dof) of what the samples have in common
+      !> (dof) of what the samples have in common, for a march of finite length
+      real(wp), allocatable :: slip_mean_time_error(:)
       real(wp), allocatable :: slip_std_time_part(:)     !! (dof) standard deviation it adds
       real(wp), allocatable :: psd_mean(:, :)                     !! (dof, frequency) [m^2/Hz]
       real(wp), allocatable :: psd_mean_error(:, :)               !! (dof, frequency)

@@ -230,8 +230,6 @@ contains
          if (output%spectrum) then
             allocate (psd(size(runner%layout%frequency), state%n_dof*state%n_samples))
             call runner%spectra%finish(psd)
-            if (allocated(runner%folded_share)) result%folded_share = &
-               spread(runner%folded_share(:, result%case_number), 2, result%n_samples)
             allocate (result%psd(state%n_dof, size(psd, 1), state%n_samples))
             do w = 1, state%n_samples
                do dof = 1, state%n_dof

@@ -5,7 +5,7 @@ module ensemble_study
    use ensemble_plan, only: plan_type
    use ensemble_results, only: case_statistics
    use ensemble_runner, only: block_width
-   use numerics_statistics, only: error_of_deviation, error_of_mean, mean, standard_deviation
+   use numerics_statistics, only: moments_type
    use process_model, only: process_model_type, request_label
    use process_positive, only: draw_points
    implicit none(type, external)
@@ -25,10 +25,11 @@ contains
       type(plan_type), intent(in) :: plan
       logical, intent(in) :: is_finished(:, :)   !! (sample, case)
       type(block_range), allocatable :: blocks(:)
-      integer :: c, first, last, width
+      integer :: c, first, last, n, width
 
       width = block_width(plan)
-      allocate (blocks(0))
+      n = 0
+      allocate (blocks(64))
       do c = 1, size(plan%cases)
          first = 1
          do while (first <= plan%cases(c)%n_samples)
@@ -41,10 +42,13 @@ contains
                if (is_finished(last + 1, c)) exit
                last = last + 1
             end do
-            blocks = [blocks, block_range(c, first, last)]
+            n = n + 1
+            if (n > size(blocks)) blocks = [blocks, blocks]
+            blocks(n) = block_range(c, first, last)
             first = last + 1
          end do
       end do
+      blocks = blocks(:n)
       blocks = [pack(blocks, blocks%last - blocks%first + 1 == width), &
                 pack(blocks, blocks%last - blocks%first + 1 < width)]
    end function open_blocks
@@ -74,16 +78,14 @@ contains
 
    !> Mean and scatter over samples of the fraction of time in slip; needs two samples.
    pure subroutine slip_statistics(slip_fraction, statistics)
-      real(wp), intent(in) :: slip_fraction(:, :)   !! (dof, sample)
+      type(moments_type), intent(in) :: slip_fraction(:)   !! (dof)
       type(case_statistics), intent(inout) :: statistics
-      integer :: dof, n
 
-      n = size(slip_fraction, 1)
-      statistics%n_samples = size(slip_fraction, 2)
-      statistics%slip_mean = [(mean(slip_fraction(dof, :)), dof=1, n)]
-      statistics%slip_std = [(standard_deviation(slip_fraction(dof, :)), dof=1, n)]
-      statistics%slip_mean_error = [(error_of_mean(slip_fraction(dof, :)), dof=1, n)]
-      statistics%slip_std_error = [(error_of_deviation(slip_fraction(dof, :)), dof=1, n)]
+      statistics%n_samples = slip_fraction(1)%n
+      statistics%slip_mean = slip_fraction%mean
+      statistics%slip_std = slip_fraction%standard_deviation()
+      statistics%slip_mean_error = slip_fraction%error_of_mean()
+      statistics%slip_std_error = slip_fraction%error_of_deviation()
    end subroutine slip_statistics
 
 end module ensemble_study

@@ -56,19 +56,18 @@ contains
       end associate
    end function end_of_span
 
-   !> The next samples; their errors go to `statistics`.
-   pure subroutine add(self, series, statistics)
+   !> The next samples, and the errors of their slip fractions.
+   pure subroutine add(self, series, errors)
       class(span_collector), intent(inout) :: self
       real(wp), intent(in) :: series(:, :, :)   !! (dof, span, sample) slip fractions
-      type(case_statistics), intent(inout) :: statistics
-      real(wp) :: errors(size(series, 1), size(series, 3)), lags(size(series, 2)/2)
+      real(wp), intent(out) :: errors(:, :)     !! (dof, sample)
+      real(wp) :: lags(size(series, 2)/2)
       integer :: dof, i, n
 
       n = size(series, 2)
       if (.not. allocated(self%common)) then
          allocate (self%common(n, size(series, 1)), source=0.0_wp)
          allocate (self%autocovariance(n/2, size(series, 1)), source=0.0_wp)
-         allocate (statistics%slip_fraction_error(size(series, 1), 0))
       end if
       do i = 1, size(series, 3)
          do dof = 1, size(series, 1)
@@ -79,8 +78,6 @@ contains
          end do
       end do
       self%n_samples = self%n_samples + size(series, 3)
-      statistics%slip_fraction_error = reshape([statistics%slip_fraction_error, errors], &
-                                               [size(series, 1), self%n_samples])
    end subroutine add
 
    !> After the last sample: the errors of the mean and of the spread over samples; needs two.

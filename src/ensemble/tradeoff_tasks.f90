@@ -379,9 +379,9 @@ contains
          if (.not. plan%output%spectrum) return
          associate (step => 1.0_wp/(plan%output%segment_length*plan%integration%dt))
             call start_bands(w, n_dof, [(i*step, i=0, size(result%psd, 2) - 1)], &
-                             plan%output%percentiles, plan%seed, bands, statistics)
+                             plan%output%percentiles, plan%seed, 1, bands)
          end associate
-         call bands%add(1, result%psd, statistics)
+         call bands%add(1, 1, 1, result%psd)
          call bands%finish(statistics)
          do dof = 1, n_dof
             if (minval(statistics%pseudo_variance_percentiles(dof, :)) > 0.0_wp) &

@@ -7,7 +7,8 @@ module io_audit_results
    use ensemble_comparison, only: band_ratio_error, numerical_error, slip_error
    use ensemble_plan, only: integration_settings, plan_type
    use ensemble_results, only: block_result, spectrum_layout
-   use io_case_results, only: case_group, write_frequency, write_long, write_samples
+   use io_case_results, only: case_group, write_frequency
+   use io_case_samples, only: make_samples, put_samples, write_long
    use io_gathering, only: shards_of
    use io_group, only: counted, group_type, new_group
    use io_hdf5, only: label_type
@@ -32,6 +33,7 @@ contains
       type(error_type), allocatable, intent(out) :: error
       type(group_type) :: group
       type(integration_settings) :: reference
+      real(wp), allocatable :: no_errors(:, :)   ! of slip fractions: for the case itself
 
       group = new_group(writer%file, case_group(number, count(plan%cases%audits == 0)))
       call group%attribute('n_samples', samples%n_samples)
@@ -43,7 +45,8 @@ contains
       call group%put('sample', counted(samples%n_samples), label_type('1', 'sample', 'sample'))
       call group%put('dof', counted(plan%chain%n_dof), &
                      label_type('1', 'mass, from the wall', 'dof'))
-      call write_samples(group, samples)
+      call make_samples(group, plan, kept_of(plan, number), samples%n_samples)
+      call put_samples(group, samples, no_errors)
       call write_slip_errors(group, errors)
       if (plan%output%spectrum) then
          call write_frequency(group, layout)

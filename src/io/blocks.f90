@@ -7,7 +7,7 @@ module io_blocks
    use io_hdf5, only: hdf5_file, label_type, read_dataset, read_extent, write_dataset
    implicit none(type, external)
    private
-   public :: find_checksum, read_block, sample_label, write_block
+   public :: find_checksum, frequencies_together, read_block, sample_label, write_block
 
    integer, parameter :: writes = 1, reads = 2, checks = 3
 
@@ -45,7 +45,7 @@ contains
       character(*), intent(in) :: group   !! with its last slash
       type(block_result), intent(inout) :: block
       type(error_type), allocatable, intent(out) :: error
-      logical, intent(in), optional :: skips_long   !! without series, spectra, histories and transitions
+      logical, intent(in), optional :: skips_long   !! as in walker
       type(walker) :: w
 
       w%deed = reads
@@ -78,7 +78,6 @@ contains
       call w%pass('slip_fraction', block%slip_fraction)
       call w%pass('slip_starts', block%slip_starts)
       call w%pass('stick_starts', block%stick_starts)
-      call w%pass('folded_share', block%folded_share)
       call w%pass('energy', block%energy)
       if (w%skips_long) return
       call w%pass('slip_series', block%slip_series)
@@ -243,14 +242,24 @@ contains
       character(*), intent(in) :: name
       integer, intent(in) :: extents(:)
       type(label_type) :: label
-      integer, parameter :: frequencies_read_together = 64
 
       label = sample_label(name)
       label%axes = ''
       if (name == 'psd') then
-         label%chunk = [extents(1), min(extents(2), frequencies_read_together), extents(3)]
+         label%chunk = [extents(1), frequencies_together(extents(1), extents(2)), extents(3)]
       end if
    end function bare_label
+
+   !> Neighbouring frequencies that a shard keeps together and that are best read together: ranges
+   !> of equal length, with some 320 values for each sample.
+   pure function frequencies_together(n_dof, n_frequencies) result(n)
+      integer, intent(in) :: n_dof, n_frequencies
+      integer :: n
+      integer, parameter :: values_together = 320
+
+      n = (n_frequencies - 1)/max(values_together/n_dof, 1) + 1   ! ranges
+      n = (n_frequencies - 1)/n + 1
+   end function frequencies_together
 
    !> Units, meaning and axes of what a sample hands back.
    pure function sample_label(name) result(label)
@@ -269,10 +278,6 @@ contains
          label = label_type('1', 'number of transitions from stick to slip', 'sample dof')
       case ('stick_starts')
          label = label_type('1', 'number of transitions from slip to stick', 'sample dof')
-      case ('folded_share')
-         label = label_type('1', &
-                            'share of the power that thinning folds below the highest frequency', &
-                            'sample dof')
       case ('energy')
          label = label_type('J', 'work (input, viscous, friction), energy stored, defect', &
                             'sample term')

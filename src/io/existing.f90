@@ -5,7 +5,8 @@ module io_existing
    use core_kinds, only: long, wp
    use ensemble_results, only: block_result
    use io_blocks, only: read_block
-   use io_case_results, only: case_group, energy_terms
+   use io_case_results, only: case_group
+   use io_case_samples, only: energy_terms
    use io_files, only: exists
    use io_gathering, only: finished_samples
    use io_hdf5, only: hdf5_file, open_hdf5, read_attribute, read_dataset, read_extent, read_part
@@ -139,9 +140,6 @@ contains
       end if
       if (allocated(all_samples%stick_starts)) then
          block%stick_starts = all_samples%stick_starts(:, first:last)
-      end if
-      if (allocated(all_samples%folded_share)) then
-         block%folded_share = all_samples%folded_share(:, first:last)
       end if
       if (allocated(all_samples%energy)) block%energy = all_samples%energy(:, first:last)
    end function piece_of

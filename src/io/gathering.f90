@@ -67,122 +67,138 @@ contains
       end do
    end subroutine count_transitions
 
-   !> The slip series of those samples of a shard that are among samples 1..n_samples.
-   subroutine read_slip_series(shard, n_samples, series, error)
+   !> The slip series of those samples of a shard that are among first..last.
+   subroutine read_slip_series(shard, first, last, series, error)
       type(shard_type), intent(in) :: shard
-      integer, intent(in) :: n_samples
+      integer, intent(in) :: first, last
       real(wp), allocatable, intent(out) :: series(:, :, :)   !! (dof, span, sample)
       type(error_type), allocatable, intent(out) :: error
       type(hdf5_file) :: file
       integer(long), allocatable :: n(:)
+      integer :: before, n_samples
 
+      call common_samples(shard, first, last, before, n_samples)
       call open_hdf5(shard%path, file, error)
       if (allocated(error)) return
       call read_extent(file, '/slip_series', 3, n, error)
       if (.not. allocated(error)) then
-         n(3) = min(n(3), n_samples - shard%first_sample + 1_long)
-         allocate (series(n(1), n(2), n(3)))
-         call read_part(file, '/slip_series', [1, 1, 1], series, error)
+         allocate (series(n(1), n(2), n_samples))
+         call read_part(file, '/slip_series', [1, 1, before + 1], series, error)
       end if
       call file%abandon()
    end subroutine read_slip_series
 
-   !> Everything of samples 1..n_samples but series, spectra, histories and transitions.
-   subroutine read_samples(store, shards, case_number, n_samples, block, error)
+   !> Everything of samples first..last but series, spectra, histories and transitions.
+   subroutine read_samples(store, shards, case_number, first, last, block, error)
       type(shard_store), intent(in) :: store
-      type(shard_type), intent(in) :: shards(:)
-      integer, intent(in) :: case_number, n_samples
+      type(shard_type), intent(in) :: shards(:)   !! of one case, as shards_of has them
+      integer, intent(in) :: case_number, first, last
       type(block_result), intent(out) :: block
       type(error_type), allocatable, intent(out) :: error
       type(block_result) :: part
       type(hdf5_file) :: file
-      integer :: i, last
+      integer :: before, i, n, place
 
-      call require_all(store, shards, case_number, n_samples, error)
+      call require_all(store, shards, case_number, first, last, error)
       if (allocated(error)) return
+      block%case_number = case_number
+      block%first_sample = first
+      block%n_samples = last - first + 1
       do i = 1, size(shards)
-         if (shards(i)%case_number /= case_number .or. shards(i)%first_sample > n_samples) cycle
+         call common_samples(shards(i), first, last, before, n)
+         if (n < 1) cycle
          call open_shard(store, shards(i), file, part, error)
          if (allocated(error)) return
          call read_block(file, '/', part, error, skips_long=.true.)
          call file%abandon()
          if (allocated(error)) return
-         last = min(part%first_sample + part%n_samples - 1, n_samples)
-         call place(part%friction, block%friction)
-         call place(part%slip_fraction, block%slip_fraction)
-         call place(part%folded_share, block%folded_share)
-         call place(part%energy, block%energy)
-         call place_counts(part%slip_starts, block%slip_starts)
-         call place_counts(part%stick_starts, block%stick_starts)
+         place = shards(i)%first_sample + before - first
+         call put(part%friction, block%friction)
+         call put(part%slip_fraction, block%slip_fraction)
+         call put(part%energy, block%energy)
+         call put_counts(part%slip_starts, block%slip_starts)
+         call put_counts(part%stick_starts, block%stick_starts)
       end do
-      block%case_number = case_number
-      block%first_sample = 1
-      block%n_samples = n_samples
 
    contains
 
-      subroutine place(values, all_values)
+      subroutine put(values, all_values)
          real(wp), allocatable, intent(in) :: values(:, :)
          real(wp), allocatable, intent(inout) :: all_values(:, :)
 
          if (.not. allocated(values)) return
-         if (.not. allocated(all_values)) allocate (all_values(size(values, 1), n_samples))
-         all_values(:, part%first_sample:last) = values(:, :last - part%first_sample + 1)
-      end subroutine place
+         if (.not. allocated(all_values)) allocate (all_values(size(values, 1), block%n_samples))
+         all_values(:, place + 1:place + n) = values(:, before + 1:before + n)
+      end subroutine put
 
-      subroutine place_counts(values, all_values)
+      subroutine put_counts(values, all_values)
          integer(long), allocatable, intent(in) :: values(:, :)
          integer(long), allocatable, intent(inout) :: all_values(:, :)
 
          if (.not. allocated(values)) return
-         if (.not. allocated(all_values)) allocate (all_values(size(values, 1), n_samples))
-         all_values(:, part%first_sample:last) = values(:, :last - part%first_sample + 1)
-      end subroutine place_counts
+         if (.not. allocated(all_values)) allocate (all_values(size(values, 1), block%n_samples))
+         all_values(:, place + 1:place + n) = values(:, before + 1:before + n)
+      end subroutine put_counts
 
    end subroutine read_samples
 
-   !> Spectra of samples 1..n at frequencies first_frequency, first_frequency + 1, ... (counted from
-   !> 1). Shards keep 64 neighbouring frequencies together: ranges of a multiple of 64 read least.
-   subroutine read_psd_band(store, shards, case_number, first_frequency, psd, error)
+   !> Spectra of samples first_sample, first_sample + 1, ... at frequencies first_frequency,
+   !> first_frequency + 1, ... (both counted from 1). Ranges of frequencies_together read least.
+   subroutine read_psd_band(store, shards, case_number, first_sample, first_frequency, psd, &
+                            error)
       type(shard_store), intent(in) :: store
-      type(shard_type), intent(in) :: shards(:)
-      integer, intent(in) :: case_number, first_frequency
+      type(shard_type), intent(in) :: shards(:)   !! of one case, as shards_of has them
+      integer, intent(in) :: case_number, first_sample, first_frequency
       real(wp), intent(out) :: psd(:, :, :)   !! (dof, frequency, sample)
       type(error_type), allocatable, intent(out) :: error
       type(hdf5_file) :: file
       real(wp), allocatable :: part(:, :, :)
-      integer :: first, i, last
+      integer :: before, i, last, n, place
 
-      call require_all(store, shards, case_number, size(psd, 3), error)
+      last = first_sample + size(psd, 3) - 1
+      call require_all(store, shards, case_number, first_sample, last, error)
       if (allocated(error)) return
       do i = 1, size(shards)
-         first = shards(i)%first_sample
-         last = min(first + shards(i)%n_samples - 1, size(psd, 3))
-         if (shards(i)%case_number /= case_number .or. last < first) cycle
+         call common_samples(shards(i), first_sample, last, before, n)
+         if (n < 1) cycle
          call open_hdf5(shards(i)%path, file, error)
          if (allocated(error)) return
-         allocate (part(size(psd, 1), size(psd, 2), last - first + 1))
-         call read_part(file, '/psd', [1, first_frequency, 1], part, error)
+         allocate (part(size(psd, 1), size(psd, 2), n))
+         call read_part(file, '/psd', [1, first_frequency, before + 1], part, error)
          call file%abandon()
          if (allocated(error)) return
-         psd(:, :, first:last) = part
+         place = shards(i)%first_sample + before - first_sample
+         psd(:, :, place + 1:place + n) = part
          deallocate (part)
       end do
    end subroutine read_psd_band
 
-   !> A sample without a shard is an error: its shard was removed while the run went on.
-   subroutine require_all(store, shards, case_number, n_samples, error)
-      type(shard_store), intent(in) :: store
-      type(shard_type), intent(in) :: shards(:)
-      integer, intent(in) :: case_number, n_samples
-      type(error_type), allocatable, intent(out) :: error
-      integer :: missing
+   !> Which samples of a shard are among first..last: n of them, behind some others.
+   pure subroutine common_samples(shard, first, last, before, n)
+      type(shard_type), intent(in) :: shard
+      integer, intent(in) :: first, last
+      integer, intent(out) :: before, n
 
-      missing = findloc(finished_samples(shards, case_number, n_samples), .false., dim=1)
-      if (missing > 0) then
-         call raise(error, exit_file, store%folder//' lacks sample '//to_text(missing)// &
-                    ' of case '//to_text(case_number)//': run again to compute it')
-      end if
+      before = max(first - shard%first_sample, 0)
+      n = min(shard%n_samples, last - shard%first_sample + 1) - before
+   end subroutine common_samples
+
+   !> A sample without a shard is an error: its shard was removed while the run went on.
+   subroutine require_all(store, shards, case_number, first, last, error)
+      type(shard_store), intent(in) :: store
+      type(shard_type), intent(in) :: shards(:)   !! of one case, as shards_of has them
+      integer, intent(in) :: case_number, first, last
+      type(error_type), allocatable, intent(out) :: error
+      integer :: i, missing
+
+      missing = first
+      do i = 1, size(shards)
+         if (shards(i)%first_sample > missing) exit
+         missing = max(missing, shards(i)%first_sample + shards(i)%n_samples)
+      end do
+      if (missing > last) return
+      call raise(error, exit_file, store%folder//' lacks sample '//to_text(missing)// &
+                 ' of case '//to_text(case_number)//': run again to compute it')
    end subroutine require_all
 
 end module io_gathering

@@ -19,14 +19,15 @@ module io_group
          logical_attribute
       generic :: put => put_reals, put_integers, put_longs
       generic :: put_allocated => put_allocated_row, put_allocated_matrix, put_allocated_cube
-      generic :: put_part => put_real_part, put_integer_part
+      generic :: put_part => put_real_part, put_integer_part, put_long_part
       procedure :: put_value
       procedure :: make
       procedure :: take_error
       procedure, private :: text_attribute, integer_attribute, long_attribute, real_attribute, &
          logical_attribute
       procedure, private :: put_allocated_row, put_allocated_matrix, put_allocated_cube
-      procedure, private :: put_reals, put_integers, put_longs, put_real_part, put_integer_part
+      procedure, private :: put_reals, put_integers, put_longs
+      procedure, private :: put_real_part, put_integer_part, put_long_part
    end type group_type
 
 contains
@@ -212,6 +213,17 @@ contains
          call write_part(self%file, self%path//'/'//name, first, values, self%error)
       end if
    end subroutine put_integer_part
+
+   subroutine put_long_part(self, name, first, values)
+      class(group_type), intent(inout) :: self
+      character(*), intent(in) :: name
+      integer, intent(in) :: first(:)
+      integer(long), intent(in), contiguous :: values(..)
+
+      if (.not. allocated(self%error)) then
+         call write_part(self%file, self%path//'/'//name, first, values, self%error)
+      end if
+   end subroutine put_long_part
 
    !> 1, 2, ... n: the values of an axis without others.
    pure function counted(n) result(numbers)

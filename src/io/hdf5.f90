@@ -1,12 +1,12 @@
 !> The one door to HDF5: files, labelled datasets and attributes; every status is checked, and HDF5
-!> itself says nothing. The rooms behind it are io_hdf5_file, io_hdf5_datasets and
+!> itself says nothing. The rooms behind it are io_hdf5_file, io_hdf5_reading, io_hdf5_writing and
 !> io_hdf5_attributes.
 module io_hdf5
    use io_hdf5_attributes, only: has_attribute, read_attribute, write_attribute, &
                                  write_sealed_attribute
-   use io_hdf5_datasets, only: label_type, check_dataset, make_dataset, read_dataset, read_extent, &
-                               read_part, write_dataset, write_part
    use io_hdf5_file, only: create_hdf5, hdf5_file, hdf5_library, open_hdf5
+   use io_hdf5_reading, only: check_dataset, read_dataset, read_extent, read_part
+   use io_hdf5_writing, only: label_type, make_dataset, write_dataset, write_part
    implicit none(type, external)
    private
    public :: hdf5_file, create_hdf5, hdf5_library, open_hdf5

@@ -13,8 +13,8 @@ module io_shards
    implicit none(type, external)
    private
    public :: shard_store, shard_type, new_store
-   public :: has_shard, list_shards, open_shard, read_shard, remove_covered, remove_leftovers, &
-             remove_store, verify_shard, write_shard
+   public :: has_shard, list_shards, named_shard, open_shard, read_shard, remove_covered, &
+             remove_leftovers, remove_store, verify_shard, write_shard
 
    character(*), parameter :: unfinished = '.part'
    character(*), parameter :: advice = '; remove it to have its samples computed again'
@@ -95,6 +95,16 @@ contains
          call file%close(error)
       end if
    end subroutine fill_shard
+
+   !> The shard of these samples, there or not.
+   pure function named_shard(store, case_number, first_sample, n_samples) result(shard)
+      type(shard_store), intent(in) :: store
+      integer, intent(in) :: case_number, first_sample, n_samples
+      type(shard_type) :: shard
+
+      shard = shard_type(store%folder//'/'//shard_name(case_number, first_sample, n_samples), &
+                         case_number, first_sample, n_samples)
+   end function named_shard
 
    !> Whether a block is there, by its name alone.
    function has_shard(store, case_number, first_sample, n_samples)
@@ -251,7 +261,7 @@ contains
    end subroutine remove_files
 
    !> c007_s00033-00064.h5: case 7, samples 33 to 64.
-   function shard_name(case_number, first_sample, n_samples) result(name)
+   pure function shard_name(case_number, first_sample, n_samples) result(name)
       integer, intent(in) :: case_number, first_sample, n_samples
       character(:), allocatable :: name
       character(64) :: buffer

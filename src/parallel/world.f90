@@ -1,19 +1,18 @@
 !> The ranks of one run, and what they tell each other.
 !>
-!> This floor is the one door to MPI: this module, and beside it parallel_work and parallel_shared,
-!> which each own a piece of memory that several ranks reach. Every procedure that is called
-!> collective must be called by all ranks of the world in the same order.
+!> This floor is the one door to MPI: this module, and beside it parallel_work, which owns a piece
+!> of memory that several ranks reach. Every procedure that is called collective must be called by
+!> all ranks of the world in the same order.
 module parallel_world
    use, intrinsic :: iso_c_binding, only: c_char, c_int, c_null_char
-   use, intrinsic :: iso_fortran_env, only: error_unit, int8, output_unit
+   use, intrinsic :: iso_fortran_env, only: error_unit, output_unit
    use core_error, only: error_type, exit_done
    use core_kinds, only: long, wp
    use core_terminal, only: write_error
    use mpi_f08, only: MPI_Allreduce, MPI_ANY_SOURCE, MPI_ANY_TAG, MPI_Barrier, MPI_Bcast, &
                       MPI_CHARACTER, MPI_Comm, MPI_Comm_rank, MPI_Comm_size, MPI_COMM_WORLD, &
-                      MPI_DOUBLE_PRECISION, MPI_Finalize, MPI_Gather, MPI_Gatherv, &
-                      MPI_Get_library_version, MPI_IN_PLACE, MPI_Init, MPI_INTEGER, MPI_INTEGER1, &
-                      MPI_INTEGER8, MPI_Iprobe, MPI_LOGICAL, MPI_MAX, &
+                      MPI_DOUBLE_PRECISION, MPI_Finalize, MPI_Get_library_version, MPI_IN_PLACE, &
+                      MPI_Init, MPI_INTEGER, MPI_INTEGER8, MPI_Iprobe, MPI_LOGICAL, MPI_MAX, &
                       MPI_MAX_LIBRARY_VERSION_STRING, MPI_MIN, MPI_STATUS_IGNORE, MPI_SUM
    implicit none(type, external)
    private
@@ -31,14 +30,13 @@ module parallel_world
       generic :: broadcast => broadcast_integer, broadcast_integers, broadcast_long, &
                  broadcast_longs, broadcast_real, broadcast_reals, broadcast_matrix, &
                  broadcast_text, broadcast_logical
-      generic :: sum => sum_long, sum_longs
       generic :: maximum => maximum_long, maximum_real
       procedure :: any_true
-      procedure :: gather
+      procedure :: add_up
       procedure, private :: broadcast_integer, broadcast_integers, broadcast_long, &
                             broadcast_longs, broadcast_real, broadcast_reals, broadcast_matrix, &
                             broadcast_text, broadcast_logical
-      procedure, private :: sum_long, sum_longs, maximum_long, maximum_real
+      procedure, private :: maximum_long, maximum_real
    end type world_type
 
    !> The world of a communicator, as an MPI handle of either kind.
@@ -189,26 +187,17 @@ contains
       is_true = self%maximum(merge(1_long, 0_long, value)) == 1
    end function any_true
 
-   !> Sum over the ranks, known to all; collective.
-   function sum_long(self, value) result(total)
+   !> The values become their sums over the ranks; collective. Where all ranks but one have zero,
+   !> the sum is that one's value to the last bit.
+   subroutine add_up(self, n, values)
       class(world_type), intent(in) :: self
-      integer(long), intent(in) :: value
-      integer(long) :: total
+      integer, intent(in) :: n
+      real(wp), intent(inout) :: values(n)
 
-      total = value
-      if (self%n_ranks > 1) call MPI_Allreduce(value, total, 1, MPI_INTEGER8, MPI_SUM, self%comm)
-   end function sum_long
-
-   function sum_longs(self, values) result(total)
-      class(world_type), intent(in) :: self
-      integer(long), intent(in) :: values(:)
-      integer(long) :: total(size(values))
-
-      total = values
       if (self%n_ranks > 1) then
-         call MPI_Allreduce(MPI_IN_PLACE, total, size(total), MPI_INTEGER8, MPI_SUM, self%comm)
+         call MPI_Allreduce(MPI_IN_PLACE, values, n, MPI_DOUBLE_PRECISION, MPI_SUM, self%comm)
       end if
-   end function sum_longs
+   end subroutine add_up
 
    !> Largest over the ranks, known to all; collective.
    function maximum_long(self, value) result(largest)
@@ -230,24 +219,6 @@ contains
          call MPI_Allreduce(value, largest, 1, MPI_DOUBLE_PRECISION, MPI_MAX, self%comm)
       end if
    end function maximum_real
-
-   !> Every rank's bytes one after the other on the root, in rank order; elsewhere empty;
-   !> collective.
-   subroutine gather(self, bytes, gathered, sizes)
-      class(world_type), intent(in) :: self
-      integer(int8), intent(in) :: bytes(:)
-      integer(int8), allocatable, intent(out) :: gathered(:)
-      integer, allocatable, intent(out) :: sizes(:)   !! (rank + 1) bytes of each
-      integer, allocatable :: offsets(:)
-      integer :: i
-
-      allocate (sizes(merge(self%n_ranks, 0, self%is_root())))
-      call MPI_Gather(size(bytes), 1, MPI_INTEGER, sizes, 1, MPI_INTEGER, 0, self%comm)
-      offsets = [(sum(sizes(:i - 1)), i=1, size(sizes))]
-      allocate (gathered(sum(sizes)))
-      call MPI_Gatherv(bytes, size(bytes), MPI_INTEGER1, gathered, sizes, offsets, MPI_INTEGER1, &
-                       0, self%comm)
-   end subroutine gather
 
    !> What one rank (the root, unless `from` says otherwise) knows becomes known to all; collective.
    !> Allocatable values take its shape.

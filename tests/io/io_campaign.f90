@@ -10,9 +10,11 @@ module io_campaign
    use ensemble_plan, only: plan_type
    use ensemble_results, only: block_result, case_statistics, spectrum_layout
    use io_audit_results, only: write_audit
-   use io_case_results, only: write_case
+   use io_case_results, only: begin_case, finish_case
+   use io_case_samples, only: put_samples
    use io_files, only: make_folder, process_id
-   use io_gathering, only: read_samples
+   use io_gathering, only: read_samples, shards_of
+   use io_group, only: group_type
    use io_identity, only: identity_type
    use io_process_results, only: write_process
    use io_results, only: begin_results, provenance_type, results_writer
@@ -20,8 +22,8 @@ module io_campaign
    use process_model, only: process_model_type
    implicit none(type, external)
    private
-   public :: fresh_folder, made_audit_block, made_block, made_identity, made_provenance, write_made_results, &
-             write_made_shards
+   public :: fresh_folder, made_audit_block, made_block, made_identity, made_provenance, &
+             write_made_results, write_made_shards
 
    integer, parameter, public :: n_dof = 3, n_frequencies = 130, n_steps = 20
    integer, parameter, public :: n_samples = 5   !! of case 2; case 1 has one
@@ -99,7 +101,6 @@ contains
       block%slip_starts = reshape([((5000000000_long + 10*s + d, d=1, n_dof), s=first, last)], &
                                   [n_dof, n])
       block%stick_starts = block%slip_starts + 1
-      block%folded_share = 0.001_wp*block%friction
       block%energy = reshape([((value(3, d, s), d=1, 5), s=first, last)], [5, n])
       block%psd = reshape([(((value(10 + f, d, s), d=1, n_dof), f=1, n_frequencies), s=first, &
                             last)], [n_dof, n_frequencies, n])
@@ -144,8 +145,6 @@ contains
       statistics%slip_std = 0.1_wp*statistics%slip_mean
       statistics%slip_mean_error = 0.01_wp*statistics%slip_mean
       statistics%slip_std_error = 0.01_wp*statistics%slip_std
-      statistics%slip_fraction_error = reshape([(0.001_wp*d, d=1, n_dof*n_samples)], &
-                                               [n_dof, n_samples])
       statistics%slip_mean_time_error = 0.02_wp*statistics%slip_mean
       allocate (statistics%psd_mean(n_dof, n_frequencies), source=1.5_wp)
       allocate (statistics%psd_percentiles(n_dof, n_frequencies, 2), source=2.5_wp)
@@ -213,8 +212,10 @@ contains
       type(results_writer) :: writer
       type(plan_type) :: plan
       type(block_result) :: samples
+      type(group_type) :: group
+      real(wp), allocatable :: no_errors(:, :)
       real(wp) :: force(n_steps + 1, 1)
-      integer :: i
+      integer :: dof, i
 
       force = 1.0_wp
       plan = made_plan()
@@ -225,13 +226,14 @@ contains
       call write_process(writer, 1, made_model(), error, realizations=force)
       if (.not. allocated(error)) call writer%write_chain(plan%chain, error)
       do i = 1, 2
-         if (.not. allocated(error)) then
-            call read_samples(store, shards, i, plan%cases(i)%n_samples, samples, error)
-         end if
-         if (.not. allocated(error)) then
-            call write_case(writer, plan, i, samples, made_layout(), made_statistics(), store, &
-                            shards, error, force)
-         end if
+         if (allocated(error)) exit
+         associate (ours => shards_of(shards, i, plan%cases(i)%n_samples))
+            call begin_case(writer, plan, i, made_layout(), [(0.001_wp, dof=1, n_dof)], group, force)
+            call read_samples(store, ours, i, 1, plan%cases(i)%n_samples, samples, error)
+            if (allocated(error)) exit
+            call put_samples(group, samples, no_errors)
+            call finish_case(group, plan, i, made_layout(), made_statistics(), store, ours, error)
+         end associate
       end do
       if (present(has_audit) .and. .not. allocated(error)) then
          plan%accuracy%audit = 0.6_wp
@@ -258,7 +260,8 @@ contains
       block = made_audit_block()
       call write_shard(store, block, error)
       if (.not. allocated(error)) call list_shards(store, shards, error)
-      if (.not. allocated(error)) call read_samples(store, shards, 4, 3, block, error)
+      if (.not. allocated(error)) &
+         call read_samples(store, shards_of(shards, 4, 3), 4, 1, 3, block, error)
       if (allocated(error)) return
       call compare_slip(samples%slip_fraction(:, :3), block%slip_fraction, 5, errors)
       call compare_spectra(made_audit_psd()/1.01_wp, made_audit_psd(), plan%output%percentiles, 5, &

@@ -1,21 +1,20 @@
-!> Labelled datasets: numbers of any rank, whole or in parts, each axis joined to its scale.
+!> Labelled datasets written: numbers of any rank, whole or in parts, each axis joined to its scale.
 !>
 !> Arrays are Fortran's here; Python sees their axes reversed, and axis names are given in Python's
 !> order.
-module io_hdf5_datasets
+module io_hdf5_writing
    use, intrinsic :: iso_c_binding, only: c_loc, c_ptr
-   use core_error, only: error_type, exit_file, raise
+   use core_error, only: error_type
    use core_kinds, only: long, wp
-   use core_text, only: to_text
    use hdf5
    use h5ds, only: h5dsattach_scale_f, h5dsset_scale_f
    use io_hdf5_attributes, only: write_attribute
    use io_hdf5_file, only: hdf5_file, make_parents, new_timeless_list
    use io_hdf5_outcome, only: outcome_type
+   use io_hdf5_parts, only: close_part, select_part
    implicit none(type, external)
    private
-   public :: label_type, check_dataset, make_dataset, read_dataset, read_extent, read_part, &
-             write_dataset, write_part
+   public :: label_type, make_dataset, write_dataset, write_part
 
    integer, parameter :: chunk_bytes = 2**18
    integer, parameter :: word_bytes = 8
@@ -36,53 +35,16 @@ module io_hdf5_datasets
 
    !> Values into a part of a dataset, which begins at `first` (counted from 1, Fortran's order).
    interface write_part
-      module procedure write_real_part, write_integer_part
+      module procedure write_real_part, write_integer_part, write_long_part
    end interface write_part
 
-   !> Values from a dataset of just their shape.
-   interface read_dataset
-      module procedure read_real, read_integer, read_long
-   end interface read_dataset
-
 contains
-
-   !> Extent of each axis of a dataset in Fortran's order; an error when the axes are not as many.
-   subroutine read_extent(file, path, n_axes, extents, error)
-      type(hdf5_file), intent(in) :: file
-      character(*), intent(in) :: path
-      integer, intent(in) :: n_axes   !! expected; 0 for a scalar
-      integer(long), allocatable, intent(out) :: extents(:)
-      type(error_type), allocatable, intent(out) :: error
-      type(outcome_type) :: outcome
-      integer(hid_t) :: dataset, space
-      integer(hsize_t) :: now(n_axes), most(n_axes)
-      integer :: found, status
-
-      found = 0
-      now = 0
-      call h5dopen_f(file%id, path, dataset, status)
-      call outcome%note(status)
-      call h5dget_space_f(dataset, space, status)
-      call outcome%note(status)
-      call h5sget_simple_extent_ndims_f(space, found, status)
-      call outcome%note(status)
-      if (found == n_axes .and. n_axes > 0) then
-         call h5sget_simple_extent_dims_f(space, now, most, status)
-         call outcome%note(status)
-      else if (found /= n_axes .and. .not. allocated(outcome%reason)) then
-         outcome%reason = to_text(found)//' axes where '//to_text(n_axes)//' are expected'
-      end if
-      extents = int(now, long)
-      call h5sclose_f(space, status)
-      call h5dclose_f(dataset, status)
-      call outcome%conclude(file%path//': '//path//': cannot be read', error)
-   end subroutine read_extent
 
    !> A dataset without values yet, for write_part; of the type of `mold`.
    subroutine make_dataset(file, path, mold, extents, label, error)
       type(hdf5_file), intent(in) :: file
       character(*), intent(in) :: path
-      class(*), intent(in) :: mold        !! a real or an integer
+      class(*), intent(in) :: mold        !! a real or an integer of either length
       integer, intent(in) :: extents(:)   !! Fortran's order
       type(label_type), intent(in) :: label
       type(error_type), allocatable, intent(out) :: error
@@ -94,6 +56,8 @@ contains
       select type (mold)
       type is (integer)
          kind = H5T_NATIVE_INTEGER
+      type is (integer(long))
+         kind = h5kind_to_type(long, H5_INTEGER_KIND)
       end select
       call create(file, path, kind, int(extents, hsize_t), label, dataset, outcome)
       call h5dclose_f(dataset, status)
@@ -274,61 +238,6 @@ contains
       end do
    end subroutine split
 
-   subroutine read_real(file, path, values, error)
-      type(hdf5_file), intent(in) :: file
-      character(*), intent(in) :: path
-      real(wp), intent(out), target, contiguous :: values(..)
-      type(error_type), allocatable, intent(out) :: error
-
-      call read_whole(file, path, H5T_NATIVE_DOUBLE, shape(values, long), c_loc(values), error)
-   end subroutine read_real
-
-   subroutine read_integer(file, path, values, error)
-      type(hdf5_file), intent(in) :: file
-      character(*), intent(in) :: path
-      integer, intent(out), target, contiguous :: values(..)
-      type(error_type), allocatable, intent(out) :: error
-
-      call read_whole(file, path, H5T_NATIVE_INTEGER, shape(values, long), c_loc(values), error)
-   end subroutine read_integer
-
-   subroutine read_long(file, path, values, error)
-      type(hdf5_file), intent(in) :: file
-      character(*), intent(in) :: path
-      integer(long), intent(out), target, contiguous :: values(..)
-      type(error_type), allocatable, intent(out) :: error
-
-      call read_whole(file, path, h5kind_to_type(long, H5_INTEGER_KIND), shape(values, long), &
-                      c_loc(values), error)
-   end subroutine read_long
-
-   subroutine read_whole(file, path, kind, extents, values, error)
-      type(hdf5_file), intent(in) :: file
-      character(*), intent(in) :: path
-      integer(hid_t), intent(in) :: kind
-      integer(long), intent(in) :: extents(:)
-      type(c_ptr), value :: values
-      type(error_type), allocatable, intent(out) :: error
-      type(outcome_type) :: outcome
-      integer(long), allocatable :: found(:)
-      integer(hid_t) :: dataset
-      integer :: status
-
-      call read_extent(file, path, size(extents), found, error)
-      if (allocated(error)) return
-      if (any(found /= max(extents, 0_long))) then
-         call raise(error, exit_file, file%path//': '//path//': has another shape than expected')
-         return
-      end if
-      if (any(found == 0)) return
-      call h5dopen_f(file%id, path, dataset, status)
-      call outcome%note(status)
-      call h5dread_f(dataset, kind, values, status)
-      call outcome%note(status)
-      call h5dclose_f(dataset, status)
-      call outcome%conclude(file%path//': '//path//': cannot be read', error)
-   end subroutine read_whole
-
    subroutine write_real_part(file, path, first, values, error)
       type(hdf5_file), intent(in) :: file
       character(*), intent(in) :: path
@@ -351,6 +260,17 @@ contains
                           c_loc(values), error)
    end subroutine write_integer_part
 
+   subroutine write_long_part(file, path, first, values, error)
+      type(hdf5_file), intent(in) :: file
+      character(*), intent(in) :: path
+      integer, intent(in) :: first(:)
+      integer(long), intent(in), target, contiguous :: values(..)
+      type(error_type), allocatable, intent(out) :: error
+
+      call write_any_part(file, path, h5kind_to_type(long, H5_INTEGER_KIND), first, &
+                          shape(values, hsize_t), c_loc(values), error)
+   end subroutine write_long_part
+
    subroutine write_any_part(file, path, kind, first, extents, values, error)
       type(hdf5_file), intent(in) :: file
       character(*), intent(in) :: path
@@ -371,96 +291,4 @@ contains
       call outcome%conclude(file%path//': '//path//': cannot be written', error)
    end subroutine write_any_part
 
-   !> The part of a dataset that begins at `first` (counted from 1, Fortran's order).
-   subroutine read_part(file, path, first, values, error)
-      type(hdf5_file), intent(in) :: file
-      character(*), intent(in) :: path
-      integer, intent(in) :: first(:)
-      real(wp), intent(out), target, contiguous :: values(..)
-      type(error_type), allocatable, intent(out) :: error
-      type(outcome_type) :: outcome
-      type(c_ptr) :: address
-      integer(hid_t) :: dataset, part, memory
-      integer :: status
-
-      if (size(values) == 0) return
-      call select_part(file, path, first, shape(values, hsize_t), dataset, part, memory, outcome)
-      address = c_loc(values)
-      call h5dread_f(dataset, H5T_NATIVE_DOUBLE, address, status, memory, part)
-      call outcome%note(status)
-      call close_part(dataset, part, memory, outcome)
-      call outcome%conclude(file%path//': '//path//': cannot be read', error)
-   end subroutine read_part
-
-   !> Reads all of a dataset, a piece at a time, for HDF5 to see that its checksums are right.
-   subroutine check_dataset(file, path, error)
-      type(hdf5_file), intent(in) :: file
-      character(*), intent(in) :: path
-      type(error_type), allocatable, intent(out) :: error
-      integer, parameter :: most_axes = 4, piece = 2**20   ! values
-      integer(long), allocatable :: extents(:)
-      real(wp), allocatable, target :: values(:)
-      type(outcome_type) :: outcome
-      type(c_ptr) :: address
-      integer(hsize_t) :: count(most_axes)
-      integer(hid_t) :: dataset, memory, part
-      integer :: first(most_axes), i, n, rows, status
-
-      do n = 0, most_axes
-         call read_extent(file, path, n, extents, error)
-         if (.not. allocated(error)) exit
-      end do
-      if (allocated(error)) return
-      if (n == 0) then
-         allocate (values(1))
-         call read_dataset(file, path, values(1), error)
-         return
-      end if
-      if (any(extents == 0)) return
-      rows = int(max(1_long, min(extents(n), piece/product(extents(:n - 1)))))
-      count(:n) = extents
-      first = 1
-      allocate (values(product(extents(:n - 1))*rows))
-      do i = 1, int(extents(n)), rows
-         first(n) = i
-         count(n) = min(int(rows, hsize_t), extents(n) - i + 1)
-         call select_part(file, path, first(:n), count(:n), dataset, part, memory, outcome)
-         address = c_loc(values)
-         call h5dread_f(dataset, H5T_NATIVE_DOUBLE, address, status, memory, part)
-         call outcome%note(status)
-         call close_part(dataset, part, memory, outcome)
-      end do
-      call outcome%conclude(file%path//': '//path//': cannot be read back', error)
-   end subroutine check_dataset
-
-   subroutine select_part(file, path, first, extents, dataset, part, memory, outcome)
-      type(hdf5_file), intent(in) :: file
-      character(*), intent(in) :: path
-      integer, intent(in) :: first(:)
-      integer(hsize_t), intent(in) :: extents(:)
-      integer(hid_t), intent(out) :: dataset, part, memory
-      type(outcome_type), intent(inout) :: outcome
-      integer :: status
-
-      call h5dopen_f(file%id, path, dataset, status)
-      call outcome%note(status)
-      call h5dget_space_f(dataset, part, status)
-      call outcome%note(status)
-      call h5sselect_hyperslab_f(part, H5S_SELECT_SET_F, int(first, hsize_t) - 1, extents, status)
-      call outcome%note(status)
-      call h5screate_simple_f(size(extents), extents, memory, status)
-      call outcome%note(status)
-   end subroutine select_part
-
-   subroutine close_part(dataset, part, memory, outcome)
-      integer(hid_t), intent(in) :: dataset, part, memory
-      type(outcome_type), intent(inout) :: outcome
-      integer :: status
-
-      call h5sclose_f(memory, status)
-      call h5sclose_f(part, status)
-      call h5dclose_f(dataset, status)
-      call outcome%note(status)
-   end subroutine close_part
-
-end module io_hdf5_datasets
+end module io_hdf5_writing

@@ -1,0 +1,67 @@
+!> What the audit of a case tells of its numerical error.
+module driver_audit
+   use core_error, only: error_type
+   use core_kinds, only: wp
+   use ensemble_comparison, only: compare_slip, compare_spectra, numerical_error
+   use ensemble_plan, only: plan_type
+   use ensemble_results, only: block_result, spectrum_layout
+   use io_audit_results, only: write_audit
+   use io_gathering, only: read_psd_band, read_samples, shards_of
+   use io_results, only: results_writer
+   use io_shards, only: shard_store, shard_type
+   implicit none(type, external)
+   private
+   public :: finish_audit
+
+contains
+
+   !> Compares the audit with the samples that it repeats, and writes it; for the root alone.
+   subroutine finish_audit(plan, audit, layout, store, shards, writer, error)
+      type(plan_type), intent(in) :: plan
+      integer, intent(in) :: audit   !! case number
+      type(spectrum_layout), intent(in) :: layout
+      type(shard_store), intent(in) :: store
+      type(shard_type), intent(in) :: shards(:)
+      type(results_writer), intent(in) :: writer
+      type(error_type), allocatable, intent(out) :: error
+      type(block_result) :: tested, reference
+      type(numerical_error) :: errors
+
+      associate (audited => plan%cases(audit)%audits, n => plan%cases(audit)%n_samples)
+         call read_samples(store, shards_of(shards, audited, n), audited, 1, n, tested, error)
+         if (.not. allocated(error)) &
+            call read_samples(store, shards_of(shards, audit, n), audit, 1, n, reference, error)
+         if (allocated(error)) return
+         call compare_slip(tested%slip_fraction, reference%slip_fraction, &
+                           plan%cases(audited)%n_samples, errors)
+      end associate
+      if (plan%output%spectrum) &
+         call compare_psd(plan, audit, size(layout%frequency), store, shards, errors, error)
+      if (allocated(error)) return
+      call write_audit(writer, plan, audit, reference, layout, errors, store, shards, error)
+   end subroutine finish_audit
+
+   !> Spectra of a case beside those of its audit.
+   subroutine compare_psd(plan, audit, n_frequencies, store, shards, errors, error)
+      type(plan_type), intent(in) :: plan
+      integer, intent(in) :: audit   !! case number
+      integer, intent(in) :: n_frequencies
+      type(shard_store), intent(in) :: store
+      type(shard_type), intent(in) :: shards(:)
+      type(numerical_error), intent(inout) :: errors
+      type(error_type), allocatable, intent(out) :: error
+      real(wp), allocatable :: tested(:, :, :), reference(:, :, :)   ! (dof, frequency, sample)
+
+      associate (audited => plan%cases(audit)%audits, n => plan%cases(audit)%n_samples)
+         allocate (tested(plan%chain%n_dof, n_frequencies, n))
+         allocate (reference, mold=tested)
+         call read_psd_band(store, shards_of(shards, audited, n), audited, 1, 1, tested, error)
+         if (.not. allocated(error)) &
+            call read_psd_band(store, shards_of(shards, audit, n), audit, 1, 1, reference, error)
+         if (allocated(error)) return
+         call compare_spectra(tested, reference, plan%output%percentiles, &
+                              plan%cases(audited)%n_samples, errors)
+      end associate
+   end subroutine compare_psd
+
+end module driver_audit

@@ -1,0 +1,157 @@
+!> The statistics of a case over its samples, in memory that does not grow with their number.
+module driver_statistics
+   use core_error, only: error_type
+   use core_kinds, only: long, wp
+   use ensemble_bands, only: band_collector, sample_groups, start_bands
+   use ensemble_plan, only: plan_type
+   use ensemble_results, only: block_result, case_statistics
+   use ensemble_study, only: slip_statistics
+   use ensemble_time_average, only: count_spans, fewest_spans, span_collector
+   use io_blocks, only: frequencies_together
+   use io_case_samples, only: put_samples
+   use io_gathering, only: read_psd_band, read_samples, read_slip_series
+   use io_group, only: group_type
+   use io_shards, only: shard_store, shard_type
+   use numerics_statistics, only: moments_type
+   use parallel_work, only: new_counter, work_counter
+   use parallel_world, only: attend_to_others, world_type
+   implicit none(type, external)
+   private
+   public :: find_slip_statistics, find_statistics
+
+   integer, parameter :: most_parts = 32   !! of the frequencies, shared out over the ranks
+
+contains
+
+   !> The root goes through the samples' small data, and writes them, while the other ranks begin
+   !> with the spectra, a part of the frequencies at a time. Collective; the root has the result.
+   subroutine find_statistics(world, plan, number, frequency, store, shards, group, statistics, &
+                              error)
+      type(world_type), intent(in) :: world
+      type(plan_type), intent(in) :: plan
+      integer, intent(in) :: number
+      real(wp), intent(in) :: frequency(:)        !! (frequency) [Hz]
+      type(shard_store), intent(in) :: store
+      type(shard_type), intent(in) :: shards(:)   !! of the case, as shards_of has them
+      type(group_type), intent(inout) :: group    !! of the results file, on the root
+      type(case_statistics), intent(out) :: statistics
+      type(error_type), allocatable, intent(out) :: error
+      type(band_collector) :: bands
+      type(work_counter) :: counter
+      integer :: n_parts, n_samples, part, width
+      logical :: has_bands
+
+      n_samples = plan%cases(number)%n_samples
+      has_bands = plan%output%spectrum .and. n_samples > 1
+      n_parts = 0
+      if (has_bands) then
+         width = frequencies_together(plan%chain%n_dof, size(frequency))
+         width = width*((size(frequency) - 1)/(width*most_parts) + 1)
+         n_parts = (size(frequency) - 1)/width + 1
+         call start_bands(n_samples, plan%chain%n_dof, frequency, plan%output%percentiles, &
+                          plan%seed, n_parts, bands)
+      end if
+      call new_counter(world, int(n_parts, long), counter)
+      if (world%is_root()) &
+         call find_slip_statistics(plan, number, store, shards, statistics, error, group)
+      do
+         if (allocated(error)) call counter%request_stop()
+         part = int(counter%next())
+         if (part == 0) exit
+         call add_part(number, store, shards, part, (part - 1)*width + 1, &
+                       min(part*width, size(frequency)), bands, error)
+      end do
+      call counter%close()
+      if (.not. has_bands) return
+      call world%add_up(size(bands%at_frequency), bands%at_frequency)
+      call world%add_up(size(bands%replicate), bands%replicate)
+      call world%add_up(size(bands%integral), bands%integral)
+      if (world%is_root()) call bands%finish(statistics)
+   end subroutine find_statistics
+
+   !> Of the slip fractions of one case, group by group of its samples; on the way the samples' small
+   !> data are written, where there is a group of a results file.
+   subroutine find_slip_statistics(plan, number, store, shards, statistics, error, group)
+      type(plan_type), intent(in) :: plan
+      integer, intent(in) :: number
+      type(shard_store), intent(in) :: store
+      type(shard_type), intent(in) :: shards(:)   !! of the case, as shards_of has them
+      type(case_statistics), intent(inout) :: statistics
+      type(error_type), allocatable, intent(out) :: error
+      type(group_type), intent(inout), optional :: group
+      type(block_result) :: samples
+      type(moments_type) :: slip(plan%chain%n_dof)
+      type(span_collector) :: spans
+      real(wp), allocatable :: errors(:, :)   ! (dof, sample) of slip fractions
+      integer, allocatable :: first(:)
+      integer :: dof, g
+      logical :: has_series
+
+      has_series = plan%output%slip .and. count_spans(plan%integration) >= fewest_spans
+      first = sample_groups(plan%cases(number)%n_samples)
+      do g = 1, size(first) - 1
+         call attend_to_others()
+         call read_samples(store, shards, number, first(g), first(g + 1) - 1, samples, error)
+         if (allocated(error)) return
+         do dof = 1, size(slip)
+            call slip(dof)%add(samples%slip_fraction(dof, :))
+         end do
+         if (has_series) call take_series(shards, samples, spans, errors, error)
+         if (allocated(error)) return
+         if (present(group)) call put_samples(group, samples, errors)
+      end do
+      if (plan%cases(number)%n_samples < 2) return
+      call slip_statistics(slip, statistics)
+      if (has_series) call spans%finish(statistics)
+   end subroutine find_slip_statistics
+
+   !> The slip series of some samples, shard by shard, and the errors they tell.
+   subroutine take_series(shards, samples, spans, errors, error)
+      type(shard_type), intent(in) :: shards(:)
+      type(block_result), intent(in) :: samples
+      type(span_collector), intent(inout) :: spans
+      real(wp), allocatable, intent(out) :: errors(:, :)   !! (dof, sample)
+      type(error_type), allocatable, intent(out) :: error
+      real(wp), allocatable :: series(:, :, :)   ! (dof, span, sample)
+      integer :: i, last, n
+
+      n = 0
+      last = samples%first_sample + samples%n_samples - 1
+      allocate (errors(size(samples%slip_fraction, 1), samples%n_samples))
+      do i = 1, size(shards)
+         if (shards(i)%first_sample > last) exit
+         if (shards(i)%first_sample + shards(i)%n_samples <= samples%first_sample) cycle
+         call read_slip_series(shards(i), samples%first_sample + n, last, series, error)
+         if (allocated(error)) return
+         call spans%add(series, errors(:, n + 1:n + size(series, 3)))
+         n = n + size(series, 3)
+      end do
+   end subroutine take_series
+
+   !> The spectra of all samples at frequencies first..last, group by group of the samples.
+   subroutine add_part(number, store, shards, part, first, last, bands, error)
+      integer, intent(in) :: number
+      type(shard_store), intent(in) :: store
+      type(shard_type), intent(in) :: shards(:)
+      integer, intent(in) :: part, first, last
+      type(band_collector), intent(inout) :: bands
+      type(error_type), allocatable, intent(out) :: error
+      real(wp), allocatable :: psd(:, :, :)   ! (dof, frequency, sample)
+      integer :: f, g, n_dof, n_samples, together
+
+      n_dof = size(bands%at_frequency, 1)
+      together = frequencies_together(n_dof, size(bands%at_frequency, 2))
+      do g = 1, size(bands%group_first) - 1
+         n_samples = bands%group_first(g + 1) - bands%group_first(g)
+         do f = first, last, together
+            call attend_to_others()
+            allocate (psd(n_dof, min(together, last - f + 1), n_samples))
+            call read_psd_band(store, shards, number, bands%group_first(g), f, psd, error)
+            if (allocated(error)) return
+            call bands%add(part, f, g, psd)
+            deallocate (psd)
+         end do
+      end do
+   end subroutine add_part
+
+end module driver_statistics

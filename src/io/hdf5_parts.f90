@@ -1,0 +1,43 @@
+!> A part of a dataset as HDF5 wants it said, for reading and for writing.
+module io_hdf5_parts
+   use hdf5
+   use io_hdf5_file, only: hdf5_file
+   use io_hdf5_outcome, only: outcome_type
+   implicit none(type, external)
+   private
+   public :: close_part, select_part
+
+contains
+
+   !> Opens what begins at `first` (counted from 1, Fortran's order).
+   subroutine select_part(file, path, first, extents, dataset, part, memory, outcome)
+      type(hdf5_file), intent(in) :: file
+      character(*), intent(in) :: path
+      integer, intent(in) :: first(:)
+      integer(hsize_t), intent(in) :: extents(:)
+      integer(hid_t), intent(out) :: dataset, part, memory
+      type(outcome_type), intent(inout) :: outcome
+      integer :: status
+
+      call h5dopen_f(file%id, path, dataset, status)
+      call outcome%note(status)
+      call h5dget_space_f(dataset, part, status)
+      call outcome%note(status)
+      call h5sselect_hyperslab_f(part, H5S_SELECT_SET_F, int(first, hsize_t) - 1, extents, status)
+      call outcome%note(status)
+      call h5screate_simple_f(size(extents), extents, memory, status)
+      call outcome%note(status)
+   end subroutine select_part
+
+   subroutine close_part(dataset, part, memory, outcome)
+      integer(hid_t), intent(in) :: dataset, part, memory
+      type(outcome_type), intent(inout) :: outcome
+      integer :: status
+
+      call h5sclose_f(memory, status)
+      call h5sclose_f(part, status)
+      call h5dclose_f(dataset, status)
+      call outcome%note(status)
+   end subroutine close_part
+
+end module io_hdf5_parts
