@@ -5,7 +5,7 @@ program storage
    use ensemble_results, only: block_result
    use io_gathering, only: read_psd_band, read_samples
    use io_identity, only: identity_type
-   use io_shards, only: list_shards, new_store, remove_store, shard_store, shard_type, verify_shard, &
+ use io_shards, only: list_shards, new_store, remove_store, shard_store, shard_type, verify_shard, &
                         write_shard
    implicit none(type, external)
    integer, parameter :: n_shards = 40, n_samples = 32, n_dof = 5, n_band = 61
@@ -56,7 +56,7 @@ contains
    subroutine make_block()
       block%case_number = 1
       block%n_samples = n_samples
-      allocate (block%friction(n_dof, n_samples), block%slip_fraction(n_dof, n_samples), source=0.1_wp)
+   allocate (block%friction(n_dof, n_samples), block%slip_fraction(n_dof, n_samples), source=0.1_wp)
       allocate (block%slip_starts(n_dof, n_samples), block%stick_starts(n_dof, n_samples), &
                 source=1_long)
       allocate (block%psd(n_dof, n_frequencies, n_samples))

@@ -20,7 +20,7 @@ module ensemble_time_average
    integer, parameter :: fewest_spans = 16    !! that an error is estimated from
 
    character(*), parameter :: time_average_method = &
-                              'autocovariance of the slip fractions of equal spans, summed over '// &
+                             'autocovariance of the slip fractions of equal spans, summed over '// &
                               'the initial monotone sequence (Geyer 1992)'
 
    !> Takes the series of the samples of a case, in sample order.

@@ -18,8 +18,8 @@ module io_case_samples
 
    !> Datasets of the energy ledger, in the order of its terms.
    character(*), parameter :: energy_terms(*) = [character(15) :: 'energy_input', &
-                                                 'energy_viscous', 'energy_friction', &
-                                                 'energy_stored', 'energy_defect']
+                                                              'energy_viscous', 'energy_friction', &
+                                                                   'energy_stored', 'energy_defect']
 
 contains
 
@@ -30,10 +30,10 @@ contains
       type(output_settings), intent(in) :: kept   !! of the case
       integer, intent(in) :: n_samples
       character(*), parameter :: meaning(*) = [character(40) :: 'work of the force', &
-                                               'work of the viscous damping', &
-                                               'work of the friction', &
-                                               'kinetic and strain energy at the end', &
-                                               'what the balance of energies lacks']
+                                                                    'work of the viscous damping', &
+                                                                           'work of the friction', &
+                                                           'kinetic and strain energy at the end', &
+                                                               'what the balance of energies lacks']
       integer :: extents(2), i
 
       extents = [plan%chain%n_dof, n_samples]

@@ -5,7 +5,7 @@
 !> are there, and one more for each piece of work on its way.
 module io_lock
    use, intrinsic :: iso_c_binding, only: c_associated, c_int, c_long, c_null_char, c_null_ptr, &
-                     c_ptr
+                                                                             c_ptr
    use core_error, only: error_type, exit_file, raise
    use core_kinds, only: long
    use core_text, only: to_text

@@ -28,14 +28,14 @@ module parallel_world
       procedure :: stop_on
       procedure :: wait_for_all
       generic :: broadcast => broadcast_integer, broadcast_integers, broadcast_long, &
-                 broadcast_longs, broadcast_real, broadcast_reals, broadcast_matrix, &
-                 broadcast_text, broadcast_logical
+         broadcast_longs, broadcast_real, broadcast_reals, broadcast_matrix, &
+         broadcast_text, broadcast_logical
       generic :: maximum => maximum_long, maximum_real
       procedure :: any_true
       procedure :: add_up
       procedure, private :: broadcast_integer, broadcast_integers, broadcast_long, &
-                            broadcast_longs, broadcast_real, broadcast_reals, broadcast_matrix, &
-                            broadcast_text, broadcast_logical
+         broadcast_longs, broadcast_real, broadcast_reals, broadcast_matrix, &
+         broadcast_text, broadcast_logical
       procedure, private :: maximum_long, maximum_real
    end type world_type
 
@@ -91,7 +91,7 @@ contains
    function was_launched()
       logical :: was_launched
       character(*), parameter :: sign(*) = [character(20) :: 'OMPI_COMM_WORLD_SIZE', 'PMIX_RANK', &
-                                            'PMI_RANK', 'SLURM_PROCID']
+                                                                         'PMI_RANK', 'SLURM_PROCID']
       integer :: i, status
 
       was_launched = .true.
@@ -117,7 +117,7 @@ contains
       flush (output_unit)
       flush (error_unit)
       call MPI_Finalize()
-      if (exit_code /= exit_done) stop exit_code, quiet=.true.
+      if (exit_code /= exit_done) stop exit_code, quiet = .true.
    end subroutine stop_world
 
    function world_of_comm(comm) result(world)
