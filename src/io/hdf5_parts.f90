@@ -29,6 +29,7 @@ contains
       call outcome%note(status)
    end subroutine select_part
 
+   !> Closes what select_part has opened.
    subroutine close_part(dataset, part, memory, outcome)
       integer(hid_t), intent(in) :: dataset, part, memory
       type(outcome_type), intent(inout) :: outcome
