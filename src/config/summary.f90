@@ -78,13 +78,12 @@ contains
    function process_table(plan, foreseen) result(text)
       type(plan_type), intent(in) :: plan
       type(process_model_type), intent(in), optional :: foreseen(:)
-      character(:), allocatable :: text, reasons, order, law
+      character(:), allocatable :: text, order, law
       integer :: i
 
       text = 'process  method         correlation  order  mean   std     law'
       if (present(foreseen)) text = text//'        verdict'
       text = text//line_feed
-      reasons = ''
       do i = 1, min(size(plan%processes), max_rows)
          associate (p => plan%processes(i))
             order = to_text(p%order)
@@ -95,16 +94,17 @@ contains
                    padded(p%correlation//' = '//brief(p%correlation_length), 13)// &
                    padded(order, 7)//padded(brief(p%mean), 7)//padded(brief(p%std), 8)
          end associate
-         if (present(foreseen)) then
-            law = padded(law, 11)//trim(merge('ordinary  ', 'infeasible', foreseen(i)%is_solved))
-            if (.not. foreseen(i)%is_solved) &
-               reasons = reasons//labelled(numbered('p', i), foreseen(i)%reason)
-         end if
+         if (present(foreseen)) law = padded(law, 11)// &
+                                      trim(merge('ordinary  ', 'infeasible', foreseen(i)%is_solved))
          text = text//law//line_feed
       end do
       if (size(plan%processes) > max_rows) &
          text = text//'... and '//to_text(size(plan%processes) - max_rows)//' more'//line_feed
-      text = text//reasons
+      if (.not. present(foreseen)) return
+      do i = 1, size(foreseen)
+         if (.not. foreseen(i)%is_solved) &
+            text = text//labelled(numbered('p', i), foreseen(i)%reason)
+      end do
    end function process_table
 
    !> One row per process: its cases differ in variance only.

@@ -167,10 +167,7 @@ contains
          law%n_steps = limit_steps
          call follow_family(law, point, limit, is_reached)
          if (.not. is_reached) then
-            call raise(error, exit_no_solution, name_of(law, size(kappa))// &
-                       ': with the shape of the unconstrained optimum std/mean ends near '// &
-                       to_text(nint(1.0e2_wp*limit)/1.0e2_wp)// &
-                       ', where mu runs away to minus infinity')
+            call raise(error, exit_no_solution, name_of(law, size(kappa))//reason_of_end(limit))
             return
          end if
          call maximize(law, point, n_constraints, 1.0e-4_wp, close_enough, 20, found)
@@ -178,6 +175,20 @@ contains
       found%is_converged = found%violation <= close_enough
       call require_converged(law, found, size(kappa), error)
    end subroutine approach
+
+   !> Why a family does not have the wanted ratio.
+   pure function reason_of_end(limit) result(reason)
+      real(wp), intent(in) :: limit   !! the largest std/mean met; 0: none
+      character(:), allocatable :: reason
+
+      if (limit > 0.0_wp) then
+         reason = ': with the shape of the unconstrained optimum std/mean ends near '// &
+                  to_text(nint(1.0e2_wp*limit)/1.0e2_wp)//', where mu runs away to minus infinity'
+      else
+         reason = ': nothing was found with the shape of the unconstrained optimum; '// &
+                  'a smaller std, or a shorter length, is nearer to what exists'
+      end if
+   end function reason_of_end
 
    !> Every coefficient free. The direct method's form is that of the maximum already.
    subroutine find_shape(law, point, found, error)

@@ -46,6 +46,8 @@ module process_positive_law
       !> of the companion's sums, beyond n_lags
       real(wp) :: tail_l0 = 0.0_wp, tail_moment = 0.0_wp
       integer :: power = 1                           !! coordinate = mu (1 + sum a_q)**power/b0
+      integer :: max_lags = 0                        !! that a fit carries in a minute or two
+      real(wp) :: longest = huge(1.0_wp)             !! L0, likewise
       integer :: n_lags = 0
       integer :: memory = 0                          !! steps beyond which nothing is felt, to 1e-9
       integer :: n_burn_in = 0                       !! steps, or sweeps
@@ -61,7 +63,6 @@ module process_positive_law
       procedure :: imposed_length
       procedure(sample_law), deferred :: sample
       procedure(settle_law), deferred :: settle
-      procedure(max_lags_of_law), deferred, nopass :: max_lags
       procedure(features_of_law), deferred :: features
       procedure(entropy_of_law), deferred :: find_entropy
    end type positive_law
@@ -79,10 +80,6 @@ module process_positive_law
          class(positive_law), intent(inout) :: self
          real(wp), intent(in) :: a(:)
       end subroutine settle_law
-
-      !> Lags that a fit carries within a minute or two.
-      pure integer function max_lags_of_law()
-      end function max_lags_of_law
 
       !> What `gain` needs of a point, from `batches` and `moments`.
       function features_of_law(self) result(features)
@@ -106,7 +103,6 @@ module process_positive_law
       procedure, nopass :: gain => gain_by_difference
       procedure :: sample => sample_sequential_law
       procedure :: settle => settle_sequential
-      procedure, nopass :: max_lags => max_lags_of_chains
       procedure :: features => entropy_feature
       procedure :: find_entropy => averaged_entropy
    end type sequential_law
@@ -118,7 +114,6 @@ module process_positive_law
       procedure, nopass :: gain => gain_by_multipliers
       procedure :: sample => sample_exact_law
       procedure :: settle => settle_exact
-      procedure, nopass :: max_lags => max_lags_of_rings
       procedure :: features => multiplier_features
       procedure :: find_entropy => integrated_entropy
       procedure :: ring_length
@@ -143,9 +138,12 @@ contains
       select case (sampler)
       case ('sequential')
          allocate (sequential_law :: law)
+         law%max_lags = 4000
       case ('exact')
          allocate (exact_law :: law)
          law%power = 2
+         law%max_lags = 600
+         law%longest = 10.0_wp*(1.0_wp + 1.0e-9_wp)   ! sweeps grow with its square
       case default
          call raise(error, exit_bad_input, "sampler = '"//sampler// &
                     "': must be 'sequential' or 'exact'")
@@ -167,12 +165,12 @@ contains
       law%wanted_length = request%correlation_length
       law%wanted_l0 = sums%l0
       law%n_lags = max(size(kappa), memory_of(unconstrained%poles, 1.0e-4_wp))
-      if (law%n_lags > law%max_lags()) then
+      if (law%n_lags > law%max_lags .or. law%wanted_l0 > law%longest) then
          call raise(error, exit_no_solution, 'positive process ('//sampler//' law) with '// &
                     request%correlation//' = '//to_text(request%correlation_length)// &
                     ', order = '//to_text(request%order)//': '//to_text(law%n_lags)// &
-                    ' lags count, sampled fits carry '//to_text(law%max_lags())// &
-                    '; order 1 is solved without sampling')
+                    ' lags count; the sequential law is sampled to 4000 of them, the exact one '// &
+                    'to 600 and to L0 = 10; order 1 is solved without sampling')
          return
       end if
       rho = autocovariance_of(kappa, law%n_lags)
@@ -289,10 +287,6 @@ contains
       self%n_burn_in = max(self%memory, size(a))
    end subroutine settle_sequential
 
-   pure integer function max_lags_of_chains() result(n)
-      n = 4000
-   end function max_lags_of_chains
-
    function entropy_feature(self) result(features)
       class(sequential_law), intent(in) :: self
       real(wp), allocatable :: features(:)
@@ -332,11 +326,6 @@ contains
 
       length = max(3*self%n_lags, 64)
    end function ring_length
-
-   !> Sweeps grow with the square of the length.
-   pure integer function max_lags_of_rings() result(n)
-      n = 200
-   end function max_lags_of_rings
 
    !> By the variance of the last evaluation; before the first one, by the companion's.
    subroutine settle_exact(self, a)
