@@ -69,7 +69,8 @@ def of_processes(results: Results) -> Iterator[Figure]:
     if chosen:
         yield Figure(
             "fig_05", "Fig. 5. One length imposed, the other bounded",
-            "With L0 imposed the bound on L1 picks the largest order that keeps it.",
+            "The bound picks the order: with L0 imposed the largest that keeps L1 below it, with L1"
+            " imposed the largest that keeps L0 above it.",
             _PROCESSES, (partial(process_figures.plot_chosen_orders, processes=chosen),),
         )  # fmt: skip
     yield from _positive(solved, regressive)

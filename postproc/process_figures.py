@@ -88,7 +88,8 @@ def plot_chosen_orders(axes: Axes, processes: Sequence[xr.Dataset]) -> None:
     for process in processes:
         curve = process["autocovariance"].isel(lag=slice(0, LONGEST_LAG + 1))
         bounds = "".join(f", {_bound(process, other)}" for other in _bounded(process))
-        label = f"{_imposed(process)}{bounds}: order {order_of(process)}"
+        order = "$m_{max}$" if process.attrs["method"] == "direct" else "order"
+        label = f"{_imposed(process)}{bounds}: {order} {order_of(process)}"
         look = style.of_length(length_of(process), lengths)
         line = "-" if process.attrs["correlation"] == "L0" else "--"
         axes.plot(curve["lag"], curve, label=label, linestyle=line, **look)
@@ -191,7 +192,10 @@ def _bounded(process: xr.Dataset) -> list[str]:
 
 
 def _bound(process: xr.Dataset, name: str) -> str:
-    return f"{_symbol(name.upper())} ≤ {float(process.attrs[f'bound_{name}']):g}"
+    side = str(process.attrs.get("bound_side", "automatic"))
+    is_lower = side == "lower" or (side == "automatic" and name == "l0")
+    sign = "≥" if is_lower else "≤"
+    return f"{_symbol(name.upper())} {sign} {float(process.attrs[f'bound_{name}']):g}"
 
 
 def _frame_lags(axes: Axes) -> None:

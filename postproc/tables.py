@@ -258,5 +258,7 @@ def _with_error(data: xr.Dataset, name: str) -> str:
     """A value of the file with its standard error where it has one."""
     if name not in data:
         return "-"
+    if name.endswith(("_time_error", "_time_part")):  # errors themselves
+        return f"{float(data[name]):.2g}"
     error = float(data[f"{name}_error"]) if f"{name}_error" in data else 0.0
     return value_with_error(float(data[name]), error)

@@ -12,8 +12,9 @@ import h5py
 import matplotlib.pyplot as plt
 import numpy as np
 import pytest
+import xarray as xr
 
-from postproc import figures, gallery_page, open_results
+from postproc import figures, gallery_page, open_results, process_figures
 from postproc.__main__ import main
 from postproc.figure import SECTIONS, Figure
 from postproc.paper import AXES
@@ -110,6 +111,29 @@ def test_one_look_for_one_thing():
     assert style.some_dofs(3) == [1, 2, 3]
     assert style.some_dofs(200)[0] == 1
     assert style.some_dofs(200)[-1] == 200
+
+
+def test_chosen_orders_say_their_bounds():
+    """On either side: automatic is above for L0, below for L1."""
+    picture, axes = plt.subplots()
+    found = {"autocovariance": ("lag", np.ones(3)), "a": ("order", np.ones(2))}
+    asked = {"method": "autoregressive", "correlation_length": 1.0}
+    sides = [("L0", "l1", "automatic"), ("L1", "l0", "automatic"), ("L1", "l0", "upper")]
+    process_figures.plot_chosen_orders(
+        axes,
+        [
+            xr.Dataset(found, {"lag": np.arange(3)},
+                       {**asked, "correlation": length, f"bound_{other}": 3.0, "bound_side": side})
+            for length, other, side in sides
+        ],
+    )  # fmt: skip
+    labels = [text.get_text() for text in axes.get_legend().get_texts()]
+    assert labels == [
+        "$L_0$ = 1, $L_1$ ≤ 3: order 2",
+        "$L_1$ = 1, $L_0$ ≥ 3: order 2",
+        "$L_1$ = 1, $L_0$ ≤ 3: order 2",
+    ]
+    plt.close(picture)
 
 
 def test_axes_can_be_laid_beside_the_papers(process_file, tmp_path):
