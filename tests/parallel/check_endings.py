@@ -29,18 +29,19 @@ def check(ending: str, n_ranks: int, code: int, message: str = "") -> None:
     assert errors.count("rank") <= 1 or n_ranks > 0, told
 
 
-def ranks_of(run: subprocess.Popen[str]) -> list[int]:
-    """Process numbers of the ranks: the children of mpirun, or the process itself."""
-    with open(f"/proc/{run.pid}/task/{run.pid}/children") as children:
-        found = [int(pid) for pid in children.read().split()]
-    return found or [run.pid]
+def ranks_of(pid: int) -> list[int]:
+    """Process numbers of the ranks: the process itself, or what mpirun's children come down to."""
+    if os.path.samefile(f"/proc/{pid}/exe", PROGRAM):
+        return [pid]
+    with open(f"/proc/{pid}/task/{pid}/children") as children:
+        return [rank for child in children.read().split() for rank in ranks_of(int(child))]
 
 
 def check_signal(ending: str, n_ranks: int, number: int, pause: float, to_all: bool) -> None:
     run = start(ending, n_ranks)
     assert run.stdout is not None
     assert run.stdout.readline().strip() == "ready"
-    targets = ranks_of(run) if to_all else ranks_of(run)[-1:]
+    targets = ranks_of(run.pid) if to_all else ranks_of(run.pid)[-1:]
     for repeat in range(2 if pause else 1):
         time.sleep(pause * repeat)
         for pid in targets:
