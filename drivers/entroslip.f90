@@ -3,7 +3,7 @@ program entroslip
    use, intrinsic :: iso_fortran_env, only: output_unit
    use config_template, only: scene_reference, template_text
    use core_error, only: error_type
-   use core_terminal, only: write_error
+   use core_terminal, only: end_program, write_error
    use driver_check, only: check
    use driver_command_line, only: command_line, help_text, read_command_line
    use driver_replay, only: replay
@@ -17,7 +17,7 @@ program entroslip
    call read_command_line(line, error)
    if (allocated(error)) then
       call write_error(error%message)
-      stop error%exit_code, quiet = .true.
+      call end_program(error%exit_code)
    end if
    select case (line%command)
    case ('run')

@@ -1,10 +1,10 @@
-!> Where a person reads along: is it a terminal, and what an error looks like there.
+!> Where a person reads along: is it a terminal, what an error looks like there, and a quiet end.
 module core_terminal
    use, intrinsic :: iso_c_binding, only: c_int
    use, intrinsic :: iso_fortran_env, only: error_unit
    implicit none(type, external)
    private
-   public :: is_terminal, standard_error, standard_output, write_error
+   public :: end_program, is_terminal, standard_error, standard_output, write_error
 
    integer(c_int), parameter :: standard_output = 1, standard_error = 2   !! POSIX file descriptors
 
@@ -14,6 +14,11 @@ module core_terminal
          integer(c_int), value :: descriptor
          integer(c_int) :: answer
       end function c_isatty
+
+      subroutine c_exit(code) bind(c, name='exit')
+         import :: c_int
+         integer(c_int), value :: code
+      end subroutine c_exit
    end interface
 
 contains
@@ -25,6 +30,14 @@ contains
 
       is_terminal = c_isatty(descriptor) == 1
    end function is_terminal
+
+   !> Ends the program with an exit code and without a word, units flushed; gfortran 11 does not know
+   !> `stop` with quiet=.
+   subroutine end_program(exit_code)
+      integer, intent(in) :: exit_code
+
+      call c_exit(int(exit_code, c_int))
+   end subroutine end_program
 
    !> Complaints about a scene, several lines that begin with their place, stand as they are; any
    !> other message is headed by the program's name, red on a terminal unless NO_COLOR is set

@@ -8,7 +8,7 @@ module parallel_world
    use, intrinsic :: iso_fortran_env, only: error_unit, output_unit
    use core_error, only: error_type, exit_done
    use core_kinds, only: long, wp
-   use core_terminal, only: write_error
+   use core_terminal, only: end_program, write_error
    use mpi_f08, only: MPI_Allreduce, MPI_ANY_SOURCE, MPI_ANY_TAG, MPI_Barrier, MPI_Bcast, &
                       MPI_CHARACTER, MPI_Comm, MPI_Comm_rank, MPI_Comm_size, MPI_COMM_WORLD, &
                       MPI_DOUBLE_PRECISION, MPI_Finalize, MPI_Get_library_version, MPI_IN_PLACE, &
@@ -117,7 +117,7 @@ contains
       flush (output_unit)
       flush (error_unit)
       call MPI_Finalize()
-      if (exit_code /= exit_done) stop exit_code, quiet = .true.
+      if (exit_code /= exit_done) call end_program(exit_code)
    end subroutine stop_world
 
    function world_of_comm(comm) result(world)

@@ -26,7 +26,7 @@ program disk_faults
    end select
    if (allocated(error)) then
       write (error_unit, '(a)') error%message
-      stop error%exit_code, quiet=.true.
+      stop error%exit_code
    end if
 
 contains

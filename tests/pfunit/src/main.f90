@@ -50,7 +50,7 @@ contains
    subroutine stop_on_failures(n_failed)
       integer, intent(in) :: n_failed
 
-      if (n_failed > 0) stop 2, quiet=.true.
+      if (n_failed > 0) stop 2
    end subroutine stop_on_failures
 
    function argument(i) result(text)
