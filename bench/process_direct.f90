@@ -1,8 +1,8 @@
 !> The direct method beside the paper's dense inversion, in CPU time of one run.
 !>
-!> For each request: one sequence of signs, to rounding; then the inverse of 2M + 1 points (LAPACK)
-!> with its error, for M of the paper's size and larger. The last lines are the certificate of the
-!> sign search.
+!> For each request: one sequence of signs, to rounding, with its residual; then the inverse of 2M +
+!> 1 points (LAPACK) with its error, for M of the paper's size and larger. The last lines are the
+!> certificate of the sign search.
 program bench_process_direct
    use, intrinsic :: iso_fortran_env, only: output_unit
    use core_error, only: error_type
@@ -20,7 +20,7 @@ program bench_process_direct
    integer, parameter :: half_widths(3) = [50, 200, 600]
 
    write (output_unit, '(a)') &
-      ' request                way                       CPU ms     ratio   error in K/K(0)'
+      ' request                way                       CPU ms     ratio   residual, error in K'
    call compare('L0', 0.3_wp, 4)
    call compare('L0', 1.0_wp, 16)
    call compare('L0', 19.0_wp, 20)
