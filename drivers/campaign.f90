@@ -1,6 +1,5 @@
 !> What the commands have in common: from the command line to a plan, and when a run cannot go on.
 module driver_campaign
-   use config_accuracy, only: accuracy_group
    use config_force_file, only: check_force, force_label, read_force_text
    use config_plan, only: build_plan
    use config_scene, only: complaint_list, read_scene, scene_type
@@ -29,18 +28,8 @@ contains
       call read_scene(line%scene, line%overrides, scene, complaints)
       if (complaints%n == 0) call load_force(scene, force, complaints)
       if (complaints%n == 0) call build_plan(scene, plan, complaints)
-      if (asks_for_accuracy(scene%accuracy)) &
-         call complaints%add_general(line%scene//': &accuracy: this version keeps no '// &
-                                     'targets of numerical error: leave them out')
       if (complaints%n > 0) call raise(error, exit_bad_input, complaints%text)
    end subroutine load_plan
-
-   pure function asks_for_accuracy(wanted) result(is_so)
-      type(accuracy_group), intent(in) :: wanted
-      logical :: is_so
-
-      is_so = max(wanted%target_slip_points, wanted%target_band_ratio) > 0.0_wp
-   end function asks_for_accuracy
 
    !> The file's records, and what the scene wants to know of them.
    subroutine load_force(scene, force, complaints)

@@ -7,6 +7,7 @@ module driver_check
    use core_kinds, only: wp
    use driver_campaign, only: load_plan, refuse_unsolved
    use driver_command_line, only: command_line
+   use driver_target, only: keep_targets
    use ensemble_pilot, only: measure_cost
    use ensemble_plan, only: plan_type
    use ensemble_runner, only: block_width
@@ -26,6 +27,7 @@ contains
       type(scene_type) :: scene
       type(plan_type) :: plan
       type(process_model_type), allocatable :: models(:)
+      character(:), allocatable :: choice
       real(wp), allocatable :: force(:, :)
       real(wp) :: nanoseconds
       type(error_type), allocatable :: error
@@ -33,6 +35,7 @@ contains
       call start_world(world)
       call load_plan(line, scene, plan, force, error)
       call world%stop_on(error)
+      call keep_targets(world, force, scene, plan, choice)
       nanoseconds = 0.0_wp
       if (plan%has_chain .and. world%is_root()) call measure_cost(plan, force, nanoseconds, error)
       call world%stop_on(error)
@@ -40,6 +43,7 @@ contains
          call foresee_processes(plan, models)
          write (output_unit, '(a)') summary_text(scene, plan, nanoseconds, world%n_ranks, &
                                                  block_width(plan), models)
+         if (choice /= '') write (output_unit, '(a)') choice
          call refuse_unsolved(plan, models, error)
       end if
       call world%stop_on(error)

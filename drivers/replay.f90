@@ -11,6 +11,7 @@ module driver_replay
    use driver_output, only: open_output, output_type
    use driver_results, only: write_results
    use driver_run, only: end_if_asked, prepare_march
+   use driver_target, only: keep_targets
    use ensemble_plan, only: plan_type
    use ensemble_results, only: block_result
    use ensemble_runner, only: runner_type
@@ -35,6 +36,7 @@ contains
       type(output_type) :: output
       type(runner_type) :: runner
       type(process_model_type), allocatable :: models(:)
+      character(:), allocatable :: choice
       real(wp), allocatable :: force(:, :)
       type(error_type), allocatable :: error
 
@@ -43,6 +45,7 @@ contains
       call load_plan(line, scene, plan, force, error)
       if (.not. allocated(error)) call check_choice(line, plan, error)
       call world%stop_on(error)
+      call keep_targets(world, force, scene, plan, choice)
       call open_output(world, line, scene, plan, output, ending_of(line))
       call keep_everything(plan)
       call prepare_march(world, plan, force, runner, error)

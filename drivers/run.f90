@@ -11,6 +11,7 @@ module driver_run
    use driver_output, only: open_output, output_type
    use driver_processes, only: solve_processes
    use driver_results, only: write_results
+   use driver_target, only: keep_targets
    use driver_verdict, only: judge, take_more
    use ensemble_audit, only: add_audits
    use ensemble_pilot, only: choose_every
@@ -39,6 +40,7 @@ contains
       type(output_type) :: output
       type(runner_type) :: runner
       type(process_model_type), allocatable :: models(:)
+      character(:), allocatable :: choice
       real(wp), allocatable :: force(:, :)
       type(error_type), allocatable :: error
 
@@ -48,6 +50,7 @@ contains
       if (.not. allocated(error)) call check_share(line, plan, error)
       call world%stop_on(error)
       call set_limit(plan%walltime)
+      call keep_targets(world, force, scene, plan, choice)
       call add_audits(plan)
       call open_output(world, line, scene, plan, output)
       if (output%is_complete) then
@@ -59,6 +62,7 @@ contains
          return
       end if
 
+      if (choice /= '') call output%say(choice)
       call solve_processes(world, plan, models)
       call end_if_asked(world, output)
       call refuse_unsolved(plan, models, error)

@@ -41,7 +41,7 @@ module ensemble_comparison
       !> dof that does not move in that share of the samples
       real(wp), allocatable :: band_ratio(:)
       real(wp), allocatable :: band_ratio_error(:)
-      real(wp), allocatable :: displacement_rms(:)     !! (dof) of all samples, relative to their rms
+      real(wp), allocatable :: displacement_rms(:)     !! (dof) all samples, relative to their rms
    end type numerical_error
 
    !> Integrals over frequency of one dof, of all samples (0) and without sample i: replicate 0..n.
@@ -63,8 +63,8 @@ contains
       largest = maxval(errors%slip_rms)
    end function slip_error
 
-   !> The numerical error of the band ratios that counts against a target: the largest over the dofs,
-   !> relative; 0 where there are no bands.
+   !> The numerical error of the band ratios that counts against a target: the largest over the
+   !> dofs, relative; 0 where there are no bands.
    pure function band_ratio_error(errors) result(largest)
       type(numerical_error), intent(in) :: errors
       real(wp) :: largest
@@ -73,8 +73,8 @@ contains
       if (allocated(errors%band_ratio)) largest = maxval(abs(errors%band_ratio))
    end function band_ratio_error
 
-   !> Ratio of the last to the first percentile's pseudo-variance, Eq. (46); 0 for a dof that does not
-   !> move in that share of the samples.
+   !> Ratio of the last to the first percentile's pseudo-variance, Eq. (46); 0 for a dof that does
+   !> not move in that share of the samples.
    pure function band_ratios(psd, percentiles) result(ratio)
       real(wp), intent(in) :: psd(:, :, :)     !! (dof, frequency, sample); two samples or more
       real(wp), intent(in) :: percentiles(:)   !! [%], ascending

@@ -11,7 +11,8 @@ module ensemble_tradeoff_front
    public :: error_parts, setting_row, spectrum_row
    public :: rows_of, spectrum_rows_of, parts_of, cheapest, best, keeps, sample_steps
 
-   !> A setting measured: the largest errors over levels of force and dofs.
+   !> A setting measured: the largest errors over cases and dofs. A standard error is such that
+   !> twice of it covers the errors of all.
    type :: setting_row
       type(setting_type) :: setting
       real(wp) :: cost = 0.0_wp               !! [ns of a processor] of a sample-step of the scene
@@ -73,13 +74,15 @@ contains
             if (task%kind /= of_setting) cycle
             associate (row => rows(task%row))
                row%cost = row%cost + share(task%level)*v(1)
-               if (v(2) >= row%slip) row%slip_error = v(3)
+               row%slip_error = 0.5_wp*(max(row%slip + 2*row%slip_error, v(2) + 2*v(3)) &
+                                        - max(row%slip, v(2)))
                row%slip = max(row%slip, v(2))
                row%slip_mean = max(row%slip_mean, v(4))
                row%slip_std = max(row%slip_std, v(5))
                row%psd_mean = max(row%psd_mean, v(6))
                row%psd_percentiles = max(row%psd_percentiles, v(7))
-               if (v(8) >= row%band_ratio) row%band_ratio_error = v(9)
+               row%band_ratio_error = 0.5_wp*(max(row%band_ratio + 2*row%band_ratio_error, &
+                                                  v(8) + 2*v(9)) - max(row%band_ratio, v(8)))
                row%band_ratio = max(row%band_ratio, v(8))
             end associate
          end associate

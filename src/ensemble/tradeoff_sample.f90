@@ -16,7 +16,8 @@ module ensemble_tradeoff_sample
    use process_model, only: process_model_type
    implicit none(type, external)
    private
-   public :: level_type, choose_levels, draw_level, march_level, stretch
+   public :: level_type, choose_levels, draw_level, march_level
+   public :: fit_segments, shortened, stretch
 
    integer, parameter :: most_levels = 4
 
@@ -137,6 +138,34 @@ contains
          friction = abs(plan%processes(process)%mean + plan%processes(process)%std*friction)
       end associate
    end function stand_in
+
+   !> A plan of about n_steps, a multiple of `unit` unless the scene has fewer, nothing discarded.
+   pure function shortened(plan, every, unit, n_steps) result(short)
+      type(plan_type), intent(in) :: plan
+      integer, intent(in) :: every, unit, n_steps
+      type(plan_type) :: short
+      integer, parameter :: least = 4096   ! steps that show something
+
+      short = plan
+      short%integration%n_steps = min(plan%integration%n_steps, max(least, n_steps))
+      if (short%integration%n_steps >= unit) &
+         short%integration%n_steps = unit*(short%integration%n_steps/unit)
+      short%integration%n_discard = 0
+      short%output%spectrum_every = every
+      call fit_segments(short%integration%n_steps, short)
+   end function shortened
+
+   !> Segments of the scene, or half of what is marched; no spectra where that is too little.
+   pure subroutine fit_segments(n_steps, plan)
+      integer, intent(in) :: n_steps
+      type(plan_type), intent(inout) :: plan
+      integer, parameter :: least = 16   ! values
+
+      associate (output => plan%output, unit => 2*plan%output%spectrum_every)
+         output%segment_length = unit*(min(output%segment_length, n_steps/2)/unit)
+         output%spectrum = output%spectrum .and. output%segment_length >= least*unit/2
+      end associate
+   end subroutine fit_segments
 
    !> Marches the samples of a level under its force with one setting. `plan` says how many steps of
    !> the scene are marched (not more than the level's force has), and what becomes a spectrum.

@@ -52,7 +52,7 @@ contains
 
       allocate (settings(0))
       do i = 3, 10
-         settings = [settings, setting_type('event', tolerance=0.1_wp**i)]
+         settings = [settings, setting_type('event', tolerance=10.0_wp**(-i))]
       end do
       do i = 1, size(halvings)
          if (is_stable(plan, 1.0_wp)) &

@@ -14,7 +14,8 @@ module ensemble_tradeoff_tasks
    use ensemble_results, only: block_result, case_statistics
    use ensemble_runner, only: block_width, prepare_runner, runner_type
    use ensemble_sample, only: stop_query
-   use ensemble_tradeoff_sample, only: choose_levels, draw_level, level_type, march_level
+   use ensemble_tradeoff_sample, only: choose_levels, draw_level, fit_segments, level_type, &
+                                       march_level, shortened
    use ensemble_tradeoff_settings, only: all_settings, expected_cost, own_setting, same_setting, &
                                          reference_setting, setting_type, settings_at_dt
    use numerics_sorting, only: sort_order
@@ -101,34 +102,6 @@ contains
       if (allocated(error)) return
       call list_tasks(tradeoff)
    end subroutine new_tradeoff
-
-   !> A plan of about n_steps, a multiple of `unit` unless the scene has fewer, nothing discarded.
-   pure function shortened(plan, every, unit, n_steps) result(short)
-      type(plan_type), intent(in) :: plan
-      integer, intent(in) :: every, unit, n_steps
-      type(plan_type) :: short
-      integer, parameter :: least = 4096   ! steps that show something
-
-      short = plan
-      short%integration%n_steps = min(plan%integration%n_steps, max(least, n_steps))
-      if (short%integration%n_steps >= unit) &
-         short%integration%n_steps = unit*(short%integration%n_steps/unit)
-      short%integration%n_discard = 0
-      short%output%spectrum_every = every
-      call fit_segments(short%integration%n_steps, short)
-   end function shortened
-
-   !> Segments of the scene, or half of what is marched; no spectra where that is too little.
-   pure subroutine fit_segments(n_steps, plan)
-      integer, intent(in) :: n_steps
-      type(plan_type), intent(inout) :: plan
-      integer, parameter :: least = 16   ! values
-
-      associate (output => plan%output, unit => 2*plan%output%spectrum_every)
-         output%segment_length = unit*(min(output%segment_length, n_steps/2)/unit)
-         output%spectrum = output%spectrum .and. output%segment_length >= least*unit/2
-      end associate
-   end subroutine fit_segments
 
    !> Friction, force and reference of every level.
    subroutine draw_and_refer(tradeoff, should_stop, error)
@@ -279,13 +252,8 @@ contains
          call march_level(self%plan, level, self%settings(task%row), should_stop, result, &
                           values(1), is_abandoned, error)
          if (allocated(error) .or. is_abandoned) return
-         call compare_slip(result%slip_fraction, reference%slip_fraction, level%n_all, errors)
-         values(2) = slip_error(errors)
-         values(4) = maxval(abs(errors%slip_mean))
-         if (size(level%sample) > 1) then
-            values(3) = maxval(errors%slip_rms_error)
-            values(5) = maxval(abs(errors%slip_std))
-         end if
+         call compare_cases(level, self%plan%cases%n_samples, result%slip_fraction, &
+                            reference%slip_fraction, values(2:5))
          if (.not. self%plan%output%spectrum) return
          call compare_spectra(result%psd, reference%psd, self%plan%output%percentiles, &
                               level%n_all, errors)
@@ -296,6 +264,40 @@ contains
          values(9) = maxval(errors%band_ratio_error)
       end associate
    end subroutine measure_setting
+
+   !> The largest errors of slip fractions over the cases of a level; the standard error such that
+   !> twice of it covers that of every case. One sample of many says as much as its error is large.
+   pure subroutine compare_cases(level, n_samples, tested, reference, values)
+      type(level_type), intent(in) :: level
+      integer, intent(in) :: n_samples(:)       !! (case)
+      real(wp), intent(in) :: tested(:, :)      !! (dof, sample)
+      real(wp), intent(in) :: reference(:, :)   !! (dof, sample)
+      real(wp), intent(out) :: values(4)        !! rms, its standard error, mean, standard deviation
+      type(numerical_error) :: errors
+      real(wp) :: scatter, surely
+      integer, allocatable :: samples(:)
+      integer :: c, i
+
+      values = 0.0_wp
+      surely = 0.0_wp
+      do c = 1, size(n_samples)
+         samples = pack([(i, i=1, size(level%sample))], level%case_number == c)
+         if (size(samples) == 0) cycle
+         errors = numerical_error()
+         call compare_slip(tested(:, samples), reference(:, samples), n_samples(c), errors)
+         scatter = 0.0_wp
+         if (size(samples) > 1) then
+            scatter = maxval(errors%slip_rms_error)
+            values(4) = max(values(4), maxval(abs(errors%slip_std)))
+         else if (n_samples(c) > 1) then
+            scatter = slip_error(errors)
+         end if
+         surely = max(surely, slip_error(errors) + 2*scatter)
+         values(1) = max(values(1), slip_error(errors))
+         values(3) = max(values(3), maxval(abs(errors%slip_mean)))
+      end do
+      values(2) = 0.5_wp*(surely - values(1))
+   end subroutine compare_cases
 
    subroutine measure_spectrum(self, task, should_stop, values, is_abandoned, error)
       class(tradeoff_type), intent(in) :: self

@@ -15,6 +15,8 @@ module io_error_results
       integer :: n_audited = 0
       real(wp) :: slip_points = 0.0_wp   !! numerical error found by the audit [points]
       real(wp) :: band_ratio = 0.0_wp    !! the same, relative
+      !> largest standard errors of both over the dofs, as only a share of the samples was audited
+      real(wp) :: slip_points_error = 0.0_wp, band_ratio_error = 0.0_wp
    end type case_errors
 
 contains
@@ -33,7 +35,7 @@ contains
       do i = 1, n_cases
          call read_statistics(file, case_group(i, n_cases), n_dof, errors(i)%statistics, error)
          if (.not. allocated(error)) &
-            call read_audit(file, case_group(i + n_cases, n_cases), errors(i), error)
+            call read_audit(file, case_group(i + n_cases, n_cases), n_dof, errors(i), error)
          if (allocated(error)) exit
       end do
       call file%abandon()
@@ -59,9 +61,10 @@ contains
                         error)
    end subroutine read_statistics
 
-   subroutine read_audit(file, group, errors, error)
+   subroutine read_audit(file, group, n_dof, errors, error)
       type(hdf5_file), intent(in) :: file
       character(*), intent(in) :: group
+      integer, intent(in) :: n_dof
       type(case_errors), intent(inout) :: errors
       type(error_type), allocatable, intent(out) :: error
 
@@ -69,9 +72,27 @@ contains
       call read_attribute(file, group, 'n_samples', errors%n_audited, error)
       if (.not. allocated(error)) &
          call read_attribute(file, group, 'slip_points', errors%slip_points, error)
+      if (.not. allocated(error)) &
+         call read_largest('slip_rms_difference_error', errors%slip_points_error)
       if (allocated(error)) return
-      if (file%has(group//'/psd')) &
-         call read_attribute(file, group, 'band_ratio', errors%band_ratio, error)
+      if (.not. file%has(group//'/psd')) return
+      call read_attribute(file, group, 'band_ratio', errors%band_ratio, error)
+      if (.not. allocated(error)) &
+         call read_largest('band_ratio_difference_error', errors%band_ratio_error)
+
+   contains
+
+      !> Zero where the dataset is not there: all samples of the case were audited.
+      subroutine read_largest(name, largest)
+         character(*), intent(in) :: name
+         real(wp), intent(inout) :: largest
+         real(wp) :: values(n_dof)
+
+         if (.not. file%has(group//'/'//name)) return
+         call read_dataset(file, group//'/'//name, values, error)
+         if (.not. allocated(error)) largest = maxval(values)
+      end subroutine read_largest
+
    end subroutine read_audit
 
 end module io_error_results
