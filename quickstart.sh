@@ -11,7 +11,13 @@ make_venv postproc/requirements.txt
 
 # solve SCENE: everything the scene asks for, into results/paper.
 solve() {
-  "${mpi_run[@]}" "$ranks" build/release/bin/entroslip run "input/$1.nml" --output "results/paper/$1.h5"
+  local code=0
+  "${mpi_run[@]}" "$ranks" build/release/bin/entroslip run "input/$1.nml" \
+    --output "results/paper/$1.h5" || code=$?
+  if [ "$code" -eq 3 ]; then
+    say "What an earlier version left in results/paper cannot be used: move it away, and start again"
+  fi
+  [ "$code" -eq 0 ] || exit "$code"
 }
 
 ranks=$(nproc)
