@@ -49,7 +49,8 @@ contains
       type(plan_type), intent(in) :: plan
       integer, intent(in) :: number
       type(spectrum_layout), intent(in) :: layout
-      real(wp), intent(in) :: folded_share(:)   !! (dof) of the pilot march; empty: none was made
+      !> (dof) of the pilot march; empty: none was made
+      real(wp), intent(in), contiguous :: folded_share(:)
       type(group_type), intent(out) :: group
       real(wp), intent(in), contiguous, optional :: force(:, :)   !! (step, 1 or sample) [N]
 
@@ -137,7 +138,7 @@ contains
       type(group_type), intent(inout) :: group
       type(plan_type), intent(in) :: plan
       type(spectrum_layout), intent(in) :: layout
-      real(wp), intent(in) :: folded_share(:)   !! (dof)
+      real(wp), intent(in), contiguous :: folded_share(:)   !! (dof)
 
       call write_frequency(group, layout)
       call group%put('percentile', plan%output%percentiles, &
