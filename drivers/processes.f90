@@ -99,8 +99,12 @@ contains
       type(share_type), intent(in) :: share
       type(search_result), intent(inout) :: search
       type(search_result) :: found
+      real(wp) :: finish, start
 
+      call cpu_time(start)
       call search_direct(plan%processes(share%process), share%part, share%n_parts, .true., found)
+      call cpu_time(finish)
+      found%seconds = finish - start
       call add_search(found, search)
    end subroutine search_part
 
@@ -125,6 +129,7 @@ contains
       if (.not. world%is_root()) return
       call fit_from_search(plan%processes(share%process), merged, model)
       if (model%is_solved .or. allocated(model%reason)) owner = world%rank
+      call check_inversion(merged%seconds, model)
    end subroutine finish_search
 
    !> Where it is asked for, the paper's inversion of a finite matrix beside the model.

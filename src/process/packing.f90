@@ -79,6 +79,7 @@ contains
       call t%pass(search%n_examined)
       call t%pass(search%n_excluded)
       call t%pass(search%n_consistent)
+      call t%pass(search%seconds)
       n = 0
       if (allocated(search%solutions)) n = size(search%solutions)
       call t%pass(n)

@@ -25,6 +25,7 @@ module process_sign_search
       integer(long) :: n_examined = 0     !! sequences
       integer(long) :: n_excluded = 0     !! of them: by an upper bound of their entropy
       integer(long) :: n_consistent = 0   !! of them: solutions whose K(m) have the signs s_m
+      real(wp) :: seconds = 0.0_wp        !! of CPU time, where the caller keeps it
       type(sequence_solution), allocatable :: solutions(:)   !! consistent, by descending entropy
    end type search_result
 
@@ -99,6 +100,7 @@ contains
       total%n_examined = total%n_examined + part%n_examined
       total%n_excluded = total%n_excluded + part%n_excluded
       total%n_consistent = total%n_consistent + part%n_consistent
+      total%seconds = total%seconds + part%seconds
       if (.not. allocated(total%solutions)) allocate (total%solutions(0))
       if (allocated(part%solutions)) total%solutions = [total%solutions, part%solutions]
       call sort_and_cut(total%solutions)
