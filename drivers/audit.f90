@@ -3,7 +3,7 @@ module driver_audit
    use core_error, only: error_type
    use core_kinds, only: wp
    use ensemble_comparison, only: compare_slip, compare_spectra, numerical_error
-   use ensemble_plan, only: plan_type
+   use ensemble_plan, only: kept_dofs, plan_type
    use ensemble_results, only: block_result, spectrum_layout
    use io_audit_results, only: write_audit
    use io_gathering, only: read_psd_band, read_samples, shards_of
@@ -53,7 +53,7 @@ contains
       real(wp), allocatable :: tested(:, :, :), reference(:, :, :)   ! (dof, frequency, sample)
 
       associate (audited => plan%cases(audit)%audits, n => plan%cases(audit)%n_samples)
-         allocate (tested(plan%chain%n_dof, n_frequencies, n))
+         allocate (tested(size(kept_dofs(plan)), n_frequencies, n))
          allocate (reference, mold=tested)
          call read_psd_band(store, shards_of(shards, audited, n), audited, 1, 1, tested, error)
          if (.not. allocated(error)) &

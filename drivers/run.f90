@@ -95,8 +95,8 @@ contains
       if (line%is_shared .and. .not. plan%has_chain) &
          call raise(error, exit_bad_input, '--share: the scene has no samples to be shared')
       if (line%is_shared .and. plan%accuracy%sample_until_met) &
-         call raise(error, exit_bad_input, '--share: several runs cannot sample until a target is '// &
-                    'met: leave out accuracy%sample_until_met')
+         call raise(error, exit_bad_input, '--share: several runs cannot sample until a target '// &
+                    'is met: leave out accuracy%sample_until_met')
    end subroutine check_share
 
    !> Ends one of several runs on an output: what it leaves is for a plain run to merge. Collective.

@@ -3,7 +3,7 @@ module driver_statistics
    use core_error, only: error_type
    use core_kinds, only: long, wp
    use ensemble_bands, only: band_collector, sample_groups, start_bands
-   use ensemble_plan, only: plan_type
+   use ensemble_plan, only: kept_dofs, plan_type
    use ensemble_results, only: block_result, case_statistics
    use ensemble_study, only: slip_statistics
    use ensemble_time_average, only: count_spans, fewest_spans, span_collector
@@ -38,18 +38,19 @@ contains
       type(error_type), allocatable, intent(out) :: error
       type(band_collector) :: bands
       type(work_counter) :: counter
-      integer :: n_parts, n_samples, part, width
+      integer :: n_dof, n_parts, n_samples, part, width
       logical :: has_bands
 
       n_samples = plan%cases(number)%n_samples
       has_bands = plan%output%spectrum .and. n_samples > 1
       n_parts = 0
       if (has_bands) then
-         width = frequencies_together(plan%chain%n_dof, size(frequency))
+         n_dof = size(kept_dofs(plan))
+         width = frequencies_together(n_dof, size(frequency))
          width = width*((size(frequency) - 1)/(width*most_parts) + 1)
          n_parts = (size(frequency) - 1)/width + 1
-         call start_bands(n_samples, plan%chain%n_dof, frequency, plan%output%percentiles, &
-                          plan%seed, n_parts, bands)
+         call start_bands(n_samples, n_dof, frequency, plan%output%percentiles, plan%seed, &
+                          n_parts, bands)
       end if
       call new_counter(world, int(n_parts, long), counter)
       if (world%is_root()) &

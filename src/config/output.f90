@@ -10,6 +10,7 @@ module config_output
    !> Defaults are what the figures of the paper need.
    type :: output_group
       character(choice_length), allocatable :: quantities(:)
+      integer, allocatable :: dofs(:)
       real(wp), allocatable :: percentiles(:)
       integer :: segment_length = 8192
       integer :: spectrum_every = 0
@@ -29,6 +30,10 @@ contains
                     choices='slip spectrum energy history realizations transitions')
       call visitor%visit_choices(self%quantities, entry, &
                                  default=[character(choice_length) :: 'slip', 'spectrum'])
+      entry = about('dofs', 'whose spectra and histories are kept, ascending; 0: all', &
+                    rule=not_negative(), &
+                    used=self%keeps('spectrum') .or. self%keeps('history'))
+      call visitor%visit(self%dofs, entry, default=[0])
       entry = about('percentiles', 'of the spectra over samples, ascending', '%', &
                     inside(0.0_wp, 100.0_wp), shapes_samples=.false., used=self%keeps('spectrum'))
       call visitor%visit(self%percentiles, entry, default=[5.0_wp, 95.0_wp])

@@ -141,6 +141,7 @@ contains
          plan%output%history = output%keeps('history')
          plan%output%realizations = plan%n_realizations > 0
          plan%output%transitions = output%keeps('transitions')
+         plan%output%dofs = pack(output%dofs, output%dofs > 0)
          plan%output%percentiles = output%percentiles
          plan%output%segment_length = min(output%segment_length, &
                                           plan%integration%n_steps - integration%n_discard)

@@ -189,6 +189,13 @@ contains
       type(scene_type), intent(in) :: scene
       type(reader_type), intent(inout) :: reader
 
+      associate (dofs => scene%output%dofs)
+         call reader%require(all(dofs(2:) > dofs(:size(dofs) - 1)), 'output', 'dofs', 'must ascend')
+         call reader%require(all(dofs <= scene%chain%n_dof) .and. &
+                             (all(dofs > 0) .or. size(dofs) == 1), 'output', 'dofs', &
+                             'must be from 1 to chain%n_dof = '//to_text(scene%chain%n_dof)// &
+                             ', or 0')
+      end associate
       associate (p => scene%output%percentiles, accuracy => scene%accuracy)
          call reader%require(all(p(2:) > p(:size(p) - 1)), 'output', 'percentiles', &
                              'must ascend')

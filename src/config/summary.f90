@@ -7,7 +7,7 @@ module config_summary
    use core_kinds, only: wp
    use core_text, only: to_text
    use ensemble_audit, only: add_audits, reference_for
-   use ensemble_plan, only: integration_settings, plan_type
+   use ensemble_plan, only: integration_settings, kept_dofs, plan_type
    use process_model, only: process_model_type
    implicit none(type, external)
    private
@@ -211,6 +211,7 @@ contains
       real(wp), intent(in) :: nanoseconds
       integer, intent(in) :: n_ranks, block_width
       character(:), allocatable :: text
+      integer :: n_kept   ! dofs of spectra and histories
       real(wp) :: n_samples, sample_steps, spectrum, history, force, memory, results
 
       n_samples = sum(real(plan%cases%n_samples, wp))
@@ -220,12 +221,13 @@ contains
          text = text//', '//duration(sample_steps*nanoseconds*1.0e-9_wp/n_ranks)//' at '// &
                 brief(nanoseconds)//' ns each on '//counted(n_ranks, 'rank', 'ranks')
 
+      n_kept = size(kept_dofs(plan))
       associate (output => plan%output, n_dof => plan%chain%n_dof)
          spectrum = 0.0_wp   ! of one sample, as the two below
-         if (output%spectrum) spectrum = word*n_dof*(output%segment_length/ &
+         if (output%spectrum) spectrum = word*n_kept*(output%segment_length/ &
                                                      max(2, 2*output%spectrum_every) + 1.0_wp)
          history = 0.0_wp
-         if (output%history) history = 2.0_wp*word*n_dof*(plan%integration%n_steps + 1.0_wp)
+         if (output%history) history = 2.0_wp*word*n_kept*(plan%integration%n_steps + 1.0_wp)
          force = word*(plan%integration%n_steps + 1.0_wp)
          memory = force + block_width*(3.0_wp*spectrum + history) + &
                   maxval(plan%cases%n_samples)*spectrum

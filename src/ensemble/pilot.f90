@@ -106,6 +106,7 @@ contains
          output%energy = .false.
          output%history = .false.
          output%transitions = .false.
+         output%dofs = [integer ::]
       end associate
    end function shortened
 

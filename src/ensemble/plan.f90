@@ -7,6 +7,7 @@ module ensemble_plan
    private
    public :: plan_type, case_type, accuracy_settings, excitation_settings, integration_settings, &
              output_settings
+   public :: kept_dofs
 
    !> One excitation level with one process: n_samples structures that differ in friction only
    !> (and in the force record, when every sample has its own).
@@ -47,6 +48,7 @@ module ensemble_plan
       logical :: history = .false.
       logical :: realizations = .false.
       logical :: transitions = .false.
+      integer, allocatable :: dofs(:)           !! of spectra and histories, ascending; none: all
       real(wp), allocatable :: percentiles(:)   !! [%], ascending
       integer :: segment_length = 0             !! steps of a Welch segment
       integer :: spectrum_every = 0             !! every k-th step enters the spectra; 0: chosen
@@ -78,5 +80,18 @@ module ensemble_plan
       type(output_settings) :: output
       real(wp) :: walltime = 0.0_wp             !! [min]; 0: no limit
    end type plan_type
+
+contains
+
+   !> The dofs whose spectra and histories are kept, ascending.
+   pure function kept_dofs(plan) result(dofs)
+      type(plan_type), intent(in) :: plan
+      integer, allocatable :: dofs(:)
+      integer :: i
+
+      if (allocated(plan%output%dofs)) dofs = plan%output%dofs
+      if (.not. allocated(dofs)) allocate (dofs(0))
+      if (size(dofs) == 0) dofs = [(i, i=1, plan%chain%n_dof)]
+   end function kept_dofs
 
 end module ensemble_plan

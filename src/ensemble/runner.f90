@@ -8,7 +8,7 @@ module ensemble_runner
    use dynamics_newmark, only: new_newmark, newmark_marcher
    use dynamics_response, only: marcher_type
    use ensemble_audit, only: reference_for
-   use ensemble_plan, only: integration_settings, plan_type
+   use ensemble_plan, only: integration_settings, kept_dofs, plan_type
    use ensemble_results, only: spectrum_layout
    use numerics_spectrum, only: count_segments, welch_type
    implicit none(type, external)
@@ -150,7 +150,8 @@ contains
 
       bytes = 0.0_wp
       if (plan%excitation%per_sample) bytes = 8.0_wp*plan%integration%n_steps
-      if (plan%output%history) bytes = bytes + 16.0_wp*plan%chain%n_dof*plan%integration%n_steps
+      if (plan%output%history) &
+         bytes = bytes + 16.0_wp*size(kept_dofs(plan))*plan%integration%n_steps
       width = widest_block
       if (bytes > 0.0_wp) width = max(1, min(widest_block, int(block_memory/bytes)))
    end function block_width

@@ -4,7 +4,7 @@ module ensemble_sample
    use core_kinds, only: wp
    use dynamics_response, only: block_state, start_block, stored_energy
    use ensemble_audit, only: kept_of
-   use ensemble_plan, only: output_settings
+   use ensemble_plan, only: kept_dofs, output_settings
    use ensemble_results, only: block_result
    use ensemble_runner, only: runner_type
    use ensemble_time_average, only: count_spans, end_of_span
@@ -22,6 +22,7 @@ module ensemble_sample
    type :: march_type
       type(block_state) :: state
       type(output_settings) :: keeps
+      integer, allocatable :: dofs(:)                 !! of spectra and histories
       logical :: is_audit = .false.                   !! marched by the reference
       real(wp), allocatable :: force(:, :)            !! (0:n_steps, 1 or sample) [N]
       logical :: is_measuring = .false.               !! past n_discard
@@ -81,6 +82,7 @@ contains
       type(error_type), allocatable, intent(out) :: error
 
       march%keeps = kept_of(runner%plan, case_number)
+      march%dofs = kept_dofs(runner%plan)
       march%is_audit = runner%plan%cases(case_number)%audits > 0
       associate (plan => runner%plan, output => march%keeps, n => result%n_samples)
          march%state%keeps_ledger = output%energy
@@ -90,10 +92,10 @@ contains
          call runner%force_of(case_number, result%first_sample, march%force, error)
          if (allocated(error)) return
          if (output%history) then
-            allocate (result%displacement(plan%chain%n_dof, 0:plan%integration%n_steps, n), &
-                      result%velocity(plan%chain%n_dof, 0:plan%integration%n_steps, n))
-            result%displacement(:, 0, :) = march%state%displacement
-            result%velocity(:, 0, :) = march%state%velocity
+            allocate (result%displacement(size(march%dofs), 0:plan%integration%n_steps, n), &
+                      result%velocity(size(march%dofs), 0:plan%integration%n_steps, n))
+            result%displacement(:, 0, :) = march%state%displacement(march%dofs, :)
+            result%velocity(:, 0, :) = march%state%velocity(march%dofs, :)
          end if
       end associate
    end subroutine start_march
@@ -119,7 +121,7 @@ contains
             allocate (result%slip_series(state%n_dof, count_spans(runner%plan%integration), &
                                          state%n_samples))
          if (march%keeps%spectrum) &
-            call runner%spectra%start(state%n_dof*state%n_samples, layout%segment_length, &
+            call runner%spectra%start(size(march%dofs)*state%n_samples, layout%segment_length, &
                                       layout%overlap, layout%every*runner%marcher%dt)
       end associate
    end subroutine start_measuring
@@ -148,6 +150,10 @@ contains
             call runner%marcher%advance(state, march%force(from:to, :), every, x, error=error)
          end if
          if (allocated(error)) return
+         if (size(march%dofs) < state%n_dof) then
+            x = x(:, march%dofs, :)
+            if (output%history) v = v(:, march%dofs, :)
+         end if
          if (output%history) then
             result%displacement(:, from + 1:to, :) = by_dof(x)
             result%velocity(:, from + 1:to, :) = by_dof(v)
@@ -209,7 +215,7 @@ contains
       real(wp) :: duration
       real(wp), allocatable :: psd(:, :)   ! (frequency, dof and sample as one index)
       real(wp), allocatable :: stored(:)   ! (sample) [J]
-      integer :: dof, w
+      integer :: dof, n_dof, w
 
       associate (state => march%state, output => march%keeps, how => runner%plan%integration)
          duration = how%dt*(how%n_steps - how%n_discard)
@@ -228,12 +234,13 @@ contains
                                   - stored
          end if
          if (output%spectrum) then
-            allocate (psd(size(runner%layout%frequency), state%n_dof*state%n_samples))
+            n_dof = size(march%dofs)
+            allocate (psd(size(runner%layout%frequency), n_dof*state%n_samples))
             call runner%spectra%finish(psd)
-            allocate (result%psd(state%n_dof, size(psd, 1), state%n_samples))
+            allocate (result%psd(n_dof, size(psd, 1), state%n_samples))
             do w = 1, state%n_samples
-               do dof = 1, state%n_dof
-                  result%psd(dof, :, w) = psd(:, (w - 1)*state%n_dof + dof)
+               do dof = 1, n_dof
+                  result%psd(dof, :, w) = psd(:, (w - 1)*n_dof + dof)
                end do
             end do
          end if

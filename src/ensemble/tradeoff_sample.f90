@@ -191,6 +191,7 @@ contains
       short%output%energy = .false.
       short%output%history = .false.
       short%output%transitions = .false.
+      short%output%dofs = [integer ::]
       short%cases = [case_type(0, 0.0_wp, size(level%sample))]
       call prepare_runner(short, stretch(level%force(:plan%integration%n_steps, :), setting), &
                           runner, error)

@@ -8,7 +8,7 @@ module io_audit_results
    use ensemble_plan, only: integration_settings, plan_type
    use ensemble_results, only: block_result, spectrum_layout
    use io_case_results, only: case_group, write_frequency
-   use io_case_samples, only: make_samples, put_samples, write_long
+   use io_case_samples, only: kept_axis, make_samples, put_samples, write_dofs, write_long
    use io_gathering, only: shards_of
    use io_group, only: counted, group_type, new_group
    use io_hdf5, only: label_type
@@ -43,8 +43,7 @@ contains
       call group%attribute('standard_error_method', &
                            'jackknife over the samples repeated; zero where all are')
       call group%put('sample', counted(samples%n_samples), label_type('1', 'sample', 'sample'))
-      call group%put('dof', counted(plan%chain%n_dof), &
-                     label_type('1', 'mass, from the wall', 'dof'))
+      call write_dofs(group, plan)
       call make_samples(group, plan, kept_of(plan, number), samples%n_samples)
       call put_samples(group, samples, no_errors)
       call write_slip_errors(group, errors)
@@ -52,7 +51,7 @@ contains
          call write_frequency(group, layout)
          call group%put('percentile', plan%output%percentiles, &
                         label_type('%', 'percentile over samples', 'percentile'))
-         call write_spectrum_errors(group, errors)
+         call write_spectrum_errors(group, kept_axis(plan), errors)
       end if
       call write_long(group, plan, kept_of(plan, number), layout, samples%n_samples, store, &
                       shards_of(shards, number, samples%n_samples))
@@ -90,26 +89,27 @@ contains
    end subroutine write_slip_errors
 
    !> Relative, of integrals over frequency.
-   subroutine write_spectrum_errors(group, errors)
+   subroutine write_spectrum_errors(group, dof, errors)
       type(group_type), intent(inout) :: group
+      character(*), intent(in) :: dof   !! the axis
       type(numerical_error), intent(in) :: errors
 
       call group%attribute('band_ratio', band_ratio_error(errors))
       call group%put_allocated('psd_mean_difference', errors%psd_mean, &
                                label_type('1', 'numerical error of psd_mean, relative: integral '// &
-                                          'of its absolute value', 'dof'))
+                                          'of its absolute value', dof))
       call group%put_allocated('psd_mean_difference_error', errors%psd_mean_error, &
-                               label_type('1', 'standard error of psd_mean_difference', 'dof'))
+                               label_type('1', 'standard error of psd_mean_difference', dof))
       call group%put_allocated('psd_percentiles_difference', errors%psd_percentiles, &
                                label_type('1', 'numerical error of psd_percentiles, relative: '// &
-                                          'integral of its absolute value', 'percentile dof'))
+                                          'integral of its absolute value', 'percentile '//dof))
       call group%put_allocated('psd_percentiles_difference_error', errors%psd_percentiles_error, &
                                label_type('1', 'standard error of psd_percentiles_difference', &
-                                          'percentile dof'))
+                                          'percentile '//dof))
       call group%put_allocated('band_ratio_difference', errors%band_ratio, &
-                               label_type('1', 'numerical error of band_ratio, relative', 'dof'))
+                               label_type('1', 'numerical error of band_ratio, relative', dof))
       call group%put_allocated('band_ratio_difference_error', errors%band_ratio_error, &
-                               label_type('1', 'standard error of band_ratio_difference', 'dof'))
+                               label_type('1', 'standard error of band_ratio_difference', dof))
    end subroutine write_spectrum_errors
 
 end module io_audit_results

@@ -6,7 +6,7 @@ module io_case_results
    use ensemble_plan, only: plan_type
    use ensemble_results, only: case_statistics, spectrum_layout
    use ensemble_time_average, only: count_spans
-   use io_case_samples, only: make_samples, write_long
+   use io_case_samples, only: kept_axis, make_samples, write_dofs, write_long
    use io_group, only: counted, group_type, new_group
    use io_hdf5, only: label_type
    use io_process_results, only: process_name
@@ -58,8 +58,7 @@ contains
       call write_attributes(group, plan, number)
       call group%put('sample', counted(plan%cases(number)%n_samples), &
                      label_type('1', 'sample', 'sample'))
-      call group%put('dof', counted(plan%chain%n_dof), &
-                     label_type('1', 'mass, from the wall', 'dof'))
+      call write_dofs(group, plan)
       if (plan%output%slip) then
          call group%put('span', counted(count_spans(plan%integration)), &
                         label_type('1', 'equal span of the time that is measured', 'span'))
@@ -82,7 +81,7 @@ contains
 
       call write_slip_statistics(group, statistics)
       call write_time_averages(group, statistics)
-      call write_bands(group, statistics)
+      call write_bands(group, kept_axis(plan), statistics)
       call write_long(group, plan, plan%output, layout, plan%cases(number)%n_samples, store, shards)
       call group%take_error(error)
    end subroutine finish_case
@@ -165,8 +164,9 @@ contains
       call group%put('frequency', layout%frequency, label_type('Hz', 'frequency', 'frequency'))
    end subroutine write_frequency
 
-   subroutine write_bands(group, statistics)
+   subroutine write_bands(group, dof, statistics)
       type(group_type), intent(inout) :: group
+      character(*), intent(in) :: dof   !! the axis
       type(case_statistics), intent(in) :: statistics
 
       if (.not. allocated(statistics%psd_mean)) return
@@ -175,44 +175,45 @@ contains
                            'bootstrap over samples, of the logarithm, 95 %')
       call group%attribute('pseudo_variance_percentiles_error_method', 'bootstrap over samples')
       call group%put_allocated('psd_mean', statistics%psd_mean, &
-                               label_type('m^2/Hz', 'mean over samples of psd', 'frequency dof'))
+                               label_type('m^2/Hz', 'mean over samples of psd', 'frequency '//dof))
       call group%put_allocated('psd_mean_error', statistics%psd_mean_error, &
-                               label_type('m^2/Hz', 'standard error of psd_mean', 'frequency dof'))
+                               label_type('m^2/Hz', 'standard error of psd_mean', &
+                                          'frequency '//dof))
       call group%put_allocated('psd_percentiles', statistics%psd_percentiles, &
                                label_type('m^2/Hz', 'percentiles over samples of psd', &
-                                          'percentile frequency dof'))
+                                          'percentile frequency '//dof))
       call group%put_allocated('psd_percentiles_low', statistics%psd_percentiles_low, &
                                label_type('m^2/Hz', 'lower end of the 95 % interval', &
-                                          'percentile frequency dof'))
+                                          'percentile frequency '//dof))
       call group%put_allocated('psd_percentiles_high', statistics%psd_percentiles_high, &
                                label_type('m^2/Hz', 'upper end of the 95 % interval', &
-                                          'percentile frequency dof'))
+                                          'percentile frequency '//dof))
       call group%put_allocated('pseudo_variance_mean', statistics%pseudo_variance_mean, &
                                label_type('m^2', 'integral of psd_mean over frequency, Eq. (46)', &
-                                          'dof'))
+                                          dof))
       call group%put_allocated('pseudo_variance_mean_error', &
                                statistics%pseudo_variance_mean_error, &
-                               label_type('m^2', 'standard error of pseudo_variance_mean', 'dof'))
+                               label_type('m^2', 'standard error of pseudo_variance_mean', dof))
       call group%put_allocated('pseudo_variance_percentiles', &
                                statistics%pseudo_variance_percentiles, &
                                label_type('m^2', 'integral of each percentile, Eq. (46)', &
-                                          'percentile dof'))
+                                          'percentile '//dof))
       call group%put_allocated('pseudo_variance_percentiles_error', &
                                statistics%pseudo_variance_percentiles_error, &
                                label_type('m^2', 'standard error of pseudo_variance_percentiles', &
-                                          'percentile dof'))
+                                          'percentile '//dof))
       call group%put_allocated('band_ratio', statistics%band_ratio, &
                                label_type('1', &
                                           'pseudo-variance of the last over the first percentile', &
-                                          'dof'))
+                                          dof))
       call group%put_allocated('band_ratio_low', statistics%band_ratio_low, &
                                label_type('1', 'lower end of the 95 % interval of band_ratio', &
-                                          'dof'))
+                                          dof))
       call group%put_allocated('band_ratio_high', statistics%band_ratio_high, &
                                label_type('1', 'upper end of the 95 % interval of band_ratio', &
-                                          'dof'))
+                                          dof))
       call group%put_allocated('band_ratio_bias', statistics%band_ratio_bias, &
-                               label_type('1', 'relative bias of band_ratio, by bootstrap', 'dof'))
+                               label_type('1', 'relative bias of band_ratio, by bootstrap', dof))
    end subroutine write_bands
 
    subroutine write_history_axes(group, plan, force)

@@ -4,7 +4,7 @@
 module io_case_samples
    use core_kinds, only: long, wp
    use dynamics_response, only: transition_list
-   use ensemble_plan, only: output_settings, plan_type
+   use ensemble_plan, only: kept_dofs, output_settings, plan_type
    use ensemble_results, only: block_result, spectrum_layout
    use ensemble_time_average, only: count_spans, fewest_spans, time_average_method
    use io_blocks, only: sample_label
@@ -14,7 +14,7 @@ module io_case_samples
    use io_shards, only: read_shard, shard_store, shard_type
    implicit none(type, external)
    private
-   public :: energy_terms, make_samples, put_samples, write_long
+   public :: energy_terms, kept_axis, make_samples, put_samples, write_dofs, write_long
 
    !> Datasets of the energy ledger, in the order of its terms.
    character(*), parameter :: energy_terms(*) = [character(15) :: 'energy_input', &
@@ -22,6 +22,29 @@ module io_case_samples
                                                                    'energy_stored', 'energy_defect']
 
 contains
+
+   !> The dofs, and those of the spectra and histories where they are not all.
+   subroutine write_dofs(group, plan)
+      type(group_type), intent(inout) :: group
+      type(plan_type), intent(in) :: plan
+      character(:), allocatable :: kept
+
+      call group%put('dof', counted(plan%chain%n_dof), &
+                     label_type('1', 'mass, from the wall', 'dof'))
+      kept = kept_axis(plan)
+      if (kept /= 'dof') &
+         call group%put(kept, kept_dofs(plan), &
+                        label_type('1', 'mass whose spectra and histories are kept', kept))
+   end subroutine write_dofs
+
+   !> The axis of the dofs whose spectra and histories are kept.
+   pure function kept_axis(plan) result(name)
+      type(plan_type), intent(in) :: plan
+      character(:), allocatable :: name
+
+      name = 'dof'
+      if (size(kept_dofs(plan)) < plan%chain%n_dof) name = 'kept_dof'
+   end function kept_axis
 
    !> Room for the small data of all samples.
    subroutine make_samples(group, plan, kept, n_samples)
@@ -117,23 +140,24 @@ contains
       type(spectrum_layout), intent(in) :: layout
       integer, intent(in) :: n_samples
       type(shard_type), intent(in) :: shards(:)
-      integer :: n_dof, n_rows, n_steps
+      integer :: n_kept, n_rows, n_steps
 
-      n_dof = plan%chain%n_dof
+      n_kept = size(kept_dofs(plan))
       n_steps = plan%integration%n_steps + 1
       if (kept%slip) then
          call group%make('slip_series', 0.0_wp, &
-                         [n_dof, count_spans(plan%integration), n_samples], &
+                         [plan%chain%n_dof, count_spans(plan%integration), n_samples], &
                          sample_label('slip_series'))
       end if
       if (kept%spectrum) then
-         call group%make('psd', 0.0_wp, [n_dof, size(layout%frequency), n_samples], &
-                         sample_label('psd'))
+         call group%make('psd', 0.0_wp, [n_kept, size(layout%frequency), n_samples], &
+                         label_of_kept('psd'))
       end if
       if (kept%history) then
-         call group%make('displacement', 0.0_wp, [n_dof, n_steps, n_samples], &
-                         sample_label('displacement'))
-         call group%make('velocity', 0.0_wp, [n_dof, n_steps, n_samples], sample_label('velocity'))
+         call group%make('displacement', 0.0_wp, [n_kept, n_steps, n_samples], &
+                         label_of_kept('displacement'))
+         call group%make('velocity', 0.0_wp, [n_kept, n_steps, n_samples], &
+                         label_of_kept('velocity'))
       end if
       if (kept%transitions .and. .not. allocated(group%error)) then
          call count_transitions(shards, n_samples, n_rows, group%error)
@@ -148,6 +172,18 @@ contains
                          label_type('1', '+1, -1: slip starts in that direction; 0: sticks', &
                                     'transition'))
       end if
+
+   contains
+
+      !> The last axis is that of the dofs.
+      function label_of_kept(name) result(label)
+         character(*), intent(in) :: name
+         type(label_type) :: label
+
+         label = sample_label(name)
+         label%axes = label%axes(:index(label%axes, ' ', back=.true.))//kept_axis(plan)
+      end function label_of_kept
+
    end subroutine make_long
 
    !> The transitions of some samples, below the rows that are filled already.

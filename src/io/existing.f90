@@ -18,9 +18,9 @@ module io_existing
 
 contains
 
-   !> Samples of each case that a results file holds, then of the audit of each; none where there is
-   !> no file. A file of another scene or program, or one that cannot be read, is an error that names
-   !> it.
+   !> Samples of each case that a results file holds, then of the audit of each; none where there
+   !> is no file. A file of another scene or program, or one that cannot be read, is an error that
+   !> names it.
    subroutine inspect_results(path, identity, n_samples, error)
       character(*), intent(in) :: path
       type(identity_type), intent(in) :: identity
