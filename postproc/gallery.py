@@ -8,12 +8,12 @@ from typing import TypeVar
 
 import xarray as xr
 
-from postproc import chain_figure, figures, process_figures, response_figures
+from postproc import chain_figure, figures, process_figures, response_figures, tradeoff
 from postproc.figure import SECTIONS, Figure
 from postproc.results import Case, Results
 
 _Item = TypeVar("_Item")
-_PROCESSES, _CHAIN, _STUDY, _RESPONSES, _COST = SECTIONS
+_PROCESSES, _CHAIN, _STUDY, _RESPONSES, _ = SECTIONS
 _MOST_SPECTRA = 4  # cases with friction certain; more are a sweep
 
 
@@ -240,6 +240,7 @@ def _transition(chain: xr.Dataset, case: Case, name: str) -> Iterator[Figure]:
 # Each yields the figures that a file has data for.
 SOURCES: tuple[Callable[[Results], Iterator[Figure]], ...] = (
     of_processes, of_chain, of_certain_friction, of_drawn_friction, of_responses,
+    tradeoff.figures_of,
 )  # fmt: skip
 
 

@@ -8,6 +8,7 @@ from dataclasses import replace
 import numpy as np
 import xarray as xr
 
+from postproc import tradeoff
 from postproc.certain_statements import slip_with_error
 from postproc.evidence import Statement
 from postproc.paper import SLIP_HZ, SLIP_PERCENT, STUCK_HZ, is_paper_chain
@@ -91,7 +92,9 @@ def of_cases(results: Results) -> Iterator[Table]:
 
 
 # Each yields the tables that a file has data for.
-SOURCES: tuple[Callable[[Results], Iterator[Table]], ...] = (of_chain, of_processes, of_cases)
+SOURCES: tuple[Callable[[Results], Iterator[Table]], ...] = (
+    of_chain, of_processes, of_cases, tradeoff.tables_of,
+)  # fmt: skip
 
 
 def _paper_chain(results: Results) -> bool:

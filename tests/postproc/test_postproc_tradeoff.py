@@ -1,0 +1,42 @@
+"""Figures and tables of a tradeoff."""
+
+from __future__ import annotations
+
+import csv
+
+import h5py
+import matplotlib.pyplot as plt
+import pytest
+
+from postproc import open_results, tradeoff
+from postproc.__main__ import main
+from tests.conftest import SMALL_SCENE
+
+FEW_STEPS = ("--set", "integration%n_steps=1500", "--set", "output%segment_length=256")
+
+
+@pytest.fixture(scope="module")
+def tradeoff_file(results_of_scene):
+    return results_of_scene(SMALL_SCENE, "tradeoff", *FEW_STEPS)
+
+
+def test_a_tradeoff_is_drawn(tradeoff_file):
+    folder = tradeoff_file.parent / "drawn"
+    assert main([str(tradeoff_file), "--out", str(folder)]) == 0
+    assert plt.imread(folder / "tradeoff.png").std() > 0.01  # not a blank page
+    with (folder / "tradeoff.csv").open() as file:
+        rows = list(csv.reader(file))[1:]
+    with h5py.File(tradeoff_file) as file:
+        group = file["tradeoff"]
+        shown = (group["is_on_front"][()] == 1) | (group["is_own"][()] == 1)
+    assert len(rows) == shown.sum()
+    assert [row[-1] for row in rows].count("the scene's own") == 1
+    costs = [float(row[7]) for row in rows]
+    assert costs == sorted(costs)
+    assert "Error and cost" in (folder / "report.html").read_text()
+
+
+def test_other_files_have_none(results_file):
+    results = open_results(results_file)
+    assert not list(tradeoff.figures_of(results))
+    assert not list(tradeoff.tables_of(results))
