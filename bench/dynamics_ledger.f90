@@ -20,7 +20,8 @@ program bench_dynamics_ledger
    real(wp), allocatable :: record(:), force(:, :)
    integer :: i
 
-   call build_chain(spread(1.0_wp, 1, n_dof), spread(25.0_wp, 1, n_dof), spread(50.0_wp, 1, n_dof), &
+   call build_chain(spread(1.0_wp, 1, n_dof), spread(25.0_wp, 1, n_dof), &
+                    spread(50.0_wp, 1, n_dof), &
                     spread(10.0_wp, 1, n_dof), spread(0.005_wp, 1, n_dof), chain, error)
    call stop_on_error()
    call new_event_marcher(chain, dt, 1.0e-10_wp, n_dof, marcher, error)

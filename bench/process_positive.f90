@@ -27,7 +27,7 @@ program bench_process_positive
       end do
    end do
    print '(a)', &
-      '# law L0 order std seconds relative_standard_errors_of_mean_std_L0 entropy its_standard_error'
+      '# law L0 order std seconds relative_standard_errors_of_mean_std_L0 entropy its_error'
    do i = 1, size(samplers)
       do j = 1, size(lengths)
          do k = 1, size(stds)

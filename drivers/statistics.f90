@@ -70,8 +70,8 @@ contains
       if (world%is_root()) call bands%finish(statistics)
    end subroutine find_statistics
 
-   !> Of the slip fractions of one case, group by group of its samples; on the way the samples' small
-   !> data are written, where there is a group of a results file.
+   !> Of the slip fractions of one case, group by group of its samples; on the way the samples'
+   !> small data are written, where there is a group of a results file.
    subroutine find_slip_statistics(plan, number, store, shards, statistics, error, group)
       type(plan_type), intent(in) :: plan
       integer, intent(in) :: number

@@ -31,7 +31,7 @@ contains
       is_terminal = c_isatty(descriptor) == 1
    end function is_terminal
 
-   !> Ends the program with an exit code and without a word, units flushed; gfortran 11 does not know
+   !> Ends the program with an exit code and without a word, units flushed: gfortran 11 has no
    !> `stop` with quiet=.
    subroutine end_program(exit_code)
       integer, intent(in) :: exit_code

@@ -28,7 +28,7 @@ contains
       z = starting_points(coefficients)
       is_settled = .false.
       do sweep = 1, max_sweeps
-         active = pack([(i, i=1, size(z))], .not. is_settled)
+         active = pack([(i, i=1, size(z))], (.not. is_settled))
          if (size(active) == 0) exit
          call newton_steps(coefficients, z(active), newton, is_rounding)
          do i = 1, size(active)

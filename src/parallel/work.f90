@@ -15,8 +15,8 @@ module parallel_work
    integer, parameter :: word_bytes = 8
 
    !> Hands out the items 1..n_items, each once, over all ranks. A claim is one atomic operation on
-   !> the root's memory; only where the network cannot do that itself, as with TCP, the root answers,
-   !> whenever it is inside MPI (attend_to_others).
+   !> the root's memory; only where the network cannot do that itself, as with TCP, the root
+   !> answers, whenever it is inside MPI (attend_to_others).
    type :: work_counter
       private
       type(world_type) :: world
