@@ -237,7 +237,7 @@ contains
              counted(count(is_own), 'case', 'cases')//', '// &
              counted(sum(plan%cases%n_samples, is_own), 'sample', 'samples')
       if (.not. all(is_own)) &
-         text = text//', '//to_text(sum(plan%cases%n_samples, .not. is_own))//' repeated'
+         text = text//', '//to_text(sum(plan%cases%n_samples, (.not. is_own)))//' repeated'
       text = text//' in '//output%path
    end function summary
 

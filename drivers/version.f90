@@ -26,6 +26,7 @@ submodule(driver_version) driver_version_libraries
 
 contains
 
+   !> In the libraries' own words.
    module function version_text() result(text)
       character(:), allocatable :: text
       character, parameter :: nl = new_line('a')

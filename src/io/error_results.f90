@@ -21,6 +21,7 @@ module io_error_results
 
 contains
 
+   !> What was written of them.
    subroutine read_errors(path, n_cases, n_dof, errors, error)
       character(*), intent(in) :: path
       integer, intent(in) :: n_cases, n_dof

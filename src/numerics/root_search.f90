@@ -19,6 +19,7 @@ module numerics_root_search
 
 contains
 
+   !> A search that begins without a bracket.
    pure function new_root_search(first_step) result(search)
       real(wp), intent(in) :: first_step
       type(root_search) :: search

@@ -61,6 +61,7 @@ contains
       call move_alloc(t%numbers, numbers)
    end function pack_search
 
+   !> The row back into what was found.
    subroutine unpack_search(numbers, search)
       real(wp), intent(in) :: numbers(:)
       type(search_result), intent(out) :: search
