@@ -96,8 +96,8 @@ contains
 
       call group%attribute('band_ratio', band_ratio_error(errors))
       call group%put_allocated('psd_mean_difference', errors%psd_mean, &
-                               label_type('1', 'numerical error of psd_mean, relative: integral '// &
-                                          'of its absolute value', dof))
+                               label_type('1', 'numerical error of psd_mean, relative: '// &
+                                          'integral of its absolute value', dof))
       call group%put_allocated('psd_mean_difference_error', errors%psd_mean_error, &
                                label_type('1', 'standard error of psd_mean_difference', dof))
       call group%put_allocated('psd_percentiles_difference', errors%psd_percentiles, &
