@@ -1,10 +1,10 @@
 !> What a results file tells of the errors of its cases: targets are judged by what was written.
 module io_error_results
    use core_error, only: error_type
-   use core_kinds, only: wp
+   use core_kinds, only: long, wp
    use ensemble_results, only: case_statistics
    use io_case_results, only: case_group
-   use io_hdf5, only: hdf5_file, open_hdf5, read_attribute, read_dataset
+   use io_hdf5, only: hdf5_file, open_hdf5, read_attribute, read_dataset, read_extent
    implicit none(type, external)
    private
    public :: case_errors, read_errors
@@ -36,7 +36,7 @@ contains
       do i = 1, n_cases
          call read_statistics(file, case_group(i, n_cases), n_dof, errors(i)%statistics, error)
          if (.not. allocated(error)) &
-            call read_audit(file, case_group(i + n_cases, n_cases), n_dof, errors(i), error)
+            call read_audit(file, case_group(i + n_cases, n_cases), errors(i), error)
          if (allocated(error)) exit
       end do
       call file%abandon()
@@ -62,10 +62,9 @@ contains
                         error)
    end subroutine read_statistics
 
-   subroutine read_audit(file, group, n_dof, errors, error)
+   subroutine read_audit(file, group, errors, error)
       type(hdf5_file), intent(in) :: file
       character(*), intent(in) :: group
-      integer, intent(in) :: n_dof
       type(case_errors), intent(inout) :: errors
       type(error_type), allocatable, intent(out) :: error
 
@@ -87,9 +86,13 @@ contains
       subroutine read_largest(name, largest)
          character(*), intent(in) :: name
          real(wp), intent(inout) :: largest
-         real(wp) :: values(n_dof)
+         real(wp), allocatable :: values(:)
+         integer(long), allocatable :: n(:)   ! all dofs, or those whose spectra are kept
 
          if (.not. file%has(group//'/'//name)) return
+         call read_extent(file, group//'/'//name, 1, n, error)
+         if (allocated(error)) return
+         allocate (values(n(1)))
          call read_dataset(file, group//'/'//name, values, error)
          if (.not. allocated(error)) largest = maxval(values)
       end subroutine read_largest

@@ -71,3 +71,18 @@ def test_audits_go_on_where_they_were(entroslip, scene, tmp_path):
         differing = {key for key in expected if expected[key] != found.get(key)}
         assert differing <= {"@scene", "@overrides"}
         assert not shards_of(tmp_path / name)
+
+
+def test_dofs_that_are_not_kept_are_judged_by_the_others(entroslip, scene, tmp_path):
+    """A numerical target, and spectra of the second mass alone: the axis is that of the spectra."""
+    done = entroslip(
+        "run", scene, "--output", "k.h5", "--set", "output%dofs=2",
+        "--set", "accuracy%target_slip_points=5.0",
+    )  # fmt: skip
+    assert done.returncode == 0, done.stderr
+    with h5py.File(tmp_path / "k.h5") as file:
+        case = file["campaign/c003"]
+        assert list(case["kept_dof"][()]) == [2]
+        assert case["psd"].shape[-1] == case["audit/psd"].shape[-1] == 1
+        assert case["band_ratio"].dims[0].keys() == ["kept_dof"]
+        assert case["slip_fraction"].shape[-1] == 2
