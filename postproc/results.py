@@ -112,6 +112,17 @@ class Results:
         return tree
 
 
+def _on_all_dofs(data: xr.Dataset) -> xr.Dataset:
+    """Spectra and histories of some dofs on the axis of all, not a number where none was kept."""
+    if "kept_dof" not in data.dims:
+        return data
+    kept = {name: array for name, array in data.data_vars.items() if "kept_dof" in array.dims}
+    spread = {
+        name: array.rename(kept_dof="dof").reindex(dof=data["dof"]) for name, array in kept.items()
+    }
+    return data.drop_vars([*kept, "kept_dof"]).assign(spread)
+
+
 def open_results(path: str | Path) -> Results:
     """Open a results file; every dataset carries `units` and `long_name`."""
     path = Path(path)
@@ -137,7 +148,8 @@ def open_results(path: str | Path) -> Results:
 
     def case_of(name: str) -> Case:
         group = f"campaign/{name}"
-        return Case(name, view(group), view(f"{group}/audit") if name in audited else None)
+        audit = _on_all_dofs(view(f"{group}/audit")) if name in audited else None
+        return Case(name, _on_all_dofs(view(group)), audit)
 
     return Results(
         path=path,

@@ -6,6 +6,7 @@ import h5py
 import numpy as np
 import pytest
 
+from postproc.results import open_results
 from tests.program.campaign import datasets, shards_of
 
 SCENE = """\
@@ -86,3 +87,6 @@ def test_dofs_that_are_not_kept_are_judged_by_the_others(entroslip, scene, tmp_p
         assert case["psd"].shape[-1] == case["audit/psd"].shape[-1] == 1
         assert case["band_ratio"].dims[0].keys() == ["kept_dof"]
         assert case["slip_fraction"].shape[-1] == 2
+    ratios = open_results(tmp_path / "k.h5").cases[2].data["band_ratio"]
+    assert ratios.dims == ("dof",)
+    assert np.isnan(ratios.values).tolist() == [True, False]
