@@ -1,0 +1,245 @@
+"""A map of where methods hold, degrade or refuse, drawn from what bench/stability.py measured.
+
+python -m postproc.stability results/stability --out docs/gallery/stability.png
+"""
+
+from __future__ import annotations
+
+import argparse
+import csv
+import io
+import math
+from collections import Counter
+from collections.abc import Callable, Iterator, Sequence
+from pathlib import Path
+
+import matplotlib as mpl
+import matplotlib.pyplot as plt
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
+from PIL import Image
+
+from postproc import style
+from postproc.paper import LENGTHS
+
+Row = dict[str, str]  # of a CSV: family, error (empty where refused), reason, and the axes
+
+HOLDS, DEGRADES, REFUSES = "holds", "degrades", "refuses"
+MOST_POINTS = 0.1  # of percent: a slip fraction that is further off has degraded
+MOST_MISS = 1e-8  # relative: a process that misses what was wanted by more has degraded
+
+# of M = 1 and the exact law, by the Perron function of its kernel: L0 -> largest std/mean
+THEORY = {0.1: 0.880, 0.3: 0.777, 1.0: 0.652, 3.0: 0.564}
+# of the paper: std/mean of its friction, orders of its lengths, mu N over rms force, step
+_RATIOS, _ORDERS, _LOADS, _DT_OMEGA = (0.335, 0.5), (2, 5, 10), (0.312, 1.04), 0.101
+_LEAST_POINTS, _REFUSED_POINTS = 1e-11, 1e3  # lower edge of an axis of errors, row of refusals
+_NO_LOAD = 1e-17  # where mu N = 0 stands on a logarithmic axis
+
+# colour, and how much of a mark is filled, which is read without colours
+_LOOKS: dict[str, style.Look] = {
+    HOLDS: {"color": "#0072B2", "fillstyle": "full"},
+    DEGRADES: {"color": "#E69F00", "fillstyle": "left", "markeredgecolor": "#7A5200"},
+    REFUSES: {"color": "#B03A2E", "fillstyle": "none"},
+}
+_MARKS = ("o", "s", "^", "D")
+_SHADES = 256  # of the picture's palette
+
+
+def read(path: Path) -> list[Row]:
+    """Measurements of one panel."""
+    with path.open(newline="") as file:
+        return list(csv.DictReader(file))
+
+
+def status(row: Row, most: float) -> str:
+    """An error that is no number has degraded, too."""
+    if row["error"] == "":
+        return REFUSES
+    return HOLDS if float(row["error"]) <= most else DEGRADES
+
+
+def plot_processes(axes: Axes, rows: Sequence[Row]) -> None:
+    """Length against std/mean; the laws stand side by side, under the limits that refusals name."""
+    for index, (family, own) in enumerate(_families(rows)):
+        for row in own:
+            x = float(row["length"]) * (0.88, 1.14)[index]
+            _mark(axes, x, float(row["ratio"]), index, status(row, MOST_MISS))
+        limits = sorted({(float(r["length"]), float(r["limit"])) for r in own if r["limit"]})
+        if limits:
+            axes.plot(*zip(*limits, strict=True), color="0.25", linestyle=("--", "-")[index],
+                      linewidth=1.0, label=f"limit, {family}")  # fmt: skip
+    axes.plot(list(THEORY), list(THEORY.values()), "k*", markersize=9, label="exact, in theory",
+              zorder=4)  # fmt: skip
+    axes.set_yticks([0.2 * tick for tick in range(6)])
+    _ring(axes, [(length, ratio) for length in LENGTHS for ratio in _RATIOS])
+    axes.set(xscale="log", xlabel="correlation length L0", ylabel="std/mean",
+             title="(a) positive processes of order 1", ylim=(-0.03, 1.38))  # fmt: skip
+    _legend(axes, rows, ncols=3)
+
+
+def plot_orders(axes: Axes, rows: Sequence[Row]) -> None:
+    """Order against length; the mark grows with the decades of the largest residual."""
+    for index, (_, own) in enumerate(_families(rows)):
+        for row in own:
+            x = float(row["order"]) * (0.92, 1.09)[index]
+            _mark(axes, x, float(row["length"]), index, status(row, MOST_MISS), _size(row))
+    _ring(axes, list(zip(_ORDERS, LENGTHS, strict=True)))
+    axes.set(xscale="log", yscale="log", xlabel="order M, or m_max", ylabel="correlation length L0",
+             title="(d) processes of any sign", ylim=(4e-4, 5e4))  # fmt: skip
+    for miss in (1e-16, 1e-12, 1e-8):
+        axes.plot([], [], "o", color="0.4", markersize=_size({"error": str(miss)}),
+                  label=f"off by {miss:.0e}")  # fmt: skip
+    _legend(axes, rows, ncols=3)
+
+
+def plot_friction(axes: Axes, rows: Sequence[Row]) -> None:
+    """Error of a slip fraction from no friction at all to sliders that never slip."""
+    _plot_errors(axes, rows, lambda row: float(row["load"]) or _NO_LOAD, lambda row: "")
+    for load in _LOADS:
+        _paper_line(axes, load)
+    ticks = [_NO_LOAD, *(10.0**power for power in range(-14, 9, 4))]
+    axes.set(xscale="log", xlabel="friction limit mu N over rms force", xticks=ticks,
+             title="(b) motion, friction")  # fmt: skip
+    axes.set_xticks([], minor=True)
+    axes.set_xticklabels(["0", *(f"$10^{{{power}}}$" for power in range(-14, 9, 4))])
+    _legend(axes, rows, ncols=2)
+
+
+def plot_steps(axes: Axes, rows: Sequence[Row]) -> None:
+    """Error over the step times the highest stuck frequency: full lines by step, dotted by mass."""
+    _plot_errors(axes, rows, lambda row: float(row["dt_omega"]), lambda row: row["varied"])
+    _paper_line(axes, _DT_OMEGA)
+    axes.axvline(2.0, color="0.4", linewidth=0.8, linestyle="--", label="limit, beta = 0")
+    axes.set(xscale="log", xlabel="dt times highest frequency",
+             title="(c) motion, time step (full: dt; dotted: a light mass)")  # fmt: skip
+    _legend(axes, rows, ncols=2)
+
+
+def _plot_errors(
+    axes: Axes, rows: Sequence[Row], x_of: Callable[[Row], float], part_of: Callable[[Row], str]
+) -> None:
+    """A line per family and part, in points of percent; refusals stand in a row above."""
+    for index, (_, own) in enumerate(_families(rows)):
+        for part in sorted({part_of(row) for row in own}):
+            line = sorted((r for r in own if part_of(r) == part), key=x_of)
+            points = [(x_of(row), _height(row)) for row in line if row["error"] != ""]
+            axes.plot(*zip(*points, strict=True), color="0.55", linewidth=0.8, zorder=1,
+                      linestyle=":" if part == "mass" else "-")  # fmt: skip
+            for row in line:
+                _mark(axes, x_of(row), _height(row), index, status(row, MOST_POINTS))
+    axes.axhline(MOST_POINTS, color="0.4", linewidth=0.8)
+    decades = range(-10, 2, 2)
+    axes.set(yscale="log", ylabel="error of a slip fraction [points of %]",
+             ylim=(_LEAST_POINTS / 3, 2e7),
+             yticks=[_LEAST_POINTS, *(10.0**d for d in decades), _REFUSED_POINTS])  # fmt: skip
+    axes.set_yticklabels(["less", *(f"$10^{{{d}}}$" for d in decades), "refused"])
+    axes.set_yticks([], minor=True)
+
+
+def _families(rows: Sequence[Row]) -> Iterator[tuple[str, list[Row]]]:
+    """In the order of their first appearance."""
+    names = dict.fromkeys(row["family"] for row in rows)
+    yield from ((name, [row for row in rows if row["family"] == name]) for name in names)
+
+
+def _height(row: Row) -> float:
+    if row["error"] == "":
+        return _REFUSED_POINTS
+    return max(float(row["error"]), _LEAST_POINTS)
+
+
+def _size(row: Row) -> float:
+    """Of a mark [points], from 2.5 at 1e-16 by decades."""
+    error = float(row["error"] or 1e-12)
+    return 2.5 + 0.5 * (math.log10(max(error, 1e-16)) + 16)
+
+
+def _mark(axes: Axes, x: float, y: float, family: int, look: str, size: float = 4.2) -> None:
+    axes.plot(x, y, _MARKS[family], markersize=size, markerfacecoloralt="white",
+              markeredgewidth=0.7, **_LOOKS[look])  # fmt: skip
+
+
+def _ring(axes: Axes, points: Sequence[tuple[float, float]]) -> None:
+    axes.plot(*zip(*points, strict=True), "o", markersize=11, fillstyle="none", color="black",
+              markeredgewidth=1.1, label="the paper's")  # fmt: skip
+
+
+def _paper_line(axes: Axes, x: float) -> None:
+    label = "the paper's" if "the paper's" not in axes.get_legend_handles_labels()[1] else None
+    axes.axvline(x, color="black", linewidth=1.1, linestyle="-.", label=label, zorder=0)
+
+
+def _legend(axes: Axes, rows: Sequence[Row], ncols: int) -> None:
+    """Families by their marks, then what else is labelled."""
+    families = [
+        Line2D([], [], color="0.4", marker=_MARKS[i], linestyle="none", label=family)
+        for i, (family, _) in enumerate(_families(rows))
+    ]
+    others, _ = axes.get_legend_handles_labels()
+    axes.legend(handles=[*families, *others], ncols=ncols, fontsize=7.5, loc="upper left")
+
+
+_PANELS = {
+    "processes": plot_processes,
+    "friction": plot_friction,
+    "step": plot_steps,
+    "order": plot_orders,
+}
+
+
+def draw(tables: dict[str, list[Row]]) -> Figure:
+    """The four panels, and what their colours and fillings mean."""
+    picture, axes = plt.subplots(2, 2, figsize=(11, 9.4))
+    for panel, (name, plot) in zip(axes.flat, _PANELS.items(), strict=True):
+        plot(panel, tables[name])
+    looks = [
+        Line2D([], [], marker="o", markersize=7, linestyle="none", markerfacecoloralt="white",
+               label=look, **_LOOKS[look])
+        for look in _LOOKS
+    ]  # fmt: skip
+    picture.legend(handles=looks, ncols=3, loc="outside lower center", fontsize=10)
+    return picture
+
+
+def save_small(picture: Figure, path: Path) -> None:
+    """A PNG of few colours, fit to be kept with the sources."""
+    drawn = io.BytesIO()
+    picture.savefig(drawn, dpi=90)
+    plt.close(picture)
+    with Image.open(drawn) as full:
+        full.convert("RGB").quantize(_SHADES).save(path, optimize=True)
+
+
+def summary(tables: dict[str, list[Row]]) -> str:
+    """A Markdown table: of each family how many hold, degrade, refuse, and the largest error."""
+    lines = [
+        "| panel | | holds | degrades | refuses | largest error |",
+        "|---|---|---|---|---|---|",
+    ]
+    for name, rows in tables.items():
+        most = MOST_POINTS if name in ("friction", "step") else MOST_MISS
+        for family, own in _families(rows):
+            counts = Counter(status(row, most) for row in own)
+            largest = max((float(row["error"]) for row in own if row["error"] != ""), default=0.0)
+            numbers = " | ".join(str(counts[look]) for look in _LOOKS)
+            lines.append(f"| {name} | {family} | {numbers} | {largest:.1e} |")
+    return "\n".join(lines)
+
+
+def main(arguments: list[str] | None = None) -> int:
+    """Draw the map and print its summary."""
+    parser = argparse.ArgumentParser(prog="python -m postproc.stability", description=__doc__)
+    parser.add_argument("folder", type=Path, help="with the CSVs of bench/stability.py")
+    parser.add_argument("--out", type=Path, required=True, help="the picture, a PNG")
+    options = parser.parse_args(arguments)
+    mpl.use("Agg")
+    style.apply_style()
+    tables = {name: read(options.folder / f"{name}.csv") for name in _PANELS}
+    save_small(draw(tables), options.out)
+    print(summary(tables))
+    return 0
+
+
+if __name__ == "__main__":
+    raise SystemExit(main())
