@@ -1,0 +1,35 @@
+"""Writes the measured blocks of docs/accuracy.md anew: python bench/accuracy_page.py [WORD ...]
+
+A block stands between `<!-- measured by -->` and `<!-- end -->`: a command, indented, and what it
+prints. With words, only the blocks whose command has one of them. What the page's text says of a
+block is not rewritten: read it again.
+"""
+
+from __future__ import annotations
+
+import re
+import subprocess
+import sys
+from pathlib import Path
+
+ROOT = Path(__file__).resolve().parent.parent
+PAGE = ROOT / "docs/accuracy.md"
+BLOCK = re.compile(r"(<!-- measured by -->\n\n    (.*?)\n).*?(<!-- end -->)", re.DOTALL)
+
+
+def block(found: re.Match[str]) -> str:
+    """One block as its command prints it now; what is no Markdown table is fenced."""
+    head, command, tail = found.groups()
+    words = sys.argv[1:]
+    if words and not any(word in command for word in words):
+        return found[0]
+    python = command.replace("python ", f"{sys.executable} ", 1)
+    said = subprocess.run(python.split(), cwd=ROOT, check=True, capture_output=True, text=True)
+    text = said.stdout.strip("\n")
+    fence = "" if text.startswith("|") else "```\n"
+    return f"{head}\n{fence}{text}\n{fence}\n{tail}"
+
+
+if __name__ == "__main__":
+    (ROOT / "results").mkdir(exist_ok=True)
+    PAGE.write_text(BLOCK.sub(block, PAGE.read_text()))
