@@ -1,7 +1,12 @@
 # Compiler flags as a target. Never -ffast-math: stick-slip transitions are signs.
 add_library(entroslip_flags INTERFACE)
 set(strict -fimplicit-none -std=f2018 -fopenmp-simd)   # directives only, no threads
-# gfortran takes the descriptor of every array allocated on assignment for uninitialized: those two warnings are noise
+# gfortran includes a header of its own that gives exp, log, tanh and others vector forms. Their last bits differ from
+# the scalar ones, and which of the two serve an element depends on where arrays lie in memory: results would too. With
+# -nostdinc it is not found; nor are the intrinsic modules, unless told.
+execute_process(COMMAND ${CMAKE_Fortran_COMPILER} -print-file-name=finclude
+  OUTPUT_VARIABLE intrinsic_modules OUTPUT_STRIP_TRAILING_WHITESPACE COMMAND_ERROR_IS_FATAL ANY)
+list(APPEND strict -nostdinc -fintrinsic-modules-path ${intrinsic_modules})
 set(warnings -Wall -Wextra -Wimplicit-interface -Wno-compare-reals -Wno-uninitialized -Wno-maybe-uninitialized)
 set(debug -Og -g -fcheck=all -fbacktrace -ffpe-trap=invalid,zero,overflow
   -finit-real=snan -finit-derived -Werror)

@@ -87,3 +87,12 @@ def test_the_api_pages_build_offline(tmp_path):
     pages = {path.stem for path in (tmp_path / "module").glob("*.html")}
     floors = [path for path in MODULES if path.parent.name != "drivers"]
     assert {f"{path.parent.name}_{path.stem}" for path in floors} <= pages
+
+
+def test_no_vector_form_of_a_mathematical_function_is_linked(program):
+    """Which elements of an array those serve depends on where it lies, and so would last bits."""
+    if shutil.which("nm") is None:
+        pytest.skip("no nm")
+    symbols = subprocess.run(["nm", "-D", program], capture_output=True, text=True, check=True)
+    assert "exp" in symbols.stdout
+    assert not [line for line in symbols.stdout.splitlines() if "_ZGV" in line]
