@@ -4,6 +4,7 @@
 program disk_faults
    use, intrinsic :: iso_fortran_env, only: error_unit
    use core_error, only: error_type
+   use core_terminal, only: end_program
    use ensemble_results, only: block_result
    use io_campaign, only: made_block, made_identity, write_made_results, write_made_shards
    use io_shards, only: list_shards, new_store, shard_store, shard_type, verify_shard, write_shard
@@ -26,7 +27,7 @@ program disk_faults
    end select
    if (allocated(error)) then
       write (error_unit, '(a)') error%message
-      stop error%exit_code
+      call end_program(error%exit_code)
    end if
 
 contains
