@@ -30,4 +30,4 @@ if(CMAKE_BUILD_TYPE STREQUAL "Debug")
 else()
   set(ENTROSLIP_FLAGS_TEXT ${release})
 endif()
-list(JOIN ENTROSLIP_FLAGS_TEXT " " ENTROSLIP_FLAGS_TEXT)
+list(JOIN ENTROSLIP_FLAGS_TEXT " '// &\n      '" ENTROSLIP_FLAGS_TEXT)   # one to a line of build_info.f90

@@ -82,6 +82,8 @@ class Slurm:
         key.chmod(0o400)
         self.host = socket.gethostname().partition(".")[0]
         controller_port, node_port = free_ports(2)
+        # named, or slurmd looks for what a container need not have: a mounted /sys/fs/cgroup
+        (folder / "cgroup.conf").write_text("CgroupPlugin=cgroup/v1\n")
         (folder / "slurm.conf").write_text(
             CONFIGURATION.format(
                 folder=folder, host=self.host, user=getpass.getuser(),
