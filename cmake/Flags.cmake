@@ -10,7 +10,7 @@ list(APPEND strict -nostdinc -fintrinsic-modules-path ${intrinsic_modules})
 set(warnings -Wall -Wextra -Wimplicit-interface -Wno-compare-reals -Wno-uninitialized -Wno-maybe-uninitialized)
 set(debug -Og -g -fcheck=all -fbacktrace -ffpe-trap=invalid,zero,overflow
   -finit-real=snan -finit-derived -Werror)
-# -fno-trapping-math changes no value; it lets both arms of a merge be computed (bench/README.md)
+# -fno-trapping-math changes no value; it lets both arms of a merge be computed
 set(release -O3 -g1 -march=${ENTROSLIP_ARCH} -fno-trapping-math)
 if(ENTROSLIP_ARCH STREQUAL "native")
   list(APPEND release -mprefer-vector-width=512)
