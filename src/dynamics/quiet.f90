@@ -7,7 +7,7 @@ module dynamics_quiet
    implicit none(type, external)
    private
    public :: take_steps, find_slacks, kink_of, set_anchors, set_shift
-   public :: sample_size, at_state, at_shift, at_slider, at_reach, at_direction, at_anchor, at_slack
+   public :: sample_size, at_state, at_slider, at_reach, at_direction, at_anchor, at_slack
 
    !> All numbers of a sample, side by side: columns of sample(mass, :), each a vector of the
    !> masses.

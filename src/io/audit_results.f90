@@ -93,7 +93,10 @@ contains
       type(group_type), intent(inout) :: group
       character(*), intent(in) :: dof   !! the axis
       type(numerical_error), intent(in) :: errors
+      ! gfortran does not free text that is joined inside of a structure constructor
+      character(:), allocatable :: percentile_axes
 
+      percentile_axes = 'percentile '//dof
       call group%attribute('band_ratio', band_ratio_error(errors))
       call group%put_allocated('psd_mean_difference', errors%psd_mean, &
                                label_type('1', 'numerical error of psd_mean, relative: '// &
@@ -102,10 +105,10 @@ contains
                                label_type('1', 'standard error of psd_mean_difference', dof))
       call group%put_allocated('psd_percentiles_difference', errors%psd_percentiles, &
                                label_type('1', 'numerical error of psd_percentiles, relative: '// &
-                                          'integral of its absolute value', 'percentile '//dof))
+                                          'integral of its absolute value', percentile_axes))
       call group%put_allocated('psd_percentiles_difference_error', errors%psd_percentiles_error, &
                                label_type('1', 'standard error of psd_percentiles_difference', &
-                                          'percentile '//dof))
+                                          percentile_axes))
       call group%put_allocated('band_ratio_difference', errors%band_ratio, &
                                label_type('1', 'numerical error of band_ratio, relative', dof))
       call group%put_allocated('band_ratio_difference_error', errors%band_ratio_error, &

@@ -24,6 +24,11 @@ module io_blocks
       procedure, private :: pass_matrix, pass_counts, pass_cube
    end type walker
 
+   !> The deed itself, on a component that is there.
+   interface treat
+      module procedure treat_reals, treat_longs
+   end interface treat
+
 contains
 
    !> Writes a block to the root of an open file.
@@ -104,39 +109,9 @@ contains
 
       call look(self, name, allocated(values), 2, n)
       if (.not. allocated(n)) return
-      select case (self%deed)
-      case (writes)
-         call write_dataset(self%file, self%group//name, values, bare_label(name, shape(values)), &
-                            self%error)
-      case (reads)
-         allocate (values(n(1), n(2)))
-         call read_dataset(self%file, self%group//name, values, self%error)
-      case (checks)
-         call self%checksum%add(name)
-         call self%checksum%add(values)
-      end select
+      if (self%deed == reads) allocate (values(n(1), n(2)))
+      call treat(self, name, values)
    end subroutine pass_matrix
-
-   subroutine pass_counts(self, name, values)
-      class(walker), intent(inout) :: self
-      character(*), intent(in) :: name
-      integer(long), allocatable, intent(inout) :: values(:, :)
-      integer(long), allocatable :: n(:)
-
-      call look(self, name, allocated(values), 2, n)
-      if (.not. allocated(n)) return
-      select case (self%deed)
-      case (writes)
-         call write_dataset(self%file, self%group//name, values, bare_label(name, shape(values)), &
-                            self%error)
-      case (reads)
-         allocate (values(n(1), n(2)))
-         call read_dataset(self%file, self%group//name, values, self%error)
-      case (checks)
-         call self%checksum%add(name)
-         call self%checksum%add(values)
-      end select
-   end subroutine pass_counts
 
    subroutine pass_cube(self, name, values)
       class(walker), intent(inout) :: self
@@ -146,18 +121,55 @@ contains
 
       call look(self, name, allocated(values), 3, n)
       if (.not. allocated(n)) return
+      if (self%deed == reads) allocate (values(n(1), n(2), n(3)))
+      call treat(self, name, values)
+   end subroutine pass_cube
+
+   subroutine pass_counts(self, name, values)
+      class(walker), intent(inout) :: self
+      character(*), intent(in) :: name
+      integer(long), allocatable, intent(inout) :: values(:, :)
+      integer(long), allocatable :: n(:)
+
+      call look(self, name, allocated(values), 2, n)
+      if (.not. allocated(n)) return
+      if (self%deed == reads) allocate (values(n(1), n(2)))
+      call treat(self, name, values)
+   end subroutine pass_counts
+
+   subroutine treat_reals(self, name, values)
+      class(walker), intent(inout) :: self
+      character(*), intent(in) :: name
+      real(wp), intent(inout), contiguous :: values(..)
+
       select case (self%deed)
       case (writes)
          call write_dataset(self%file, self%group//name, values, bare_label(name, shape(values)), &
                             self%error)
       case (reads)
-         allocate (values(n(1), n(2), n(3)))
          call read_dataset(self%file, self%group//name, values, self%error)
       case (checks)
          call self%checksum%add(name)
          call self%checksum%add(values)
       end select
-   end subroutine pass_cube
+   end subroutine treat_reals
+
+   subroutine treat_longs(self, name, values)
+      class(walker), intent(inout) :: self
+      character(*), intent(in) :: name
+      integer(long), intent(inout), contiguous :: values(..)
+
+      select case (self%deed)
+      case (writes)
+         call write_dataset(self%file, self%group//name, values, bare_label(name, shape(values)), &
+                            self%error)
+      case (reads)
+         call read_dataset(self%file, self%group//name, values, self%error)
+      case (checks)
+         call self%checksum%add(name)
+         call self%checksum%add(values)
+      end select
+   end subroutine treat_longs
 
    !> Whether there is something to do with a component: then its extents, those of the file when
    !> reading.

@@ -14,7 +14,7 @@ module io_case_results
    use io_shards, only: shard_store, shard_type
    implicit none(type, external)
    private
-   public :: begin_case, case_group, case_name, finish_case, write_frequency
+   public :: begin_case, case_group, finish_case, write_frequency
 
 contains
 
@@ -168,26 +168,31 @@ contains
       type(group_type), intent(inout) :: group
       character(*), intent(in) :: dof   !! the axis
       type(case_statistics), intent(in) :: statistics
+      ! gfortran does not free text that is joined inside of a structure constructor
+      character(:), allocatable :: spectrum_axes, percentile_spectrum_axes, percentile_axes
 
       if (.not. allocated(statistics%psd_mean)) return
+      spectrum_axes = 'frequency '//dof
+      percentile_spectrum_axes = 'percentile frequency '//dof
+      percentile_axes = 'percentile '//dof
       call group%attribute('psd_percentiles_interval_method', 'order statistics, binomial, 95 %')
       call group%attribute('band_ratio_interval_method', &
                            'bootstrap over samples, of the logarithm, 95 %')
       call group%attribute('pseudo_variance_percentiles_error_method', 'bootstrap over samples')
       call group%put_allocated('psd_mean', statistics%psd_mean, &
-                               label_type('m^2/Hz', 'mean over samples of psd', 'frequency '//dof))
+                               label_type('m^2/Hz', 'mean over samples of psd', spectrum_axes))
       call group%put_allocated('psd_mean_error', statistics%psd_mean_error, &
                                label_type('m^2/Hz', 'standard error of psd_mean', &
-                                          'frequency '//dof))
+                                          spectrum_axes))
       call group%put_allocated('psd_percentiles', statistics%psd_percentiles, &
                                label_type('m^2/Hz', 'percentiles over samples of psd', &
-                                          'percentile frequency '//dof))
+                                          percentile_spectrum_axes))
       call group%put_allocated('psd_percentiles_low', statistics%psd_percentiles_low, &
                                label_type('m^2/Hz', 'lower end of the 95 % interval', &
-                                          'percentile frequency '//dof))
+                                          percentile_spectrum_axes))
       call group%put_allocated('psd_percentiles_high', statistics%psd_percentiles_high, &
                                label_type('m^2/Hz', 'upper end of the 95 % interval', &
-                                          'percentile frequency '//dof))
+                                          percentile_spectrum_axes))
       call group%put_allocated('pseudo_variance_mean', statistics%pseudo_variance_mean, &
                                label_type('m^2', 'integral of psd_mean over frequency, Eq. (46)', &
                                           dof))
@@ -197,11 +202,11 @@ contains
       call group%put_allocated('pseudo_variance_percentiles', &
                                statistics%pseudo_variance_percentiles, &
                                label_type('m^2', 'integral of each percentile, Eq. (46)', &
-                                          'percentile '//dof))
+                                          percentile_axes))
       call group%put_allocated('pseudo_variance_percentiles_error', &
                                statistics%pseudo_variance_percentiles_error, &
                                label_type('m^2', 'standard error of pseudo_variance_percentiles', &
-                                          'percentile '//dof))
+                                          percentile_axes))
       call group%put_allocated('band_ratio', statistics%band_ratio, &
                                label_type('1', &
                                           'pseudo-variance of the last over the first percentile', &

@@ -37,10 +37,14 @@ contains
       type(shard_type), intent(in) :: shards(:)
       integer, intent(in) :: case_number, n_samples
       type(shard_type), allocatable :: chosen(:)
+      integer, allocatable :: order(:)
+      integer :: i
 
-      chosen = pack(shards, shards%case_number == case_number .and. &
-                    shards%first_sample <= n_samples)
-      chosen = chosen(sort_order(real(chosen%first_sample, wp)))
+      ! by index: gfortran does not free the paths of packed shards
+      order = pack([(i, i=1, size(shards))], shards%case_number == case_number .and. &
+                   shards%first_sample <= n_samples)
+      order = order(sort_order(real(shards(order)%first_sample, wp)))
+      chosen = shards(order)
    end function shards_of
 
    !> Transitions of samples 1..n_samples.

@@ -102,8 +102,10 @@ contains
       integer, intent(in) :: case_number, first_sample, n_samples
       type(shard_type) :: shard
 
-      shard = shard_type(store%folder//'/'//shard_name(case_number, first_sample, n_samples), &
-                         case_number, first_sample, n_samples)
+      shard%path = store%folder//'/'//shard_name(case_number, first_sample, n_samples)
+      shard%case_number = case_number
+      shard%first_sample = first_sample
+      shard%n_samples = n_samples
    end function named_shard
 
    !> Whether a block is there, by its name alone.

@@ -83,8 +83,8 @@ contains
       integer :: info, n
 
       n = size(a, 1)
-      eigenvectors = a
-      factor = b
+      allocate (eigenvectors, source=a)   ! = would compare with bounds that do not exist yet
+      allocate (factor, source=b)
       allocate (eigenvalues(n), work(34*n))
       call dsygv(1, 'V', 'L', n, eigenvectors, n, factor, n, eigenvalues, work, size(work), info)
       if (info /= 0) call raise(error, exit_no_solution, 'symmetric eigenproblem of order '// &

@@ -10,7 +10,7 @@ module process_truncated_normal
    implicit none(type, external)
    private
    public :: lanes, draw_truncated, draw_truncated_lanes, acceptance_lanes
-   public :: log_acceptance, hazard_ratio, relative_moments
+   public :: log_acceptance, hazard_ratio
    public :: truncated_normal_moments, fit_truncated_normal
 
    !> chains marched side by side; constant: no result depends on it

@@ -1,4 +1,7 @@
-"""Audits: what is repeated, what it tells, and that nothing finished is repeated again."""
+"""Audits: what is repeated, what it tells, and that nothing finished is repeated again.
+
+Here too: io_error_results.
+"""
 
 from __future__ import annotations
 

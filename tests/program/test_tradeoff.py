@@ -1,4 +1,7 @@
-"""entroslip tradeoff: its table, its file, the same numbers on any number of ranks."""
+"""entroslip tradeoff: its table, its file, the same numbers on any number of ranks.
+
+Here too: io_tradeoff_results and ensemble_tradeoff_process.
+"""
 
 from __future__ import annotations
 

@@ -1,0 +1,109 @@
+"""The rooms: small, named after their place, of use, tested, outside libraries behind one door."""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+
+import pytest
+
+from tests.conftest import ROOT
+
+MOST_LINES = 400
+FOLDERS = ["src", "drivers", "bench", "examples", "postproc", "scripts", "tests", "docs"]
+CODE = sorted(
+    path
+    for folder in FOLDERS
+    for path in (ROOT / folder).rglob("*")
+    if path.suffix in {".f90", ".F90", ".pf", ".py", ".sh"} and "__pycache__" not in path.parts
+)
+FORTRAN = {path: path.read_text() for path in CODE if path.suffix in {".f90", ".F90", ".pf"}}
+LIBRARY = {path: text for path, text in FORTRAN.items() if path.is_relative_to(ROOT / "src")}
+
+#: outside modules, and the rooms that may name them
+DOORS = {
+    r"mpi|mpi_f08": {"parallel_world", "parallel_work"},
+    r"hdf5|h5\w+": {
+        "io_hdf5", "io_hdf5_attributes", "io_hdf5_file", "io_hdf5_outcome", "io_hdf5_parts",
+        "io_hdf5_reading", "io_hdf5_writing",
+    },
+}  # fmt: skip
+
+
+def room(path: Path) -> str:
+    return f"{path.parent.name}_{path.stem}"
+
+
+def used(text: str) -> set[str]:
+    return set(re.findall(r"^\s*use\s*(?:,\s*\w+\s*::)?\s*(\w+)", text, re.MULTILINE))
+
+
+def test_no_file_is_too_long():
+    long = {str(path.relative_to(ROOT)): len(path.read_text().splitlines()) for path in CODE}
+    assert {path: n for path, n in long.items() if n > MOST_LINES} == {}
+
+
+def test_a_module_is_named_after_its_place():
+    named = {
+        path: re.findall(r"^(?:module|program) (\w+)$", LIBRARY[path], re.M) for path in LIBRARY
+    }
+    assert {path: names for path, names in named.items() if names != [room(path)]} == {}
+
+
+def test_every_module_serves_the_program_or_an_example():
+    modules = {room(path): used(text) for path, text in LIBRARY.items()}
+    users = [
+        text
+        for path, text in FORTRAN.items()
+        if path.is_relative_to(ROOT / "drivers") or path.is_relative_to(ROOT / "examples")
+    ]
+    served, ahead = set(), set().union(*map(used, users))
+    while ahead:
+        served |= ahead
+        ahead = set().union(*(modules.get(name, set()) for name in ahead)) - served
+    assert modules.keys() - served == set()
+
+
+def test_every_public_name_is_used_elsewhere():
+    """By another module, or a test; a type may also be that of a component or an argument here."""
+    words = {path: set(re.findall(r"\w+", text)) for path, text in FORTRAN.items()}
+    idle = []
+    for path, text in LIBRARY.items():
+        joined = re.sub(r"&\s*\n\s*&?", " ", text)
+        elsewhere = set().union(*(found for place, found in words.items() if place != path))
+        public = re.findall(r"^   public ::([^!\n]*)", joined, re.MULTILINE)
+        for name in re.findall(r"\w+", " ".join(public)):
+            if name not in elsewhere and not re.search(rf"(?:type|class)\({name}\)", text):
+                idle.append(f"{room(path)}: {name}")
+    assert idle == []
+
+
+def test_every_module_has_a_test_or_is_named_in_one():
+    """`tests/<floor>/test_<floor>_<room>.pf`, or the head or a `use` of another test."""
+    tests = [path for path in CODE if path.is_relative_to(ROOT / "tests") and path != Path(__file__)]
+    named = {word for path in tests for word in re.findall(r"\w+", path.read_text())}
+    untested = [
+        room(path)
+        for path in LIBRARY
+        if not (ROOT / "tests" / path.parent.name / f"test_{room(path)}.pf").exists()
+        and room(path) not in named
+    ]
+    assert untested == []
+
+
+@pytest.mark.parametrize("outside", DOORS)
+def test_an_outside_library_has_one_door(outside):
+    doors = {
+        room(path)
+        for path, text in LIBRARY.items()
+        if any(re.fullmatch(outside, name) for name in used(text))
+    }
+    assert doors <= DOORS[outside]
+
+
+def test_only_drivers_print_or_stop():
+    """The library hands errors back; two rooms write to a terminal on behalf of a driver."""
+    words = r"^\s*(?:print\b|stop\b|write \((?:\*|output_unit|error_unit))"
+    loud = re.compile(words, re.MULTILINE)
+    speakers = {room(path) for path, text in LIBRARY.items() if loud.search(text)}
+    assert speakers <= {"core_terminal", "io_progress"}
