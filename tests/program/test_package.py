@@ -118,12 +118,50 @@ def test_completion_in_bash():
     assert lines == ["replay", "--set --sample", "smallest.nml"]
 
 
-@pytest.mark.parametrize("shell", ["zsh", "fish"])
-def test_completion_parses(shell):
-    if not shutil.which(shell):
-        pytest.skip(f"{shell} is not installed")
-    name = {"zsh": "_entroslip", "fish": "entroslip.fish"}[shell]
-    run(shell, "-n", ROOT / "packaging/completions" / name)
+@pytest.mark.skipif(not shutil.which("fish"), reason="fish is not installed")
+def test_completion_in_fish():
+    source = f"source {ROOT}/packaging/completions/entroslip.fish"
+
+    def offered(line):
+        script = f"{source}; complete -C '{line}'"
+        found = run("fish", "--no-config", "-c", script, cwd=ROOT / "input").splitlines()
+        return [choice.partition("\t")[0] for choice in found]
+
+    assert offered("entroslip re") == ["replay"]
+    assert offered("entroslip replay --s") == ["--sample", "--set"]
+    assert offered("entroslip run small") == ["smallest.nml"]
+
+
+#: zsh completes on a terminal only: this gives it one, and waits for $3 among the choices
+ZSH_AT_A_TERMINAL = r"""
+zmodload zsh/zpty
+zpty shell zsh -f -i
+zpty -w shell "PS1=; stty -echo cols 200; fpath=($1 \$fpath); autoload -Uz compinit; compinit -D -u"
+zpty -w shell 'zle -C choices .list-choices _main_complete; bindkey "^X^L" choices; print re""ady'
+zpty -r shell out '*ready*'
+zpty -w -n shell "$2"$'\C-x\C-l'
+zpty -r shell out "*$3*"
+print -r -- $out
+"""
+
+
+@pytest.mark.skipif(not shutil.which("zsh"), reason="zsh is not installed")
+@pytest.mark.parametrize(
+    ("line", "wanted", "others"),
+    [
+        ("entroslip re", "replay", ["run", "template"]),
+        ("entroslip replay --s", "--sample", ["--quiet", "--share"]),
+        ("entroslip run --s", "--share", ["--quiet", "--sample"]),
+        ("entroslip run small", "smallest.nml", ["paper.nml"]),
+    ],
+)
+def test_completion_in_zsh(line, wanted, others):
+    folder = ROOT / "packaging/completions"
+    out = run(
+        "zsh", "-f", "-c", ZSH_AT_A_TERMINAL, "zsh", folder, line, wanted,
+        cwd=ROOT / "input", timeout=30,
+    )  # fmt: skip
+    assert not [other for other in others if other in out.replace(line, "")]
 
 
 @pytest.mark.skipif(
