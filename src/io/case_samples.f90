@@ -57,6 +57,7 @@ contains
                                                                            'work of the friction', &
                                                            'kinetic and strain energy at the end', &
                                                                'what the balance of energies lacks']
+      character(:), allocatable :: long_name
       integer :: extents(2), i
 
       extents = [plan%chain%n_dof, n_samples]
@@ -72,8 +73,9 @@ contains
       end if
       if (.not. kept%energy) return
       do i = 1, size(energy_terms)
+         long_name = trim(meaning(i))   ! gfortran would not free it inside of the constructor
          call group%make(trim(energy_terms(i)), 0.0_wp, [n_samples], &
-                         label_type('J', trim(meaning(i)), 'sample'))
+                         label_type('J', long_name, 'sample'))
       end do
    end subroutine make_samples
 

@@ -1,13 +1,24 @@
-!> A part of a dataset as HDF5 wants it said, for reading and for writing.
+!> Extents, and a part of a dataset, as HDF5 wants them said, for reading and for writing.
 module io_hdf5_parts
    use hdf5
    use io_hdf5_file, only: hdf5_file
    use io_hdf5_outcome, only: outcome_type
    implicit none(type, external)
    private
-   public :: close_part, select_part
+   public :: close_part, extents_of, select_part
 
 contains
+
+   !> The shape of what is written or read; empty for a scalar, whose `shape` gfortran 11 gets wrong
+   !> where the rank is assumed.
+   pure function extents_of(values) result(extents)
+      type(*), intent(in) :: values(..)
+      integer(hsize_t) :: extents(rank(values))
+      integer :: i
+
+      ! gfortran has -1 for the last extent of an expression without elements
+      extents = [(max(size(values, i, hsize_t), 0_hsize_t), i=1, rank(values))]
+   end function extents_of
 
    !> Opens what begins at `first` (counted from 1, Fortran's order).
    subroutine select_part(file, path, first, extents, dataset, part, memory, outcome)

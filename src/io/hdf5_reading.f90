@@ -8,7 +8,7 @@ module io_hdf5_reading
    use hdf5
    use io_hdf5_file, only: hdf5_file
    use io_hdf5_outcome, only: outcome_type
-   use io_hdf5_parts, only: close_part, select_part
+   use io_hdf5_parts, only: close_part, extents_of, select_part
    implicit none(type, external)
    private
    public :: check_dataset, read_dataset, read_extent, read_part
@@ -58,7 +58,7 @@ contains
       real(wp), intent(out), target, contiguous :: values(..)
       type(error_type), allocatable, intent(out) :: error
 
-      call read_whole(file, path, H5T_NATIVE_DOUBLE, shape(values, long), c_loc(values), error)
+      call read_whole(file, path, H5T_NATIVE_DOUBLE, extents_of(values), c_loc(values), error)
    end subroutine read_real
 
    subroutine read_integer(file, path, values, error)
@@ -67,7 +67,7 @@ contains
       integer, intent(out), target, contiguous :: values(..)
       type(error_type), allocatable, intent(out) :: error
 
-      call read_whole(file, path, H5T_NATIVE_INTEGER, shape(values, long), c_loc(values), error)
+      call read_whole(file, path, H5T_NATIVE_INTEGER, extents_of(values), c_loc(values), error)
    end subroutine read_integer
 
    subroutine read_long(file, path, values, error)
@@ -76,7 +76,7 @@ contains
       integer(long), intent(out), target, contiguous :: values(..)
       type(error_type), allocatable, intent(out) :: error
 
-      call read_whole(file, path, h5kind_to_type(long, H5_INTEGER_KIND), shape(values, long), &
+      call read_whole(file, path, h5kind_to_type(long, H5_INTEGER_KIND), extents_of(values), &
                       c_loc(values), error)
    end subroutine read_long
 
@@ -94,7 +94,7 @@ contains
 
       call read_extent(file, path, size(extents), found, error)
       if (allocated(error)) return
-      if (any(found /= max(extents, 0_long))) then
+      if (any(found /= extents)) then
          call raise(error, exit_file, file%path//': '//path//': has another shape than expected')
          return
       end if
@@ -120,7 +120,7 @@ contains
       integer :: status
 
       if (size(values) == 0) return
-      call select_part(file, path, first, shape(values, hsize_t), dataset, part, memory, outcome)
+      call select_part(file, path, first, extents_of(values), dataset, part, memory, outcome)
       address = c_loc(values)
       call h5dread_f(dataset, H5T_NATIVE_DOUBLE, address, status, memory, part)
       call outcome%note(status)

@@ -11,7 +11,7 @@ module io_hdf5_writing
    use io_hdf5_attributes, only: write_attribute
    use io_hdf5_file, only: hdf5_file, make_parents, new_timeless_list
    use io_hdf5_outcome, only: outcome_type
-   use io_hdf5_parts, only: close_part, select_part
+   use io_hdf5_parts, only: close_part, extents_of, select_part
    implicit none(type, external)
    private
    public :: label_type, make_dataset, write_dataset, write_part
@@ -73,7 +73,7 @@ contains
       type(label_type), intent(in) :: label
       type(error_type), allocatable, intent(out) :: error
 
-      call write_whole(file, path, H5T_NATIVE_DOUBLE, max(shape(values, hsize_t), 0_hsize_t), &
+      call write_whole(file, path, H5T_NATIVE_DOUBLE, extents_of(values), &
                        c_loc(values), label, error)
    end subroutine write_real
 
@@ -84,7 +84,7 @@ contains
       type(label_type), intent(in) :: label
       type(error_type), allocatable, intent(out) :: error
 
-      call write_whole(file, path, H5T_NATIVE_INTEGER, max(shape(values, hsize_t), 0_hsize_t), &
+      call write_whole(file, path, H5T_NATIVE_INTEGER, extents_of(values), &
                        c_loc(values), label, error)
    end subroutine write_integer
 
@@ -96,7 +96,7 @@ contains
       type(error_type), allocatable, intent(out) :: error
 
       call write_whole(file, path, h5kind_to_type(long, H5_INTEGER_KIND), &
-                       max(shape(values, hsize_t), 0_hsize_t), c_loc(values), label, error)
+                       extents_of(values), c_loc(values), label, error)
    end subroutine write_long
 
    subroutine write_whole(file, path, kind, extents, values, label, error)
@@ -112,8 +112,10 @@ contains
       integer :: status
 
       call create(file, path, kind, extents, label, dataset, outcome)
-      if (all(extents > 0)) call h5dwrite_f(dataset, kind, values, status)
-      call outcome%note(status)
+      if (all(extents > 0)) then
+         call h5dwrite_f(dataset, kind, values, status)
+         call outcome%note(status)
+      end if
       call h5dclose_f(dataset, status)
       call outcome%note(status)
       call outcome%conclude(file%path//': '//path//': cannot be written', error)
@@ -245,7 +247,7 @@ contains
       real(wp), intent(in), target, contiguous :: values(..)
       type(error_type), allocatable, intent(out) :: error
 
-      call write_any_part(file, path, H5T_NATIVE_DOUBLE, first, shape(values, hsize_t), &
+      call write_any_part(file, path, H5T_NATIVE_DOUBLE, first, extents_of(values), &
                           c_loc(values), error)
    end subroutine write_real_part
 
@@ -256,7 +258,7 @@ contains
       integer, intent(in), target, contiguous :: values(..)
       type(error_type), allocatable, intent(out) :: error
 
-      call write_any_part(file, path, H5T_NATIVE_INTEGER, first, shape(values, hsize_t), &
+      call write_any_part(file, path, H5T_NATIVE_INTEGER, first, extents_of(values), &
                           c_loc(values), error)
    end subroutine write_integer_part
 
@@ -268,7 +270,7 @@ contains
       type(error_type), allocatable, intent(out) :: error
 
       call write_any_part(file, path, h5kind_to_type(long, H5_INTEGER_KIND), first, &
-                          shape(values, hsize_t), c_loc(values), error)
+                          extents_of(values), c_loc(values), error)
    end subroutine write_long_part
 
    subroutine write_any_part(file, path, kind, first, extents, values, error)

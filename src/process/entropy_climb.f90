@@ -35,7 +35,7 @@ contains
       type(climb_state), intent(out) :: state
       integer :: m
 
-      state%free = pack([(m, m=1, constraint%m_max)], is_free)
+      allocate (state%free, source=pack([(m, m=1, constraint%m_max)], is_free))
       state%s = merge(0.0_wp, s, is_free)
       state%scale = [1.0_wp, constraint%weights(state%free)]
       allocate (state%along(0:constraint%m_max), state%x(0:constraint%m_max), source=0.0_wp)

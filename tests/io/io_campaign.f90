@@ -208,7 +208,7 @@ contains
       type(shard_store), intent(in) :: store
       type(error_type), allocatable, intent(out) :: error
       logical, intent(in), optional :: has_audit
-      type(shard_type), allocatable :: shards(:)
+      type(shard_type), allocatable :: ours(:), shards(:)
       type(results_writer) :: writer
       type(plan_type) :: plan
       type(block_result) :: samples
@@ -227,13 +227,12 @@ contains
       if (.not. allocated(error)) call writer%write_chain(plan%chain, error)
       do i = 1, 2
          if (allocated(error)) exit
-         associate (ours => shards_of(shards, i, plan%cases(i)%n_samples))
-            call begin_case(writer, plan, i, made_layout(), [(0.001_wp, dof=1, n_dof)], group, force)
-            call read_samples(store, ours, i, 1, plan%cases(i)%n_samples, samples, error)
-            if (allocated(error)) exit
-            call put_samples(group, samples, no_errors)
-            call finish_case(group, plan, i, made_layout(), made_statistics(), store, ours, error)
-         end associate
+         ours = shards_of(shards, i, plan%cases(i)%n_samples)
+         call begin_case(writer, plan, i, made_layout(), [(0.001_wp, dof=1, n_dof)], group, force)
+         call read_samples(store, ours, i, 1, plan%cases(i)%n_samples, samples, error)
+         if (allocated(error)) exit
+         call put_samples(group, samples, no_errors)
+         call finish_case(group, plan, i, made_layout(), made_statistics(), store, ours, error)
       end do
       if (present(has_audit) .and. .not. allocated(error)) then
          plan%accuracy%audit = 0.6_wp

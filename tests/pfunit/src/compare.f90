@@ -6,7 +6,7 @@ module funit_compare
    use funit_exceptions, only: SourceLocation, throw
    implicit none(type, external)
    private
-   public :: compare, fail
+   public :: compare, extents, fail
 
    !> Throws unless every pair of elements fulfils the relation; an lhs of rank 0 meets every rhs.
    interface compare
@@ -105,6 +105,15 @@ contains
       call ieee_set_flag(ieee_all, .false.)   ! a raised flag would trap late
       call ieee_set_halting_mode(ieee_all, traps)
    end subroutine open_traps
+
+   !> The shape of an operand: of a scalar's, gfortran 11 frees what it has not allocated.
+   pure function extents(operand) result(list)
+      type(*), intent(in) :: operand(..)
+      integer :: list(rank(operand))
+      integer :: i
+
+      list = [(size(operand, i), i=1, rank(operand))]
+   end function extents
 
    !> Throw: the user's message, if any, and below it what was found.
    subroutine fail(finding, message, location)

@@ -47,7 +47,7 @@ MODULE = """\
 !> Assertions on numbers, written by the translator.
 module funit_numbers
    use, intrinsic :: iso_fortran_env, only: int8, int16, int32, int64, real32, real64
-   use funit_compare, only: compare
+   use funit_compare, only: compare, extents
    use funit_exceptions, only: SourceLocation
    implicit none(type, external)
    private
@@ -74,7 +74,7 @@ ASSERTION = """\
       type(SourceLocation), intent(in), optional :: location
 
       call compare({expected_list}, '{relation}', {actual_list}, &
-         shape(expected), shape(actual), {tolerance}message, location)
+         extents(expected), extents(actual), {tolerance}message, location)
    end subroutine {name}
 """
 
