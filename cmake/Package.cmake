@@ -44,4 +44,5 @@ install(FILES packaging/completions/entroslip.fish
 install(FILES LICENSE README.md CHANGELOG.md CITATION.cff DESTINATION ${CMAKE_INSTALL_DOCDIR})
 install(DIRECTORY docs DESTINATION ${CMAKE_INSTALL_DOCDIR}
   FILES_MATCHING PATTERN *.md PATTERN *.png PATTERN *.svg)
-install(DIRECTORY input examples DESTINATION ${CMAKE_INSTALL_DATADIR}/entroslip)
+install(DIRECTORY input examples DESTINATION ${CMAKE_INSTALL_DATADIR}/entroslip
+  USE_SOURCE_PERMISSIONS)   # job scripts are executable

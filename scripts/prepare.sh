@@ -6,8 +6,9 @@ say() { printf '\n== %s\n' "$*"; }
 build_packages="gcc gfortran cmake ninja-build git pkg-config libopenmpi-dev openmpi-bin libopenblas-dev
   libfftw3-dev libhdf5-dev libnlopt-dev python3 python3-venv"
 
-# Tests submit the job scripts to a Slurm of their own, and look at the report in a browser.
-test_packages="slurm-wlm munge chromium"
+# Tests submit the job scripts to a Slurm of their own, look at the report in a browser, build the Debian package, and
+# complete commands in every shell.
+test_packages="slurm-wlm munge chromium debhelper dpkg-dev fish zsh"
 
 # install_packages NAME...: whatever is missing, as root or through sudo.
 install_packages() {

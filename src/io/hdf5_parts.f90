@@ -13,7 +13,7 @@ contains
    !> where the rank is assumed.
    pure function extents_of(values) result(extents)
       type(*), intent(in) :: values(..)
-      integer(hsize_t) :: extents(rank(values))
+      integer(hsize_t), allocatable :: extents(:)
       integer :: i
 
       ! gfortran has -1 for the last extent of an expression without elements

@@ -109,7 +109,7 @@ contains
    !> The shape of an operand: of a scalar's, gfortran 11 frees what it has not allocated.
    pure function extents(operand) result(list)
       type(*), intent(in) :: operand(..)
-      integer :: list(rank(operand))
+      integer, allocatable :: list(:)
       integer :: i
 
       list = [(size(operand, i), i=1, rank(operand))]
