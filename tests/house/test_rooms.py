@@ -9,7 +9,6 @@ import pytest
 
 from tests.conftest import ROOT
 
-MOST_LINES = 400
 FOLDERS = ["src", "drivers", "bench", "examples", "postproc", "scripts", "tests", "docs"]
 CODE = sorted(
     path
@@ -36,11 +35,6 @@ def room(path: Path) -> str:
 
 def used(text: str) -> set[str]:
     return set(re.findall(r"^\s*use\s*(?:,\s*\w+\s*::)?\s*(\w+)", text, re.MULTILINE))
-
-
-def test_no_file_is_too_long():
-    long = {str(path.relative_to(ROOT)): len(path.read_text().splitlines()) for path in CODE}
-    assert {path: n for path, n in long.items() if n > MOST_LINES} == {}
 
 
 def test_a_module_is_named_after_its_place():
