@@ -83,7 +83,7 @@ contains
       integer :: info, n
 
       n = size(a, 1)
-      allocate (eigenvectors, source=a)   ! = would compare with bounds that do not exist yet
+      allocate (eigenvectors, source=a)   ! not by =, which would read bounds it does not have yet
       allocate (factor, source=b)
       allocate (eigenvalues(n), work(34*n))
       call dsygv(1, 'V', 'L', n, eigenvectors, n, factor, n, eigenvalues, work, size(work), info)

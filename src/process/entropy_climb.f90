@@ -35,9 +35,10 @@ contains
       type(climb_state), intent(out) :: state
       integer :: m
 
+      ! not by =, which would read bounds that these do not have yet
       allocate (state%free, source=pack([(m, m=1, constraint%m_max)], is_free))
-      state%s = merge(0.0_wp, s, is_free)
-      state%scale = [1.0_wp, constraint%weights(state%free)]
+      allocate (state%s, source=merge(0.0_wp, s, is_free))
+      allocate (state%scale, source=[1.0_wp, constraint%weights(state%free)])
       allocate (state%along(0:constraint%m_max), state%x(0:constraint%m_max), source=0.0_wp)
       state%along(0) = constraint%weights(0)
       state%along(1:) = 0.5_wp*constraint%weights(1:)*state%s
