@@ -97,13 +97,44 @@ def test_generated_pages_are_what_the_program_says(program):
         )
 
 
+def quoted_messages() -> list[list[str]]:
+    """The messages of docs/troubleshooting.md, each cut where dots stand for what differs."""
+    page = (ROOT / "docs/troubleshooting.md").read_text()
+    cells = re.findall(r"^\| (`[^|]+) \|", page, re.MULTILINE)
+    quoted = [message for cell in cells for message in re.findall(r"`([^`]+)`", cell)]
+    return [[part.strip(" :") for part in message.split("...")] for message in quoted]
+
+
+def joined(path: Path) -> str:
+    """The source with continued lines and texts on one line."""
+    return re.sub(r"'\s*//\s*'", "", re.sub(r"&\s*\n\s*", "", path.read_text()))
+
+
 def test_troubleshooting_quotes_messages_that_exist():
-    source = "".join(path.read_text() for path in SOURCES)
-    source = re.sub(r"'\s*//\s*&\s*'", "", source)  # a text continued on the next line
-    for quoted in re.findall(r"^\| `([^`]+)`", (ROOT / "docs/troubleshooting.md").read_text(),
-                             re.MULTILINE):  # fmt: skip
-        for part in quoted.split("..."):  # dots stand for what differs
-            assert part.strip(" :") in source, quoted
+    source = "".join(joined(path) for path in SOURCES)
+    for parts in quoted_messages():
+        assert all(part in source for part in parts), parts
+
+
+def raised_messages() -> list[str]:
+    """The fixed words of every message that the sources raise; the rest is values."""
+    call = r"call \S*?(?:raise|raise_system|add_general|require|complain|conclude)\((.*)"
+    arguments = [found for path in SOURCES for found in re.findall(call, joined(path))]
+    texts = [re.findall(r"'((?:[^']|'')*)'|\"([^\"]*)\"", found) for found in arguments]
+    return [" ".join(one or other for one, other in found) for found in texts]
+
+
+def test_troubleshooting_has_every_message():
+    """But those that say their rule themselves, `name = value: must ...`, `needs ...`."""
+    quoted = quoted_messages()
+    messages = [
+        message
+        for message in raised_messages()
+        if len(re.findall(r"[a-z]{2,}", message)) > 2 and not re.search(r"\b(must|needs)\b", message)
+    ]
+    assert len(messages) > 60
+    for message in messages:
+        assert any(all(part in message for part in parts) for parts in quoted), message
 
 
 @pytest.fixture
