@@ -130,7 +130,8 @@ def test_troubleshooting_has_every_message():
     messages = [
         message
         for message in raised_messages()
-        if len(re.findall(r"[a-z]{2,}", message)) > 2 and not re.search(r"\b(must|needs)\b", message)
+        if len(re.findall(r"[a-z]{2,}", message)) > 2
+        and not re.search(r"\b(must|needs)\b", message)
     ]
     assert len(messages) > 60
     for message in messages:
