@@ -72,6 +72,7 @@ ATTRIBUTES = {
     "fingerprint": "of all in the scene that changes a sample",
     "flags": "of the compiler",
     "folded_share": "largest share of the power that thinning folds below the highest frequency",
+    "forced_dof": "the mass that the force acts on",
     "format_version": "of the layout described here",
     "git_commit": "of the program's source",
     "inversion_half_width": "M of Eq. 35, the paper's inversion of 2M + 1 points",

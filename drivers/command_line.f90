@@ -168,7 +168,7 @@ contains
          call raise(error, exit_bad_input, '--reference belongs to template')
    end subroutine check_together
 
-   !> One screen of a terminal: 24 lines of 80 columns.
+   !> One screen of a terminal, 24 lines of 80 columns, with the prompt below it.
    pure function help_text() result(text)
       character(:), allocatable :: text
       character, parameter :: nl = new_line('a')
@@ -176,9 +176,8 @@ contains
       text = 'entroslip: maximum-entropy properties, and vibration held by friction'//nl//nl// &
              'usage: [mpirun -n RANKS] entroslip COMMAND [SCENE] [options]'//nl//nl// &
              rows(commands)//nl//rows(options)//nl// &
-             'exit codes: 0 done; 2 bad usage, scene or input file; 3 a file cannot be'//nl// &
-             'written, is locked, damaged or foreign; 4 no solution, or a target out of'//nl// &
-             'reach; 75 stopped early, start again to continue'
+             'exit codes: 0 done; 2 bad usage or input; 3 a file is unwritable, locked or'//nl// &
+             'foreign; 4 no solution, or a target out of reach; 75 stopped early: start again'
 
    contains
 

@@ -84,7 +84,7 @@ contains
 
       allocate (shards(0))
       if (world%is_root()) then
-         call writer%write_chain(plan%chain, error)
+         call writer%write_chain(plan%chain, plan%excitation%dof, error)
          if (.not. allocated(error)) call list_shards(output%store, shards, error)
       end if
       if (world%any_true(allocated(error))) return

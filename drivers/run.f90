@@ -233,12 +233,14 @@ contains
       logical :: is_own(size(plan%cases))   ! and no audit
 
       is_own = plan%cases%audits == 0
-      text = counted(size(plan%processes), 'process', 'processes')//', '// &
-             counted(count(is_own), 'case', 'cases')//', '// &
-             counted(sum(plan%cases%n_samples, is_own), 'sample', 'samples')
+      text = ''
+      if (size(plan%processes) > 0) text = ', '//counted(size(plan%processes), 'process', 'processes')
+      if (any(is_own)) &
+         text = text//', '//counted(count(is_own), 'case', 'cases')//', '// &
+                counted(sum(plan%cases%n_samples, is_own), 'sample', 'samples')
       if (.not. all(is_own)) &
          text = text//', '//to_text(sum(plan%cases%n_samples, (.not. is_own)))//' repeated'
-      text = text//' in '//output%path
+      text = text(3:)//' in '//output%path
    end function summary
 
 end module driver_run

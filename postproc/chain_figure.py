@@ -2,27 +2,27 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.patches import Rectangle
 
-_MOST_DRAWN = 6  # of longer chains the middle is left out
+_MOST_DRAWN = 6  # of longer chains masses are left out
 _PITCH = 2.2  # from mass to mass
 _SIDE = 0.9  # of a mass
 _INK, _FILL = "0.15", "0.88"
 
 
-def plot_chain(axes: Axes, n_dof: int) -> None:
-    """Masses on springs from the wall; below each, spring and slider to the ground."""
-    numbers: list[int | None] = list(range(1, n_dof + 1))
-    if n_dof > _MOST_DRAWN:
-        numbers = [1, 2, 3, None, n_dof - 1, n_dof]
+def plot_chain(axes: Axes, n_dof: int, forced: int) -> None:
+    """Masses on springs from the wall; below each, spring and slider to the ground.
+
+    The force acts on the mass `forced`; masses count from 1.
+    """
     _hatch(axes, -1.05, -0.75, 0.2, 1.5)  # the wall
     axes.plot([-0.75, -0.75], [-0.75, 0.75], color=_INK, linewidth=1.5)
     left = -0.75
-    for position, number in enumerate(numbers):
+    for position, number in enumerate(_drawn(n_dof, forced)):
         centre = 0.9 + position * _PITCH
         if number is None:
             axes.text(centre, 0.0, r"$\cdots$", ha="center", va="center", fontsize=22)
@@ -33,13 +33,32 @@ def plot_chain(axes: Axes, n_dof: int) -> None:
         _mass(axes, centre, number)
         _jenkins(axes, centre)
         left = centre + _SIDE / 2
-    axes.annotate("", (left + 1.2, 0.0), (left, 0.0), arrowprops={"arrowstyle": "-|>", "lw": 1.6})
-    axes.text(left + 0.6, 0.2, "$F(t)$", ha="center")
+        if number == forced:
+            _force(axes, left, height=0.0 if number == n_dof else -0.32)
     ground = -3.62
     _hatch(axes, -0.3, ground - 0.2, left + 1.0, 0.2)
     axes.plot([-0.3, left + 0.7], [ground, ground], color=_INK, linewidth=1.5)
     axes.set(xlim=(-1.2, left + 1.4), ylim=(ground - 0.3, 1.3), aspect="equal")
     axes.axis("off")
+
+
+def _drawn(n_dof: int, forced: int) -> Iterator[int | None]:
+    """Numbers of the masses drawn, None where some are left out."""
+    ends = {1, 2, 3, n_dof - 1, n_dof, forced} if n_dof > _MOST_DRAWN else range(1, n_dof + 1)
+    before = 0
+    for number in sorted(ends):
+        if number > before + 1:
+            yield None
+        yield number
+        before = number
+
+
+def _force(axes: Axes, left: float, height: float) -> None:
+    """An arrow at the right side of a mass; below the spring where one is there."""
+    axes.annotate(
+        "", (left + 1.2, height), (left, height), arrowprops={"arrowstyle": "-|>", "lw": 1.6}
+    )
+    axes.text(left + 0.6, height + (0.2 if height == 0.0 else -0.5), "$F(t)$", ha="center")
 
 
 def _mass(axes: Axes, centre: float, number: int) -> None:

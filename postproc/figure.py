@@ -43,6 +43,7 @@ class Figure:
                     panel.set(xlim=(left, right), ylim=(bottom, top))
         png = folder / f"{self.name}.png"
         picture.savefig(png)
+        picture.set_layout_engine("none")  # as laid out once
         picture.savefig(png.with_suffix(".pdf"), metadata={"CreationDate": None})
         plt.close(picture)
         return png

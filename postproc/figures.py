@@ -5,7 +5,9 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
+import xarray as xr
 from matplotlib.axes import Axes
+from matplotlib.patheffects import withStroke
 from matplotlib.ticker import FuncFormatter
 from numpy.typing import NDArray
 
@@ -23,6 +25,8 @@ _SLIP_AXIS = "mean fraction of time in slip"
 
 def variance_name(variance: float) -> str:
     """'variance 3.7 (low)', with the paper's name where it has one."""
+    if variance == 0.0:
+        return "force from a file"
     name = LEVELS.get(variance)
     return f"variance {variance:g}" + (f" ({name})" if name else "")
 
@@ -59,7 +63,7 @@ def plot_band(axes: Axes, cases: Sequence[Case], dof: int, results: Results) -> 
     """Fig. 10: mean (thick) and outer percentiles (thin) of the spectra of one oscillator.
 
     Shaded: 95 % intervals of the percentiles. Several variances in one panel stand apart as sets
-    of curves, the larger one higher.
+    of curves, the larger one higher, each named.
     """
     lengths = sorted({case.correlation_length for case in cases})
     values = []
@@ -79,12 +83,51 @@ def plot_band(axes: Axes, cases: Sequence[Case], dof: int, results: Results) -> 
                 low, high = (one[f"psd_percentiles_{end}"].values[outer] for end in ("low", "high"))
                 axes.fill_between(frequency, low, high, alpha=0.15, linewidth=0, color=colour)
             values.append(edge)
+    variances = sorted({case.variance for case in cases})
+    for variance in variances:
+        level = "" if len(variances) == 1 else LEVELS.get(variance, f"{variance:g} N²")
+        alike = [case.data.isel(dof=dof - 1) for case in cases if case.variance == variance]
+        _name_curves(axes, alike, level, _last_shown(frequency, results))
     if results.chain is not None:
-        style.mark_frequencies(axes, results.chain["frequencies_slip"].values, "slipping", ":")
+        style.mark_frequencies(
+            axes, results.chain["frequencies_slip"].values, "modes, slipping", ":"
+        )
     _frame_spectrum(axes, frequency, np.stack(values), results)
     handles, labels = axes.get_legend_handles_labels()
     unique = dict(zip(labels, handles, strict=True))
     axes.legend(list(unique.values()), list(unique.keys()))
+
+
+def _name_curves(axes: Axes, alike: Sequence[xr.Dataset], level: str, last: float) -> None:
+    """Says at the curves what they are: the mean, the percentiles, or all of a level."""
+    frequency = alike[0]["frequency"].values
+    low, mean, high = (
+        np.stack([curve.values for curve in curves])
+        for curves in (
+            [one["psd_percentiles"][0] for one in alike],
+            [one["psd_mean"] for one in alike],
+            [one["psd_percentiles"][-1] for one in alike],
+        )
+    )
+    shown = np.flatnonzero((frequency > 0.1 * last) & (frequency < 0.6 * last) & (low > 0).all(0))
+    if not shown.size:
+        return
+    apart = high.min(axis=0) / low.max(axis=0)
+    wide, narrow = shown[np.argmax(apart[shown])], shown[np.argmin(apart[shown])]
+    first, final = alike[0]["percentile"].values[[0, -1]]
+    names = [
+        (f"{first:g} %", wide, low[:, wide].min(), "top"),
+        ("mean", wide, mean[:, wide].max(), "bottom"),
+        (f"{final:g} %", wide, high[:, wide].max(), "bottom"),
+    ]
+    for text, at, value, side in (
+        [(level, narrow, high[:, narrow].max(), "bottom")] if level else names
+    ):
+        axes.annotate(
+            text, (frequency[at], value), (0, 3 if side == "bottom" else -3),
+            textcoords="offset points", ha="center", va=side, fontsize=8.5,
+            path_effects=[withStroke(linewidth=2.5, foreground="w")],
+        )  # fmt: skip
 
 
 def plot_band_ratio(axes: Axes, cases: Sequence[Case]) -> None:
@@ -145,8 +188,8 @@ def plot_sweep_spectra(axes: Axes, cases: Sequence[Case], results: Results) -> N
 def _mark_chain(axes: Axes, results: Results) -> None:
     chain = results.chain
     if chain is not None and chain.sizes["mode"] <= _MOST_MODES:
-        style.mark_frequencies(axes, chain["frequencies_stuck"].values, "stuck", "-")
-        style.mark_frequencies(axes, chain["frequencies_slip"].values, "slipping", ":")
+        style.mark_frequencies(axes, chain["frequencies_stuck"].values, "modes, stuck", "-")
+        style.mark_frequencies(axes, chain["frequencies_slip"].values, "modes, slipping", ":")
 
 
 def _short_tick(value: float, _: int) -> str:
@@ -164,7 +207,7 @@ def _by_length(cases: Sequence[Case]) -> list[tuple[Case, style.Look, str]]:
         look = style.of_length(case.correlation_length, lengths) | {"linestyle": "none"}
         if case.variance != variances[-1]:
             look["markerfacecolor"] = "none"
-        name = LEVELS.get(case.variance, f"variance {case.variance:g}")
+        name = LEVELS.get(case.variance, variance_name(case.variance))
         rows.append((case, look, f"$L$ = {case.correlation_length:g}, {name}"))
     return rows
 
@@ -172,12 +215,20 @@ def _by_length(cases: Sequence[Case]) -> list[tuple[Case, style.Look, str]]:
 def _frame_spectrum(
     axes: Axes, frequency: NDArray[np.float64], values: NDArray[np.float64], results: Results
 ) -> None:
-    last = float(frequency[-1])
-    if results.chain is not None:
-        last = min(last, _BEYOND_STUCK * float(results.chain["frequencies_stuck"][-1]))
     positive = values[values > 0]
     if positive.size:
         top = 10 ** np.ceil(np.log10(positive.max()))
         axes.set_ylim(top * 10**-_DECADES, top)
-    axes.set(xlabel="frequency [Hz]", ylabel="power spectral density [m²/Hz]", xlim=(0.0, last))
+    axes.set(
+        xlabel="frequency [Hz]", ylabel="power spectral density [m²/Hz]",
+        xlim=(0.0, _last_shown(frequency, results)),
+    )  # fmt: skip
     axes.legend(ncols=2)
+
+
+def _last_shown(frequency: NDArray[np.float64], results: Results) -> float:
+    """The highest frequency drawn."""
+    last = float(frequency[-1])
+    if results.chain is None:
+        return last
+    return min(last, _BEYOND_STUCK * float(results.chain["frequencies_stuck"][-1]))

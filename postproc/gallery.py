@@ -21,12 +21,12 @@ def make_figures(files: Sequence[Results]) -> list[Figure]:
     """Those of every file, in the paper's order; later files' twins carry the file's name."""
     found: dict[str, Figure] = {}
     for results in files:
-        own = [figure for source in SOURCES for figure in source(results)]
-        for figure in own:
-            twin = figure.name in found
-            kept = figure.renamed(results.path.stem) if twin else figure
-            if not (twin and figure.name == "fig_07"):
-                found[kept.name] = kept
+        for figure in (figure for source in SOURCES for figure in source(results)):
+            twin = found.get(figure.name)
+            if twin is not None and twin.section == _CHAIN and twin.caption == figure.caption:
+                continue  # the same drawing
+            kept = figure.renamed(results.path.stem) if twin is not None else figure
+            found[kept.name] = kept
     return sorted(found.values(), key=lambda figure: (SECTIONS.index(figure.section), figure.name))
 
 
@@ -124,12 +124,13 @@ def of_chain(results: Results) -> Iterator[Figure]:
     """Fig. 7."""
     if results.chain is not None:
         n_dof = int(results.chain.sizes["dof"])
+        forced = int(results.chain.attrs.get("forced_dof", n_dof))
         yield Figure(
             "fig_07", "Fig. 7. The chain with its Jenkins elements",
             f"{n_dof} oscillators. Springs k1 join neighbours and the first mass to the wall; each"
             " mass holds to the ground by a spring k2 in series with a slider that the load N"
-            " presses down; the force acts on the last mass, whose far side is free.",
-            _CHAIN, (partial(chain_figure.plot_chain, n_dof=n_dof),), height=2.6,
+            f" presses down; the force acts on mass {forced}; the far side of the last is free.",
+            _CHAIN, (partial(chain_figure.plot_chain, n_dof=n_dof, forced=forced),), height=2.6,
         )  # fmt: skip
 
 

@@ -64,8 +64,8 @@ def plot_entropies(axes: Axes, processes: Sequence[xr.Dataset]) -> None:
     for curve, look, label in _by_length(processes):
         axes.plot([order_of(p) for p in curve], [float(p["entropy"]) for p in curve],
                   label=label, **look)  # fmt: skip
-    axes.xaxis.set_major_locator(MaxNLocator(integer=True))
-    axes.set(xlabel="order of the autoregressive model", ylabel="entropy per point [nat]")
+    _frame_orders(axes)
+    axes.set_ylabel("entropy per point [nat]")
     axes.legend(ncols=2)
 
 
@@ -75,11 +75,11 @@ def plot_achieved_lengths(axes: Axes, processes: Sequence[xr.Dataset]) -> None:
         other = "L1" if curve[0].attrs["correlation"] == "L0" else "L0"
         axes.semilogy([order_of(p) for p in curve], [float(p[other]) for p in curve],
                       label=f"{_symbol(other)} at {label}", **look)  # fmt: skip
-    axes.xaxis.set_major_locator(MaxNLocator(integer=True))
-    axes.set(xlabel="order of the autoregressive model", ylabel="correlation length achieved [lag]")
+    _frame_orders(axes)
+    axes.set_ylabel("correlation length achieved [lag]")
     axes.legend(ncols=2, loc="upper left")
     bottom, top = axes.get_ylim()
-    axes.set_ylim(bottom, top * (top / bottom) ** 0.3)  # room for the legend
+    axes.set_ylim(bottom, top * (top / bottom) ** 0.25)  # room for the legend
 
 
 def plot_chosen_orders(axes: Axes, processes: Sequence[xr.Dataset]) -> None:
@@ -196,6 +196,11 @@ def _bound(process: xr.Dataset, name: str) -> str:
     is_lower = side == "lower" or (side == "automatic" and name == "l0")
     sign = "≥" if is_lower else "≤"
     return f"{_symbol(name.upper())} {sign} {float(process.attrs[f'bound_{name}']):g}"
+
+
+def _frame_orders(axes: Axes) -> None:
+    axes.xaxis.set_major_locator(MaxNLocator(integer=True, steps=[1, 2, 5, 10]))
+    axes.set_xlabel("order of the autoregressive model")
 
 
 def _frame_lags(axes: Axes) -> None:

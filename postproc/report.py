@@ -37,8 +37,7 @@ def write_report(
     path: Path,
 ) -> None:
     """Write the page; figures come with the PNG that was saved of them."""
-    titles = list(dict.fromkeys(results.title for results in files))
-    title = escape(titles[0] if len(titles) == 1 else f"Results of {len(titles)} scenes")
+    title = escape(files[0].title if len(files) == 1 else f"Results of {len(files)} files")
     chapters = [
         ("findings", "The paper's statements", _findings(statements)),
         ("tables", "Tables", "".join(_table(t) for t in tables if not t.is_detail)),
@@ -82,8 +81,14 @@ def _facts(results: Results) -> str:
     ranks = _counted(int(str(attrs.get("n_ranks", 1))), "rank", "ranks")
     facts.append(f"{seconds:.1f} s on {ranks}")
     facts.append(f"entroslip {attrs.get('version')}")
-    facts.append(str(attrs.get("created")))
+    facts.append(_when(str(attrs.get("created"))))
     return escape(" · ".join(facts))
+
+
+def _when(created: str) -> str:
+    """'2016-05-01 12:30 UTC' of an ISO 8601 time."""
+    zone = created[19:]
+    return f"{created[:10]} {created[11:16]} {'UTC' if zone == '+00:00' else zone}"
 
 
 def _counted(number: int, one: str, many: str) -> str:
@@ -114,7 +119,7 @@ def _findings(statements: Sequence[Statement]) -> str:
         return ""
     of = {statement.number: statement for statement in statements}
     key = "".join(
-        f"<tr><td>{escape(source)}</td><td>{escape(text)}</td><td>{marks}</td></tr>"
+        f"<tr><td>{escape(source)}</td><td>{escape(text)}</td><td class='marks'>{marks}</td></tr>"
         for source, text, numbers in OBSERVATIONS
         if (marks := _marks([of[number] for number in numbers if number in of]))
     )

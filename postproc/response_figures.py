@@ -15,6 +15,7 @@ from postproc.results import Case
 _SHOWN = 60.0  # s of a history, at most
 _MARGIN = 0.6  # of an episode's length, shown on either side
 _STEPS_AROUND = 5  # of a transition enlarged
+_FINER = 8  # points of a curve between two time steps enlarged
 
 
 @dataclass(frozen=True)
@@ -91,7 +92,7 @@ def plot_transition(axes: Axes, case: Case, chain: xr.Dataset, episode: Episode)
     """The end of that slip at full resolution: the transition falls inside a time step."""
     steps = case.data["time"].values
     width = _STEPS_AROUND * (steps[1] - steps[0])
-    times, force = slider_force(case, chain, episode.dof)
+    times, force = slider_force(case, chain, episode.dof, finer=_FINER)
     shown = np.abs(times - episode.end) <= width
     axes.axvspan(episode.end - width, episode.end, color="0.93", zorder=0, label="slip")
     axes.axvline(episode.end, color="0.2", linewidth=0.9, linestyle=":", label="located transition")
@@ -103,17 +104,21 @@ def plot_transition(axes: Axes, case: Case, chain: xr.Dataset, episode: Episode)
 
 
 def slider_force(
-    case: Case, chain: xr.Dataset, dof: int
+    case: Case, chain: xr.Dataset, dof: int, finer: int = 1
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Times of steps and transitions, and the force in one slider there, first sample.
+    """Times of steps (each in `finer` parts) and transitions, and the force in one slider there.
 
-    While it slips the force is the limit; when it sticks the slider stays where that limit put it.
+    Of the first sample. While it slips the force is the limit; when it sticks the slider stays
+    where that limit put it.
     """
     rows = _transitions(case)
     times, kinds = rows.time[rows.dof == dof], rows.kind[rows.dof == dof]
     one = case.data.isel(sample=0, dof=dof - 1)
     steps = one["time"].values
-    every = np.union1d(steps, times[(times >= steps[0]) & (times <= steps[-1])])
+    parts = np.linspace(0.0, 1.0, finer, endpoint=False)
+    between = (steps[:-1, None] + np.diff(steps)[:, None] * parts).ravel()
+    inside = times[(times >= steps[0]) & (times <= steps[-1])]
+    every = np.union1d(np.append(between, steps[-1]), inside)
     position = _hermite(steps, one["displacement"].values, one["velocity"].values, every)
     stiffness = float(chain["contact_stiffness"][dof - 1])
     limit = _limit(case, chain, dof)

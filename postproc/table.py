@@ -9,7 +9,8 @@ from pathlib import Path
 
 import numpy as np
 
-_MOST_DIGITS = 9  # behind the point
+_MOST_BEHIND = 9  # digits behind the point; smaller numbers have a power of ten
+_SHOWN = 7  # significant digits at most; a smaller error is none that is seen
 
 
 @dataclass(frozen=True)
@@ -32,12 +33,16 @@ class Table:
 
 
 def value_with_error(value: float, error: float) -> str:
-    """'1.0002(4)': the error in units of the last digits; without one, six significant digits."""
+    """'1.00023(41)': the error in units of the last digits; without one, six significant digits."""
     if not np.isfinite(value):
         return "-"
     if not (error > 0.0 and np.isfinite(error)):
         return f"{value:.6g}"
-    digits = max(0, 1 - int(np.floor(np.log10(error))))
-    if digits > _MOST_DIGITS:
-        return f"{value:.2e} ± {error:.1e}"
+    if error < 0.5 * abs(value) * 10.0**-_SHOWN:
+        return f"{value:#.{_SHOWN}g}"
+    digits = 1 - int(np.floor(np.log10(error)))
+    if digits > _MOST_BEHIND:
+        power = int(np.floor(np.log10(max(abs(value), error))))
+        return f"{value_with_error(value / 10.0**power, error / 10.0**power)}e{power:d}"
+    digits = max(0, digits)
     return f"{value:.{digits}f}({round(error * 10**digits):d})"

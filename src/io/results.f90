@@ -98,13 +98,15 @@ contains
    end function now
 
    !> Table 1 and the damping.
-   subroutine write_chain(self, chain, error)
+   subroutine write_chain(self, chain, forced_dof, error)
       class(results_writer), intent(in) :: self
       type(chain_type), intent(in) :: chain
+      integer, intent(in) :: forced_dof
       type(error_type), allocatable, intent(out) :: error
       type(group_type) :: group
 
       group = new_group(self%file, '/chain')
+      call group%attribute('forced_dof', forced_dof)
       call group%put('mode', counted(chain%n_dof), label_type('1', 'mode, from the lowest', 'mode'))
       call group%put('dof', counted(chain%n_dof), label_type('1', 'mass, from the wall', 'dof'))
       call group%put('frequencies_stuck', chain%frequencies_stuck, &

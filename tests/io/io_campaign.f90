@@ -224,7 +224,7 @@ contains
       call begin_results(path, made_provenance(), writer, error)
       if (allocated(error)) return
       call write_process(writer, 1, made_model(), error, realizations=force)
-      if (.not. allocated(error)) call writer%write_chain(plan%chain, error)
+      if (.not. allocated(error)) call writer%write_chain(plan%chain, plan%excitation%dof, error)
       do i = 1, 2
          if (allocated(error)) exit
          ours = shards_of(shards, i, plan%cases(i)%n_samples)

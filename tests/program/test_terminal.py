@@ -47,7 +47,7 @@ def test_a_complaint_begins_with_its_place(entroslip, tmp_path):
 
 def test_help_fits_a_screen(entroslip):
     lines = entroslip("--help").stdout.splitlines()
-    assert len(lines) <= 24
+    assert len(lines) < 24  # the prompt stands on the last
     assert max(map(len, lines)) <= 80
 
 
