@@ -33,3 +33,6 @@ build/release/bin/entroslip replay input/smallest.nml --case 1 --sample 3 \
 say "Tables, figures and the report"
 .venv/bin/python -m postproc results/paper/{paper_process,paper,sweep,one_sample}.h5 --out results/paper
 say "Done: open results/paper/report.html"
+if [ "$(id -u)" -eq 0 ]; then
+  echo "As root, mpirun wants: export OMPI_ALLOW_RUN_AS_ROOT=1 OMPI_ALLOW_RUN_AS_ROOT_CONFIRM=1"
+fi

@@ -4,6 +4,7 @@ module driver_processes
    use core_kinds, only: long, wp
    use driver_deadline, only: time_to_stop
    use ensemble_plan, only: plan_type
+   use io_progress, only: progress_type
    use numerics_sorting, only: sort_order
    use parallel_work, only: new_counter, work_counter
    use parallel_world, only: world_type
@@ -27,13 +28,15 @@ contains
 
    !> Each process once, spread over the ranks, long searches in parts; all ranks get all models.
    !> When a stop is requested meanwhile, the rest stays unsolved, without a reason. Collective.
-   subroutine solve_processes(world, plan, models)
+   subroutine solve_processes(world, plan, is_quiet, models)
       type(world_type), intent(in) :: world
       type(plan_type), intent(in) :: plan
+      logical, intent(in) :: is_quiet
       type(process_model_type), allocatable, intent(out) :: models(:)
       type(search_result) :: searches(size(plan%processes))   ! this rank's parts, merged
       type(share_type), allocatable :: shares(:)
       type(work_counter) :: counter
+      type(progress_type) :: progress
       integer :: owner(size(plan%processes)), i, item
 
       allocate (models(size(plan%processes)))
@@ -44,10 +47,15 @@ contains
       shares = all_shares(plan)
       owner = -1
       call new_counter(world, size(shares, kind=long), counter)
+      if (.not. is_quiet) &
+         call progress%start(size(shares), 0, trim(merge('processes         ', &
+                                                         'parts of processes', &
+                                                         size(shares) == size(models))))
       do
          if (time_to_stop()) call counter%request_stop()
          item = int(counter%next())
          if (item == 0) exit
+         call progress%show(max(0, item - world%n_ranks))
          associate (share => shares(item))
             if (share%n_parts > 1) then
                call search_part(plan, share, searches(share%process))
@@ -58,6 +66,7 @@ contains
          end associate
       end do
       call counter%close()
+      call progress%finish()
       do i = 1, size(shares)
          if (shares(i)%n_parts > 1 .and. shares(i)%part == 1) &
             call finish_search(world, plan, shares(i), searches(shares(i)%process), &

@@ -63,7 +63,7 @@ contains
       end if
 
       if (choice /= '') call output%say(choice)
-      call solve_processes(world, plan, models)
+      call solve_processes(world, plan, output%is_quiet, models)
       call end_if_asked(world, output)
       call refuse_unsolved(plan, models, error)
       call output%stop_on(world, error)

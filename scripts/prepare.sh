@@ -29,9 +29,12 @@ install_packages() {
     fi
     as_root=(sudo)
   fi
-  say "Installing ${missing[*]}"
-  "${as_root[@]}" apt-get update -q
-  DEBIAN_FRONTEND=noninteractive "${as_root[@]}" apt-get install -y -q --no-install-recommends "${missing[@]}"
+  say "Installing, in a minute or two (build/packages.log): ${missing[*]}"
+  mkdir -p build
+  { "${as_root[@]}" apt-get update -q &&
+    "${as_root[@]}" env DEBIAN_FRONTEND=noninteractive apt-get install -y -q \
+      --no-install-recommends "${missing[@]}"; } >build/packages.log 2>&1 </dev/null ||
+    { tail -n 20 build/packages.log; exit 1; }
 }
 
 # build PRESET [TARGET]: configures and builds into build/PRESET, everything or one target.

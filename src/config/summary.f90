@@ -29,7 +29,6 @@ contains
       !> (process) whether it has a solution, as far as that is known before the fit, or why not
       type(process_model_type), intent(in), optional :: foreseen(:)
       character(:), allocatable :: text
-      integer :: i
 
       text = labelled('scene', plan%title//', '//scene%path)// &
              labelled('fingerprint', fingerprint(scene))
@@ -40,9 +39,8 @@ contains
          text = text//line_feed//case_table(plan)//line_feed//motion_text(plan)
          text = text//cost_text(plan, nanoseconds, n_ranks, block_width)
       end if
-      do i = 1, size(scene%unused)
-         text = text//labelled('note', trim(scene%unused(i))//' is given and not used')
-      end do
+      if (size(scene%unused) > 0) &
+         text = text//labelled('note', 'given and not used: '//joined(scene%unused))
       text = text(:len(text) - 1)
    end function summary_text
 
