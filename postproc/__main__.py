@@ -59,7 +59,10 @@ def _parser() -> argparse.ArgumentParser:
 def _ranges(text: str) -> tuple[str, Ranges]:
     """fig_09=0,0.8,0,0.25"""
     name, _, numbers = text.partition("=")
-    left, right, bottom, top = (float(number) for number in numbers.split(","))
+    try:
+        left, right, bottom, top = (float(number) for number in numbers.split(","))
+    except ValueError:
+        raise argparse.ArgumentTypeError(f"{text}: must be NAME=X0,X1,Y0,Y1") from None
     return name, (left, right, bottom, top)
 
 

@@ -34,7 +34,7 @@ def variance_name(variance: float) -> str:
 def plot_spectra(axes: Axes, case: Case, results: Results) -> None:
     """Fig. 8: power spectral densities of the oscillators in one sample."""
     spectrum = case.data["psd"].isel(sample=0)
-    drawn = style.some_dofs(case.n_dof)
+    drawn = style.some_of(case.n_dof)
     for dof in drawn:
         axes.semilogy(
             spectrum["frequency"], spectrum.isel(dof=dof - 1),
@@ -88,10 +88,7 @@ def plot_band(axes: Axes, cases: Sequence[Case], dof: int, results: Results) -> 
         level = "" if len(variances) == 1 else LEVELS.get(variance, f"{variance:g} N²")
         alike = [case.data.isel(dof=dof - 1) for case in cases if case.variance == variance]
         _name_curves(axes, alike, level, _last_shown(frequency, results))
-    if results.chain is not None:
-        style.mark_frequencies(
-            axes, results.chain["frequencies_slip"].values, "modes, slipping", ":"
-        )
+    _mark_chain(axes, results, stuck=False)
     _frame_spectrum(axes, frequency, np.stack(values), results)
     handles, labels = axes.get_legend_handles_labels()
     unique = dict(zip(labels, handles, strict=True))
@@ -157,7 +154,7 @@ def plot_sweep(axes: Axes, cases: Sequence[Case]) -> None:
     cases = sorted(cases, key=lambda case: case.variance)
     variance = [case.variance for case in cases]
     slips = [slip_with_error(case) for case in cases]
-    for dof in style.some_dofs(cases[0].n_dof):
+    for dof in style.some_of(cases[0].n_dof):
         axes.errorbar(
             variance, [slip[dof - 1] for slip, _ in slips],
             yerr=[2.0 * error[dof - 1] for _, error in slips],
@@ -173,7 +170,7 @@ def plot_sweep(axes: Axes, cases: Sequence[Case]) -> None:
 def plot_sweep_spectra(axes: Axes, cases: Sequence[Case], results: Results) -> None:
     """Spectra of the first oscillator over the variance of the force, from stuck to slipping."""
     cases = sorted(cases, key=lambda case: case.variance)
-    chosen = [cases[i - 1] for i in style.some_dofs(len(cases), 6)]
+    chosen = [cases[i - 1] for i in style.some_of(len(cases), 6)]
     values = []
     for rank, case in enumerate(chosen):
         spectrum = case.data["psd"].isel(sample=0, dof=0) / case.variance
@@ -185,10 +182,11 @@ def plot_sweep_spectra(axes: Axes, cases: Sequence[Case], results: Results) -> N
     axes.set_ylabel("power spectral density / variance [m²/(N² Hz)]")
 
 
-def _mark_chain(axes: Axes, results: Results) -> None:
+def _mark_chain(axes: Axes, results: Results, stuck: bool = True) -> None:
     chain = results.chain
     if chain is not None and chain.sizes["mode"] <= _MOST_MODES:
-        style.mark_frequencies(axes, chain["frequencies_stuck"].values, "modes, stuck", "-")
+        if stuck:
+            style.mark_frequencies(axes, chain["frequencies_stuck"].values, "modes, stuck", "-")
         style.mark_frequencies(axes, chain["frequencies_slip"].values, "modes, slipping", ":")
 
 

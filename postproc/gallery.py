@@ -14,6 +14,7 @@ from postproc.results import Case, Results
 
 _Item = TypeVar("_Item")
 _PROCESSES, _CHAIN, _STUDY, _RESPONSES, _ = SECTIONS
+_ALIKE = ("correlation", "correlation_length", "order")  # in Fig. 6
 _MOST_SPECTRA = 4  # cases with friction certain; more are a sweep
 
 
@@ -84,17 +85,17 @@ def of_processes(results: Results) -> Iterator[Figure]:
 
 
 def _positive(solved: list[xr.Dataset], regressive: list[xr.Dataset]) -> Iterator[Figure]:
-    """Fig. 6: positive processes, beside the free one of the same length and order."""
+    """Fig. 6: positive processes of one length and order, beside the free one; else all alone."""
     positive = [p for p in solved if process_figures.is_positive(p)]
     if not positive:
         return
-    like = ("correlation", "correlation_length", "order")
-    twins = [p for p in regressive if all(p.attrs[a] == positive[0].attrs[a] for a in like)]
+    kinds = {tuple(p.attrs[a] for a in _ALIKE) for p in positive}
+    twins = [p for p in regressive if {tuple(p.attrs[a] for a in _ALIKE)} == kinds]
     if not twins:
         yield Figure(
             "positive", "Autocovariances of positive processes",
-            "By the sequential law (marks) or the exact one (dashed), over the variance.",
-            _PROCESSES, (partial(process_figures.plot_positive, processes=positive),),
+            f"Over the variance, {_how_many(len(positive), process_figures.MOST_CURVES)}.",
+            _PROCESSES, (partial(process_figures.plot_each, processes=positive),),
         )  # fmt: skip
         return
     both = [twins[0], *positive]
@@ -107,13 +108,18 @@ def _positive(solved: list[xr.Dataset], regressive: list[xr.Dataset]) -> Iterato
         "fig_06", "Fig. 6. Positive processes and the one without sign constraint",
         "Autocovariances of positive processes, by the sequential law (marks) and the exact one"
         " (dashed), beside that of the process without sign constraint; below, the differences with"
-        " bars of two standard errors. The paper finds them very close; the largest differences"
+        " bars of two standard errors of what was fitted (a fit from other random numbers differs"
+        " by more: the maximum is flat). The paper finds them very close; the largest differences"
         f" here: {largest}.", _PROCESSES,
         (
             partial(process_figures.plot_positive, processes=both),
             partial(process_figures.plot_positive_difference, processes=both),
         ), height=3.6,
     )  # fmt: skip
+
+
+def _how_many(count: int, most: int) -> str:
+    return "all that were solved" if count <= most else f"{most} of the {count} that were solved"
 
 
 def _largest(difference: xr.Dataset) -> float:

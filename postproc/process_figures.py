@@ -14,6 +14,10 @@ from postproc import style
 LONGEST_LAG = 20  # drawn; the paper's figures end about there
 MOST_CURVES = 8  # in one figure; of more orders only the even ones are drawn
 MOST_REALIZATIONS = 3  # drawn
+_TOLD_APART = {
+    "correlation": "", "correlation_length": "$L$ = ", "order": "order ", "mean": "mean ",
+    "std": "std ", "sampler": "",
+}  # fmt: skip
 _ZERO = 1.0e-12  # of an autocovariance, relative to the variance
 
 
@@ -107,6 +111,25 @@ def plot_positive(axes: Axes, processes: Sequence[xr.Dataset]) -> None:
     _frame_lags(axes)
     axes.set_ylabel("autocovariance / variance")
     axes.legend()
+
+
+def plot_each(axes: Axes, processes: Sequence[xr.Dataset]) -> None:
+    """Autocovariances over the variance, a curve per process, named by what tells them apart."""
+    drawn = [processes[i - 1] for i in style.some_of(len(processes), MOST_CURVES)]
+    differing = [name for name in _TOLD_APART if len({p.attrs[name] for p in drawn}) > 1]
+    for rank, process in enumerate(drawn):
+        label = ", ".join(
+            f"{_TOLD_APART[name]}{_plain(process.attrs[name])}" for name in differing or ["order"]
+        )
+        curve = _correlation(process)
+        axes.plot(curve["lag"], curve, label=label, **style.of_rank(rank, len(drawn)))
+    _frame_lags(axes)
+    axes.set_ylabel("autocovariance / variance")
+    axes.legend()
+
+
+def _plain(value: object) -> str:
+    return value if isinstance(value, str) else f"{float(str(value)):g}"
 
 
 def difference_from_free(process: xr.Dataset, free: xr.Dataset) -> xr.Dataset:

@@ -17,13 +17,18 @@ class ResultsError(Exception):
     """The file is not a results file, or not one that this version reads."""
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class Case:
     """One case of the campaign: a process (or none) under one excitation."""
 
     name: str  # c001
     data: xr.Dataset  # read from the file as it is used
     audit: xr.Dataset | None = None  # its samples that the reference repeated, where it was asked
+
+    def __repr__(self) -> str:
+        """Short: what it is a case of."""
+        samples = f"{self.n_samples} sample{'s' if self.n_samples > 1 else ''}"
+        return f"<{self.name}: process {self.process}, variance {self.variance:g}, {samples}>"
 
     @property
     def process(self) -> str:
@@ -65,7 +70,7 @@ class Case:
         return all(name in self.data for name in names)
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class Results:
     """Everything of one results file; what the scene did not ask for is absent."""
 
@@ -75,6 +80,16 @@ class Results:
     chain: xr.Dataset | None
     cases: list[Case]  # c001 first
     tradeoff: xr.Dataset | None = None
+
+    def __repr__(self) -> str:
+        """Short: what there is to look at."""
+        rows = [
+            f"<Results of {self.path}: {self.title}",
+            f"  processes: {', '.join(self.processes)}",
+        ]
+        rows += [f"  cases[{i}]: {case}" for i, case in enumerate(self.cases)]
+        rows += [f"  {name}" for name in ("chain", "tradeoff") if getattr(self, name) is not None]
+        return "\n".join(rows) + ">"
 
     @property
     def deterministic(self) -> list[Case]:
@@ -134,6 +149,8 @@ def open_results(path: str | Path) -> Results:
             audited = {
                 name for name in groups.get("campaign", []) if "audit" in file["campaign"][name]
             }
+    except FileNotFoundError as error:
+        raise ResultsError(f"{path}: no such file") from error
     except OSError as error:
         raise ResultsError(f"{path}: cannot be read as HDF5: {error}") from error
     if attrs.get("program") != "entroslip":

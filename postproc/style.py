@@ -59,11 +59,11 @@ def line_of_dof(dof: int, n_dof: int) -> Look:
     return of_dof(dof, n_dof) | {"marker": "none"}
 
 
-def some_dofs(n_dof: int, most: int = len(_COLOURS)) -> list[int]:
-    """All oscillators, or as many as can be told apart, from the wall to the last."""
-    if n_dof <= most:
-        return list(range(1, n_dof + 1))
-    return sorted({1 + round(i * (n_dof - 1) / (most - 1)) for i in range(most)})
+def some_of(count: int, most: int = len(_COLOURS)) -> list[int]:
+    """Numbers from 1 to count: all, or as many as can be told apart, first and last with them."""
+    if count <= most:
+        return list(range(1, count + 1))
+    return sorted({1 + round(i * (count - 1) / (most - 1)) for i in range(most)})
 
 
 def of_length(length: float, lengths: Iterable[float]) -> Look:

@@ -46,13 +46,14 @@ build() {
   cmake --build --preset "$1" ${2:+--target "$2"}
 }
 
-# make_venv REQUIREMENTS: .venv with exactly the pinned Python packages.
+# make_venv REQUIREMENTS: .venv with exactly the pinned Python packages, and with postproc as it is here.
 make_venv() {
-  local stamp=.venv/installed-$(sha256sum "$1" | cut -c1-16)
+  local stamp=.venv/installed-$(cat "$1" pyproject.toml | sha256sum | cut -c1-16)
   [ -e "$stamp" ] && return
   say "Python packages into .venv"
   python3 -m venv .venv
   .venv/bin/pip install --quiet --disable-pip-version-check -r "$1"
+  .venv/bin/pip install --quiet --disable-pip-version-check --no-deps --editable .
   touch "$stamp"
 }
 

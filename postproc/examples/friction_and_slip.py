@@ -1,6 +1,6 @@
 """A worked example: which friction coefficient decides how long an oscillator slips?
 
-    python postproc/examples/friction_and_slip.py results/paper/paper.h5 --out friction_and_slip.png
+    python -m postproc.examples.friction_and_slip results/paper/paper.h5 --out friction_and_slip.png
 
 Cells are marked by `# %%`, for editors that run them one by one.
 """
