@@ -17,6 +17,23 @@ ENVIRONMENT = os.environ | {
 }
 
 
+INPUT_SCENES = sorted((ROOT / "input").glob("*.nml"))
+SHORTER = (
+    "integration%n_steps=2000",
+    "campaign%n_samples=2",
+    "process%order=1",
+    "process%std=0.1",
+    "accuracy%target_statistical=100",
+)
+
+
+def shortened(scene: Path) -> list[str]:
+    """Options that make seconds of a scene of input/; those of groups that it has."""
+    text = scene.read_text()
+    options = [option for option in SHORTER if f"\n&{option.split('%')[0]}" in text]
+    return [word for option in options for word in ("--set", option)]
+
+
 @pytest.fixture(scope="session")
 def program() -> Path:
     assert PROGRAM.exists(), f"{PROGRAM} is not built"

@@ -168,6 +168,22 @@ def test_first_run_works_as_written(as_written, tmp_path):
     assert (tmp_path / "figures/report.html").exists()
 
 
+def test_python_works_as_written(as_written, tmp_path):
+    """The blocks of the page, on the results of its scene."""
+    page = (ROOT / "docs/python.md").read_text()
+    for number, block in enumerate(
+        re.findall(r"^```python\n(.*?)^```", page, re.MULTILINE | re.DOTALL)
+    ):
+        (tmp_path / f"block_{number}.py").write_text(block)
+    said = as_written(
+        "build/release/bin/entroslip run input/smallest.nml --output smallest.h5\n"
+        "export PYTHONPATH=$PWD MPLBACKEND=agg\n"
+        "for block in block_*.py; do .venv/bin/python $block; done\n"
+    )
+    assert "fraction of time in slip" in said
+    assert (tmp_path / "mine.pdf").exists()
+
+
 def test_the_readme_works_as_written(as_written, tmp_path):
     page = (ROOT / "README.md").read_text()
     (scene,) = re.findall(r"^```fortran\n(.*?)^```", page, re.MULTILINE | re.DOTALL)

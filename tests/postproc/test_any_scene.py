@@ -9,6 +9,7 @@ import pytest
 from postproc import open_results
 from postproc.__main__ import main
 from postproc.response_figures import find_episode, slider_force
+from tests.conftest import INPUT_SCENES, shortened
 
 PROCESS = "&process correlation_length = 0.3 order = 2 mean = 0.2 std = 0.067 /\n"
 SHORT = "&integration method = 'event' n_steps = 2000 /\n"
@@ -79,6 +80,15 @@ def test_a_scene_is_drawn(results_of_scene, tmp_path, scene):
     assert main([str(results_of_scene(text)), "--out", str(tmp_path)]) == 0
     assert {path.stem for path in tmp_path.glob("*.png")} == wanted
     assert (tmp_path / "report.html").exists()
+
+
+@pytest.mark.filterwarnings("error::RuntimeWarning", "error::UserWarning")
+@pytest.mark.parametrize("scene", INPUT_SCENES, ids=lambda scene: scene.stem)
+def test_a_scene_of_input_is_drawn(results_of_scene, tmp_path, scene):
+    text = scene.read_text().replace("file = '", f"file = '{scene.parent}/")
+    path = results_of_scene(text, "run", *shortened(scene))
+    assert main([str(path), "--out", str(tmp_path)]) == 0
+    assert any(tmp_path.glob("*.png"))
 
 
 @pytest.fixture(scope="module")

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import csv
+import os
 import re
 import shutil
 import subprocess
@@ -220,6 +221,15 @@ def test_it_installs_as_a_package(tmp_path):
         path.relative_to(tmp_path / "site").as_posix() for path in (tmp_path / "site").rglob("*")
     }
     assert {"postproc/report.css", "postproc/py.typed", "bin/entroslip-figures"} <= names
+
+
+def test_its_types_agree():
+    """What py.typed promises; pyproject.toml says how strictly."""
+    done = subprocess.run(
+        [sys.executable, "-m", "mypy", "--no-incremental", "--cache-dir", os.devnull],
+        cwd=ROOT, capture_output=True, text=True, check=False,
+    )  # fmt: skip
+    assert done.returncode == 0, done.stdout
 
 
 def test_the_worked_example_runs(results_file, tmp_path):

@@ -5,22 +5,13 @@ from __future__ import annotations
 import h5py
 import pytest
 
-from tests.conftest import ROOT
-
-SHORT = [
-    "integration%n_steps=2000",
-    "campaign%n_samples=2",
-    "process%order=1",
-    "process%std=0.1",
-]
+from tests.conftest import INPUT_SCENES, shortened
 
 
-@pytest.mark.parametrize("scene", sorted(path.stem for path in (ROOT / "input").glob("*.nml")))
+@pytest.mark.parametrize("scene", INPUT_SCENES, ids=lambda scene: scene.stem)
 def test_a_scene_runs(entroslip, tmp_path, scene):
-    text = (ROOT / f"input/{scene}.nml").read_text()
-    short = [option for option in SHORT if f"\n&{option.split('%')[0]}" in text]
-    options = [word for option in short for word in ("--set", option)]
-    done = entroslip("run", ROOT / f"input/{scene}.nml", *options, "--output", "r.h5")
+    done = entroslip("run", scene, *shortened(scene), "--output", "r.h5")
     assert done.returncode == 0, done.stderr
     with h5py.File(tmp_path / "r.h5") as file:
-        assert len(file["process"] if "\n&process" in text else file["campaign"]) > 0
+        group = "process" if "\n&process" in scene.read_text() else "campaign"
+        assert len(file[group]) > 0
