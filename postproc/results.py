@@ -141,6 +141,8 @@ def _on_all_dofs(data: xr.Dataset) -> xr.Dataset:
 def open_results(path: str | Path) -> Results:
     """Open a results file; every dataset carries `units` and `long_name`."""
     path = Path(path)
+    if not path.is_file():
+        raise ResultsError(f"{path}: no such file")
     try:
         with h5py.File(path) as file:
             attrs = {name: _text(value) for name, value in file.attrs.items()}
@@ -149,8 +151,6 @@ def open_results(path: str | Path) -> Results:
             audited = {
                 name for name in groups.get("campaign", []) if "audit" in file["campaign"][name]
             }
-    except FileNotFoundError as error:
-        raise ResultsError(f"{path}: no such file") from error
     except OSError as error:
         raise ResultsError(f"{path}: cannot be read as HDF5: {error}") from error
     if attrs.get("program") != "entroslip":

@@ -8,6 +8,7 @@ import re
 import shutil
 import subprocess
 import sys
+from importlib.metadata import version
 
 import h5py
 import matplotlib.pyplot as plt
@@ -207,8 +208,9 @@ def test_committed_gallery_has_all_figures_of_the_paper():
 
 
 def test_it_installs_as_a_package(tmp_path):
-    """With its style sheet and its command; where pip can build without the network."""
-    pytest.importorskip("wheel", reason="pip cannot build a wheel offline without `wheel`")
+    """With its style sheet and its command, built without the network."""
+    if int(version("setuptools").split(".")[0]) < 71:
+        pytest.skip("a setuptools before 71 cannot build a wheel alone")
     source = shutil.copytree(ROOT / "postproc", tmp_path / "source/postproc")
     shutil.copy(ROOT / "pyproject.toml", source.parent)
     done = subprocess.run(
