@@ -30,8 +30,14 @@ say "From stuck to slipping: input/sweep.nml, and one sample of input/smallest.n
 solve sweep
 build/release/bin/entroslip replay input/smallest.nml --case 1 --sample 3 \
   --output results/paper/one_sample.h5
+say "What accuracy costs in this study: entroslip tradeoff input/paper.nml"
+if [ ! -e results/paper/tradeoff.h5 ]; then
+  "${mpi_run[@]}" "$ranks" build/release/bin/entroslip tradeoff input/paper.nml \
+    --output results/paper/tradeoff.h5
+fi
 say "Tables, figures and the report"
-.venv/bin/python -m postproc results/paper/{paper_process,paper,sweep,one_sample}.h5 --out results/paper
+.venv/bin/python -m postproc results/paper/{paper_process,paper,sweep,one_sample,tradeoff}.h5 \
+  --out results/paper
 say "Done: open results/paper/report.html"
 if [ "$(id -u)" -eq 0 ]; then
   echo "As root, mpirun wants: export OMPI_ALLOW_RUN_AS_ROOT=1 OMPI_ALLOW_RUN_AS_ROOT_CONFIRM=1"
