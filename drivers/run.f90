@@ -234,7 +234,8 @@ contains
 
       is_own = plan%cases%audits == 0
       text = ''
-      if (size(plan%processes) > 0) text = ', '//counted(size(plan%processes), 'process', 'processes')
+      if (size(plan%processes) > 0) &
+         text = ', '//counted(size(plan%processes), 'process', 'processes')
       if (any(is_own)) &
          text = text//', '//counted(count(is_own), 'case', 'cases')//', '// &
                 counted(sum(plan%cases%n_samples, is_own), 'sample', 'samples')
