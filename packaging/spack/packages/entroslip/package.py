@@ -1,8 +1,12 @@
 """Spack recipe of entroslip; builds the checkout that it lies in."""
 
+from contextlib import suppress
 from pathlib import Path
 
 from spack.package import *
+
+with suppress(ImportError):  # where Spack 1 has it; before, it came with spack.package
+    from spack_repo.builtin.build_systems.cmake import CMakePackage
 
 
 class Entroslip(CMakePackage):
