@@ -69,7 +69,8 @@ contains
                                                       marcher%has_tables)))
       h = dt/marcher%substeps
       marcher%group = new_lane_group(chain, new_taylor(chain, h, forced_dof, &
-                                                       order_for(rate*h, share_of_step*tolerance)))
+                                                       order_for(rate*h, share_of_step*tolerance)), &
+                                     rate*h, tolerance)
       if (.not. marcher%has_tables) return
       associate (tables => marcher%tabulated)
          tables%chain = chain

@@ -45,15 +45,16 @@ module dynamics_lanes
 contains
 
    !> Lanes for a chain, at rest and empty.
-   pure function new_lane_group(chain, taylor) result(group)
+   pure function new_lane_group(chain, taylor, rate_step, tolerance) result(group)
       type(chain_type), intent(in) :: chain
       type(taylor_type), intent(in) :: taylor
+      real(wp), intent(in) :: rate_step, tolerance   !! of the ledger: see new_ledger
       type(lane_group) :: group
       integer :: l, n
 
       n = taylor%n
       group%taylor = taylor
-      group%ledger = new_ledger(chain, taylor)
+      group%ledger = new_ledger(chain, taylor, rate_step, tolerance)
       allocate (group%x(lanes, 0:n + 1, 0:taylor%order), source=0.0_wp)
       allocate (group%direction(lanes, n), source=0.0_wp)
       allocate (group%slider, group%reach, group%held, group%anchor, group%crossing, &
@@ -287,29 +288,21 @@ contains
 
    !> Adds the work of the piece of motion that follows to the ledger of each sample.
    pure subroutine add_work(self, force, span, state)
-      type(lane_group), intent(inout) :: self
+      type(lane_group), intent(in) :: self
       real(wp), intent(in) :: force(lanes, 0:1), span(lanes)
       type(block_state), intent(inout) :: state
-      real(wp) :: input(lanes), viscous(lanes), advance
-      integer :: i, k, l, w
+      real(wp) :: work(lanes, 3)
+      integer :: l
 
-      input = 0.0_wp
-      viscous = 0.0_wp
-      call self%ledger%add_input_and_viscous(self%taylor, self%x, force, span, input, viscous)
+      work = 0.0_wp
+      call self%ledger%add_work(self%taylor, self%x, self%held, self%anchor, force, span, work)
       do l = 1, lanes
-         w = self%sample(l)
-         if (w == 0) cycle
-         state%work_input(w) = state%work_input(w) + input(l)
-         state%work_viscous(w) = state%work_viscous(w) + viscous(l)
-         do i = 1, self%taylor%n
-            if (self%held(l, i) > 0.0_wp) cycle
-            advance = 0.0_wp
-            do k = self%taylor%order, 1, -1
-               advance = (advance + self%x(l, i, k))*span(l)
-            end do
-            state%work_friction(w) = state%work_friction(w) + &
-                                     state%slip_limit(i, w)*self%direction(l, i)*advance
-         end do
+         associate (w => self%sample(l))
+            if (w == 0) cycle
+            state%work_input(w) = state%work_input(w) + work(l, 1)
+            state%work_viscous(w) = state%work_viscous(w) + work(l, 2)
+            state%work_friction(w) = state%work_friction(w) + work(l, 3)
+         end associate
       end do
    end subroutine add_work
 

@@ -1,99 +1,151 @@
-!> The energy ledger of one piece of motion: exact integrals of the powers over its Taylor
-!> polynomials.
+!> The energy ledger of one piece of motion: integrals of the powers over its Taylor polynomials.
 !>
 !> Stored energy changes by input - viscous - friction; what does not close is the march's own
 !> error.
 module dynamics_ledger
    use core_kinds, only: wp
    use dynamics_chain, only: chain_type
-   use dynamics_taylor, only: lanes, taylor_type
+   use dynamics_taylor, only: find_drag, lanes, rows, taylor_type
+   use numerics_quadrature, only: gauss_legendre
    implicit none(type, external)
    private
-   public :: ledger_type, new_ledger, gauss_legendre
+   public :: ledger_type, new_ledger
+
+   integer, parameter :: abreast = 4   !! nodes taken together
 
    !> What the integrals need; energies in J.
    type :: ledger_type
       real(wp), allocatable :: node(:), weight(:)   !! Gauss and Legendre, on (0, 1)
-      real(wp), allocatable :: damping(:, :)        !! C/h^2 (dof, dof): velocities in m/step
+      real(wp), allocatable :: scale(:)             !! (dof) m/h^2 [kg/s^2]
    contains
-      procedure :: add_input_and_viscous
+      procedure :: add_work
    end type ledger_type
 
 contains
 
-   !> Half the order and two points more: exact to the order to which the polynomials themselves
-   !> are.
-   pure function new_ledger(chain, taylor) result(ledger)
+   !> As many nodes as integrate the power of the fastest motion a thousand times better than the
+   !> tolerance: powers change at twice its rate, and n nodes leave (n!)^4/((2n + 1) (2n)!^3) times
+   !> the derivative of order 2n.
+   pure function new_ledger(chain, taylor, rate_step, tolerance) result(ledger)
       type(chain_type), intent(in) :: chain
       type(taylor_type), intent(in) :: taylor
+      real(wp), intent(in) :: rate_step, tolerance   !! fastest rate times h; relative
       type(ledger_type) :: ledger
+      integer, parameter :: most = 4*abreast
+      integer :: n
 
-      call gauss_legendre(taylor%order/2 + 2, ledger%node, ledger%weight)
-      ledger%damping = chain%damping/taylor%h**2
+      do n = abreast, most - 1, abreast
+         if ((2.0_wp*rate_step)**(2*n)*gamma(n + 1.0_wp)**4 <= &
+             1.0e-3_wp*tolerance*(2*n + 1)*gamma(2*n + 1.0_wp)**3) exit
+      end do
+      allocate (ledger%node(n), ledger%weight(n))
+      call gauss_legendre(0.0_wp, 1.0_wp, ledger%node, ledger%weight)
+      ledger%scale = chain%mass/taylor%h**2
    end function new_ledger
 
-   !> Adds the work of the force and of the dampers over [0, span] of each lane.
-   pure subroutine add_input_and_viscous(self, taylor, x, force, span, input, viscous)
+   !> Adds the work of the force, the dampers and the sliders over [0, span] of each lane.
+   pure subroutine add_work(self, taylor, x, held, anchor, force, span, work)
       class(ledger_type), intent(in) :: self
       type(taylor_type), intent(in) :: taylor
       real(wp), intent(in) :: x(lanes, 0:taylor%n + 1, 0:taylor%order)   !! Taylor coefficients
+      real(wp), intent(in) :: held(lanes, taylor%n), anchor(lanes, taylor%n)   !! see taylor%expand
       real(wp), intent(in) :: force(lanes, 0:1), span(lanes)             !! [N], [steps]
-      real(wp), intent(inout) :: input(lanes), viscous(lanes)            !! [J]
-      real(wp) :: velocity(lanes, taylor%n), power(lanes), time(lanes)
-      integer :: g, i, j, k, l
+      real(wp), intent(inout) :: work(lanes, 3)   !! input, viscous, friction [J]
+      real(wp) :: velocity(lanes, taylor%n, abreast), time(lanes, abreast)
+      integer :: first, g, l
 
-      do g = 1, size(self%node)
-         time = self%node(g)*span
-         power = 0.0_wp
-         do i = 1, taylor%n
-            velocity(:, i) = 0.0_wp
-            do k = taylor%order, 1, -1
-               !$omp simd
-               do l = 1, lanes
-                  velocity(l, i) = velocity(l, i)*time(l) + k*x(l, i, k)
-               end do
-            end do
+      do first = 0, size(self%node) - 1, abreast
+         do g = 1, abreast
+            time(:, g) = self%node(first + g)*span
          end do
-         do j = 1, taylor%n
-            do i = 1, taylor%n
-               !$omp simd
-               do l = 1, lanes
-                  power(l) = power(l) + velocity(l, i)*self%damping(i, j)*velocity(l, j)
-               end do
+         call find_velocities(taylor%n, taylor%order, x, time, velocity)
+         do g = 1, abreast
+            !$omp simd
+            do l = 1, lanes
+               work(l, 1) = work(l, 1) + self%weight(first + g)*span(l)* &
+                            (force(l, 0) + force(l, 1)*time(l, g))*velocity(l, taylor%forced_dof, g)
             end do
+            call add_viscous(taylor%n, taylor%damping, self%scale, self%weight(first + g), span, &
+                             velocity(1, 1, g), work(1, 2))
          end do
-         viscous = viscous + self%weight(g)*span*taylor%h*power
-         input = input + self%weight(g)*span*(force(:, 0) + force(:, 1)*time)* &
-                 velocity(:, taylor%forced_dof)
       end do
-   end subroutine add_input_and_viscous
+      call add_friction(taylor%n, taylor%order, taylor%contact, self%scale, held, anchor, x, span, &
+                        work(1, 3))
+   end subroutine add_work
 
-   !> Nodes and weights on (0, 1): Newton's iteration on the Legendre polynomial.
-   pure subroutine gauss_legendre(n, node, weight)
-      integer, intent(in) :: n
-      real(wp), allocatable, intent(out) :: node(:), weight(:)
-      real(wp), parameter :: pi = 4.0_wp*atan(1.0_wp)
-      integer, parameter :: newton_steps = 6   ! from 1e-2/n^2, and each doubles the digits
-      real(wp) :: x, p, below, next, slope
-      integer :: i, k, step
+   !> Velocities at four times [m/step].
+   pure subroutine find_velocities(n, order, x, time, velocity)
+      integer, intent(in) :: n, order
+      real(wp), intent(in) :: x(lanes, 0:n + 1, 0:order), time(lanes, abreast)
+      real(wp), intent(out) :: velocity(lanes, n, abreast)
+      real(wp), dimension(lanes) :: v1, v2, v3, v4
+      integer :: i, k, l
 
-      allocate (node(n), weight(n))
       do i = 1, n
-         x = cos(pi*(i - 0.25_wp)/(n + 0.5_wp))
-         do step = 1, newton_steps
-            below = 1.0_wp
-            p = x
-            do k = 2, n
-               next = ((2*k - 1)*x*p - (k - 1)*below)/k
-               below = p
-               p = next
+         v1 = 0.0_wp
+         v2 = 0.0_wp
+         v3 = 0.0_wp
+         v4 = 0.0_wp
+         do k = order, 1, -1
+            !$omp simd
+            do l = 1, lanes
+               v1(l) = v1(l)*time(l, 1) + k*x(l, i, k)
+               v2(l) = v2(l)*time(l, 2) + k*x(l, i, k)
+               v3(l) = v3(l)*time(l, 3) + k*x(l, i, k)
+               v4(l) = v4(l)*time(l, 4) + k*x(l, i, k)
             end do
-            slope = n*(x*p - below)/(x**2 - 1.0_wp)
-            x = x - p/slope
          end do
-         node(i) = 0.5_wp*(1.0_wp - x)
-         weight(i) = 1.0_wp/((1.0_wp - x**2)*slope**2)
+         velocity(:, i, 1) = v1
+         velocity(:, i, 2) = v2
+         velocity(:, i, 3) = v3
+         velocity(:, i, 4) = v4
       end do
-   end subroutine gauss_legendre
+   end subroutine find_velocities
+
+   !> Adds the power of the dampers at one node.
+   pure subroutine add_viscous(n, damping, scale, weight, span, velocity, work)
+      integer, intent(in) :: n
+      real(wp), intent(in) :: damping(rows, n, (n + rows - 1)/rows)   !! see taylor_type
+      real(wp), intent(in) :: scale(n), weight, span(lanes), velocity(lanes, n)
+      real(wp), intent(inout) :: work(lanes)
+      real(wp) :: drag(lanes, rows), power(lanes)
+      integer :: block, i, l
+
+      power = 0.0_wp
+      do block = 1, size(damping, 3)
+         call find_drag(n, damping(:, :, block), velocity, drag)
+         do i = rows*(block - 1) + 1, min(n, rows*block)
+            !$omp simd
+            do l = 1, lanes
+               power(l) = power(l) + scale(i)*velocity(l, i)*drag(l, i - rows*(block - 1))
+            end do
+         end do
+      end do
+      work = work + weight*span*power
+   end subroutine add_viscous
+
+   !> Adds what the sliders that slip take: their force is constant, so only the way counts.
+   pure subroutine add_friction(n, order, contact, scale, held, anchor, x, span, work)
+      integer, intent(in) :: n, order
+      real(wp), intent(in) :: contact(n), scale(n), held(lanes, n), anchor(lanes, n)
+      real(wp), intent(in) :: x(lanes, 0:n + 1, 0:order), span(lanes)
+      real(wp), intent(inout) :: work(lanes)
+      real(wp) :: way(lanes)
+      integer :: i, k, l
+
+      do i = 1, n
+         way = 0.0_wp
+         do k = order, 1, -1
+            !$omp simd
+            do l = 1, lanes
+               way(l) = (way(l) + x(l, i, k))*span(l)
+            end do
+         end do
+         !$omp simd
+         do l = 1, lanes
+            work(l) = work(l) - (1.0_wp - held(l, i))*scale(i)*contact(i)*anchor(l, i)*way(l)
+         end do
+      end do
+   end subroutine add_friction
 
 end module dynamics_ledger

@@ -115,11 +115,7 @@ contains
          n_active = block%n_samples
          do while (n_active > 0)
             call self%steps%try(sample(:n_active), block, has_passed)
-            if (state%keeps_ledger) then
-               do k = 1, n_active
-                  if (has_passed(sample(k)) == 0) call block%add_work(self%chain, state, sample(k))
-               end do
-            end if
+            if (state%keeps_ledger) call block%add_work(sample(:n_active), has_passed)
             call settle(block%n_samples, shiftl(1_long, block%max_halvings), last, has_passed, &
                         recorder%next_tick, block%tick, block%ticks, block%until, block%slot, &
                         is_left, is_due, is_switching)

@@ -37,6 +37,9 @@ module dynamics_newmark_block
       real(wp), allocatable :: stiffness(:)       !! (dof) of the contact springs [N/m]
       real(wp), allocatable :: reach(:, :)        !! (dof, sample) mu N/k [m]
       integer(long), allocatable :: slip_begin(:, :)   !! (dof, sample) counted up to here
+      real(wp), allocatable :: pull(:, :)         !! (dof, sample) what a slipping one carries [N]
+      real(wp), allocatable :: damping(:, :)      !! (dof, dof) C, where a ledger is kept
+      real(wp), allocatable :: work(:, :, :)      !! (dof; input, viscous, friction; sample) [J]
       real(wp), allocatable :: room(:, :)         !! for the steps to work in
       integer, allocatable :: list(:)             !! (dof) room for a list
       real(wp), private :: tick_size = 0.0_wp     !! [s]
@@ -45,13 +48,11 @@ module dynamics_newmark_block
       procedure :: switch_at_nearer_end
       procedure :: add_work
       procedure :: change_of_force
-      procedure, private :: switches
-      procedure, private :: margin
       procedure, private :: slip
       procedure, private :: stick
       procedure, private :: set_regime
       procedure, private :: balance
-      procedure, private :: force_at
+      procedure, private :: force_now
       procedure, private :: seconds
       final :: free_block
    end type newmark_block
@@ -85,7 +86,11 @@ contains
       allocate (block%ticks(samples), source=shiftl(1_long, max_halvings))
       allocate (block%slip_begin(state%n_dof, samples), source=0_long)
       allocate (block%level(samples), block%pattern(samples), source=0)
-
+      allocate (block%pull(rows, samples), source=0.0_wp)
+      if (state%keeps_ledger) then
+         allocate (block%damping(rows, state%n_dof), block%work(rows, 3, samples), source=0.0_wp)
+         block%damping(:state%n_dof, :) = chain%damping
+      end if
       allocate (block%room(rows, max(samples, state%n_dof + 2)), block%list(state%n_dof))
       allocate (block%memory(10*rows*samples + register_width), source=0.0_wp)
       first = first_aligned(block%memory)
@@ -108,6 +113,11 @@ contains
       type(block_state), intent(inout) :: state
       integer :: i, w
 
+      if (state%keeps_ledger) then
+         state%work_input = state%work_input + sum(block%work(:, 1, :), 1)
+         state%work_viscous = state%work_viscous + sum(block%work(:, 2, :), 1)
+         state%work_friction = state%work_friction + sum(block%work(:, 3, :), 1)
+      end if
       do w = 1, block%n_samples
          associate (motion => block%motion(:, :, block%slot(w), w))
             state%velocity(:, w) = motion(:block%n_dof, 2)
@@ -125,76 +135,77 @@ contains
    end subroutine store_block
 
    !> A smallest step of sample w has passed a slider's limit: the transition is put at its nearer
-   !> end, the earliest deciding. A slider starts to slip only if its mass moves outward at that
-   !> end.
+   !> end, the earliest deciding. The begin is nearer if less was missing there than is too much at
+   !> the end (linear interpolation).
    subroutine switch_at_nearer_end(self, chain, state, w)
       class(newmark_block), intent(inout) :: self
       type(chain_type), intent(in) :: chain
       type(block_state), intent(inout) :: state
       integer, intent(in) :: w
-      logical :: is_at_begin
       integer :: i, k, n_passed
-      integer(long) :: old
+      integer(long) :: new, nearer, old
 
       old = self%slot(w)
+      new = 1 - old
       n_passed = 0
-      is_at_begin = .false.
-      do i = 1, self%n_dof
-         if (.not. self%margin(i, w, 1 - old) < 0.0_wp) cycle
-         n_passed = n_passed + 1
-         self%list(n_passed) = i
-         is_at_begin = is_at_begin .or. self%switches(i, w, old, at_begin=.true.)
-      end do
-      if (.not. is_at_begin) then
-         if (state%keeps_ledger) call self%add_work(chain, state, w)
+      nearer = new
+      associate (rows => size(self%room, 1), before => self%room(:, 1), after => self%room(:, 2))
+         call find_margins(rows, self%bounds(:, :, w), self%motion(:, :, old, w), before)
+         call find_margins(rows, self%bounds(:, :, w), self%motion(:, :, new, w), after)
+         do i = 1, self%n_dof
+            if (.not. after(i) < 0.0_wp) cycle
+            n_passed = n_passed + 1
+            self%list(n_passed) = i
+            if (before(i) < -after(i) .and. moves_on(i, old)) nearer = old
+         end do
+      end associate
+      if (nearer == new) then
+         if (state%keeps_ledger) call self%add_work([w], spread(0_long, 1, self%n_samples))
          self%tick(w) = self%tick(w) + 1
-         self%slot(w) = 1 - old
+         self%slot(w) = new
       end if
       do k = 1, n_passed
          i = self%list(k)
-         if (.not. self%switches(i, w, old, is_at_begin)) cycle
+         if (nearer == old .and. .not. self%room(i, 1) < -self%room(i, 2)) cycle
+         if (.not. moves_on(i, nearer)) cycle
          if (state%direction(i, w) /= 0) then
             call self%stick(chain, state, i, w)
          else
-            call self%slip(chain, state, i, w, self%motion(i, 3, 1 - old, w) > self%bounds(i, 1, w))
+            call self%slip(chain, state, i, w, self%motion(i, 3, new, w) > self%bounds(i, 1, w))
          end if
       end do
       self%until(w) = 0
       self%ticks(w) = shiftl(1_long, min(trailz(self%tick(w)), self%max_halvings))
+
+   contains
+
+      !> Whether dof i, beyond its limit at the end, may change its regime at this end of the step:
+      !> a slipping one always, a stuck one if it moves outward there.
+      pure logical function moves_on(i, slot)
+         integer, intent(in) :: i
+         integer(long), intent(in) :: slot
+
+         moves_on = .true.
+         if (self%bounds(i, 4, w) > 0.0_wp) moves_on = self%motion(i, 2, slot, w)* &
+            (self%motion(i, 3, new, w) - self%bounds(i, 1, w)) > 0.0_wp
+      end function moves_on
+
    end subroutine switch_at_nearer_end
 
-   !> Whether dof i, which has passed its limit in the step from the old slot, changes its regime at
-   !> the begin or at the end of that step. The begin is nearer if less was missing there than is
-   !> too much at the end (linear interpolation).
-   pure logical function switches(self, i, w, old, at_begin)
-      class(newmark_block), intent(in) :: self
-      integer, intent(in) :: i, w
-      integer(long), intent(in) :: old
-      logical, intent(in) :: at_begin
-      real(wp) :: extension
-      integer(long) :: slot
+   !> How far the dofs are from their limits: a stuck one by the extension its spring may still gain
+   !> [m], a slipping one by its velocity [m/s].
+   pure subroutine find_margins(rows, bounds, motion, margin)
+      integer, intent(in) :: rows
+      real(wp), intent(in) :: bounds(rows, 4), motion(rows, 3)
+      real(wp), intent(out) :: margin(rows)
+      integer :: i
 
-      switches = .not. at_begin .or. self%margin(i, w, old) < -self%margin(i, w, 1 - old)
-      if (self%bounds(i, 4, w) > 0.0_wp) then   ! stuck
-         slot = merge(old, 1 - old, at_begin)
-         extension = self%motion(i, 3, 1 - old, w) - self%bounds(i, 1, w)
-         switches = switches .and. self%motion(i, 2, slot, w)*extension > 0.0_wp
-      end if
-   end function switches
-
-   !> How far a dof is from its limit: a stuck one by the extension its spring may still gain [m], a
-   !> slipping one by its velocity [m/s].
-   pure real(wp) function margin(self, i, w, slot)
-      class(newmark_block), intent(in) :: self
-      integer, intent(in) :: i, w
-      integer(long), intent(in) :: slot
-
-      if (self%bounds(i, 4, w) > 0.0_wp) then
-         margin = self%bounds(i, 2, w) - abs(self%motion(i, 3, slot, w) - self%bounds(i, 1, w))
-      else
-         margin = self%bounds(i, 3, w)*self%motion(i, 2, slot, w)
-      end if
-   end function margin
+      !$omp simd
+      do i = 1, rows
+         margin(i) = merge(bounds(i, 2) - abs(motion(i, 3) - bounds(i, 1)), &
+                           bounds(i, 3)*motion(i, 2), bounds(i, 4) > 0.0_wp)
+      end do
+   end subroutine find_margins
 
    !> Dof i slips from now on, outward. Its spring carries mu N instead of what it had come to.
    subroutine slip(self, chain, state, i, w, is_forward)
@@ -266,6 +277,7 @@ contains
          self%bounds(i, :, w) = [0.0_wp, huge(1.0_wp), &
                                  merge(direction, 0, self%reach(i, w) > 0.0_wp)*1.0_wp, 0.0_wp]
       end if
+      self%pull(i, w) = direction*self%stiffness(i)*self%reach(i, w)
       if (self%n_dof > register_width) return
       self%pattern(w) = merge(ibset(self%pattern(w), i - 1), ibclr(self%pattern(w), i - 1), &
                               direction == 0)
@@ -286,7 +298,7 @@ contains
             if (state%direction(i, w) /= 0) spring = state%direction(i, w)*self%reach(i, w)
             motion(i, 1) = -self%stiffness(i)*spring
          end do
-         motion(self%forced_dof, 1) = motion(self%forced_dof, 1) + self%force_at(w, self%tick(w))
+         motion(self%forced_dof, 1) = motion(self%forced_dof, 1) + self%force_now(w)
          do j = 1, self%n_dof
             do i = 1, self%n_dof
                motion(i, 1) = motion(i, 1) &
@@ -299,42 +311,86 @@ contains
       end associate
    end subroutine balance
 
-   !> Adds the work of the step that sample w has tried: of the force, the dampers and the sliders.
-   !> With average acceleration it is the change of the stored energy, to rounding.
-   pure subroutine add_work(self, chain, state, w)
-      class(newmark_block), intent(in) :: self
-      type(chain_type), intent(in) :: chain
-      type(block_state), intent(inout) :: state
-      integer, intent(in) :: w
-      real(wp) :: way(self%n_dof), force, h
-      integer :: n
+   !> Adds the work of the steps that the listed samples have tried, where they stand: of the force,
+   !> the dampers and the sliders. With average acceleration it is the change of the stored energy,
+   !> to rounding.
+   pure subroutine add_work(self, sample, has_passed)
+      class(newmark_block), intent(inout) :: self
+      integer, intent(in) :: sample(:)                !! their numbers
+      integer(long), intent(in) :: has_passed(:)      !! (all samples) 1: the step does not stand
 
-      n = self%n_dof
-      h = self%seconds(self%ticks(w))
-      way = self%motion(:n, 3, 1 - self%slot(w), w) - self%motion(:n, 3, self%slot(w), w)
-      force = 0.5_wp*(self%force_at(w, self%tick(w)) &
-                      + self%force_at(w, self%tick(w) + self%ticks(w)))
-      state%work_input(w) = state%work_input(w) + force*way(self%forced_dof)
-      state%work_viscous(w) = state%work_viscous(w) + dot_product(way, matmul(chain%damping, way))/h
-      state%work_friction(w) = state%work_friction(w) + &
-                               sum(state%direction(:, w)*state%slip_limit(:, w)*way)
+      call add_works(self%n_dof, size(self%motion, 1), self%forced_dof, self%max_halvings, &
+                     self%dt, size(sample), sample, self%n_samples, has_passed, self%tick, &
+                     self%ticks, self%slot, self%column, ubound(self%force, 1), &
+                     size(self%force, 2), self%force, self%damping, self%pull, self%motion, &
+                     self%work)
    end subroutine add_work
 
-   !> The force on sample w at a tick, linear within a step.
-   pure function force_at(self, w, tick) result(force)
+   !> The same, a register of dofs at a time; without branches, for nobody can guess which steps
+   !> stand.
+   pure subroutine add_works(n, rows, forced_dof, max_halvings, dt, n_listed, sample, n_samples, &
+                             has_passed, tick, ticks, slot, column, n_steps, n_records, force, &
+                             damping, pull, motion, work)
+      integer, intent(in) :: n, rows, forced_dof, max_halvings, n_listed, n_samples
+      real(wp), intent(in) :: dt
+      integer, intent(in) :: sample(n_listed), column(n_samples), n_steps, n_records
+      integer(long), dimension(n_samples), intent(in) :: has_passed, tick, ticks, slot
+      real(wp), intent(in) :: force(0:n_steps, n_records), damping(rows, n), pull(rows, n_samples)
+      real(wp), intent(in) :: motion(rows, 3, 0:1, n_samples)
+      real(wp), intent(inout) :: work(rows, 3, n_samples)
+      real(wp) :: drag(register_width), middle, per_time, share, stands
+      integer(long) :: new, old
+      integer :: c, first, i, j, k, step, w
+
+      share = 0.5_wp**max_halvings
+      do k = 1, n_listed
+         w = sample(k)
+         c = column(w)
+         old = slot(w)
+         new = 1 - old
+         stands = 1 - has_passed(w)
+         step = int(shiftr(tick(w), max_halvings))
+         middle = share*((tick(w) - shiftl(int(step, long), max_halvings)) + 0.5_wp*ticks(w))
+         middle = force(step, c) + middle*(force(step + 1, c) - force(step, c))
+         work(forced_dof, 1, w) = work(forced_dof, 1, w) + stands*middle* &
+                                  (motion(forced_dof, 3, new, w) - motion(forced_dof, 3, old, w))
+         per_time = stands/(share*dt*ticks(w))
+         do first = 0, rows - 1, register_width
+            drag = 0.0_wp
+            do j = 1, n
+               !$omp simd
+               do i = 1, register_width
+                  drag(i) = drag(i) + damping(first + i, j)* &
+                            (motion(j, 3, new, w) - motion(j, 3, old, w))
+               end do
+            end do
+            !$omp simd
+            do i = first + 1, first + register_width
+               block
+                  real(wp) :: way
+                  way = motion(i, 3, new, w) - motion(i, 3, old, w)
+                  work(i, 2, w) = work(i, 2, w) + per_time*drag(i - first)*way
+                  work(i, 3, w) = work(i, 3, w) + stands*pull(i, w)*way
+               end block
+            end do
+         end do
+      end do
+   end subroutine add_works
+
+   !> The force on sample w now, linear within a step.
+   pure function force_now(self, w) result(force)
       class(newmark_block), intent(in) :: self
       integer, intent(in) :: w
-      integer(long), intent(in) :: tick
       real(wp) :: force
       integer :: step
       real(wp) :: share
 
-      step = min(int(shiftr(tick, self%max_halvings)), ubound(self%force, 1) - 1)
-      share = real(tick - shiftl(int(step, long), self%max_halvings), wp)*self%tick_size/self%dt
+      step = min(int(shiftr(self%tick(w), self%max_halvings)), ubound(self%force, 1) - 1)
+      share = (self%tick(w) - shiftl(int(step, long), self%max_halvings))*self%tick_size/self%dt
       associate (f => self%force, column => self%column(w))
          force = f(step, column) + share*(f(step + 1, column) - f(step, column))
       end associate
-   end function force_at
+   end function force_now
 
    !> By how much it changes in the present step of dt.
    pure function change_of_force(self, w) result(change)

@@ -9,7 +9,7 @@ module dynamics_taylor
    use dynamics_chain, only: chain_type
    implicit none(type, external)
    private
-   public :: lanes, taylor_type, new_taylor, fastest_rate, order_for
+   public :: lanes, rows, taylor_type, new_taylor, fastest_rate, find_drag, order_for
 
    integer, parameter :: lanes = 8   !! samples side by side: one 64-byte vector
    integer, parameter :: rows = 5    !! masses whose sums are formed together
@@ -113,36 +113,14 @@ contains
       real(wp), intent(in) :: damping(rows, n, *), coupling(-1:1, n), contact(n), held(lanes, n)
       real(wp), intent(in) :: x0(lanes, 0:n + 1), x1(lanes, 0:n + 1)
       real(wp), intent(inout) :: x2(lanes, 0:n + 1)
-      real(wp) :: s1(lanes), s2(lanes), s3(lanes), s4(lanes), s5(lanes), sums(lanes, rows)
+      real(wp) :: sums(lanes, rows)
       real(wp) :: by_velocity, by_displacement
-      integer :: block, i, j, l
+      integer :: block, i, l
 
       by_displacement = -1.0_wp/((k + 1)*(k + 2))
       by_velocity = -1.0_wp/(k + 2)
       do block = 1, (n + rows - 1)/rows
-         s1 = 0.0_wp
-         s2 = 0.0_wp
-         s3 = 0.0_wp
-         s4 = 0.0_wp
-         s5 = 0.0_wp
-         do j = 1, n
-            !$omp simd
-            do l = 1, lanes
-               s1(l) = s1(l) + damping(1, j, block)*x1(l, j)
-               s2(l) = s2(l) + damping(2, j, block)*x1(l, j)
-               s3(l) = s3(l) + damping(3, j, block)*x1(l, j)
-               s4(l) = s4(l) + damping(4, j, block)*x1(l, j)
-               s5(l) = s5(l) + damping(5, j, block)*x1(l, j)
-            end do
-         end do
-         !$omp simd
-         do l = 1, lanes
-            sums(l, 1) = s1(l)
-            sums(l, 2) = s2(l)
-            sums(l, 3) = s3(l)
-            sums(l, 4) = s4(l)
-            sums(l, 5) = s5(l)
-         end do
+         call find_drag(n, damping(1, 1, block), x1(1, 1), sums)
          do i = rows*(block - 1) + 1, min(n, rows*block)
             !$omp simd
             do l = 1, lanes
@@ -153,6 +131,39 @@ contains
          end do
       end do
    end subroutine next_power
+
+   !> C^ times velocities, for one block of its rows.
+   pure subroutine find_drag(n, damping, velocity, drag)
+      integer, intent(in) :: n
+      real(wp), intent(in) :: damping(rows, n), velocity(lanes, n)
+      real(wp), intent(out) :: drag(lanes, rows)
+      real(wp) :: s1(lanes), s2(lanes), s3(lanes), s4(lanes), s5(lanes)
+      integer :: j, l
+
+      s1 = 0.0_wp
+      s2 = 0.0_wp
+      s3 = 0.0_wp
+      s4 = 0.0_wp
+      s5 = 0.0_wp
+      do j = 1, n
+         !$omp simd
+         do l = 1, lanes
+            s1(l) = s1(l) + damping(1, j)*velocity(l, j)
+            s2(l) = s2(l) + damping(2, j)*velocity(l, j)
+            s3(l) = s3(l) + damping(3, j)*velocity(l, j)
+            s4(l) = s4(l) + damping(4, j)*velocity(l, j)
+            s5(l) = s5(l) + damping(5, j)*velocity(l, j)
+         end do
+      end do
+      !$omp simd
+      do l = 1, lanes
+         drag(l, 1) = s1(l)
+         drag(l, 2) = s2(l)
+         drag(l, 3) = s3(l)
+         drag(l, 4) = s4(l)
+         drag(l, 5) = s5(l)
+      end do
+   end subroutine find_drag
 
    !> The pull of stuck sliders and of sliding friction.
    pure subroutine add_constant(n, contact, anchor, x2)

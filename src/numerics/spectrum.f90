@@ -15,9 +15,10 @@ module numerics_spectrum
    type :: welch_type
       integer :: n_segments = 0                             !! averaged so far
       integer, private :: length = 0, overlap = 0, filled = 0
+      integer, private :: first = 1                         !! where the segment begins, cyclic
       real(wp), private :: interval = 0.0_wp                !! between values [s]
       real(wp), allocatable, private :: window(:)
-      real(wp), allocatable, private :: segment(:, :)       !! (value, series) the one being filled
+      real(wp), allocatable, private :: segment(:, :)       !! (place, series) the one being filled
       real(wp), allocatable, private :: power(:, :)         !! (frequency, series) sum of |X|^2
       type(forward_fft), private :: transform
    contains
@@ -48,6 +49,7 @@ contains
 
       self%n_segments = 0
       self%filled = 0
+      self%first = 1
       self%overlap = overlap
       self%interval = interval
       if (self%transform%n /= length) then
@@ -64,14 +66,14 @@ contains
    subroutine add(self, values)
       class(welch_type), intent(inout) :: self
       real(wp), intent(in) :: values(:, :)   !! (value, series)
-      integer :: taken, n, series
+      integer :: taken, n, place, series
 
       taken = 0
       do while (taken < size(values, 1))
-         n = min(size(values, 1) - taken, self%length - self%filled)
+         place = modulo(self%first + self%filled - 1, self%length)
+         n = min(size(values, 1) - taken, self%length - max(self%filled, place))
          do series = 1, size(values, 2)
-            self%segment(self%filled + 1:self%filled + n, series) = &
-               values(taken + 1:taken + n, series)
+            self%segment(place + 1:place + n, series) = values(taken + 1:taken + n, series)
          end do
          self%filled = self%filled + n
          taken = taken + n
@@ -79,36 +81,40 @@ contains
       end do
    end subroutine add
 
-   !> Adds the periodogram of a full segment and keeps what the next one shares with it.
+   !> Adds the periodogram of a full segment. What the next one shares with it stays in its place.
    subroutine take_segment(self)
       class(welch_type), intent(inout) :: self
       integer :: series
 
       do series = 1, size(self%segment, 2)
-         call weigh(self%length, self%window, self%segment(:, series), self%transform%signal)
+         call weigh(self%length, self%first, self%window, self%segment(:, series), &
+                    self%transform%signal)
          call self%transform%execute()
          call add_square(size(self%power, 1), self%transform%spectrum, self%power(:, series))
-         self%segment(:self%overlap, series) = self%segment(self%length - self%overlap + 1:, series)
       end do
+      self%first = 1 + modulo(self%first + self%length - self%overlap - 1, self%length)
       self%filled = self%overlap
       self%n_segments = self%n_segments + 1
    end subroutine take_segment
 
-   !> The values without their mean, times the window. The mean is summed in several parts at once:
-   !> in a single sum each addition waits for the one before.
-   pure subroutine weigh(n, window, values, weighted)
-      integer, intent(in) :: n
+   !> The values without their mean, times the window; they begin at `first` and go on at 1. The
+   !> mean is summed in several parts at once: in a single sum each addition waits for the one before.
+   pure subroutine weigh(n, first, window, values, weighted)
+      integer, intent(in) :: n, first
       real(wp), intent(in) :: window(n), values(n)
       real(wp), intent(out) :: weighted(n)
-      real(wp) :: total
-      integer :: i
+      real(wp) :: mean
+      integer :: i, left
 
-      total = 0.0_wp
-      !$omp simd reduction(+:total)
+      mean = 0.0_wp
+      !$omp simd reduction(+:mean)
       do i = 1, n
-         total = total + values(i)
+         mean = mean + values(i)
       end do
-      weighted = window*(values - total/n)
+      mean = mean/n
+      left = n - first + 1
+      weighted(:left) = window(:left)*(values(first:) - mean)
+      weighted(left + 1:) = window(left + 1:)*(values(:first - 1) - mean)
    end subroutine weigh
 
    pure subroutine add_square(n, spectrum, power)
