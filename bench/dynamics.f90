@@ -3,7 +3,10 @@
 !>
 !> Each setting marches 32 samples of the paper's chain, a campaign's block; sample 1 is one of the
 !> reference histories of tests/reference/dynamics, whose errors are given, the others differ in
-!> friction. CPU time, best of several. Run from the root of the repository:
+!> friction. Errors of displacement and slip fraction are the largest over the dofs. That of the
+!> spectrum is the rms of its relative deviation over 0.1 to 3 Hz, of the worst dof, from the event
+!> march at 1e-12 (the references have too few records). CPU time, best of several. Run from the
+!> root of the repository:
 !> build/release/bin/bench_dynamics [folder]
 program bench_dynamics
    use core_error, only: error_type
@@ -14,9 +17,12 @@ program bench_dynamics
    use dynamics_event, only: event_marcher, new_event_marcher
    use dynamics_newmark, only: new_newmark, newmark_marcher
    use dynamics_response, only: block_state, marcher_type, start_block
+   use numerics_spectrum, only: welch_type
    implicit none(type, external)
    integer, parameter :: n_samples = 32, repetitions = 3, stride = 100, records_per_piece = 10
+   integer, parameter :: thinning = 4, segment = 1024   !! of spectra, as the program would choose
    real(wp), parameter :: dt = 0.00843_wp
+   real(wp) :: exact_psd(0:segment/2, 5)
    character(:), allocatable :: folder
    character(200) :: argument
 
@@ -25,13 +31,18 @@ program bench_dynamics
       call get_command_argument(1, argument)
       folder = trim(argument)//'/'
    end if
-   print '(a)', '# case setting ns_per_sample_step error_rms_x error_slip_fraction missed'
+   print '(a)', '# case setting ns_per_sample_step error_rms_x error_slip_fraction '// &
+      'error_spectrum missed'
    call compare('p1_low')
    call compare('p2_high')
    print '(a)', '# event method at 1e-6: dofs ns_per_sample_step transitions_per_sample_step'
    print '(a)', '# up to 8 dofs by tables, 2^n of them; beyond by Taylor series, whose sums over'
    print '(a)', '# the dofs (the damping matrix is full) grow as n^2 per power'
-   call lengthen([1, 2, 3, 5, 8, 9, 10, 20, 50, 100])
+   call lengthen('event', [1, 2, 3, 5, 8, 9, 10, 20, 50, 100])
+   print '(a)', '# newmark, 15 halvings: dofs ns_per_sample_step transitions_per_sample_step'
+   print '(a)', '# up to 8 dofs by tables; beyond, each of some 26 tries per transition is a'
+   print '(a)', '# product with what counts of the inverse of the stuck chain, n times its width'
+   call lengthen('newmark', [1, 2, 3, 5, 8, 9, 10, 20, 50, 100, 200])
    print '(a)', '# when nothing happens: motion setting ns_per_sample_step'
    call idle()
 
@@ -100,17 +111,21 @@ contains
       type(error_type), allocatable :: error
       type(chain_type) :: chain
       real(wp), allocatable :: force(:, :)
+      integer, parameter :: halvings(8) = [0, 1, 2, 3, 5, 10, 15, 20]
       integer :: finer, k
 
       chain = equal_chain(5)
+      call read_force(case, 1, force)
+      call new_event_marcher(chain, dt, 1.0e-12_wp, 5, event, error)
+      exact_psd = spectrum_of_first(event, chain, force, 1)
       do k = 3, 12
          call new_event_marcher(chain, dt, 10.0_wp**(-k), 5, event, error)
          call read_force(case, 1, force)
          call report(case, 'event 1e-'//to_text(k), event, force, 1, chain)
       end do
-      do k = 0, 20, 5
-         call new_newmark(chain, dt, k, 0.25_wp, 0.5_wp, 5, newmark, error)
-         call report(case, 'newmark halvings '//to_text(k), newmark, force, 1, chain)
+      do k = 1, size(halvings)
+         call new_newmark(chain, dt, halvings(k), 0.25_wp, 0.5_wp, 5, newmark, error)
+         call report(case, 'newmark halvings '//to_text(halvings(k)), newmark, force, 1, chain)
       end do
       do k = 1, 4
          finer = 2**k
@@ -141,14 +156,49 @@ contains
       end do
       missed = sum(starts) + sum(stops) - &
                int(sum(state%slip_starts(:, 1) + state%stick_starts(:, 1)))
-      print '(a, 2x, a20, f9.1, 2es11.2, i7)', case, setting, nanoseconds, error_x, &
-         maxval(abs(state%slip_time(:, 1)/(marcher%dt*ubound(force, 1)) - slip)), missed
+      print '(a, 2x, a20, f9.1, 3es11.2, i7)', case, setting, nanoseconds, error_x, &
+         maxval(abs(state%slip_time(:, 1)/(marcher%dt*ubound(force, 1)) - slip)), &
+         error_of_spectrum(spectrum_of_first(marcher, chain, force, finer)), missed
    end subroutine report
 
+   !> Densities of the displacements of sample 1 (frequency, dof).
+   function spectrum_of_first(marcher, chain, force, finer) result(psd)
+      class(marcher_type), intent(inout) :: marcher
+      type(chain_type), intent(in) :: chain
+      real(wp), intent(in) :: force(0:, :)
+      integer, intent(in) :: finer
+      real(wp) :: psd(0:segment/2, 5)
+      type(welch_type) :: welch
+      type(block_state) :: state
+      type(error_type), allocatable :: error
+      real(wp), allocatable :: x(:, :, :)
+
+      allocate (x(ubound(force, 1)/(thinning*finer), 5, 1))
+      call start_block(chain, reshape(spread(0.2_wp, 1, 5), [5, 1]), state)
+      call marcher%advance(state, force, thinning*finer, x, error=error)
+      if (allocated(error)) error stop error%message
+      call welch%start(5, segment, segment/2, thinning*dt)
+      call welch%add(x(:, :, 1))
+      call welch%finish(psd)
+   end function spectrum_of_first
+
+   real(wp) function error_of_spectrum(psd)
+      real(wp), intent(in) :: psd(0:, :)
+      integer :: first, last
+
+      first = ceiling(0.1_wp*segment*thinning*dt)
+      last = floor(3.0_wp*segment*thinning*dt)
+      error_of_spectrum = sqrt(maxval(sum((psd(first:last, :)/exact_psd(first:last, :) - 1.0_wp)**2, &
+                                          1))/(last - first + 1))
+   end function error_of_spectrum
+
    !> Cost in longer chains, all oscillators equal, the forces of the second case on the last one.
-   subroutine lengthen(sizes)
+   subroutine lengthen(method, sizes)
+      character(*), intent(in) :: method
       integer, intent(in) :: sizes(:)
       type(event_marcher) :: event
+      type(newmark_marcher) :: newmark
+      type(chain_type) :: chain
       type(error_type), allocatable :: error
       type(block_state) :: state
       real(wp), allocatable :: force(:, :), x(:, :)
@@ -158,9 +208,15 @@ contains
       call read_force('p2_high', 1, force)
       do k = 1, size(sizes)
          n_steps = merge(20000, 2000, sizes(k) <= 10)
-         call new_event_marcher(equal_chain(sizes(k)), dt, 1.0e-6_wp, sizes(k), event, error)
-         call time_march(event, equal_chain(sizes(k)), force(:n_steps, :), stride, state, x, &
-                         nanoseconds)
+         if (sizes(k) > 50) n_steps = 500
+         chain = equal_chain(sizes(k))
+         if (method == 'event') then
+            call new_event_marcher(chain, dt, 1.0e-6_wp, sizes(k), event, error)
+            call time_march(event, chain, force(:n_steps, :), stride, state, x, nanoseconds)
+         else
+            call new_newmark(chain, dt, 15, 0.25_wp, 0.5_wp, sizes(k), newmark, error)
+            call time_march(newmark, chain, force(:n_steps, :), stride, state, x, nanoseconds)
+         end if
          events = real(sum(state%slip_starts + state%stick_starts), wp)/ &
                   (real(n_steps, wp)*n_samples)
          print '(i5, f10.1, f9.4)', sizes(k), nanoseconds, events

@@ -12,8 +12,8 @@ contains
 
    !> a1 = S^-1 [b dF + M a0/gamma - h K (v0 + lag a0)] - share a0, then v1 and x1; has_passed is 1
    !> where a slider is beyond its limit at the end, else 0.
-   pure subroutine try_long(n, rows, change, lag, share, missing, weight, rigid, inverse, bounds, &
-                            slot, motion, room, list, has_passed)
+   pure subroutine try_long(n, rows, change, lag, share, missing, weight, rigid, span, inverse, &
+                            bounds, slot, motion, room, list, has_passed)
       integer, intent(in) :: n, rows
       real(wp), intent(in) :: change             !! dF [N]
       real(wp), intent(in) :: lag                !! h (1/2 - beta/gamma) [s]
@@ -21,6 +21,7 @@ contains
       real(wp), intent(in) :: missing            !! beta h^2; times k: what a slipping slider lacks
       real(wp), intent(in) :: weight(5)          !! of a0, a1 in v1; of v0 (so h), a0, a1 in x1
       real(wp), intent(in) :: rigid(rows, 6)     !! b, M/gamma, coupling by diagonals (3), k
+      integer, intent(in) :: span(2, n)          !! the rows in which a column of S^-1 counts
       real(wp), intent(in) :: inverse(rows, n)   !! S^-1 of the stuck chain
       real(wp), intent(in) :: bounds(rows, 4)    !! slider, reach, way, stiffness
       integer(long), intent(in) :: slot
@@ -46,9 +47,9 @@ contains
                       - h*((rigid(i, 4) + bounds(i, 4))*a(i) + rigid(i, 3)*a(max(i - 1, 1)) &
                            + rigid(i, 5)*a(min(i + 1, n)))
          end do
-         call multiply(rows, n, inverse, load, a)
+         call multiply(rows, n, span, inverse, load, a)
          if (m > 0 .and. missing > 0.0_wp) &
-            call release(rows, n, m, list, missing, rigid(:, 6), inverse, a, load, room(:, 3:))
+            call release(rows, n, m, list, missing, rigid(:, 6), span, inverse, a, load, room(:, 3:))
          has_passed = 0
          !$omp simd private(a1, v1, x1, is_out, is_back) reduction(ior:has_passed)
          do i = 1, rows
@@ -66,21 +67,21 @@ contains
    end subroutine try_long
 
    !> a = A f, four columns at a time.
-   pure subroutine multiply(rows, n, matrix, f, a)
-      integer, intent(in) :: rows, n
+   pure subroutine multiply(rows, n, span, matrix, f, a)
+      integer, intent(in) :: rows, n, span(2, n)
       real(wp), intent(in) :: matrix(rows, n), f(n)
       real(wp), intent(out) :: a(rows)
       integer :: i, j
 
       a = 0.0_wp
       do j = 1, n - 3, 4
-         do i = 1, rows
+         do i = span(1, j), span(2, j)   ! the same for these four
             a(i) = a(i) + ((matrix(i, j)*f(j) + matrix(i, j + 1)*f(j + 1)) &
                            + (matrix(i, j + 2)*f(j + 2) + matrix(i, j + 3)*f(j + 3)))
          end do
       end do
       do j = n - modulo(n, 4) + 1, n
-         do i = 1, rows
+         do i = span(1, j), span(2, j)
             a(i) = a(i) + matrix(i, j)*f(j)
          end do
       end do
@@ -89,8 +90,8 @@ contains
    !> From u = S^-1 q of the stuck chain to that with the listed sliders slipping: u + A y with
    !> (1/(missing k) - A') y = u', A the listed columns of S^-1, ' the listed rows. By factors
    !> L D L' made here and not by LAPACK, whose calls cost more than these few rows.
-   pure subroutine release(rows, n, m, list, missing, stiffness, inverse, u, y, factor)
-      integer, intent(in) :: rows, n, m, list(n)
+   pure subroutine release(rows, n, m, list, missing, stiffness, span, inverse, u, y, factor)
+      integer, intent(in) :: rows, n, m, list(n), span(2, n)
       real(wp), intent(in) :: missing, stiffness(rows), inverse(rows, n)
       real(wp), intent(inout) :: u(rows)
       real(wp), intent(inout) :: y(n), factor(rows, n)   !! room
@@ -118,7 +119,9 @@ contains
          do i = j + 1, m
             y(j) = y(j) - factor(i, j)*y(i)
          end do
-         u = u + inverse(:, list(j))*y(j)
+         do i = span(1, list(j)), span(2, list(j))
+            u(i) = u(i) + inverse(i, list(j))*y(j)
+         end do
       end do
    end subroutine release
 

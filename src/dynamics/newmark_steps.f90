@@ -33,6 +33,7 @@ module dynamics_newmark_steps
       real(wp), allocatable :: table(:)           !! (rows; columns; pattern; level)
       integer :: first_entry = 1                  !! of the table, where a cache line begins
       real(wp), allocatable :: inverse(:, :, :)   !! (rows, n, level) of the stuck chain
+      integer, allocatable :: span(:, :, :)       !! (2, n, level) of it: see try_long
    contains
       procedure :: try
    end type newmark_steps
@@ -100,7 +101,8 @@ contains
                call try_long(n, size(block%motion, 1), self%share(l)*block%change_of_force(w), &
                              (0.5_wp - self%beta/self%gamma)*self%weight(3, l), share, &
                              self%beta*self%weight(3, l)**2, self%weight(:, l), self%rigid, &
-                             self%inverse(:, :, l), block%bounds(:, :, w), block%slot(w), &
+                             self%span(:, :, l), self%inverse(:, :, l), block%bounds(:, :, w), &
+                             block%slot(w), &
                              block%motion(:, :, :, w), block%room, block%list, has_passed(w))
             end do
          end if
@@ -286,11 +288,40 @@ contains
       n = self%chain%n_dof
       is_stuck = .true.
       allocate (self%inverse(size(self%rigid, 1), n, 0:self%max_halvings), source=0.0_wp)
+      allocate (self%span(2, n, 0:self%max_halvings))
       do level = 0, self%max_halvings
          call invert(self, level, self%chain%stiffness(is_stuck), self%inverse(:n, :, level), error)
          if (allocated(error)) return
+         self%span(:, :, level) = span_of(self%inverse(:n, :, level))
       end do
    end subroutine fill_inverse
+
+   !> From the first to the last row, in whole registers, in which a column of S^-1 counts, or one of
+   !> the four that are taken together; what is left out changes no product beyond rounding, measured
+   !> by the energy that S stands for.
+   pure function span_of(inverse) result(span)
+      real(wp), intent(in) :: inverse(:, :)
+      integer :: span(2, size(inverse, 2))
+      real(wp) :: least
+      integer :: i, j, n
+
+      n = size(inverse, 1)
+      least = 0.1_wp*epsilon(1.0_wp)/n
+      do j = 1, n
+         span(:, j) = j
+         do i = 1, n
+            if (abs(inverse(i, j)) <= least*sqrt(inverse(i, i)*inverse(j, j))) cycle
+            span(1, j) = min(span(1, j), i)
+            span(2, j) = max(span(2, j), i)
+         end do
+         span(1, j) = span(1, j) - modulo(span(1, j) - 1, rows)
+         span(2, j) = whole_registers(span(2, j))
+      end do
+      do j = 1, n - 3, 4
+         span(1, j:j + 3) = minval(span(1, j:j + 3))
+         span(2, j:j + 3) = maxval(span(2, j:j + 3))
+      end do
+   end function span_of
 
    !> S^-1 for one stiffness and level.
    subroutine invert(self, level, stiffness, inverse, error)
