@@ -188,8 +188,9 @@ contains
 
       first = ceiling(0.1_wp*segment*thinning*dt)
       last = floor(3.0_wp*segment*thinning*dt)
-      error_of_spectrum = sqrt(maxval(sum((psd(first:last, :)/exact_psd(first:last, :) - 1.0_wp)**2, &
-                                          1))/(last - first + 1))
+      associate (change => psd(first:last, :)/exact_psd(first:last, :) - 1.0_wp)
+         error_of_spectrum = sqrt(maxval(sum(change**2, 1))/(last - first + 1))
+      end associate
    end function error_of_spectrum
 
    !> Cost in longer chains, all oscillators equal, the forces of the second case on the last one.

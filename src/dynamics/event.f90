@@ -68,9 +68,10 @@ contains
       marcher%substeps = max(1, ceiling(rate*dt/merge(table_rate_step, series_rate_step, &
                                                       marcher%has_tables)))
       h = dt/marcher%substeps
-      marcher%group = new_lane_group(chain, new_taylor(chain, h, forced_dof, &
-                                                       order_for(rate*h, share_of_step*tolerance)), &
-                                     rate*h, tolerance)
+      associate (order => order_for(rate*h, share_of_step*tolerance))
+         marcher%group = new_lane_group(chain, new_taylor(chain, h, forced_dof, order), rate*h, &
+                                        tolerance)
+      end associate
       if (.not. marcher%has_tables) return
       associate (tables => marcher%tabulated)
          tables%chain = chain

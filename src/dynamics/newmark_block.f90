@@ -7,13 +7,12 @@ module dynamics_newmark_block
    use, intrinsic :: iso_c_binding, only: c_intptr_t, c_loc
    use core_kinds, only: long, wp
    use dynamics_chain, only: chain_type
+   use dynamics_newmark_ledger, only: add_works, register_width
    use dynamics_response, only: block_state
    implicit none(type, external)
    private
    public :: newmark_block, load_block, store_block, first_aligned
    public :: register_width, whole_registers
-
-   integer, parameter :: register_width = 8   !! reals
 
    !> Columns over the dofs are padded to whole registers.
    type :: newmark_block
@@ -185,9 +184,10 @@ contains
          integer, intent(in) :: i
          integer(long), intent(in) :: slot
 
-         moves_on = .true.
-         if (self%bounds(i, 4, w) > 0.0_wp) moves_on = self%motion(i, 2, slot, w)* &
-            (self%motion(i, 3, new, w) - self%bounds(i, 1, w)) > 0.0_wp
+         associate (extension => self%motion(i, 3, new, w) - self%bounds(i, 1, w))
+            moves_on = self%motion(i, 2, slot, w)*extension > 0.0_wp
+         end associate
+         moves_on = moves_on .or. .not. self%bounds(i, 4, w) > 0.0_wp
       end function moves_on
 
    end subroutine switch_at_nearer_end
@@ -325,57 +325,6 @@ contains
                      size(self%force, 2), self%force, self%damping, self%pull, self%motion, &
                      self%work)
    end subroutine add_work
-
-   !> The same, a register of dofs at a time; without branches, for nobody can guess which steps
-   !> stand.
-   pure subroutine add_works(n, rows, forced_dof, max_halvings, dt, n_listed, sample, n_samples, &
-                             has_passed, tick, ticks, slot, column, n_steps, n_records, force, &
-                             damping, pull, motion, work)
-      integer, intent(in) :: n, rows, forced_dof, max_halvings, n_listed, n_samples
-      real(wp), intent(in) :: dt
-      integer, intent(in) :: sample(n_listed), column(n_samples), n_steps, n_records
-      integer(long), dimension(n_samples), intent(in) :: has_passed, tick, ticks, slot
-      real(wp), intent(in) :: force(0:n_steps, n_records), damping(rows, n), pull(rows, n_samples)
-      real(wp), intent(in) :: motion(rows, 3, 0:1, n_samples)
-      real(wp), intent(inout) :: work(rows, 3, n_samples)
-      real(wp) :: drag(register_width), middle, per_time, share, stands
-      integer(long) :: new, old
-      integer :: c, first, i, j, k, step, w
-
-      share = 0.5_wp**max_halvings
-      do k = 1, n_listed
-         w = sample(k)
-         c = column(w)
-         old = slot(w)
-         new = 1 - old
-         stands = 1 - has_passed(w)
-         step = int(shiftr(tick(w), max_halvings))
-         middle = share*((tick(w) - shiftl(int(step, long), max_halvings)) + 0.5_wp*ticks(w))
-         middle = force(step, c) + middle*(force(step + 1, c) - force(step, c))
-         work(forced_dof, 1, w) = work(forced_dof, 1, w) + stands*middle* &
-                                  (motion(forced_dof, 3, new, w) - motion(forced_dof, 3, old, w))
-         per_time = stands/(share*dt*ticks(w))
-         do first = 0, rows - 1, register_width
-            drag = 0.0_wp
-            do j = 1, n
-               !$omp simd
-               do i = 1, register_width
-                  drag(i) = drag(i) + damping(first + i, j)* &
-                            (motion(j, 3, new, w) - motion(j, 3, old, w))
-               end do
-            end do
-            !$omp simd
-            do i = first + 1, first + register_width
-               block
-                  real(wp) :: way
-                  way = motion(i, 3, new, w) - motion(i, 3, old, w)
-                  work(i, 2, w) = work(i, 2, w) + per_time*drag(i - first)*way
-                  work(i, 3, w) = work(i, 3, w) + stands*pull(i, w)*way
-               end block
-            end do
-         end do
-      end do
-   end subroutine add_works
 
    !> The force on sample w now, linear within a step.
    pure function force_now(self, w) result(force)

@@ -49,7 +49,8 @@ contains
          end do
          call multiply(rows, n, span, inverse, load, a)
          if (m > 0 .and. missing > 0.0_wp) &
-            call release(rows, n, m, list, missing, rigid(:, 6), span, inverse, a, load, room(:, 3:))
+            call release(rows, n, m, list, missing, rigid(:, 6), span, inverse, a, load, &
+                         room(:, 3:))
          has_passed = 0
          !$omp simd private(a1, v1, x1, is_out, is_back) reduction(ior:has_passed)
          do i = 1, rows

@@ -296,9 +296,9 @@ contains
       end do
    end subroutine fill_inverse
 
-   !> From the first to the last row, in whole registers, in which a column of S^-1 counts, or one of
-   !> the four that are taken together; what is left out changes no product beyond rounding, measured
-   !> by the energy that S stands for.
+   !> From the first to the last row, in whole registers, in which a column of S^-1 counts, or one
+   !> of the four that are taken together; what is left out changes no product beyond rounding,
+   !> measured by the energy that S stands for.
    pure function span_of(inverse) result(span)
       real(wp), intent(in) :: inverse(:, :)
       integer :: span(2, size(inverse, 2))

@@ -98,7 +98,7 @@ contains
    end subroutine take_segment
 
    !> The values without their mean, times the window; they begin at `first` and go on at 1. The
-   !> mean is summed in several parts at once: in a single sum each addition waits for the one before.
+   !> mean is summed in several parts at once: in one sum each addition waits for the one before.
    pure subroutine weigh(n, first, window, values, weighted)
       integer, intent(in) :: n, first
       real(wp), intent(in) :: window(n), values(n)
