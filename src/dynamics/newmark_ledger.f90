@@ -12,8 +12,8 @@ module dynamics_newmark_ledger
 
 contains
 
-   !> Adds the works of the steps that the listed samples have tried, where they stand. A register of
-   !> dofs at a time; without branches, for nobody can guess which steps stand.
+   !> Adds the works of the steps that the listed samples have tried, where they stand. A register
+   !> of dofs at a time; without branches, for nobody can guess which steps stand.
    pure subroutine add_works(n, rows, forced_dof, max_halvings, dt, n_listed, sample, n_samples, &
                              has_passed, tick, ticks, slot, column, n_steps, n_records, force, &
                              damping, pull, motion, work)
