@@ -79,7 +79,7 @@ def ours(program: str, folder: Path, case: str) -> dict[str, list[float]]:
     lines = output_of(program, folder).splitlines()
     rows = [line.split() for line in lines if line.startswith(case)]
     return {
-        " ".join(row[1:-4]): [float(row[-4]), float(row[-3]), 100 * float(row[-2])] for row in rows
+        " ".join(row[1:-5]): [float(row[-5]), float(row[-4]), 100 * float(row[-3])] for row in rows
     }
 
 
