@@ -36,16 +36,21 @@ contains
       associate (a0 => motion(:, 1, slot), v0 => motion(:, 2, slot), x0 => motion(:, 3, slot), &
                  h => weight(3), load => room(:, 1), a => room(:, 2))
          m = 0
-         do i = 1, n
-            a(i) = v0(i) + lag*a0(i)
-            if (bounds(i, 4) > 0.0_wp) cycle
-            m = m + 1
-            list(m) = i
+         do i = 1, n   ! without a branch, for nobody can guess it
+            list(m + 1) = i
+            m = m + merge(0, 1, bounds(i, 4) > 0.0_wp)
          end do
          do i = 1, n
-            load(i) = rigid(i, 1)*change + rigid(i, 2)*a0(i) &
-                      - h*((rigid(i, 4) + bounds(i, 4))*a(i) + rigid(i, 3)*a(max(i - 1, 1)) &
-                           + rigid(i, 5)*a(min(i + 1, n)))
+            a(i) = v0(i) + lag*a0(i)
+         end do
+         do i = 1, n
+            load(i) = rigid(i, 1)*change + rigid(i, 2)*a0(i) - h*(rigid(i, 4) + bounds(i, 4))*a(i)
+         end do
+         do i = 2, n
+            load(i) = load(i) - h*rigid(i, 3)*a(i - 1)
+         end do
+         do i = 1, n - 1
+            load(i) = load(i) - h*rigid(i, 5)*a(i + 1)
          end do
          call multiply(rows, n, span, inverse, load, a)
          if (m > 0 .and. missing > 0.0_wp) &
