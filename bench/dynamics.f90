@@ -41,7 +41,8 @@ program bench_dynamics
    call lengthen('event', [1, 2, 3, 5, 8, 9, 10, 20, 50, 100])
    print '(a)', '# newmark, 15 halvings: dofs ns_per_sample_step transitions_per_sample_step'
    print '(a)', '# up to 8 dofs by tables; beyond, each of some 26 tries per transition is a'
-   print '(a)', '# product with what counts of the inverse of the stuck chain, n times its width'
+   print '(a)', '# product with what counts of the inverse of the stuck chain: n times its width'
+   print '(a)', '# of up to 45 dofs'
    call lengthen('newmark', [1, 2, 3, 5, 8, 9, 10, 20, 50, 100, 200])
    print '(a)', '# when nothing happens: motion setting ns_per_sample_step'
    call idle()
