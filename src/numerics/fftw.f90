@@ -19,6 +19,8 @@ module numerics_fftw
    end interface
 
    !> What both directions own. Aligned, freed with the variable; not to be copied by assignment.
+   !> Where a component has them as components, its owner's finalizer releases them: gfortran 12
+   !> skips theirs there.
    type, abstract :: real_fft
       integer :: n = 0                                              !! length of the signal, 0: none
       real(wp), pointer, contiguous :: signal(:) => null()          !! (0:n-1)
@@ -29,8 +31,8 @@ module numerics_fftw
    contains
       procedure(prepare_transform), deferred :: prepare
       procedure(execute_transform), deferred :: execute
+      procedure :: release
       procedure, private :: allocate_buffers
-      procedure, private :: release
    end type real_fft
 
    abstract interface
@@ -167,6 +169,7 @@ contains
       self%spectrum(0:n/2) => spectrum
    end subroutine allocate_buffers
 
+   !> Frees plan and buffers; nothing where there are none.
    subroutine release(self)
       class(real_fft), intent(inout) :: self
 

@@ -45,6 +45,7 @@ module process_reciprocal_symbol
       procedure :: restart
       procedure :: evaluate
       procedure :: values_on_circle
+      final :: finish_workspace
    end type reciprocal_workspace
 
 contains
@@ -67,6 +68,16 @@ contains
       self%longest_length = max(self%first_length, min(longest, max(512, 3*m_max*m_max/2)))
       call self%restart()
    end subroutine prepare
+
+   subroutine finish_workspace(self)
+      type(reciprocal_workspace), intent(inout) :: self
+      integer :: level
+
+      do level = 1, n_levels
+         call self%pair(level)%to_circle%release()
+         call self%pair(level)%to_lags%release()
+      end do
+   end subroutine finish_workspace
 
    !> Forget what the last symbols needed.
    subroutine restart(self)
