@@ -2,10 +2,11 @@
 module driver_audit
    use core_error, only: error_type
    use core_kinds, only: wp
-   use ensemble_comparison, only: compare_slip, compare_spectra, numerical_error
+   use ensemble_comparison, only: compare_slip, numerical_error, spectrum_comparison
    use ensemble_plan, only: kept_dofs, plan_type
    use ensemble_results, only: block_result, spectrum_layout
    use io_audit_results, only: write_audit
+   use io_blocks, only: frequencies_together
    use io_gathering, only: read_psd_band, read_samples, shards_of
    use io_results, only: results_writer
    use io_shards, only: shard_store, shard_type
@@ -41,7 +42,7 @@ contains
       call write_audit(writer, plan, audit, reference, layout, errors, store, shards, error)
    end subroutine finish_audit
 
-   !> Spectra of a case beside those of its audit.
+   !> Spectra of a case beside those of its audit, a range of frequencies at a time.
    subroutine compare_psd(plan, audit, n_frequencies, store, shards, errors, error)
       type(plan_type), intent(in) :: plan
       integer, intent(in) :: audit   !! case number
@@ -50,17 +51,27 @@ contains
       type(shard_type), intent(in) :: shards(:)
       type(numerical_error), intent(inout) :: errors
       type(error_type), allocatable, intent(out) :: error
+      type(spectrum_comparison) :: comparison
+      type(shard_type), allocatable :: audits(:), own(:)
       real(wp), allocatable :: tested(:, :, :), reference(:, :, :)   ! (dof, frequency, sample)
+      integer :: f, n_dof, together
 
+      n_dof = size(kept_dofs(plan))
+      together = frequencies_together(n_dof, n_frequencies)
       associate (audited => plan%cases(audit)%audits, n => plan%cases(audit)%n_samples)
-         allocate (tested(size(kept_dofs(plan)), n_frequencies, n))
-         allocate (reference, mold=tested)
-         call read_psd_band(store, shards_of(shards, audited, n), audited, 1, 1, tested, error)
-         if (.not. allocated(error)) &
-            call read_psd_band(store, shards_of(shards, audit, n), audit, 1, 1, reference, error)
-         if (allocated(error)) return
-         call compare_spectra(tested, reference, plan%output%percentiles, &
-                              plan%cases(audited)%n_samples, errors)
+         own = shards_of(shards, audited, n)
+         audits = shards_of(shards, audit, n)
+         do f = 1, n_frequencies, together
+            allocate (tested(n_dof, min(together, n_frequencies - f + 1), n))
+            allocate (reference, mold=tested)
+            call read_psd_band(store, own, audited, 1, f, tested, error)
+            if (.not. allocated(error)) &
+               call read_psd_band(store, audits, audit, 1, f, reference, error)
+            if (allocated(error)) return
+            call comparison%add(tested, reference, plan%output%percentiles)
+            deallocate (tested, reference)
+         end do
+         call comparison%finish(plan%cases(audited)%n_samples, errors)
       end associate
    end subroutine compare_psd
 

@@ -5,31 +5,28 @@ module driver_measuring
    use driver_deadline, only: time_to_stop
    use ensemble_pilot, only: choose_every
    use ensemble_plan, only: plan_type
-   use ensemble_tradeoff_tasks, only: new_tradeoff, tradeoff_type
+   use ensemble_tradeoff_tasks, only: new_tradeoff, scope_type, tradeoff_type
    use io_progress, only: progress_type
    use parallel_work, only: new_counter, work_counter
    use parallel_world, only: world_type
-   use process_model, only: process_model_type
    implicit none(type, external)
    private
    public :: measure_settings
 
 contains
 
-   !> Marches what tells settings apart, and with models what is statistical too; every rank gets
-   !> all numbers. Collective.
-   subroutine measure_settings(world, plan, force, budget, is_quiet, tradeoff, values, is_stopped, &
-                               error, models)
+   !> Marches what the scope names; every rank gets all numbers. Collective.
+   subroutine measure_settings(world, plan, force, scope, is_quiet, tradeoff, values, is_stopped, &
+                               error)
       type(world_type), intent(in) :: world
       type(plan_type), intent(in) :: plan
       real(wp), intent(in) :: force(0:, :)   !! (step, 1 or sample) [N] of a file; else of size 0
-      real(wp), intent(in) :: budget         !! expected cost [s of a processor]
+      type(scope_type), intent(in) :: scope
       logical, intent(in) :: is_quiet
       type(tradeoff_type), intent(out) :: tradeoff
       real(wp), allocatable, intent(out) :: values(:, :)   !! (value, task), see run_task
       logical, intent(out) :: is_stopped     !! early, as asked: the values are incomplete
       type(error_type), allocatable, intent(out) :: error
-      type(process_model_type), intent(in), optional :: models(:)   !! (process)
       real(wp), allocatable :: folded_share(:, :)
       integer :: every
 
@@ -38,7 +35,7 @@ contains
          call choose_every(plan, force, every, folded_share, error)
       call world%stop_on(error)
       call world%broadcast(every)
-      call new_tradeoff(plan, force, every, budget, time_to_stop, tradeoff, error, models)
+      call new_tradeoff(plan, force, every, scope, time_to_stop, tradeoff, error)
       call world%stop_on(error)
       is_stopped = world%any_true(time_to_stop())
       if (is_stopped) return

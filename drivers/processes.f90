@@ -99,7 +99,8 @@ contains
       call cpu_time(start)
       call fit_process(plan%processes(number), plan%seed, model)
       call cpu_time(finish)
-      call check_inversion(finish - start, model)
+      model%seconds = finish - start
+      call check_inversion(model)
    end subroutine solve
 
    !> Adds one part of a search to what this rank has found.
@@ -138,12 +139,12 @@ contains
       if (.not. world%is_root()) return
       call fit_from_search(plan%processes(share%process), merged, model)
       if (model%is_solved .or. allocated(model%reason)) owner = world%rank
-      call check_inversion(merged%seconds, model)
+      model%seconds = merged%seconds
+      call check_inversion(model)
    end subroutine finish_search
 
    !> Where it is asked for, the paper's inversion of a finite matrix beside the model.
-   subroutine check_inversion(seconds_of_fit, model)
-      real(wp), intent(in) :: seconds_of_fit
+   subroutine check_inversion(model)
       type(process_model_type), intent(inout) :: model
       type(error_type), allocatable :: error
       real(wp) :: finish, start
@@ -156,7 +157,7 @@ contains
       end associate
       if (allocated(error)) model%inversion%error = huge(1.0_wp)   ! the matrix is singular
       model%inversion%seconds = finish - start
-      model%inversion%seconds_of_fit = seconds_of_fit
+      model%inversion%seconds_of_fit = model%seconds
    end subroutine check_inversion
 
    !> The models of all ranks, to all; collective.

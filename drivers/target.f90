@@ -14,7 +14,7 @@ module driver_target
    use ensemble_plan, only: plan_type
    use ensemble_tradeoff_front, only: best, cheapest, keeps, rows_of, setting_row
    use ensemble_tradeoff_settings, only: setting_type
-   use ensemble_tradeoff_tasks, only: tradeoff_type
+   use ensemble_tradeoff_tasks, only: scope_type, tradeoff_type
    use parallel_world, only: stop_world, world_type
    implicit none(type, external)
    private
@@ -44,8 +44,8 @@ contains
       associate (points => plan%accuracy%target_slip_points, &
                  ratio => plan%accuracy%target_band_ratio)
          if (.not. (plan%has_chain .and. max(points, ratio) > 0.0_wp)) return
-         call measure_settings(world, plan, force, budget, .true., measured, values, is_stopped, &
-                               error)
+         call measure_settings(world, plan, force, scope_type(budget=budget), .true., measured, &
+                               values, is_stopped, error)
          call world%stop_on(error)
          if (is_stopped) call stop_world(exit_stopped)
          rows = rows_of(measured, values)

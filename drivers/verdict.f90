@@ -53,20 +53,25 @@ contains
       type(case_errors), intent(in) :: errors
       character(:), allocatable :: text
 
-      text = ''
-      if (errors%n_audited == 0) return
-      associate (wanted => plan%accuracy%target_slip_points)
-         if (wanted > 0.0_wp .and. errors%slip_points - 2*errors%slip_points_error > wanted) &
-            text = text//failure('target_slip_points', wanted, number, 'a numerical error of '// &
-                                 brief(errors%slip_points)//' points in '// &
-                                 counted(errors%n_audited, 'audited sample', 'audited samples'))
-      end associate
-      associate (wanted => plan%accuracy%target_band_ratio)
-         if (wanted > 0.0_wp .and. errors%band_ratio - 2*errors%band_ratio_error > wanted) &
-            text = text//failure('target_band_ratio', wanted, number, 'a numerical error of '// &
-                                 brief(errors%band_ratio)//' in '// &
-                                 counted(errors%n_audited, 'audited sample', 'audited samples'))
-      end associate
+      text = judged('target_slip_points', plan%accuracy%target_slip_points, errors%slip_points, &
+                    errors%slip_points_error, ' points')// &
+             judged('target_band_ratio', plan%accuracy%target_band_ratio, errors%band_ratio, &
+                    errors%band_ratio_error, '')
+
+   contains
+
+      function judged(name, wanted, found, standard_error, unit) result(line)
+         character(*), intent(in) :: name, unit
+         real(wp), intent(in) :: wanted   !! 0: not wanted
+         real(wp), intent(in) :: found, standard_error
+         character(:), allocatable :: line
+
+         line = ''
+         if (errors%n_audited > 0 .and. wanted > 0.0_wp .and. found - 2*standard_error > wanted) &
+            line = failure(name, wanted, number, 'a numerical error of '//brief(found)//unit// &
+                           ' in '//counted(errors%n_audited, 'audited sample', 'audited samples'))
+      end function judged
+
    end function numerical_failures
 
    !> Of one case with a mean: its standard error where that is above the target, and what it needs.

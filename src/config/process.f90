@@ -22,6 +22,7 @@ module config_process
       real(wp), allocatable :: std(:)
       logical :: positive = .true.
       character(choice_length) :: sampler = 'sequential'
+      integer :: fit_steps = 0
       logical :: all_signs = .false.
       integer :: inversion_half_width = 0
       character(choice_length) :: simulation = 'stationary'
@@ -78,6 +79,10 @@ contains
                     'positive values: one at a time as Sec. 2.4, or the law of Eq. 25 itself', &
                     choices='sequential exact', used=self%positive)
       call visitor%visit(self%sampler, entry)
+      entry = about('fit_steps', &
+                    'positive values, order 2 on: fit to so many simulated in each of 512 batches; 0: chosen', &
+                    rule=between(0.0_wp, 1048576.0_wp), used=self%positive)
+      call visitor%visit(self%fit_steps, entry)
       entry = about('all_signs', &
                     'direct: solve every sequence of signs (2**30 at most), list the best', &
                     used=self%method == 'direct' .and. .not. self%positive)

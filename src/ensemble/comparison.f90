@@ -14,8 +14,8 @@ module ensemble_comparison
    use numerics_statistics, only: mean, standard_deviation
    implicit none(type, external)
    private
-   public :: numerical_error, compare_slip, compare_spectra, compare_histories
-   public :: slip_error, band_ratio_error, band_ratios
+   public :: numerical_error, spectrum_comparison, compare_slip, compare_spectra, compare_histories
+   public :: slip_error, band_ratio_error, band_ratios, ratio_replicates, change_of_ratio
 
    real(wp), parameter :: points = 100.0_wp   !! of percent in a fraction
 
@@ -50,6 +50,16 @@ module ensemble_comparison
       real(wp), allocatable :: tested(:, :)    !! (curve, replicate) of the first
       real(wp), allocatable :: apart(:, :)     !! (curve, replicate) of the absolute difference
    end type spectrum_integrals
+
+   !> Spectra that exist twice, compared range by range of their frequencies, in ascending order.
+   type :: spectrum_comparison
+      private
+      real(wp), allocatable :: percentiles(:)                 !! [%], ascending
+      type(spectrum_integrals), allocatable :: integrals(:)   !! (dof)
+   contains
+      procedure :: add
+      procedure :: finish
+   end type spectrum_comparison
 
 contains
 
@@ -95,6 +105,33 @@ contains
       end do
    end function band_ratios
 
+   !> The same of all samples (replicate 0) and of all but the i-th (1..n).
+   pure function ratio_replicates(psd, percentiles) result(ratios)
+      real(wp), intent(in) :: psd(:, :, :)     !! (dof, frequency, sample); two samples or more
+      real(wp), intent(in) :: percentiles(:)   !! [%], ascending
+      real(wp) :: ratios(0:size(psd, 3), size(psd, 1))
+      real(wp), dimension(0:size(percentiles), 0:size(psd, 3)) :: level
+      integer :: dof, f
+
+      do dof = 1, size(psd, 1)
+         level = 0.0_wp
+         do f = 1, size(psd, 2)
+            level = level + curves(psd(dof, f, :), percentiles)
+         end do
+         ratios(:, dof) = share(level(size(percentiles), :), level(1, :))
+      end do
+   end function ratio_replicates
+
+   !> Relative change of a band ratio and its standard error, when n_all samples are meant.
+   pure subroutine change_of_ratio(tested, reference, n_all, value, standard_error)
+      real(wp), intent(in) :: tested(0:), reference(0:)   !! (replicate) as ratio_replicates has them
+      integer, intent(in) :: n_all
+      real(wp), intent(out) :: value, standard_error
+
+      value = change(tested(0), reference(0))
+      standard_error = jackknife_error(change(tested(1:), reference(1:)), n_all)
+   end subroutine change_of_ratio
+
    !> Slip fractions of the samples that were marched twice, of n_all that the case has.
    pure subroutine compare_slip(tested, reference, n_all, errors)
       real(wp), intent(in) :: tested(:, :)      !! (dof, sample) slip fractions, first march
@@ -139,36 +176,62 @@ contains
       real(wp), intent(in) :: percentiles(:)       !! [%], ascending
       integer, intent(in) :: n_all
       type(numerical_error), intent(inout) :: errors
-      type(spectrum_integrals) :: integrals
-      real(wp) :: relative(0:size(tested, 3))
-      integer :: dof, n, n_dof, p
+      type(spectrum_comparison) :: comparison
 
-      n_dof = size(tested, 1)
-      n = size(tested, 3)
+      call comparison%add(tested, reference, percentiles)
+      call comparison%finish(n_all, errors)
+   end subroutine compare_spectra
+
+   !> The next range of frequencies of all samples.
+   pure subroutine add(self, tested, reference, percentiles)
+      class(spectrum_comparison), intent(inout) :: self
+      real(wp), intent(in) :: tested(:, :, :)      !! (dof, frequency, sample) densities
+      real(wp), intent(in) :: reference(:, :, :)   !! (dof, frequency, sample)
+      real(wp), intent(in) :: percentiles(:)       !! [%], ascending, the same for every range
+      integer :: dof
+
+      if (.not. allocated(self%integrals)) then
+         self%percentiles = percentiles
+         allocate (self%integrals(size(tested, 1)))
+      end if
+      do dof = 1, size(tested, 1)
+         call integrate(tested(dof, :, :), reference(dof, :, :), percentiles, self%integrals(dof))
+      end do
+   end subroutine add
+
+   !> After the last range: the errors of a case of n_all samples.
+   pure subroutine finish(self, n_all, errors)
+      class(spectrum_comparison), intent(in) :: self
+      integer, intent(in) :: n_all
+      type(numerical_error), intent(inout) :: errors
+      real(wp), allocatable :: relative(:)   ! (replicate)
+      integer :: dof, last, n, n_dof, p
+
+      n_dof = size(self%integrals)
+      last = size(self%percentiles)
+      n = ubound(self%integrals(1)%level, 2)
       errors%n_samples = n
-      allocate (errors%psd_mean(n_dof))
-      if (n > 1) allocate (errors%psd_mean_error(n_dof), &
-                           errors%psd_percentiles(n_dof, size(percentiles)), &
-                           errors%psd_percentiles_error(n_dof, size(percentiles)), &
+      allocate (errors%psd_mean(n_dof), relative(0:n))
+      if (n > 1) allocate (errors%psd_mean_error(n_dof), errors%psd_percentiles(n_dof, last), &
+                           errors%psd_percentiles_error(n_dof, last), &
                            errors%band_ratio(n_dof), errors%band_ratio_error(n_dof))
       do dof = 1, n_dof
-         call integrate(tested(dof, :, :), reference(dof, :, :), percentiles, integrals)
-         relative = share(integrals%apart(0, :), integrals%level(0, :))
-         errors%psd_mean(dof) = relative(0)
-         if (n == 1) cycle
-         errors%psd_mean_error(dof) = jackknife_error(relative(1:), n_all)
-         do p = 1, size(percentiles)
-            relative = share(integrals%apart(p, :), integrals%level(p, :))
-            errors%psd_percentiles(dof, p) = relative(0)
-            errors%psd_percentiles_error(dof, p) = jackknife_error(relative(1:), n_all)
-         end do
-         p = size(percentiles)
-         relative = change(share(integrals%tested(p, :), integrals%tested(1, :)), &
-                           share(integrals%level(p, :), integrals%level(1, :)))
-         errors%band_ratio(dof) = relative(0)
-         errors%band_ratio_error(dof) = jackknife_error(relative(1:), n_all)
+         associate (integrals => self%integrals(dof))
+            relative(:) = share(integrals%apart(0, :), integrals%level(0, :))
+            errors%psd_mean(dof) = relative(0)
+            if (n == 1) cycle
+            errors%psd_mean_error(dof) = jackknife_error(relative(1:), n_all)
+            do p = 1, last
+               relative(:) = share(integrals%apart(p, :), integrals%level(p, :))
+               errors%psd_percentiles(dof, p) = relative(0)
+               errors%psd_percentiles_error(dof, p) = jackknife_error(relative(1:), n_all)
+            end do
+            call change_of_ratio(share(integrals%tested(last, :), integrals%tested(1, :)), &
+                                 share(integrals%level(last, :), integrals%level(1, :)), n_all, &
+                                 errors%band_ratio(dof), errors%band_ratio_error(dof))
+         end associate
       end do
-   end subroutine compare_spectra
+   end subroutine finish
 
    !> Displacements of the samples whose histories exist twice.
    pure subroutine compare_histories(tested, reference, errors)
@@ -186,19 +249,19 @@ contains
       end do
    end subroutine compare_histories
 
-   !> Sums over the frequencies of one dof's curves, the mean (0) and the percentiles (1..), for all
+   !> Adds the frequencies of one dof's curves, the mean (0) and the percentiles (1..), for all
    !> samples and without each of them.
    pure subroutine integrate(tested, reference, percentiles, integrals)
       real(wp), intent(in) :: tested(:, :), reference(:, :)   !! (frequency, sample)
       real(wp), intent(in) :: percentiles(:)
-      type(spectrum_integrals), intent(out) :: integrals
+      type(spectrum_integrals), intent(inout) :: integrals
       real(wp), dimension(0:size(percentiles), 0:size(tested, 2)) :: ours, theirs
-      integer :: f, n, n_curves
+      integer :: f
 
-      n = size(tested, 2)
-      n_curves = size(percentiles)
-      allocate (integrals%level(0:n_curves, 0:n), source=0.0_wp)
-      allocate (integrals%tested(0:n_curves, 0:n), integrals%apart(0:n_curves, 0:n), source=0.0_wp)
+      if (.not. allocated(integrals%level)) then
+         ours = 0.0_wp
+         allocate (integrals%level, integrals%tested, integrals%apart, source=ours)
+      end if
       do f = 1, size(tested, 1)
          ours = curves(tested(f, :), percentiles)
          theirs = curves(reference(f, :), percentiles)

@@ -244,7 +244,7 @@ contains
 
       n_dof = tradeoff%plan%chain%n_dof
       n = tradeoff%plan%cases(case_number)%n_samples
-      w = values(size(values))
+      w = values(2 + 3*n_dof)
       parts%samples_slip = max(parts%samples_slip, maxval(values(2:1 + n_dof))/sqrt(n))
       parts%samples_slip_std = max(parts%samples_slip_std, &
                                    sqrt(w/n)*maxval(values(2 + n_dof:1 + 2*n_dof)))

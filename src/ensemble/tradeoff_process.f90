@@ -10,7 +10,7 @@ module ensemble_tradeoff_process
    use process_model, only: process_model_type, process_request
    implicit none(type, external)
    private
-   public :: order_row, compare_orders
+   public :: order_row, compare_orders, same_kind
 
    !> One order of a kind of process of the scene.
    type :: order_row

@@ -1,5 +1,5 @@
 !> What is marched to measure how accuracy depends on the settings, as tasks that any rank may take:
-!> each gives a few numbers, and none needs another's.
+!> each is one march, of which a few numbers are kept, and none needs another's.
 !>
 !> The error of a setting is measured against the event method at tolerance 1e-12, on the same
 !> samples. The scatter of consecutive batches of a long march gives the error of time averages,
@@ -7,94 +7,109 @@
 module ensemble_tradeoff_tasks
    use core_error, only: error_type
    use core_kinds, only: wp
-   use ensemble_bands, only: band_collector, start_bands
-   use ensemble_comparison, only: band_ratio_error, band_ratios, compare_slip, compare_spectra, &
-                                  numerical_error, slip_error
    use ensemble_plan, only: plan_type
-   use ensemble_results, only: block_result, case_statistics
+   use ensemble_results, only: block_result
    use ensemble_runner, only: block_width, prepare_runner, runner_type
    use ensemble_sample, only: stop_query
+   use ensemble_tradeoff_numbers, only: batch_numbers, ratio_numbers, sample_numbers, &
+                                        setting_numbers, variant_numbers
    use ensemble_tradeoff_sample, only: choose_levels, draw_level, fit_segments, level_type, &
                                        march_level, shortened
    use ensemble_tradeoff_settings, only: all_settings, expected_cost, own_setting, same_setting, &
                                          reference_setting, setting_type, settings_at_dt
+   use ensemble_tradeoff_variants, only: remember_alike, variant_type
    use numerics_sorting, only: sort_order
-   use numerics_statistics, only: error_of_deviation, standard_deviation
    use process_model, only: process_model_type
    implicit none(type, external)
    private
-   public :: tradeoff_type, task_type, new_tradeoff, of_setting, of_spectrum, of_batch, of_samples
-   public :: n_batches
+   public :: tradeoff_type, task_type, scope_type, new_tradeoff
+   public :: of_setting, of_spectrum, of_batch, of_samples, of_variant, n_batches
 
-   integer, parameter :: of_setting = 1, of_spectrum = 2, of_batch = 3, of_samples = 4
+   integer, parameter :: of_setting = 1, of_spectrum = 2, of_batch = 3, of_samples = 4, &
+                         of_variant = 5
    integer, parameter :: n_batches = 8
    integer, parameter :: most_cases = 16          !! whose Monte Carlo error is estimated
+   integer, parameter :: many_samples = 128       !! that variants of a process are compared on
    real(wp), parameter :: usual_transitions = 0.3_wp   !! in a step, where nothing is known yet
    type(setting_type), parameter :: usual = setting_type('event', tolerance=1.0e-6_wp)
 
    !> One piece of work, to be done by any rank.
    type :: task_type
       integer :: kind = of_setting
-      integer :: row = 0       !! setting, way to form spectra, batch, or case
+      integer :: row = 0       !! setting, way to form spectra, batch, case, or variant
       integer :: level = 0     !! of force; none for a case
    end type task_type
+
+   !> What a tradeoff measures. What is statistical, and variants, need models.
+   type :: scope_type
+      real(wp) :: budget = 0.0_wp         !! expected cost of the marches [s of a processor]
+      logical :: at_other_dt = .false.    !! settings with other steps than the scene's too
+      logical :: has_settings = .true.
+      logical :: is_statistical = .false.
+      type(process_model_type), allocatable :: models(:)     !! (process), solved
+      type(variant_type), allocatable :: variants(:)
+      type(process_model_type), allocatable :: variant_models(:)   !! some have no solution
+   end type scope_type
 
    !> All that the tasks share, the same on every rank.
    type :: tradeoff_type
       type(plan_type) :: plan                         !! short: the marches that compare settings
       type(plan_type) :: long                         !! those that estimate what is statistical
+      type(plan_type) :: wide                         !! of many samples: those of variants
+      type(scope_type) :: scope
       type(setting_type), allocatable :: settings(:)
-      integer :: own = 0                              !! among them: the scene's
+      integer :: own = 0                              !! among them: the scene's; 0: none measured
       type(level_type), allocatable :: levels(:)
       real(wp), allocatable :: transitions(:)         !! (level) of a sample in a step
       integer, allocatable :: every(:)                !! (way) every k-th step enters the spectra
       integer, allocatable :: segment_length(:)       !! (way) steps
       integer, allocatable :: cases(:)                !! whose Monte Carlo error is estimated
       type(task_type), allocatable :: tasks(:)        !! the longest first
-      integer :: n_values = 0                         !! that a task gives
+      integer :: n_wide = 0                           !! samples of a variant's march
+      integer :: n_values = 0                         !! that a task gives at most
       type(block_result), allocatable, private :: references(:)   !! (level)
       type(runner_type), private :: runner            !! of the whole campaign
-      type(process_model_type), allocatable, private :: models(:)
    contains
       procedure :: run_task
-      procedure, private :: measure_setting
-      procedure, private :: measure_spectrum
-      procedure, private :: measure_batch
-      procedure, private :: measure_samples
    end type tradeoff_type
 
 contains
 
-   !> Decides what is marched, within a budget of expected cost, and marches the references. Without
-   !> models: only what tells the settings at the scene's own steps apart.
-   subroutine new_tradeoff(plan, file_force, every, budget, should_stop, tradeoff, error, models)
+   !> Decides what is marched, within a budget of expected cost, and marches the references.
+   subroutine new_tradeoff(plan, file_force, every, scope, should_stop, tradeoff, error)
       type(plan_type), intent(in) :: plan
       real(wp), intent(in) :: file_force(0:, :)   !! (step, 1 or sample) [N]; else of size 0
       integer, intent(in) :: every                !! every k-th step enters the scene's spectra
-      real(wp), intent(in) :: budget              !! [s] of a processor
+      type(scope_type), intent(in) :: scope
       procedure(stop_query) :: should_stop
       type(tradeoff_type), intent(out) :: tradeoff
       type(error_type), allocatable, intent(out) :: error
-      type(process_model_type), intent(in), optional :: models(:)   !! (process)
       integer :: i, unit, width
 
       unit = 2*max(every, 1)
+      tradeoff%scope = scope
+      if (.not. allocated(scope%variants)) allocate (tradeoff%scope%variants(0))
       call choose_levels(plan, tradeoff%levels)
       width = sum([(size(tradeoff%levels(i)%sample), i=1, size(tradeoff%levels))])
-      if (present(models)) then
-         tradeoff%models = models
+      if (scope%at_other_dt) then
          tradeoff%settings = all_settings(plan, plan%integration%n_steps >= 8*unit .and. &
                                           modulo(every, 2) == 0)
       else
          tradeoff%settings = settings_at_dt(plan)
       end if
+      if (.not. scope%has_settings) tradeoff%settings = tradeoff%settings(:0)
       tradeoff%own = findloc(same_setting(tradeoff%settings, own_setting(plan)), .true., 1)
-      associate (settings => tradeoff%settings)
-         tradeoff%plan = shortened(plan, every, unit, int(min(1.0e9_wp*budget/(width*sum( &
-            [(expected_cost(settings(i), plan, usual_transitions), i=1, size(settings))])), &
-            1.0e9_wp)))
-         tradeoff%long = shortened(plan, every, unit*n_batches, int(min( &
-            0.1e9_wp*budget/(width*expected_cost(usual, plan, usual_transitions)), 1.0e9_wp)))
+      tradeoff%n_wide = wide_block(plan, file_force)
+      associate (settings => tradeoff%settings, usual_cost => expected_cost(usual, plan, &
+                                                                            usual_transitions))
+         tradeoff%plan = shortened(plan, every, unit, affordable( &
+            scope%budget, width*max(usual_cost, sum([(expected_cost(settings(i), plan, &
+                                                     usual_transitions), i=1, size(settings))]))))
+         tradeoff%long = shortened(plan, every, unit*n_batches, &
+                                   affordable(0.1_wp*scope%budget, width*usual_cost))
+         tradeoff%wide = shortened(plan, every, unit, affordable( &
+            0.3_wp*scope%budget, tradeoff%n_wide*usual_cost*size(tradeoff%levels) &
+            *max(1, size(tradeoff%scope%variants))))
       end associate
       call prepare_runner(plan, file_force, tradeoff%runner, error)
       if (allocated(error)) return
@@ -103,7 +118,25 @@ contains
       call list_tasks(tradeoff)
    end subroutine new_tradeoff
 
-   !> Friction, force and reference of every level.
+   !> Steps that a budget [s] allows when each costs so much [ns].
+   pure integer function affordable(budget, cost)
+      real(wp), intent(in) :: budget, cost
+
+      affordable = int(min(1.0e9_wp*budget/cost, 1.0e9_wp))
+   end function affordable
+
+   !> Samples of a variant's march: fewer where each carries a record of its own.
+   pure integer function wide_block(plan, file_force)
+      type(plan_type), intent(in) :: plan
+      real(wp), intent(in) :: file_force(0:, :)
+
+      wide_block = many_samples
+      if (.not. plan%excitation%per_sample) return
+      wide_block = block_width(plan)
+      if (plan%excitation%kind == 'file') wide_block = min(wide_block, size(file_force, 2))
+   end function wide_block
+
+   !> Friction, force and, where settings are compared, reference of every level.
    subroutine draw_and_refer(tradeoff, should_stop, error)
       type(tradeoff_type), intent(inout) :: tradeoff
       procedure(stop_query) :: should_stop
@@ -114,17 +147,13 @@ contains
 
       n = max(tradeoff%plan%integration%n_steps, tradeoff%long%integration%n_steps)
       allocate (tradeoff%references(size(tradeoff%levels)))
-      allocate (tradeoff%transitions(size(tradeoff%levels)), source=0.0_wp)
+      allocate (tradeoff%transitions(size(tradeoff%levels)), source=usual_transitions)
       do k = 1, size(tradeoff%levels)
          associate (level => tradeoff%levels(k), reference => tradeoff%references(k), &
-                    plan => tradeoff%plan)
-            if (allocated(tradeoff%models)) then
-               call draw_level(tradeoff%runner%plan, tradeoff%runner, n, level, error, &
-                               tradeoff%models)
-            else
-               call draw_level(tradeoff%runner%plan, tradeoff%runner, n, level, error)
-            end if
+                    plan => tradeoff%plan, campaign => tradeoff%runner%plan)
+            call draw_level(campaign, tradeoff%runner, n, level, error, tradeoff%scope%models)
             if (allocated(error)) return
+            if (size(tradeoff%settings) == 0) cycle
             call march_level(plan, level, reference_setting(), should_stop, reference, unused, &
                              is_abandoned, error)
             if (allocated(error) .or. is_abandoned) return
@@ -135,8 +164,8 @@ contains
       end do
    end subroutine draw_and_refer
 
-   !> Every setting with every level, the dearest first; then what is statistical, if models are
-   !> there: every way to form spectra and every batch with every level, and the cases.
+   !> Variants first, the widest marches; every setting with every level, the dearest first; then
+   !> what is statistical: every way to form spectra and every batch with every level, and the cases.
    subroutine list_tasks(tradeoff)
       type(tradeoff_type), intent(inout) :: tradeoff
       type(task_type), allocatable :: tasks(:)
@@ -144,22 +173,50 @@ contains
       integer :: i, k, n_levels
 
       n_levels = size(tradeoff%levels)
-      tradeoff%n_values = 9 + 3*tradeoff%plan%chain%n_dof
+      associate (n_dof => tradeoff%plan%chain%n_dof, w => tradeoff%n_wide, scope => tradeoff%scope)
+         tradeoff%n_values = 9 + 3*n_dof
+         if (size(scope%variants) > 0) &
+            tradeoff%n_values = max(tradeoff%n_values, 1 + n_dof*(2*w + 1))
+         tradeoff%tasks = [((task_type(of_variant, i, k), i=1, size(scope%variants)), &
+                            k=1, n_levels)]
+         tradeoff%tasks = pack(tradeoff%tasks, [(can_be_marched(tradeoff, tradeoff%tasks(i)), &
+                                                 i=1, size(tradeoff%tasks))])
+      end associate
       associate (settings => tradeoff%settings)
          tasks = [((task_type(of_setting, i, k), k=1, n_levels), i=1, size(settings))]
          cost = [((expected_cost(settings(i), tradeoff%plan, tradeoff%transitions(k)), &
                    k=1, n_levels), i=1, size(settings))]
       end associate
-      tradeoff%tasks = tasks(sort_order(-cost))
+      tradeoff%tasks = [tradeoff%tasks, tasks(sort_order(-cost))]
       allocate (tradeoff%every(0), tradeoff%segment_length(0), tradeoff%cases(0))
-      if (.not. allocated(tradeoff%models)) return
-      call choose_ways(tradeoff)
+      if (.not. tradeoff%scope%is_statistical) return
+      if (tradeoff%scope%has_settings) call choose_ways(tradeoff)
       call choose_cases(tradeoff)
       tasks = [((task_type(of_batch, i, k), i=1, n_batches), k=1, n_levels), &
                ((task_type(of_spectrum, i, k), i=1, size(tradeoff%every)), k=1, n_levels), &
                (task_type(of_samples, i, 0), i=1, size(tradeoff%cases))]
       tradeoff%tasks = [tradeoff%tasks, tasks]
    end subroutine list_tasks
+
+   !> A variant has a solution, and a case at this level.
+   pure logical function can_be_marched(tradeoff, task)
+      type(tradeoff_type), intent(in) :: tradeoff
+      type(task_type), intent(in) :: task
+
+      can_be_marched = tradeoff%scope%variant_models(task%row)%is_solved .and. &
+                       tradeoff%n_wide > 1 .and. case_of(tradeoff, task) > 0
+   end function can_be_marched
+
+   !> The case of a variant's process at a level; 0: none.
+   pure integer function case_of(tradeoff, task)
+      type(tradeoff_type), intent(in) :: tradeoff
+      type(task_type), intent(in) :: task
+
+      associate (cases => tradeoff%plan%cases, level => tradeoff%levels(task%level))
+         case_of = findloc(cases%process == tradeoff%scope%variants(task%row)%process .and. &
+                           abs(cases%variance - level%variance) <= 0.0_wp, .true., 1)
+      end associate
+   end function case_of
 
    !> Ways to form spectra: every step first, which the others are compared with; sparser ones; and
    !> shorter and longer segments at the scene's own rate.
@@ -200,21 +257,27 @@ contains
       integer :: i, n
 
       associate (cases => tradeoff%plan%cases)
-         random = pack([(i, i=1, size(cases))], cases%process > 0)
+         random = pack([(i, i=1, size(cases))], cases%process > 0 .and. &
+                       [(case_width(tradeoff, i) > 1, i=1, size(cases))])
       end associate
       n = min(most_cases, size(random))
       tradeoff%cases = [(random(1 + ((i - 1)*size(random))/n), i=1, n)]
    end subroutine choose_cases
 
-   !> Numbers of a task, the first the cost of a sample-step [ns of a processor]:
-   !> of a setting, slip fractions [points] rms over samples and its standard error, their mean,
-   !> their standard deviation; mean spectrum, percentiles, band ratio and its standard error
-   !> [relative];
-   !> of a way, band ratios (dof);
-   !> of a batch, mean slip fractions [points] (dof), band ratios (dof);
-   !> of a case, standard deviation over samples of slip fractions and its standard error [points]
-   !> (dof each), standard error of the logarithm of the band ratio (dof), for as many samples as
-   !> were marched, which is the last number.
+   !> Samples whose scatter is that of a case: those of a block, or as many as have a record.
+   pure integer function case_width(tradeoff, case_number)
+      type(tradeoff_type), intent(in) :: tradeoff
+      integer, intent(in) :: case_number
+
+      associate (plan => tradeoff%runner%plan)
+         case_width = block_width(plan)
+         if (plan%excitation%kind == 'file' .and. plan%excitation%per_sample) &
+            case_width = min(case_width, plan%cases(case_number)%n_samples)
+      end associate
+   end function case_width
+
+   !> One march: the cost of a sample-step [ns of a processor], then the numbers of its kind, which
+   !> are those of ensemble_tradeoff_numbers.
    subroutine run_task(self, number, should_stop, values, is_abandoned, error)
       class(tradeoff_type), intent(in) :: self
       integer, intent(in) :: number
@@ -222,175 +285,101 @@ contains
       real(wp), intent(out) :: values(:)   !! (n_values)
       logical, intent(out) :: is_abandoned
       type(error_type), allocatable, intent(out) :: error
+      type(plan_type) :: plan
+      type(level_type) :: level
+      type(setting_type) :: setting
+      type(block_result) :: result
+      real(wp), allocatable :: numbers(:)
+      real(wp) :: nanoseconds
 
       values = 0.0_wp
+      is_abandoned = .false.
       associate (task => self%tasks(number))
+         call prepare_task(self, task, plan, level, setting, error)
+         if (allocated(error)) return
+         call march_level(plan, level, setting, should_stop, result, nanoseconds, is_abandoned, &
+                          error)
+         if (allocated(error) .or. is_abandoned) return
          select case (task%kind)
          case (of_setting)
-            call self%measure_setting(task, should_stop, values, is_abandoned, error)
+            numbers = setting_numbers(plan, level, result, self%references(task%level))
          case (of_spectrum)
-            call self%measure_spectrum(task, should_stop, values, is_abandoned, error)
+            numbers = ratio_numbers(plan, result)
          case (of_batch)
-            call self%measure_batch(task, should_stop, values, is_abandoned, error)
+            numbers = batch_numbers(plan, result)
+         case (of_samples)
+            numbers = sample_numbers(plan, result)
          case default
-            call self%measure_samples(task, should_stop, values, is_abandoned, error)
+            numbers = variant_numbers(plan, result)
          end select
       end associate
+      values(:1 + size(numbers)) = [nanoseconds, numbers]
    end subroutine run_task
 
-   subroutine measure_setting(self, task, should_stop, values, is_abandoned, error)
-      class(tradeoff_type), intent(in) :: self
+   !> What a task marches, under which force and how.
+   subroutine prepare_task(self, task, plan, level, setting, error)
+      type(tradeoff_type), intent(in) :: self
       type(task_type), intent(in) :: task
-      procedure(stop_query) :: should_stop
-      real(wp), intent(inout) :: values(:)
-      logical, intent(out) :: is_abandoned
+      type(plan_type), intent(out) :: plan
+      type(level_type), intent(out) :: level
+      type(setting_type), intent(out) :: setting
       type(error_type), allocatable, intent(out) :: error
-      type(block_result) :: result
-      type(numerical_error) :: errors
+      integer :: n
 
-      associate (level => self%levels(task%level), reference => self%references(task%level))
-         call march_level(self%plan, level, self%settings(task%row), should_stop, result, &
-                          values(1), is_abandoned, error)
-         if (allocated(error) .or. is_abandoned) return
-         call compare_cases(level, self%plan%cases%n_samples, result%slip_fraction, &
-                            reference%slip_fraction, values(2:5))
-         if (.not. self%plan%output%spectrum) return
-         call compare_spectra(result%psd, reference%psd, self%plan%output%percentiles, &
-                              level%n_all, errors)
-         values(6) = maxval(errors%psd_mean)
-         if (size(level%sample) == 1) return
-         values(7) = maxval(errors%psd_percentiles)
-         values(8) = band_ratio_error(errors)
-         values(9) = maxval(errors%band_ratio_error)
-      end associate
-   end subroutine measure_setting
+      if (task%kind == of_setting .or. task%kind == of_samples) plan = self%plan
+      if (task%kind == of_spectrum .or. task%kind == of_batch) plan = self%long
+      if (task%kind == of_variant) plan = self%wide
+      setting = usual
+      if (task%kind == of_setting) setting = self%settings(task%row)
+      select case (task%kind)
+      case (of_samples)
+         call draw_case(self, self%cases(task%row), case_width(self, self%cases(task%row)), &
+                        plan%integration%n_steps, self%scope%models, level, error)
+      case (of_variant)
+         call draw_variant(self, task, plan%integration%n_steps, level, error)
+      case default
+         level = self%levels(task%level)
+      end select
+      if (task%kind == of_spectrum) then
+         plan%output%spectrum_every = self%every(task%row)
+         plan%output%segment_length = self%segment_length(task%row)
+      else if (task%kind == of_batch) then
+         n = plan%integration%n_steps/n_batches
+         plan%integration%n_steps = task%row*n
+         plan%integration%n_discard = (task%row - 1)*n
+         call fit_segments(n, plan)
+      end if
+   end subroutine prepare_task
 
-   !> The largest errors of slip fractions over the cases of a level; the standard error such that
-   !> twice of it covers that of every case. One sample of many says as much as its error is large.
-   pure subroutine compare_cases(level, n_samples, tested, reference, values)
-      type(level_type), intent(in) :: level
-      integer, intent(in) :: n_samples(:)       !! (case)
-      real(wp), intent(in) :: tested(:, :)      !! (dof, sample)
-      real(wp), intent(in) :: reference(:, :)   !! (dof, sample)
-      real(wp), intent(out) :: values(4)        !! rms, its standard error, mean, standard deviation
-      type(numerical_error) :: errors
-      real(wp) :: scatter, surely
-      integer, allocatable :: samples(:)
-      integer :: c, i
-
-      values = 0.0_wp
-      surely = 0.0_wp
-      do c = 1, size(n_samples)
-         samples = pack([(i, i=1, size(level%sample))], level%case_number == c)
-         if (size(samples) == 0) cycle
-         errors = numerical_error()
-         call compare_slip(tested(:, samples), reference(:, samples), n_samples(c), errors)
-         scatter = 0.0_wp
-         if (size(samples) > 1) then
-            scatter = maxval(errors%slip_rms_error)
-            values(4) = max(values(4), maxval(abs(errors%slip_std)))
-         else if (n_samples(c) > 1) then
-            scatter = slip_error(errors)
-         end if
-         surely = max(surely, slip_error(errors) + 2*scatter)
-         values(1) = max(values(1), slip_error(errors))
-         values(3) = max(values(3), maxval(abs(errors%slip_mean)))
-      end do
-      values(2) = 0.5_wp*(surely - values(1))
-   end subroutine compare_cases
-
-   subroutine measure_spectrum(self, task, should_stop, values, is_abandoned, error)
-      class(tradeoff_type), intent(in) :: self
+   !> The samples of a variant's case, their friction drawn from its model by the numbers that the
+   !> samples of the scene's own process have.
+   subroutine draw_variant(self, task, n_steps, level, error)
+      type(tradeoff_type), intent(in) :: self
       type(task_type), intent(in) :: task
-      procedure(stop_query) :: should_stop
-      real(wp), intent(inout) :: values(:)
-      logical, intent(out) :: is_abandoned
+      integer, intent(in) :: n_steps
+      type(level_type), intent(out) :: level
       type(error_type), allocatable, intent(out) :: error
-      type(plan_type) :: plan
-      type(block_result) :: result
+      type(process_model_type), allocatable :: alike(:), models(:)
 
-      plan = self%long
-      plan%output%spectrum_every = self%every(task%row)
-      plan%output%segment_length = self%segment_length(task%row)
-      call march_level(plan, self%levels(task%level), usual, should_stop, result, values(1), &
-                       is_abandoned, error)
-      if (allocated(error) .or. is_abandoned) return
-      if (result%n_samples > 1) &
-         values(2:1 + plan%chain%n_dof) = band_ratios(result%psd, plan%output%percentiles)
-   end subroutine measure_spectrum
+      alike = self%scope%variant_models
+      call remember_alike(alike)
+      models = self%scope%models
+      models(self%scope%variants(task%row)%process) = alike(task%row)
+      call draw_case(self, case_of(self, task), self%n_wide, n_steps, models, level, error)
+   end subroutine draw_variant
 
-   subroutine measure_batch(self, task, should_stop, values, is_abandoned, error)
-      class(tradeoff_type), intent(in) :: self
-      type(task_type), intent(in) :: task
-      procedure(stop_query) :: should_stop
-      real(wp), intent(inout) :: values(:)
-      logical, intent(out) :: is_abandoned
+   !> Samples 1 to n of a case, as a level of force of their own.
+   subroutine draw_case(self, case_number, n, n_steps, models, level, error)
+      type(tradeoff_type), intent(in) :: self
+      integer, intent(in) :: case_number, n, n_steps
+      type(process_model_type), intent(in) :: models(:)
+      type(level_type), intent(inout) :: level
       type(error_type), allocatable, intent(out) :: error
-      type(plan_type) :: plan
-      type(block_result) :: result
-      integer :: n, n_dof
+      integer :: i
 
-      plan = self%long
-      n_dof = plan%chain%n_dof
-      n = plan%integration%n_steps/n_batches
-      plan%integration%n_steps = task%row*n
-      plan%integration%n_discard = (task%row - 1)*n
-      call fit_segments(n, plan)
-      call march_level(plan, self%levels(task%level), usual, should_stop, result, values(1), &
-                       is_abandoned, error)
-      if (allocated(error) .or. is_abandoned) return
-      values(2:1 + n_dof) = 100.0_wp*sum(result%slip_fraction, 2)/result%n_samples
-      if (plan%output%spectrum .and. result%n_samples > 1) &
-         values(2 + n_dof:1 + 2*n_dof) = band_ratios(result%psd, plan%output%percentiles)
-   end subroutine measure_batch
-
-   subroutine measure_samples(self, task, should_stop, values, is_abandoned, error)
-      class(tradeoff_type), intent(in) :: self
-      type(task_type), intent(in) :: task
-      procedure(stop_query) :: should_stop
-      real(wp), intent(inout) :: values(:)
-      logical, intent(out) :: is_abandoned
-      type(error_type), allocatable, intent(out) :: error
-      type(level_type) :: level
-      type(block_result) :: result
-      type(case_statistics) :: statistics
-      type(band_collector) :: bands
-      integer :: dof, i, n_dof, w
-
-      is_abandoned = .false.
-      associate (plan => self%plan, c => self%cases(task%row))
-         n_dof = plan%chain%n_dof
-         w = block_width(self%runner%plan)
-         if (plan%excitation%kind == 'file' .and. plan%excitation%per_sample) &
-            w = min(w, plan%cases(c)%n_samples)
-         values(size(values)) = w
-         if (w < 2) return
-         level%case_number = [(c, i=1, w)]
-         level%sample = [(i, i=1, w)]
-         call draw_level(self%runner%plan, self%runner, plan%integration%n_steps, level, error, &
-                         self%models)
-         if (allocated(error)) return
-         call march_level(plan, level, usual, should_stop, result, values(1), is_abandoned, error)
-         if (allocated(error) .or. is_abandoned) return
-         do dof = 1, n_dof
-            associate (slip => 100.0_wp*result%slip_fraction(dof, :))
-               values(1 + dof) = standard_deviation(slip)
-               values(1 + n_dof + dof) = error_of_deviation(slip)
-            end associate
-         end do
-         if (.not. plan%output%spectrum) return
-         associate (step => 1.0_wp/(plan%output%segment_length*plan%integration%dt))
-            call start_bands(w, n_dof, [(i*step, i=0, size(result%psd, 2) - 1)], &
-                             plan%output%percentiles, plan%seed, 1, bands)
-         end associate
-         call bands%add(1, 1, 1, result%psd)
-         call bands%finish(statistics)
-         do dof = 1, n_dof
-            if (minval(statistics%pseudo_variance_percentiles(dof, :)) > 0.0_wp) &
-               values(1 + 2*n_dof + dof) = log(statistics%band_ratio_high(dof) &
-                                               /statistics%band_ratio(dof))/1.96_wp
-         end do
-      end associate
-   end subroutine measure_samples
+      level%case_number = spread(case_number, 1, n)
+      level%sample = [(i, i=1, n)]
+      call draw_level(self%runner%plan, self%runner, n_steps, level, error, models)
+   end subroutine draw_case
 
 end module ensemble_tradeoff_tasks

@@ -23,6 +23,7 @@ module process_model
       real(wp) :: std = 0.0_wp
       logical :: positive = .false.
       character(:), allocatable :: sampler       !! 'sequential' (Sec. 2.4) or 'exact' Eq. (25)
+      integer :: fit_steps = 0                   !! positive: of a batch that is matched; 0: chosen
       !> without sign: Eq. (39) from the 'stationary' law or 'from_rest', or Eq. (38), 'matrix'
       character(16) :: simulation = 'stationary'
    end type process_request
@@ -68,6 +69,7 @@ module process_model
       real(wp) :: acceptance_ratio = 1.0_wp      !! accepted/proposed = 1/E[1/alpha]
       real(wp) :: acceptance_mean = 1.0_wp       !! E[alpha]
       real(wp) :: acceptance_geometric = 1.0_wp  !! exp E[ln alpha]
+      real(wp) :: seconds = 0.0_wp               !! of a processor, to fit it
       integer :: memory = 0                      !! positive: steps that are felt, to 1e-9
       !> positive: what the same a_q, b0 and mu give under the law that was not asked for
       real(wp) :: other_mean = 0.0_wp, other_std = 0.0_wp, other_l0 = 0.0_wp, other_entropy = 0.0_wp

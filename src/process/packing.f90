@@ -136,6 +136,7 @@ contains
       call t%pass(model%acceptance_ratio)
       call t%pass(model%acceptance_mean)
       call t%pass(model%acceptance_geometric)
+      call t%pass(model%seconds)
       call t%pass(model%memory)
       call t%pass(model%other_mean)
       call t%pass(model%other_std)

@@ -66,7 +66,7 @@ contains
          call approach(request, seed, law, point, found, error)
          if (.not. allocated(error)) call find_shape(law, point, found, error)
          if (.not. allocated(error)) then
-            call match_targets(law, found, point, violation)
+            call match_targets(law, request%fit_steps, found, point, violation)
             call describe(request, law, model, error)
          end if
          if (.not. allocated(error)) call compare_laws(request, law, point, model)
@@ -274,16 +274,19 @@ contains
              law%correlation//' = '//to_text(law%wanted_length)//', order = '//to_text(order)
    end function name_of
 
-   !> The constraints once more, on as many values as the standard errors want; the shape stays.
-   subroutine match_targets(law, found, point, violation)
+   !> The constraints once more, on as many values as were asked for, or as the standard errors want;
+   !> the shape stays.
+   subroutine match_targets(law, fit_steps, found, point, violation)
       class(positive_law), intent(inout) :: law
+      integer, intent(in) :: fit_steps   !! of a batch; 0: as the errors want
       type(search_result), intent(inout) :: found
       real(wp), intent(inout) :: point(:)
       real(wp), intent(out) :: violation
       real(wp) :: excess, length_error
 
-      law%n_steps = final_steps
+      law%n_steps = merge(fit_steps, final_steps, fit_steps > 0)
       call solve_along(law, point, found%jacobian, found%metric, matched, 20, violation)
+      if (fit_steps > 0) return
       length_error = merge(law%moments%l0_error, law%moments%l1_error, law%correlation == 'L0')
       excess = max(law%moments%ratio_error/(ratio_goal*law%wanted_ratio), &
                    length_error/(length_goal*law%wanted_length))
