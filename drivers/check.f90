@@ -7,8 +7,10 @@ module driver_check
    use core_kinds, only: wp
    use driver_campaign, only: load_plan, refuse_unsolved
    use driver_command_line, only: command_line
+   use driver_foresight, only: foresee_need
    use driver_target, only: keep_targets
-   use ensemble_pilot, only: measure_cost
+   use ensemble_forecast, only: measure_cost
+   use ensemble_pilot, only: choose_every
    use ensemble_plan, only: plan_type
    use ensemble_runner, only: block_width
    use parallel_world, only: start_world, stop_world, world_type
@@ -27,9 +29,9 @@ contains
       type(scene_type) :: scene
       type(plan_type) :: plan
       type(process_model_type), allocatable :: models(:)
-      character(:), allocatable :: choice
+      character(:), allocatable :: choice, need
       real(wp), allocatable :: force(:, :)
-      real(wp) :: nanoseconds
+      real(wp) :: audit_nanoseconds, nanoseconds
       type(error_type), allocatable :: error
 
       call start_world(world)
@@ -37,18 +39,37 @@ contains
       call world%stop_on(error)
       call keep_targets(world, force, scene, plan, choice)
       nanoseconds = 0.0_wp
-      if (plan%has_chain .and. world%is_root()) call measure_cost(plan, force, nanoseconds, error)
+      audit_nanoseconds = 0.0_wp
+      if (plan%has_chain .and. world%is_root()) &
+         call measure(plan, force, nanoseconds, audit_nanoseconds, error)
       call world%stop_on(error)
+      call foresee_need(world, plan, force, nanoseconds, need)
       if (world%is_root()) then
          call foresee_processes(plan, models)
          write (output_unit, '(a)') summary_text(scene, plan, nanoseconds, world%n_ranks, &
-                                                 block_width(plan), models)
+                                                 block_width(plan), models, audit_nanoseconds)
          if (choice /= '') write (output_unit, '(a)') choice
+         if (need /= '') write (output_unit, '(a)') need
          call refuse_unsolved(plan, models, error)
       end if
       call world%stop_on(error)
       call stop_world(exit_done)
    end subroutine check
+
+   !> What a sample-step costs, spectra of as many steps as they will have [ns].
+   subroutine measure(plan, force, nanoseconds, audit_nanoseconds, error)
+      type(plan_type), intent(in) :: plan
+      real(wp), intent(in) :: force(0:, :)
+      real(wp), intent(out) :: nanoseconds, audit_nanoseconds
+      type(error_type), allocatable, intent(out) :: error
+      real(wp), allocatable :: folded_share(:, :)
+      integer :: every
+
+      every = 1
+      if (plan%output%spectrum) call choose_every(plan, force, every, folded_share, error)
+      if (.not. allocated(error)) &
+         call measure_cost(plan, force, every, nanoseconds, audit_nanoseconds, error)
+   end subroutine measure
 
    !> Which processes have a solution, as far as it is known before they are fitted.
    subroutine foresee_processes(plan, models)

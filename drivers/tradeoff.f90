@@ -1,6 +1,7 @@
 !> `entroslip tradeoff`: what accuracy costs in this scene, measured on a small piece of it.
 module driver_tradeoff
    use, intrinsic :: iso_fortran_env, only: output_unit
+   use config_phrases, only: counted
    use config_scene, only: scene_type
    use core_error, only: error_type, exit_done, exit_stopped
    use core_kinds, only: wp
@@ -10,18 +11,20 @@ module driver_tradeoff
    use driver_measuring, only: measure_settings
    use driver_processes, only: solve_processes
    use driver_provenance, only: provenance_of
-   use driver_tradeoff_text, only: fits_text, orders_text, parts_text, settings_text, &
-                                   spectra_text, wanted_text
+   use driver_tradeoff_text, only: fits_text, orders_text, parts_text, settings_text, sizes_text, &
+                                   spectra_text, variants_text, wanted_text
    use ensemble_plan, only: plan_type
+   use ensemble_tradeoff_effects, only: variant_row, variant_rows_of
    use ensemble_tradeoff_front, only: error_parts, parts_of, rows_of, sample_steps, setting_row, &
-                                      spectrum_row, spectrum_rows_of
+                                      size_row, size_rows_of, spectrum_row, spectrum_rows_of
    use ensemble_tradeoff_process, only: compare_orders, order_row
-   use ensemble_tradeoff_tasks, only: tradeoff_type
+   use ensemble_tradeoff_tasks, only: scope_type, tradeoff_type
+   use ensemble_tradeoff_variants, only: list_variants
    use io_files, only: folder_of, make_folder
    use io_lock, only: lock_type, take_lock
    use io_results, only: begin_results, results_writer
    use io_tradeoff_results, only: check_no_campaign, write_orders, write_parts, write_settings, &
-                                  write_spectra
+                                  write_sizes, write_spectra, write_variants
    use parallel_world, only: start_world, stop_world, world_type
    use process_model, only: process_model_type
    implicit none(type, external)
@@ -38,6 +41,8 @@ module driver_tradeoff
       type(setting_row), allocatable :: settings(:)
       type(spectrum_row), allocatable :: spectra(:)
       type(error_parts) :: parts
+      type(size_row), allocatable :: sizes(:)
+      type(variant_row), allocatable :: variants(:)
       type(order_row), allocatable :: orders(:)
    end type findings_type
 
@@ -115,16 +120,42 @@ contains
       type(findings_type), intent(inout) :: found
       logical, intent(out) :: is_stopped
       type(error_type), allocatable, intent(out) :: error
+      type(scope_type) :: scope
       real(wp), allocatable :: values(:, :)   ! (value, task)
+      logical :: is_quiet
 
-      call measure_settings(world, plan, force, budget, line%is_quiet .or. .not. world%is_root(), &
-                            found%tradeoff, values, is_stopped, error, models)
+      is_quiet = line%is_quiet .or. .not. world%is_root()
+      scope = scope_type(budget=budget, at_other_dt=.true., is_statistical=.true., models=models)
+      call fit_variants(world, plan, is_quiet, scope)
+      is_stopped = world%any_true(time_to_stop())
+      if (is_stopped) return
+      call measure_settings(world, plan, force, scope, is_quiet, found%tradeoff, values, &
+                            is_stopped, error)
       if (is_stopped .or. allocated(error)) return
       found%settings = rows_of(found%tradeoff, values)
       found%spectra = spectrum_rows_of(found%tradeoff, values)
       found%parts = parts_of(found%tradeoff, values, found%settings(found%tradeoff%own), &
                              plan%integration%n_steps - plan%integration%n_discard)
+      found%sizes = size_rows_of(plan, found%settings(found%tradeoff%own), found%parts)
+      found%variants = variant_rows_of(found%tradeoff, values)
    end subroutine measure_march
+
+   !> The scene's processes with other orders and lengths of their fits. Collective.
+   subroutine fit_variants(world, plan, is_quiet, scope)
+      type(world_type), intent(in) :: world
+      type(plan_type), intent(in) :: plan
+      logical, intent(in) :: is_quiet
+      type(scope_type), intent(inout) :: scope
+      type(plan_type) :: varied
+
+      call list_variants(plan, scope%models, scope%variants)
+      if (size(scope%variants) > 0 .and. .not. is_quiet) &
+         write (output_unit, '(a)') 'fitting '//counted(size(scope%variants), 'variant', &
+                                                        'variants')//' of processes'
+      varied = plan
+      varied%processes = scope%variants%request
+      call solve_processes(world, varied, scope%variant_models)
+   end subroutine fit_variants
 
    !> All that the terminal gets.
    function text_of(scene, plan, models, found, n_ranks) result(text)
@@ -143,7 +174,10 @@ contains
                             scene%accuracy%target_band_ratio, n_ranks)//line_feed// &
                 parts_text(plan, found%settings, found%tradeoff%own, found%parts, n_ranks)// &
                 line_feed
+         text = text//sizes_text(found%sizes, n_ranks)//line_feed
          if (size(found%spectra) > 0) text = text//spectra_text(found%spectra)//line_feed
+         if (size(found%variants) > 0) text = text//line_feed// &
+            variants_text(found%tradeoff%scope%variants, found%variants)
       end if
       if (size(found%orders) > 0) &
          text = text//orders_text(found%orders)//line_feed//fits_text(models)
@@ -168,7 +202,12 @@ contains
                              found%tradeoff%plan%integration%n_steps, &
                              1.0e-9_wp*sample_steps(plan), error)
          if (.not. allocated(error)) call write_parts(writer, found%parts, error)
+         if (.not. allocated(error)) call write_sizes(writer, found%sizes, error)
          if (.not. allocated(error)) call write_spectra(writer, found%spectra, error)
+         if (.not. allocated(error)) &
+            call write_variants(writer, found%tradeoff%scope%variants, found%variants, &
+                                found%tradeoff%n_wide, found%tradeoff%wide%integration%n_steps, &
+                                error)
       end if
       if (.not. allocated(error)) call write_orders(writer, found%orders, error)
       if (allocated(error)) then

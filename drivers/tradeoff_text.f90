@@ -1,19 +1,21 @@
 !> What `entroslip tradeoff` says: settings, wanted errors, parts of the error, spectra, orders.
 module driver_tradeoff_text
-   use config_phrases, only: brief, counted, duration, labelled, padded
+   use config_phrases, only: brief, counted, duration, labelled, numbered, padded
    use core_kinds, only: wp
    use core_text, only: to_text
    use ensemble_plan, only: plan_type
+   use ensemble_tradeoff_effects, only: variant_row
    use ensemble_tradeoff_front, only: cheapest, error_parts, keeps, sample_steps, setting_row, &
-                                      spectrum_row
+                                      size_row, spectrum_row
    use ensemble_tradeoff_process, only: order_row
    use ensemble_tradeoff_settings, only: setting_dt, setting_type
    use ensemble_tradeoff_tasks, only: tradeoff_type
+   use ensemble_tradeoff_variants, only: variant_type
    use process_model, only: process_model_type
    implicit none(type, external)
    private
-   public :: fits_text, orders_text, parts_text, setting_text, settings_text, spectra_text, &
-             wanted_text
+   public :: fits_text, orders_text, parts_text, setting_text, settings_text, sizes_text, &
+             spectra_text, variants_text, wanted_text
 
    character, parameter :: line_feed = new_line('a')
 
@@ -209,6 +211,89 @@ contains
       end function now
 
    end function parts_text
+
+   !> The whole error that other numbers of samples and steps would leave, and their time.
+   pure function sizes_text(rows, n_ranks) result(text)
+      type(size_row), intent(in) :: rows(:)
+      integer, intent(in) :: n_ranks
+      character(:), allocatable :: text
+      integer :: i
+
+      text = 'all errors by samples and steps'//line_feed//'  '//padded('samples', 9)// &
+             padded('steps', 11)//padded('mean slip [points]', 20)// &
+             padded('std of slip', 13)//padded('bands [%]', 11)//'run [s]'//line_feed
+      do i = 1, size(rows)
+         text = text//'  '//padded(to_text(rows(i)%n_samples), 9)// &
+                padded(to_text(rows(i)%n_steps), 11)//padded(brief(rows(i)%slip_mean), 20)// &
+                padded(brief(rows(i)%slip_std), 13)//padded(brief(100*rows(i)%band_ratio), 11)// &
+                brief(rows(i)%seconds/n_ranks)//line_feed
+      end do
+   end function sizes_text
+
+   !> What orders and lengths of fits change in what is published.
+   pure function variants_text(variants, rows) result(text)
+      type(variant_type), intent(in) :: variants(:)
+      type(variant_row), intent(in) :: rows(:)
+      character(:), allocatable :: text
+      integer :: i
+
+      text = ''
+      do i = 1, size(rows)
+         associate (variant => variants(rows(i)%variant))
+            if (is_first(i)) text = text//heading(variant)//'  order  fit steps  fit [s]  '// &
+                                    'mean slip [points]  std of slip        bands [%]'//line_feed
+            text = text//merge('* ', '  ', variant%is_own)//padded(to_text(variant%request%order), &
+                                                                   7)
+            if (variant%request%fit_steps > 0) then
+               text = text//padded(to_text(variant%request%fit_steps), 11)
+            else
+               text = text//padded('chosen', 11)
+            end if
+            text = text//padded(brief(rows(i)%seconds), 9)
+            if (rows(i)%is_reference) then
+               text = text//'compared with'//line_feed
+               cycle
+            end if
+            text = text//padded(with_error(rows(i)%slip_mean, rows(i)%slip_mean_error), 20)// &
+                   padded(with_error(rows(i)%slip_std, rows(i)%slip_std_error), 19)// &
+                   with_error(100*rows(i)%band_ratio, 100*rows(i)%band_ratio_error)//line_feed
+         end associate
+      end do
+      if (size(rows) > 0) text = text//'* the scene''s own; the largest change over levels and '// &
+                                 'dofs, +- its standard error'//line_feed
+
+   contains
+
+      pure logical function is_first(i)
+         integer, intent(in) :: i
+
+         is_first = i == 1
+         if (is_first) return
+         associate (a => variants(rows(i - 1)%variant), b => variants(rows(i)%variant))
+            is_first = a%process /= b%process .or. (a%is_of_fit .neqv. b%is_of_fit)
+         end associate
+      end function is_first
+
+   end function variants_text
+
+   pure function heading(variant) result(line)
+      type(variant_type), intent(in) :: variant
+      character(:), allocatable :: line
+
+      associate (request => variant%request)
+         line = numbered('p', variant%process)//', '//request%correlation//' = '// &
+                brief(request%correlation_length)//', std '//brief(request%std)//': other '// &
+                trim(merge('lengths of its fit', 'orders            ', variant%is_of_fit))// &
+                line_feed
+      end associate
+   end function heading
+
+   pure function with_error(value, standard_error) result(text)
+      real(wp), intent(in) :: value, standard_error
+      character(:), allocatable :: text
+
+      text = brief(value)//' +- '//brief(standard_error)
+   end function with_error
 
    !> What the ways to form spectra change and cost.
    pure function spectra_text(rows) result(text)

@@ -20,7 +20,8 @@ module config_summary
 contains
 
    !> Aligned and short; ends without a line feed.
-   function summary_text(scene, plan, nanoseconds, n_ranks, block_width, foreseen) result(text)
+   function summary_text(scene, plan, nanoseconds, n_ranks, block_width, foreseen, &
+                         audit_nanoseconds) result(text)
       type(scene_type), intent(in) :: scene
       type(plan_type), intent(in) :: plan
       real(wp), intent(in) :: nanoseconds   !! cost of a sample-step; 0: not known
@@ -28,16 +29,20 @@ contains
       integer, intent(in) :: block_width    !! samples marched together
       !> (process) whether it has a solution, as far as that is known before the fit, or why not
       type(process_model_type), intent(in), optional :: foreseen(:)
+      real(wp), intent(in), optional :: audit_nanoseconds   !! of a sample-step that is repeated
       character(:), allocatable :: text
 
       text = labelled('scene', plan%title//', '//scene%path)// &
              labelled('fingerprint', fingerprint(scene))
-      text = text//labelled('runs', joined(parts(scene, plan, wanted=.true.)))
-      text = text//labelled('does not run', joined(parts(scene, plan, wanted=.false.)))
+      text = text//labelled('runs', joined(parts(plan, wanted=.true.)))
+      text = text//labelled('does not run', joined(parts(plan, wanted=.false.)))
       if (size(plan%processes) > 0) text = text//line_feed//process_table(plan, foreseen)
       if (plan%has_chain) then
          text = text//line_feed//case_table(plan)//line_feed//motion_text(plan)
-         text = text//cost_text(plan, nanoseconds, n_ranks, block_width)
+         text = text//labelled('work', work_text(plan, n_ranks, nanoseconds))
+         if (repeats(plan)) text = text//labelled('audit', audit_text(plan, n_ranks, &
+                                                                      audit_nanoseconds))
+         text = text//size_bounds(plan, block_width)
       end if
       if (size(scene%unused) > 0) &
          text = text//labelled('note', 'given and not used: '//joined(scene%unused))
@@ -45,8 +50,7 @@ contains
    end function summary_text
 
    !> What the plan does, or what it leaves out.
-   pure function parts(scene, plan, wanted) result(names)
-      type(scene_type), intent(in) :: scene
+   pure function parts(plan, wanted) result(names)
       type(plan_type), intent(in) :: plan
       logical, intent(in) :: wanted
       character(40), allocatable :: names(:)
@@ -57,7 +61,7 @@ contains
          is_there = [size(plan%processes) > 0, size(plan%cases) > 0, &
                      any(plan%cases%process > 0), &
                      plan%has_chain .and. [output%spectrum, output%energy, output%history, &
-                                           output%transitions, scene%accuracy%audit > 0.0_wp], &
+                                           output%transitions, repeats(plan)], &
                      plan%n_realizations > 0]
       end associate
       names = [character(40) :: 'processes', 'motion', 'samples with drawn friction', 'spectrum', &
@@ -179,7 +183,6 @@ contains
                  duration(how%n_steps*how%dt)
          if (how%n_discard > 0) steps = steps//', the first '//to_text(how%n_discard)//' discarded'
          text = text//labelled('integration', method//', '//steps)
-         if (plan%accuracy%audit > 0.0_wp) text = text//labelled('audit', audit_text(plan))
          if (plan%output%spectrum) &
             text = text//labelled('spectra', 'segments of '// &
                                   to_text(plan%output%segment_length)//' steps, '// &
@@ -187,38 +190,56 @@ contains
       end associate
    end function motion_text
 
-   !> What is repeated, and how.
-   function audit_text(plan) result(text)
+   !> Whether samples will be repeated to find their numerical error.
+   pure logical function repeats(plan)
       type(plan_type), intent(in) :: plan
+
+      repeats = plan%has_chain .and. max(plan%accuracy%audit, plan%accuracy%target_slip_points, &
+                                         plan%accuracy%target_band_ratio) > 0.0_wp
+   end function repeats
+
+   !> What is repeated, and how.
+   pure function audit_text(plan, n_ranks, nanoseconds) result(text)
+      type(plan_type), intent(in) :: plan
+      integer, intent(in) :: n_ranks
+      real(wp), intent(in), optional :: nanoseconds
       character(:), allocatable :: text
       type(plan_type) :: audited
       type(integration_settings) :: reference
 
       audited = plan
       call add_audits(audited)
+      audited%cases = pack(audited%cases, audited%cases%audits > 0)
       reference = reference_for(plan%integration)
-      associate (cases => audited%cases)
-         text = counted(sum(cases%n_samples, mask=cases%audits > 0), 'sample', 'samples')// &
-                ' repeated, '//reference%method//', tolerance '//brief(reference%tolerance)
-      end associate
+      text = counted(sum(audited%cases%n_samples), 'sample', 'samples')//' repeated, '// &
+             reference%method//', tolerance '//brief(reference%tolerance)
+      if (present(nanoseconds)) text = text//': '//work_text(audited, n_ranks, nanoseconds)
    end function audit_text
 
-   !> Work, memory of a rank, size of the results; the last two are bounds.
-   function cost_text(plan, nanoseconds, n_ranks, block_width) result(text)
+   !> The march of all samples, and its time where the cost of a sample-step is known.
+   pure function work_text(plan, n_ranks, nanoseconds) result(text)
       type(plan_type), intent(in) :: plan
-      real(wp), intent(in) :: nanoseconds
-      integer, intent(in) :: n_ranks, block_width
+      integer, intent(in) :: n_ranks
+      real(wp), intent(in) :: nanoseconds   !! 0: not known
       character(:), allocatable :: text
-      integer :: n_kept   ! dofs of spectra and histories
-      real(wp) :: n_samples, sample_steps, spectrum, history, force, memory, results
+      real(wp) :: sample_steps
 
-      n_samples = sum(real(plan%cases%n_samples, wp))
-      sample_steps = n_samples*plan%integration%n_steps
+      sample_steps = sum(real(plan%cases%n_samples, wp))*plan%integration%n_steps
       text = brief(sample_steps)//' sample-steps'
       if (nanoseconds > 0.0_wp) &
          text = text//', '//duration(sample_steps*nanoseconds*1.0e-9_wp/n_ranks)//' at '// &
                 brief(nanoseconds)//' ns each on '//counted(n_ranks, 'rank', 'ranks')
+   end function work_text
 
+   !> Memory of a rank, size of the results: bounds.
+   function size_bounds(plan, block_width) result(text)
+      type(plan_type), intent(in) :: plan
+      integer, intent(in) :: block_width
+      character(:), allocatable :: text
+      integer :: n_kept   ! dofs of spectra and histories
+      real(wp) :: n_samples, spectrum, history, force, memory, results
+
+      n_samples = sum(real(plan%cases%n_samples, wp))
       n_kept = size(kept_dofs(plan))
       associate (output => plan%output, n_dof => plan%chain%n_dof)
          spectrum = 0.0_wp   ! of one sample, as the two below
@@ -232,8 +253,8 @@ contains
          if (plan%excitation%per_sample) memory = memory + block_width*force
          results = n_samples*(spectrum + history + 4.0_wp*word*n_dof)
       end associate
-      text = labelled('work', text)//labelled('memory', 'up to '//size_text(memory)//' a rank')// &
+      text = labelled('memory', 'up to '//size_text(memory)//' a rank')// &
              labelled('results', 'up to '//size_text(results))
-   end function cost_text
+   end function size_bounds
 
 end module config_summary

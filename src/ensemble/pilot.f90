@@ -1,4 +1,4 @@
-!> Short marches before the campaign: which steps the spectra need, and what a step costs.
+!> A short march before the campaign: which steps the spectra need.
 !>
 !> Spectra of every k-th step cost a k-th, and fold what lies above the new Nyquist frequency onto
 !> what is kept. One sample of average friction under each excitation tells how much that is.
@@ -7,18 +7,17 @@ module ensemble_pilot
    use core_kinds, only: wp
    use ensemble_plan, only: case_type, plan_type
    use ensemble_results, only: block_result
-   use ensemble_runner, only: block_width, prepare_runner, runner_type
+   use ensemble_runner, only: prepare_runner, runner_type
    use ensemble_sample, only: run_block
    implicit none(type, external)
    private
-   public :: choose_every, measure_cost
+   public :: choose_every
 
    !> Of the variance. Where a bin holds a millionth of it, folding then still changes the bin by
    !> 1 % at most, and Welch's estimate scatters by 10 %.
    real(wp), parameter :: negligible = 1.0e-8_wp
    integer, parameter :: sparsest = 16             !! every 16th step at most
    integer, parameter :: pilot_segments = 8        !! of the march
-   integer, parameter :: cost_steps = 600          !! marched to time them, after as many to warm up
 
 contains
 
@@ -56,41 +55,6 @@ contains
       if (every == 0) every = sparsest_allowed(plan%output%segment_length, psd)
       folded_share = share_above(psd, every)
    end subroutine choose_every
-
-   !> Cost of a sample-step on one rank [ns], by marching a block of the most demanding excitation
-   !> for a moment; spectra and what else is kept included.
-   subroutine measure_cost(plan, file_force, nanoseconds, error)
-      type(plan_type), intent(in) :: plan
-      real(wp), intent(in) :: file_force(0:, :)   !! (step, 1 or sample) [N]; else of size 0
-      real(wp), intent(out) :: nanoseconds
-      type(error_type), allocatable, intent(out) :: error
-      type(plan_type) :: short
-      type(runner_type) :: runner
-      type(block_result) :: result
-      real(wp), allocatable :: friction(:, :)
-      real(wp) :: before, after
-      logical :: is_abandoned
-      integer :: c, n, w
-
-      nanoseconds = 0.0_wp
-      short = plan
-      n = min(plan%integration%n_steps, cost_steps)
-      short%integration%n_steps = n
-      short%integration%n_discard = 0
-      short%output%segment_length = min(short%output%segment_length, n)
-      call prepare_runner(short, file_force(:min(n, ubound(file_force, 1)), :), runner, error)
-      if (allocated(error)) return
-      c = maxloc(plan%cases%variance, 1)
-      w = min(block_width(plan), maxval(plan%cases%n_samples))
-      if (plan%excitation%per_sample) w = min(w, plan%cases(c)%n_samples)
-      friction = spread(reshape(average_friction(plan, plan%cases(c)), [plan%chain%n_dof]), 2, w)
-      call run_block(runner, c, friction, 1, never, result, is_abandoned, error)
-      if (allocated(error)) return
-      call cpu_time(before)
-      call run_block(runner, c, friction, 1, never, result, is_abandoned, error)
-      call cpu_time(after)
-      nanoseconds = 1.0e9_wp*(after - before)/(real(n, wp)*w)
-   end subroutine measure_cost
 
    !> The plan with a short march at the full rate, and nothing kept but spectra.
    pure function shortened(plan) result(short)

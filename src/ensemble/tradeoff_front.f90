@@ -1,15 +1,15 @@
 !> From measured tasks to what a user decides by: the error and cost of every setting, the settings
 !> that no other beats in both, the cheapest for a wanted error, and the parts of the error now.
 module ensemble_tradeoff_front
-   use core_kinds, only: wp
+   use core_kinds, only: long, wp
    use ensemble_plan, only: plan_type
    use ensemble_tradeoff_settings, only: expected_cost, setting_type
    use ensemble_tradeoff_tasks, only: n_batches, of_batch, of_samples, of_setting, of_spectrum, &
                                       tradeoff_type
    implicit none(type, external)
    private
-   public :: error_parts, setting_row, spectrum_row
-   public :: rows_of, spectrum_rows_of, parts_of, cheapest, best, keeps, sample_steps
+   public :: error_parts, setting_row, size_row, spectrum_row
+   public :: rows_of, size_rows_of, spectrum_rows_of, parts_of, cheapest, best, keeps, sample_steps
 
    !> A setting measured: the largest errors over cases and dofs. A standard error is such that
    !> twice of it covers the errors of all.
@@ -36,6 +36,16 @@ module ensemble_tradeoff_front
       real(wp) :: cost = 0.0_wp             !! [ns] of a sample-step, march included
       real(wp) :: band_ratio = 0.0_wp       !! largest relative change, from every step's
    end type spectrum_row
+
+   !> The whole error that other numbers of samples and steps would leave.
+   type :: size_row
+      integer :: n_samples = 0
+      integer(long) :: n_steps = 0
+      real(wp) :: slip_mean = 0.0_wp    !! [points]
+      real(wp) :: slip_std = 0.0_wp     !! [points]
+      real(wp) :: band_ratio = 0.0_wp   !! relative
+      real(wp) :: seconds = 0.0_wp      !! of a processor
+   end type size_row
 
    !> Parts of the error that the scene has now, each the largest over cases and dofs; standard
    !> errors where they are statistical.
@@ -180,7 +190,20 @@ contains
          if (tradeoff%tasks(i)%kind == of_samples) &
             call add_samples(tradeoff, tradeoff%cases(tradeoff%tasks(i)%row), values(:, i), parts)
       end do
+      if (tradeoff%plan%excitation%per_sample) call part_records(tradeoff, n_steps, parts)
    end function parts_of
+
+   !> Where each sample has its own record, the scatter over samples of a short march holds its time
+   !> average too: what a march of that length has of it is taken out.
+   pure subroutine part_records(tradeoff, n_steps, parts)
+      type(tradeoff_type), intent(in) :: tradeoff
+      integer, intent(in) :: n_steps   !! of the scene
+      type(error_parts), intent(inout) :: parts
+      real(wp) :: of_records
+
+      of_records = parts%time_slip**2*n_steps/tradeoff%plan%integration%n_steps
+      parts%samples_slip = sqrt(max(0.0_wp, parts%samples_slip**2 - of_records))
+   end subroutine part_records
 
    !> From batches: their mean over a march of the scene's length. Where every sample has a force of
    !> its own, the mean over samples averages their errors too.
@@ -251,6 +274,40 @@ contains
       parts%samples_ratio = max(parts%samples_ratio, &
                                 sqrt(w/n)*maxval(values(2 + 2*n_dof:1 + 3*n_dof)))
    end subroutine add_samples
+
+   !> Quarters and multiples of the scene's samples and steps, by the laws that the parts follow: the
+   !> discretisation stays, Monte Carlo falls with the root of the samples, time averages with that
+   !> of the steps, and of both where every sample has its own force.
+   pure function size_rows_of(plan, own, parts) result(rows)
+      type(plan_type), intent(in) :: plan
+      type(setting_row), intent(in) :: own   !! the scene's setting
+      type(error_parts), intent(in) :: parts
+      type(size_row), allocatable :: rows(:)
+      real(wp), parameter :: samples(*) = [0.25_wp, 1.0_wp, 1.0_wp, 1.0_wp, 4.0_wp, 4.0_wp, 16.0_wp]
+      real(wp), parameter :: steps(*) = [1.0_wp, 0.25_wp, 1.0_wp, 4.0_wp, 1.0_wp, 4.0_wp, 1.0_wp]
+      integer :: i
+
+      rows = [(row(samples(i), steps(i)), i=1, size(samples))]
+      rows = pack(rows, rows%n_samples > 1 .or. abs(samples - 1.0_wp) <= 0.0_wp)
+
+   contains
+
+      pure type(size_row) function row(more_samples, more_steps)
+         real(wp), intent(in) :: more_samples, more_steps
+         real(wp) :: of_time
+
+         of_time = more_steps*merge(more_samples, 1.0_wp, plan%excitation%per_sample)
+         row%n_samples = nint(more_samples*maxval(plan%cases%n_samples))
+         row%n_steps = nint(more_steps*plan%integration%n_steps, long)
+         row%slip_mean = norm2([parts%discretisation_slip, parts%time_slip/sqrt(of_time), &
+                                parts%samples_slip/sqrt(more_samples)])
+         row%slip_std = norm2([own%slip_std, parts%samples_slip_std/sqrt(more_samples)])
+         row%band_ratio = norm2([parts%discretisation_ratio, parts%time_ratio/sqrt(of_time), &
+                                 parts%samples_ratio/sqrt(more_samples)])
+         row%seconds = 1.0e-9_wp*own%cost*sample_steps(plan)*more_samples*more_steps
+      end function row
+
+   end function size_rows_of
 
    !> Steps that all samples of the scene march together.
    pure function sample_steps(plan) result(n)

@@ -84,6 +84,7 @@ contains
       procedure(stop_query) :: should_stop
       type(tradeoff_type), intent(out) :: tradeoff
       type(error_type), allocatable, intent(out) :: error
+      real(wp) :: of_plan, of_long   ! expected costs of a step [ns]
       integer :: i, unit, width
 
       unit = 2*max(every, 1)
@@ -102,11 +103,16 @@ contains
       tradeoff%n_wide = wide_block(plan, file_force)
       associate (settings => tradeoff%settings, usual_cost => expected_cost(usual, plan, &
                                                                             usual_transitions))
-         tradeoff%plan = shortened(plan, every, unit, affordable( &
-            scope%budget, width*max(usual_cost, sum([(expected_cost(settings(i), plan, &
-                                                     usual_transitions), i=1, size(settings))]))))
-         tradeoff%long = shortened(plan, every, unit*n_batches, &
-                                   affordable(0.1_wp*scope%budget, width*usual_cost))
+         if (scope%has_settings) then
+            of_plan = width*sum([(expected_cost(settings(i), plan, usual_transitions), &
+                                  i=1, size(settings))])
+            of_long = 10*width*usual_cost
+         else   ! a block of each case, and half of a long march for every batch
+            of_plan = 2*min(most_cases, size(plan%cases))*block_width(plan)*usual_cost
+            of_long = n_batches*width*usual_cost
+         end if
+         tradeoff%plan = shortened(plan, every, unit, affordable(scope%budget, of_plan))
+         tradeoff%long = shortened(plan, every, unit*n_batches, affordable(scope%budget, of_long))
          tradeoff%wide = shortened(plan, every, unit, affordable( &
             0.3_wp*scope%budget, tradeoff%n_wide*usual_cost*size(tradeoff%levels) &
             *max(1, size(tradeoff%scope%variants))))

@@ -3,16 +3,19 @@ module io_tradeoff_results
    use core_error, only: error_type, exit_file, raise
    use core_kinds, only: wp
    use ensemble_plan, only: plan_type
-   use ensemble_tradeoff_front, only: error_parts, setting_row, spectrum_row
+   use ensemble_tradeoff_effects, only: variant_row
+   use ensemble_tradeoff_front, only: error_parts, setting_row, size_row, spectrum_row
    use ensemble_tradeoff_process, only: order_row
    use ensemble_tradeoff_settings, only: setting_dt
+   use ensemble_tradeoff_variants, only: variant_type
    use io_files, only: exists
    use io_group, only: counted, group_type, new_group
    use io_hdf5, only: hdf5_file, label_type, open_hdf5
    use io_results, only: results_writer
    implicit none(type, external)
    private
-   public :: check_no_campaign, write_orders, write_parts, write_settings, write_spectra
+   public :: check_no_campaign, write_orders, write_parts, write_settings, write_sizes, &
+             write_spectra, write_variants
 
 contains
 
@@ -132,6 +135,83 @@ contains
                      'largest relative change of a band ratio from the first way', 'way'))
       call group%take_error(error)
    end subroutine write_spectra
+
+   !> Other numbers of samples and steps.
+   subroutine write_sizes(writer, rows, error)
+      type(results_writer), intent(in) :: writer
+      type(size_row), intent(in) :: rows(:)
+      type(error_type), allocatable, intent(out) :: error
+      type(group_type) :: group
+
+      group = new_group(writer%file, '/tradeoff/sizes')
+      call group%put('size', counted(size(rows)), label_type('1', 'samples and steps', 'size'))
+      call group%put('n_samples', rows%n_samples, &
+                     label_type('1', 'samples of the largest case', 'size'))
+      call group%put('n_steps', real(rows%n_steps, wp), label_type('1', 'steps', 'size'))
+      call group%put('slip_mean', rows%slip_mean, &
+                     label_type('%', 'error of mean slip fractions, all parts, in points', 'size'))
+      call group%put('slip_std', rows%slip_std, &
+                     label_type('%', 'the same of their standard deviation', 'size'))
+      call group%put('band_ratio', rows%band_ratio, &
+                     label_type('1', 'relative error of band ratios, all parts', 'size'))
+      call group%put('seconds', rows%seconds, &
+                     label_type('s', 'processor time of the march', 'size'))
+      call group%take_error(error)
+   end subroutine write_sizes
+
+   !> Processes with other orders and fits.
+   subroutine write_variants(writer, variants, rows, n_samples, n_steps, error)
+      type(results_writer), intent(in) :: writer
+      type(variant_type), intent(in) :: variants(:)
+      type(variant_row), intent(in) :: rows(:)
+      integer, intent(in) :: n_samples, n_steps   !! that were marched
+      type(error_type), allocatable, intent(out) :: error
+      type(group_type) :: group
+
+      if (size(rows) == 0) return
+      group = new_group(writer%file, '/tradeoff/variants')
+      call group%attribute('n_samples', n_samples)
+      call group%attribute('n_steps', n_steps)
+      call group%put('variant', counted(size(rows)), &
+                     label_type('1', 'process fitted otherwise', 'variant'))
+      associate (own => variants(rows%variant))
+         call put_integers('process', own%process, 'process of the scene that is varied')
+         call put_integers('order', own%request%order, 'order M or m_max')
+         call put_integers('fit_steps', own%request%fit_steps, &
+                           'simulated values of a batch of the fit; 0: chosen')
+         call put_integers('is_of_fit', merge(1, 0, own%is_of_fit), &
+                           '1: other lengths of the fit are compared, 0: other orders')
+         call put_integers('is_own', merge(1, 0, own%is_own), '1: as the scene has it')
+      end associate
+      call put_integers('is_reference', merge(1, 0, rows%is_reference), &
+                        '1: the others of this process are compared with it')
+      call put('seconds', rows%seconds, 's', 'processor time of the fit')
+      call put('slip_mean', rows%slip_mean, '%', 'change of the mean slip fraction, in points')
+      call put('slip_mean_error', rows%slip_mean_error, '%', 'standard error of slip_mean')
+      call put('slip_std', rows%slip_std, '%', &
+               'change of the standard deviation of slip fractions, in points')
+      call put('slip_std_error', rows%slip_std_error, '%', 'standard error of slip_std')
+      call put('band_ratio', rows%band_ratio, '1', 'relative change of the band ratio')
+      call put('band_ratio_error', rows%band_ratio_error, '1', 'standard error of band_ratio')
+      call group%take_error(error)
+
+   contains
+
+      subroutine put(name, values, units, long_name)
+         character(*), intent(in) :: name, units, long_name
+         real(wp), intent(in) :: values(:)
+
+         call group%put(name, values, label_type(units, long_name, 'variant'))
+      end subroutine put
+
+      subroutine put_integers(name, values, long_name)
+         character(*), intent(in) :: name, long_name
+         integer, intent(in) :: values(:)
+
+         call group%put(name, values, label_type('1', long_name, 'variant'))
+      end subroutine put_integers
+
+   end subroutine write_variants
 
    !> Orders of the processes.
    subroutine write_orders(writer, rows, error)
