@@ -176,8 +176,8 @@ contains
                 line_feed
          text = text//sizes_text(found%sizes, n_ranks)//line_feed
          if (size(found%spectra) > 0) text = text//spectra_text(found%spectra)//line_feed
-         if (size(found%variants) > 0) text = text//line_feed// &
-            variants_text(found%tradeoff%scope%variants, found%variants)
+         if (size(found%variants) > 0) &
+            text = text//variants_text(found%tradeoff%scope%variants, found%variants)//line_feed
       end if
       if (size(found%orders) > 0) &
          text = text//orders_text(found%orders)//line_feed//fits_text(models)

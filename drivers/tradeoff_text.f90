@@ -240,7 +240,7 @@ contains
       text = ''
       do i = 1, size(rows)
          associate (variant => variants(rows(i)%variant))
-            if (is_first(i)) text = text//heading(variant)//'  order  fit steps  fit [s]  '// &
+            if (is_first(i)) text = text//line_feed//heading(variant)//'  order  fit steps  fit [s]  '// &
                                     'mean slip [points]  std of slip        bands [%]'//line_feed
             text = text//merge('* ', '  ', variant%is_own)//padded(to_text(variant%request%order), &
                                                                    7)
@@ -341,7 +341,7 @@ contains
       do i = 1, size(models)
          associate (m => models(i))
             if (.not. (m%request%positive .and. m%is_solved)) cycle
-            text = text//padded('p'//to_text(i), 10)// &
+            text = text//padded(numbered('p', i), 10)// &
                    padded(brief(100*m%mean_error/m%mean), 11)// &
                    padded(brief(100*m%std_error/m%std), 11)// &
                    brief(100*m%l0_error/m%l0)//line_feed

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 from functools import partial
 
+import h5py
 import numpy as np
 import xarray as xr
 from matplotlib.axes import Axes
@@ -12,12 +13,17 @@ from matplotlib.axes import Axes
 from postproc import style
 from postproc.figure import SECTIONS, Figure
 from postproc.results import Results
-from postproc.table import Table
+from postproc.table import Table, value_with_error
 
 _FLOOR = 1e-13  # smaller errors are rounding, and stand on the lower edge
 _ERRORS = {
     "slip": "error of a slip fraction [points of %]",
     "band_ratio": "relative error of the band ratio",
+}
+_CHANGES = {
+    "slip_mean": "change of the mean slip [points of %]",
+    "slip_std": "change of its standard deviation [points]",
+    "band_ratio": "relative change of the band ratio",
 }
 _PARTS = (
     ("discretisation", "discretisation_slip", "discretisation_ratio"),
@@ -27,7 +33,7 @@ _PARTS = (
 
 
 def figures_of(results: Results) -> Iterator[Figure]:
-    """Error over cost, of slip fractions and of band ratios."""
+    """Error over cost, of slip fractions and of band ratios; what orders of processes change."""
     data = _settings(results)
     if data is None:
         return
@@ -42,6 +48,36 @@ def figures_of(results: Results) -> Iterator[Figure]:
         SECTIONS[-1],
         tuple(partial(plot_error_over_cost, data=data, error=name) for name in shown),
     )  # fmt: skip
+    changes = _part(results, "variants")
+    if changes is None:
+        return
+    yield Figure(
+        "tradeoff_orders", "What the order of a process changes",
+        "Change of what is published from the highest order of each process, on"
+        f" {int(changes.attrs['n_samples'])} samples with the random numbers and the force in common,"
+        " the largest over levels of force and oscillators; bars are standard errors. The ring is"
+        " the scene's own order.",
+        SECTIONS[-1],
+        tuple(partial(plot_change_over_order, data=changes, name=name) for name in _CHANGES),
+    )  # fmt: skip
+
+
+def plot_change_over_order(axes: Axes, data: xr.Dataset, name: str) -> None:
+    """A line per process."""
+    compared = (data["is_of_fit"].values == 0) & (data["is_reference"].values == 0)
+    numbers = np.unique(data["process"].values[compared])
+    for rank, number in enumerate(numbers):
+        rows = data.isel(variant=np.flatnonzero(compared & (data["process"].values == number)))
+        axes.errorbar(
+            rows["order"], np.abs(rows[name]), yerr=rows[f"{name}_error"], elinewidth=0.7,
+            label=f"p{number:03d}", **style.of_rank(rank, len(numbers)),
+        )  # fmt: skip
+        own = rows.isel(variant=np.flatnonzero(rows["is_own"].values == 1))
+        axes.plot(own["order"], np.abs(own[name]), "o", markersize=11, markerfacecolor="none",
+                  markeredgecolor="#D55E00", linestyle="none")  # fmt: skip
+    axes.set(xlabel="order M, or m_max", ylabel=_CHANGES[name], xscale="log")
+    axes.set_ylim(bottom=0.0)
+    axes.legend()
 
 
 def plot_error_over_cost(axes: Axes, data: xr.Dataset, error: str) -> None:
@@ -95,7 +131,8 @@ def tables_of(results: Results) -> Iterator[Table]:
          "band ratio [%]", "ns per sample-step", "march [s of a processor]", ""),
         rows, "Numerical errors, the largest over cases and oscillators.",
     )  # fmt: skip
-    with xr.open_dataset(results.path, group="tradeoff/parts", engine="h5netcdf") as parts:
+    parts = _part(results, "parts")
+    if parts is not None:
         yield Table(
             "tradeoff_parts", "What the error of the scene is made of",
             ("part", "mean slip [points]", "band ratio [%]"),
@@ -106,6 +143,49 @@ def tables_of(results: Results) -> Iterator[Table]:
             "Discretisation measured for the scene's own setting; the others are standard errors,"
             " estimated from batches of a march and from the scatter of samples.",
         )  # fmt: skip
+    sizes = _part(results, "sizes")
+    if sizes is not None:
+        yield Table(
+            "tradeoff_sizes", "The whole error by samples and steps",
+            ("samples", "steps", "mean slip [points]", "its std [points]", "band ratio [%]",
+             "march [s of a processor]"),
+            [_size_row(sizes.isel(size=i)) for i in range(sizes.sizes["size"])],
+            "Discretisation, time average and Monte Carlo together, by the laws that they follow.",
+        )  # fmt: skip
+    changes = _part(results, "variants")
+    if changes is not None:
+        yield Table(
+            "tradeoff_variants", "What orders and lengths of fits change",
+            ("process", "varied", "order", "steps of a batch", "fit [s of a processor]",
+             "mean slip [points]", "its std [points]", "band ratio [%]", ""),
+            [_variant_row(changes.isel(variant=i)) for i in range(changes.sizes["variant"])],
+            "Against the highest order or the longest fit, random numbers and force in common; the"
+            " largest over levels of force and oscillators, with its standard error.",
+        )  # fmt: skip
+
+
+def _size_row(size: xr.Dataset) -> tuple[str, ...]:
+    return (
+        str(int(size["n_samples"])), f"{float(size['n_steps']):.0f}",
+        f"{float(size['slip_mean']):.3g}", f"{float(size['slip_std']):.3g}",
+        f"{100 * float(size['band_ratio']):.3g}", f"{float(size['seconds']):.3g}",
+    )  # fmt: skip
+
+
+def _variant_row(variant: xr.Dataset) -> tuple[str, ...]:
+    steps = int(variant["fit_steps"])
+    changes = [
+        value_with_error(scale * float(variant[name]), scale * float(variant[f"{name}_error"]))
+        for name, scale in (("slip_mean", 1), ("slip_std", 1), ("band_ratio", 100))
+    ]
+    if int(variant["is_reference"]) == 1:
+        changes = ["compared with", "", ""]
+    return (
+        f"p{int(variant['process']):03d}", "fit" if int(variant["is_of_fit"]) == 1 else "order",
+        str(int(variant["order"])), str(steps) if steps else "chosen",
+        f"{float(variant['seconds']):.2g}", *changes,
+        "the scene's own" if int(variant["is_own"]) == 1 else "",
+    )  # fmt: skip
 
 
 def _row(setting: xr.Dataset) -> tuple[str, ...]:
@@ -122,6 +202,15 @@ def _row(setting: xr.Dataset) -> tuple[str, ...]:
         f"{float(setting['seconds']):.3g}",
         "the scene's own" if int(setting["is_own"]) == 1 else "",
     )
+
+
+def _part(results: Results, name: str) -> xr.Dataset | None:
+    """A group of the tradeoff; absent where nothing of the kind was compared."""
+    with h5py.File(results.path) as file:
+        if f"tradeoff/{name}" not in file:
+            return None
+    with xr.open_dataset(results.path, group=f"tradeoff/{name}", engine="h5netcdf") as data:
+        return data.load()
 
 
 def _settings(results: Results) -> xr.Dataset | None:

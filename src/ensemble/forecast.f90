@@ -6,6 +6,7 @@
 module ensemble_forecast
    use core_error, only: error_type
    use core_kinds, only: wp
+   use ensemble_audit, only: add_audits
    use ensemble_plan, only: case_type, kept_dofs, plan_type
    use ensemble_results, only: block_result
    use ensemble_runner, only: prepare_runner, runner_type
@@ -66,17 +67,22 @@ contains
       steps_for = min(plan%integration%n_steps, max(fewest_steps, int(min(most, 1.0e9_wp))))
    end function steps_for
 
-   !> One level of force, by the scene's method and by that of its audits.
+   !> One level of force, by the scene's method and by that of its audits, whose blocks are narrower.
    subroutine time_level(plan, level, n_steps, every, cost, audit_cost, error)
       type(plan_type), intent(in) :: plan
       type(level_type), intent(in) :: level
       integer, intent(in) :: n_steps, every
       real(wp), intent(out) :: cost, audit_cost   !! [ns]
       type(error_type), allocatable, intent(out) :: error
-      type(plan_type) :: short
+      type(plan_type) :: audited, short
       type(runner_type) :: runner
+      integer :: n_audited
 
       audit_cost = 0.0_wp
+      audited = plan
+      call add_audits(audited)
+      n_audited = min(size(level%sample), maxval(audited%cases%n_samples, &
+                                                 mask=audited%cases%audits > 0))
       short = plan
       short%integration%n_steps = n_steps
       short%integration%n_discard = 0
@@ -85,11 +91,13 @@ contains
       short%excitation%kind = 'file'
       short%excitation%per_sample = size(level%force, 2) > 1
       associate (n => size(level%sample))
-         short%cases = [case_type(0, 0.0_wp, n), case_type(0, 0.0_wp, n, audits=1)]
+         short%cases = [case_type(0, 0.0_wp, n)]
+         if (n_audited > 0) short%cases = [short%cases, case_type(0, 0.0_wp, n_audited, audits=1)]
       end associate
       call prepare_runner(short, level%force, runner, error)
       if (.not. allocated(error)) call time_block(runner, 1, level%friction, cost, error)
-      if (.not. allocated(error)) call time_block(runner, 2, level%friction, audit_cost, error)
+      if (.not. allocated(error) .and. n_audited > 0) &
+         call time_block(runner, 2, level%friction(:, :n_audited), audit_cost, error)
    end subroutine time_level
 
    !> A block of one case of a short plan.

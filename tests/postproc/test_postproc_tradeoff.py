@@ -33,6 +33,13 @@ def test_a_tradeoff_is_drawn(tradeoff_file):
     assert [row[-1] for row in rows].count("the scene's own") == 1
     costs = [float(row[7]) for row in rows]
     assert costs == sorted(costs)
+    assert plt.imread(folder / "tradeoff_orders.png").std() > 0.01
+    with (folder / "tradeoff_variants.csv").open() as file:
+        variants = list(csv.reader(file))[1:]
+    assert [row[2] for row in variants if row[1] == "order"] == ["1", "2", "3", "5", "10"]
+    assert [row[5] for row in variants].count("compared with") == 2
+    with (folder / "tradeoff_sizes.csv").open() as file:
+        assert ["6", "1500"] in [row[:2] for row in csv.reader(file)]
     assert "Error and cost" in (folder / "report.html").read_text()
 
 

@@ -2,6 +2,10 @@
 
 from __future__ import annotations
 
+import re
+
+import h5py
+
 PROCESS = "&process method = 'direct' correlation_length = 2.0 order = {} mean = 1.0 std = 0.2"
 CHAIN = "&chain / &excitation variance = 1.0 / &integration n_steps = 1000 /"
 
@@ -20,3 +24,46 @@ def test_what_has_no_solution_is_said_before_it_is_computed(entroslip, tmp_path)
         assert "feasible is 3" in done.stdout
         assert ("feasible is 3" in done.stderr) == (code == 4)
         assert entroslip("run", f"{name}.nml").returncode == code
+
+
+MOTION = """\
+&process correlation_length = 0.3 order = 1 mean = 0.2 std = 0.04 /
+&chain n_dof = 2 normal_load = 1.0 /
+&excitation variance = 1.0 /
+&integration method = 'event' n_steps = 20000 /
+&campaign n_samples = 32 /
+&accuracy target_statistical = 0.4 sample_until_met = .true. audit = 0.1 /
+&output quantities = 'slip' /
+"""
+
+
+def test_what_a_statistical_target_takes_is_foreseen(entroslip, tmp_path):
+    """The samples that `run` then takes, in whole batches of 32, within a factor of two and one."""
+    (tmp_path / "scene.nml").write_text(MOTION)
+    said = entroslip("check", "scene.nml", "--set", "excitation%per_sample=.true.").stdout
+    foreseen = int(re.search(r"about (\d+)\s+samples and\s+20000\s+steps", said)[1])
+    done = entroslip("run", "scene.nml", "--set", "excitation%per_sample=.true.")
+    assert done.returncode == 0, done.stderr
+    with h5py.File(tmp_path / "scene.h5") as file:
+        taken = int(file["campaign/c001"].attrs["n_samples"])
+    assert foreseen / 2 - 32 <= taken <= 2 * foreseen + 32
+    # one record for all: its error is told, and more steps where samples alone are of no use
+    one = entroslip("check", "scene.nml", "--set", "accuracy%target_statistical=0.05").stdout
+    assert int(re.search(r"samples\s+and\s+(\d+)\s+steps", one)[1]) > 20000
+    assert max(map(len, one.splitlines())) <= 80
+
+
+def test_what_is_repeated_is_foreseen(entroslip, tmp_path):
+    (tmp_path / "scene.nml").write_text(MOTION)
+    said = entroslip("check", "scene.nml", "--set", "accuracy%target_statistical=0").stdout
+    assert "target_statistical" not in said
+    repeated = said.split("\naudit ")[1].split("\nmemory")[0]
+    assert " ".join(repeated.split()).startswith("4 samples repeated, event, tolerance 1e-9: 8e4")
+    assert re.search(r"at [\d.]+ ns each", repeated)
+    # a numerical target repeats two samples of a case, asked for or not
+    target = entroslip(
+        "check", "scene.nml", "--set", "accuracy%audit=0",
+        "--set", "accuracy%target_statistical=0", "--set", "accuracy%target_slip_points=1",
+    ).stdout  # fmt: skip
+    assert "\naudit        2 samples repeated" in target
+    assert "audit" not in target.split("does not run")[1].split("\n")[0]

@@ -30,7 +30,10 @@ def measured(path):
 def test_a_scene_gets_its_tradeoff(entroslip, small_scene, tmp_path):
     done = entroslip("tradeoff", small_scene, *FEW_STEPS)
     assert done.returncode == 0, done.stderr
-    for words in ("slip [points]", "cheapest", "largest", "time average", "L0 = 0.3"):
+    for words in (
+        "slip [points]", "cheapest", "largest", "time average", "L0 = 0.3",
+        "all errors by samples and steps", "other orders", "other lengths of its fit",
+    ):  # fmt: skip
         assert words in done.stdout
     assert max(map(len, done.stdout.splitlines())) <= 80
     path = tmp_path / "small_tradeoff.h5"
@@ -45,10 +48,39 @@ def test_a_scene_gets_its_tradeoff(entroslip, small_scene, tmp_path):
         assert float(exact.max()) < 1e-3 * float(own["slip"])
         front = data["slip"][data["is_on_front"] == 1]
         assert float(front.min()) == float(data["slip"].min())
+    with h5py.File(path) as file:
+        check_sizes(file["tradeoff/sizes"], file["tradeoff/parts"])
+        check_variants(file["tradeoff/variants"])
     again = entroslip("tradeoff", small_scene, *FEW_STEPS, "--output", "three.h5", ranks=3)
     assert again.returncode == 0, again.stderr
     assert measured(tmp_path / "small_tradeoff.h5") == measured(tmp_path / "three.h5")
     assert len(measured(tmp_path / "three.h5")) > 25
+
+
+def check_sizes(sizes, parts):
+    """All parts together for the scene's own numbers; four times the samples halve one of them."""
+    own = int(np.flatnonzero((sizes["n_samples"][()] == 6) & (sizes["n_steps"][()] == 1500))[0])
+    of = {name: parts[f"{name}_slip"][()] for name in ("discretisation", "time", "samples")}
+    np.testing.assert_allclose(sizes["slip_mean"][own] ** 2, sum(v**2 for v in of.values()))
+    more = int(np.flatnonzero((sizes["n_samples"][()] == 24) & (sizes["n_steps"][()] == 1500))[0])
+    left = of["discretisation"] ** 2 + of["time"] ** 2 + of["samples"] ** 2 / 4
+    np.testing.assert_allclose(sizes["slip_mean"][more] ** 2, left)
+    np.testing.assert_allclose(sizes["seconds"][more], 4 * sizes["seconds"][own])
+
+
+def check_variants(variants):
+    """Orders against the highest, fits against the longest, which has a change of nothing."""
+    of_fit, reference = variants["is_of_fit"][()] == 1, variants["is_reference"][()] == 1
+    assert reference.sum() == 2 * len(set(variants["process"]))
+    assert (variants["order"][~of_fit & reference] == 10).all()
+    assert (variants["fit_steps"][of_fit & reference] == 65536).all()
+    for name in ("slip_mean", "slip_std", "band_ratio"):
+        assert (variants[name][reference] == 0).all()
+        assert (variants[f"{name}_error"][~reference & ~of_fit] > 0).all()
+    # 256 simulated values in a batch: far nearer to 65536 of them than order 1 is to order 10
+    short = np.abs(variants["slip_mean"][variants["fit_steps"][()] == 256]).max()
+    assert short < 0.1 * np.abs(variants["slip_mean"][~of_fit]).max()
+    assert (variants["seconds"][()] > 0).all()
 
 
 def test_a_campaign_is_not_overwritten(entroslip, small_scene, tmp_path):
