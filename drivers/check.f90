@@ -1,15 +1,17 @@
 !> `entroslip check`: a scene read and checked, and what running it would mean. Writes nothing.
 module driver_check
    use, intrinsic :: iso_fortran_env, only: output_unit
+   use config_phrases, only: brief, labelled
    use config_scene, only: scene_type
    use config_summary, only: summary_text
    use core_error, only: error_type, exit_done
    use core_kinds, only: wp
+   use core_text, only: to_text
    use driver_campaign, only: load_plan, refuse_unsolved
    use driver_command_line, only: command_line
    use driver_foresight, only: foresee_need
    use driver_target, only: keep_targets
-   use ensemble_forecast, only: measure_cost
+   use ensemble_forecast, only: cost_type, measure_cost
    use ensemble_pilot, only: choose_every
    use ensemble_plan, only: plan_type
    use ensemble_runner, only: block_width
@@ -29,25 +31,23 @@ contains
       type(scene_type) :: scene
       type(plan_type) :: plan
       type(process_model_type), allocatable :: models(:)
+      type(cost_type) :: cost
       character(:), allocatable :: choice, need
       real(wp), allocatable :: force(:, :)
-      real(wp) :: audit_nanoseconds, nanoseconds
       type(error_type), allocatable :: error
 
       call start_world(world)
       call load_plan(line, scene, plan, force, error)
       call world%stop_on(error)
       call keep_targets(world, force, scene, plan, choice)
-      nanoseconds = 0.0_wp
-      audit_nanoseconds = 0.0_wp
-      if (plan%has_chain .and. world%is_root()) &
-         call measure(plan, force, nanoseconds, audit_nanoseconds, error)
+      if (plan%has_chain .and. world%is_root()) call measure(plan, force, cost, error)
       call world%stop_on(error)
-      call foresee_need(world, plan, force, nanoseconds, need)
+      call foresee_need(world, plan, force, cost%nanoseconds, need)
       if (world%is_root()) then
          call foresee_processes(plan, models)
-         write (output_unit, '(a)') summary_text(scene, plan, nanoseconds, world%n_ranks, &
-                                                 block_width(plan), models, audit_nanoseconds)
+         write (output_unit, '(a)') summary_text(scene, plan, cost%nanoseconds, world%n_ranks, &
+                                                 block_width(plan), models, cost%audit_nanoseconds)
+         if (cost%n_steps > 0) write (output_unit, '(a)') transitions_text(cost)
          if (choice /= '') write (output_unit, '(a)') choice
          if (need /= '') write (output_unit, '(a)') need
          call refuse_unsolved(plan, models, error)
@@ -56,11 +56,11 @@ contains
       call stop_world(exit_done)
    end subroutine check
 
-   !> What a sample-step costs, spectra of as many steps as they will have [ns].
-   subroutine measure(plan, force, nanoseconds, audit_nanoseconds, error)
+   !> What a sample-step costs, with spectra of as many steps as they will have.
+   subroutine measure(plan, force, cost, error)
       type(plan_type), intent(in) :: plan
       real(wp), intent(in) :: force(0:, :)
-      real(wp), intent(out) :: nanoseconds, audit_nanoseconds
+      type(cost_type), intent(out) :: cost
       type(error_type), allocatable, intent(out) :: error
       real(wp), allocatable :: folded_share(:, :)
       integer :: every
@@ -68,8 +68,22 @@ contains
       every = 1
       if (plan%output%spectrum) call choose_every(plan, force, every, folded_share, error)
       if (.not. allocated(error)) &
-         call measure_cost(plan, force, every, nanoseconds, audit_nanoseconds, error)
+         call measure_cost(plan, force, every, cost, error)
    end subroutine measure
+
+   !> Whether anything slips in the march that was timed: where nothing does, no step is halved.
+   function transitions_text(cost) result(text)
+      type(cost_type), intent(in) :: cost
+      character(:), allocatable :: text
+
+      text = ' in a step of a sample, in the first '//to_text(cost%n_steps)//' steps'
+      if (cost%transitions > 0.0_wp) then
+         text = labelled('transitions', brief(cost%transitions)//text)
+      else
+         text = labelled('transitions', 'none'//text//': the march is linear')
+      end if
+      text = text(:len(text) - 1)
+   end function transitions_text
 
    !> Which processes have a solution, as far as it is known before they are fitted.
    subroutine foresee_processes(plan, models)

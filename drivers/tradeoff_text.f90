@@ -234,28 +234,25 @@ contains
    pure function variants_text(variants, rows) result(text)
       type(variant_type), intent(in) :: variants(:)
       type(variant_row), intent(in) :: rows(:)
-      character(:), allocatable :: text
+      character(:), allocatable :: fit, text
       integer :: i
 
       text = ''
       do i = 1, size(rows)
          associate (variant => variants(rows(i)%variant))
-            if (is_first(i)) text = text//line_feed//heading(variant)//'  order  fit steps  fit [s]  '// &
-                                    'mean slip [points]  std of slip        bands [%]'//line_feed
-            text = text//merge('* ', '  ', variant%is_own)//padded(to_text(variant%request%order), &
-                                                                   7)
-            if (variant%request%fit_steps > 0) then
-               text = text//padded(to_text(variant%request%fit_steps), 11)
-            else
-               text = text//padded('chosen', 11)
-            end if
-            text = text//padded(brief(rows(i)%seconds), 9)
+            if (is_first(i)) text = text//line_feed//heading(variant)//'  order fit     fit [s] '// &
+                                    'mean slip [points] std of slip       bands [%]'//line_feed
+            fit = 'chosen'
+            if (variant%request%fit_steps > 0) fit = to_text(variant%request%fit_steps)
+            text = text//merge('* ', '  ', variant%is_own)// &
+                   padded(to_text(variant%request%order), 6)//padded(fit, 8)// &
+                   padded(brief(rows(i)%seconds), 8)
             if (rows(i)%is_reference) then
                text = text//'compared with'//line_feed
                cycle
             end if
-            text = text//padded(with_error(rows(i)%slip_mean, rows(i)%slip_mean_error), 20)// &
-                   padded(with_error(rows(i)%slip_std, rows(i)%slip_std_error), 19)// &
+            text = text//padded(with_error(rows(i)%slip_mean, rows(i)%slip_mean_error), 19)// &
+                   padded(with_error(rows(i)%slip_std, rows(i)%slip_std_error), 18)// &
                    with_error(100*rows(i)%band_ratio, 100*rows(i)%band_ratio_error)//line_feed
          end associate
       end do
@@ -292,7 +289,7 @@ contains
       real(wp), intent(in) :: value, standard_error
       character(:), allocatable :: text
 
-      text = brief(value)//' +- '//brief(standard_error)
+      text = brief(value)//'+-'//brief(standard_error)
    end function with_error
 
    !> What the ways to form spectra change and cost.

@@ -54,9 +54,9 @@ def figures_of(results: Results) -> Iterator[Figure]:
     yield Figure(
         "tradeoff_orders", "What the order of a process changes",
         "Change of what is published from the highest order of each process, on"
-        f" {int(changes.attrs['n_samples'])} samples with the random numbers and the force in common,"
-        " the largest over levels of force and oscillators; bars are standard errors. The ring is"
-        " the scene's own order.",
+        f" {int(changes.attrs['n_samples'])} samples with the random numbers and the force in"
+        " common, the largest over levels of force and oscillators; bars are standard errors. The"
+        " ring is the scene's own order.",
         SECTIONS[-1],
         tuple(partial(plot_change_over_order, data=changes, name=name) for name in _CHANGES),
     )  # fmt: skip

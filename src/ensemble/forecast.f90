@@ -15,42 +15,48 @@ module ensemble_forecast
    use ensemble_tradeoff_settings, only: expected_cost, own_setting
    implicit none(type, external)
    private
-   public :: measure_cost
+   public :: cost_type, measure_cost
 
    real(wp), parameter :: budget = 0.4_wp            !! expected cost of a measurement [s]
    real(wp), parameter :: some_transitions = 0.3_wp  !! in a step
    real(wp), parameter :: history_memory = 32.0e6_wp !! [byte] of a block
    integer, parameter :: fewest_steps = 1200
 
+   !> What was found, spectra and what else is kept included: the mean over all samples.
+   type :: cost_type
+      real(wp) :: nanoseconds = 0.0_wp         !! of a processor for a sample-step
+      real(wp) :: audit_nanoseconds = 0.0_wp   !! the same of an audit; 0: none
+      real(wp) :: transitions = 0.0_wp         !! of a sample in a step, all masses
+      integer :: n_steps = 0                   !! that were marched; 0: nothing was measured
+   end type cost_type
+
 contains
 
-   !> Cost of a sample-step on one rank, spectra and what else is kept included, the mean over all
-   !> samples: of the campaign and of audits.
-   subroutine measure_cost(plan, file_force, every, nanoseconds, audit_nanoseconds, error)
+   !> Marches a block of every level of force.
+   subroutine measure_cost(plan, file_force, every, cost, error)
       type(plan_type), intent(in) :: plan          !! without audits
       real(wp), intent(in) :: file_force(0:, :)    !! (step, 1 or sample) [N]; else of size 0
       integer, intent(in) :: every                 !! every k-th step enters the spectra
-      real(wp), intent(out) :: nanoseconds, audit_nanoseconds
+      type(cost_type), intent(out) :: cost
       type(error_type), allocatable, intent(out) :: error
       type(runner_type) :: runner
       type(level_type), allocatable :: levels(:)
-      real(wp) :: cost, audit_cost
-      integer :: k, n_steps
+      type(cost_type) :: of_level
+      integer :: k
 
-      nanoseconds = 0.0_wp
-      audit_nanoseconds = 0.0_wp
       call prepare_runner(plan, file_force, runner, error)
       if (allocated(error)) return
       call choose_levels(plan, levels)
-      n_steps = steps_for(plan, sum([(size(levels(k)%sample), k=1, size(levels))]))
+      cost%n_steps = steps_for(plan, sum([(size(levels(k)%sample), k=1, size(levels))]))
       do k = 1, size(levels)
-         call draw_level(plan, runner, n_steps, levels(k), error)
+         call draw_level(plan, runner, cost%n_steps, levels(k), error)
          if (allocated(error)) return
-         call time_level(plan, levels(k), n_steps, every, cost, audit_cost, error)
+         call time_level(plan, levels(k), cost%n_steps, every, of_level, error)
          if (allocated(error)) return
          associate (share => real(levels(k)%n_all, wp)/sum(levels%n_all))
-            nanoseconds = nanoseconds + share*cost
-            audit_nanoseconds = audit_nanoseconds + share*audit_cost
+            cost%nanoseconds = cost%nanoseconds + share*of_level%nanoseconds
+            cost%audit_nanoseconds = cost%audit_nanoseconds + share*of_level%audit_nanoseconds
+            cost%transitions = cost%transitions + share*of_level%transitions
          end associate
       end do
    end subroutine measure_cost
@@ -68,17 +74,17 @@ contains
    end function steps_for
 
    !> One level of force, by the scene's method and by that of its audits, whose blocks are narrower.
-   subroutine time_level(plan, level, n_steps, every, cost, audit_cost, error)
+   subroutine time_level(plan, level, n_steps, every, cost, error)
       type(plan_type), intent(in) :: plan
       type(level_type), intent(in) :: level
       integer, intent(in) :: n_steps, every
-      real(wp), intent(out) :: cost, audit_cost   !! [ns]
+      type(cost_type), intent(out) :: cost
       type(error_type), allocatable, intent(out) :: error
       type(plan_type) :: audited, short
       type(runner_type) :: runner
+      real(wp) :: unused
       integer :: n_audited
 
-      audit_cost = 0.0_wp
       audited = plan
       call add_audits(audited)
       n_audited = min(size(level%sample), maxval(audited%cases%n_samples, &
@@ -95,26 +101,34 @@ contains
          if (n_audited > 0) short%cases = [short%cases, case_type(0, 0.0_wp, n_audited, audits=1)]
       end associate
       call prepare_runner(short, level%force, runner, error)
-      if (.not. allocated(error)) call time_block(runner, 1, level%friction, cost, error)
+      if (.not. allocated(error)) call time_block(runner, 1, level%friction, cost%nanoseconds, &
+                                                  cost%transitions, error)
       if (.not. allocated(error) .and. n_audited > 0) &
-         call time_block(runner, 2, level%friction(:, :n_audited), audit_cost, error)
+         call time_block(runner, 2, level%friction(:, :n_audited), cost%audit_nanoseconds, unused, &
+                         error)
    end subroutine time_level
 
    !> A block of one case of a short plan.
-   subroutine time_block(runner, case_number, friction, cost, error)
+   subroutine time_block(runner, case_number, friction, cost, transitions, error)
       type(runner_type), intent(inout) :: runner
       integer, intent(in) :: case_number
       real(wp), intent(in) :: friction(:, :)   !! (dof, sample)
       real(wp), intent(out) :: cost            !! [ns of a processor] of a sample-step
+      real(wp), intent(out) :: transitions     !! of a sample in a step
       type(error_type), allocatable, intent(out) :: error
       type(block_result) :: result
-      real(wp) :: after, before
+      real(wp) :: after, before, sample_steps
       logical :: is_abandoned
 
+      cost = 0.0_wp
+      transitions = 0.0_wp
       call cpu_time(before)
       call run_block(runner, case_number, friction, 1, never, result, is_abandoned, error)
       call cpu_time(after)
-      cost = 1.0e9_wp*(after - before)/(real(runner%plan%integration%n_steps, wp)*size(friction, 2))
+      if (allocated(error)) return
+      sample_steps = real(runner%plan%integration%n_steps, wp)*size(friction, 2)
+      cost = 1.0e9_wp*(after - before)/sample_steps
+      transitions = real(sum(result%slip_starts + result%stick_starts), wp)/sample_steps
    end subroutine time_block
 
    !> A measurement is short.

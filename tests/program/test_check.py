@@ -26,6 +26,9 @@ def test_what_has_no_solution_is_said_before_it_is_computed(entroslip, tmp_path)
         assert entroslip("run", f"{name}.nml").returncode == code
 
 
+NO_TARGET = (
+    "--set", "accuracy%target_statistical=0", "--set", "accuracy%sample_until_met=.false.",
+)  # fmt: skip
 MOTION = """\
 &process correlation_length = 0.3 order = 1 mean = 0.2 std = 0.04 /
 &chain n_dof = 2 normal_load = 1.0 /
@@ -55,15 +58,24 @@ def test_what_a_statistical_target_takes_is_foreseen(entroslip, tmp_path):
 
 def test_what_is_repeated_is_foreseen(entroslip, tmp_path):
     (tmp_path / "scene.nml").write_text(MOTION)
-    said = entroslip("check", "scene.nml", "--set", "accuracy%target_statistical=0").stdout
+    said = entroslip("check", "scene.nml", *NO_TARGET).stdout
     assert "target_statistical" not in said
     repeated = said.split("\naudit ")[1].split("\nmemory")[0]
     assert " ".join(repeated.split()).startswith("4 samples repeated, event, tolerance 1e-9: 8e4")
     assert re.search(r"at [\d.]+ ns each", repeated)
     # a numerical target repeats two samples of a case, asked for or not
     target = entroslip(
-        "check", "scene.nml", "--set", "accuracy%audit=0",
-        "--set", "accuracy%target_statistical=0", "--set", "accuracy%target_slip_points=1",
+        "check", "scene.nml", "--set", "accuracy%audit=0", *NO_TARGET,
+        "--set", "accuracy%target_slip_points=1",
     ).stdout  # fmt: skip
     assert "\naudit        2 samples repeated" in target
     assert "audit" not in target.split("does not run")[1].split("\n")[0]
+
+
+def test_whether_anything_slips_is_said(entroslip, tmp_path):
+    (tmp_path / "scene.nml").write_text(MOTION)
+    said = entroslip("check", "scene.nml", *NO_TARGET).stdout
+    assert re.search(r"\ntransitions +0\.\d+ in a step", said)
+    weak = entroslip("check", "scene.nml", *NO_TARGET, "--set", "excitation%variance=1e-6").stdout
+    assert "transitions  none in a step" in weak
+    assert "linear" in weak
