@@ -257,7 +257,7 @@ contains
          end associate
       end do
       if (size(rows) > 0) text = text//'* the scene''s own; the largest change over levels and '// &
-                                 'dofs, +- its standard error'//line_feed
+                                 'dofs +- standard error'//line_feed
 
    contains
 
