@@ -165,10 +165,10 @@ def compare(label: str, scene: Path, settings: dict[str, object], folder: Path) 
 
 
 def least_time(scene: Path, folder: Path, settings: dict[str, object]) -> float:
-    """Processor time [s] of a run, the least of three."""
+    """Processor time [s] of a run, the least of two."""
     output = folder / "timed.h5"
     return min(
-        program("run", scene, "--output", output, "--fresh", **settings)[1] for _ in range(3)
+        program("run", scene, "--output", output, "--fresh", **settings)[1] for _ in range(2)
     )
 
 

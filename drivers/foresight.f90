@@ -61,7 +61,7 @@ contains
       character(:), allocatable :: text
       type(case_statistics) :: statistics
       integer(long) :: n_samples, n_steps
-      real(wp) :: error, more
+      real(wp) :: error, more, seconds
 
       statistics%n_samples = maxval(plan%cases%n_samples)
       statistics%slip_mean_error = [0.01_wp*parts%samples_slip]
@@ -76,10 +76,11 @@ contains
          more = real(n_samples, wp)/statistics%n_samples*(n_steps + how%n_discard)/how%n_steps
          text = 'target_statistical = '//brief(wanted)//': a standard error of about '// &
                 brief(error)//' points is foreseen'
-         if (error > wanted) text = text//'; about '//to_text(n_samples)//' samples and '// &
-            to_text(n_steps + how%n_discard)//' steps would do, '// &
-            duration(1.0e-9_wp*nanoseconds*sum(real(plan%cases%n_samples, wp))*how%n_steps*more &
-                     /n_ranks)
+         seconds = 1.0e-9_wp*nanoseconds*more*how%n_steps &
+                   *sum(real(plan%cases%n_samples, wp))/n_ranks
+         if (error > wanted) &
+            text = text//'; about '//to_text(n_samples)//' samples and '// &
+                   to_text(n_steps + how%n_discard)//' steps would do, '//duration(seconds)
       end associate
       text = labelled('statistics', text)
       text = text(:len(text) - 1)

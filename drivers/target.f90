@@ -1,8 +1,8 @@
 !> Settings chosen for the numerical errors that a scene wants: the least work that keeps them.
 !>
 !> The step is the scene's own. A coarser one would be another force, as `dt` is the distance of its
-!> values; a finer one would serve Newmark's scheme alone, which then costs more than the event method
-!> for any error (bench/targets.py measures it; docs/accuracy.md).
+!> values; a finer one would serve Newmark's scheme alone, and costs more than what is chosen
+!> without it (bench/targets.py, docs/accuracy.md).
 !>
 !> The choice is made from errors that a short march measures and from counted work, not from times:
 !> the same on any number of ranks and whenever a run is started again. It becomes the scene's own
@@ -101,14 +101,15 @@ contains
                  ', twice its standard error included')
    end subroutine refuse
 
-   !> event, tolerance 1e-3: the least work at the scene's dt that keeps slip to 0.1 points (measured
-   !> 2.2e-9)
+   !> event, tolerance 1e-3: the least work at the scene's dt that keeps slip to 0.1 points
+   !> (measured 2.2e-9)
    pure function reason(row, plan) result(text)
       type(setting_row), intent(in) :: row
       type(plan_type), intent(in) :: plan
       character(:), allocatable :: text
 
-      text = setting_text(row%setting, plan%integration%dt)//': the least work at the scene''s dt that keeps '
+      text = setting_text(row%setting, plan%integration%dt)// &
+             ': the least work at the scene''s dt that keeps '
       associate (points => plan%accuracy%target_slip_points, &
                  ratio => plan%accuracy%target_band_ratio)
          if (points > 0.0_wp) text = text//'slip to '//brief(points)//' points (measured '// &

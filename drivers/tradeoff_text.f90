@@ -240,8 +240,7 @@ contains
       text = ''
       do i = 1, size(rows)
          associate (variant => variants(rows(i)%variant))
-            if (is_first(i)) text = text//line_feed//heading(variant)//'  order fit     fit [s] '// &
-                                    'mean slip [points] std of slip       bands [%]'//line_feed
+            if (is_first(i)) text = text//line_feed//heading(variant)
             fit = 'chosen'
             if (variant%request%fit_steps > 0) fit = to_text(variant%request%fit_steps)
             text = text//merge('* ', '  ', variant%is_own)// &
@@ -273,15 +272,16 @@ contains
 
    end function variants_text
 
-   pure function heading(variant) result(line)
+   pure function heading(variant) result(text)
       type(variant_type), intent(in) :: variant
-      character(:), allocatable :: line
+      character(:), allocatable :: text
 
       associate (request => variant%request)
-         line = numbered('p', variant%process)//', '//request%correlation//' = '// &
+         text = numbered('p', variant%process)//', '//request%correlation//' = '// &
                 brief(request%correlation_length)//', std '//brief(request%std)//': other '// &
                 trim(merge('lengths of its fit', 'orders            ', variant%is_of_fit))// &
-                line_feed
+                line_feed//'  order fit     fit [s] mean slip [points] std of slip       '// &
+                'bands [%]'//line_feed
       end associate
    end function heading
 

@@ -80,8 +80,9 @@ contains
                     choices='sequential exact', used=self%positive)
       call visitor%visit(self%sampler, entry)
       entry = about('fit_steps', &
-                    'positive values, order 2 on: fit to so many simulated in each of 512 batches; 0: chosen', &
-                    rule=between(0.0_wp, 1048576.0_wp), used=self%positive .and. self%fit_steps > 0)
+                  'positive, order 2 on: fit to so many values in each of 512 batches; 0: chosen', &
+                    rule=between(0.0_wp, 1048576.0_wp), &
+                    used=self%positive .and. self%fit_steps > 0)
       call visitor%visit(self%fit_steps, entry)
       entry = about('all_signs', &
                     'direct: solve every sequence of signs (2**30 at most), list the best', &

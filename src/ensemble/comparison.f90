@@ -124,7 +124,7 @@ contains
 
    !> Relative change of a band ratio and its standard error, when n_all samples are meant.
    pure subroutine change_of_ratio(tested, reference, n_all, value, standard_error)
-      real(wp), intent(in) :: tested(0:), reference(0:)   !! (replicate) as ratio_replicates has them
+      real(wp), intent(in) :: tested(0:), reference(0:)   !! (replicate) of ratio_replicates
       integer, intent(in) :: n_all
       real(wp), intent(out) :: value, standard_error
 

@@ -73,7 +73,7 @@ contains
       steps_for = min(plan%integration%n_steps, max(fewest_steps, int(min(most, 1.0e9_wp))))
    end function steps_for
 
-   !> One level of force, by the scene's method and by that of its audits, whose blocks are narrower.
+   !> One level of force, by the scene's method and by that of audits, whose blocks are narrower.
    subroutine time_level(plan, level, n_steps, every, cost, error)
       type(plan_type), intent(in) :: plan
       type(level_type), intent(in) :: level
@@ -108,7 +108,7 @@ contains
                          error)
    end subroutine time_level
 
-   !> A block of one case of a short plan.
+   !> A block of one case of a short plan: the lesser time of two, as the first prepares transforms.
    subroutine time_block(runner, case_number, friction, cost, transitions, error)
       type(runner_type), intent(inout) :: runner
       integer, intent(in) :: case_number
@@ -118,16 +118,19 @@ contains
       type(error_type), allocatable, intent(out) :: error
       type(block_result) :: result
       real(wp) :: after, before, sample_steps
+      integer :: trial
       logical :: is_abandoned
 
-      cost = 0.0_wp
+      cost = huge(1.0_wp)
       transitions = 0.0_wp
-      call cpu_time(before)
-      call run_block(runner, case_number, friction, 1, never, result, is_abandoned, error)
-      call cpu_time(after)
-      if (allocated(error)) return
       sample_steps = real(runner%plan%integration%n_steps, wp)*size(friction, 2)
-      cost = 1.0e9_wp*(after - before)/sample_steps
+      do trial = 1, 2
+         call cpu_time(before)
+         call run_block(runner, case_number, friction, 1, never, result, is_abandoned, error)
+         call cpu_time(after)
+         if (allocated(error)) return
+         cost = min(cost, 1.0e9_wp*(after - before)/sample_steps)
+      end do
       transitions = real(sum(result%slip_starts + result%stick_starts), wp)/sample_steps
    end subroutine time_block
 

@@ -67,8 +67,9 @@ contains
       type(tradeoff_type), intent(in) :: tradeoff
       integer, intent(in) :: variant, level
 
-      task_of = findloc(tradeoff%tasks%kind == of_variant .and. tradeoff%tasks%row == variant .and. &
-                        tradeoff%tasks%level == level, .true., 1)
+      task_of = findloc(tradeoff%tasks%kind == of_variant .and. &
+                        tradeoff%tasks%row == variant .and. tradeoff%tasks%level == level, &
+                        .true., 1)
    end function task_of
 
    !> Two marches of one level, as variant_numbers has them.

@@ -231,7 +231,7 @@ contains
             do dof = 1, n_dof
                parts%time_slip = max(parts%time_slip, shorter*error_of_batches(series(dof, :)))
                if (minval(series(n_dof + dof, :)) > 0.0_wp) parts%time_ratio = max( &
-                  parts%time_ratio, shorter*error_of_batches(log(series(n_dof + dof, :))))
+                            parts%time_ratio, shorter*error_of_batches(log(series(n_dof + dof, :))))
             end do
          end associate
       end do
@@ -275,16 +275,16 @@ contains
                                 sqrt(w/n)*maxval(values(2 + 2*n_dof:1 + 3*n_dof)))
    end subroutine add_samples
 
-   !> Quarters and multiples of the scene's samples and steps, by the laws that the parts follow: the
-   !> discretisation stays, Monte Carlo falls with the root of the samples, time averages with that
-   !> of the steps, and of both where every sample has its own force.
+   !> Quarters and multiples of the scene's samples and steps, by the laws that the parts follow:
+   !> the discretisation stays, Monte Carlo falls with the root of the samples, time averages with
+   !> that of the steps, and of both where every sample has its own force.
    pure function size_rows_of(plan, own, parts) result(rows)
       type(plan_type), intent(in) :: plan
       type(setting_row), intent(in) :: own   !! the scene's setting
       type(error_parts), intent(in) :: parts
       type(size_row), allocatable :: rows(:)
-      real(wp), parameter :: samples(*) = [0.25_wp, 1.0_wp, 1.0_wp, 1.0_wp, 4.0_wp, 4.0_wp, 16.0_wp]
-      real(wp), parameter :: steps(*) = [1.0_wp, 0.25_wp, 1.0_wp, 4.0_wp, 1.0_wp, 4.0_wp, 1.0_wp]
+      real(wp), parameter :: samples(*) = 0.25_wp*[1, 4, 4, 4, 16, 16, 64]
+      real(wp), parameter :: steps(*) = 0.25_wp*[4, 1, 4, 16, 4, 16, 4]
       integer :: i
 
       rows = [(row(samples(i), steps(i)), i=1, size(samples))]

@@ -128,8 +128,8 @@ contains
       end associate
    end function sample_numbers
 
-   !> Slip fractions (dof, sample), then, where there are spectra, band ratios (replicate 0..n, dof):
-   !> of all samples, and without each.
+   !> Slip fractions (dof, sample), then, where there are spectra, band ratios (replicate 0..n,
+   !> dof): of all samples, and without each.
    pure function variant_numbers(plan, result) result(numbers)
       type(plan_type), intent(in) :: plan
       type(block_result), intent(in) :: result

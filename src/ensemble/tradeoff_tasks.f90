@@ -114,8 +114,8 @@ contains
          tradeoff%plan = shortened(plan, every, unit, affordable(scope%budget, of_plan))
          tradeoff%long = shortened(plan, every, unit*n_batches, affordable(scope%budget, of_long))
          tradeoff%wide = shortened(plan, every, unit, affordable( &
-            0.3_wp*scope%budget, tradeoff%n_wide*usual_cost*size(tradeoff%levels) &
-            *max(1, size(tradeoff%scope%variants))))
+                             0.3_wp*scope%budget, tradeoff%n_wide*usual_cost*size(tradeoff%levels) &
+                                   *max(1, size(tradeoff%scope%variants))))
       end associate
       call prepare_runner(plan, file_force, tradeoff%runner, error)
       if (allocated(error)) return
@@ -171,7 +171,7 @@ contains
    end subroutine draw_and_refer
 
    !> Variants first, the widest marches; every setting with every level, the dearest first; then
-   !> what is statistical: every way to form spectra and every batch with every level, and the cases.
+   !> what is statistical: every way to form spectra and every batch with every level, and cases.
    subroutine list_tasks(tradeoff)
       type(tradeoff_type), intent(inout) :: tradeoff
       type(task_type), allocatable :: tasks(:)

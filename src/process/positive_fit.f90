@@ -274,7 +274,7 @@ contains
              law%correlation//' = '//to_text(law%wanted_length)//', order = '//to_text(order)
    end function name_of
 
-   !> The constraints once more, on as many values as were asked for, or as the standard errors want;
+   !> The constraints once more, on as many values as were asked for or as the standard errors want;
    !> the shape stays.
    subroutine match_targets(law, fit_steps, found, point, violation)
       class(positive_law), intent(inout) :: law

@@ -61,7 +61,8 @@ def test_what_is_repeated_is_foreseen(entroslip, tmp_path):
     said = entroslip("check", "scene.nml", *NO_TARGET).stdout
     assert "target_statistical" not in said
     repeated = said.split("\naudit ")[1].split("\nmemory")[0]
-    assert " ".join(repeated.split()).startswith("4 samples repeated, event, tolerance 1e-9: 80000 ")
+    words = " ".join(repeated.split())
+    assert words.startswith("4 samples repeated, event, tolerance 1e-9: 80000 sample-steps")
     assert re.search(r"at [\d.]+ ns each", repeated)
     # a numerical target repeats two samples of a case, asked for or not
     target = entroslip(
