@@ -76,6 +76,9 @@ def plot_change_over_order(axes: Axes, data: xr.Dataset, name: str) -> None:
         axes.plot(own["order"], np.abs(own[name]), "o", markersize=11, markerfacecolor="none",
                   markeredgecolor="#D55E00", linestyle="none")  # fmt: skip
     axes.set(xlabel="order M, or m_max", ylabel=_CHANGES[name], xscale="log")
+    orders = np.unique(data["order"].values[compared])
+    axes.set_xticks(orders, [str(order) for order in orders])
+    axes.set_xticks([], minor=True)
     axes.set_ylim(bottom=0.0)
     axes.legend()
 
