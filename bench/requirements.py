@@ -18,6 +18,7 @@ from pathlib import Path
 ROOT = Path(__file__).resolve().parent.parent
 PROGRAM = ROOT / "build/release/bin/entroslip"
 PROCESS = "&process correlation_length = 1.0 order = {order} mean = 0.2 std = 0.067 {drawn} /\n"
+SCALED = PROCESS.replace("0.2 std = 0.067", "0.4 std = 0.134")
 MOTION = """\
 &chain n_dof = 5 /
 &excitation variance = {variance} /
@@ -51,6 +52,7 @@ SCENES = {
     "and `audit = 0.1`": scene(audit=0.1),
     "and `deterministic`": scene(deterministic=".true."),
     "and `order = 2`: a fit by simulated values": scene(order=2),
+    "and twice that process in scale": scene(process=PROCESS + SCALED, order=2),
     "a force too weak for slip": scene(variance=1e-3),
     "`deterministic` alone, friction given": scene(process="", n_samples=0, deterministic=".true."),
     "`'realizations'` alone, no chain": PROCESS.format(drawn="n_realizations = 10000", order=1)
