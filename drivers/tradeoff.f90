@@ -154,7 +154,7 @@ contains
                                                         'variants')//' of processes'
       varied = plan
       varied%processes = scope%variants%request
-      call solve_processes(world, varied, scope%variant_models)
+      call solve_processes(world, varied, is_quiet, scope%variant_models)
    end subroutine fit_variants
 
    !> All that the terminal gets.
