@@ -16,6 +16,8 @@ ROOT = Path(__file__).resolve().parent.parent
 PAGE = ROOT / "docs/accuracy.md"
 BLOCK = re.compile(r"(<!-- measured by -->\n\n    (.*?)\n).*?(<!-- end -->)", re.DOTALL)
 
+PROGRESS = re.compile(r"^\d+ of \d+ .* left\n", re.MULTILINE)
+
 
 def block(found: re.Match[str]) -> str:
     """One block as its command prints it now; what is no Markdown table is fenced."""
@@ -25,7 +27,7 @@ def block(found: re.Match[str]) -> str:
         return found[0]
     python = command.replace("python ", f"{sys.executable} ", 1)
     said = subprocess.run(python.split(), cwd=ROOT, check=True, capture_output=True, text=True)
-    text = said.stdout.strip("\n")
+    text = PROGRESS.sub("", said.stdout).strip("\n")
     fence = "" if text.startswith("|") else "```\n"
     return f"{head}\n{fence}{text}\n{fence}\n{tail}"
 
