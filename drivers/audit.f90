@@ -9,7 +9,8 @@ module driver_audit
    use io_blocks, only: frequencies_together
    use io_gathering, only: read_psd_band, read_samples, shards_of
    use io_results, only: results_writer
-   use io_shards, only: shard_store, shard_type
+   use io_shards, only: shard_type
+   use io_store, only: shard_store
    implicit none(type, external)
    private
    public :: finish_audit

@@ -1,6 +1,7 @@
 !> The output of a run: what an earlier run left of it, who may write it, and how it is let go.
 module driver_output
    use, intrinsic :: iso_fortran_env, only: output_unit
+   use config_phrases, only: counted
    use config_scene, only: scene_type
    use core_error, only: error_type
    use core_kinds, only: long
@@ -17,9 +18,11 @@ module driver_output
    use io_files, only: exists, folder_of, make_folder, remove_file
    use io_gathering, only: finished_samples
    use io_lock, only: join_lock, lock_type, take_lock
-   use io_shards, only: has_shard, list_shards, new_store, remove_covered, remove_leftovers, &
-                        remove_store, shard_store, shard_type, verify_shard
+   use io_process_shards, only: extract_processes, read_kept
+   use io_shards, only: has_shard, list_shards, remove_covered, shard_type, verify_shard
+   use io_store, only: new_store, remove_leftovers, remove_store, shard_store
    use parallel_world, only: world_type
+   use process_model, only: process_model_type
    implicit none(type, external)
    private
    public :: output_type, open_output
@@ -34,6 +37,7 @@ module driver_output
       logical, allocatable :: is_finished(:, :)      !! (sample, case) by an earlier run
       type(lock_type), private :: lock
    contains
+      procedure :: find_processes
       procedure :: take
       procedure :: give_back
       procedure :: count_missing
@@ -133,6 +137,9 @@ contains
          do c = 1, size(plan%cases)
             output%is_finished(:min(n_samples(c), plan%cases(c)%n_samples), c) = .true.
          end do
+         if (.not. output%is_complete) &
+            call extract_processes(output%path, size(plan%processes), output%store, error)
+         if (allocated(error)) return
       end if
       call mark_finished(plan, shards, output)
    end subroutine find_stored
@@ -172,6 +179,8 @@ contains
       if (output%is_complete) then
          call remove_covered(output%store, n_samples, error)
       else
+         call extract_processes(output%path, size(plan%processes), output%store, error)
+         if (allocated(error)) return
          call extract_shards(output%path, n_samples, block_width(plan), output%store, error)
       end if
    end subroutine take_up_results
@@ -217,6 +226,19 @@ contains
       if (allocated(shards)) call mark_finished(plan, shards, self)
       call share_finished(world, self)
    end subroutine look_again
+
+   !> The processes that an earlier run left; the root's to call.
+   subroutine find_processes(self, models, is_solved, error)
+      class(output_type), intent(in) :: self
+      type(process_model_type), intent(inout) :: models(:)   !! (process), their requests known
+      logical, intent(out) :: is_solved(:)   !! (process): solved, or refused with its reason
+      type(error_type), allocatable, intent(out) :: error
+
+      call read_kept(self%store, models, is_solved, error)
+      if (any(is_solved) .and. .not. allocated(error)) &
+         call self%say('continuing: '//to_text(count(is_solved))//' of '// &
+                       counted(size(is_solved), 'process is', 'processes are')//' there')
+   end subroutine find_processes
 
    !> Whether a block is this rank's to march; beside other runs, when none of them has it.
    function take(self, block) result(is_ours)

@@ -3,7 +3,9 @@ module driver_processes
    use core_error, only: error_type
    use core_kinds, only: long, wp
    use driver_deadline, only: time_to_stop
+   use driver_output, only: output_type
    use ensemble_plan, only: plan_type
+   use io_process_shards, only: keep_process
    use io_progress, only: progress_type
    use numerics_sorting, only: sort_order
    use parallel_work, only: new_counter, work_counter
@@ -27,32 +29,41 @@ module driver_processes
 contains
 
    !> Each process once, spread over the ranks, long searches in parts; all ranks get all models.
-   !> When a stop is requested meanwhile, the rest stays unsolved, without a reason. Collective.
-   subroutine solve_processes(world, plan, is_quiet, models)
+   !> With an output, what it has is taken from there, and what is solved is kept there at once.
+   !> When a stop is requested meanwhile, or after an error, the rest stays unsolved, without a
+   !> reason. Collective.
+   subroutine solve_processes(world, plan, is_quiet, models, error, output, only)
       type(world_type), intent(in) :: world
       type(plan_type), intent(in) :: plan
       logical, intent(in) :: is_quiet
       type(process_model_type), allocatable, intent(out) :: models(:)
+      type(error_type), allocatable, intent(out) :: error
+      type(output_type), intent(in), optional :: output
+      integer, intent(in), optional :: only   !! the one process that is wanted; 0: none
       type(search_result) :: searches(size(plan%processes))   ! this rank's parts, merged
       type(share_type), allocatable :: shares(:)
       type(work_counter) :: counter
       type(progress_type) :: progress
       integer :: owner(size(plan%processes)), i, item
+      logical :: is_wanted(size(plan%processes))
 
       allocate (models(size(plan%processes)))
       if (size(models) == 0) return
       do i = 1, size(models)
          models(i)%request = plan%processes(i)
       end do
-      shares = all_shares(plan)
+      is_wanted = .true.
+      if (present(only)) is_wanted = [(i == only, i=1, size(models))]
       owner = -1
+      if (present(output)) call take_kept(world, output, models, owner, error)
+      shares = all_shares(plan, is_wanted .and. owner < 0)
       call new_counter(world, size(shares, kind=long), counter)
-      if (.not. is_quiet) &
+      if (size(shares) > 0 .and. .not. is_quiet) &
          call progress%start(size(shares), 0, trim(merge('processes         ', &
                                                          'parts of processes', &
-                                                         size(shares) == size(models))))
+                                                         all(shares%n_parts == 1))))
       do
-         if (time_to_stop()) call counter%request_stop()
+         if (time_to_stop() .or. allocated(error)) call counter%request_stop()
          item = int(counter%next())
          if (item == 0) exit
          call progress%show(max(0, item - world%n_ranks))
@@ -62,27 +73,54 @@ contains
             else
                call solve(plan, share%process, models(share%process))
                owner(share%process) = world%rank
+               if (present(output)) &
+                  call keep_process(output%store, share%process, models(share%process), error)
             end if
          end associate
       end do
       call counter%close()
       call progress%finish()
       do i = 1, size(shares)
-         if (shares(i)%n_parts > 1 .and. shares(i)%part == 1) &
-            call finish_search(world, plan, shares(i), searches(shares(i)%process), &
-                               models(shares(i)%process), owner(shares(i)%process))
+         if (shares(i)%n_parts == 1 .or. shares(i)%part > 1) cycle
+         associate (number => shares(i)%process)
+            call finish_search(world, plan, shares(i), searches(number), models(number), &
+                               owner(number))
+            if (owner(number) == world%rank .and. present(output) .and. .not. allocated(error)) &
+               call keep_process(output%store, number, models(number), error)
+         end associate
       end do
       call tell_all(world, owner, models)
    end subroutine solve_processes
 
-   !> Whole processes first, the longest in front; then the parts.
-   function all_shares(plan) result(shares)
+   !> What an earlier run left, read by the root, for all to leave out. Collective.
+   subroutine take_kept(world, output, models, owner, error)
+      type(world_type), intent(in) :: world
+      type(output_type), intent(in) :: output
+      type(process_model_type), intent(inout) :: models(:)
+      integer, intent(inout) :: owner(:)   !! (process): the root, where it is there
+      type(error_type), allocatable, intent(out) :: error
+      integer, allocatable :: known(:)
+      logical :: is_kept(size(models))
+
+      if (world%is_root()) then
+         call output%find_processes(models, is_kept, error)
+         known = merge(0, owner, is_kept)
+      end if
+      call world%broadcast(known)
+      owner = known
+   end subroutine take_kept
+
+   !> Of the processes chosen, whole ones first, the longest in front; then the parts.
+   function all_shares(plan, is_chosen) result(shares)
       type(plan_type), intent(in) :: plan
+      logical, intent(in) :: is_chosen(:)   !! (process)
       type(share_type), allocatable :: shares(:)
-      integer :: n_parts(size(plan%processes)), order(size(plan%processes)), i, part
+      integer :: n_parts(size(plan%processes)), i, part
+      integer, allocatable :: order(:)
 
       n_parts = [(count_parts(plan%processes(i)), i=1, size(n_parts))]
       order = sort_order(-real(plan%processes%order, wp))
+      where (.not. is_chosen) n_parts = 0
       order = [pack(order, n_parts(order) == 1), pack(order, n_parts(order) > 1)]
       allocate (shares(sum(n_parts)))
       shares = [((share_type(order(i), part, n_parts(order(i))), part=1, n_parts(order(i))), &

@@ -9,6 +9,7 @@ module driver_replay
    use driver_command_line, only: command_line
    use driver_deadline, only: start_watch, time_to_stop
    use driver_output, only: open_output, output_type
+   use driver_processes, only: solve_processes
    use driver_results, only: write_results
    use driver_run, only: end_if_asked, prepare_march
    use driver_target, only: keep_targets
@@ -19,7 +20,6 @@ module driver_replay
    use ensemble_study, only: block_range, draw_friction
    use io_shards, only: write_shard
    use parallel_world, only: start_world, stop_world, world_type
-   use process_fit, only: fit_process
    use process_model, only: process_model_type
    implicit none(type, external)
    private
@@ -27,7 +27,7 @@ module driver_replay
 
 contains
 
-   !> The work of one rank; others that were started wait for it.
+   !> The command: all ranks help with a long search for the process, one marches; collective.
    subroutine replay(line)
       type(command_line), intent(in) :: line
       type(world_type) :: world
@@ -50,12 +50,12 @@ contains
       call keep_everything(plan)
       call prepare_march(world, plan, force, runner, error)
       call output%stop_on(world, error)
-      allocate (models(size(plan%processes)))
-      if (world%is_root()) then
-         call solve_needed(line, plan, models)
-         call refuse_unsolved(plan, models, error)
-         if (.not. allocated(error)) call march_again(line, models, runner, output, error)
-      end if
+      call solve_processes(world, plan, output%is_quiet, models, error, &
+                           only=plan%cases(line%case_number)%process)
+      if (.not. allocated(error)) call refuse_unsolved(plan, models, error)
+      call output%stop_on(world, error)
+      call end_if_asked(world, output)
+      if (world%is_root()) call march_again(line, models, runner, output, error)
       call output%stop_on(world, error)
       call end_if_asked(world, output)
       call keep_sample(line, runner%plan)
@@ -101,17 +101,6 @@ contains
       plan%output%energy = .true.
       plan%n_realizations = 0
    end subroutine keep_everything
-
-   !> Solves the one process that the case draws its friction from.
-   subroutine solve_needed(line, plan, models)
-      type(command_line), intent(in) :: line
-      type(plan_type), intent(in) :: plan
-      type(process_model_type), intent(inout) :: models(:)
-
-      associate (i => plan%cases(line%case_number)%process)
-         if (i > 0) call fit_process(plan%processes(i), plan%seed, models(i))
-      end associate
-   end subroutine solve_needed
 
    !> The sample as the campaign runs it, kept as a shard of its own.
    subroutine march_again(line, models, runner, output, error)

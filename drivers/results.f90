@@ -19,7 +19,8 @@ module driver_results
    use io_group, only: group_type
    use io_process_results, only: write_process
    use io_results, only: begin_results, results_writer
-   use io_shards, only: list_shards, named_shard, remove_store, shard_store, shard_type
+   use io_shards, only: list_shards, named_shard, shard_type
+   use io_store, only: remove_store, shard_store
    use parallel_world, only: world_type
    use process_model, only: process_model_type, request_label
    use process_positive, only: draw_points

@@ -20,6 +20,7 @@ module driver_run
    use ensemble_runner, only: prepare_runner, runner_type
    use ensemble_sample, only: run_block
    use ensemble_study, only: block_range, draw_friction, open_blocks
+   use io_process_shards, only: remove_kept
    use io_progress, only: progress_type
    use io_shards, only: write_shard
    use parallel_work, only: new_counter, work_counter
@@ -42,7 +43,7 @@ contains
       type(process_model_type), allocatable :: models(:)
       character(:), allocatable :: choice
       real(wp), allocatable :: force(:, :)
-      type(error_type), allocatable :: error
+      type(error_type), allocatable :: error, ignored
 
       call start_watch()
       call start_world(world)
@@ -63,9 +64,11 @@ contains
       end if
 
       if (choice /= '') call output%say(choice)
-      call solve_processes(world, plan, output%is_quiet, models)
+      call solve_processes(world, plan, output%is_quiet, models, error, output)
+      call output%stop_on(world, error)
       call end_if_asked(world, output)
       call refuse_unsolved(plan, models, error)
+      if (allocated(error) .and. world%is_root()) call remove_kept(output%store, ignored)
       call output%stop_on(world, error)
       if (plan%has_chain) then
          call prepare_march(world, plan, force, runner, error)

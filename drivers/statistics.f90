@@ -11,7 +11,8 @@ module driver_statistics
    use io_case_samples, only: put_samples
    use io_gathering, only: read_psd_band, read_samples, read_slip_series
    use io_group, only: group_type
-   use io_shards, only: shard_store, shard_type
+   use io_shards, only: shard_type
+   use io_store, only: shard_store
    use numerics_statistics, only: moments_type
    use parallel_work, only: new_counter, work_counter
    use parallel_world, only: attend_to_others, world_type

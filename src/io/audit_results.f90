@@ -13,7 +13,8 @@ module io_audit_results
    use io_group, only: counted, group_type, new_group
    use io_hdf5, only: label_type
    use io_results, only: results_writer
-   use io_shards, only: shard_store, shard_type
+   use io_shards, only: shard_type
+   use io_store, only: shard_store
    implicit none(type, external)
    private
    public :: write_audit

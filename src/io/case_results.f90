@@ -11,7 +11,8 @@ module io_case_results
    use io_hdf5, only: label_type
    use io_process_results, only: process_name
    use io_results, only: results_writer
-   use io_shards, only: shard_store, shard_type
+   use io_shards, only: shard_type
+   use io_store, only: shard_store
    implicit none(type, external)
    private
    public :: begin_case, case_group, finish_case, write_frequency

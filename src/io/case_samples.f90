@@ -11,7 +11,8 @@ module io_case_samples
    use io_gathering, only: count_transitions
    use io_group, only: counted, group_type
    use io_hdf5, only: label_type
-   use io_shards, only: read_shard, shard_store, shard_type
+   use io_shards, only: read_shard, shard_type
+   use io_store, only: shard_store
    implicit none(type, external)
    private
    public :: energy_terms, kept_axis, make_samples, put_samples, write_dofs, write_long

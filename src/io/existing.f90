@@ -11,7 +11,8 @@ module io_existing
    use io_gathering, only: finished_samples
    use io_hdf5, only: hdf5_file, open_hdf5, read_attribute, read_dataset, read_extent, read_part
    use io_identity, only: identity_type, require_same
-   use io_shards, only: list_shards, shard_store, shard_type, write_shard
+   use io_shards, only: list_shards, shard_type, write_shard
+   use io_store, only: shard_store
    implicit none(type, external)
    private
    public :: extract_shards, inspect_results

@@ -7,7 +7,8 @@ module io_gathering
    use ensemble_results, only: block_result
    use io_blocks, only: read_block
    use io_hdf5, only: hdf5_file, open_hdf5, read_dataset, read_extent, read_part
-   use io_shards, only: open_shard, shard_store, shard_type
+   use io_shards, only: open_shard, shard_type
+   use io_store, only: shard_store
    use numerics_sorting, only: sort_order
    implicit none(type, external)
    private

@@ -1,14 +1,15 @@
 !> What was asked of a process and what was found, as a group of the results file.
 module io_process_results
    use core_error, only: error_type
-   use core_kinds, only: wp
+   use core_kinds, only: long, wp
    use io_group, only: counted, group_type, new_group
-   use io_hdf5, only: label_type
+   use io_hdf5, only: hdf5_file, label_type, read_attribute, read_dataset, read_extent
    use io_results, only: results_writer
    use process_model, only: process_model_type, process_request
+   use process_packing, only: pack_model, unpack_model
    implicit none(type, external)
    private
-   public :: process_name, write_process
+   public :: process_name, read_process, write_process
 
 contains
 
@@ -44,9 +45,36 @@ contains
          if (allocated(model%signs)) call write_direct(group, model)
          if (model%inversion%half_width > 0) call write_inversion(group, model)
       end if
+      call write_packed(group, model)
       if (present(realizations)) call write_realizations(group, realizations)
       call group%take_error(error)
    end subroutine write_process
+
+   !> All that write_process was given of a process, but for the request, if the file has it.
+   subroutine read_process(file, number, model, is_there, error)
+      type(hdf5_file), intent(in) :: file
+      integer, intent(in) :: number
+      type(process_model_type), intent(out) :: model
+      logical, intent(out) :: is_there
+      type(error_type), allocatable, intent(out) :: error
+      character(:), allocatable :: group
+      real(wp), allocatable :: row(:)
+      integer(long), allocatable :: n(:)
+
+      group = '/process/'//process_name(number)
+      is_there = file%has(group//'/packed')
+      if (.not. is_there) return
+      call read_extent(file, group//'/packed', 1, n, error)
+      if (allocated(error)) return
+      allocate (row(n(1)))
+      call read_dataset(file, group//'/packed', row, error)
+      if (allocated(error)) return
+      call unpack_model(row, model)
+      if (model%inversion%half_width == 0) return
+      call read_attribute(file, group, 'inversion_seconds', model%inversion%seconds, error)
+      if (allocated(error)) return
+      call read_attribute(file, group, 'direct_seconds', model%inversion%seconds_of_fit, error)
+   end subroutine read_process
 
    subroutine write_request(group, request)
       type(group_type), intent(inout) :: group
@@ -197,6 +225,20 @@ contains
                               'largest pole to the power of twice the half-width')
       end associate
    end subroutine write_inversion
+
+   !> For read_process. Times are the run's, not the process's: they stand in attributes alone.
+   subroutine write_packed(group, model)
+      type(group_type), intent(inout) :: group
+      type(process_model_type), intent(in) :: model
+      type(process_model_type) :: timeless
+
+      timeless = model
+      timeless%inversion%seconds = 0.0_wp
+      timeless%inversion%seconds_of_fit = 0.0_wp
+      call group%put('packed', pack_model(timeless), &
+                     label_type('1', 'all of the above in a row, for a run that goes on from '// &
+                                'this file', 'packed'))
+   end subroutine write_packed
 
    subroutine write_realizations(group, realizations)
       type(group_type), intent(inout) :: group

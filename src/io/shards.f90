@@ -1,29 +1,21 @@
-!> Finished blocks of samples as immutable files, each written whole or not at all, in
-!> `<output>.shards/`.
+!> Finished blocks of samples as files of a store.
 module io_shards
    use core_error, only: error_type, exit_file, raise
    use core_kinds, only: long
-   use core_text, only: to_text
    use ensemble_results, only: block_result
    use io_blocks, only: find_checksum, read_block, write_block
-   use io_files, only: exists, host_name, list_files, make_folder, process_id, remove_file, &
-                       rename_file, sync_file, sync_folder
-   use io_hdf5, only: create_hdf5, hdf5_file, open_hdf5, read_attribute, write_attribute
-   use io_identity, only: identity_type, require_same, write_identity
+   use io_files, only: exists, remove_file
+   use io_hdf5, only: hdf5_file, open_hdf5, read_attribute, write_attribute
+   use io_identity, only: require_same
+   use io_process_shards, only: is_process_shard
+   use io_store, only: finish_file, list_finished, remove_store, shard_store, start_file
    implicit none(type, external)
    private
-   public :: shard_store, shard_type, new_store
+   public :: shard_type
    public :: has_shard, list_shards, named_shard, open_shard, read_shard, remove_covered, &
-             remove_leftovers, remove_store, verify_shard, write_shard
+             verify_shard, write_shard
 
-   character(*), parameter :: unfinished = '.part'
    character(*), parameter :: advice = '; remove it to have its samples computed again'
-
-   !> Where the shards of one output lie.
-   type :: shard_store
-      character(:), allocatable :: folder
-      type(identity_type) :: identity
-   end type shard_store
 
    !> One shard, as its name tells it.
    type :: shard_type
@@ -35,52 +27,29 @@ module io_shards
 
 contains
 
-   !> The store of a results file; nothing is made before the first shard is.
-   pure function new_store(output, identity) result(store)
-      character(*), intent(in) :: output   !! path of the results file
-      type(identity_type), intent(in) :: identity
-      type(shard_store) :: store
-
-      store%folder = output//'.shards'
-      store%identity = identity
-   end function new_store
-
-   !> A finished block, on the disk when this returns without error: under another name until it is
-   !> whole.
+   !> A finished block, on the disk when this returns without error.
    subroutine write_shard(store, block, error)
       type(shard_store), intent(in) :: store
       type(block_result), intent(inout) :: block   !! left as it was
       type(error_type), allocatable, intent(out) :: error
-      type(error_type), allocatable :: ignored
-      character(:), allocatable :: path, temporary
+      type(hdf5_file) :: file
+      character(:), allocatable :: name
 
-      path = store%folder//'/'//shard_name(block%case_number, block%first_sample, block%n_samples)
-      temporary = path//'.'//host_name()//'-'//to_text(process_id())//unfinished
-      call make_folder(store%folder, error)
+      name = shard_name(block%case_number, block%first_sample, block%n_samples)
+      call start_file(store, name, file, error)
       if (allocated(error)) return
-      call fill_shard(temporary, store%identity, block, error)
-      if (.not. allocated(error)) call sync_file(temporary, error)
-      if (.not. allocated(error)) call rename_file(temporary, path, error)
-      if (allocated(error)) then
-         call remove_file(temporary, ignored)
-      else
-         call sync_folder(store%folder, error)
-      end if
+      call fill_shard(file, block, error)
+      call finish_file(store, name, file, error)
    end subroutine write_shard
 
-   subroutine fill_shard(path, identity, block, error)
-      character(*), intent(in) :: path
-      type(identity_type), intent(in) :: identity
+   subroutine fill_shard(file, block, error)
+      type(hdf5_file), intent(in) :: file
       type(block_result), intent(inout) :: block
       type(error_type), allocatable, intent(out) :: error
-      type(hdf5_file) :: file
       integer(long) :: checksum
 
       call find_checksum(block, checksum)
-      call create_hdf5(path, file, error)
-      if (allocated(error)) return
-      call write_identity(file, identity, error)
-      if (.not. allocated(error)) call write_attribute(file, '/', 'case', block%case_number, error)
+      call write_attribute(file, '/', 'case', block%case_number, error)
       if (.not. allocated(error)) then
          call write_attribute(file, '/', 'first_sample', block%first_sample, error)
       end if
@@ -89,11 +58,6 @@ contains
       end if
       if (.not. allocated(error)) call write_attribute(file, '/', 'checksum', checksum, error)
       if (.not. allocated(error)) call write_block(file, block, error)
-      if (allocated(error)) then
-         call file%abandon()
-      else
-         call file%close(error)
-      end if
    end subroutine fill_shard
 
    !> The shard of these samples, there or not.
@@ -126,15 +90,11 @@ contains
       type(shard_type) :: shard
       integer :: i, n
 
-      allocate (shards(0))
-      if (.not. exists(store%folder)) return
-      call list_files(store%folder, paths, error)
-      if (allocated(error)) return
-      deallocate (shards)
+      call list_finished(store, paths, error)
       allocate (shards(size(paths)))
       n = 0
       do i = 1, size(paths)
-         if (is_unfinished(trim(paths(i)))) cycle
+         if (is_process_shard(paths(i))) cycle
          call parse_name(trim(paths(i)), shard, error)
          if (allocated(error)) return
          n = n + 1
@@ -206,61 +166,31 @@ contains
       call file%abandon()
    end subroutine open_shard
 
-   !> Removes what a killed run left half-written; only for who holds the lock of the output.
-   subroutine remove_leftovers(store, error)
-      type(shard_store), intent(in) :: store
-      type(error_type), allocatable, intent(out) :: error
-
-      call remove_files(store, only_unfinished=.true., error=error)
-   end subroutine remove_leftovers
-
-   !> Removes the store and all in it; one that was never made is fine.
-   subroutine remove_store(store, error)
-      type(shard_store), intent(in) :: store
-      type(error_type), allocatable, intent(out) :: error
-
-      call remove_files(store, only_unfinished=.false., error=error)
-      if (.not. allocated(error)) call remove_file(store%folder, error)
-   end subroutine remove_store
-
-   !> Removes the shards whose samples a results file has, as after a run killed at its very
-   !> end, and the store if nothing is left in it; shards of further samples stay.
+   !> Removes the shards whose samples a results file has, as after a run killed at its very end;
+   !> shards of further samples stay, and with them the processes. Else nothing is left of the store.
    subroutine remove_covered(store, n_samples, error)
       type(shard_store), intent(in) :: store
       integer, intent(in) :: n_samples(:)   !! (case) of the results file
       type(error_type), allocatable, intent(out) :: error
-      type(error_type), allocatable :: ignored
       type(shard_type), allocatable :: shards(:)
+      logical :: is_bare
       integer :: i, last
 
       call list_shards(store, shards, error)
       if (allocated(error)) return
+      is_bare = .true.
       do i = 1, size(shards)
-         if (shards(i)%case_number > size(n_samples)) cycle
-         last = shards(i)%first_sample + shards(i)%n_samples - 1
-         if (last > n_samples(shards(i)%case_number)) cycle
-         call remove_file(shards(i)%path, error)
-         if (allocated(error)) return
+         last = 0
+         if (shards(i)%case_number <= size(n_samples)) last = n_samples(shards(i)%case_number)
+         if (shards(i)%first_sample + shards(i)%n_samples - 1 > last) then
+            is_bare = .false.
+         else
+            call remove_file(shards(i)%path, error)
+            if (allocated(error)) return
+         end if
       end do
-      call remove_file(store%folder, ignored)   ! fails, rightly, where something is left
+      if (is_bare) call remove_store(store, error)
    end subroutine remove_covered
-
-   subroutine remove_files(store, only_unfinished, error)
-      type(shard_store), intent(in) :: store
-      logical, intent(in) :: only_unfinished
-      type(error_type), allocatable, intent(out) :: error
-      character(:), allocatable :: paths(:)
-      integer :: i
-
-      if (.not. exists(store%folder)) return
-      call list_files(store%folder, paths, error)
-      if (allocated(error)) return
-      do i = 1, size(paths)
-         if (only_unfinished .and. .not. is_unfinished(trim(paths(i)))) cycle
-         call remove_file(trim(paths(i)), error)
-         if (allocated(error)) return
-      end do
-   end subroutine remove_files
 
    !> c007_s00033-00064.h5: case 7, samples 33 to 64.
    pure function shard_name(case_number, first_sample, n_samples) result(name)
@@ -298,12 +228,5 @@ contains
       call raise(error, exit_file, path// &
                  ' is not the name of a shard: only shards may lie in this folder')
    end subroutine parse_name
-
-   pure function is_unfinished(path)
-      character(*), intent(in) :: path
-      logical :: is_unfinished
-
-      is_unfinished = index(path//' ', unfinished//' ') > 0
-   end function is_unfinished
 
 end module io_shards

@@ -7,7 +7,8 @@ program disk_faults
    use core_terminal, only: end_program
    use ensemble_results, only: block_result
    use io_campaign, only: made_block, made_identity, write_made_results, write_made_shards
-   use io_shards, only: list_shards, new_store, shard_store, shard_type, verify_shard, write_shard
+   use io_shards, only: list_shards, shard_type, verify_shard, write_shard
+   use io_store, only: new_store, shard_store
    implicit none(type, external)
    character(1000) :: deed, output, results
    type(error_type), allocatable :: error

@@ -18,12 +18,13 @@ module io_campaign
    use io_identity, only: identity_type
    use io_process_results, only: write_process
    use io_results, only: begin_results, provenance_type, results_writer
-   use io_shards, only: list_shards, shard_store, shard_type, write_shard
+   use io_shards, only: list_shards, shard_type, write_shard
+   use io_store, only: shard_store
    use process_model, only: process_model_type
    implicit none(type, external)
    private
-   public :: fresh_folder, made_audit_block, made_block, made_identity, made_provenance, &
-             write_made_results, write_made_shards
+   public :: fresh_folder, made_audit_block, made_block, made_identity, made_model, &
+             made_provenance, write_made_results, write_made_shards
 
    integer, parameter, public :: n_dof = 3, n_frequencies = 130, n_steps = 20
    integer, parameter, public :: n_samples = 5   !! of case 2; case 1 has one
@@ -171,6 +172,10 @@ contains
       model%autocovariance_error = [0.0_wp, 0.01_wp, 0.02_wp]
       model%l0 = 0.3_wp
       model%l0_error = 0.001_wp
+      model%inversion%half_width = 4
+      model%inversion%autocovariance = [1.0_wp, 0.5_wp]
+      model%inversion%seconds = 0.75_wp
+      model%inversion%seconds_of_fit = 0.125_wp
    end function made_model
 
    function made_provenance() result(provenance)

@@ -100,13 +100,15 @@ class Run:
         return self.process.returncode, output, errors
 
 
-def shards_of(output: Path) -> dict[str, tuple[int, int]]:
+def shards_of(output: Path, pattern: str = "c*.h5") -> dict[str, tuple[int, int]]:
     """Finished shards: a rewritten one has another inode or time."""
-    folder = Path(f"{output}.shards")
-    if not folder.exists():
-        return {}
-    stats = {path.name: path.stat() for path in folder.iterdir() if path.suffix == ".h5"}
+    stats = {path.name: path.stat() for path in Path(f"{output}.shards").glob(pattern)}
     return {name: (stat.st_ino, stat.st_mtime_ns) for name, stat in stats.items()}
+
+
+def processes_kept(output: Path) -> dict[str, tuple[int, int]]:
+    """The same of solved processes."""
+    return shards_of(output, "process_p*.h5")
 
 
 def wait_for_shards(run: Run, output: Path, at_least: int, timeout: float = 120.0) -> None:
