@@ -1,6 +1,6 @@
 !> What the commands have in common: from the command line to a plan, and when a run cannot go on.
 module driver_campaign
-   use config_force_file, only: check_force, force_label, read_force_text
+   use config_force_file, only: check_force, force_label
    use config_plan, only: build_plan
    use config_scene, only: complaint_list, read_scene, scene_type
    use core_error, only: error_type, exit_bad_input, exit_no_solution, raise
@@ -26,39 +26,29 @@ contains
       type(complaint_list) :: complaints
 
       call read_scene(line%scene, line%overrides, scene, complaints)
-      if (complaints%n == 0) call load_force(scene, force, complaints)
+      if (complaints%n == 0 .and. scene%force_is_hdf5) call read_records(scene, complaints)
       if (complaints%n == 0) call build_plan(scene, plan, complaints)
       if (complaints%n > 0) call raise(error, exit_bad_input, complaints%text)
+      if (.not. allocated(scene%force)) allocate (scene%force(0:0, 0))
+      call move_alloc(scene%force, force)
    end subroutine load_plan
 
-   !> The file's records, and what the scene wants to know of them.
-   subroutine load_force(scene, force, complaints)
+   !> The records of an HDF5 file, checked as those of a text were when the scene was read.
+   subroutine read_records(scene, complaints)
       type(scene_type), intent(inout) :: scene
-      real(wp), allocatable, intent(out) :: force(:, :)   !! (0:n_steps, 1 or sample) [N], or empty
       type(complaint_list), intent(inout) :: complaints
       type(error_type), allocatable :: error
-      real(wp), allocatable :: record(:)
 
-      allocate (force(0:0, 0))
-      if (.not. allocated(scene%force_path)) return
-      deallocate (force)
-      if (scene%force_is_hdf5) then
-         call read_force_hdf5(scene%force_path, scene%integration%dt, force, error)
-         if (allocated(error)) then
-            call complaints%add_general(error%message)
-            return
-         end if
-      else
-         call read_force_text(scene%force_path, record, complaints)
-         if (complaints%n > 0) return
-         allocate (force(0:size(record) - 1, 1))
-         force(:, 1) = record
+      call read_force_hdf5(scene%force_path, scene%integration%dt, scene%force, error)
+      if (allocated(error)) then
+         call complaints%add_general(error%message)
+         return
       end if
-      scene%n_force_values = size(force, 1)
-      scene%force_label = force_label(force)
-      call check_force(scene%force_path, force, scene%integration%n_steps, &
+      scene%n_force_values = size(scene%force, 1)
+      scene%force_label = force_label(scene%force)
+      call check_force(scene%force_path, scene%force, scene%integration%n_steps, &
                        merge(scene%campaign%n_samples, 1, scene%excitation%per_sample), complaints)
-   end subroutine load_force
+   end subroutine read_records
 
    !> What --output says, or the scene's name in the current directory with an ending.
    function output_path(line, ending) result(path)

@@ -5,6 +5,7 @@
 #
 # PBS gives no warning ahead of the wall time, so the program keeps a limit of its own, ten minutes
 # below it: it stops with everything finished safe (code 75), and the job submits itself again.
+# For another wall time: -l walltime=... below, and with it MINUTES=... beside SCENE.
 # As a job array (qsub -J 1-8 ...) its members share the work; when all are done, submit the job once
 # more without -J: it merges what they left.
 #
@@ -14,7 +15,7 @@
 #PBS -j oe
 #PBS -r y
 
-minutes=230 # below the wall time above
+minutes=${MINUTES:-230} # below the wall time above
 
 cd "$PBS_O_WORKDIR" || exit 2
 : "${SCENE:?which scene? qsub -v SCENE=...,OUTPUT=... pbs.sh}"
@@ -32,6 +33,7 @@ mpirun $MPIRUN_OPTIONS -n "$(wc -l <"$PBS_NODEFILE")" -machinefile "$PBS_NODEFIL
 code=$?
 
 if [ "$code" -eq 75 ]; then
-  qsub -v "SCENE=$SCENE,OUTPUT=$OUTPUT,ENTROSLIP=$program,SCRIPT=$script,SHARE=$share" "$script"
+  settings="SCENE=$SCENE,OUTPUT=$OUTPUT,MINUTES=$minutes"
+  qsub -v "$settings,ENTROSLIP=$program,SCRIPT=$script,SHARE=$share" "$script"
 fi
 exit "$code"

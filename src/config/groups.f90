@@ -9,7 +9,7 @@ module config_groups
    use config_integration, only: integration_group
    use config_output, only: output_group
    use config_process, only: process_group
-   use core_kinds, only: long
+   use core_kinds, only: long, wp
    implicit none(type, external)
    private
    public :: group_doc, group_names, scene_type
@@ -34,7 +34,8 @@ module config_groups
                  has_integration = .false., has_campaign = .false., has_accuracy = .false., &
                  has_output = .false.
       character(:), allocatable :: force_path      !! where excitation%file was found
-      logical :: force_is_hdf5 = .false.           !! then who has read it sets n_force_values
+      logical :: force_is_hdf5 = .false.           !! then who reads HDF5 reads it, sets what follows
+      real(wp), allocatable :: force(:, :)         !! (0:n_steps, record) [N] of the force file
       integer :: n_force_values = 0                !! of a record of the force file
       integer(long) :: force_label = 0             !! fingerprint of its values
       character(80), allocatable :: unused(:)      !! group%name of what is given and has no effect

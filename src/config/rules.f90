@@ -136,7 +136,7 @@ contains
       type(scene_type), intent(inout) :: scene
       type(reader_type), intent(inout) :: reader
       character(*), parameter :: group = 'excitation'
-      real(wp), allocatable :: force(:)
+      real(wp), allocatable :: record(:)
       logical :: exists
       integer :: n_before
 
@@ -158,12 +158,14 @@ contains
       call reader%require(.not. scene%excitation%per_sample, group, 'per_sample', &
                           'needs an HDF5 file with one record per sample')
       n_before = reader%complaints%n
-      call read_force_text(scene%force_path, force, reader%complaints)
+      call read_force_text(scene%force_path, record, reader%complaints)
       if (reader%complaints%n > n_before) return
-      call check_force(scene%force_path, reshape(force, [size(force), 1]), &
-                       scene%integration%n_steps, 1, reader%complaints)
-      scene%n_force_values = size(force)
-      scene%force_label = force_label(reshape(force, [size(force), 1]))
+      allocate (scene%force(0:size(record) - 1, 1))
+      scene%force(:, 1) = record
+      call check_force(scene%force_path, scene%force, scene%integration%n_steps, 1, &
+                       reader%complaints)
+      scene%n_force_values = size(record)
+      scene%force_label = force_label(scene%force)
    end subroutine check_force_file
 
    subroutine check_steps(scene, reader)

@@ -100,9 +100,9 @@ contains
       class(band_collector), intent(inout) :: self
       integer, intent(in) :: part, first, group
       real(wp), intent(in) :: psd(:, :, :)   !! (dof, frequency, sample), one-sided [m^2/Hz]
-      integer :: times(size(psd, 3), self%n_drawn), order(size(psd, 3))
-      real(wp) :: sorted(size(psd, 3)), rank(size(self%rank)), again, weight
-      integer :: b, dof, f, p, before
+      integer :: times(self%n_drawn, size(psd, 3)), order(size(psd, 3))
+      real(wp) :: sorted(size(psd, 3)), rank(size(self%rank)), again(self%n_drawn), weight
+      integer :: dof, f, p, before
 
       weight = real(size(psd, 3), wp)/self%n_samples
       rank = rank_in_group(self, size(psd, 3))
@@ -121,12 +121,10 @@ contains
                end do
             end associate
             do p = 1, self%n_percentiles
-               do b = 1, self%n_drawn
-                  again = at_rank_again(sorted, order, times(:, b), rank(p))
-                  associate (variance => self%replicate(dof, p, before + b, part))
-                     variance = variance + self%step*again
-                  end associate
-               end do
+               call find_again(sorted, order, times, rank(p), again)
+               associate (variance => self%replicate(dof, p, before + 1:before + self%n_drawn, part))
+                  variance = variance + self%step*again
+               end associate
             end do
          end do
       end do
@@ -262,62 +260,62 @@ contains
       value = sorted(below) + (rank - below)*(sorted(below + 1) - sorted(below))
    end function at_rank
 
-   !> The same of a sample drawn again: sample order(i) stands `times(order(i))` times in it.
-   !> Counts from the nearer end, a few steps for an outer percentile.
-   pure function at_rank_again(sorted, order, times, rank) result(value)
+   !> The same of samples drawn again, all replicates side by side: sample order(i) stands
+   !> times(b, order(i)) times in replicate b. Counts from the nearer end, a few steps for an outer
+   !> percentile.
+   pure subroutine find_again(sorted, order, times, rank, values)
       real(wp), intent(in) :: sorted(:), rank
-      integer, intent(in) :: order(:), times(:)
-      real(wp) :: value
-      integer :: below, count, i, n
+      integer, intent(in) :: order(:), times(:, :)
+      real(wp), intent(out) :: values(:)   !! (replicate)
+      integer :: count(size(values))       ! samples from the end up to here
+      integer :: place(size(values)), next(size(values))   ! of the two order statistics, from the end
+      integer :: b, below, from_end, i, n, needed
+      logical :: is_low
 
       n = size(sorted)
       below = min(int(rank), n - 1)
-      if (2*below <= n) then
-         count = 0
-         i = 0
-         do while (count < below)
-            i = i + 1
-            count = count + times(order(i))
-         end do
-         value = sorted(i)
-         do while (count < below + 1)
-            i = i + 1
-            count = count + times(order(i))
-         end do
-         value = value + (rank - below)*(sorted(i) - value)
-      else
-         count = n + 1
-         i = n + 1
-         do while (count > below + 1)
-            i = i - 1
-            count = count - times(order(i))
-         end do
-         value = sorted(i)
-         do while (count > below)
-            i = i - 1
-            count = count - times(order(i))
-         end do
-         value = sorted(i) + (rank - below)*(value - sorted(i))
-      end if
-   end function at_rank_again
+      is_low = 2*below <= n
+      needed = merge(below, n - below, is_low)
+      count = 0
+      place = 1
+      next = 1
+      from_end = 0
+      do while (minval(count) <= needed)
+         from_end = from_end + 1
+         i = merge(from_end, n + 1 - from_end, is_low)
+         associate (here => times(:, order(i)))
+            do b = 1, size(values)
+               count(b) = count(b) + here(b)
+               place(b) = place(b) + merge(1, 0, count(b) < needed)
+               next(b) = next(b) + merge(1, 0, count(b) <= needed)
+            end do
+         end associate
+      end do
+      do b = 1, size(values)
+         associate (low => merge(place(b), n + 1 - next(b), is_low), &
+                    high => merge(next(b), n + 1 - place(b), is_low))
+            values(b) = sorted(low) + (rank - below)*(sorted(high) - sorted(low))
+         end associate
+      end do
+   end subroutine find_again
 
    !> Bootstrap: as many draws with replacement as there are samples, as counts.
    pure subroutine draw_again(seed, n_before, times)
       integer(long), intent(in) :: seed
       integer, intent(in) :: n_before       !! replicates of the groups before
-      integer, intent(out) :: times(:, :)   !! (sample, replicate)
+      integer, intent(out) :: times(:, :)   !! (replicate, sample)
       type(stream_type) :: stream
-      real(wp) :: u(size(times, 1))
+      real(wp) :: u(size(times, 2))
       integer :: b, i, drawn, n
 
-      n = size(times, 1)
+      n = size(times, 2)
       times = 0
-      do b = 1, size(times, 2)
+      do b = 1, size(times, 1)
          stream = new_stream(seed, label_of('bootstrap'), n_before + b)
          call stream%uniforms(u)
          do i = 1, n
             drawn = min(1 + int(u(i)*n), n)
-            times(drawn, b) = times(drawn, b) + 1
+            times(b, drawn) = times(b, drawn) + 1
          end do
       end do
    end subroutine draw_again

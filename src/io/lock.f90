@@ -38,49 +38,61 @@ contains
 
    !> Locks a file, made where it is missing, that names its holder; refused by name while another
    !> process holds it, alone or with others.
-   recursive subroutine take_lock(path, lock, error)
+   subroutine take_lock(path, lock, error)
       character(*), intent(in) :: path
       type(lock_type), intent(out) :: lock
       type(error_type), allocatable, intent(out) :: error
 
+      call obtain(path, .false., lock, error)
+   end subroutine take_lock
+
+   !> A place among the runs that share; refused by name while a run alone holds the lock.
+   subroutine join_lock(path, lock, error)
+      character(*), intent(in) :: path
+      type(lock_type), intent(out) :: lock
+      type(error_type), allocatable, intent(out) :: error
+
+      call obtain(path, .true., lock, error)
+   end subroutine join_lock
+
+   recursive subroutine obtain(path, is_shared, lock, error)
+      character(*), intent(in) :: path
+      logical, intent(in) :: is_shared
+      type(lock_type), intent(out) :: lock
+      type(error_type), allocatable, intent(out) :: error
+      logical :: is_taken
+
       call open_lock(path, lock, error)
       if (allocated(error)) return
-      if (.not. takes(lock, 0_c_long, whole)) then
+      lock%is_shared = is_shared
+      if (is_shared) then
+         is_taken = takes_a_place(lock)
+      else
+         is_taken = takes(lock, 0_c_long, whole)
+      end if
+      if (.not. is_taken) then
          call refuse(lock, error)
       else if (.not. is_same_file(lock)) then
          ! its holder removed the file between our opening and our locking it
          call close_lock(lock)
-         call take_lock(path, lock, error)
+         call obtain(path, is_shared, lock, error)
       else
          call write_name(lock)
       end if
-   end subroutine take_lock
+   end subroutine obtain
 
-   !> A place among the runs that share; refused by name while a run alone holds the lock.
-   recursive subroutine join_lock(path, lock, error)
-      character(*), intent(in) :: path
-      type(lock_type), intent(out) :: lock
-      type(error_type), allocatable, intent(out) :: error
-      integer, parameter :: n_tries = 64   ! that all these places are others' is beyond belief
+   !> One of some places that follow from the process number: that all are others' is beyond belief.
+   function takes_a_place(lock) result(is_taken)
+      type(lock_type), intent(in) :: lock
       logical :: is_taken
+      integer, parameter :: n_tries = 64
       integer :: i
 
-      call open_lock(path, lock, error)
-      if (allocated(error)) return
-      lock%is_shared = .true.
       do i = 1, n_tries
          is_taken = takes(lock, modulo(int(process_id(), c_long)*n_tries + i, n_places), one_byte)
-         if (is_taken) exit
+         if (is_taken) return
       end do
-      if (.not. is_taken) then
-         call refuse(lock, error)
-      else if (.not. is_same_file(lock)) then
-         call close_lock(lock)
-         call join_lock(path, lock, error)
-      else
-         call write_name(lock)
-      end if
-   end subroutine join_lock
+   end function takes_a_place
 
    pure function is_held(self)
       class(lock_type), intent(in) :: self

@@ -1,0 +1,90 @@
+"""What PBS does with a job script, as far as the script can tell: no PBS is needed.
+
+A job is a copy of the script, run by bash in the user's home in a session of its own, with the
+variables of `qsub -v` and those of PBS; whatever it submits waits in the queue. At its end by force
+every process of the session is sent SIGTERM, and later SIGKILL.
+"""
+
+from __future__ import annotations
+
+import os
+import shutil
+import signal
+import subprocess
+from dataclasses import dataclass
+from pathlib import Path
+
+QSUB = """\
+#!/bin/bash
+printf '%s\\n' "$@" '' >>"$PBS_QUEUE"
+"""
+
+
+@dataclass
+class Job:
+    """A job that runs."""
+
+    process: subprocess.Popen[str]
+
+    def wait(self) -> tuple[int, str]:
+        output, _ = self.process.communicate(timeout=300)
+        return self.process.returncode, output
+
+    def end_by_force(self, delay: float) -> None:
+        """As at the wall time, or by qdel."""
+        os.killpg(self.process.pid, signal.SIGTERM)
+        try:
+            self.process.wait(timeout=delay)
+        except subprocess.TimeoutExpired:
+            pass
+        finally:
+            try:
+                os.killpg(self.process.pid, signal.SIGKILL)
+            except ProcessLookupError:
+                pass
+
+
+class Pbs:
+    """A queue of jobs that run when the test says so."""
+
+    def __init__(self, folder: Path, environment: dict[str, str], n_ranks: int) -> None:
+        self.folder = folder
+        self.queue = folder / "queue"
+        self.n_jobs = 0
+        for name in ("bin", "home", "work"):
+            (folder / name).mkdir()
+        qsub = folder / "bin/qsub"
+        qsub.write_text(QSUB)
+        qsub.chmod(0o755)
+        nodes = folder / "nodes"
+        nodes.write_text("localhost\n" * n_ranks)
+        self.environment = environment | {
+            "PATH": f"{folder}/bin:{environment['PATH']}",
+            "PBS_QUEUE": str(self.queue),
+            "PBS_NODEFILE": str(nodes),
+            "PBS_O_WORKDIR": str(folder / "work"),
+        }
+
+    def waiting(self) -> list[list[str]]:
+        """The words of each qsub so far, which leave the queue by this."""
+        if not self.queue.exists():
+            return []
+        text = self.queue.read_text()
+        self.queue.unlink()
+        return [job.split("\n") for job in text.split("\n\n") if job]
+
+    def start(self, words: list[str], **more: str) -> Job:
+        """Starts what `qsub WORDS` submitted: -v LIST SCRIPT."""
+        option, settings, script = words
+        assert option == "-v"
+        self.n_jobs += 1
+        copy = self.folder / f"{self.n_jobs}.pbs.SC"
+        shutil.copyfile(self.folder / "work" / script, copy)
+        variables = dict(item.partition("=")[::2] for item in settings.split(","))
+        return Job(
+            subprocess.Popen(
+                ["bash", str(copy)], cwd=self.folder / "home", start_new_session=True, text=True,
+                env=self.environment | variables | {"PBS_JOBID": f"{self.n_jobs}.pbs"} | more,
+                stdout=subprocess.PIPE, stderr=subprocess.STDOUT,
+            )
+        )  # fmt: skip

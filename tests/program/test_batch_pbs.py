@@ -1,0 +1,126 @@
+"""The PBS script of input/batch: its own limit, what PBS sends it, and an array of members."""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import time
+
+import pytest
+
+from tests.conftest import ENVIRONMENT, ROOT
+from tests.program.campaign import SCENE, TOKEN, Run, datasets, processes_of, shards_of
+from tests.program.pbs import Pbs
+
+SCRIPT = ROOT / "input/batch/pbs.sh"
+STOPPED = 75
+MOST_JOBS = 60
+
+
+@pytest.fixture(scope="module")
+def reference(program, tmp_path_factory):
+    """Results of the uninterrupted campaign."""
+    folder = tmp_path_factory.mktemp("reference")
+    (folder / "scene.nml").write_text(SCENE)
+    run = Run(program, ["run", "scene.nml", "--output", "r.h5"], folder, ENVIRONMENT, 2)
+    code, _, errors = run.wait()
+    assert code == 0, errors
+    return datasets(folder / "r.h5")
+
+
+@pytest.fixture
+def pbs(program, tmp_path):
+    queue = Pbs(
+        tmp_path,
+        ENVIRONMENT | {TOKEN: str(tmp_path), "MPIRUN_OPTIONS": "--oversubscribe --bind-to none"},
+        n_ranks=2,
+    )
+    (tmp_path / "work/scene.nml").write_text(SCENE)
+    return queue
+
+
+@pytest.fixture
+def output(tmp_path):
+    return tmp_path / "work/r.h5"
+
+
+def order(program, minutes: float) -> list[str]:
+    """What the user gives to qsub."""
+    settings = f"SCENE=scene.nml,OUTPUT=r.h5,MINUTES={minutes}"
+    return ["-v", f"{settings},ENTROSLIP={program},SCRIPT={SCRIPT}", str(SCRIPT)]
+
+
+def wait_for(is_so, what: str) -> None:
+    limit = time.monotonic() + 120
+    while not is_so():
+        assert time.monotonic() < limit, what
+        time.sleep(0.01)
+
+
+def test_a_job_submits_itself_until_the_campaign_is_done(pbs, program, output, reference):
+    jobs, codes = [order(program, minutes=0.015)], []
+    while jobs:
+        assert len(codes) < MOST_JOBS
+        code, log = pbs.start(jobs.pop()).wait()
+        codes.append(code)
+        jobs = pbs.waiting()
+        assert len(jobs) == (1 if code == STOPPED else 0), log
+    assert codes[-1] == 0, log
+    assert len(codes) > 1, "the limit was not met"
+    assert set(codes[:-1]) == {STOPPED}
+    assert "continuing:" in log
+    assert datasets(output) == reference
+
+
+def test_a_job_ended_by_force_loses_nothing_and_does_not_come_back(
+    pbs, program, output, reference, tmp_path
+):
+    job = pbs.start(order(program, minutes=10))
+    wait_for(lambda: len(shards_of(output)) >= 2, "no shards")
+    kept = shards_of(output)
+    job.end_by_force(delay=5)
+    job.wait()
+    wait_for(lambda: not processes_of(str(tmp_path)), "processes of the job live on")
+    assert not pbs.waiting()
+    assert kept.items() <= shards_of(output).items()
+    code, log = pbs.start(order(program, minutes=10)).wait()
+    assert code == 0, log
+    assert "continuing:" in log
+    assert datasets(output) == reference
+
+
+def test_members_of_an_array_share_and_one_more_job_merges(pbs, program, output, reference):
+    members = [pbs.start(order(program, minutes=10), PBS_ARRAY_INDEX=str(i)) for i in (1, 2)]
+    for member in members:
+        code, log = member.wait()
+        assert code == 0, log
+        assert "run without --share" in log
+    assert not output.exists()
+    code, log = pbs.start(order(program, minutes=10)).wait()
+    assert code == 0, log
+    assert datasets(output) == reference
+
+
+def test_a_member_that_runs_out_of_time_stays_a_member(pbs, program, output):
+    code, log = pbs.start(order(program, minutes=0.015), PBS_ARRAY_INDEX="1").wait()
+    assert code == STOPPED, log
+    again = pbs.waiting()
+    assert len(again) == 1
+    code, log = pbs.start(again[0], MINUTES="10").wait()
+    assert code == 0, log
+    assert "run without --share" in log
+    assert not output.exists()
+
+
+def test_what_is_missing_is_named(pbs, program):
+    words = order(program, minutes=10)
+    code, log = pbs.start([words[0], words[1].replace("SCENE=", "NOT="), words[2]]).wait()
+    assert code != 0
+    assert "which scene?" in log
+
+
+@pytest.mark.parametrize("script", sorted((ROOT / "input/batch").glob("*.sh")), ids=lambda p: p.name)
+def test_bash_can_read_the_script(script):
+    done = subprocess.run(["bash", "-n", script], capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stderr
+    assert os.access(script, os.X_OK)
