@@ -122,7 +122,7 @@ contains
             end associate
             do p = 1, self%n_percentiles
                call find_again(sorted, order, times, rank(p), again)
-               associate (variance => self%replicate(dof, p, before + 1:before + self%n_drawn, part))
+               associate (variance => self%replicate(dof, p, before + 1:before + size(again), part))
                   variance = variance + self%step*again
                end associate
             end do
@@ -268,7 +268,7 @@ contains
       integer, intent(in) :: order(:), times(:, :)
       real(wp), intent(out) :: values(:)   !! (replicate)
       integer :: count(size(values))       ! samples from the end up to here
-      integer :: place(size(values)), next(size(values))   ! of the two order statistics, from the end
+      integer :: place(size(values)), next(size(values))   ! from the end, of the order statistics
       integer :: b, below, from_end, i, n, needed
       logical :: is_low
 

@@ -66,7 +66,7 @@ def assert_refused(run: Run, *words: str) -> None:
     assert "rror termination" not in errors
 
 
-@pytest.mark.parametrize("n_ranks", [2, 3, 7])
+@pytest.mark.parametrize("n_ranks", [2, 3, 4, 7])
 def test_same_bits_on_any_number_of_ranks(campaign, output, reference, n_ranks):
     code, _, errors = campaign(n_ranks).wait()
     assert code == 0, errors
