@@ -34,7 +34,7 @@ module config_groups
                  has_integration = .false., has_campaign = .false., has_accuracy = .false., &
                  has_output = .false.
       character(:), allocatable :: force_path      !! where excitation%file was found
-      logical :: force_is_hdf5 = .false.           !! then who reads HDF5 reads it, sets what follows
+      logical :: force_is_hdf5 = .false.           !! then who reads HDF5 sets what follows
       real(wp), allocatable :: force(:, :)         !! (0:n_steps, record) [N] of the force file
       integer :: n_force_values = 0                !! of a record of the force file
       integer(long) :: force_label = 0             !! fingerprint of its values

@@ -167,7 +167,7 @@ contains
    end subroutine open_shard
 
    !> Removes the shards whose samples a results file has, as after a run killed at its very end;
-   !> shards of further samples stay, and the processes with them. Else nothing is left of the store.
+   !> shards of further samples stay, and processes with them. Else nothing is left of the store.
    subroutine remove_covered(store, n_samples, error)
       type(shard_store), intent(in) :: store
       integer, intent(in) :: n_samples(:)   !! (case) of the results file
