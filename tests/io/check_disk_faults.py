@@ -34,11 +34,11 @@ def check_refused(done: subprocess.CompletedProcess[str], reason: str, place: Pa
     assert len(done.stderr.strip().splitlines()) == 1, told
 
 
-def check_full_while_shards_are_written(base: Path, kilobytes: int) -> int:
-    place = base / f"full_{kilobytes}"
+def check_full_while_shards_are_written(base: Path, kilobytes: int, deed: str = "fill") -> int:
+    place = base / f"{deed}_{kilobytes}"
     place.mkdir()
     mount(f"size={kilobytes}k", place)
-    check_refused(run("fill", place / "x.h5"), "No space left on device", place)
+    check_refused(run(deed, place / "x.h5"), "No space left on device", place)
     if not (place / "x.h5.shards").exists():
         return 0
     left = [path.name for path in (place / "x.h5.shards").iterdir()]
@@ -66,7 +66,8 @@ def check_read_only(base: Path) -> None:
     place = base / "read_only"
     place.mkdir()
     mount("ro", place)
-    check_refused(run("fill", place / "x.h5"), "Read-only file system", place)
+    for deed in ("fill", "fill_processes"):
+        check_refused(run(deed, place / "x.h5"), "Read-only file system", place)
     check_refused(run("results", base / "x.h5", place / "x.h5"), "Read-only file system", place)
 
 
@@ -79,6 +80,10 @@ def check_everything() -> None:
         written = [check_full_while_shards_are_written(base, size) for size in range(4, 200, 4)]
         assert written[0] == 0, written
         assert written[-1] >= 2, written
+        sizes = range(4, 60, 4)
+        kept = [check_full_while_shards_are_written(base, size, "fill_processes") for size in sizes]
+        assert kept[0] == 0, kept
+        assert kept[-1] >= 2, kept
         finished = [check_full_while_results_are_written(base, size) for size in range(4, 320, 8)]
         assert not finished[0], finished
         assert finished[-1], finished

@@ -1,14 +1,17 @@
-!> Writes what its arguments say, for check_disk_faults.py: a store's shards until it fails or has
-!> 60, or the results file of a store. The message goes to standard error, the exit code is the
+!> Writes what its arguments say, for check_disk_faults.py: a store's shards, or solved processes,
+!> until it fails or has 60, or the results file of a store. The message goes to standard error, the exit code is the
 !> error's.
 program disk_faults
    use, intrinsic :: iso_fortran_env, only: error_unit
    use core_error, only: error_type
    use core_terminal, only: end_program
    use ensemble_results, only: block_result
-   use io_campaign, only: made_block, made_identity, write_made_results, write_made_shards
+   use io_campaign, only: made_block, made_identity, made_model, write_made_results, &
+                          write_made_shards
+   use io_process_shards, only: keep_process, read_kept
    use io_shards, only: list_shards, shard_type, verify_shard, write_shard
    use io_store, only: new_store, shard_store
+   use process_model, only: process_model_type
    implicit none(type, external)
    character(1000) :: deed, output, results
    type(error_type), allocatable :: error
@@ -19,6 +22,8 @@ program disk_faults
    select case (deed)
    case ('fill')
       call fill(new_store(trim(output), made_identity()))
+   case ('fill_processes')
+      call fill_processes(new_store(trim(output), made_identity()))
    case ('verify')
       call verify(new_store(trim(output), made_identity()))
    case ('shards')
@@ -45,10 +50,22 @@ contains
       end do
    end subroutine fill
 
-   !> Prints the number of shards when all are sound.
+   subroutine fill_processes(store)
+      type(shard_store), intent(in) :: store
+      integer :: number
+
+      do number = 1, 60
+         call keep_process(store, number, made_model(), error)
+         if (allocated(error)) return
+      end do
+   end subroutine fill_processes
+
+   !> Prints the number of shards and processes when all are sound.
    subroutine verify(store)
       type(shard_store), intent(in) :: store
       type(shard_type), allocatable :: shards(:)
+      type(process_model_type) :: models(60)
+      logical :: is_kept(60)
       integer :: i
 
       call list_shards(store, shards, error)
@@ -57,7 +74,8 @@ contains
          call verify_shard(store, shards(i), error)
          if (allocated(error)) return
       end do
-      print '(i0)', size(shards)
+      call read_kept(store, models, is_kept, error)
+      if (.not. allocated(error)) print '(i0)', size(shards) + count(is_kept)
    end subroutine verify
 
 end program disk_faults

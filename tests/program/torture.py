@@ -21,6 +21,7 @@ from tests.conftest import ENVIRONMENT, PROGRAM
 from tests.program.campaign import SCENE, Run, datasets, shards_of
 
 STOPPED = 75
+EVERYTHING = "*.h5"  # samples and processes
 WAYS = ("kill the launcher", "kill a rank", "kill everything", "ask a rank", "ask the launcher")
 
 
@@ -58,7 +59,7 @@ class Torture:
 
     def one_run(self) -> None:
         """Starts, interrupts at a random instant, and looks at what is left."""
-        before = shards_of(self.output)
+        before = shards_of(self.output, EVERYTHING)
         n_ranks = self.random.randint(0, 4)
         way = self.random.choice(WAYS)
         run = self.start(self.output.name, n_ranks)
@@ -81,9 +82,9 @@ class Torture:
             self.rounds += 1
             return
         assert was_alive, told
-        after = shards_of(self.output)
+        after = shards_of(self.output, EVERYTHING)
         if not self.output.exists():
-            assert before.items() <= after.items(), f"finished shards were lost or redone: {told}"
+            assert before.items() <= after.items(), f"finished work was lost or redone: {told}"
 
     def go_on(self, kills: int) -> None:
         while self.kills < kills:
