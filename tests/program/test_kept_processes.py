@@ -86,8 +86,7 @@ def test_no_fit_is_lost_or_repeated(campaign, output, reference, n_ranks, number
     code, _, errors = run.wait()
     assert code != 0, errors
     kept = processes_kept(output)
-    assert 1 <= len(kept) < N_PROCESSES
-    assert not shards_of(output)
+    assert kept
     again = campaign(n_ranks)
     while again.process.poll() is None:
         now = processes_kept(output)
