@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import os
 import subprocess
 import time
@@ -102,8 +103,12 @@ class Run:
 
 def shards_of(output: Path, pattern: str = "c*.h5") -> dict[str, tuple[int, int]]:
     """Finished shards: a rewritten one has another inode or time."""
-    stats = {path.name: path.stat() for path in Path(f"{output}.shards").glob(pattern)}
-    return {name: (stat.st_ino, stat.st_mtime_ns) for name, stat in stats.items()}
+    found = {}
+    for path in Path(f"{output}.shards").glob(pattern):
+        with contextlib.suppress(FileNotFoundError):  # removed since: the results are there
+            stat = path.stat()
+            found[path.name] = (stat.st_ino, stat.st_mtime_ns)
+    return found
 
 
 def processes_kept(output: Path) -> dict[str, tuple[int, int]]:

@@ -124,7 +124,7 @@ def test_what_is_missing_is_named(pbs, program):
     assert "which scene?" in log
 
 
-@pytest.mark.parametrize("script", sorted((ROOT / "input/batch").glob("*.sh")), ids=lambda p: p.name)
+@pytest.mark.parametrize("script", sorted(SCRIPT.parent.glob("*.sh")), ids=lambda path: path.name)
 def test_bash_can_read_the_script(script):
     done = subprocess.run(["bash", "-n", script], capture_output=True, text=True, check=False)
     assert done.returncode == 0, done.stderr

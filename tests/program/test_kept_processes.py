@@ -10,7 +10,7 @@ import h5py
 import pytest
 
 from tests.conftest import ENVIRONMENT
-from tests.program.campaign import Run, datasets, processes_kept, shards_of, wait_for_shards
+from tests.program.campaign import Run, datasets, processes_kept, wait_for_shards
 
 STOPPED, REFUSED, NO_SOLUTION = 75, 3, 4
 N_PROCESSES = 6
