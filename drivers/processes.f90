@@ -32,13 +32,13 @@ contains
    !> With an output, what it has is taken from there, and what is solved is kept there at once.
    !> When a stop is requested meanwhile, or after an error, the rest stays unsolved, without a
    !> reason. Collective.
-   subroutine solve_processes(world, plan, is_quiet, models, error, output, only)
+   subroutine solve_processes(world, plan, is_quiet, models, output, error, only)
       type(world_type), intent(in) :: world
       type(plan_type), intent(in) :: plan
       logical, intent(in) :: is_quiet
       type(process_model_type), allocatable, intent(out) :: models(:)
-      type(error_type), allocatable, intent(out) :: error
       type(output_type), intent(in), optional :: output
+      type(error_type), allocatable, intent(out), optional :: error   !! with an output
       integer, intent(in), optional :: only   !! the one process that is wanted; 0: none
       type(search_result) :: searches(size(plan%processes))   ! this rank's parts, merged
       type(share_type), allocatable :: shares(:)
@@ -46,6 +46,7 @@ contains
       type(progress_type) :: progress
       integer :: owner(size(plan%processes)), i, item
       logical :: is_wanted(size(plan%processes))
+      type(error_type), allocatable :: failure
 
       allocate (models(size(plan%processes)))
       if (size(models) == 0) return
@@ -55,7 +56,7 @@ contains
       is_wanted = .true.
       if (present(only)) is_wanted = [(i == only, i=1, size(models))]
       owner = -1
-      if (present(output)) call take_kept(world, output, models, owner, error)
+      if (present(output)) call take_kept(world, output, models, owner, failure)
       shares = all_shares(plan, is_wanted .and. owner < 0)
       call new_counter(world, size(shares, kind=long), counter)
       if (size(shares) > 0 .and. .not. is_quiet) &
@@ -63,7 +64,7 @@ contains
                                                          'parts of processes', &
                                                          all(shares%n_parts == 1))))
       do
-         if (time_to_stop() .or. allocated(error)) call counter%request_stop()
+         if (time_to_stop() .or. allocated(failure)) call counter%request_stop()
          item = int(counter%next())
          if (item == 0) exit
          call progress%show(max(0, item - world%n_ranks))
@@ -74,7 +75,7 @@ contains
                call solve(plan, share%process, models(share%process))
                owner(share%process) = world%rank
                if (present(output)) &
-                  call keep_process(output%store, share%process, models(share%process), error)
+                  call keep_process(output%store, share%process, models(share%process), failure)
             end if
          end associate
       end do
@@ -85,11 +86,12 @@ contains
          associate (number => shares(i)%process)
             call finish_search(world, plan, shares(i), searches(number), models(number), &
                                owner(number))
-            if (owner(number) == world%rank .and. present(output) .and. .not. allocated(error)) &
-               call keep_process(output%store, number, models(number), error)
+            if (owner(number) == world%rank .and. present(output) .and. .not. allocated(failure)) &
+               call keep_process(output%store, number, models(number), failure)
          end associate
       end do
       call tell_all(world, owner, models)
+      if (present(error)) call move_alloc(failure, error)
    end subroutine solve_processes
 
    !> What an earlier run left, read by the root, for all to leave out. Collective.

@@ -50,9 +50,9 @@ contains
       call keep_everything(plan)
       call prepare_march(world, plan, force, runner, error)
       call output%stop_on(world, error)
-      call solve_processes(world, plan, output%is_quiet, models, error, &
+      call solve_processes(world, plan, output%is_quiet, models, &
                            only=plan%cases(line%case_number)%process)
-      if (.not. allocated(error)) call refuse_unsolved(plan, models, error)
+      call refuse_unsolved(plan, models, error)
       call output%stop_on(world, error)
       call end_if_asked(world, output)
       if (world%is_root()) call march_again(line, models, runner, output, error)

@@ -64,7 +64,7 @@ contains
       end if
 
       if (choice /= '') call output%say(choice)
-      call solve_processes(world, plan, output%is_quiet, models, error, output)
+      call solve_processes(world, plan, output%is_quiet, models, output, error)
       call output%stop_on(world, error)
       call end_if_asked(world, output)
       call refuse_unsolved(plan, models, error)

@@ -70,8 +70,8 @@ contains
       path = output_path(line, '_tradeoff.h5')
       if (world%is_root()) call open_place(path, lock, error)
       call stop_unlocked(world, lock, error)
-      call solve_processes(world, plan, line%is_quiet .or. .not. world%is_root(), models, error)
-      if (.not. allocated(error)) call refuse_unsolved(plan, models, error)
+      call solve_processes(world, plan, line%is_quiet .or. .not. world%is_root(), models)
+      call refuse_unsolved(plan, models, error)
       call stop_unlocked(world, lock, error)
       is_stopped = world%any_true(time_to_stop())
       if (plan%has_chain .and. .not. is_stopped) &
