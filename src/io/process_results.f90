@@ -233,6 +233,7 @@ contains
       type(process_model_type) :: timeless
 
       timeless = model
+      timeless%seconds = 0.0_wp
       timeless%inversion%seconds = 0.0_wp
       timeless%inversion%seconds_of_fit = 0.0_wp
       call group%put('packed', pack_model(timeless), &
