@@ -5,8 +5,8 @@ program storage
    use ensemble_results, only: block_result
    use io_gathering, only: read_psd_band, read_samples
    use io_identity, only: identity_type
- use io_shards, only: list_shards, new_store, remove_store, shard_store, shard_type, verify_shard, &
-                        write_shard
+   use io_shards, only: list_shards, shard_type, verify_shard, write_shard
+   use io_store, only: new_store, remove_store, shard_store
    implicit none(type, external)
    integer, parameter :: n_shards = 40, n_samples = 32, n_dof = 5, n_band = 61
    integer, parameter :: n_frequencies = 1025   !! segments of 8192 steps, every 4th step
