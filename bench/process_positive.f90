@@ -51,19 +51,18 @@ contains
       a = coefficients_of(spread(-0.5_wp/order, 1, order))
       best = huge(best)
       do i = 1, repetitions
-         batches = new_batches(n_lags, n_stretches*lanes)
+         batches = new_batches(n_lags, n_lags, n_stretches*lanes)
          stream = new_stream(2016_long, label_of('bench'), i)
          if (sampler == 'sequential') then
             n_burn_in = 128
             n_values = lanes*(128.0_wp + n_stretches*4096)
             call cpu_time(start)
-            call sample_sequential(a, 1.0_wp, a, 2.0_wp, n_burn_in, n_lags, 4096, stream, batches)
+            call sample_sequential(a, 1.0_wp, a, 2.0_wp, n_burn_in, 4096, stream, batches)
          else
             n_burn_in = sweeps_to_forget(a, 2.0_wp, 1.0_wp, 1.0e-5_wp)
             n_values = lanes*real(ring_length, wp)*(n_burn_in + n_stretches*8)
             call cpu_time(start)
-            call sample_exact(a, 1.0_wp, a, 2.0_wp, ring_length, n_burn_in, n_lags, 8, stream, &
-                              batches)
+            call sample_exact(a, 1.0_wp, a, 2.0_wp, ring_length, n_burn_in, 8, stream, batches)
          end if
          call cpu_time(finish)
          best = min(best, finish - start)

@@ -18,6 +18,7 @@ module driver_check
    use parallel_world, only: start_world, stop_world, world_type
    use process_fit, only: foresee_process
    use process_model, only: process_model_type
+   use process_scaling, only: first_of_fit
    implicit none(type, external)
    private
    public :: check
@@ -90,11 +91,14 @@ contains
       type(plan_type), intent(in) :: plan
       type(process_model_type), allocatable, intent(out) :: models(:)
       type(error_type), allocatable :: error
-      integer :: i
+      integer :: first(size(plan%processes)), i
 
       allocate (models(size(plan%processes)))
+      first = first_of_fit(plan%processes)
       do i = 1, size(models)
+         if (first(i) < i) models(i) = models(first(i))
          models(i)%request = plan%processes(i)
+         if (first(i) < i) cycle
          call foresee_process(plan%processes(i), plan%seed, error)
          models(i)%is_solved = .not. allocated(error)
          if (allocated(error)) models(i)%reason = error%message

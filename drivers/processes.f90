@@ -13,8 +13,9 @@ module driver_processes
    use process_direct_check, only: check_by_inversion
    use process_fit, only: fit_from_search, fit_process
    use process_maxent_direct, only: count_parts, search_direct
-   use process_model, only: process_model_type
+   use process_model, only: process_model_type, process_request
    use process_packing, only: pack_model, pack_search, unpack_model, unpack_search
+   use process_scaling, only: carry_over, first_of_fit, unit_request
    use process_sign_search, only: add_search, search_result
    implicit none(type, external)
    private
@@ -28,10 +29,10 @@ module driver_processes
 
 contains
 
-   !> Each process once, spread over the ranks, long searches in parts; all ranks get all models.
-   !> With an output, what it has is taken from there, and what is solved is kept there at once.
-   !> When a stop is requested meanwhile, or after an error, the rest stays unsolved, without a
-   !> reason. Collective.
+   !> Each process, those that differ only in scale by one fit, spread over the ranks, long searches
+   !> in parts; all ranks get all models. With an output, what it has is taken from there, and what
+   !> is solved is kept there at once. When a stop is requested meanwhile, or after an error, the
+   !> rest stays unsolved, without a reason. Collective.
    subroutine solve_processes(world, plan, is_quiet, models, output, error, only)
       type(world_type), intent(in) :: world
       type(plan_type), intent(in) :: plan
@@ -40,24 +41,28 @@ contains
       type(output_type), intent(in), optional :: output
       type(error_type), allocatable, intent(out), optional :: error   !! with an output
       integer, intent(in), optional :: only   !! the one process that is wanted; 0: none
+      type(process_request) :: requests(size(plan%processes))   ! of the fits
       type(search_result) :: searches(size(plan%processes))   ! this rank's parts, merged
+      type(process_model_type) :: fit
       type(share_type), allocatable :: shares(:)
       type(work_counter) :: counter
       type(progress_type) :: progress
-      integer :: owner(size(plan%processes)), i, item
-      logical :: is_wanted(size(plan%processes))
+      integer :: first(size(plan%processes)), owner(size(plan%processes)), i, item
+      logical :: is_missing(size(plan%processes))
       type(error_type), allocatable :: failure
 
       allocate (models(size(plan%processes)))
       if (size(models) == 0) return
       do i = 1, size(models)
          models(i)%request = plan%processes(i)
+         requests(i) = unit_request(plan%processes(i))
       end do
-      is_wanted = .true.
-      if (present(only)) is_wanted = [(i == only, i=1, size(models))]
+      first = first_of_fit(plan%processes)
       owner = -1
       if (present(output)) call take_kept(world, output, models, owner, failure)
-      shares = all_shares(plan, is_wanted .and. owner < 0)
+      is_missing = owner < 0
+      if (present(only)) is_missing = is_missing .and. [(i == only, i=1, size(models))]
+      shares = all_shares(requests, [(any(is_missing .and. first == i), i=1, size(models))])
       call new_counter(world, size(shares, kind=long), counter)
       if (size(shares) > 0 .and. .not. is_quiet) &
          call progress%start(size(shares), 0, trim(merge('processes         ', &
@@ -70,12 +75,11 @@ contains
          call progress%show(max(0, item - world%n_ranks))
          associate (share => shares(item))
             if (share%n_parts > 1) then
-               call search_part(plan, share, searches(share%process))
+               call search_part(requests(share%process), share, searches(share%process))
             else
-               call solve(plan, share%process, models(share%process))
-               owner(share%process) = world%rank
-               if (present(output)) &
-                  call keep_process(output%store, share%process, models(share%process), failure)
+               call solve(requests(share%process), plan%seed, fit)
+               call hand_out(world, plan, fit, is_missing .and. first == share%process, models, &
+                             owner, failure, output)
             end if
          end associate
       end do
@@ -84,15 +88,37 @@ contains
       do i = 1, size(shares)
          if (shares(i)%n_parts == 1 .or. shares(i)%part > 1) cycle
          associate (number => shares(i)%process)
-            call finish_search(world, plan, shares(i), searches(number), models(number), &
-                               owner(number))
-            if (owner(number) == world%rank .and. present(output) .and. .not. allocated(failure)) &
-               call keep_process(output%store, number, models(number), failure)
+            call finish_search(world, requests(number), searches(number), fit)
+            if (fit%is_solved .or. allocated(fit%reason)) &
+               call hand_out(world, plan, fit, is_missing .and. first == number, models, owner, &
+                             failure, output)
          end associate
       end do
       call tell_all(world, owner, models)
       if (present(error)) call move_alloc(failure, error)
    end subroutine solve_processes
+
+   !> What this rank has fitted, as the model of every process that waits for it; kept at once.
+   subroutine hand_out(world, plan, fit, is_waiting, models, owner, error, output)
+      type(world_type), intent(in) :: world
+      type(plan_type), intent(in) :: plan
+      type(process_model_type), intent(in) :: fit
+      logical, intent(in) :: is_waiting(:)   !! (process)
+      type(process_model_type), intent(inout) :: models(:)
+      integer, intent(inout) :: owner(:)
+      type(error_type), allocatable, intent(inout) :: error
+      type(output_type), intent(in), optional :: output
+      integer :: i
+
+      do i = 1, size(models)
+         if (.not. is_waiting(i)) cycle
+         models(i) = fit
+         call carry_over(plan%processes(i), models(i))
+         owner(i) = world%rank
+         if (present(output) .and. .not. allocated(error)) &
+            call keep_process(output%store, i, models(i), error)
+      end do
+   end subroutine hand_out
 
    !> What an earlier run left, read by the root, for all to leave out. Collective.
    subroutine take_kept(world, output, models, owner, error)
@@ -112,16 +138,16 @@ contains
       owner = known
    end subroutine take_kept
 
-   !> Of the processes chosen, whole ones first, the longest in front; then the parts.
-   function all_shares(plan, is_chosen) result(shares)
-      type(plan_type), intent(in) :: plan
+   !> Of the fits chosen, whole ones first, the longest in front; then the parts.
+   function all_shares(requests, is_chosen) result(shares)
+      type(process_request), intent(in) :: requests(:)
       logical, intent(in) :: is_chosen(:)   !! (process)
       type(share_type), allocatable :: shares(:)
-      integer :: n_parts(size(plan%processes)), i, part
+      integer :: n_parts(size(requests)), i, part
       integer, allocatable :: order(:)
 
-      n_parts = [(count_parts(plan%processes(i)), i=1, size(n_parts))]
-      order = sort_order(-real(plan%processes%order, wp))
+      n_parts = [(count_parts(requests(i)), i=1, size(n_parts))]
+      order = sort_order(-real(requests%order, wp))
       where (.not. is_chosen) n_parts = 0
       order = [pack(order, n_parts(order) == 1), pack(order, n_parts(order) > 1)]
       allocate (shares(sum(n_parts)))
@@ -130,42 +156,40 @@ contains
    end function all_shares
 
    !> A process, and where it is asked for the paper's inversion beside it.
-   subroutine solve(plan, number, model)
-      type(plan_type), intent(in) :: plan
-      integer, intent(in) :: number
+   subroutine solve(request, seed, model)
+      type(process_request), intent(in) :: request
+      integer(long), intent(in) :: seed
       type(process_model_type), intent(out) :: model
       real(wp) :: finish, start
 
       call cpu_time(start)
-      call fit_process(plan%processes(number), plan%seed, model)
+      call fit_process(request, seed, model)
       call cpu_time(finish)
       model%seconds = finish - start
       call check_inversion(model)
    end subroutine solve
 
    !> Adds one part of a search to what this rank has found.
-   subroutine search_part(plan, share, search)
-      type(plan_type), intent(in) :: plan
+   subroutine search_part(request, share, search)
+      type(process_request), intent(in) :: request
       type(share_type), intent(in) :: share
       type(search_result), intent(inout) :: search
       type(search_result) :: found
       real(wp) :: finish, start
 
       call cpu_time(start)
-      call search_direct(plan%processes(share%process), share%part, share%n_parts, .true., found)
+      call search_direct(request, share%part, share%n_parts, .true., found)
       call cpu_time(finish)
       found%seconds = finish - start
       call add_search(found, search)
    end subroutine search_part
 
    !> All ranks' parts together; the root concludes, if none is missing. Collective.
-   subroutine finish_search(world, plan, share, search, model, owner)
+   subroutine finish_search(world, request, search, model)
       type(world_type), intent(in) :: world
-      type(plan_type), intent(in) :: plan
-      type(share_type), intent(in) :: share
+      type(process_request), intent(in) :: request
       type(search_result), intent(in) :: search   !! of this rank
-      type(process_model_type), intent(inout) :: model
-      integer, intent(inout) :: owner
+      type(process_model_type), intent(out) :: model
       type(search_result) :: found, merged
       real(wp), allocatable :: numbers(:)
       integer :: rank
@@ -177,8 +201,7 @@ contains
          call add_search(found, merged)
       end do
       if (.not. world%is_root()) return
-      call fit_from_search(plan%processes(share%process), merged, model)
-      if (model%is_solved .or. allocated(model%reason)) owner = world%rank
+      call fit_from_search(request, merged, model)
       model%seconds = merged%seconds
       call check_inversion(model)
    end subroutine finish_search

@@ -9,6 +9,7 @@ module config_summary
    use ensemble_audit, only: add_audits, reference_for
    use ensemble_plan, only: integration_settings, kept_dofs, plan_type
    use process_model, only: process_model_type
+   use process_scaling, only: first_of_fit
    implicit none(type, external)
    private
    public :: summary_text
@@ -55,8 +56,10 @@ contains
       logical, intent(in) :: wanted
       character(40), allocatable :: names(:)
       logical :: is_there(9)
+      integer :: i, n_fits
       logical, parameter :: is_of_motion(9) = [.false., .false., spread(.true., 1, 6), .false.]
 
+      n_fits = count(first_of_fit(plan%processes) == [(i, i=1, size(plan%processes))])
       associate (output => plan%output)
          is_there = [size(plan%processes) > 0, size(plan%cases) > 0, &
                      any(plan%cases%process > 0), &
@@ -68,6 +71,8 @@ contains
                'energy', 'history', 'transitions', 'audit', 'realizations']
       if (wanted) then
          names(1) = counted(size(plan%processes), 'process', 'processes')
+         if (n_fits < size(plan%processes)) &
+            names(1) = trim(names(1))//' by '//counted(n_fits, 'fit', 'fits')
          names(2) = counted(size(plan%cases), 'case of motion', 'cases of motion')
          names(3) = counted(sum(plan%cases%n_samples), 'sample', 'samples')
          names(9) = counted(plan%n_realizations, 'realization', 'realizations')//' of '// &

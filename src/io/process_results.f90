@@ -188,7 +188,7 @@ contains
       if (allocated(model%search)) call group%attribute('search', model%search)
       call group%attribute('n_examined', model%n_examined)
       call group%attribute('n_consistent', model%n_consistent)
-      if (model%entropy_ceiling > 0.0_wp) &
+      if (.not. model%request%positive) &
          call group%put_value('entropy_ceiling', model%entropy_ceiling, 'nat', &
                               'entropy per point that no sign sequence exceeds')
       if (.not. allocated(model%solutions)) return

@@ -12,6 +12,7 @@ module process_fit
    use process_model, only: process_model_type, process_request
    use process_order, only: choose_order
    use process_positive_fit, only: fit_positive, foresee_positive
+   use process_scaling, only: carry_over, unit_request
    use process_sign_search, only: search_result
    implicit none(type, external)
    private
@@ -23,7 +24,7 @@ module process_fit
 
 contains
 
-   !> Solves the request; `model%is_solved` tells whether, `model%reason` why not.
+   !> Solves the request, in its own unit; `model%is_solved` tells whether, `model%reason` why not.
    subroutine fit_process(request, seed, model)
       type(process_request), intent(in) :: request
       integer(long), intent(in) :: seed   !! of simulated values that are matched, of rivals
@@ -31,7 +32,7 @@ contains
       type(process_request) :: resolved
       type(error_type), allocatable :: error
 
-      call resolve_order(request, resolved, error)
+      call resolve_order(unit_request(request), resolved, error)
       if (.not. allocated(error)) then
          if (request%positive) then
             call fit_positive(resolved, seed, model)
@@ -41,11 +42,11 @@ contains
             call fit_unconstrained(resolved, seed, model, error)
          end if
       end if
-      model%request = request
       if (allocated(error)) then
          model%is_solved = .false.
          model%reason = error%message
       end if
+      call carry_over(request, model)
       call accept_simulation(model)
    end subroutine fit_process
 
@@ -81,7 +82,7 @@ contains
       type(process_request) :: resolved
       type(process_model_type) :: model
 
-      call resolve_order(request, resolved, error)
+      call resolve_order(unit_request(request), resolved, error)
       if (allocated(error)) return
       if (request%positive) then
          call foresee_positive(resolved, seed, error)

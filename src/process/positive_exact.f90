@@ -60,21 +60,20 @@ contains
 
    !> Averages over batches, a lane over a stretch of sweeps each; rows as in the sequential law, of
    !> the acceptance sums only the density at 0.
-   subroutine sample_exact(a, field, companion, centre, ring_length, n_burn_in, n_lags, n_sweeps, &
-                           stream, batches)
+   subroutine sample_exact(a, field, companion, centre, ring_length, n_burn_in, n_sweeps, stream, &
+                           batches)
       real(wp), intent(in) :: a(:)           !! a_q, Eq. (39)
       real(wp), intent(in) :: field          !! mu (1 + sum a_q)^2/b0
       !> coefficients of the linear companion, unit innovations
       real(wp), intent(in) :: companion(:)
       real(wp), intent(in) :: centre         !! start, near the mean
-      integer, intent(in) :: ring_length     !! much longer than the memory, and than n_lags
+      integer, intent(in) :: ring_length     !! much longer than the memory, and than all lags
       integer, intent(in) :: n_burn_in       !! sweeps
-      integer, intent(in) :: n_lags
       integer, intent(in) :: n_sweeps        !! of a batch
       type(stream_type), intent(inout) :: stream
       type(batch_averages), intent(inout) :: batches   !! allocated; a multiple of `lanes` batches
       type(ring_type) :: ring
-      real(wp) :: at_zero(lanes), sums(lanes, -1:n_lags, 2)
+      real(wp) :: at_zero(lanes), sums(lanes, -1:batches%n_single + 2, 2)
       integer :: first, last, stretch, sweep
 
       batches%centre = centre
@@ -92,8 +91,10 @@ contains
          sums = 0.0_wp
          do sweep = 1, n_sweeps
             call redraw(ring, stream, at_zero)
-            call add_ring(n_lags, ring%length, ring%x(:, 1:ring%length) - centre, sums(:, :, 1))
-            call add_ring(n_lags, ring%length, ring%y(:, 1:ring%length), sums(:, :, 2))
+            call add_ring(batches%n_single, batches%n_lags, ring%length, &
+                          ring%x(:, 1:ring%length) - centre, sums(:, :, 1))
+            call add_ring(batches%n_single, batches%n_lags, ring%length, &
+                          ring%y(:, 1:ring%length), sums(:, :, 2))
          end do
          first = (stretch - 1)*lanes + 1
          last = stretch*lanes
@@ -104,15 +105,15 @@ contains
    end subroutine sample_exact
 
    !> Products around closed rings.
-   pure subroutine add_ring(n_lags, length, d, sums)
-      integer, intent(in) :: n_lags, length
+   pure subroutine add_ring(n_single, n_lags, length, d, sums)
+      integer, intent(in) :: n_single, n_lags, length
       real(wp), intent(in) :: d(lanes, length)
-      real(wp), intent(inout) :: sums(lanes, -1:n_lags)
+      real(wp), intent(inout) :: sums(lanes, -1:n_single + 2)
       real(wp) :: closed(lanes, 1 - n_lags:length)
 
       closed(:, 1:) = d
       closed(:, :0) = d(:, length - n_lags + 1:)
-      call add_products(n_lags, length, n_lags, closed, sums)
+      call add_products(n_lags, length, n_single, n_lags, closed, sums)
    end subroutine add_ring
 
    !> Consecutive values of one stationary run: the middle of a ring that has forgotten its start

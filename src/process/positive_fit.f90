@@ -282,7 +282,9 @@ contains
       type(search_result), intent(inout) :: found
       real(wp), intent(inout) :: point(:)
       real(wp), intent(out) :: violation
+      real(wp), allocatable :: state(:)
       real(wp) :: excess, length_error
+      logical :: is_inside
 
       law%n_steps = merge(fit_steps, final_steps, fit_steps > 0)
       call solve_along(law, point, found%jacobian, found%metric, matched, 20, violation)
@@ -290,9 +292,12 @@ contains
       length_error = merge(law%moments%l0_error, law%moments%l1_error, law%correlation == 'L0')
       excess = max(law%moments%ratio_error/(ratio_goal*law%wanted_ratio), &
                    length_error/(length_goal*law%wanted_length))
-      if (excess <= 1.0_wp) return
-      law%n_steps = ceiling(final_steps*min(excess**2, real(most_refinement, wp)))
-      call solve_along(law, point, found%jacobian, found%metric, matched, 20, violation)
+      if (excess > 1.0_wp) then
+         law%n_steps = ceiling(final_steps*min(excess**2, real(most_refinement, wp)))
+         call solve_along(law, point, found%jacobian, found%metric, matched, 20, violation)
+      end if
+      call law%keep_every_lag()
+      call law%evaluate(point, state, is_inside)
    end subroutine match_targets
 
    !> What was found, in the unit of X.

@@ -61,6 +61,7 @@ module process_positive_law
       procedure :: evaluate
       procedure :: unfold
       procedure :: imposed_length
+      procedure :: keep_every_lag
       procedure(sample_law), deferred :: sample
       procedure(settle_law), deferred :: settle
       procedure(features_of_law), deferred :: features
@@ -133,7 +134,7 @@ contains
       type(process_model_type) :: unconstrained
       type(correlation_sums) :: sums
       real(wp), allocatable :: g(:), rho(:)
-      integer :: m
+      integer :: m, n_single
 
       select case (sampler)
       case ('sequential')
@@ -180,7 +181,9 @@ contains
       law%companion_autocovariance(:) = rho/innovation_std(kappa, 1.0_wp)**2
       law%memory = ceiling(1.5_wp*memory_of(unconstrained%poles, 1.0e-9_wp))
       law%stream = stream
-      law%batches = new_batches(law%n_lags, n_batches)
+      n_single = max(request%order, law%cut)
+      if (any(rho(n_single + 2:) < 0.0_wp)) n_single = law%n_lags
+      law%batches = new_batches(law%n_lags, min(n_single, law%n_lags), n_batches)
    end subroutine prepare_law
 
    !> The process without sign constraint, by the request's method.
@@ -268,6 +271,13 @@ contains
       length = merge(moments%l0, moments%l1, self%correlation == 'L0')
    end function imposed_length
 
+   !> From now on averages of every lag, at the cost of every lag.
+   subroutine keep_every_lag(self)
+      class(positive_law), intent(inout) :: self
+
+      self%batches = new_batches(self%n_lags, self%n_lags, n_batches)
+   end subroutine keep_every_lag
+
    subroutine sample_sequential_law(self)
       class(sequential_law), intent(inout) :: self
       type(stream_type) :: stream
@@ -275,8 +285,8 @@ contains
       stream = self%stream
       call sample_sequential(self%a, self%coordinate, self%companion, &
                              start_near(self%coordinate/(1.0_wp + sum(self%a))), &
-                             self%n_burn_in, self%n_lags, max(self%n_steps, 2*self%n_lags), &
-                             stream, self%batches)
+                             self%n_burn_in, max(self%n_steps, 2*self%n_lags), stream, &
+                             self%batches)
    end subroutine sample_sequential_law
 
    !> The companion's memory measures that of every process of the wanted length.
@@ -315,7 +325,7 @@ contains
       stream = self%stream
       call sample_exact(self%a, self%coordinate, self%companion, &
                         start_near(self%coordinate/(1.0_wp + sum(self%a))**2), &
-                        self%ring_length(), self%n_burn_in, self%n_lags, &
+                        self%ring_length(), self%n_burn_in, &
                         max(self%n_steps/self%ring_length(), 2), stream, self%batches)
    end subroutine sample_exact_law
 

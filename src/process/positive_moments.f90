@@ -14,11 +14,14 @@ module process_positive_moments
    integer, parameter :: n_acceptance_sums = 5
 
    !> Averages over independent stretches of a run; `x` and `y` hold d, then d_n d_(n-m) for m =
-   !> 0..n_lags.
+   !> 0..n_single, then of the lags beyond, up to n_lags, the sums of d_n d_(n-m) and of m d_n
+   !> d_(n-m): their cost does not depend on the number of lags.
    type :: batch_averages
       real(wp) :: centre = 0.0_wp                !! d = x - centre
-      real(wp), allocatable :: x(:, :)           !! (-1:n_lags, batch)
-      !> (-1:n_lags, batch) of a companion of known moments
+      integer :: n_lags = 0
+      integer :: n_single = 0
+      real(wp), allocatable :: x(:, :)           !! (-1:n_single + 2, batch)
+      !> (-1:n_single + 2, batch) of a companion of known moments
       real(wp), allocatable :: y(:, :)
       real(wp), allocatable :: acceptance(:, :)  !! (n_acceptance_sums, batch)
    end type batch_averages
@@ -40,20 +43,22 @@ module process_positive_moments
 contains
 
    !> Empty batches.
-   pure function new_batches(n_lags, n_batches) result(batches)
-      integer, intent(in) :: n_lags, n_batches
+   pure function new_batches(n_lags, n_single, n_batches) result(batches)
+      integer, intent(in) :: n_lags, n_single, n_batches
       type(batch_averages) :: batches
 
-      allocate (batches%x(-1:n_lags, n_batches), source=0.0_wp)
-      allocate (batches%y(-1:n_lags, n_batches), source=0.0_wp)
+      batches%n_lags = n_lags
+      batches%n_single = n_single
+      allocate (batches%x(-1:n_single + 2, n_batches), source=0.0_wp)
+      allocate (batches%y(-1:n_single + 2, n_batches), source=0.0_wp)
       allocate (batches%acceptance(n_acceptance_sums, n_batches), source=0.0_wp)
    end function new_batches
 
-   !> Adds d_n and d_n d_(n-m) over a block of steps of all lanes.
-   pure subroutine add_products(history, n_steps, n_lags, d, sums)
-      integer, intent(in) :: history, n_steps, n_lags
+   !> Adds the rows of `batch_averages` over a block of steps of all lanes.
+   pure subroutine add_products(history, n_steps, n_single, n_lags, d, sums)
+      integer, intent(in) :: history, n_steps, n_single, n_lags   !! history: at least n_lags
       real(wp), intent(in) :: d(lanes, 1 - history:n_steps)
-      real(wp), intent(inout) :: sums(lanes, -1:n_lags)
+      real(wp), intent(inout) :: sums(lanes, -1:n_single + 2)
       real(wp) :: t1(lanes), t2(lanes), t3(lanes), t4(lanes)
       integer :: lane, m, n
 
@@ -62,7 +67,7 @@ contains
          t1 = t1 + d(:, n)
       end do
       sums(:, -1) = sums(:, -1) + t1
-      do m = 0, n_lags - 3, 4   ! four lags at a time: the sums stay in registers
+      do m = 0, n_single - 3, 4   ! four lags at a time: the sums stay in registers
          t1 = 0.0_wp
          t2 = 0.0_wp
          t3 = 0.0_wp
@@ -81,43 +86,72 @@ contains
          sums(:, m + 2) = sums(:, m + 2) + t3
          sums(:, m + 3) = sums(:, m + 3) + t4
       end do
-      do m = 4*((n_lags + 1)/4), n_lags
+      do m = 4*((n_single + 1)/4), n_single
          do n = 1, n_steps
             sums(:, m) = sums(:, m) + d(:, n)*d(:, n - m)
          end do
       end do
+      if (n_lags > n_single) call add_far_products(history, n_steps, n_single + 1, n_lags, d, &
+                                                   sums(:, n_single + 1), sums(:, n_single + 2))
    end subroutine add_products
 
+   !> The lags from `first` on, by sums over the past that move along with the step.
+   pure subroutine add_far_products(history, n_steps, first, last, d, plain, weighted)
+      integer, intent(in) :: history, n_steps, first, last
+      real(wp), intent(in) :: d(lanes, 1 - history:n_steps)
+      real(wp), intent(inout) :: plain(lanes), weighted(lanes)   !! of weights 1, and m
+      real(wp) :: past(lanes), weighted_past(lanes)   ! sums of d_(n-m), of m d_(n-m)
+      integer :: lane, m, n
+
+      past = 0.0_wp
+      weighted_past = 0.0_wp
+      do m = first, last
+         past = past + d(:, 1 - m)
+         weighted_past = weighted_past + m*d(:, 1 - m)
+      end do
+      do n = 1, n_steps
+         !$omp simd
+         do lane = 1, lanes
+            plain(lane) = plain(lane) + d(lane, n)*past(lane)
+            weighted(lane) = weighted(lane) + d(lane, n)*weighted_past(lane)
+            weighted_past(lane) = weighted_past(lane) + past(lane) &
+                                  + first*d(lane, n + 1 - first) - (last + 1)*d(lane, n - last)
+            past(lane) = past(lane) + d(lane, n + 1 - first) - d(lane, n - last)
+         end do
+      end do
+   end subroutine add_far_products
+
    !> Everything but the autocovariance lag by lag. Signs of K(m), and what lies beyond the last
-   !> lag, are taken from the companion.
+   !> lag, are taken from the companion; lags without a row of their own are positive.
    pure function estimate_moments(batches, companion, order, tail_l0, tail_moment) result(moments)
       type(batch_averages), intent(in) :: batches
-      real(wp), intent(in) :: companion(0:)    !! autocovariance of y, m = 0..n_lags
+      !> autocovariance of y, m = 0..n_lags, or up to less than n_single: sums are then cut there
+      real(wp), intent(in) :: companion(0:)
       !> lags that are controls of their own: coefficients move them
       integer, intent(in) :: order
       real(wp), intent(in) :: tail_l0          !! sum of |rho(m)| beyond n_lags
       real(wp), intent(in) :: tail_moment      !! sum of m |rho(m)| beyond n_lags
       type(positive_moments) :: moments
       type(control_type) :: control
-      real(wp) :: weights(0:ubound(companion, 1), 3)   ! K(0), sum |K|, sum m |K| of the lags
+      real(wp), allocatable :: weights(:, :)   ! (0:last, 3) of rows: K(0), sum |K|, sum m |K|
+      real(wp), allocatable :: known(:)        ! (0:last) rows of the companion
+      real(wp), allocatable :: n_products(:)   ! (0:last) with their weights
       real(wp), dimension(size(batches%x, 2), 3) :: rest
       real(wp), dimension(size(batches%x, 2)) :: centre_rest, work
-      real(wp) :: k(3), offset, unused
-      integer :: i, last, m
+      real(wp) :: k(3), n, offset, unused
+      integer :: i, last
 
-      last = ubound(companion, 1)
-      weights = 0.0_wp
-      weights(0, 1) = 1.0_wp
-      weights(1:, 2) = sign(1.0_wp, companion(1:))
-      weights(1:, 3) = [(m*weights(m, 2), m=1, last)]
-      control = controls_of(batches, companion, weights, order)
+      call arrange_rows(batches, companion, weights, known, n_products)
+      last = size(known) - 1
+      control = controls_of(batches, known, weights, order)
 
       ! each average by itself, then what is not linear in them: no bias of second order
       call control%free(batches%x(-1, :), offset, centre_rest)
       do i = 1, 3
          call control%free(matmul(weights(:, i), batches%x(0:last, :)), k(i), rest(:, i))
-         k(i) = k(i) - sum(weights(:, i))*offset**2
-         rest(:, i) = rest(:, i) - sum(weights(:, i))*2.0_wp*offset*centre_rest
+         n = dot_product(weights(:, i), n_products)
+         k(i) = k(i) - n*offset**2
+         rest(:, i) = rest(:, i) - n*2.0_wp*offset*centre_rest
       end do
       moments%mean = batches%centre + offset
       moments%mean_error = control%standard_error(centre_rest)
@@ -144,6 +178,35 @@ contains
       moments%acceptance_geometric = exp(unused)
    end function estimate_moments
 
+   !> What the rows of the batches stand for, up to the last lag of the companion.
+   pure subroutine arrange_rows(batches, companion, weights, known, n_products)
+      type(batch_averages), intent(in) :: batches
+      real(wp), intent(in) :: companion(0:)
+      real(wp), allocatable, intent(out) :: weights(:, :), known(:), n_products(:)
+      integer :: last, m, n_lags
+
+      n_lags = ubound(companion, 1)
+      last = min(n_lags, batches%n_single)
+      if (n_lags > last) last = last + 2
+      allocate (weights(0:last, 3), known(0:last), n_products(0:last), source=0.0_wp)
+      weights(0, 1) = 1.0_wp
+      known(0) = companion(0)
+      n_products(0) = 1.0_wp
+      do m = 1, min(n_lags, batches%n_single)
+         weights(m, 2) = sign(1.0_wp, companion(m))
+         weights(m, 3) = m*weights(m, 2)
+         known(m) = companion(m)
+         n_products(m) = 1.0_wp
+      end do
+      if (n_lags <= batches%n_single) return
+      weights(last - 1, 2) = 1.0_wp
+      weights(last, 3) = 1.0_wp
+      do m = batches%n_single + 1, n_lags
+         known(last - 1:) = known(last - 1:) + [1, m]*companion(m)
+         n_products(last - 1:) = n_products(last - 1:) + [1, m]
+      end do
+   end subroutine arrange_rows
+
    !> E sum w_m (x_n - centre)(x_(n+m) - centre) and its standard error.
    pure subroutine estimate_products(batches, companion, weights, centre, value, standard_error)
       type(batch_averages), intent(in) :: batches
@@ -165,7 +228,7 @@ contains
    !> What is known of the companion: its mean, the weighted sums of its lags, the first lags.
    pure function controls_of(batches, companion, weights, order) result(control)
       type(batch_averages), intent(in) :: batches
-      real(wp), intent(in) :: companion(0:), weights(:, :)   !! weights: (lag, sum)
+      real(wp), intent(in) :: companion(0:), weights(:, :)   !! (row), (row, sum)
       integer, intent(in) :: order
       type(control_type) :: control
       real(wp) :: deviations(size(batches%y, 2), 1 + size(weights, 2) + order)

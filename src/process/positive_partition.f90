@@ -82,9 +82,9 @@ contains
       kappa = reflection_of(a)
       companion = autocovariance_of(kappa, order)/innovation_std(kappa, 1.0_wp)**2
       field_here = mu/b0*(1.0_wp + sum(a))**2 + b0*field
-      batches = new_batches(order, n_batches)
-      call sample_exact(a, field_here, a, max(mu/b0, 0.5_wp), ring_length, n_burn_in, order, &
-                        n_sweeps, stream, batches)
+      batches = new_batches(order, order, n_batches)
+      call sample_exact(a, field_here, a, max(mu/b0, 0.5_wp), ring_length, n_burn_in, n_sweeps, &
+                        stream, batches)
       weights = -b0**2*g
       weights(0) = 0.0_wp
       call estimate_products(batches, companion, weights, mu/b0, slope, standard_error)

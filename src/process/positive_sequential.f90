@@ -21,14 +21,12 @@ contains
    !> Beside the process x runs its linear companion y, driven by the part of x that the past does
    !> not foretell, scaled to unit variance: the second moments of y are exactly those of its
    !> coefficients, whatever the law of x, and its noise is almost that of x.
-   subroutine sample_sequential(a, offset, companion, centre, n_burn_in, n_lags, n_steps, stream, &
-                                batches)
+   subroutine sample_sequential(a, offset, companion, centre, n_burn_in, n_steps, stream, batches)
       real(wp), intent(in) :: a(:)           !! a_q, Eq. (39)
       real(wp), intent(in) :: offset         !! conditional mean after zeros: mu (1 + sum a_q)/b0
       real(wp), intent(in) :: companion(:)   !! coefficients of y, as many as of x; unit innovations
       real(wp), intent(in) :: centre         !! start of every chain, near the mean [b0]
       integer, intent(in) :: n_burn_in       !! steps until stationary
-      integer, intent(in) :: n_lags
       integer, intent(in) :: n_steps         !! of a batch; rounded up to whole blocks
       type(stream_type), intent(inout) :: stream
       type(batch_averages), intent(inout) :: batches   !! allocated; a multiple of `lanes` batches
@@ -36,10 +34,10 @@ contains
       real(wp) :: acceptance(lanes, n_acceptance_sums)
       integer :: block, first, history, last, n_blocks, stretch
 
-      history = max(n_lags, size(a))
+      history = max(batches%n_lags, size(a))
       n_blocks = (n_steps + block_steps - 1)/block_steps
       allocate (d(lanes, 1 - history:block_steps), y(lanes, 1 - history:block_steps), &
-                sums(lanes, -1:n_lags, 2))
+                sums(lanes, -1:batches%n_single + 2, 2))
       batches%centre = centre
       acceptance = 0.0_wp
       d = 0.0_wp
@@ -52,8 +50,10 @@ contains
          acceptance = 0.0_wp
          do block = 1, n_blocks
             call march_block(a, offset, companion, centre, history, stream, d, y, acceptance)
-            call add_products(history, block_steps, n_lags, d, sums(:, :, 1))
-            call add_products(history, block_steps, n_lags, y, sums(:, :, 2))
+            call add_products(history, block_steps, batches%n_single, batches%n_lags, d, &
+                              sums(:, :, 1))
+            call add_products(history, block_steps, batches%n_single, batches%n_lags, y, &
+                              sums(:, :, 2))
          end do
          first = (stretch - 1)*lanes + 1
          last = stretch*lanes
