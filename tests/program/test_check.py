@@ -5,6 +5,7 @@ from __future__ import annotations
 import re
 
 import h5py
+import numpy as np
 
 PROCESS = "&process method = 'direct' correlation_length = 2.0 order = {} mean = 1.0 std = 0.2"
 CHAIN = "&chain / &excitation variance = 1.0 / &integration n_steps = 1000 /"
@@ -80,3 +81,29 @@ def test_whether_anything_slips_is_said(entroslip, tmp_path):
     weak = entroslip("check", "scene.nml", *NO_TARGET, "--set", "excitation%variance=1e-6").stdout
     assert "transitions  none in a step" in weak
     assert "linear" in weak
+
+
+def test_processes_that_differ_in_scale_share_a_fit_and_its_bits(entroslip, tmp_path):
+    scene = (
+        "&process correlation_length = 0.3 order = 2 mean = {} std = {} n_realizations = 2 /\n"
+    )
+    points = "&output quantities = 'realizations' /\n"
+    (tmp_path / "both.nml").write_text(scene.format(1.0, 0.5) + scene.format(0.3, 0.1) + points)
+    (tmp_path / "three.nml").write_text(
+        scene.format(1.0, 0.5) + scene.format(2.0, 1.0) + scene.format(0.3, 0.1) + points
+    )
+    (tmp_path / "alone.nml").write_text(scene.format(2.0, 1.0) + points)
+    assert "3 processes by 2 fits" in entroslip("check", "three.nml").stdout
+    assert " by 2 fits" not in entroslip("check", "both.nml").stdout
+    for name in ("three", "alone"):
+        assert entroslip("run", f"{name}.nml").returncode == 0
+    with h5py.File(tmp_path / "three.h5") as three, h5py.File(tmp_path / "alone.h5") as alone:
+        first, second, only = (
+            three["process/p001"],
+            three["process/p002"],
+            alone["process/p001"],
+        )
+        for name in ("a", "b0", "mu", "autocovariance", "entropy", "realizations"):
+            assert np.array_equal(second[name][()], only[name][()]), name
+        assert np.array_equal(first["a"][()], second["a"][()])
+        assert second["mu"][()] == 2.0 * first["mu"][()]
