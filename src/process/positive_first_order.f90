@@ -16,7 +16,7 @@ module process_positive_first_order
    use process_truncated_normal, only: fit_truncated_normal
    implicit none(type, external)
    private
-   public :: match_first_order, describe_first_order
+   public :: match_first_order, first_order_limit, describe_first_order
 
    !> [lags] seconds of matrices of order 800
    real(wp), parameter :: longest_first_order = 1000.0_wp
@@ -43,22 +43,23 @@ contains
       type(error_type), allocatable, intent(out) :: error
       type(family_type) :: family
       type(root_search) :: search
-      real(wp) :: excess, guess, mu, parameter, sigma, wanted
+      real(wp) :: excess, guess, limit, mu, parameter, sigma, wanted
       integer :: step
 
       call fit_truncated_normal(request%mean, request%std, mu, sigma, error)
       if (allocated(error)) return
-      if (request%correlation_length > longest_first_order) then
-         call raise(error, exit_no_solution, named(request)//': lengths up to '// &
-                    to_text(longest_first_order)//' can be resolved')
-         return
-      end if
-      family%correlation = request%correlation
-      family%length = request%correlation_length
-      family%is_sequential = request%sampler == 'sequential'
-      wanted = request%std/request%mean
-      if (wanted > always_below) call check_limit(request, family, error)
+      call begin_family(request, family, error)
       if (allocated(error)) return
+      wanted = request%std/request%mean
+      if (wanted > always_below) then
+         call limit_of_family(family, limit, error)
+         if (allocated(error)) return
+         if (wanted >= limit) then
+            call raise(error, exit_no_solution, named(request)//': std/mean must be below '// &
+                       to_text(rounded_down(limit))//', where mu is minus infinity')
+            return
+         end if
+      end if
       guess = log(family%length)
       parameter = parameter_of(mu/sigma)
       search = new_root_search(0.1_wp)
@@ -74,26 +75,57 @@ contains
                  to_text(excess)//' (relative) from std/mean')
    end subroutine match_first_order
 
-   !> Fails where the wanted ratio is not below that at mu = minus infinity.
-   subroutine check_limit(request, family, error)
+   !> The largest std/mean of order 1 at the request's length, rounded down.
+   subroutine first_order_limit(request, limit, error)
+      type(process_request), intent(in) :: request   !! of any order
+      real(wp), intent(out) :: limit
+      type(error_type), allocatable, intent(out) :: error
+      type(family_type) :: family
+
+      limit = 0.0_wp
+      call begin_family(request, family, error)
+      if (.not. allocated(error)) call limit_of_family(family, limit, error)
+      limit = rounded_down(limit)
+   end subroutine first_order_limit
+
+   subroutine begin_family(request, family, error)
       type(process_request), intent(in) :: request
+      type(family_type), intent(out) :: family
+      type(error_type), allocatable, intent(out) :: error
+
+      family%correlation = request%correlation
+      family%length = request%correlation_length
+      family%is_sequential = request%sampler == 'sequential'
+      if (family%length > longest_first_order) &
+         call raise(error, exit_no_solution, named(request)//': lengths up to '// &
+                    to_text(longest_first_order)//' can be resolved')
+   end subroutine begin_family
+
+   !> std/mean at mu = minus infinity.
+   subroutine limit_of_family(family, ratio, error)
       type(family_type), intent(in) :: family
+      real(wp), intent(out) :: ratio
       type(error_type), allocatable, intent(out) :: error
       type(family_type) :: limit
       type(first_order_law) :: law
-      real(wp) :: parameter, ratio
+      real(wp) :: parameter
 
+      ratio = 0.0_wp
       limit = family
       limit%is_limit = .true.
       parameter = 0.5_wp*log(family%length)   ! so it is at any length, but under the exact law
       if (.not. family%is_sequential) parameter = max(parameter, 3.0_wp*parameter + 0.6_wp)
       call match_length(limit, parameter, law, error)
-      if (allocated(error)) return
-      ratio = law%std/law%mean
-      if (request%std/request%mean >= ratio) &
-         call raise(error, exit_no_solution, named(request)//': std/mean must be below '// &
-                    to_text(floor(1.0e4_wp*ratio)/1.0e4_wp)//', where mu is minus infinity')
-   end subroutine check_limit
+      if (.not. allocated(error)) ratio = law%std/law%mean
+   end subroutine limit_of_family
+
+   !> A ratio that is named is itself within the limit.
+   elemental function rounded_down(ratio) result(rounded)
+      real(wp), intent(in) :: ratio
+      real(wp) :: rounded
+
+      rounded = floor(1.0e4_wp*ratio)/1.0e4_wp
+   end function rounded_down
 
    !> Locations as exp far below zero, so that few doublings reach any limit.
    elemental function location_of(parameter) result(location)

@@ -159,16 +159,17 @@ contains
       vector = vector/norm2(vector)
    end function stationary_vector
 
-   !> The largest eigenvalue and its vector, the only one of one sign: inverse iteration, and all
-   !> pairs where that ends elsewhere.
+   !> The largest eigenvalue and its vector, the only one of one sign: inverse iteration, at first
+   !> from above (Noda), where no other value is nearer; and all pairs where that ends elsewhere.
    subroutine find_perron(kernel, vector, perron, error)
       real(wp), intent(in) :: kernel(:, :)               !! (n, n) symmetric, positive
       real(wp), allocatable, intent(out) :: vector(:)    !! (n) of norm 1
       real(wp), intent(out) :: perron
       type(error_type), allocatable, intent(out) :: error
-      integer, parameter :: n_powers = 30, max_steps = 12
+      integer, parameter :: n_powers = 30, n_above = 3, max_steps = 12
       real(wp), parameter :: settled = 1.0e-13_wp, rounding = 1.0e-10_wp
       real(wp), allocatable :: next(:), shifted(:, :), values(:), vectors(:, :)
+      real(wp) :: shift
       integer :: i, step
 
       allocate (vector(size(kernel, 1)), source=1.0_wp)
@@ -176,11 +177,14 @@ contains
          next = matmul(kernel, vector)
          vector = next/norm2(next)
       end do
-      perron = dot_product(vector, matmul(kernel, vector))
+      next = matmul(kernel, vector)
+      perron = dot_product(vector, next)
       do step = 1, max_steps
+         shift = perron
+         if (step <= n_above) shift = bound_above(next, vector)
          shifted = kernel
          do i = 1, size(vector)
-            shifted(i, i) = shifted(i, i) - perron
+            shifted(i, i) = shifted(i, i) - shift
          end do
          call solve_linear_system(shifted, vector, next, error)
          if (allocated(error)) exit   ! the shift is the eigenvalue itself
@@ -201,6 +205,16 @@ contains
       vector = vectors(:, size(values))
       vector = vector*sign(1.0_wp, sum(vector))
    end subroutine find_perron
+
+   !> Of the largest eigenvalue (Collatz, Wielandt), by the components that count.
+   pure function bound_above(image, vector) result(bound)
+      real(wp), intent(in) :: image(:), vector(:)   !! A v, v
+      real(wp) :: bound
+      real(wp) :: least
+
+      least = 1.0e-3_wp*maxval(vector)
+      bound = maxval(image/max(vector, least), mask=vector >= least)
+   end function bound_above
 
    !> Mean, std and both lengths: with w = (x - mean) v the lags are K(m) = w'A^m w.
    subroutine describe_sums(law, nodes, vector, error)

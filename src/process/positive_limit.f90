@@ -20,13 +20,14 @@ module process_positive_limit
 contains
 
    !> Follows the family until it has the wanted ratio: `point` (factor, coordinate) is then near
-   !> the solution. Where it ends before, `limit` is the largest std/mean met.
+   !> the solution. Where it ends before, `limit` is the largest std/mean met, less its error.
    subroutine follow_family(law, point, limit, is_reached)
       class(positive_law), intent(inout) :: law   !! with a shape
       real(wp), intent(inout) :: point(2)
       real(wp), intent(out) :: limit
       logical, intent(out) :: is_reached
       integer, parameter :: max_doublings = 7
+      real(wp), parameter :: certainly = 3.0_wp   ! standard errors
       real(wp) :: inner(2), outer(2), ratio, slack
       integer :: i
       logical :: is_found
@@ -47,7 +48,7 @@ contains
          if (.not. is_found) exit
          is_reached = ratio >= law%wanted_ratio
          if (is_reached .or. ratio < limit) exit   ! it grows to its limit, or has a maximum
-         limit = ratio
+         limit = ratio - certainly*law%moments%ratio_error
       end do
       if (.not. is_reached) return
       do i = 1, merge(6, 0, outer(1) > point(1))   ! halve the stretch in which the ratio is passed

@@ -55,7 +55,8 @@ contains
                 .and. a%bound_side == b%bound_side .and. (a%all_signs .eqv. b%all_signs) &
                 .and. a%inversion_half_width == b%inversion_half_width &
                 .and. (a%positive .eqv. b%positive) .and. a%simulation == b%simulation
-      if (is_same .and. a%positive) is_same = a%sampler == b%sampler
+      if (is_same .and. a%positive) &
+         is_same = a%sampler == b%sampler .and. a%fit_steps == b%fit_steps
    end function is_same
 
    pure function is_same_number(one, other) result(is_same)

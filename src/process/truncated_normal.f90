@@ -140,9 +140,13 @@ contains
       mu = 0.0_wp
       sigma = 0.0_wp
       if (.not. (std > 0.0_wp .and. std < mean)) then
-         call raise(error, exit_no_solution, 'positive law with mean = '//to_text(mean)// &
-                    ', std = '// &
-                    to_text(std)//': needs 0 < std < mean, the limit of the exponential law')
+         if (mean > 0.0_wp) then
+            call raise(error, exit_no_solution, 'positive law with std/mean = '// &
+                       to_text(std/mean)//': needs 0 < std < mean, the limit of the exponential law')
+         else
+            call raise(error, exit_no_solution, 'positive law with mean = '//to_text(mean)// &
+                       ': needs 0 < std < mean')
+         end if
          return
       end if
       ! std/mean falls with c: about 1/c for c >> 1, 1 - 1/c^2 for c << -1

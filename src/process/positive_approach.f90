@@ -1,0 +1,149 @@
+!> The way to a positive process of higher order, on simulated values: first the shape of the
+!> unconstrained optimum, then every coefficient free.
+!>
+!> The same random numbers at every trial make of the averages a smooth problem.
+module process_positive_approach
+   use core_error, only: error_type, exit_no_solution, raise
+   use core_kinds, only: long, wp
+   use core_random, only: label_of, new_stream, stream_type
+   use core_text, only: to_text
+   use numerics_constrained_maximum, only: maximize, search_result
+   use process_ar_model, only: coefficients_of, innovation_std
+   use process_model, only: process_request
+   use process_positive_law, only: n_constraints, positive_law
+   use process_positive_limit, only: follow_family
+   use process_positive_moments, only: estimate_autocovariance
+   use process_positive_preparation, only: prepare_law
+   use process_truncated_normal, only: fit_truncated_normal
+   implicit none(type, external)
+   private
+   public :: approach, find_shape
+
+   integer, parameter :: quick_steps = 128     !! of a batch on the way to a first solution
+   integer, parameter :: limit_steps = 1024    !! of a batch where std/mean may end
+   integer, parameter :: shape_steps = 512     !! of a batch while the shape is sought
+   real(wp), parameter :: close_enough = 1.0e-5_wp  !! relative, of ratio and length on the way
+   !> gradient of the entropy left, over its largest component
+   real(wp), parameter :: stationary = 0.02_wp
+
+contains
+
+   !> The unconstrained optimum of another length that has the targets under the law, on few
+   !> simulated values: `point` is (factor, coordinate). Fails where that family ends before.
+   subroutine approach(request, seed, law, point, found, error)
+      type(process_request), intent(in) :: request
+      integer(long), intent(in) :: seed
+      class(positive_law), allocatable, intent(out) :: law
+      real(wp), allocatable, intent(out) :: point(:)
+      type(search_result), intent(out) :: found
+      type(error_type), allocatable, intent(out) :: error
+      real(wp), allocatable :: kappa(:)
+      real(wp) :: coordinate, limit, mu, sigma
+      logical :: is_reached
+
+      call fit_truncated_normal(request%mean, request%std, mu, sigma, error)
+      if (allocated(error)) return
+      call prepare_law(request, request%sampler, stream_of(seed), law, kappa, error)
+      if (allocated(error)) return
+      ! a first guess: the unconstrained optimum and the univariate law
+      law%shape = atanh(kappa)
+      coordinate = mu/(sigma*innovation_std(kappa, 1.0_wp))*(1.0_wp + sum(law%companion))**law%power
+      point = [1.0_wp, coordinate]
+      law%n_steps = quick_steps
+      call law%settle(law%companion)
+      call maximize(law, point, n_constraints, 1.0e-4_wp, close_enough, 8, found)
+      if (found%violation > close_enough) then
+         point = [1.0_wp, coordinate]
+         law%n_steps = limit_steps
+         call follow_family(law, point, limit, is_reached)
+         if (.not. is_reached) then
+            call raise(error, exit_no_solution, law%name(size(kappa))//reason_of_end(limit))
+            return
+         end if
+         call maximize(law, point, n_constraints, 1.0e-4_wp, close_enough, 20, found)
+      end if
+      found%is_converged = found%violation <= close_enough
+      call require_converged(law, found, size(kappa), error)
+   end subroutine approach
+
+   !> Why a family does not have the wanted ratio.
+   pure function reason_of_end(limit) result(reason)
+      real(wp), intent(in) :: limit   !! the largest std/mean met, less its error; 0: none
+      character(:), allocatable :: reason
+
+      if (limit > 0.0_wp) then
+         reason = ': with the shape of the unconstrained optimum std/mean ends at '// &
+                  to_text(floor(1.0e3_wp*limit)/1.0e3_wp)//', where mu runs away to minus infinity'
+      else
+         reason = ': nothing was found with the shape of the unconstrained optimum'
+      end if
+   end function reason_of_end
+
+   !> Every coefficient free. The direct method's form is that of the maximum already.
+   subroutine find_shape(law, point, found, error)
+      class(positive_law), intent(inout) :: law
+      real(wp), allocatable, intent(inout) :: point(:)
+      type(search_result), intent(inout) :: found
+      type(error_type), allocatable, intent(out) :: error
+
+      law%n_steps = shape_steps
+      if (allocated(law%symbol)) return
+      point = [point(1)*law%shape, point(2)]
+      deallocate (law%shape)
+      call free_shape(law, point, found)
+      call require_converged(law, found, size(point) - 1, error)
+   end subroutine find_shape
+
+   !> Every coefficient free. Where correlation is so weak that the entropy does not feel its shape
+   !> above the noise of the sample, the shape of the unconstrained optimum is kept, with the
+   !> residual it leaves.
+   subroutine free_shape(law, point, found)
+      class(positive_law), intent(inout) :: law
+      real(wp), intent(inout) :: point(:)
+      type(search_result), intent(out) :: found
+      real(wp), parameter :: weak = 0.02_wp, feeble = 0.001_wp   !! largest reflection coefficient
+      real(wp), allocatable :: autocovariance(:), standard_error(:)
+      real(wp) :: family(size(point)), strength
+      integer :: order
+
+      order = size(point) - 1
+      family = point
+      call law%settle(coefficients_of(tanh(point(:order))))
+      strength = maxval(abs(tanh(point(:order))))
+      if (strength > feeble) then
+         call maximize(law, point, n_constraints, 1.0e-4_wp, min(1.0e-3_wp, stationary*strength), &
+                       30, found)
+         if (strength > weak) return
+         call estimate_autocovariance(law%batches, law%companion_autocovariance, order, &
+                                      autocovariance, &
+                                      standard_error)
+         associate (companion => law%companion_autocovariance(0:order))
+            if (found%is_converged .and. &
+                all(autocovariance*sign(1.0_wp, companion) > -4.0_wp*standard_error)) return
+         end associate
+         point = family
+      end if
+      call maximize(law, point, n_constraints, 1.0e-4_wp, huge(1.0_wp), 1, found)
+   end subroutine free_shape
+
+   subroutine require_converged(law, found, order, error)
+      class(positive_law), intent(in) :: law
+      type(search_result), intent(in) :: found
+      integer, intent(in) :: order
+      type(error_type), allocatable, intent(out) :: error
+
+      if (.not. found%is_converged) &
+         call raise(error, exit_no_solution, law%name(order)//': the search ended '// &
+                    to_text(found%violation)//' (relative) from its targets, with '// &
+                    to_text(found%residual)//' of the gradient left')
+   end subroutine require_converged
+
+   !> The simulated values are the same in every fit of a seed.
+   pure function stream_of(seed) result(stream)
+      integer(long), intent(in) :: seed
+      type(stream_type) :: stream
+
+      stream = new_stream(seed, label_of('positive process'), 0)
+   end function stream_of
+
+end module process_positive_approach

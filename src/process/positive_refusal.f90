@@ -1,0 +1,65 @@
+!> What exists where a positive process is refused: an order contains all lower ones, so that the
+!> limit named must not hide what they reach.
+module process_positive_refusal
+   use core_error, only: error_type, exit_no_solution, raise
+   use core_kinds, only: long, wp
+   use core_text, only: to_text
+   use numerics_constrained_maximum, only: search_result
+   use process_model, only: process_request
+   use process_positive_approach, only: approach, find_shape
+   use process_positive_first_order, only: first_order_limit
+   use process_positive_law, only: positive_law
+   implicit none(type, external)
+   private
+   public :: name_what_exists
+
+contains
+
+   !> Adds to a refusal how far order 1 goes, and the highest order that has the request. The direct
+   !> method's orders do not contain each other.
+   subroutine name_what_exists(request, seed, error)
+      type(process_request), intent(in) :: request   !! of order 2 or more
+      integer(long), intent(in) :: seed
+      type(error_type), allocatable, intent(inout) :: error
+      type(error_type), allocatable :: unknown
+      character(:), allocatable :: message
+      real(wp) :: limit
+
+      if (request%method == 'direct') return
+      call first_order_limit(request, limit, unknown)
+      if (allocated(unknown)) return
+      message = error%message//'; order = 1 has them up to '//to_text(limit)
+      if (request%std <= limit*request%mean) &
+         message = message//', order = '//to_text(highest_order(request, seed))//' has this one'
+      call raise(error, exit_no_solution, message)
+   end subroutine name_what_exists
+
+   !> Of the orders below the request's that have a process of its ratio and length; order 1 has.
+   !> What is in reach becomes less as the order grows.
+   function highest_order(request, seed) result(order)
+      type(process_request), intent(in) :: request
+      integer(long), intent(in) :: seed
+      integer :: order
+      class(positive_law), allocatable :: law
+      type(error_type), allocatable :: error
+      type(process_request) :: lower
+      type(search_result) :: found
+      real(wp), allocatable :: point(:)
+      integer :: refused
+
+      order = 1
+      refused = request%order
+      lower = request
+      do while (refused - order > 1)
+         lower%order = (order + refused)/2
+         call approach(lower, seed, law, point, found, error)
+         if (.not. allocated(error)) call find_shape(law, point, found, error)
+         if (allocated(error)) then
+            refused = lower%order
+         else
+            order = lower%order
+         end if
+      end do
+   end function highest_order
+
+end module process_positive_refusal

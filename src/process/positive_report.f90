@@ -1,0 +1,191 @@
+!> What was found of a positive process, in the unit of X, and what the other law makes of the same
+!> parameters.
+module process_positive_report
+   use core_error, only: error_type, exit_no_solution, raise
+   use core_kinds, only: wp
+   use core_text, only: to_text
+   use process_ar_model, only: find_poles
+   use process_correlation, only: constraint_weights, correlation_length_l0, correlation_length_l1
+   use process_entropy, only: white_noise_entropy
+   use process_model, only: process_model_type, process_request
+   use process_positive_exact, only: precision_of
+   use process_positive_law, only: exact_law, positive_law, sequential_law
+   use process_positive_moments, only: estimate_autocovariance
+   use process_positive_partition, only: log_sqrt_two_pi
+   use process_positive_preparation, only: prepare_law
+   use process_truncated_normal, only: hazard_ratio, log_acceptance
+   implicit none(type, external)
+   private
+   public :: compare_laws, describe_sampled, describe_white, name_multipliers
+
+contains
+
+   !> Without correlation both laws are the univariate one, in closed form.
+   subroutine describe_white(request, mu, sigma, model)
+      type(process_request), intent(in) :: request
+      real(wp), intent(in) :: mu, sigma
+      type(process_model_type), intent(inout) :: model
+      integer :: order
+
+      order = request%order
+      model%is_solved = .true.
+      model%order = order
+      model%a = spread(0.0_wp, 1, order)
+      model%b0 = sigma
+      model%mu = mu
+      model%poles = spread((0.0_wp, 0.0_wp), 1, order)
+      allocate (model%autocovariance(0:order), model%autocovariance_error(0:order), source=0.0_wp)
+      model%autocovariance(0) = request%std**2
+      model%mean = request%mean
+      model%std = request%std
+      model%entropy = white_noise_entropy(sigma) + log_acceptance(mu/sigma) &
+                      - 0.5_wp*mu/sigma*hazard_ratio(mu/sigma)
+      model%entropy_bound = white_noise_entropy(request%std)
+      model%lambda = exp(max(log_acceptance(mu/sigma), log(tiny(1.0_wp))))
+      model%acceptance_ratio = model%lambda
+      model%acceptance_mean = model%lambda
+      model%acceptance_geometric = model%lambda
+      model%memory = order
+      model%other_mean = model%mean
+      model%other_std = model%std
+      model%other_entropy = model%entropy
+   end subroutine describe_white
+
+   !> What was found, in the unit of X.
+   subroutine describe_sampled(request, law, point, model, error)
+      type(process_request), intent(in) :: request
+      class(positive_law), intent(inout) :: law
+      real(wp), intent(in) :: point(:)
+      type(process_model_type), intent(inout) :: model
+      type(error_type), allocatable, intent(out) :: error
+      integer :: m
+
+      model%order = request%order
+      model%a = law%a
+      model%b0 = request%std/law%moments%std
+      model%mu = model%b0*law%coordinate/(1.0_wp + sum(model%a))**law%power
+      call find_poles(model%a, model%poles, error)
+      if (allocated(error)) return
+      model%l0 = law%moments%l0
+      model%l0_error = law%moments%l0_error
+      model%l1 = law%moments%l1
+      model%l1_error = law%moments%l1_error
+      model%mean = model%b0*law%moments%mean
+      model%mean_error = model%b0*law%moments%mean_error
+      model%std = request%std
+      model%std_error = model%b0*law%moments%std_error
+      model%memory = law%memory
+      call law%find_entropy(model%entropy, model%entropy_error)
+      model%entropy = model%entropy + log(model%b0)
+      model%entropy_bound = white_noise_entropy(request%std)
+      call describe_lags(law, point, model, error)
+      if (allocated(error)) return
+      m = min(request%order, law%n_lags)
+      model%l0_cut = correlation_length_l0(model%autocovariance(0:m))
+      model%l1_cut = correlation_length_l1(model%autocovariance(0:m))
+   end subroutine describe_sampled
+
+   !> The autocovariance lag by lag, from as many values as lags allow. Fails where it clearly has
+   !> not the signs by which the length was summed.
+   subroutine describe_lags(law, point, model, error)
+      class(positive_law), intent(in) :: law
+      real(wp), intent(in) :: point(:)
+      type(process_model_type), intent(inout) :: model
+      type(error_type), allocatable, intent(out) :: error
+      integer, parameter :: affordable = 3000000   ! lags times steps of a batch: about a second
+      class(positive_law), allocatable :: longer
+      real(wp), allocatable :: state(:)
+      logical :: is_inside
+      integer :: m
+
+      allocate (longer, source=law)
+      longer%n_steps = min(law%n_steps, max(affordable/law%n_lags, 512))
+      call longer%keep_every_lag()
+      call longer%evaluate(point, state, is_inside)
+      associate (companion => law%companion_autocovariance)
+         call estimate_autocovariance(longer%batches, companion, law%n_lags, &
+                                      model%autocovariance, model%autocovariance_error)
+         do m = 1, law%n_lags
+            if (sign(1.0_wp, companion(m))*model%autocovariance(m) >= &
+                -max(5.0_wp*model%autocovariance_error(m), 1.0e-3_wp*model%autocovariance(0))) cycle
+            call raise(error, exit_no_solution, law%name(size(model%a))// &
+                       ': the search ended where K('//to_text(m)//') has changed its sign')
+            return
+         end do
+      end associate
+      model%autocovariance(:) = model%b0**2*model%autocovariance
+      model%autocovariance_error(:) = model%b0**2*model%autocovariance_error
+   end subroutine describe_lags
+
+   !> Multipliers of Eq. (30) from the matrix G: G_0 = 2 lambda_3 + 2 lambda_2 a_0, G_m = lambda_2
+   !> a_m s_m.
+   subroutine name_multipliers(request, model)
+      type(process_request), intent(in) :: request
+      type(process_model_type), intent(inout) :: model
+      real(wp) :: g(0:model%order), lambda_2, weights(0:model%order)
+
+      g = precision_of(model%a)/model%b0**2
+      weights = constraint_weights(request%correlation, request%correlation_length, model%order)
+      model%signs = nint(sign(1.0_wp, model%autocovariance(1:model%order)))
+      lambda_2 = g(model%order)/(weights(model%order)*model%signs(model%order))
+      model%lambda_3 = 0.5_wp*g(0) - lambda_2*weights(0)
+      model%delta = lambda_2/model%lambda_3
+   end subroutine name_multipliers
+
+   !> What the same a_q, b0 and mu give under the other law, and the acceptances of both. Of the
+   !> exact law, nothing where it remembers more than its fits carry.
+   subroutine compare_laws(request, law, point, n_steps, model)
+      type(process_request), intent(in) :: request
+      class(positive_law), intent(in) :: law
+      real(wp), intent(in) :: point(:)
+      integer, intent(in) :: n_steps   !! of a batch of the other law
+      type(process_model_type), intent(inout) :: model
+      type(error_type), allocatable :: error
+      class(positive_law), allocatable :: other
+      real(wp), allocatable :: kappa(:), state(:)
+      real(wp) :: coordinate, location, unused
+      logical :: is_inside
+
+      call prepare_law(request, merge('exact     ', 'sequential', &
+                                      request%sampler == 'sequential'), law%stream, other, &
+                       kappa, error)
+      if (allocated(error)) then   ! longer than it is sampled: not known
+         deallocate (error)
+         call note_acceptances(law, model)
+         return
+      end if
+      location = model%mu/model%b0
+      coordinate = location*(1.0_wp + sum(model%a))**other%power
+      other%n_steps = n_steps
+      call other%settle(model%a)
+      call other%evaluate([point(:size(point) - 1), coordinate], state, is_inside)
+      call other%find_entropy(model%other_entropy, unused)
+      model%other_entropy = model%other_entropy + log(model%b0)
+      model%other_mean = model%b0*other%moments%mean
+      model%other_std = model%b0*other%moments%std
+      model%other_l0 = other%moments%l0
+      call note_acceptances(law, model)
+      call note_acceptances(other, model)
+   end subroutine compare_laws
+
+   !> Lambda belongs to the exact law, the other three to one-at-a-time rejection.
+   subroutine note_acceptances(law, model)
+      class(positive_law), intent(in) :: law
+      type(process_model_type), intent(inout) :: model
+      real(wp) :: entropy, field, psi
+
+      select type (law)
+      type is (sequential_law)
+         model%acceptance_ratio = law%moments%acceptance_ratio
+         model%acceptance_mean = law%moments%acceptance_mean
+         model%acceptance_geometric = law%moments%acceptance_geometric
+      type is (exact_law)
+         entropy = merge(model%entropy, model%other_entropy, model%request%sampler == 'exact') &
+            - log(model%b0)
+         field = model%mu/model%b0*(1.0_wp + sum(model%a))**2
+         psi = entropy - 0.5_wp + 0.5_wp*field*law%moments%mean
+         model%lambda = exp(psi - log_sqrt_two_pi - 0.5_wp*field*model%mu/model%b0)
+      end select
+   end subroutine note_acceptances
+
+end module process_positive_report
