@@ -8,13 +8,12 @@ module process_positive_approach
    use core_random, only: label_of, new_stream, stream_type
    use core_text, only: to_text
    use numerics_constrained_maximum, only: maximize, search_result
-   use process_ar_model, only: coefficients_of, innovation_std
+   use process_ar_model, only: coefficients_of
    use process_model, only: process_request
    use process_positive_law, only: n_constraints, positive_law
    use process_positive_limit, only: follow_family
    use process_positive_moments, only: estimate_autocovariance
    use process_positive_preparation, only: prepare_law
-   use process_truncated_normal, only: fit_truncated_normal
    implicit none(type, external)
    private
    public :: approach, find_shape
@@ -38,16 +37,13 @@ contains
       type(search_result), intent(out) :: found
       type(error_type), allocatable, intent(out) :: error
       real(wp), allocatable :: kappa(:)
-      real(wp) :: coordinate, limit, mu, sigma
+      real(wp) :: coordinate, limit
       logical :: is_reached
 
-      call fit_truncated_normal(request%mean, request%std, mu, sigma, error)
-      if (allocated(error)) return
       call prepare_law(request, request%sampler, stream_of(seed), law, kappa, error)
       if (allocated(error)) return
-      ! a first guess: the unconstrained optimum and the univariate law
       law%shape = atanh(kappa)
-      coordinate = mu/(sigma*innovation_std(kappa, 1.0_wp))*(1.0_wp + sum(law%companion))**law%power
+      coordinate = law%coordinate
       point = [1.0_wp, coordinate]
       law%n_steps = quick_steps
       call law%settle(law%companion)

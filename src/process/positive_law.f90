@@ -50,6 +50,9 @@ module process_positive_law
       type(stream_type) :: stream
       real(wp), allocatable :: a(:)                  !! of the last evaluation, as all that follows
       real(wp) :: coordinate = 0.0_wp
+      !> near the mean [b0]: where chains start, and products are taken about it, so that hardly
+      !> anything is left of what enters and leaves at the ends of a batch
+      real(wp) :: centre = 1.0_wp
       type(batch_averages) :: batches
       type(positive_moments) :: moments
    contains
@@ -206,8 +209,7 @@ contains
 
       stream = self%stream
       call sample_sequential(self%a, self%coordinate, self%companion, &
-                             start_near(self%coordinate/(1.0_wp + sum(self%a))), &
-                             self%n_burn_in, max(self%n_steps, self%n_lags/2), stream, &
+                             self%centre, self%n_burn_in, max(self%n_steps, self%n_lags), stream, &
                              self%batches)
    end subroutine sample_sequential_law
 
@@ -217,6 +219,7 @@ contains
       real(wp), intent(in) :: a(:)
 
       self%n_burn_in = max(self%memory, size(a))
+      if (self%moments%mean > 0.0_wp) self%centre = self%moments%mean
    end subroutine settle_sequential
 
    function entropy_feature(self) result(features)
@@ -246,8 +249,7 @@ contains
 
       stream = self%stream
       call sample_exact(self%a, self%coordinate, self%companion, &
-                        start_near(self%coordinate/(1.0_wp + sum(self%a))**2), &
-                        self%ring_length(), self%n_burn_in, &
+                        self%centre, self%ring_length(), self%n_burn_in, &
                         max(self%n_steps/self%ring_length(), 2), stream, self%batches)
    end subroutine sample_exact_law
 
@@ -266,7 +268,10 @@ contains
       real(wp) :: variance
 
       variance = self%companion_autocovariance(0)
-      if (self%moments%std > 0.0_wp) variance = self%moments%std**2
+      if (self%moments%std > 0.0_wp) then
+         variance = self%moments%std**2
+         self%centre = self%moments%mean
+      end if
       self%n_burn_in = sweeps_to_forget(a, variance, self%wanted_l0, 1.0e-5_wp)
    end subroutine settle_exact
 
@@ -310,13 +315,5 @@ contains
       entropy = entropy_of_exact_law(psi, self%coordinate, self%moments%mean)
       standard_error = norm2([psi_error, 0.5_wp*self%coordinate*self%moments%mean_error])
    end subroutine integrated_entropy
-
-   !> Near the mean of the process, whatever mu [b0].
-   elemental function start_near(location) result(start)
-      real(wp), intent(in) :: location
-      real(wp) :: start
-
-      start = max(location, 0.5_wp)
-   end function start_near
 
 end module process_positive_law

@@ -14,14 +14,15 @@ module process_positive_preparation
    use process_positive_law, only: exact_law, n_batches, positive_law, sequential_law
    use process_positive_moments, only: new_batches
    use process_positive_sequential, only: memory_of
+   use process_truncated_normal, only: fit_truncated_normal
    implicit none(type, external)
    private
    public :: prepare_law
 
 contains
 
-   !> The law of a request or, by the sampler's name, the other one, with targets and companion: the
-   !> unconstrained process of the wanted length.
+   !> The law of a request or, by the sampler's name, the other one, with targets, a first guess of
+   !> mu, and a companion: the unconstrained process of the wanted length.
    subroutine prepare_law(request, sampler, stream, law, kappa, error)
       type(process_request), intent(in) :: request
       character(*), intent(in) :: sampler
@@ -32,6 +33,7 @@ contains
       type(process_model_type) :: unconstrained
       type(correlation_sums) :: sums
       real(wp), allocatable :: g(:), rho(:)
+      real(wp) :: b0, mu, sigma
       integer :: m, n_single
 
       select case (sampler)
@@ -48,6 +50,8 @@ contains
                     "': must be 'sequential' or 'exact'")
          return
       end select
+      call fit_truncated_normal(request%mean, request%std, mu, sigma, error)
+      if (allocated(error)) return
       call solve_unconstrained(request, unconstrained, error)
       if (allocated(error)) return
       kappa = reflection_of(unconstrained%a)
@@ -77,6 +81,10 @@ contains
       law%tail_moment = sums%l1*(1.0_wp + sums%l0) - sum([(m*abs(rho(m + 1)), m=1, law%n_lags)])
       allocate (law%companion_autocovariance(0:law%n_lags))
       law%companion_autocovariance(:) = rho/innovation_std(kappa, 1.0_wp)**2
+      ! a first guess: the univariate law, with the innovations of the companion
+      b0 = sigma*innovation_std(kappa, 1.0_wp)
+      law%coordinate = mu/b0*(1.0_wp + sum(law%companion))**law%power
+      law%centre = request%mean/b0
       law%memory = ceiling(1.5_wp*memory_of(unconstrained%poles, 1.0e-9_wp))
       law%stream = stream
       n_single = max(request%order, law%cut)

@@ -25,7 +25,8 @@ contains
       character(:), allocatable :: message
       real(wp) :: limit
 
-      if (request%method == 'direct') return
+      if (request%method == 'direct' .or. error%exit_code /= exit_no_solution .or. &
+          request%std >= request%mean) return
       call first_order_limit(request, limit, unknown)
       if (allocated(unknown)) return
       message = error%message//'; order = 1 has them up to '//to_text(limit)
