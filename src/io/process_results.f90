@@ -42,7 +42,6 @@ contains
          call write_correlation(group, model)
          call write_entropies(group, model)
          if (model%other_std > 0.0_wp) call write_other_law(group, model)
-         if (model%quadrature_std > 0.0_wp) call write_check(group, model)
          if (allocated(model%signs)) call write_direct(group, model)
          if (model%inversion%half_width > 0) call write_inversion(group, model)
       end if
@@ -174,18 +173,6 @@ contains
       call group%put_value('other_L0', model%other_l0, 'lag', 'correlation length'//same)
       call group%put_value('other_entropy', model%other_entropy, 'nat', 'entropy per point'//same)
    end subroutine write_other_law
-
-   !> Of low orders: what was sampled, without sampling.
-   subroutine write_check(group, model)
-      type(group_type), intent(inout) :: group
-      type(process_model_type), intent(in) :: model
-      character(*), parameter :: how = ' by quadrature, a check of the sampled one'
-
-      call group%put_value('quadrature_mean', model%quadrature_mean, 'unit of x', 'mean'//how)
-      call group%put_value('quadrature_std', model%quadrature_std, 'unit of x', &
-                           'standard deviation'//how)
-      call group%put_value('quadrature_L0', model%quadrature_l0, 'lag', 'correlation length'//how)
-   end subroutine write_check
 
    !> Multipliers of the direct method, and all solutions that its sign search found.
    subroutine write_direct(group, model)

@@ -73,8 +73,6 @@ module process_model
       integer :: memory = 0                      !! positive: steps that are felt, to 1e-9
       !> positive: what the same a_q, b0 and mu give under the law that was not asked for
       real(wp) :: other_mean = 0.0_wp, other_std = 0.0_wp, other_l0 = 0.0_wp, other_entropy = 0.0_wp
-      !> positive, sampled, of order 1 or 2: the same by quadrature, a check; 0: not made
-      real(wp) :: quadrature_mean = 0.0_wp, quadrature_std = 0.0_wp, quadrature_l0 = 0.0_wp
       integer, allocatable :: signs(:)           !! direct: s_m
       real(wp) :: delta = 0.0_wp, lambda_3 = 0.0_wp   !! direct
       type(process_solution), allocatable :: solutions(:)   !! direct: the best, at most 100

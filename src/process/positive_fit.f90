@@ -13,7 +13,6 @@ module process_positive_fit
    use process_positive_first_order, only: describe_first_order, match_first_order
    use process_positive_kernel, only: first_order_law
    use process_positive_law, only: positive_law
-   use process_positive_quadrature, only: check_by_quadrature
    use process_positive_refusal, only: name_what_exists
    use process_positive_report, only: compare_laws, describe_sampled, describe_white, &
       name_multipliers
@@ -61,7 +60,6 @@ contains
             call name_what_exists(request, seed, error)
          else
             call compare_laws(request, law, point, final_steps, model)
-            call check_by_quadrature(model)
          end if
          if (request%method == 'direct' .and. .not. allocated(error)) &
             call name_multipliers(request, model)

@@ -306,12 +306,13 @@ contains
    subroutine integrated_entropy(self, entropy, standard_error)
       class(exact_law), intent(in) :: self
       real(wp), intent(out) :: entropy, standard_error
+      integer, parameter :: enough = 8192   ! steps of a batch: each node has as many
       type(stream_type) :: stream
       real(wp) :: psi, psi_error
 
       stream = self%stream
       call log_partition(self%a, self%coordinate, self%ring_length(), self%n_burn_in, &
-                         max(self%n_steps/self%ring_length(), 8), stream, psi, psi_error)
+                         max(min(self%n_steps, enough)/self%ring_length(), 8), stream, psi, psi_error)
       entropy = entropy_of_exact_law(psi, self%coordinate, self%moments%mean)
       standard_error = norm2([psi_error, 0.5_wp*self%coordinate*self%moments%mean_error])
    end subroutine integrated_entropy

@@ -23,6 +23,7 @@ contains
       type(error_type), allocatable, intent(inout) :: error
       type(error_type), allocatable :: unknown
       character(:), allocatable :: message
+      integer :: order
       real(wp) :: limit
 
       if (request%method == 'direct' .or. error%exit_code /= exit_no_solution .or. &
@@ -30,8 +31,9 @@ contains
       call first_order_limit(request, limit, unknown)
       if (allocated(unknown)) return
       message = error%message//'; order = 1 has them up to '//to_text(limit)
-      if (request%std <= limit*request%mean) &
-         message = message//', order = '//to_text(highest_order(request, seed))//' has this one'
+      order = 1
+      if (request%std <= limit*request%mean) order = highest_order(request, seed)
+      if (order > 1) message = message//', order = '//to_text(order)//' has this one'
       call raise(error, exit_no_solution, message)
    end subroutine name_what_exists
 

@@ -88,8 +88,6 @@ contains
          if (model%other_std > 0.0_wp) model%other_entropy = model%other_entropy + gain
          model%other_mean = unit*model%other_mean
          model%other_std = unit*model%other_std
-         model%quadrature_mean = unit*model%quadrature_mean
-         model%quadrature_std = unit*model%quadrature_std
       else
          model%mu = request%mean
          model%mean = request%mean

@@ -9,12 +9,10 @@ module positive_quadrature
    use core_kinds, only: wp
    use core_text, only: to_text
    use numerics_quadrature, only: gauss_legendre
-   use process_correlation, only: correlation_length_l0
-   use process_model, only: process_model_type
    use process_truncated_normal, only: hazard_ratio, log_acceptance
    implicit none(type, external)
    private
-   public :: transfer_operator, new_operator, find_stationary_law, check_by_quadrature
+   public :: transfer_operator, new_operator, find_stationary_law
 
    !> States are vectors of M past nodes, the newest varying fastest, the oldest apart: (newer,
    !> oldest).
@@ -37,35 +35,6 @@ module positive_quadrature
    end type transfer_operator
 
 contains
-
-   !> Mean, std and L0 of a sampled process of order 1 or 2; nothing of higher orders, or where the
-   !> process is so wide that nodes would be many.
-   subroutine check_by_quadrature(model)
-      type(process_model_type), intent(inout) :: model
-      integer, parameter :: highest_order = 2, most_nodes = 130
-      real(wp), parameter :: density = 1.8_wp    ! of nodes, over the width of the kernel
-      real(wp), parameter :: far = 18.0_wp       ! std beyond the mean: 1e-8 of an exponential law
-      type(transfer_operator) :: operator
-      type(error_type), allocatable :: error
-      real(wp), allocatable :: k(:)
-      real(wp) :: mean, reach
-      integer :: n_nodes
-
-      if (model%order > highest_order) return
-      reach = (model%mean + far*model%std)/model%b0
-      n_nodes = 24 + ceiling(density*reach)
-      if (n_nodes > most_nodes) return
-      operator = new_operator(model%a, model%mu/model%b0*(1.0_wp + sum(model%a)), reach, n_nodes, &
-                              model%request%sampler == 'sequential')
-      call find_stationary_law(operator, 1.0e-11_wp, error)
-      if (allocated(error)) return
-      mean = operator%expectation(operator%newest)
-      allocate (k(0:model%memory))
-      k(:) = operator%autocovariance(model%memory)
-      model%quadrature_mean = model%b0*mean
-      model%quadrature_std = model%b0*sqrt(k(0))
-      model%quadrature_l0 = correlation_length_l0(k)
-   end subroutine check_by_quadrature
 
    !> Discretizes the kernel; n_nodes**(order + 1) numbers.
    pure function new_operator(a, offset, reach, n_nodes, is_sequential) result(operator)
