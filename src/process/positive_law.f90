@@ -312,7 +312,8 @@ contains
 
       stream = self%stream
       call log_partition(self%a, self%coordinate, self%ring_length(), self%n_burn_in, &
-                         max(min(self%n_steps, enough)/self%ring_length(), 8), stream, psi, psi_error)
+                         max(min(self%n_steps, enough)/self%ring_length(), 8), stream, psi, &
+                         psi_error)
       entropy = entropy_of_exact_law(psi, self%coordinate, self%moments%mean)
       standard_error = norm2([psi_error, 0.5_wp*self%coordinate*self%moments%mean_error])
    end subroutine integrated_entropy

@@ -142,7 +142,8 @@ contains
       if (.not. (std > 0.0_wp .and. std < mean)) then
          if (mean > 0.0_wp) then
             call raise(error, exit_no_solution, 'positive law with std/mean = '// &
-                       to_text(std/mean)//': needs 0 < std < mean, the limit of the exponential law')
+                       to_text(std/mean)//': needs 0 < std < mean, '// &
+                       'the limit of the exponential law')
          else
             call raise(error, exit_no_solution, 'positive law with mean = '//to_text(mean)// &
                        ': needs 0 < std < mean')

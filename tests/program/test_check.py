@@ -84,9 +84,7 @@ def test_whether_anything_slips_is_said(entroslip, tmp_path):
 
 
 def test_processes_that_differ_in_scale_share_a_fit_and_its_bits(entroslip, tmp_path):
-    scene = (
-        "&process correlation_length = 0.3 order = 2 mean = {} std = {} n_realizations = 2 /\n"
-    )
+    scene = "&process correlation_length = 0.3 order = 2 mean = {} std = {} n_realizations = 2 /\n"
     points = "&output quantities = 'realizations' /\n"
     (tmp_path / "both.nml").write_text(scene.format(1.0, 0.5) + scene.format(0.3, 0.1) + points)
     (tmp_path / "three.nml").write_text(
