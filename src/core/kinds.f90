@@ -3,9 +3,10 @@ module core_kinds
    use, intrinsic :: iso_fortran_env, only: int64, real64
    implicit none(type, external)
    private
-   public :: wp, long
+   public :: wp, long, extended
 
    integer, parameter :: wp = real64     !! every real
    integer, parameter :: long = int64    !! counts that can exceed 2**31, words of random streams
+   integer, parameter :: extended = selected_real_kind(p=30)   !! for small sums of large terms
 
 end module core_kinds

@@ -16,7 +16,7 @@ module process_fit
    use process_sign_search, only: search_result
    implicit none(type, external)
    private
-   public :: fit_process, fit_from_search, foresee_process
+   public :: fit_process, fit_from_search, foresee_process, resolve_order
 
    ! beyond this order or length a search costs far more than the fit
    integer, parameter :: n_rivals = 4, highest_rival_order = 12
@@ -51,12 +51,13 @@ contains
    end subroutine fit_process
 
    !> The same from a search for signs that was shared out, when all its parts are joined.
-   subroutine fit_from_search(request, search, model)
-      type(process_request), intent(in) :: request
+   subroutine fit_from_search(request, resolved, search, model)
+      type(process_request), intent(in) :: request, resolved   !! as asked; its order chosen
       type(search_result), intent(in) :: search
       type(process_model_type), intent(out) :: model
 
-      call conclude_direct(request, search, model)
+      call conclude_direct(resolved, search, model)
+      model%request = request
       call accept_simulation(model)
    end subroutine fit_from_search
 

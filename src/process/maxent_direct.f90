@@ -201,9 +201,14 @@ contains
       logical :: is_positive
 
       solution = mirrored(found)
-      call equivalent_process(direct_symbol(request%correlation, request%correlation_length, &
-                                            solution%delta, 0.5_wp, solution%s), &
-                              a, b0, is_positive)
+      if (allocated(solution%factor)) then
+         a = solution%factor(1:)/solution%factor(0)
+         is_positive = .true.
+      else
+         call equivalent_process(direct_symbol(request%correlation, request%correlation_length, &
+                                               solution%delta, 0.5_wp, solution%s), &
+                                 a, b0, is_positive)
+      end if
       if (is_positive) then
          b0 = request%std*innovation_std(reflection_of(a), 1.0_wp)
          call sum_direct_correlation(a, are_all_positive(request, solution%s), sums, error)

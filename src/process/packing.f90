@@ -102,6 +102,7 @@ contains
       call t%pass(solution%correlation, first=0)
       call t%pass(solution%entropy)
       call t%pass(solution%number)
+      call t%pass(solution%factor, first=0)
    end subroutine walk_sequence
 
    !> The list of components.

@@ -16,6 +16,7 @@ module process_sign_sequence
    use process_interior_point, only: hold_at_zero
    use process_length_constraint, only: length_constraint
    use process_reciprocal_symbol, only: reciprocal_workspace
+   use process_touching_symbol, only: solve_touching
    implicit none(type, external)
    private
    public :: sequence_solution, solve_sequence
@@ -30,6 +31,7 @@ module process_sign_sequence
       real(wp), allocatable :: correlation(:)  !! K(m)/K(0), m = 0..m_max
       real(wp) :: entropy = 0.0_wp             !! per point [nat]
       integer(long) :: number = 0              !! among the sequences of a search
+      real(wp), allocatable :: factor(:)       !! B, 0..m_max, where s and delta do not hold it
    end type sequence_solution
 
    real(wp), parameter :: sign_rounding = 1.0e-12_wp   !! of K(m)/K(0)
@@ -58,6 +60,7 @@ contains
       if (size(constraint%penalized) == 0 .or. all(signs > 0)) then
          ! all signs plus, far from the limits: nothing is held at zero
          call solve_active_set(constraint, s, is_free, delta, workspace, solution)
+         if (all(signs > 0)) call approach_touch(constraint, solution)
          if (size(constraint%penalized) == 0 .or. .not. solution%is_feasible) return
          if (all(solution%correlation(constraint%penalized) >= 0.0_wp)) return
       end if
@@ -122,6 +125,33 @@ contains
       end do
       if (is_done) call describe(constraint, state, solution)
    end subroutine solve_active_set
+
+   !> All plus, once more where g(0) is lost in the rounding of g_0.
+   subroutine approach_touch(constraint, solution)
+      type(length_constraint), intent(in) :: constraint
+      type(sequence_solution), intent(inout) :: solution
+      real(wp), parameter :: lost = 1.0e-4_wp
+      real(wp) :: delta, factor(0:constraint%m_max), k(0:constraint%m_max)
+      logical :: is_solved
+
+      associate (weights => constraint%weights, touch => sum(constraint%weights))
+         if (.not. touch < 0.0_wp) return
+         if (solution%is_feasible .and. 1.0_wp + solution%delta*touch > &
+             lost*(1.0_wp + solution%delta*weights(0))) return
+         call solve_touching(weights, delta, factor, k, is_solved)
+      end associate
+      if (.not. (is_solved .and. all(k > 0.0_wp))) return
+      if (.not. solution%is_feasible) &
+         allocate (solution%s(constraint%m_max), solution%correlation(0:constraint%m_max), source=1.0_wp)
+      solution%is_feasible = .true.
+      solution%is_consistent = .true.
+      solution%delta = delta
+      solution%lambda_3 = 0.5_wp*k(0)
+      solution%correlation(:) = k/k(0)
+      solution%entropy = white_noise_entropy(1.0_wp) - log(factor(0))
+      allocate (solution%factor(0:constraint%m_max))
+      solution%factor(:) = factor
+   end subroutine approach_touch
 
    !> Newton's step; the decrement is twice the rise of D that it promises.
    subroutine find_step(state, limit, step, decrement)

@@ -11,6 +11,7 @@ module process_spectral_factor
    implicit none(type, external)
    private
    public :: factor_symbol, change_of_factor, symbol_of_process, reciprocal_of_process
+   public :: autocorrelation
 
 contains
 
@@ -90,6 +91,7 @@ contains
       symbol = autocorrelation([1.0_wp, a])/b0**2
    end function symbol_of_process
 
+   !> sum_q B_q B_(q+m), m = 0..order: the symbol |B|^2.
    pure function autocorrelation(factor) result(symbol)
       real(wp), intent(in) :: factor(0:)
       real(wp) :: symbol(0:ubound(factor, 1))

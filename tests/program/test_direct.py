@@ -15,6 +15,8 @@ SHARED = """\
          mean = 0 std = 1 positive = f /
 &process method = 'direct' correlation = 'L1' correlation_length = 3 order = 5 all_signs = t
          mean = 0 std = 1 positive = f /
+&process method = 'direct' correlation = 'L0' correlation_length = 0.3 order = 0 bound_l1 = 2
+         all_signs = t mean = 0 std = 1 positive = f /
 """
 
 
@@ -40,6 +42,9 @@ def test_a_shared_search_is_the_same_on_any_number_of_ranks(entroslip, tmp_path)
         assert np.all(large["signs"][()] == 1)  # all plus wins, and its own entropy is in front
         assert large["entropy"][()] == pytest.approx(large["solutions_entropy"][0], abs=1e-13)
         assert "no process has this" in str(file["process/p004"].attrs["reason"])
+        chosen = file["process/p005"]  # its order is chosen first, then shared out too
+        assert chosen.attrs["n_examined"] == 2 ** (chosen["a"].size - 1)
+        assert chosen["a"].size > 11
 
 
 def test_a_shared_search_that_is_stopped_leaves_nothing(entroslip, tmp_path):
