@@ -27,6 +27,7 @@ contains
       logical, intent(out) :: is_solved
       integer, parameter :: max_steps = 60
       real(wp), parameter :: widest = 8.0_wp, settled = 1.0e-14_wp
+      real(wp), parameter :: rounding = 1.0e-8_wp   ! of K(m), at most; more shows in the residual
       real(extended) :: fine(0:ubound(weights, 1)), symbol(0:ubound(weights, 1))
       real(wp) :: a(ubound(weights, 1)), b0, change, height, last_height, last_y, y
       integer :: step
@@ -53,7 +54,7 @@ contains
          change = y
          if (step > 1) change = -height*(y - last_y)/(height - last_height)
          is_solved = .not. abs(change) > settled*y .or. &
-                     step > 2 .and. abs(change) <= 1.0e-10_wp*y .and. abs(height) >= abs(last_height)
+                     step > 2 .and. abs(change) <= rounding*y .and. abs(height) >= abs(last_height)
          if (is_solved) exit
          last_y = y
          last_height = height
