@@ -44,7 +44,7 @@ def plot_autocovariances(axes: Axes, processes: Sequence[xr.Dataset]) -> None:
     orders = sorted({order_of(process) for process in processes})
     if len(orders) > MOST_CURVES:
         orders = [order for order in orders if order % 2 == 0]
-    for process in processes:
+    for process in sorted(processes, key=order_of):
         order = order_of(process)
         if order not in orders:
             continue
