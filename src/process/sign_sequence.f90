@@ -142,7 +142,8 @@ contains
       end associate
       if (.not. (is_solved .and. all(k > 0.0_wp))) return
       if (.not. solution%is_feasible) &
-         allocate (solution%s(constraint%m_max), solution%correlation(0:constraint%m_max), source=1.0_wp)
+         allocate (solution%s(constraint%m_max), solution%correlation(0:constraint%m_max), &
+                   source=1.0_wp)
       solution%is_feasible = .true.
       solution%is_consistent = .true.
       solution%delta = delta
