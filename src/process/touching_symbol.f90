@@ -52,7 +52,9 @@ contains
          is_solved = abs(y - last_y) <= settled*y
          if (is_solved) exit
          change = y
-         if (step > 1) change = -height*(y - last_y)/(height - last_height)
+         if (step > 1) change = 0.0_wp   ! where rounding is left: the same height twice
+         if (step > 1 .and. abs(height - last_height) > 0.0_wp) &
+            change = -height*(y - last_y)/(height - last_height)
          is_solved = .not. abs(change) > settled*y .or. &
                      step > 2 .and. abs(change) <= rounding*y .and. abs(height) >= abs(last_height)
          if (is_solved) exit
