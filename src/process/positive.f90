@@ -36,23 +36,24 @@ contains
    end subroutine draw_points
 
    !> Eq. (25): a whole Gaussian window with margins beyond the memory, redrawn until all of it is
-   !> positive, its middle kept; where that is hopeless, one value at a time (Gibbs).
+   !> positive, its middle kept; or, where as many sweeps cost less than as many trials, one value at
+   !> a time (Gibbs), until the start has lost all but `forgotten` of its weight.
    subroutine draw_exact(model, stream, values)
       type(process_model_type), intent(in) :: model
       type(stream_type), intent(inout) :: stream
       real(wp), intent(out) :: values(:)
-      real(wp), parameter :: most_trials = 200.0_wp
+      real(wp), parameter :: cost_of_trial = 1.5_wp   ! of a sweep over the same window
       real(wp) :: window(size(values) + 2*model%memory)
       integer :: n_sweeps
 
-      if (-log(model%lambda)*size(window) < log(most_trials)) then
+      n_sweeps = sweeps_to_forget(model%a, (model%std/model%b0)**2, model%l0, forgotten)
+      if (-log(model%lambda)*size(window) < log(n_sweeps/cost_of_trial)) then
          do
             call draw_gaussian(model, stream, window)
             if (all(window > 0.0_wp)) exit
          end do
          values = window(model%memory + 1:model%memory + size(values))
       else
-         n_sweeps = sweeps_to_forget(model%a, (model%std/model%b0)**2, model%l0, forgotten)
          call draw_window(model%a, model%mu/model%b0*(1.0_wp + sum(model%a))**2, &
                           model%mean/model%b0, model%memory, n_sweeps, stream, values)
          values = model%b0*values
