@@ -23,7 +23,8 @@ if(CMAKE_BUILD_TYPE STREQUAL "Debug")
 elseif(ENTROSLIP_ARCH STREQUAL "native")
   # with something to compile, else the compiler wrapper of Spack says nothing
   execute_process(COMMAND ${CMAKE_Fortran_COMPILER} -march=native -Q --help=target
-    -c -x f95 /dev/null -o /dev/null OUTPUT_VARIABLE target ERROR_QUIET)
+    -c -x f95 /dev/null -o /dev/null OUTPUT_VARIABLE target ERROR_QUIET
+    WORKING_DIRECTORY ${PROJECT_BINARY_DIR})   # where it leaves help-dummy.o
   if(target MATCHES "-march=[ \t]+([a-z0-9_-]+)")
     set(ENTROSLIP_ARCH_TEXT ${CMAKE_MATCH_1})
   else()
