@@ -134,7 +134,7 @@ def table_slip(results: Results) -> Table:
         if case.variance in SLIP_PERCENT and _paper_chain(results):
             paper = SLIP_PERCENT[case.variance]
             rows.append((f"{name}, paper", *(f"{p:d}" for p in paper)))
-            beside.append(f" At {name}: {_beside_paper(100.0 * slip, 100.0 * error, paper)}.")
+            beside.append(f" At {name}: {beside_paper(100.0 * slip, 100.0 * error, paper)}.")
     note = f"{_ERRORS} They are those of the time average over one force record."
     if beside:
         note += (
@@ -148,7 +148,7 @@ def table_slip(results: Results) -> Table:
     return Table("table_2", "Table 2. Time in slip [%]", header, body, note)
 
 
-def _beside_paper(
+def beside_paper(
     slip: NDArray[np.float64], error: NDArray[np.float64], paper: Sequence[int]
 ) -> str:
     """Whether percentages agree with printed whole ones, within two errors and the rounding."""

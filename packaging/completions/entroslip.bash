@@ -1,4 +1,9 @@
-# bash completion of entroslip: commands, options, scenes
+# bash completion of entroslip: commands, options, scenes, values of a scene
+_entroslip_values() {
+  "$1" template --reference 2>/dev/null |
+    awk '/^## &/ { group = substr($2, 2) } /^\| `/ { gsub(/`/, "", $2); print group "%" $2 "=" }'
+}
+
 _entroslip() {
   local word=$2 previous=$3 commands='run check tradeoff replay template' command='' i
   COMPREPLY=()
@@ -11,7 +16,11 @@ _entroslip() {
     --output)
       mapfile -t COMPREPLY < <(compgen -f -- "$word")
       return ;;
-    --set | --case | --sample) return ;;
+    --set)
+      compopt -o nospace
+      mapfile -t COMPREPLY < <(compgen -W "$(_entroslip_values "$1")" -- "$word")
+      return ;;
+    --case | --sample) return ;;
   esac
   if [[ $word == -* ]]; then
     local options='--help --version'

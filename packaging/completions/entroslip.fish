@@ -1,4 +1,10 @@
-# fish completion of entroslip: commands, options, scenes
+# fish completion of entroslip: commands, options, scenes, values of a scene
+function __entroslip_values
+    set -l words (commandline -opc)
+    $words[1] template --reference 2>/dev/null |
+        awk '/^## &/ { group = substr($2, 2) } /^\| `/ { gsub(/`/, "", $2); print group "%" $2 "=" }'
+end
+
 set -l commands run check tradeoff replay template
 set -l of_scene '__fish_seen_subcommand_from run check tradeoff replay'
 set -l of_run '__fish_seen_subcommand_from run'
@@ -14,7 +20,7 @@ complete -c entroslip -n "not __fish_seen_subcommand_from $commands" -a template
 complete -c entroslip -n $of_scene -a '(__fish_complete_suffix .nml)'
 complete -c entroslip -n $of_output -l output -r -F -d 'results file'
 complete -c entroslip -n $of_output -l fresh -d 'discard what an earlier run left'
-complete -c entroslip -n $of_scene -l set -x -d 'override a value: group%name=value'
+complete -c entroslip -n $of_scene -l set -x -a '(__entroslip_values)' -d 'override a value: group%name=value'
 complete -c entroslip -n $of_output -l quiet -d 'no progress, no summary'
 complete -c entroslip -n $of_run -l share -d 'one of several runs on one output'
 complete -c entroslip -n $of_replay -l case -x -d 'case number, from 1'

@@ -118,7 +118,9 @@ def test_force_of_a_slider_keeps_its_limit(replayed):
         ][0]
         before = np.searchsorted(times, first_slip) - 1
         assert abs(force[before]) > 0.7 * limit
+    finer_times, finer = slider_force(case, chain, episode.dof, finer=4)
     times, force = slider_force(case, chain, episode.dof)
+    np.testing.assert_allclose(finer[np.searchsorted(finer_times, times)], force, atol=1e-12)
     inside = (times > episode.start) & (times < episode.end)
     limit = 10.0 * float(case.data["friction"][0, episode.dof - 1])
     np.testing.assert_allclose(force[inside], episode.direction * limit)

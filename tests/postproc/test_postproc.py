@@ -18,11 +18,12 @@ import xarray as xr
 
 from postproc import figures, gallery_page, open_results, process_figures
 from postproc.__main__ import main
+from postproc.chain_figure import plot_chain
 from postproc.figure import SECTIONS, Figure
 from postproc.paper import AXES
 from postproc.results import ResultsError
 from postproc.table import value_with_error
-from postproc.tables import table_audit, table_frequencies, table_slip
+from postproc.tables import beside_paper, table_audit, table_frequencies, table_slip
 from tests.conftest import ROOT
 
 
@@ -90,6 +91,36 @@ def test_every_dataset_is_labelled(results_file):
     assert {"/chain", "/process/p001", "/campaign/c003"} <= set(results.tree.groups)
     assert results.tree["campaign/c003"].attrs["process"] == "p001"
     assert results.title == "small"
+
+
+def test_table_2_says_what_agrees():
+    """Three percentages: within two errors and the rounding, or the one that is worst."""
+    ours, error = np.array([7.4, 8.0, 12.9]), np.array([0.1, 0.1, 0.1])
+    assert beside_paper(ours, error, (7, 8, 13)).startswith("all agree")
+    said = beside_paper(ours, error, (7, 8, 17))
+    assert "oscillator 3 lies 4.1 points below (standard error 0.1)" in said
+
+
+def test_the_chain_is_drawn_with_its_force():
+    """At the forced mass, which is drawn even where masses are left out."""
+    for n_dof, forced, drawn in (
+        (5, 5, range(1, 6)),
+        (5, 3, range(1, 6)),
+        (50, 20, (1, 2, 3, 20, 49, 50)),
+    ):
+        picture, axes = plt.subplots()
+        plot_chain(axes, n_dof, forced)
+        texts = {text.get_text(): text.get_position() for text in axes.texts}
+        assert {f"$m_{{{number}}}$" for number in drawn} <= set(texts)
+        behind = texts["$F(t)$"][0] - texts[f"$m_{{{forced}}}$"][0]
+        assert 0.0 < behind < 2.2  # of the distance between masses
+        assert (r"$\cdots$" in texts) == (n_dof > len(drawn))
+        plt.close(picture)
+
+
+def test_a_force_from_a_file_has_no_variance():
+    assert figures.variance_name(0.0) == "force from a file"
+    assert figures.variance_name(41.1) == "variance 41.1 (high)"
 
 
 def test_figure_functions_draw_on_the_axes_they_are_given(results_file):
@@ -180,6 +211,8 @@ def test_values_carry_their_errors():
     assert value_with_error(0.3, 0.0) == "0.3"
     assert value_with_error(123.0, 20.0) == "123(20)"
     assert value_with_error(float("nan"), 1.0) == "-"
+    assert value_with_error(1.0, 3.4e-9) == "1.000000"  # an error that is not seen
+    assert value_with_error(2.0e-13, 4.0e-15) == "2.000(40)e-13"
 
 
 def test_module_runs_as_a_command(process_file, tmp_path):

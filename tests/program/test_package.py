@@ -107,15 +107,16 @@ def test_completion_in_bash():
         compopt() {{ :; }}
         complete_words() {{
           COMP_WORDS=("$@") COMP_CWORD=$(($# - 1))
-          _entroslip entroslip "${{COMP_WORDS[COMP_CWORD]}}" "${{COMP_WORDS[COMP_CWORD - 1]}}"
+          _entroslip {PROGRAM} "${{COMP_WORDS[COMP_CWORD]}}" "${{COMP_WORDS[COMP_CWORD - 1]}}"
           echo "${{COMPREPLY[@]}}"
         }}
         complete_words entroslip re
         complete_words entroslip replay --s
         complete_words entroslip run small
+        complete_words entroslip run smallest.nml --set campaign%n
     """
     lines = run("bash", "-c", script, cwd=ROOT / "input").splitlines()
-    assert lines == ["replay", "--set --sample", "smallest.nml"]
+    assert lines == ["replay", "--set --sample", "smallest.nml", "campaign%n_samples="]
 
 
 @pytest.mark.skipif(not shutil.which("fish"), reason="fish is not installed")
