@@ -179,7 +179,8 @@ def of_drawn_friction(results: Results) -> Iterator[Figure]:
         yield Figure(
             f"fig_09{letter}", f"Fig. 9{letter}. Scatter of the time in slip, friction std {std:g}",
             "Standard deviation over samples of the fraction of time in slip, over its mean; a mark"
-            " per oscillator, filled at the largest excitation; bars of one standard error.",
+            " per oscillator, filled at the largest excitation; bars of one standard error. To look"
+            " for: where the marks stand highest, and whether the lengths differ.",
             _STUDY, (partial(figures.plot_slip_scatter, cases=cases),), ("1a", "1b", "2"),
         )  # fmt: skip
     banded = [case for case in random if case.has("psd_mean", "psd_percentiles")]
@@ -189,7 +190,9 @@ def of_drawn_friction(results: Results) -> Iterator[Figure]:
             f"fig_10{letter}", f"Fig. 10{letter}. Band of uncertainty, oscillator {dof}, {levels}",
             "Mean spectrum (thick) between the outer percentiles over samples (thin; shaded: their"
             f" 95 % intervals), friction std {cases[0].std:g}, for each correlation length; dotted:"
-            f" natural frequencies with every slider slipping. {_welch(cases[0])}",
+            " natural frequencies with every slider slipping. To look for: how far the percentiles"
+            " lie apart, where the mean lies between them, and peaks of the upper one at the dotted"
+            f" lines. {_welch(cases[0])}",
             _STUDY, (partial(figures.plot_band, cases=cases, dof=dof, results=results),),
             ("5a", "5b", "6b", "9"),
         )  # fmt: skip
@@ -200,7 +203,8 @@ def of_drawn_friction(results: Results) -> Iterator[Figure]:
             f"Fig. 11{letter}. Width of the band of uncertainty, friction std {std:g}",
             "Ratio of the pseudo-variances (Eq. 46) of the outer percentiles, over the mean"
             " fraction of time in slip; a mark per oscillator, filled at the largest excitation;"
-            " 95 % bootstrap intervals over samples.",
+            " 95 % bootstrap intervals over samples. To look for: a fall with the time in slip, and"
+            " whether the lengths differ where that is long.",
             _STUDY, (partial(figures.plot_band_ratio, cases=cases),),
             ("3a", "3b", "4a", "4b", "4c"),
         )  # fmt: skip
