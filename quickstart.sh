@@ -33,7 +33,7 @@ build/release/bin/entroslip replay input/smallest.nml --case 1 --sample 3 \
 say "What accuracy costs in this study: entroslip tradeoff input/paper.nml"
 if [ ! -e results/paper/tradeoff.h5 ]; then
   "${mpi_run[@]}" "$ranks" build/release/bin/entroslip tradeoff input/paper.nml \
-    --output results/paper/tradeoff.h5
+    --output results/paper/tradeoff.h5 --quiet
 fi
 say "Tables, figures and the report"
 .venv/bin/python -m postproc results/paper/{paper_process,paper,sweep,one_sample,tradeoff}.h5 \
