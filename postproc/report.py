@@ -46,7 +46,7 @@ def write_report(
             for i, name in enumerate(SECTIONS)
         ),
         ("details", "Every process and case", "".join(_table(t) for t in tables if t.is_detail)),
-        ("scenes", "What ran", "".join(_scene(results) for results in files)),
+        ("scenes", "What ran", _scenes(files)),
     ]
     chapters = [chapter for chapter in chapters if chapter[2]]
     style = resources.files("postproc").joinpath("report.css").read_text(encoding="utf-8")
@@ -76,6 +76,10 @@ def _facts(results: Results) -> str:
         samples = sum(case.n_samples for case in results.cases)
         facts.append(_counted(len(results.cases), "case", "cases"))
         facts.append(_counted(samples, "sample", "samples"))
+    if results.tradeoff is not None:
+        facts.append(
+            _counted(results.tradeoff.sizes["setting"], "setting", "settings") + " compared"
+        )
     facts.append(f"seed {attrs.get('seed')}")
     seconds = float(str(attrs.get("wall_seconds", 0.0)))
     ranks = _counted(int(str(attrs.get("n_ranks", 1))), "rank", "ranks")
@@ -206,6 +210,12 @@ def _figure(figure: Figure, png: Path, statements: Sequence[Statement]) -> str:
         f'<img alt="{title}. {caption}" src="data:image/png;base64,{image}">'
         f"<figcaption>{caption}{f'<ul>{verdicts}</ul>' if verdicts else ''}</figcaption></figure>"
     )
+
+
+def _scenes(files: Sequence[Results]) -> str:
+    """Each scene once, whatever was done with it."""
+    told = {str(results.attrs.get("scene", "")): results for results in reversed(files)}
+    return "".join(_scene(results) for results in files if results in told.values())
 
 
 def _scene(results: Results) -> str:

@@ -191,7 +191,7 @@ def test_two_files_make_one_report(process_file, tmp_path):
     assert {"processes.csv", "fig_02a.png", "fig_02a_twin.png"} <= names
     assert "processes_twin.csv" not in names  # the same table
     page = (tmp_path / "report.html").read_text()
-    assert page.count("the scene as run") == 2
+    assert page.count("the scene as run") == 1  # the same scene
 
 
 def test_a_file_that_is_none_is_refused(tmp_path, capsys):
