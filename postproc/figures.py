@@ -109,17 +109,17 @@ def _name_curves(axes: Axes, alike: Sequence[xr.Dataset], level: str, last: floa
     shown = np.flatnonzero((frequency > 0.1 * last) & (frequency < 0.6 * last) & (low > 0).all(0))
     if not shown.size:
         return
-    apart = high.min(axis=0) / low.max(axis=0)
-    wide, narrow = shown[np.argmax(apart[shown])], shown[np.argmin(apart[shown])]
+    apart = high[:, shown].min(axis=0) / low[:, shown].max(axis=0)
+    wide, narrow = shown[np.argmax(apart)], shown[np.argmin(apart)]
     first, final = alike[0]["percentile"].values[[0, -1]]
     names = [
         (f"{first:g} %", wide, low[:, wide].min(), "top"),
         ("mean", wide, mean[:, wide].max(), "bottom"),
         (f"{final:g} %", wide, high[:, wide].max(), "bottom"),
     ]
-    for text, at, value, side in (
-        [(level, narrow, high[:, narrow].max(), "bottom")] if level else names
-    ):
+    if level:
+        names = [(level, narrow, high[:, narrow].max(), "bottom")]
+    for text, at, value, side in names:
         axes.annotate(
             text, (frequency[at], value), (0, 3 if side == "bottom" else -3),
             textcoords="offset points", ha="center", va=side, fontsize=8.5,
