@@ -10,7 +10,7 @@ module dynamics_event
    use dynamics_chain, only: chain_type
    use dynamics_crossing, only: new_batch, path_error
    use dynamics_lanes, only: lane_group, new_lane_group
-   use dynamics_propagator, only: longest_stride, new_propagator, width
+   use dynamics_propagator, only: levels, new_propagator, stride_of, width
    use dynamics_response, only: block_state, marcher_type
    use dynamics_tabulated, only: tabulated_march
    use dynamics_taylor, only: fastest_rate, lanes, new_taylor, order_for
@@ -44,9 +44,9 @@ contains
       !> longest part of a step in fastest time constants: for sharp bounds, and for few powers
       real(wp), parameter :: table_rate_step = 0.5_wp, series_rate_step = 1.0_wp
       !> a step's error lives on for some 1/zeta periods of many steps each
-      real(wp), parameter :: share_of_step = 1.0e-4_wp, share_of_transition = 1.0e-2_wp
+      real(wp), parameter :: share_of_step = 1.0e-4_wp, share_of_transition = 2.0e-2_wp
       real(wp) :: h, rate
-      integer :: k
+      integer :: level
 
       if (.not. dt > 0.0_wp) then
          call raise(error, exit_bad_input, 'dt = '//to_text(dt)//': must be positive')
@@ -76,11 +76,15 @@ contains
       associate (tables => marcher%tabulated)
          tables%chain = chain
          tables%h = h
-         tables%stride = merge(longest_stride, 1, rate*h*longest_stride <= table_rate_step)
-         tables%floor = (rate*h*[(k, k=1, longest_stride)])**4/384.0_wp
-         tables%has_crossings = [(path_error(k*rate*h) <= share_of_transition*tolerance, &
-                                k=1, longest_stride)]
-         tables%batch = new_batch(rate*h*tables%stride, share_of_transition*tolerance)
+         tables%floor = (rate*h*stride_of)**4/384.0_wp
+         do level = 1, levels
+            tables%has_crossings(level) = path_error(stride_of(level)*rate*h) <= &
+                                          share_of_transition*tolerance
+         end do
+         ! not beyond what crossings allow, but for two steps, which pay even so
+         tables%level = max(2, count(tables%has_crossings))
+         tables%level = min(tables%level, count(stride_of*rate*h <= table_rate_step))
+         tables%batch = new_batch(rate*h, stride_of(tables%level), share_of_transition*tolerance)
          tables%forced_dof = forced_dof
          tables%group = marcher%group
          call new_propagator(chain, h, forced_dof, tables%propagator)

@@ -1,4 +1,4 @@
-!> Exact solutions of one step, and of two at once, for every stick pattern: what is the same for
+!> Exact solutions of one step, and of several at once, for every stick pattern: what is the same for
 !> all samples is tabulated once.
 !>
 !> With the pattern of stuck masses fixed, the chain under a linear force is z' = A z + loads, z =
@@ -12,10 +12,12 @@ module dynamics_propagator
    implicit none(type, external)
    private
    public :: propagator_type, new_propagator, alignment_gap
-   public :: width, columns, column_force, longest_stride
+   public :: width, columns, column_force, levels, stride_of, longest_stride
 
    integer, parameter :: width = 8                    !! most masses; one 64-byte vector
-   integer, parameter :: longest_stride = 2           !! steps that a table takes at once, at most
+   integer, parameter :: levels = 3                   !! tables of 1, 2 and 4 steps at once
+   integer, parameter :: stride_of(levels) = [1, 2, 4]
+   integer, parameter :: longest_stride = 4
    integer, parameter :: column_force = 2*width + 1   !! and on: between steps
    integer, parameter :: columns = 2*width + 1 + longest_stride
 
@@ -25,12 +27,12 @@ module dynamics_propagator
    integer, parameter :: pull_length = 2*width*width
 
    !> Tables for the 2^n patterns; bit i-1 of a pattern says that mass i is stuck. They lie in one
-   !> pool, each beginning on a cache line: pool(step) is table(16, 19, 0:2^n-1, 2) and so on.
+   !> pool, each beginning on a cache line: pool(step) is table(16, 21, 0:2^n-1, 3) and so on.
    type :: propagator_type
       integer :: n = 0
       real(wp), allocatable :: pool(:)
-      integer :: step = 0   !! (mass, x u, x u force, pattern, stride): state after a stride
-      integer :: load = 0   !! (mass, x u, anchor, pattern, stride): what the anchors add to it
+      integer :: step = 0   !! (mass, x u, x u force, pattern, level): state after a stride
+      integer :: load = 0   !! (mass, x u, anchor, pattern, level): what the anchors add to it
       integer :: kick = 0   !! (mass, x u, 0:7, mass, pattern): A^m times a unit load on one mass
       integer :: pull = 0   !! (mass, x u, mass): what pulls one mass back, but for its contact
       logical, allocatable :: is_built(:)   !! (0:2^n-1)
@@ -67,11 +69,11 @@ contains
       self%free(n + forced_dof, 2*n + 1) = h**2/chain%mass(forced_dof)
       self%free(2*n + 1, 2*n + 2) = 1.0_wp   ! the force rises linearly
 
-      allocate (self%pool(patterns*(longest_stride*(step_length + load_length) + kick_length) + &
+      allocate (self%pool(patterns*(levels*(step_length + load_length) + kick_length) + &
                           pull_length + width), source=0.0_wp)
       self%step = 1 + alignment_gap(self%pool)
-      self%load = self%step + longest_stride*patterns*step_length
-      self%kick = self%load + longest_stride*patterns*load_length
+      self%load = self%step + levels*patterns*step_length
+      self%kick = self%load + levels*patterns*load_length
       self%pull = self%kick + patterns*kick_length
       allocate (self%is_built(0:patterns - 1), source=.false.)
       call put_pull(n, self%free, self%pool(self%pull))
@@ -93,9 +95,9 @@ contains
       class(propagator_type), intent(inout) :: self
       integer, intent(in) :: pattern
       integer, parameter :: terms = 26
-      real(wp), allocatable :: g(:, :), term(:, :), total(:, :)
+      real(wp), allocatable :: g(:, :), term(:, :), total(:, :), response(:, :)
       real(wp) :: factorial
-      integer :: i, k, n
+      integer :: i, k, level, n
 
       n = self%n
       allocate (g, source=self%free)
@@ -116,28 +118,28 @@ contains
          end if
          if (k < width) call put_kick(n, k, factorial*term, self%pool(self%at_kick(pattern)))
       end do
-      associate (after_one => response_to(n, total))
-         call put_step(n, 1, after_one, self%pool(self%at_step(pattern, 1)), &
-                       self%pool(self%at_load(pattern, 1)))
-         call put_step(n, 2, twice(n, after_one), self%pool(self%at_step(pattern, 2)), &
-                       self%pool(self%at_load(pattern, 2)))
-      end associate
+      response = response_to(n, total)
+      do level = 1, levels
+         if (level > 1) response = twice(n, response)
+         call put_step(n, response, self%pool(self%at_step(pattern, level)), &
+                       self%pool(self%at_load(pattern, level)))
+      end do
       self%is_built(pattern) = .true.
    end subroutine build
 
    !> First element of a pattern's table in the pool.
-   pure integer function at_step(self, pattern, stride)
+   pure integer function at_step(self, pattern, level)
       class(propagator_type), intent(in) :: self
-      integer, intent(in) :: pattern, stride
+      integer, intent(in) :: pattern, level
 
-      at_step = self%step + ((stride - 1)*2**self%n + pattern)*step_length
+      at_step = self%step + ((level - 1)*2**self%n + pattern)*step_length
    end function at_step
 
-   pure integer function at_load(self, pattern, stride)
+   pure integer function at_load(self, pattern, level)
       class(propagator_type), intent(in) :: self
-      integer, intent(in) :: pattern, stride
+      integer, intent(in) :: pattern, level
 
-      at_load = self%load + ((stride - 1)*2**self%n + pattern)*load_length
+      at_load = self%load + ((level - 1)*2**self%n + pattern)*load_length
    end function at_load
 
    pure integer function at_kick(self, pattern)
@@ -160,20 +162,22 @@ contains
       response(:, 3*n + 2) = exponential(:2*n, 2*n + 2)
    end function response_to
 
-   !> The same after two steps, with the force at three times.
+   !> The same after twice as many steps, with the force at the end of each of them.
    pure function twice(n, once) result(response)
       integer, intent(in) :: n
       real(wp), intent(in) :: once(:, :)
-      real(wp) :: response(2*n, 3*n + 3)
+      real(wp) :: response(2*n, 2*size(once, 2) - (3*n + 1))
+      integer :: half
 
-      response(:, :3*n + 2) = matmul(once(:, :2*n), once)
-      response(:, 3*n + 3) = 0.0_wp
+      half = size(once, 2)
+      response(:, :half) = matmul(once(:, :2*n), once)
+      response(:, half + 1:) = 0.0_wp
       response(:, 2*n + 1:3*n) = response(:, 2*n + 1:3*n) + once(:, 2*n + 1:3*n)
-      response(:, 3*n + 2:) = response(:, 3*n + 2:) + once(:, 3*n + 1:)
+      response(:, half:) = response(:, half:) + once(:, 3*n + 1:)
    end function twice
 
-   pure subroutine put_step(n, stride, response, step, load)
-      integer, intent(in) :: n, stride
+   pure subroutine put_step(n, response, step, load)
+      integer, intent(in) :: n
       real(wp), intent(in) :: response(:, :)
       real(wp), intent(inout) :: step(width, 2, columns), load(width, 2, width)
       integer :: first, half
@@ -183,7 +187,7 @@ contains
          associate (from => response(first + 1:first + n, :))
             step(:n, half, 1:n) = from(:, :n)
             step(:n, half, width + 1:width + n) = from(:, n + 1:2*n)
-            step(:n, half, column_force:column_force + stride) = from(:, 3*n + 1:)
+            step(:n, half, column_force:column_force + size(from, 2) - 3*n - 1) = from(:, 3*n + 1:)
             load(:n, half, :n) = from(:, 2*n + 1:3*n)
          end associate
       end do

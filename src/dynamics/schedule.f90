@@ -1,10 +1,11 @@
-!> Which samples march when: each at its own pace, by long strides or by single steps, or held up by
-!> its transitions.
+!> Which samples march when: each at its own pace, by strides as long as may be, or held up by its
+!> transitions.
 module dynamics_schedule
+   use dynamics_propagator, only: levels, stride_of
    implicit none(type, external)
    private
-   public :: schedule_type, sort_out, far, near, waiting, crowded
-   public :: book_size, of_pattern, of_place, of_position, of_last, of_due, of_phase, of_taken
+   public :: schedule_type, sort_out, waiting, crowded
+   public :: book_size, of_pattern, of_place, of_position, of_last, of_due, of_phase, of_level
 
    !> What each sample is doing, side by side: entries of book(:, sample). Positions are those in
    !> the force, taken as one long array.
@@ -13,21 +14,21 @@ module dynamics_schedule
    integer, parameter :: of_position = 3   !! of the next step
    integer, parameter :: of_last = 4       !! position after the last step
    integer, parameter :: of_due = 5        !! of the next record; -1: none
-   integer, parameter :: of_phase = 6      !! long strides begin a multiple of them after this one
-   integer, parameter :: of_taken = 7      !! steps of the stretch that was tried last
+   integer, parameter :: of_phase = 6      !! strides begin a multiple of them after this one
+   integer, parameter :: of_level = 7      !! of the stretch that was not quiet
    integer, parameter :: book_size = 8
 
-   !> Where a sample can stand: free to go on in long strides or by a single step, waiting for its
-   !> transition to be located, or crowded with transitions.
-   integer, parameter :: far = 1, near = 2, waiting = 3, crowded = 4
+   !> Lists where a sample can stand: free to go on by a stride of some level (1 .. levels), waiting
+   !> for its transitions to be located, or crowded with them.
+   integer, parameter :: waiting = levels + 1, crowded = levels + 2
 
    !> What each sample is doing.
    type :: schedule_type
-      integer :: stride = 1                !! most steps at once between the records to be made
+      integer :: level = 1                 !! of the longest stride between the records to be made
       integer, allocatable :: book(:, :)   !! (book_size, sample)
       integer, allocatable :: origin(:)    !! (sample) position of the first step
       integer, allocatable :: n_records(:) !! (sample) made
-      integer, allocatable :: list(:, :)   !! (entry, far .. crowded) samples
+      integer, allocatable :: list(:, :)   !! (entry, 1 .. crowded) samples
       integer :: n_listed(crowded) = 0
    contains
       procedure :: free
@@ -41,13 +42,11 @@ contains
    pure subroutine free(self, w)
       class(schedule_type), intent(inout) :: self
       integer, intent(in) :: w
-      integer :: is_far, is_near
+      integer :: level
 
-      associate (book => self%book(:, w))
-         call find_standing(self%stride, book(of_position), book(of_phase), book(of_last), is_far, &
-                            is_near)
-      end associate
-      if (is_far + is_near > 0) call self%append(w, merge(far, near, is_far == 1))
+      level = level_at(self%level, self%book(of_position, w), self%book(of_phase, w), &
+                       self%book(of_last, w))
+      if (level > 0) call self%append(w, level)
    end subroutine free
 
    pure subroutine append(self, w, list)
@@ -72,60 +71,47 @@ contains
       end associate
    end subroutine pop
 
-   !> Sorts samples that have taken a stretch, without a branch: a branch that goes wrong throws
-   !> away what the processor has already begun. A quiet stretch counts, and may lead to a record;
-   !> otherwise the state is as it was.
-   pure subroutine sort_out(n_tried, tried, is_quiet, stride, to_near, longest, n_samples, book, &
-                            n_listed, list, n_due, due)
-      integer, intent(in) :: n_tried, tried(n_tried), is_quiet(n_tried), stride
-      integer, intent(in) :: to_near   !! 1: those whose stretch was not quiet go on by single steps
-      integer, intent(in) :: longest   !! most steps at once
+   !> Sorts samples that have taken a stretch into those that go on likewise, those that stop to do
+   !> so, and those that must make a record: without a branch, as one that goes wrong throws away
+   !> what the processor has already begun. A quiet stretch counts; otherwise the state is as it was.
+   pure subroutine sort_out(n_tried, tried, is_quiet, level, longest, n_samples, book, n_going, &
+                            going, n_stopping, stopping, n_due, due)
+      integer, intent(in) :: n_tried, tried(n_tried), is_quiet(n_tried)
+      integer, intent(in) :: level     !! of the stretch
+      integer, intent(in) :: longest   !! level of the longest stride
       integer, intent(in) :: n_samples
       integer, intent(inout) :: book(book_size, n_samples)
-      integer, intent(inout) :: n_listed(crowded), list(n_samples + 1, crowded)
-      integer, intent(out) :: n_due, due(n_samples)
-      integer :: a, is_far, is_near, is_over, now, n_far, n_near, n_waiting, w
+      integer, intent(out) :: n_going, n_stopping, n_due
+      integer, intent(out) :: going(n_samples + 1), stopping(n_samples + 1), due(n_samples + 1)
+      integer :: a, goes, now, stride, w
 
-      n_far = n_listed(far)
-      n_near = n_listed(near)
-      n_waiting = n_listed(waiting)
+      stride = stride_of(level)
+      n_going = 0
+      n_stopping = 0
       n_due = 0
       do a = 1, n_tried
          w = tried(a)
          now = book(of_position, w) + stride*is_quiet(a)
          book(of_position, w) = now
-         book(of_taken, w) = stride
          book(of_place, w) = ieor(book(of_place, w), is_quiet(a))
-         call find_standing(longest, now, book(of_phase, w), book(of_last, w), is_far, is_near)
-         is_far = is_quiet(a)*is_far
-         is_over = 1 - is_quiet(a)
-         is_near = is_quiet(a)*is_near + is_over*to_near
-         list(n_far + 1, far) = w
-         n_far = n_far + is_far
-         list(n_near + 1, near) = w
-         n_near = n_near + is_near
-         list(n_waiting + 1, waiting) = w
-         n_waiting = n_waiting + is_over*(1 - to_near)
+         goes = is_quiet(a)*(1 - min(1, abs(level - level_at(longest, now, book(of_phase, w), &
+                                                              book(of_last, w)))))
+         going(n_going + 1) = w
+         n_going = n_going + goes
+         stopping(n_stopping + 1) = merge(w, -w, is_quiet(a) == 1)
+         n_stopping = n_stopping + (1 - goes)
          due(n_due + 1) = w
          n_due = n_due + is_quiet(a)*(1 - min(1, abs(now - book(of_due, w))))
       end do
-      n_listed(far) = n_far
-      n_listed(near) = n_near
-      n_listed(waiting) = n_waiting
    end subroutine sort_out
 
-   !> How a sample may go on from its position: in long strides (is_far 1), by a single step
-   !> (is_near 1), or not at all.
-   elemental subroutine find_standing(stride, position, phase, last, is_far, is_near)
-      integer, intent(in) :: stride   !! most steps at once, a power of two
-      integer, intent(in) :: position, phase, last
-      integer, intent(out) :: is_far, is_near   !! 1 or 0
-      integer :: fits, is_in_phase
+   !> The level of the longest stride that a sample may take from its position: no longer than the
+   !> longest one, in phase, and not past its last step; 0: it is there.
+   elemental function level_at(longest, position, phase, last) result(level)
+      integer, intent(in) :: longest, position, phase, last
+      integer :: level
 
-      is_in_phase = 1 - min(1, iand(position - phase, stride - 1))
-      fits = 1 - shiftr(last - position - stride, bit_size(stride) - 1)
-      is_far = is_in_phase*fits
-      is_near = (1 - is_far)*min(1, last - position)
-   end subroutine find_standing
+      level = min(longest, 1 + trailz(position - phase), bit_size(last) - leadz(last - position))
+   end function level_at
 
 end module dynamics_schedule

@@ -4,7 +4,7 @@ module dynamics_transitions
    use core_kinds, only: long, wp
    use dynamics_crossing, only: crossing_batch
    use dynamics_propagator, only: width
-   use dynamics_quiet, only: at_direction, at_reach, at_slack, at_slider, at_state, sample_size
+   use dynamics_workspace, only: at_direction, at_reach, at_slack, at_slider, at_state, sample_size
    implicit none(type, external)
    private
    public :: most_transitions, transition_log, first_suspect, keep_transition, keeps_regimes
@@ -16,43 +16,44 @@ module dynamics_transitions
       integer :: n = 0
       integer :: mass(most_transitions) = 0
       integer :: switched = 0   !! bit i-1: mass i is among them
+      integer :: clear = 0      !! bit i-1: mass i has no transition after them
       real(wp), dimension(most_transitions) :: time = 0.0_wp, x = 0.0_wp, u = 0.0_wp, sense = 1.0_wp
       real(wp), dimension(most_transitions) :: is_stick = 0.0_wp
    end type transition_log
 
 contains
 
-   !> The mass whose guard may have been crossed, but for those that have switched; 0: none. Of
+   !> The mass whose guard may have been crossed, but for those that are settled; 0: none. Of
    !> several, that which would be the first by a straight line from end to end.
-   pure function first_suspect(n, switched, place, sample) result(first)
+   pure function first_suspect(n, settled, place, sample) result(first)
       integer, intent(in) :: n, place
-      integer, intent(in) :: switched   !! bit i-1: mass i has had its transition
+      integer, intent(in) :: settled   !! bit i-1: mass i has had its transition, or has none
       real(wp), intent(in) :: sample(width, sample_size)
       integer :: first
-      real(wp) :: after, before, earliest, share, way
+      real(wp) :: share(width)   ! of the change that is left at the end: it grows with the time
       integer :: i, suspects, x0, x1
 
-      suspects = iand(negative_slacks(sample), not(switched))
       first = 0
+      suspects = iand(negative_slacks(sample), not(settled))
       if (suspects == 0) return
       first = 1 + trailz(suspects)
       if (popcnt(suspects) == 1) return
       x0 = at_state + 2*place
       x1 = at_state + 2 - 2*place
-      earliest = huge(1.0_wp)
-      do i = 1, n
-         if (.not. btest(suspects, i - 1)) cycle
-         way = sample(i, at_direction)
-         if (abs(way) > 0.5_wp) then
-            before = way*sample(i, x0 + 1)
-            after = way*sample(i, x1 + 1)
-         else
-            before = sample(i, at_reach) - abs(sample(i, x0) - sample(i, at_slider))
-            after = sample(i, at_reach) - abs(sample(i, x1) - sample(i, at_slider))
-         end if
-         share = after/max(abs(before) + abs(after), tiny(1.0_wp))   ! grows with the time
-         if (share < earliest) first = i
-         earliest = min(earliest, share)
+      !$omp simd
+      do i = 1, width
+         block
+            real(wp) :: after, before, way
+            way = sample(i, at_direction)
+            before = merge(way*sample(i, x0 + 1), sample(i, at_reach) - &
+                           abs(sample(i, x0) - sample(i, at_slider)), abs(way) > 0.5_wp)
+            after = merge(way*sample(i, x1 + 1), sample(i, at_reach) - &
+                          abs(sample(i, x1) - sample(i, at_slider)), abs(way) > 0.5_wp)
+            share(i) = after/max(abs(before) + abs(after), tiny(1.0_wp))
+         end block
+      end do
+      do i = first + 1, n
+         if (btest(suspects, i - 1) .and. share(i) < share(first)) first = i
       end do
    end function first_suspect
 
@@ -82,6 +83,7 @@ contains
       log%n = log%n + 1
       log%mass(log%n) = i
       log%switched = ibset(log%switched, i - 1)
+      log%clear = 0   ! its path is another one from here
       log%time(log%n) = batch%tau(l)
       log%x(log%n) = batch%x(l)
       log%u(log%n) = batch%u(l)
@@ -92,10 +94,10 @@ contains
    !> Whether all masses with a transition keep their new regimes to the end of the stretch: a slip
    !> whose velocity stays clear of zero, a stick that does not come as far as its other limit (it
    !> moves back all the way, as the velocity that fell through zero falls all the way).
-   pure function keeps_regimes(log, stride, kink, place, sample)
+   pure function keeps_regimes(log, stride, bend, place, sample)
       type(transition_log), intent(in) :: log
       integer, intent(in) :: stride, place
-      real(wp), intent(in) :: kink   !! bend of the force
+      real(wp), intent(in) :: bend   !! all kinks of the force, as sum_kinks has them
       real(wp), intent(in) :: sample(width, sample_size)
       logical :: keeps_regimes
       real(wp) :: clear, clear_of_limit, clear_of_zero, rest, run, u
@@ -108,7 +110,7 @@ contains
          rest = 1.0_wp - log%time(k)
          run = sample(i, x1) - log%x(k)
          u = stride*sample(i, x1 + 1)
-         clear_of_zero = rest*min(log%sense(k)*log%u(k), log%sense(k)*u) - abs(kink) - &
+         clear_of_zero = rest*min(log%sense(k)*log%u(k), log%sense(k)*u) - 0.125_wp*bend - &
                          abs((log%u(k) + u)*rest - 2.0_wp*run)
          clear_of_limit = sample(i, at_reach) - abs(run)
          clear = min(clear, log%is_stick(k)*clear_of_limit + &
