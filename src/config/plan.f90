@@ -7,6 +7,7 @@ module config_plan
    use core_kinds, only: wp
    use core_text, only: to_text
    use dynamics_chain, only: build_chain
+   use dynamics_event, only: most_parts, parts_of_step
    use ensemble_plan, only: accuracy_settings, case_type, plan_type
    use process_model, only: process_request
    implicit none(type, external)
@@ -156,13 +157,18 @@ contains
       type(plan_type), intent(in) :: plan
       type(complaint_list), intent(inout) :: complaints
       real(wp), parameter :: two_pi = 8.0_wp*atan(1.0_wp)
-      real(wp) :: limit
+      real(wp) :: limit, parts
 
       associate (how => plan%integration)
          if (how%n_discard >= how%n_steps) call complaints%add_general( &
             scene%path//': integration%n_discard = '//to_text(how%n_discard)// &
             ': must be less than the number of steps, '//to_text(how%n_steps))
-         if (complaints%n > 0 .or. how%method /= 'newmark' .or. how%beta >= how%gamma/2) return
+         if (complaints%n > 0) return
+         parts = parts_of_step(plan%chain, how%dt)
+         if (how%method == 'event' .and. parts > most_parts) call complaints%add_general( &
+            scene%path//': integration%dt = '//to_text(how%dt)//': must be at most '// &
+            to_text(most_parts*how%dt/parts)//' with so light a mass or so stiff a spring')
+         if (how%method /= 'newmark' .or. how%beta >= how%gamma/2) return
          ! below it no mode grows, whatever its damping (Newmark's linear stability bound)
          limit = 1.0_wp/(sqrt(how%gamma/2 - how%beta)*two_pi*maxval(plan%chain%frequencies_stuck))
          if (how%dt > limit) call complaints%add_general( &

@@ -16,7 +16,12 @@ module dynamics_event
    use dynamics_taylor, only: fastest_rate, lanes, new_taylor, order_for
    implicit none(type, external)
    private
-   public :: event_marcher, new_event_marcher
+   public :: event_marcher, new_event_marcher, parts_of_step, most_parts
+
+   integer, parameter :: most_parts = 4096   !! of a step; more are refused
+
+   ! longest part of a step in fastest time constants
+   real(wp), parameter :: table_rate_step = 0.5_wp, series_rate_step = 1.0_wp
 
    !> Marches by tables of exact steps, and by Taylor series where the chain is too long for tables.
    type, extends(marcher_type) :: event_marcher
@@ -41,8 +46,6 @@ contains
       integer, intent(in) :: forced_dof
       type(event_marcher), intent(out) :: marcher
       type(error_type), allocatable, intent(out) :: error
-      !> longest part of a step in fastest time constants: for sharp bounds, and for few powers
-      real(wp), parameter :: table_rate_step = 0.5_wp, series_rate_step = 1.0_wp
       !> a step's error lives on for some 1/zeta periods of many steps each
       real(wp), parameter :: share_of_step = 1.0e-4_wp, share_of_transition = 2.0e-2_wp
       real(wp) :: h, rate
@@ -56,6 +59,10 @@ contains
       else if (forced_dof < 1 .or. forced_dof > chain%n_dof) then
          call raise(error, exit_bad_input, 'dof = '//to_text(forced_dof)//': the chain has '// &
                     to_text(chain%n_dof)//' masses')
+      else if (parts_of_step(chain, dt) > most_parts) then
+         call raise(error, exit_bad_input, 'dt = '//to_text(dt)//': a mass is too light for it, '// &
+                    'or its spring too stiff: dt must be at most '// &
+                    to_text(most_parts*dt/parts_of_step(chain, dt)))
       end if
       if (allocated(error)) return
 
@@ -65,8 +72,7 @@ contains
       marcher%tolerance = tolerance
       rate = fastest_rate(chain)
       marcher%has_tables = chain%n_dof <= width
-      marcher%substeps = max(1, ceiling(rate*dt/merge(table_rate_step, series_rate_step, &
-                                                      marcher%has_tables)))
+      marcher%substeps = max(1, ceiling(parts_of_step(chain, dt)))
       h = dt/marcher%substeps
       associate (order => order_for(rate*h, share_of_step*tolerance))
          marcher%group = new_lane_group(chain, new_taylor(chain, h, forced_dof, order), rate*h, &
@@ -90,6 +96,17 @@ contains
          call new_propagator(chain, h, forced_dof, tables%propagator)
       end associate
    end subroutine new_event_marcher
+
+   !> How many parts of a step are needed, at least: the fastest mode bounds their length, for the
+   !> tables so that guards are bounded sharply, for the series so that few powers do.
+   pure function parts_of_step(chain, dt) result(parts)
+      type(chain_type), intent(in) :: chain
+      real(wp), intent(in) :: dt   !! [s]
+      real(wp) :: parts
+
+      parts = fastest_rate(chain)*dt/merge(table_rate_step, series_rate_step, &
+                                           chain%n_dof <= width)
+   end function parts_of_step
 
    !> See marcher_type.
    subroutine advance(self, state, force, every, displacement, velocity, error)

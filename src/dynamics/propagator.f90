@@ -12,12 +12,12 @@ module dynamics_propagator
    implicit none(type, external)
    private
    public :: propagator_type, new_propagator, alignment_gap
-   public :: width, columns, column_force, levels, stride_of, longest_stride
+   public :: width, columns, column_force, levels, stride_of
 
    integer, parameter :: width = 8                    !! most masses; one 64-byte vector
    integer, parameter :: levels = 3                   !! tables of 1, 2 and 4 steps at once
    integer, parameter :: stride_of(levels) = [1, 2, 4]
-   integer, parameter :: longest_stride = 4
+   integer, parameter :: longest_stride = stride_of(levels)
    integer, parameter :: column_force = 2*width + 1   !! and on: between steps
    integer, parameter :: columns = 2*width + 1 + longest_stride
 
