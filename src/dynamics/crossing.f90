@@ -4,8 +4,8 @@
 !>
 !> The path is the polynomial of degree 5 with the displacement, velocity and acceleration of both
 !> ends of the stretch, which the equation of motion gives: it is off by (rate h)^6/46080 of the
-!> amplitude, h the stretch. Where the force has a kink, the path of the forced mass has a known third
-!> power more from there on. From the transition on, the new regime differs from the
+!> amplitude, h the stretch. Where the force has a kink, the path of the forced mass has a known
+!> third power more from there on, and those of its neighbours may be off (is_smooth). From the transition on, the new regime differs from the
 !> old one by a force on that mass that is known, the contact force it no longer feels (or feels
 !> again): phi(t) = +-(k/m) (x(t) - x(tau)) of the old path. The answer at the end of the stretch is
 !> sum_m A^m b psi_m with psi_m the (m+1)-fold integral of phi.
@@ -14,12 +14,14 @@
 !> derivative, by damping, and is still that polynomial to the same accuracy.
 module dynamics_crossing
    use core_kinds, only: wp
+   use dynamics_chain, only: chain_type
    use dynamics_propagator, only: width
    use dynamics_quiet, only: kinks
    use dynamics_workspace, only: at_anchor, at_direction, at_reach, at_slider, at_state, sample_size
    implicit none(type, external)
    private
-   public :: capacity, crossing_batch, kink_time, new_batch, path_error, read_mass, step_across
+   public :: capacity, crossing_batch, kink_time
+   public :: new_batch, path_error, is_smooth, read_mass, step_across
 
    integer, parameter :: capacity = 32          !! stretches side by side
    real(wp), parameter :: kink_time(kinks) = [0.25_wp, 0.5_wp, 0.75_wp]   !! [stretches]
@@ -30,6 +32,9 @@ module dynamics_crossing
       integer :: terms = width     !! of the sum over A^m b psi_m
       real(wp) :: last_step = 0.0_wp   !! that the last iteration may be [stretches]
       real(wp) :: rate_step = 0.0_wp   !! rate times a step
+      real(wp) :: tolerance = 0.0_wp   !! relative to the amplitude
+      real(wp) :: drag = 0.0_wp        !! most that the forced mass's velocity pulls another, h C/m
+      real(wp) :: coupling = 0.0_wp    !! and its displacement, h^2 K/m
       ! the mass before the stretch, after it, and its contact
       real(wp), dimension(capacity) :: x0 = 0.0_wp, u0 = 0.0_wp, pull0 = 0.0_wp
       real(wp), dimension(capacity) :: x1 = 0.0_wp, u1 = 0.0_wp, pull1 = 0.0_wp
@@ -58,16 +63,28 @@ contains
    end function path_error
 
    !> An empty batch whose sums and iterations keep a tolerance, relative to the amplitude.
-   pure function new_batch(rate_h, longest, tolerance) result(batch)
-      real(wp), intent(in) :: rate_h      !! rate times the length of a step
+   pure function new_batch(chain, h, forced_dof, rate, longest, tolerance) result(batch)
+      type(chain_type), intent(in) :: chain
+      real(wp), intent(in) :: h           !! step [s]
+      integer, intent(in) :: forced_dof
+      real(wp), intent(in) :: rate        !! of the fastest mode [rad/s]
       integer, intent(in) :: longest      !! steps of the longest stretch
       real(wp), intent(in) :: tolerance
       type(crossing_batch) :: batch
       real(wp) :: rate_step, rest
-      integer :: m
+      integer :: i, m
 
-      batch%rate_step = rate_h
-      rate_step = longest*rate_h
+      batch%rate_step = rate*h
+      batch%tolerance = tolerance
+      do i = 1, chain%n_dof
+         if (i == forced_dof) cycle
+         associate (m => chain%mass(i), c => chain%damping(i, forced_dof), &
+                    k => chain%coupling(i, forced_dof))
+            batch%drag = max(batch%drag, h*abs(c)/m)
+            batch%coupling = max(batch%coupling, h**2*abs(k)/m)
+         end associate
+      end do
+      rate_step = longest*rate*h
       rest = 0.5_wp*rate_step
       do m = 1, width - 1   ! what the sum leaves out: (rate h)^(m + 1)/(m + 2)!
          rest = rest*rate_step/(m + 2)
@@ -78,6 +95,22 @@ contains
       ! carries (rate h)^2 more
       batch%last_step = min(0.1_wp, 0.5_wp*(6.0_wp*tolerance/rate_step**4)**(1.0_wp/3.0_wp))
    end function new_batch
+
+   !> Whether kinks of the force may be left out of the paths of other masses: there they bend the
+   !> fourth derivative by damping, the fifth by the coupling, of which the polynomial takes all but a
+   !> 4096th and a 20480th. The force that sets in carries (rate h)^2 of it.
+   pure function is_smooth(batch, stride, bend, place, sample)
+      type(crossing_batch), intent(in) :: batch
+      integer, intent(in) :: stride, place
+      real(wp), intent(in) :: bend   !! all kinks of the force, as sum_kinks has them
+      real(wp), intent(in) :: sample(width, sample_size)
+      logical :: is_smooth
+      real(wp) :: left_out
+
+      left_out = (stride*batch%drag/4096.0_wp + stride**2*batch%coupling/20480.0_wp)*bend
+      is_smooth = (stride*batch%rate_step)**2*left_out <= &
+                  batch%tolerance*maxval(abs(sample(:, at_state + 2*place)))
+   end function is_smooth
 
    !> Reads mass i of a sample into a lane.
    pure subroutine read_mass(batch, l, i, stride, pull, contact, load, kink, place, sample)

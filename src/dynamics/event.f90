@@ -60,8 +60,8 @@ contains
          call raise(error, exit_bad_input, 'dof = '//to_text(forced_dof)//': the chain has '// &
                     to_text(chain%n_dof)//' masses')
       else if (parts_of_step(chain, dt) > most_parts) then
-         call raise(error, exit_bad_input, 'dt = '//to_text(dt)//': a mass is too light for it, '// &
-                    'or its spring too stiff: dt must be at most '// &
+         call raise(error, exit_bad_input, 'dt = '//to_text(dt)//': a mass is too light, or '// &
+                    'its spring too stiff: dt must be at most '// &
                     to_text(most_parts*dt/parts_of_step(chain, dt)))
       end if
       if (allocated(error)) return
@@ -90,7 +90,8 @@ contains
          ! not beyond what crossings allow, but for two steps, which pay even so
          tables%level = max(2, count(tables%has_crossings))
          tables%level = min(tables%level, count(stride_of*rate*h <= table_rate_step))
-         tables%batch = new_batch(rate*h, stride_of(tables%level), share_of_transition*tolerance)
+         tables%batch = new_batch(chain, h, forced_dof, rate, stride_of(tables%level), &
+                                  share_of_transition*tolerance)
          tables%forced_dof = forced_dof
          tables%group = marcher%group
          call new_propagator(chain, h, forced_dof, tables%propagator)

@@ -80,7 +80,7 @@ contains
                concave = concave + 6.0_wp*(1.0_wp - kink_time(k))*abs(cube(l, k)) + &
                          2.0_wp*abs(square(l, k))
             end do
-            ! a velocity must fall all the way: then the mass moves back when it has stuck; and a mass
+            ! a velocity must fall all the way: then the mass moves back when it has stuck; a mass
             ! that turns on its way must not run so far that it might touch its other limit first
             run = merge(abs(batch%x1(l) - batch%x0(l)), batch%reach(l), batch%is_stick(l) < 0.5_wp)
             concave = merge(concave, 1.0_wp, run < batch%reach(l))
@@ -157,9 +157,9 @@ contains
       end do
    end subroutine join_ends
 
-   !> Where the guard has no zero for certain: displacement from the slider, or velocity, lies between
-   !> the least and the largest of the polynomial's Bernstein coefficients, but for its kinks and for
-   !> what the polynomial leaves out ((rate h)^6/46080 of the reach, of which the slope is under 4).
+   !> Where the guard has no zero for certain: displacement from the slider, or velocity, lies
+   !> between the least and the largest of the polynomial's Bernstein coefficients, but for its kinks
+   !> and for what the polynomial leaves out ((rate h)^6/46080 of the reach; its slope, 4 times that).
    pure subroutine find_clear(batch, n, path)
       type(crossing_batch), intent(inout) :: batch
       integer, intent(in) :: n

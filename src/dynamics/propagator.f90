@@ -1,5 +1,5 @@
-!> Exact solutions of one step, and of several at once, for every stick pattern: what is the same for
-!> all samples is tabulated once.
+!> Exact solutions of one step, and of several at once, for every stick pattern: what is the same
+!> for all samples is tabulated once.
 !>
 !> With the pattern of stuck masses fixed, the chain under a linear force is z' = A z + loads, z =
 !> (x, u), time in steps, u = h v. The matrix exponential gives the state after a step; the powers

@@ -1,5 +1,5 @@
-!> Exact steps of many samples, several at once, and whether they were quiet: the innermost kernel of
-!> the march, without a branch.
+!> Exact steps of many samples, several at once, and whether they were quiet: the innermost kernel
+!> of the march, without a branch.
 module dynamics_quiet
    use core_kinds, only: long, wp
    use dynamics_propagator, only: column_force, columns, width
@@ -59,7 +59,8 @@ contains
                z(i, half) = &
                   ((sample(i, start + half - 1, w) + table(i, half, 1, p)*sample(1, x0, w) + &
                     table(i, half, 2, p)*sample(2, x0, w)) + &
-                   (table(i, half, 3, p)*sample(3, x0, w) + table(i, half, 4, p)*sample(4, x0, w) + &
+                   (table(i, half, 3, p)*sample(3, x0, w) + &
+                    table(i, half, 4, p)*sample(4, x0, w) + &
                     table(i, half, 5, p)*sample(5, x0, w))) + &
                   ((table(i, half, v + 1, p)*sample(1, x0 + 1, w) + &
                     table(i, half, v + 2, p)*sample(2, x0 + 1, w) + &

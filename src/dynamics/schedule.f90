@@ -72,8 +72,9 @@ contains
    end subroutine pop
 
    !> Sorts samples that have taken a stretch into those that go on likewise, those that stop to do
-   !> so, and those that must make a record: without a branch, as one that goes wrong throws away
-   !> what the processor has already begun. A quiet stretch counts; otherwise the state is as it was.
+   !> so (by -w if the stretch was not quiet), and those that must make a record: without a branch,
+   !> as one that goes wrong throws away what the processor has already begun. A quiet stretch
+   !> counts; otherwise the state is as it was.
    pure subroutine sort_out(n_tried, tried, is_quiet, level, longest, n_samples, book, n_going, &
                             going, n_stopping, stopping, n_due, due)
       integer, intent(in) :: n_tried, tried(n_tried), is_quiet(n_tried)

@@ -9,7 +9,7 @@ module dynamics_tabulated
    use core_error, only: error_type
    use core_kinds, only: long, wp
    use dynamics_chain, only: chain_type
-   use dynamics_crossing, only: capacity, crossing_batch, read_mass, step_across
+   use dynamics_crossing, only: capacity, crossing_batch, is_smooth, read_mass, step_across
    use dynamics_lanes, only: lane_group
    use dynamics_location, only: locate
    use dynamics_propagator, only: alignment_gap, levels, propagator_type, stride_of, width
@@ -94,7 +94,6 @@ contains
       real(wp), allocatable :: trace(:, :, :), trace_u(:, :, :)   ! (mass, record, sample)
       real(wp) :: bend(0:n_forces - 1, levels)   ! kinks of a stretch from each position
       real(wp) :: contact(width)     ! h^2 k/m
-      real(wp) :: is_forced(width)   ! 1 for the forced mass
       real(wp) :: force_scale        ! h^2/m of it
       integer, dimension(state%n_samples + 1) :: due, listed, stopping
       integer :: is_quiet(state%n_samples)
@@ -104,8 +103,6 @@ contains
       room = n_forces/spacing + 1
       allocate (trace(width, merge(room, 0, size(displacement) > 0), state%n_samples))
       allocate (trace_u(width, merge(room, 0, size(velocity) > 0), state%n_samples))
-      is_forced = 0.0_wp
-      is_forced(self%forced_dof) = 1.0_wp
       force_scale = self%h**2/self%chain%mass(self%forced_dof)
       contact = 0.0_wp
       contact(:n) = self%h**2*self%chain%contact_stiffness/self%chain%mass
@@ -132,10 +129,10 @@ contains
       do w = 1, state%n_samples
          call store(w)
       end do
-      if (size(displacement) > 0) call unfold(n, agenda%n_records(1), trace, 1.0_wp, n_recorded + 1, &
-                                              displacement)
-      if (size(velocity) > 0) call unfold(n, agenda%n_records(1), trace_u, 1.0_wp/self%h, &
-                                          n_recorded + 1, velocity)
+      associate (m => agenda%n_records(1), first => n_recorded + 1)
+         if (size(displacement) > 0) call unfold(n, m, trace, 1.0_wp, first, displacement)
+         if (size(velocity) > 0) call unfold(n, m, trace_u, 1.0_wp/self%h, first, velocity)
+      end associate
 
    contains
 
@@ -218,7 +215,12 @@ contains
             log(l)%n = 0
             log(l)%switched = 0
             log(l)%clear = 0
-            is_open(l) = self%has_crossings(agenda%book(of_level, entry(l)))
+            associate (w => entry(l), book => agenda%book(:, entry(l)))
+               is_open(l) = self%has_crossings(book(of_level)) .and. &
+                            is_smooth(self%batch, stride_of(book(of_level)), &
+                                      bend(book(of_position), book(of_level)), book(of_place), &
+                                      sample(1, 1, w))
+            end associate
          end do
          do
             self%batch%n = 0
@@ -269,9 +271,12 @@ contains
             if (i == 0) return
             is_open = log(l)%n < most_transitions
             if (.not. is_open) return
-            load = is_forced(i)*force_scale*[force(p), force(p + stride)]
+            load = 0.0_wp
             kink = 0.0_wp
-            if (i == self%forced_dof) kink = find_kinks(stride, force(p:p + stride), force_scale)
+            if (i == self%forced_dof) then
+               load = force_scale*[force(p), force(p + stride)]
+               kink = find_kinks(stride, force(p:p + stride), force_scale)
+            end if
             call read_mass(self%batch, k, i, stride, tables%pool(tables%pull), contact(i), load, &
                            kink, place, sample(1, 1, w))
             self%batch%n = k

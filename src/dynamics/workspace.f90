@@ -19,7 +19,7 @@ module dynamics_workspace
    integer, parameter :: at_slack = 8       !! lower bound of the guard over the steps just taken
    integer, parameter :: at_anchor = 9      !! contact force over its stiffness, at x = 0 [m]
    integer, parameter :: at_shift = 10      !! and next: what the anchors add in the longest stride
-   integer, parameter :: at_start = 12      !! and next: the same in a shorter one, or more than that
+   integer, parameter :: at_start = 12      !! and next: the same in a shorter one, or more
    integer, parameter :: sample_size = 13
 
 contains
