@@ -5,10 +5,11 @@
 !> The path is the polynomial of degree 5 with the displacement, velocity and acceleration of both
 !> ends of the stretch, which the equation of motion gives: it is off by (rate h)^6/46080 of the
 !> amplitude, h the stretch. Where the force has a kink, the path of the forced mass has a known
-!> third power more from there on, and those of its neighbours may be off (is_smooth). From the transition on, the new regime differs from the
-!> old one by a force on that mass that is known, the contact force it no longer feels (or feels
-!> again): phi(t) = +-(k/m) (x(t) - x(tau)) of the old path. The answer at the end of the stretch is
-!> sum_m A^m b psi_m with psi_m the (m+1)-fold integral of phi.
+!> third power more from there on, and those of its neighbours may be off (is_smooth). From the
+!> transition on, the new regime differs from the old one by a force on that mass that is known, the
+!> contact force it no longer feels (or feels again): phi(t) = +-(k/m) (x(t) - x(tau)) of the old
+!> path. The answer at the end of the stretch is sum_m A^m b psi_m with psi_m the (m+1)-fold
+!> integral of phi.
 !>
 !> The path of a mass that switches after another one bends where that one did only in its fourth
 !> derivative, by damping, and is still that polynomial to the same accuracy.
@@ -78,10 +79,10 @@ contains
       batch%tolerance = tolerance
       do i = 1, chain%n_dof
          if (i == forced_dof) cycle
-         associate (m => chain%mass(i), c => chain%damping(i, forced_dof), &
+         associate (mass => chain%mass(i), c => chain%damping(i, forced_dof), &
                     k => chain%coupling(i, forced_dof))
-            batch%drag = max(batch%drag, h*abs(c)/m)
-            batch%coupling = max(batch%coupling, h**2*abs(k)/m)
+            batch%drag = max(batch%drag, h*abs(c)/mass)
+            batch%coupling = max(batch%coupling, h**2*abs(k)/mass)
          end associate
       end do
       rate_step = longest*rate*h
@@ -97,8 +98,8 @@ contains
    end function new_batch
 
    !> Whether kinks of the force may be left out of the paths of other masses: there they bend the
-   !> fourth derivative by damping, the fifth by the coupling, of which the polynomial takes all but a
-   !> 4096th and a 20480th. The force that sets in carries (rate h)^2 of it.
+   !> fourth derivative by damping, the fifth by the coupling, of which the polynomial takes all but
+   !> a 4096th and a 20480th. The force that sets in carries (rate h)^2 of it.
    pure function is_smooth(batch, stride, bend, place, sample)
       type(crossing_batch), intent(in) :: batch
       integer, intent(in) :: stride, place

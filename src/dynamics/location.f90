@@ -158,8 +158,9 @@ contains
    end subroutine join_ends
 
    !> Where the guard has no zero for certain: displacement from the slider, or velocity, lies
-   !> between the least and the largest of the polynomial's Bernstein coefficients, but for its kinks
-   !> and for what the polynomial leaves out ((rate h)^6/46080 of the reach; its slope, 4 times that).
+   !> between the least and the largest of the polynomial's Bernstein coefficients, but for its
+   !> kinks and for what the polynomial leaves out: (rate h)^6/46080 of the reach, its slope 4 times
+   !> that.
    pure subroutine find_clear(batch, n, path)
       type(crossing_batch), intent(inout) :: batch
       integer, intent(in) :: n

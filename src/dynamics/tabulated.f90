@@ -61,8 +61,7 @@ contains
       integer :: first, n, w
 
       n = state%n_samples
-      allocate (agenda%list(n + 1, crowded))
-      allocate (agenda%book(book_size, n), source=0)
+      allocate (agenda%book(book_size, n), agenda%list(n + 1, crowded), agenda%n_records(n), source=0)
       agenda%origin = [(merge(0, w - 1, size(force, 2) == 1)*size(force, 1), w=1, n)]
       agenda%level = self%level
       if (size(displacement) > 0) agenda%level = min(self%level, 1 + trailz(spacing))
@@ -72,7 +71,6 @@ contains
                                                                 int(spacing, long)))
       agenda%book(of_phase, :) = agenda%book(of_due, :)
       if (size(displacement) == 0) agenda%book(of_due, :) = -1
-      allocate (agenda%n_records(n), source=0)
       allocate (pool(sample_size*width*n + width), source=0.0_wp)
       first = 1 + alignment_gap(pool)
       call walk(self, state, size(force), force, begin, spacing, n_recorded, slip_begin, &
@@ -104,7 +102,6 @@ contains
       allocate (trace(width, merge(room, 0, size(displacement) > 0), state%n_samples))
       allocate (trace_u(width, merge(room, 0, size(velocity) > 0), state%n_samples))
       force_scale = self%h**2/self%chain%mass(self%forced_dof)
-      contact = 0.0_wp
       contact(:n) = self%h**2*self%chain%contact_stiffness/self%chain%mass
       sample(:, at_reach, :) = huge(1.0_wp)   ! rows beyond n watch nothing
       do level = 1, levels
