@@ -61,7 +61,8 @@ contains
       integer :: first, n, w
 
       n = state%n_samples
-      allocate (agenda%book(book_size, n), agenda%list(n + 1, crowded), agenda%n_records(n), source=0)
+      allocate (agenda%book(book_size, n), agenda%list(n + 1, crowded), source=0)
+      allocate (agenda%n_records(n), source=0)
       agenda%origin = [(merge(0, w - 1, size(force, 2) == 1)*size(force, 1), w=1, n)]
       agenda%level = self%level
       if (size(displacement) > 0) agenda%level = min(self%level, 1 + trailz(spacing))
@@ -91,8 +92,7 @@ contains
       type(transition_log) :: log(capacity)
       real(wp), allocatable :: trace(:, :, :), trace_u(:, :, :)   ! (mass, record, sample)
       real(wp) :: bend(0:n_forces - 1, levels)   ! kinks of a stretch from each position
-      real(wp) :: contact(width)     ! h^2 k/m
-      real(wp) :: force_scale        ! h^2/m of it
+      real(wp) :: contact(width), force_scale   ! h^2 k/m; h^2/m of the forced mass
       integer, dimension(state%n_samples + 1) :: due, listed, stopping
       integer :: is_quiet(state%n_samples)
       integer :: level, n, n_due, n_stopping, n_taken, room, w
