@@ -40,7 +40,8 @@ contains
       text = ''
       if (.not. (plan%has_chain .and. plan%accuracy%target_statistical > 0.0_wp)) return
       if (all(plan%cases%process == 0)) return
-      call solve_processes(world, plan, .true., models)
+      call solve_processes(world, plan, .true., models, error)
+      call world%stop_on(error)
       if (.not. all(models%is_solved)) return
       call measure_settings(world, plan, force, scope_type(budget=budget, has_settings=.false., &
                                                            is_statistical=.true., models=models), &
