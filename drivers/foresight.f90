@@ -40,8 +40,7 @@ contains
       text = ''
       if (.not. (plan%has_chain .and. plan%accuracy%target_statistical > 0.0_wp)) return
       if (all(plan%cases%process == 0)) return
-      call solve_processes(world, plan, .true., models, error)
-      call world%stop_on(error)
+      call solve_processes(world, plan, .true., models)
       if (.not. all(models%is_solved)) return
       call measure_settings(world, plan, force, scope_type(budget=budget, has_settings=.false., &
                                                            is_statistical=.true., models=models), &

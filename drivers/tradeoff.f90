@@ -126,9 +126,9 @@ contains
 
       is_quiet = line%is_quiet .or. .not. world%is_root()
       scope = scope_type(budget=budget, at_other_dt=.true., is_statistical=.true., models=models)
-      call fit_variants(world, plan, is_quiet, scope, error)
+      call fit_variants(world, plan, is_quiet, scope)
       is_stopped = world%any_true(time_to_stop())
-      if (is_stopped .or. world%any_true(allocated(error))) return
+      if (is_stopped) return
       call measure_settings(world, plan, force, scope, is_quiet, found%tradeoff, values, &
                             is_stopped, error)
       if (is_stopped .or. allocated(error)) return
@@ -141,12 +141,11 @@ contains
    end subroutine measure_march
 
    !> The scene's processes with other orders and lengths of their fits. Collective.
-   subroutine fit_variants(world, plan, is_quiet, scope, error)
+   subroutine fit_variants(world, plan, is_quiet, scope)
       type(world_type), intent(in) :: world
       type(plan_type), intent(in) :: plan
       logical, intent(in) :: is_quiet
       type(scope_type), intent(inout) :: scope
-      type(error_type), allocatable, intent(out) :: error
       type(plan_type) :: varied
 
       call list_variants(plan, scope%models, scope%variants)
@@ -155,7 +154,7 @@ contains
                                                         'variants')//' of processes'
       varied = plan
       varied%processes = scope%variants%request
-      call solve_processes(world, varied, is_quiet, scope%variant_models, error)
+      call solve_processes(world, varied, is_quiet, scope%variant_models)
    end subroutine fit_variants
 
    !> All that the terminal gets.
