@@ -30,7 +30,7 @@ contains
       integer, intent(in) :: settled   !! bit i-1: mass i has had its transition, or has none
       real(wp), intent(in) :: sample(width, sample_size)
       integer :: first
-      real(wp) :: share(width)   ! of the change that is left at the end: it grows with the time
+      real(wp) :: share(width)   ! of half the change, left at the end: it grows with the time
       integer :: i, suspects, x0, x1
 
       first = 0
@@ -49,7 +49,7 @@ contains
                            abs(sample(i, x0) - sample(i, at_slider)), abs(way) > 0.5_wp)
             after = merge(way*sample(i, x1 + 1), sample(i, at_reach) - &
                           abs(sample(i, x1) - sample(i, at_slider)), abs(way) > 0.5_wp)
-            share(i) = after/max(abs(before) + abs(after), tiny(1.0_wp))
+            share(i) = after/max(0.5_wp*abs(before) + 0.5_wp*abs(after), tiny(1.0_wp))
          end block
       end do
       do i = first + 1, n

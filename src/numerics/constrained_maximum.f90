@@ -64,7 +64,7 @@ contains
       real(wp) :: multipliers(n_constraints), old_jacobian(n_constraints, size(point)), weight
       real(wp), allocatable :: state(:)
       integer :: i, iteration
-      logical :: is_inside
+      logical :: is_inside, is_regular
 
       allocate (found%jacobian(n_constraints, size(point)), found%metric(size(point), size(point)))
       found%metric = 0.0_wp
@@ -82,7 +82,9 @@ contains
             call update_metric(change, old_gradient - matmul(multipliers, old_jacobian) &
                                - lagrangian, found%metric)
          end if
-         multipliers = multipliers_of(found%metric, found%jacobian, gradient, state(:n_constraints))
+         call find_multipliers(found%metric, found%jacobian, gradient, state(:n_constraints), &
+                               multipliers, is_regular)
+         if (.not. is_regular) return
          lagrangian = gradient - matmul(multipliers, found%jacobian)
          found%n_iterations = iteration
          found%violation = maxval(abs(state(:n_constraints)))
@@ -138,7 +140,7 @@ contains
       real(wp) :: change(size(point)), direction(size(point)), nothing(size(point))
       real(wp), allocatable :: state(:)
       integer :: i
-      logical :: is_inside
+      logical :: is_inside, is_regular
 
       nothing = 0.0_wp
       violation = huge(1.0_wp)
@@ -153,7 +155,8 @@ contains
                                                                              size(constraints))
          end if
          if (violation <= tolerance) return
-         multipliers = multipliers_of(metric, jacobian, nothing, constraints)
+         call find_multipliers(metric, jacobian, nothing, constraints, multipliers, is_regular)
+         if (.not. is_regular) return
          change = -matmul(metric, matmul(multipliers, jacobian))
          point = point + change
       end do
@@ -184,16 +187,23 @@ contains
       end do
    end subroutine differentiate
 
-   !> Multipliers that make the step H (g - J' lambda) land on the linearized constraints.
-   pure function multipliers_of(metric, jacobian, gradient, constraints) result(multipliers)
+   !> Multipliers that make the step H (g - J' lambda) land on the linearized constraints, unless
+   !> the constraints do not depend on the variables, or one of them on the others.
+   pure subroutine find_multipliers(metric, jacobian, gradient, constraints, multipliers, is_regular)
       real(wp), intent(in) :: metric(:, :), jacobian(:, :), gradient(:), constraints(:)
-      real(wp) :: multipliers(size(constraints))
+      real(wp), intent(out) :: multipliers(:)
+      logical, intent(out) :: is_regular
       real(wp) :: matrix(size(constraints), size(constraints)), right(size(constraints))
+      real(wp) :: scale(size(constraints))
       integer :: i, j
 
       matrix = matmul(jacobian, matmul(metric, transpose(jacobian)))
       right = matmul(jacobian, matmul(metric, gradient)) + constraints
+      scale = [(matrix(i, i), i=1, size(right))]
+      multipliers = 0.0_wp
       do i = 1, size(right)   ! positive definite: no pivots needed
+         is_regular = matrix(i, i) > max(epsilon(1.0_wp)*scale(i), tiny(1.0_wp))
+         if (.not. is_regular) return
          do j = i + 1, size(right)
             right(j) = right(j) - matrix(j, i)/matrix(i, i)*right(i)
             matrix(j, i:) = matrix(j, i:) - matrix(j, i)/matrix(i, i)*matrix(i, i:)
@@ -203,7 +213,7 @@ contains
          multipliers(i) = (right(i) - dot_product(matrix(i, i + 1:), &
                                                   multipliers(i + 1:)))/matrix(i, i)
       end do
-   end function multipliers_of
+   end subroutine find_multipliers
 
    !> The part of the gradient that no combination of the constraints' gradients explains.
    pure function rest_of_gradient(gradient, jacobian) result(rest)
