@@ -189,7 +189,8 @@ contains
 
    !> Multipliers that make the step H (g - J' lambda) land on the linearized constraints, unless
    !> the constraints do not depend on the variables, or one of them on the others.
-   pure subroutine find_multipliers(metric, jacobian, gradient, constraints, multipliers, is_regular)
+   pure subroutine find_multipliers(metric, jacobian, gradient, constraints, multipliers, &
+                                    is_regular)
       real(wp), intent(in) :: metric(:, :), jacobian(:, :), gradient(:), constraints(:)
       real(wp), intent(out) :: multipliers(:)
       logical, intent(out) :: is_regular

@@ -36,8 +36,8 @@ contains
    end subroutine draw_points
 
    !> Eq. (25): a whole Gaussian window with margins beyond the memory, redrawn until all of it is
-   !> positive, its middle kept; or, where as many sweeps cost less than as many trials, one value at
-   !> a time (Gibbs), until the start has lost all but `forgotten` of its weight.
+   !> positive, its middle kept; or, where as many sweeps cost less than as many trials, one value
+   !> at a time (Gibbs), until the start has lost all but `forgotten` of its weight.
    subroutine draw_exact(model, stream, values)
       type(process_model_type), intent(in) :: model
       type(stream_type), intent(inout) :: stream

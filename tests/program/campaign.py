@@ -104,10 +104,11 @@ class Run:
 def shards_of(output: Path, pattern: str = "c*.h5") -> dict[str, tuple[int, int]]:
     """Finished shards: a rewritten one has another inode or time."""
     found = {}
-    for path in Path(f"{output}.shards").glob(pattern):
-        with contextlib.suppress(FileNotFoundError):  # removed since: the results are there
-            stat = path.stat()
-            found[path.name] = (stat.st_ino, stat.st_mtime_ns)
+    with contextlib.suppress(FileNotFoundError):  # the folder is gone: the results are there
+        for path in Path(f"{output}.shards").glob(pattern):
+            with contextlib.suppress(FileNotFoundError):  # so is this one
+                stat = path.stat()
+                found[path.name] = (stat.st_ino, stat.st_mtime_ns)
     return found
 
 
