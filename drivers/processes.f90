@@ -153,7 +153,8 @@ contains
       owner = known
    end subroutine take_kept
 
-   !> Of the fits chosen, whole ones first, the longest in front; then the parts.
+   !> Of the fits chosen, whole ones first, the longest in front: those of high order, and of these
+   !> the ones near the limit of std/mean; then the parts.
    function all_shares(requests, is_chosen) result(shares)
       type(process_request), intent(in) :: requests(:)
       logical, intent(in) :: is_chosen(:)   !! (process)
@@ -162,7 +163,7 @@ contains
       integer, allocatable :: order(:)
 
       n_parts = [(count_parts(requests(i)), i=1, size(n_parts))]
-      order = sort_order(-real(requests%order, wp))
+      order = sort_order(-(requests%order + requests%std))
       where (.not. is_chosen) n_parts = 0
       order = [pack(order, n_parts(order) == 1), pack(order, n_parts(order) > 1)]
       allocate (shares(sum(n_parts)))
