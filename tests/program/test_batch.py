@@ -13,7 +13,7 @@ import pytest
 
 from tests.conftest import ENVIRONMENT, ROOT
 from tests.program import slurm as slurm_on_this_machine
-from tests.program.campaign import SCENE, TOKEN, Run, datasets, processes_of, shards_of
+from tests.program.campaign import SCENE, TOKEN, datasets, processes_of, shards_of
 
 BATCH = ROOT / "input/batch"
 OF_ONE_MACHINE = {"MPIRUN_OPTIONS": "--oversubscribe --bind-to none"}
@@ -32,17 +32,6 @@ def slurm():
     finally:
         server.stop()
         shutil.rmtree(folder)
-
-
-@pytest.fixture(scope="module")
-def reference(program, tmp_path_factory):
-    """Results of the uninterrupted campaign."""
-    folder = tmp_path_factory.mktemp("reference")
-    (folder / "scene.nml").write_text(SCENE)
-    run = Run(program, ["run", "scene.nml", "--output", "r.h5"], folder, ENVIRONMENT, 2)
-    code, _, errors = run.wait()
-    assert code == 0, errors
-    return datasets(folder / "r.h5")
 
 
 @pytest.fixture

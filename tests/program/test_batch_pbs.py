@@ -9,7 +9,7 @@ import time
 import pytest
 
 from tests.conftest import ENVIRONMENT, ROOT
-from tests.program.campaign import SCENE, TOKEN, Run, datasets, processes_of, shards_of
+from tests.program.campaign import SCENE, TOKEN, datasets, processes_of, shards_of
 from tests.program.pbs import Pbs
 
 SCRIPT = ROOT / "input/batch/pbs.sh"
@@ -17,14 +17,8 @@ STOPPED = 75
 
 
 @pytest.fixture(scope="module")
-def reference(program, tmp_path_factory):
-    """Results of the uninterrupted campaign."""
-    folder = tmp_path_factory.mktemp("reference")
-    (folder / "scene.nml").write_text(SCENE)
-    run = Run(program, ["run", "scene.nml", "--output", "r.h5"], folder, ENVIRONMENT, 2)
-    code, _, errors = run.wait()
-    assert code == 0, errors
-    return without_limit(datasets(folder / "r.h5"))
+def reference(reference):
+    return without_limit(reference)
 
 
 @pytest.fixture

@@ -9,38 +9,11 @@ from pathlib import Path
 import pytest
 
 from tests.conftest import ENVIRONMENT
-from tests.program.campaign import SCENE, Run, datasets, shards_of, wait_for_shards
+from tests.program.campaign import SCENE as SCENE  # of the fixtures
+from tests.program.campaign import Run, datasets, shards_of, wait_for_shards
 from tests.program.torture import Torture
 
 STOPPED, REFUSED = 75, 3
-
-
-@pytest.fixture(scope="module")
-def reference(program, tmp_path_factory):
-    """Results of the uninterrupted campaign, on one rank."""
-    folder = tmp_path_factory.mktemp("reference")
-    (folder / "scene.nml").write_text(SCENE)
-    run = Run(program, ["run", "scene.nml", "--output", "r.h5"], folder, ENVIRONMENT)
-    code, _, errors = run.wait()
-    assert code == 0, errors
-    return datasets(folder / "r.h5")
-
-
-@pytest.fixture
-def campaign(program, tmp_path):
-    """Starts the campaign in a folder of its own: campaign(n_ranks, more arguments)."""
-    (tmp_path / "scene.nml").write_text(SCENE)
-
-    def start(n_ranks: int = 0, *more: str) -> Run:
-        arguments = ["run", "scene.nml", "--output", "r.h5", *more]
-        return Run(program, arguments, tmp_path, ENVIRONMENT, n_ranks)
-
-    return start
-
-
-@pytest.fixture
-def output(tmp_path):
-    return tmp_path / "r.h5"
 
 
 @pytest.fixture
