@@ -8,7 +8,7 @@ build_packages="gcc gfortran cmake ninja-build git pkg-config libopenmpi-dev ope
 
 # Tests submit the job scripts to a Slurm of their own, look at the report in a browser, build the Debian package, and
 # complete commands in every shell.
-test_packages="slurm-wlm munge chromium debhelper dpkg-dev fish zsh"
+test_packages="slurm-wlm munge chromium build-essential debhelper fish zsh"
 
 # install_packages NAME...: whatever is missing, as root or through sudo.
 install_packages() {
