@@ -86,22 +86,22 @@ contains
       text = text(:len(text) - 1)
    end function transitions_text
 
-   !> Which processes have a solution, as far as it is known before they are fitted.
+   !> Which processes have a solution, as far as it is known before they are fitted, and what of
+   !> each draws a realization of the exact law.
    subroutine foresee_processes(plan, models)
       type(plan_type), intent(in) :: plan
       type(process_model_type), allocatable, intent(out) :: models(:)
-      type(error_type), allocatable :: error
       integer :: first(size(plan%processes)), i
 
       allocate (models(size(plan%processes)))
       first = first_of_fit(plan%processes)
       do i = 1, size(models)
-         if (first(i) < i) models(i) = models(first(i))
-         models(i)%request = plan%processes(i)
-         if (first(i) < i) cycle
-         call foresee_process(plan%processes(i), plan%seed, error)
-         models(i)%is_solved = .not. allocated(error)
-         if (allocated(error)) models(i)%reason = error%message
+         if (first(i) < i) then
+            models(i) = models(first(i))
+            models(i)%request = plan%processes(i)
+         else
+            call foresee_process(plan%processes(i), plan%seed, models(i))
+         end if
       end do
    end subroutine foresee_processes
 

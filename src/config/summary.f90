@@ -9,6 +9,7 @@ module config_summary
    use ensemble_audit, only: add_audits, reference_for
    use ensemble_plan, only: integration_settings, kept_dofs, plan_type
    use process_model, only: process_model_type
+   use process_positive, only: way_of_drawing, way_type
    use process_scaling, only: first_of_fit
    implicit none(type, external)
    private
@@ -108,11 +109,76 @@ contains
       if (size(plan%processes) > max_rows) &
          text = text//'... and '//to_text(size(plan%processes) - max_rows)//' more'//line_feed
       if (.not. present(foreseen)) return
+      text = text//drawing_text(foreseen, plan%n_points)
       do i = 1, size(foreseen)
          if (.not. foreseen(i)%is_solved) &
             text = text//labelled(numbered('p', i), foreseen(i)%reason)
       end do
    end function process_table
+
+   !> How realizations of the exact law will be drawn; nothing where there is none.
+   function drawing_text(foreseen, n_points) result(text)
+      type(process_model_type), intent(in) :: foreseen(:)
+      integer, intent(in) :: n_points
+      character(:), allocatable :: text
+      type(way_type) :: ways(size(foreseen))
+      logical, dimension(size(foreseen)) :: by_sweeps, by_windows
+      integer :: i
+
+      by_windows = .false.
+      by_sweeps = .false.
+      do i = 1, size(foreseen)
+         associate (asked => foreseen(i)%request)
+            if (.not. (foreseen(i)%is_solved .and. asked%positive)) cycle
+            if (asked%sampler /= 'exact') cycle
+         end associate
+         ways(i) = way_of_drawing(foreseen(i), n_points)
+         by_windows(i) = ways(i)%by_windows
+         by_sweeps(i) = .not. ways(i)%by_windows
+      end do
+      text = ''
+      if (any(by_windows)) text = labelled('exact law', numbers_text(by_windows)// &
+                         ': whole windows, redrawn until one is positive: '// &
+                         about(maxval(ways%n_windows, by_windows), by_windows)//' a realization')
+      if (any(by_sweeps)) text = text//labelled('exact law', numbers_text(by_sweeps)// &
+                     ': values of a window redrawn one at a time, in '// &
+                     about(real(maxval(ways%n_sweeps, by_sweeps), wp), by_sweeps)//' sweeps')
+   end function drawing_text
+
+   !> The most of several.
+   pure function about(most, are_meant) result(text)
+      real(wp), intent(in) :: most
+      logical, intent(in) :: are_meant(:)
+      character(:), allocatable :: text
+
+      text = 'about '//brief(most)
+      if (count(are_meant) > 1) text = 'up to '//text
+   end function about
+
+   !> p001 to p003, p005; their number where that is long.
+   pure function numbers_text(are_meant) result(text)
+      logical, intent(in) :: are_meant(:)   !! (process)
+      character(:), allocatable :: text
+      integer, parameter :: longest = 40
+      integer :: first, last
+
+      text = ''
+      first = 1
+      do while (first <= size(are_meant))
+         last = first
+         if (are_meant(first)) then
+            do while (last < size(are_meant))
+               if (.not. are_meant(last + 1)) exit
+               last = last + 1
+            end do
+            if (text /= '') text = text//', '
+            text = text//numbered('p', first)
+            if (last > first) text = text//' to '//numbered('p', last)
+         end if
+         first = last + 1
+      end do
+      if (len(text) > longest) text = to_text(count(are_meant))//' processes'
+   end function numbers_text
 
    !> One row per process: its cases differ in variance only.
    function case_table(plan) result(text)

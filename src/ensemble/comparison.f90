@@ -167,7 +167,24 @@ contains
          errors%slip_rms_error(dof) = jackknife_error(of_rms(1:), n_all)
          errors%slip_std_error(dof) = jackknife_error(of_std(1:), n_all)
       end do
+      if (n > 1) errors%slip_rms_error(:) = not_alone(errors%slip_rms, errors%slip_rms_error, n, &
+                                                      n_all)
    end subroutine compare_slip
+
+   !> Standard errors of the rms of several dofs. A few samples seldom hold the largest errors, and
+   !> where they do not, neither the rms nor its jackknife knows of them. So each is at least the
+   !> root mean square of all dofs', whose errors are of one kind, and what enters there at least
+   !> that of normal errors.
+   pure function not_alone(rms, alone, n, n_all) result(error)
+      real(wp), intent(in) :: rms(:)      !! (dof)
+      real(wp), intent(in) :: alone(:)    !! (dof) by jackknife
+      integer, intent(in) :: n, n_all     !! samples compared, and meant
+      real(wp) :: error(size(rms))
+      real(wp) :: of_normal(size(rms))
+
+      of_normal = rms*sqrt(max(0.0_wp, 1.0_wp - real(n, wp)/n_all)/(2*n))
+      error = max(alone, sqrt(mean(max(alone, of_normal)**2)))
+   end function not_alone
 
    !> Spectra of the samples that were marched twice, of n_all that the case has.
    pure subroutine compare_spectra(tested, reference, percentiles, n_all, errors)

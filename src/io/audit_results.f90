@@ -42,7 +42,8 @@ contains
       call group%attribute('method', reference%method)
       call group%attribute('tolerance', reference%tolerance)
       call group%attribute('standard_error_method', &
-                           'jackknife over the samples repeated; zero where all are')
+                           'jackknife over the samples repeated; zero where all are; of rms '// &
+                           'values at least the root mean square over dofs')
       call group%put('sample', counted(samples%n_samples), label_type('1', 'sample', 'sample'))
       call write_dofs(group, plan)
       call make_samples(group, plan, kept_of(plan, number), samples%n_samples)

@@ -74,22 +74,26 @@ contains
                      'most '//to_text(widest_margin(model))//": take 'stationary'"
    end subroutine accept_simulation
 
-   !> What is known before the fit, in a fraction of a second as a rule: fails, by the rules of the
-   !> fit itself, where it would not even begin.
-   subroutine foresee_process(request, seed, error)
+   !> What is known before the fit, in a fraction of a second as a rule: refused, by the rules of the
+   !> fit itself, where it would not even begin. Of the model otherwise only what draws a realization
+   !> of the exact law, Eq. (25), roughly.
+   subroutine foresee_process(request, seed, model)
       type(process_request), intent(in) :: request
       integer(long), intent(in) :: seed
-      type(error_type), allocatable, intent(out) :: error
+      type(process_model_type), intent(out) :: model
       type(process_request) :: resolved
-      type(process_model_type) :: model
+      type(error_type), allocatable :: error
 
       call resolve_order(unit_request(request), resolved, error)
-      if (allocated(error)) return
-      if (request%positive) then
-         call foresee_positive(resolved, seed, error)
+      if (allocated(error)) then
+         model%reason = error%message
+      else if (request%positive) then
+         call foresee_positive(resolved, seed, model, error)
+         if (allocated(error)) model%reason = error%message
       else if (request%method == 'autoregressive') then
          call fit_ar(resolved%correlation, resolved%correlation_length, resolved%order, &
                      resolved%std, model, error)
+         if (allocated(error)) model%reason = error%message
       else
          call find_complaint(resolved, model%reason)
          resolved%all_signs = .false.   ! a few signs tell as much
@@ -97,8 +101,9 @@ contains
              resolved%order < certainly_feasible_m_max(resolved%correlation, &
                                                        resolved%correlation_length)) &
             call fit_direct(resolved, model)
-         if (allocated(model%reason)) call raise(error, exit_no_solution, model%reason)
       end if
+      model%request = request
+      model%is_solved = .not. allocated(model%reason)
    end subroutine foresee_process
 
    !> The request with its order chosen where it is not given.

@@ -11,9 +11,16 @@ module process_positive
    use process_positive_sequential, only: march_sequential
    implicit none(type, external)
    private
-   public :: draw_points
+   public :: draw_points, way_of_drawing, way_type
 
    real(wp), parameter :: forgotten = 1.0e-10_wp   !! weight of the start when the sweeps end
+
+   !> How a realization of the exact law is drawn.
+   type :: way_type
+      logical :: by_windows = .false.   !! whole ones, until one is positive; else by sweeps
+      real(wp) :: n_windows = 1.0_wp    !! expected
+      integer :: n_sweeps = 0           !! over one window, a value at a time
+   end type way_type
 
 contains
 
@@ -42,12 +49,11 @@ contains
       type(process_model_type), intent(in) :: model
       type(stream_type), intent(inout) :: stream
       real(wp), intent(out) :: values(:)
-      real(wp), parameter :: cost_of_trial = 1.5_wp   ! of a sweep over the same window
-      real(wp) :: window(size(values) + 2*model%memory)
-      integer :: n_sweeps
+      real(wp) :: window(window_size(model, size(values)))
+      type(way_type) :: way
 
-      n_sweeps = sweeps_to_forget(model%a, (model%std/model%b0)**2, model%l0, forgotten)
-      if (-log(model%lambda)*size(window) < log(n_sweeps/cost_of_trial)) then
+      way = way_of_drawing(model, size(values))
+      if (way%by_windows) then
          do
             call draw_gaussian(model, stream, window)
             if (all(window > 0.0_wp)) exit
@@ -55,9 +61,30 @@ contains
          values = window(model%memory + 1:model%memory + size(values))
       else
          call draw_window(model%a, model%mu/model%b0*(1.0_wp + sum(model%a))**2, &
-                          model%mean/model%b0, model%memory, n_sweeps, stream, values)
+                          model%mean/model%b0, model%memory, way%n_sweeps, stream, values)
          values = model%b0*values
       end if
    end subroutine draw_exact
+
+   !> The cheaper of the two ways; of a model, coefficients, std, L0, memory and Lambda count.
+   pure function way_of_drawing(model, n_points) result(way)
+      type(process_model_type), intent(in) :: model   !! of the exact law
+      integer, intent(in) :: n_points
+      type(way_type) :: way
+      real(wp), parameter :: cost_of_trial = 1.5_wp   ! of a sweep over the same window
+      real(wp) :: ln_windows
+
+      way%n_sweeps = sweeps_to_forget(model%a, (model%std/model%b0)**2, model%l0, forgotten)
+      ln_windows = -log(model%lambda)*window_size(model, n_points)
+      way%by_windows = ln_windows < log(way%n_sweeps/cost_of_trial)
+      if (way%by_windows) way%n_windows = exp(ln_windows)
+   end function way_of_drawing
+
+   pure integer function window_size(model, n_points)
+      type(process_model_type), intent(in) :: model
+      integer, intent(in) :: n_points
+
+      window_size = n_points + 2*model%memory
+   end function window_size
 
 end module process_positive

@@ -15,7 +15,7 @@ module process_positive_fit
    use process_positive_law, only: positive_law
    use process_positive_refusal, only: name_what_exists
    use process_positive_report, only: compare_laws, describe_sampled, describe_white, &
-      name_multipliers
+      name_multipliers, outline_sampled
    use process_truncated_normal, only: fit_truncated_normal
    implicit none(type, external)
    private
@@ -69,24 +69,37 @@ contains
       if (allocated(error)) model%reason = error%message
    end subroutine fit_positive
 
-   !> What is known before the fit: fails where `fit_positive` would not even begin.
-   subroutine foresee_positive(request, seed, error)
+   !> What is known before the fit: fails where `fit_positive` would not even begin. Of the exact
+   !> law also what its realizations are drawn by, roughly where it is sampled.
+   subroutine foresee_positive(request, seed, model, error)
       type(process_request), intent(in) :: request
       integer(long), intent(in) :: seed
+      type(process_model_type), intent(out) :: model
       type(error_type), allocatable, intent(out) :: error
       class(positive_law), allocatable :: law
       type(first_order_law) :: first_order
       type(search_result) :: found
-      real(wp), allocatable :: point(:)
+      real(wp), allocatable :: point(:), unused(:)
       real(wp) :: mu, sigma
+      logical :: is_exact, is_inside
 
+      model%request = request
+      is_exact = request%sampler == 'exact'
       if (.not. abs(request%correlation_length) > 0.0_wp) then
          call fit_truncated_normal(request%mean, request%std, mu, sigma, error)
+         if (is_exact .and. .not. allocated(error)) call describe_white(request, mu, sigma, model)
       else if (is_first_order(request)) then
          call match_first_order(request, first_order, error)
+         if (is_exact .and. .not. allocated(error)) &
+            call describe_first_order(request, first_order, model, error)
       else
          call approach(request, seed, law, point, found, error)
-         if (allocated(error)) call name_what_exists(request, seed, error)
+         if (allocated(error)) then
+            call name_what_exists(request, seed, error)
+         else if (is_exact) then
+            call law%evaluate(point, unused, is_inside)
+            call outline_sampled(request, law, model)
+         end if
       end if
    end subroutine foresee_positive
 

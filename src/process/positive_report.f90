@@ -16,7 +16,7 @@ module process_positive_report
    use process_truncated_normal, only: hazard_ratio, log_acceptance
    implicit none(type, external)
    private
-   public :: compare_laws, describe_sampled, describe_white, name_multipliers
+   public :: compare_laws, describe_sampled, describe_white, name_multipliers, outline_sampled
 
 contains
 
@@ -51,21 +51,17 @@ contains
       model%other_entropy = model%entropy
    end subroutine describe_white
 
-   !> What was found, in the unit of X.
-   subroutine describe_sampled(request, law, point, model, error)
+   !> Of the last evaluation, in the unit of X: what a realization is drawn by, moments, entropy.
+   subroutine outline_sampled(request, law, model)
       type(process_request), intent(in) :: request
-      class(positive_law), intent(inout) :: law
-      real(wp), intent(in) :: point(:)
+      class(positive_law), intent(in) :: law
       type(process_model_type), intent(inout) :: model
-      type(error_type), allocatable, intent(out) :: error
-      integer :: m
 
+      model%request = request
       model%order = request%order
       model%a = law%a
       model%b0 = request%std/law%moments%std
       model%mu = model%b0*law%coordinate/(1.0_wp + sum(model%a))**law%power
-      call find_poles(model%a, model%poles, error)
-      if (allocated(error)) return
       model%l0 = law%moments%l0
       model%l0_error = law%moments%l0_error
       model%l1 = law%moments%l1
@@ -78,6 +74,21 @@ contains
       call law%find_entropy(model%entropy, model%entropy_error)
       model%entropy = model%entropy + log(model%b0)
       model%entropy_bound = white_noise_entropy(request%std)
+      call note_acceptances(law, model)
+   end subroutine outline_sampled
+
+   !> What was found, in the unit of X.
+   subroutine describe_sampled(request, law, point, model, error)
+      type(process_request), intent(in) :: request
+      class(positive_law), intent(in) :: law
+      real(wp), intent(in) :: point(:)
+      type(process_model_type), intent(inout) :: model
+      type(error_type), allocatable, intent(out) :: error
+      integer :: m
+
+      call outline_sampled(request, law, model)
+      call find_poles(model%a, model%poles, error)
+      if (allocated(error)) return
       call describe_lags(law, point, model, error)
       if (allocated(error)) return
       m = min(request%order, law%n_lags)
@@ -151,7 +162,6 @@ contains
                        kappa, error)
       if (allocated(error)) then   ! longer than it is sampled: not known
          deallocate (error)
-         call note_acceptances(law, model)
          return
       end if
       location = model%mu/model%b0
@@ -164,7 +174,6 @@ contains
       model%other_mean = model%b0*other%moments%mean
       model%other_std = model%b0*other%moments%std
       model%other_l0 = other%moments%l0
-      call note_acceptances(law, model)
       call note_acceptances(other, model)
    end subroutine compare_laws
 
