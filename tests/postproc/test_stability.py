@@ -11,14 +11,17 @@ from PIL import Image
 from postproc import stability
 
 PROCESSES = [
-    {"family": law, "length": length, "ratio": ratio, "error": error, "limit": limit}
-    for law, length, ratio, error, limit in (
-        ("sequential", 0.1, 0.5, 1e-12, ""),
-        ("sequential", 1.0, 0.9, "", 0.84),
-        ("sequential", 3.0, 0.9, "", 0.84),
-        ("exact", 1.0, 0.5, 1e-3, ""),
+    {"order": order, "family": law, "length": length, "ratio": ratio, "error": error,
+     "limit": limit}
+    for order, law, length, ratio, error, limit in (
+        (1, "sequential", 0.1, 0.5, 1e-12, ""),
+        (1, "sequential", 1.0, 0.9, "", 0.84),
+        (1, "sequential", 3.0, 0.9, "", 0.84),
+        (1, "exact", 1.0, 0.5, 1e-3, ""),
+        (5, "exact", 1.0, 0.3, 1e-3, ""),
+        (5, "exact", 1.0, 0.5, 0.02, ""),
     )
-]
+]  # fmt: skip
 MOTION = [
     {"family": family, "error": error, "load": load, "dt_omega": 0.1, "varied": varied}
     for family, error, load, varied in (
@@ -71,8 +74,10 @@ def test_the_map_is_drawn(folder, capsys):
         assert min(drawn.size) > 500
     assert plt.imread(picture).std() > 0.01  # not a blank page
     said = capsys.readouterr().out
-    assert "| processes | sequential | 1 | 0 | 2 | 1.0e-12 |" in said
-    assert "| processes | exact | 0 | 1 | 0 | 1.0e-03 |" in said
+    assert "| processes, order 1 | sequential | 1 | 0 | 2 | 1.0e-12 |" in said
+    assert "| processes, order 1 | exact | 0 | 1 | 0 | 1.0e-03 |" in said
+    # of simulated values: a percent
+    assert "| processes, order 5 | exact | 1 | 1 | 0 | 2.0e-02 |" in said
     assert "| step | newmark, none | 0 | 1 | 1 | 2.0e+00 |" in said
 
 
@@ -92,7 +97,7 @@ def test_no_error_and_no_friction_have_a_place_on_logarithmic_axes(tables):
 
 def test_limits_are_drawn_where_refusals_name_them(tables):
     _, axes = plt.subplots()
-    stability.plot_processes(axes, tables["processes"])
+    stability.plot_processes(axes, [row for row in tables["processes"] if row["order"] == "1"])
     curves = {line.get_label(): line.get_xydata().tolist() for line in axes.lines}
     assert curves["limit, sequential"] == [[1.0, 0.84], [3.0, 0.84]]
     assert "limit, exact" not in curves
