@@ -16,15 +16,16 @@
 module dynamics_crossing
    use core_kinds, only: wp
    use dynamics_chain, only: chain_type
-   use dynamics_propagator, only: width
-   use dynamics_quiet, only: kinks
+   use dynamics_propagator, only: levels, stride_of, width
+   use dynamics_schedule, only: book_size, of_level, of_place, of_position
    use dynamics_workspace, only: at_anchor, at_direction, at_reach, at_slider, at_state, sample_size
    implicit none(type, external)
    private
-   public :: capacity, crossing_batch, kink_time
-   public :: new_batch, path_error, is_smooth, read_mass, step_across
+   public :: capacity, crossing_batch, kinks, kink_time
+   public :: new_batch, path_error, is_smooth, read_masses, step_across
 
    integer, parameter :: capacity = 32          !! stretches side by side
+   integer, parameter :: kinks = 3              !! of the force within a stretch, at its quarters
    real(wp), parameter :: kink_time(kinks) = [0.25_wp, 0.5_wp, 0.75_wp]   !! [stretches]
 
    !> Transitions to be located, one in each lane; arrays (lane).
@@ -50,7 +51,7 @@ module dynamics_crossing
       real(wp), dimension(capacity) :: is_clear = 0.0_wp    !! 1: the guard has no zero
       real(wp), dimension(capacity) :: tau = 0.0_wp         !! when [stretches]
       real(wp), dimension(capacity) :: x = 0.0_wp, u = 0.0_wp   !! there, velocity per stretch
-      real(wp) :: psi(capacity, 0:width - 1) = 0.0_wp
+      real(wp) :: psi(capacity, 0:width) = 0.0_wp   !! one more for displacements
    end type crossing_batch
 
 contains
@@ -113,38 +114,61 @@ contains
                   batch%tolerance*maxval(abs(sample(:, at_state + 2*place)))
    end function is_smooth
 
-   !> Reads mass i of a sample into a lane.
-   pure subroutine read_mass(batch, l, i, stride, pull, contact, load, kink, place, sample)
+   !> Reads one mass of each listed sample, one to a lane.
+   pure subroutine read_masses(batch, n_listed, list, mass, n, contact, forced_dof, force_scale, &
+                               n_forces, force, kink, pull, n_samples, book, sample)
       type(crossing_batch), intent(inout) :: batch
-      integer, intent(in) :: l, i, stride, place
+      integer, intent(in) :: n_listed, list(n_listed), mass(n_listed), n, forced_dof
+      real(wp), intent(in) :: contact(n)    !! h^2 k/m
+      real(wp), intent(in) :: force_scale   !! h^2/m of the forced mass [m/N]
+      integer, intent(in) :: n_forces, n_samples
+      real(wp), intent(in) :: force(0:n_forces - 1)   !! [N]
+      real(wp), intent(in) :: kink(0:n_forces - 1)    !! find_kinks
       real(wp), intent(in) :: pull(width, 2, width)
-      real(wp), intent(in) :: contact   !! h^2 k/m
-      real(wp), intent(in) :: load(2)   !! h^2 f/m at both ends, 0 if the force acts on another mass
-      real(wp), intent(in) :: kink(kinks)   !! and its kinks, as find_kinks has them
-      real(wp), intent(in) :: sample(width, sample_size)
-      real(wp) :: back(width, 2)
-      integer :: j, x0, x1
+      integer, intent(in) :: book(book_size, n_samples)
+      real(wp), intent(in) :: sample(width, sample_size, n_samples)
+      ! of the kinks at the quarters of a stretch: place, and share in the polynomial
+      integer, parameter :: offset(kinks, levels) = reshape([0, 0, 0, 0, 1, 0, 1, 2, 3], &
+                                                            [kinks, levels])
+      real(wp), parameter :: share(kinks, levels) = reshape( &
+         [0.0_wp, 0.0_wp, 0.0_wp, 0.0_wp, 8.0_wp, 0.0_wp, 64.0_wp, 64.0_wp, 64.0_wp]/6.0_wp, &
+         [kinks, levels])
+      real(wp) :: back0(width), back1(width), is_forced
+      integer :: i, j, k, l, level, p, stride, w, x0, x1
 
-      x0 = at_state + 2*place
-      x1 = at_state + 2 - 2*place
-      !$omp simd
-      do j = 1, width
-         back(j, 1) = pull(j, 1, i)*sample(j, x0) + pull(j, 2, i)*sample(j, x0 + 1)
-         back(j, 2) = pull(j, 1, i)*sample(j, x1) + pull(j, 2, i)*sample(j, x1 + 1)
+      batch%n = n_listed
+      do l = 1, n_listed
+         w = list(l)
+         i = mass(l)
+         p = book(of_position, w)
+         level = book(of_level, w)
+         stride = stride_of(level)
+         x0 = at_state + 2*book(of_place, w)
+         x1 = at_state + 2 - 2*book(of_place, w)
+         is_forced = merge(1.0_wp, 0.0_wp, i == forced_dof)
+         !$omp simd
+         do j = 1, width
+            back0(j) = pull(j, 1, i)*sample(j, x0, w) + pull(j, 2, i)*sample(j, x0 + 1, w)
+            back1(j) = pull(j, 1, i)*sample(j, x1, w) + pull(j, 2, i)*sample(j, x1 + 1, w)
+         end do
+         batch%x0(l) = sample(i, x0, w)
+         batch%u0(l) = sample(i, x0 + 1, w)
+         batch%pull0(l) = is_forced*force_scale*force(p) + contact(i)*sample(i, at_anchor, w) - total(back0)
+         batch%x1(l) = sample(i, x1, w)
+         batch%u1(l) = sample(i, x1 + 1, w)
+         batch%pull1(l) = is_forced*force_scale*force(p + stride) + &
+                          contact(i)*sample(i, at_anchor, w) - total(back1)
+         batch%slider(l) = sample(i, at_slider, w)
+         batch%reach(l) = sample(i, at_reach, w)
+         batch%direction(l) = sample(i, at_direction, w)
+         batch%contact(l) = contact(i)
+         !GCC$ unroll 3
+         do k = 1, kinks
+            batch%bend(l, k) = is_forced*share(k, level)*kink(p + offset(k, level))
+         end do
+         batch%span(l) = stride
       end do
-      batch%x0(l) = sample(i, x0)
-      batch%u0(l) = sample(i, x0 + 1)
-      batch%pull0(l) = load(1) + contact*sample(i, at_anchor) - total(back(:, 1))
-      batch%x1(l) = sample(i, x1)
-      batch%u1(l) = sample(i, x1 + 1)
-      batch%pull1(l) = load(2) + contact*sample(i, at_anchor) - total(back(:, 2))
-      batch%slider(l) = sample(i, at_slider)
-      batch%reach(l) = sample(i, at_reach)
-      batch%direction(l) = sample(i, at_direction)
-      batch%contact(l) = contact
-      batch%bend(l, :) = kink/6.0_wp
-      batch%span(l) = stride
-   end subroutine read_mass
+   end subroutine read_masses
 
    !> The sum in pairs, none of which waits for another.
    pure function total(x)
@@ -159,23 +183,30 @@ contains
    pure subroutine step_across(batch, l, i, kick, place, sample)
       type(crossing_batch), intent(in) :: batch
       integer, intent(in) :: l, i, place
-      real(wp), intent(in) :: kick(width, 2, 0:width - 1, width)     !! of the new pattern
+      real(wp), intent(in) :: kick(width, 0:width - 1, width)     !! of the new pattern
       real(wp), intent(inout) :: sample(width, sample_size)
-      real(wp) :: x(width), u(width)
       integer :: j, m, x1
 
       x1 = at_state + 2 - 2*place
-      x = sample(:, x1)
-      u = sample(:, x1 + 1)
-      do m = 0, batch%terms - 1
-         !$omp simd
-         do j = 1, width
-            x(j) = x(j) + batch%psi(l, m)*kick(j, 1, m, i)
-            u(j) = u(j) + batch%psi(l, m)*kick(j, 2, m, i)
-         end do
+      !$omp simd
+      do j = 1, width
+         block
+            real(wp) :: x_even, x_odd, u_even, u_odd
+            x_even = sample(j, x1)
+            u_even = sample(j, x1 + 1)
+            x_odd = 0.0_wp
+            u_odd = 0.0_wp
+            !GCC$ unroll 4
+            do m = 0, width - 1, 2   ! beyond batch%terms psi is 0
+               u_even = u_even + batch%psi(l, m)*kick(j, m, i)
+               x_even = x_even + batch%psi(l, m + 1)*kick(j, m, i)
+               u_odd = u_odd + batch%psi(l, m + 1)*kick(j, m + 1, i)
+               x_odd = x_odd + batch%psi(l, m + 2)*kick(j, m + 1, i)
+            end do
+            sample(j, x1) = x_even + x_odd
+            sample(j, x1 + 1) = u_even + u_odd
+         end block
       end do
-      sample(:, x1) = x
-      sample(:, x1 + 1) = u
    end subroutine step_across
 
 end module dynamics_crossing

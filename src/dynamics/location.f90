@@ -2,8 +2,8 @@
 !> amounts to from there on (dynamics_crossing).
 module dynamics_location
    use core_kinds, only: wp
-   use dynamics_crossing, only: capacity, crossing_batch, kink_time
-   use dynamics_quiet, only: kinks
+   use dynamics_crossing, only: capacity, crossing_batch, kinks, kink_time
+   use dynamics_propagator, only: width
    implicit none(type, external)
    private
    public :: locate
@@ -196,27 +196,29 @@ contains
       end do
    end subroutine find_clear
 
-   !> psi_m = gain/m! times the integral of (1 - t)^m (x(t) - x(tau)) over the rest of the stretch,
-   !> by Gauss and Legendre; also x and u at tau. Kinks before tau belong to the polynomial that is
-   !> integrated, those after it add 6 gain bend (1 - t)^(m + 4)/(m + 4)!, t the time of the kink.
+   !> psi_m = gain/m! times the integral of (1 - t)^m (x(t) - x(tau)) over the rest of the stretch:
+   !> a power k of the path from tau on gives k!/(k + m + 1)! of the rest's (k + m + 1)th power.
+   !> Kinks before tau belong to that path, those after it add 6 gain bend (1 - t)^(m + 4)/(m + 4)!,
+   !> t the time of the kink. Also x and u at tau.
    pure subroutine integrate_force(batch, n, gain, path)
       type(crossing_batch), intent(inout) :: batch
       integer, intent(in) :: n
       real(wp), intent(in) :: gain(capacity)
       real(wp), intent(inout) :: path(capacity, 0:degree)
-      integer, parameter :: nodes = 4   ! exact to power 7
-      real(wp), parameter :: node(0:nodes) = [0.0_wp, 0.069431844202973714_wp, &
-         0.33000947820757187_wp, 0.66999052179242813_wp, 0.93056815579702629_wp]
-      real(wp), parameter :: weight(nodes) = [0.17392742256872693_wp, 0.32607257743127307_wp, &
-                                              0.32607257743127307_wp, 0.17392742256872693_wp]
-      real(wp) :: x(capacity, 0:nodes), part(capacity, nodes), rest(capacity, nodes)
-      real(wp) :: late(capacity, kinks)
-      integer :: g, k, l, m
+      integer :: i_, m_
+      real(wp), parameter :: weight(degree, 0:width) = reshape( &
+         [((gamma(i_ + 1.0_wp)/gamma(i_ + m_ + 2.0_wp), i_=1, degree), m_=0, width)], &
+         [degree, width + 1])
+      real(wp), parameter :: late_weight(kinks, 0:width) = reshape( &
+         [((6.0_wp*(1.0_wp - kink_time(i_))**(m_ + 4)/gamma(m_ + 5.0_wp), i_=1, kinks), &
+           m_=0, width)], [kinks, width + 1])
+      real(wp) :: late(capacity, kinks), rest(capacity), rests(capacity), spans(capacity)
+      integer :: j, k, l, m
 
       !$omp simd
       do l = 1, n
          block
-            real(wp) :: bend
+            real(wp) :: bend, power
             !GCC$ unroll 3
             do k = 1, kinks
                bend = merge(batch%bend(l, k), 0.0_wp, batch%tau(l) >= kink_time(k))
@@ -224,53 +226,39 @@ contains
                path(l, 1) = path(l, 1) + 3.0_wp*bend*kink_time(k)**2
                path(l, 2) = path(l, 2) - 3.0_wp*bend*kink_time(k)
                path(l, 3) = path(l, 3) + bend
-               late(l, k) = gain(l)*(batch%bend(l, k) - bend)*batch%span(l)* &
-                            0.25_wp*(1.0_wp - kink_time(k))**4
+               late(l, k) = batch%bend(l, k) - bend
             end do
-         end block
-      end do
-      do g = 0, nodes
-         !$omp simd
-         do l = 1, n
-            block
-               real(wp) :: t, value, slope
-               t = batch%tau(l) + node(g)*(1.0_wp - batch%tau(l))
-               value = path(l, degree)
-               slope = 0.0_wp
+            !GCC$ unroll 5
+            do j = 0, degree - 1   ! to powers of the time since tau
                !GCC$ unroll 5
-               do k = degree - 1, 0, -1
-                  slope = slope*t + value
-                  value = value*t + path(l, k)
+               do k = degree - 1, j, -1
+                  path(l, k) = path(l, k) + batch%tau(l)*path(l, k + 1)
                end do
-               x(l, g) = value
-               batch%u(l) = merge(batch%u(l), slope, g > 0)
-            end block
-         end do
-      end do
-      batch%x(:n) = x(:n, 0)
-      do g = 1, nodes
-         !$omp simd
-         do l = 1, n
-            block
-               real(wp) :: left
-               left = batch%span(l)*(1.0_wp - batch%tau(l))
-               rest(l, g) = left*(1.0_wp - node(g))
-               part(l, g) = gain(l)*weight(g)*left*(x(l, g) - x(l, 0))
-            end block
-         end do
+            end do
+            batch%x(l) = path(l, 0)
+            batch%u(l) = path(l, 1)
+            rest(l) = 1.0_wp - batch%tau(l)
+            power = 1.0_wp
+            !GCC$ unroll 5
+            do k = 1, degree
+               power = power*rest(l)
+               path(l, k) = path(l, k)*power
+            end do
+            rests(l) = rest(l)
+            spans(l) = gain(l)*batch%span(l)
+         end block
       end do
       do m = 0, batch%terms - 1
          !$omp simd
          do l = 1, n
-            batch%psi(l, m) = ((part(l, 1) + part(l, 2)) + (part(l, 3) + part(l, 4))) + &
-                              ((late(l, 1) + late(l, 2)) + late(l, 3))
-            part(l, 1) = part(l, 1)*rest(l, 1)*(1.0_wp/(m + 1))
-            part(l, 2) = part(l, 2)*rest(l, 2)*(1.0_wp/(m + 1))
-            part(l, 3) = part(l, 3)*rest(l, 3)*(1.0_wp/(m + 1))
-            part(l, 4) = part(l, 4)*rest(l, 4)*(1.0_wp/(m + 1))
-            late(l, 1) = late(l, 1)*batch%span(l)*((1.0_wp - kink_time(1))/(m + 5))
-            late(l, 2) = late(l, 2)*batch%span(l)*((1.0_wp - kink_time(2))/(m + 5))
-            late(l, 3) = late(l, 3)*batch%span(l)*((1.0_wp - kink_time(3))/(m + 5))
+            batch%psi(l, m) = spans(l)* &
+               (rests(l)*((weight(1, m)*path(l, 1) + weight(2, m)*path(l, 2)) + &
+                          (weight(3, m)*path(l, 3) + weight(4, m)*path(l, 4) + &
+                           weight(5, m)*path(l, 5))) + &
+                (late_weight(1, m)*late(l, 1) + late_weight(2, m)*late(l, 2) + &
+                 late_weight(3, m)*late(l, 3)))
+            rests(l) = rests(l)*rest(l)
+            spans(l) = spans(l)*batch%span(l)
          end do
       end do
    end subroutine integrate_force

@@ -23,7 +23,7 @@ module dynamics_propagator
 
    integer, parameter :: step_length = 2*width*columns
    integer, parameter :: load_length = 2*width*width
-   integer, parameter :: kick_length = 2*width*width*width
+   integer, parameter :: kick_length = width*width*width
    integer, parameter :: pull_length = 2*width*width
 
    !> Tables for the 2^n patterns; bit i-1 of a pattern says that mass i is stuck. They lie in one
@@ -33,7 +33,9 @@ module dynamics_propagator
       real(wp), allocatable :: pool(:)
       integer :: step = 0   !! (mass, x u, x u force, pattern, level): state after a stride
       integer :: load = 0   !! (mass, x u, anchor, pattern, level): what the anchors add to it
-      integer :: kick = 0   !! (mass, x u, 0:7, mass, pattern): A^m times a unit load on one mass
+      !> (mass, 0:7, mass, pattern): velocities of A^m times a unit load on one mass; displacements
+      !> are the velocities of the power before, as x' = u
+      integer :: kick = 0
       integer :: pull = 0   !! (mass, x u, mass): what pulls one mass back, but for its contact
       logical, allocatable :: is_built(:)   !! (0:2^n-1)
       real(wp), allocatable, private :: free(:, :)      !! A with all masses slipping, and its loads
@@ -208,12 +210,11 @@ contains
    pure subroutine put_kick(n, k, power, kick)
       integer, intent(in) :: n, k
       real(wp), intent(in) :: power(:, :)
-      real(wp), intent(inout) :: kick(width, 2, 0:width - 1, width)
+      real(wp), intent(inout) :: kick(width, 0:width - 1, width)
       integer :: i
 
       do i = 1, n
-         kick(:n, 1, k, i) = power(:n, n + i)
-         kick(:n, 2, k, i) = power(n + 1:2*n, n + i)
+         kick(:n, k, i) = power(n + 1:2*n, n + i)
       end do
    end subroutine put_kick
 

@@ -4,22 +4,20 @@ module dynamics_quiet
    use core_kinds, only: long, wp
    use dynamics_propagator, only: column_force, columns, width
    use dynamics_schedule, only: book_size, of_pattern, of_place, of_position
-   use dynamics_workspace, only: at_direction, at_reach, at_slack, at_slider, at_start, at_state, &
-                                 sample_size
+   use dynamics_workspace, only: at_direction, at_reach, at_slider, at_start, at_state, sample_size
    implicit none(type, external)
    private
-   public :: take_steps, find_slacks, find_kinks, sum_kinks, kinks
+   public :: take_steps, find_suspects, find_kinks, sum_kinks
 
-   integer, parameter :: kinks = 3         !! of the force within a stretch, at its quarters
    integer, parameter :: written_out = 5   !! masses of the product in take_steps
 
 contains
 
    !> Takes a stretch of every listed sample: the state after it, in the place that is not in use,
-   !> and whether it was quiet. What follows from that is decided elsewhere, so that nothing here
+   !> and the masses whose guard may have been crossed. What follows from that is decided elsewhere, so that nothing here
    !> waits for the end of a product.
    pure subroutine take_steps(n, stride, shift, n_listed, list, n_samples, n_forces, force, bend, &
-                              table, floor, book, sample, is_quiet)
+                              table, floor, book, sample, suspects)
       integer, intent(in) :: n, stride, n_listed, n_samples, n_forces, list(n_listed)
       integer, intent(in) :: shift                    !! column of what the anchors add
       real(wp), intent(in) :: force(0:n_forces - 1)   !! [N]
@@ -28,10 +26,10 @@ contains
       real(wp), intent(in) :: floor                   !! see bound_slack
       integer, intent(in) :: book(book_size, n_samples)
       real(wp), intent(inout) :: sample(width, sample_size, n_samples)
-      integer, intent(out) :: is_quiet(n_listed)      !! 1 or 0
+      integer, intent(out) :: suspects(n_listed)      !! bit i-1: mass i
       integer, parameter :: f = column_force, v = width
       real(wp) :: f0, f1, f2, f3, f4, kink, span, z(width, 2)
-      integer(long) :: signs
+      integer(long) :: negative
       integer :: a, half, i, p, start, w, x0, x1
 
       start = shift
@@ -71,23 +69,16 @@ contains
                     table(i, half, f + 3, p)*f3 + table(i, half, f + 4, p)*f4))
             end do
          end do
-         !$omp simd
+         negative = 0
+         !$omp simd reduction(ior: negative)
          do i = 1, width
-            sample(i, at_slack, w) = bound_slack(floor, kink, sample(i, x0, w), &
+            negative = ior(negative, flag(i, bound_slack(floor, kink, sample(i, x0, w), &
                span*sample(i, x0 + 1, w), z(i, 1), span*z(i, 2), sample(i, at_slider, w), &
-               sample(i, at_reach, w), sample(i, at_direction, w))
+               sample(i, at_reach, w), sample(i, at_direction, w))))
             sample(i, x1, w) = z(i, 1)
             sample(i, x1 + 1, w) = z(i, 2)
          end do
-      end do
-      do a = 1, n_listed
-         w = list(a)
-         signs = 0
-         !$omp simd reduction(ior: signs)
-         do i = 1, width
-            signs = ior(signs, transfer(sample(i, at_slack, w), 0_long))
-         end do
-         is_quiet(a) = 1 - int(shiftr(signs, bit_size(signs) - 1))
+         suspects(a) = int(negative)
       end do
    end subroutine take_steps
 
@@ -121,56 +112,66 @@ contains
       end do
    end subroutine start_with_further_masses
 
-   !> The bounds of the guards of one sample over the stretch between its two places.
-   pure subroutine find_slacks(stride, bend, floor, place, sample)
+   !> The masses whose guard may have been crossed in the stretch of one sample between its two
+   !> places; bit i-1: mass i.
+   pure function find_suspects(stride, bend, floor, place, sample) result(suspects)
       integer, intent(in) :: stride, place
       real(wp), intent(in) :: bend, floor   !! see bound_slack
-      real(wp), intent(inout) :: sample(width, sample_size)
+      real(wp), intent(in) :: sample(width, sample_size)
+      integer :: suspects
+      integer(long) :: negative
       real(wp) :: span
       integer :: i, x0, x1
 
       span = stride
       x0 = at_state + 2*place
       x1 = at_state + 2 - 2*place
-      !$omp simd
+      negative = 0
+      !$omp simd reduction(ior: negative)
       do i = 1, width
-         sample(i, at_slack) = bound_slack(floor, bend, sample(i, x0), span*sample(i, x0 + 1), &
-                                           sample(i, x1), span*sample(i, x1 + 1), &
-                                           sample(i, at_slider), sample(i, at_reach), &
-                                           sample(i, at_direction))
+         negative = ior(negative, flag(i, bound_slack(floor, bend, sample(i, x0), &
+            span*sample(i, x0 + 1), sample(i, x1), span*sample(i, x1 + 1), sample(i, at_slider), &
+            sample(i, at_reach), sample(i, at_direction))))
       end do
-   end subroutine find_slacks
+      suspects = int(negative)
+   end function find_suspects
 
-   !> The kinks of the force within a stretch, at its quarters, by which they change the third
-   !> derivative of the forced mass, per stretch cubed [m].
-   pure function find_kinks(stride, force, scale) result(kink)
-      integer, intent(in) :: stride
-      real(wp), intent(in) :: force(0:stride)   !! [N]
-      real(wp), intent(in) :: scale             !! h^2/m of the forced mass [m/N]
-      real(wp) :: kink(kinks)
-      integer :: k, quarters
+   !> Bit i-1 if a number is negative, by its sign bit, without a branch.
+   elemental function flag(i, x)
+      integer, intent(in) :: i
+      real(wp), intent(in) :: x
+      integer(long) :: flag
+      integer(long), parameter :: bit(width) = [1_long, 2_long, 4_long, 8_long, 16_long, 32_long, &
+                                                64_long, 128_long]
 
-      kink = 0.0_wp
-      quarters = 4/stride
-      do k = 1, stride - 1
-         kink(k*quarters) = stride**3*scale*((force(k - 1) - force(k)) + (force(k + 1) - force(k)))
-      end do
-   end function find_kinks
+      flag = iand(bit(i), shifta(transfer(x, 0_long), 63))
+   end function flag
 
-   !> The sum of their magnitudes, for stretches from every position that has a whole one left.
-   pure subroutine sum_kinks(stride, force, scale, bend)
-      integer, intent(in) :: stride
+   !> The kinks of the force at every position, by which they change the third derivative of the
+   !> forced mass, per step cubed [m].
+   pure subroutine find_kinks(force, scale, kink)
       real(wp), intent(in) :: force(0:)   !! [N]
       real(wp), intent(in) :: scale       !! h^2/m of the forced mass [m/N]
+      real(wp), intent(out) :: kink(0:)
+      integer :: last
+
+      kink = 0.0_wp
+      last = ubound(force, 1) - 1
+      kink(1:last) = scale*((force(:last - 1) - force(1:last)) + (force(2:) - force(1:last)))
+   end subroutine find_kinks
+
+   !> The sum of the magnitudes of those within a stretch, per stretch cubed, for stretches from
+   !> every position that has a whole one left.
+   pure subroutine sum_kinks(stride, kink, bend)
+      integer, intent(in) :: stride
+      real(wp), intent(in) :: kink(0:)   !! [m]
       real(wp), intent(out) :: bend(0:)
       integer :: k, last
 
       bend = 0.0_wp
-      last = ubound(force, 1) - stride
+      last = ubound(kink, 1) - stride
       do k = 1, stride - 1
-         bend(:last) = bend(:last) + stride**3*scale* &
-                       abs((force(k - 1:last + k - 1) - force(k:last + k)) + &
-                           (force(k + 1:last + k + 1) - force(k:last + k)))
+         bend(:last) = bend(:last) + stride**3*abs(kink(k:last + k))
       end do
    end subroutine sum_kinks
 

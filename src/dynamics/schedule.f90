@@ -5,7 +5,8 @@ module dynamics_schedule
    implicit none(type, external)
    private
    public :: schedule_type, sort_out, waiting, crowded
-   public :: book_size, of_pattern, of_place, of_position, of_last, of_due, of_phase, of_level
+   public :: book_size, of_pattern, of_place, of_position, of_last, of_due, of_phase, of_level, &
+             of_suspects
 
    !> What each sample is doing, side by side: entries of book(:, sample). Positions are those in
    !> the force, taken as one long array.
@@ -16,6 +17,7 @@ module dynamics_schedule
    integer, parameter :: of_due = 5        !! of the next record; -1: none
    integer, parameter :: of_phase = 6      !! strides begin a multiple of them after this one
    integer, parameter :: of_level = 7      !! of the stretch that was not quiet
+   integer, parameter :: of_suspects = 8   !! bit i-1: the guard of mass i may have been crossed
    integer, parameter :: book_size = 8
 
    !> Lists where a sample can stand: free to go on by a stride of some level (1 .. levels), waiting
@@ -75,16 +77,16 @@ contains
    !> so (by -w if the stretch was not quiet), and those that must make a record: without a branch,
    !> as one that goes wrong throws away what the processor has already begun. A quiet stretch
    !> counts; otherwise the state is as it was.
-   pure subroutine sort_out(n_tried, tried, is_quiet, level, longest, n_samples, book, n_going, &
+   pure subroutine sort_out(n_tried, tried, suspects, level, longest, n_samples, book, n_going, &
                             going, n_stopping, stopping, n_due, due)
-      integer, intent(in) :: n_tried, tried(n_tried), is_quiet(n_tried)
+      integer, intent(in) :: n_tried, tried(n_tried), suspects(n_tried)
       integer, intent(in) :: level     !! of the stretch
       integer, intent(in) :: longest   !! level of the longest stride
       integer, intent(in) :: n_samples
       integer, intent(inout) :: book(book_size, n_samples)
       integer, intent(out) :: n_going, n_stopping, n_due
       integer, intent(out) :: going(n_samples + 1), stopping(n_samples + 1), due(n_samples + 1)
-      integer :: a, goes, now, stride, w
+      integer :: a, goes, is_quiet, now, stride, w
 
       stride = stride_of(level)
       n_going = 0
@@ -92,17 +94,19 @@ contains
       n_due = 0
       do a = 1, n_tried
          w = tried(a)
-         now = book(of_position, w) + stride*is_quiet(a)
+         is_quiet = merge(1, 0, suspects(a) == 0)
+         now = book(of_position, w) + stride*is_quiet
          book(of_position, w) = now
-         book(of_place, w) = ieor(book(of_place, w), is_quiet(a))
-         goes = is_quiet(a)*(1 - min(1, abs(level - level_at(longest, now, book(of_phase, w), &
+         book(of_suspects, w) = suspects(a)
+         book(of_place, w) = ieor(book(of_place, w), is_quiet)
+         goes = is_quiet*(1 - min(1, abs(level - level_at(longest, now, book(of_phase, w), &
                                                               book(of_last, w)))))
          going(n_going + 1) = w
          n_going = n_going + goes
-         stopping(n_stopping + 1) = merge(w, -w, is_quiet(a) == 1)
+         stopping(n_stopping + 1) = merge(w, -w, is_quiet == 1)
          n_stopping = n_stopping + (1 - goes)
          due(n_due + 1) = w
-         n_due = n_due + is_quiet(a)*(1 - min(1, abs(now - book(of_due, w))))
+         n_due = n_due + is_quiet*(1 - min(1, abs(now - book(of_due, w))))
       end do
    end subroutine sort_out
 

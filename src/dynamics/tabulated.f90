@@ -9,14 +9,15 @@ module dynamics_tabulated
    use core_error, only: error_type
    use core_kinds, only: long, wp
    use dynamics_chain, only: chain_type
-   use dynamics_crossing, only: capacity, crossing_batch, is_smooth, read_mass, step_across
+   use dynamics_crossing, only: capacity, crossing_batch, is_smooth, read_masses, step_across
    use dynamics_lanes, only: lane_group
    use dynamics_location, only: locate
    use dynamics_propagator, only: alignment_gap, levels, propagator_type, stride_of, width
-   use dynamics_quiet, only: find_kinks, find_slacks, kinks, sum_kinks, take_steps
+   use dynamics_quiet, only: find_kinks, find_suspects, sum_kinks, take_steps
    use dynamics_response, only: block_state
    use dynamics_schedule, only: book_size, crowded, of_due, of_last, of_level, of_pattern, &
-                                of_phase, of_place, of_position, schedule_type, sort_out, waiting
+                                of_phase, of_place, of_position, of_suspects, schedule_type, &
+                                sort_out, waiting
    use dynamics_taylor, only: lanes
    use dynamics_transitions, only: first_suspect, keep_transition, keeps_regimes, &
                                    most_transitions, transition_log
@@ -91,10 +92,11 @@ contains
       type(error_type), allocatable, intent(out) :: error
       type(transition_log) :: log(capacity)
       real(wp), allocatable :: trace(:, :, :), trace_u(:, :, :)   ! (mass, record, sample)
+      real(wp) :: kink(0:n_forces - 1)
       real(wp) :: bend(0:n_forces - 1, levels)   ! kinks of a stretch from each position
       real(wp) :: contact(width), force_scale   ! h^2 k/m; h^2/m of the forced mass
       integer, dimension(state%n_samples + 1) :: due, listed, stopping
-      integer :: is_quiet(state%n_samples)
+      integer :: suspects(state%n_samples)
       integer :: level, n, n_due, n_stopping, n_taken, room, w
 
       n = state%n_dof
@@ -104,8 +106,9 @@ contains
       force_scale = self%h**2/self%chain%mass(self%forced_dof)
       contact(:n) = self%h**2*self%chain%contact_stiffness/self%chain%mass
       sample(:, at_reach, :) = huge(1.0_wp)   ! rows beyond n watch nothing
+      call find_kinks(force, force_scale, kink)
       do level = 1, levels
-         call sum_kinks(stride_of(level), force, force_scale, bend(:, level))
+         call sum_kinks(stride_of(level), kink, bend(:, level))
       end do
       do w = 1, state%n_samples
          call load(w)
@@ -149,8 +152,8 @@ contains
          call take_steps(n, stride_of(level), merge(at_shift, at_start, level == agenda%level), &
                          n_taken, listed, state%n_samples, n_forces, force, bend(:, level), &
                          self%propagator%pool(self%propagator%at_step(0, level)), &
-                         self%floor(level), agenda%book, sample, is_quiet)
-         call sort_out(n_taken, listed, is_quiet, level, agenda%level, state%n_samples, &
+                         self%floor(level), agenda%book, sample, suspects)
+         call sort_out(n_taken, listed, suspects, level, agenda%level, state%n_samples, &
                        agenda%book, agenda%n_listed(level), agenda%list(:, level), n_stopping, &
                        stopping, n_due, due)
          do a = 1, n_due
@@ -203,35 +206,45 @@ contains
       !> Treats stretches as such with few transitions, each of another mass and one after the
       !> other; those that have more to them are left for a closer look.
       subroutine treat_waiting()
-         integer, dimension(capacity) :: entry, mass, reading
+         integer, dimension(capacity) :: entry, mass, reading, sample_read
          logical :: is_open(capacity)   ! the way of dynamics_crossing may still do
-         integer :: k, l, level, m
+         integer :: k, l, level, m, n_reading
 
          call agenda%pop(waiting, capacity, entry, m)
+         n_reading = 0
          do l = 1, m
-            log(l)%n = 0
-            log(l)%switched = 0
-            log(l)%clear = 0
             associate (w => entry(l), book => agenda%book(:, entry(l)))
+               log(l)%n = 0
+               log(l)%switched = 0
+               log(l)%suspects = book(of_suspects)
                is_open(l) = self%has_crossings(book(of_level)) .and. &
                             is_smooth(self%batch, stride_of(book(of_level)), &
                                       bend(book(of_position), book(of_level)), book(of_place), &
                                       sample(1, 1, w))
             end associate
+            n_reading = n_reading + 1
+            reading(n_reading) = l
+            if (.not. is_open(l)) n_reading = n_reading - 1
          end do
-         do
-            self%batch%n = 0
-            do l = 1, m
-               if (.not. is_open(l)) cycle
-               k = self%batch%n + 1
-               reading(k) = l
-               call read_suspect(k, l, entry(l), mass(k), is_open(l))
+         do while (n_reading > 0)
+            do k = 1, n_reading
+               l = reading(k)
+               sample_read(k) = entry(l)
+               mass(k) = first_suspect(log(l)%suspects, agenda%book(of_place, entry(l)), &
+                                       sample(1, 1, entry(l)))
             end do
-            if (self%batch%n == 0) exit
+            call read_masses(self%batch, n_reading, sample_read, mass, n, contact, &
+                             self%forced_dof, force_scale, n_forces, force, kink, &
+                             self%propagator%pool(self%propagator%pull), state%n_samples, &
+                             agenda%book, sample)
             call locate(self%batch)
+            n_reading = 0
             do k = 1, self%batch%n
                l = reading(k)
                call take_transition(k, l, entry(l), mass(k), is_open(l))
+               if (.not. is_open(l) .or. log(l)%suspects == 0) cycle
+               n_reading = n_reading + 1
+               reading(n_reading) = l
             end do
          end do
          do l = 1, m
@@ -254,32 +267,6 @@ contains
          end do
       end subroutine treat_waiting
 
-      !> Reads the mass of stretch l that may have its next transition into lane k, if there is one
-      !> and it is not one too many.
-      subroutine read_suspect(k, l, w, i, is_open)
-         integer, intent(in) :: k, l, w
-         integer, intent(out) :: i
-         logical, intent(inout) :: is_open
-         real(wp) :: kink(kinks), load(2)
-
-         associate (tables => self%propagator, place => agenda%book(of_place, w), &
-                    stride => stride_of(agenda%book(of_level, w)), p => agenda%book(of_position, w))
-            i = first_suspect(n, ior(log(l)%switched, log(l)%clear), place, sample(1, 1, w))
-            if (i == 0) return
-            is_open = log(l)%n < most_transitions
-            if (.not. is_open) return
-            load = 0.0_wp
-            kink = 0.0_wp
-            if (i == self%forced_dof) then
-               load = force_scale*[force(p), force(p + stride)]
-               kink = find_kinks(stride, force(p:p + stride), force_scale)
-            end if
-            call read_mass(self%batch, k, i, stride, tables%pool(tables%pull), contact(i), load, &
-                           kink, place, sample(1, 1, w))
-            self%batch%n = k
-         end associate
-      end subroutine read_suspect
-
       !> Takes the transition that lane k has located into the state of stretch l, unless it would
       !> come before the last one; or notes that there is none.
       subroutine take_transition(k, l, w, i, is_open)
@@ -288,10 +275,10 @@ contains
          integer :: pattern
 
          if (self%batch%is_clear(k) > 0.5_wp) then
-            log(l)%clear = ibset(log(l)%clear, i - 1)
+            log(l)%suspects = ibclr(log(l)%suspects, i - 1)
             return
          end if
-         is_open = self%batch%is_located(k) > 0.5_wp
+         is_open = self%batch%is_located(k) > 0.5_wp .and. log(l)%n < most_transitions
          if (log(l)%n > 0) is_open = is_open .and. self%batch%tau(k) > log(l)%time(max(log(l)%n, 1))
          if (.not. is_open) return
          call keep_transition(self%batch, k, i, log(l))
@@ -301,8 +288,10 @@ contains
             if (.not. tables%is_built(pattern)) call tables%build(pattern)
             call step_across(self%batch, k, i, tables%pool(tables%at_kick(pattern)), place, &
                              sample(1, 1, w))
-            call find_slacks(stride_of(level), bend(agenda%book(of_position, w), level), &
-                             self%floor(level), place, sample(1, 1, w))
+            log(l)%suspects = iand(find_suspects(stride_of(level), &
+                                                 bend(agenda%book(of_position, w), level), &
+                                                 self%floor(level), place, sample(1, 1, w)), &
+                                   not(log(l)%switched))
          end associate
       end subroutine take_transition
 

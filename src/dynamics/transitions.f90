@@ -1,10 +1,10 @@
 !> The transitions of one stretch of a sample: which mass may be next, what has been found, and
 !> whether it can be all.
 module dynamics_transitions
-   use core_kinds, only: long, wp
+   use core_kinds, only: wp
    use dynamics_crossing, only: crossing_batch
    use dynamics_propagator, only: width
-   use dynamics_workspace, only: at_direction, at_reach, at_slack, at_slider, at_state, sample_size
+   use dynamics_workspace, only: at_direction, at_reach, at_slider, at_state, sample_size
    implicit none(type, external)
    private
    public :: most_transitions, transition_log, first_suspect, keep_transition, keeps_regimes
@@ -16,28 +16,25 @@ module dynamics_transitions
       integer :: n = 0
       integer :: mass(most_transitions) = 0
       integer :: switched = 0   !! bit i-1: mass i is among them
-      integer :: clear = 0      !! bit i-1: mass i has no transition after them
+      integer :: suspects = 0   !! bit i-1: mass i may have one
       real(wp), dimension(most_transitions) :: time = 0.0_wp, x = 0.0_wp, u = 0.0_wp, sense = 1.0_wp
       real(wp), dimension(most_transitions) :: is_stick = 0.0_wp
    end type transition_log
 
 contains
 
-   !> The mass whose guard may have been crossed, but for those that are settled; 0: none. Of
-   !> several, that which would be the first by a straight line from end to end.
-   pure function first_suspect(n, settled, place, sample) result(first)
-      integer, intent(in) :: n, place
-      integer, intent(in) :: settled   !! bit i-1: mass i has had its transition, or has none
+   !> Of the masses that may have a transition that which would be the first by a straight line
+   !> from end to end.
+   pure function first_suspect(suspects, place, sample) result(first)
+      integer, intent(in) :: suspects   !! bit i-1: mass i; at least one
+      integer, intent(in) :: place
       real(wp), intent(in) :: sample(width, sample_size)
       integer :: first
       real(wp) :: share(width)   ! of half the change, left at the end: it grows with the time
-      integer :: i, suspects, x0, x1
+      integer :: i, x0, x1
 
-      first = 0
-      suspects = iand(negative_slacks(sample), not(settled))
-      if (suspects == 0) return
       first = 1 + trailz(suspects)
-      if (popcnt(suspects) == 1) return
+      if (iand(suspects, suspects - 1) == 0) return
       x0 = at_state + 2*place
       x1 = at_state + 2 - 2*place
       !$omp simd
@@ -52,27 +49,10 @@ contains
             share(i) = after/max(0.5_wp*abs(before) + 0.5_wp*abs(after), tiny(1.0_wp))
          end block
       end do
-      do i = first + 1, n
+      do i = first + 1, width
          if (btest(suspects, i - 1) .and. share(i) < share(first)) first = i
       end do
    end function first_suspect
-
-   !> Bit i-1: the guard of mass i has a negative bound. Without a branch, by sign bits.
-   pure function negative_slacks(sample) result(suspects)
-      real(wp), intent(in) :: sample(width, sample_size)
-      integer :: suspects
-      integer(long), parameter :: bit(width) = [1_long, 2_long, 4_long, 8_long, 16_long, 32_long, &
-                                                64_long, 128_long]
-      integer(long) :: negative
-      integer :: i
-
-      negative = 0
-      !$omp simd reduction(ior: negative)
-      do i = 1, width
-         negative = ior(negative, iand(bit(i), shifta(transfer(sample(i, at_slack), 0_long), 63)))
-      end do
-      suspects = int(negative)
-   end function negative_slacks
 
    !> Notes the transition of mass i that a lane has found.
    pure subroutine keep_transition(batch, l, i, log)
@@ -83,7 +63,6 @@ contains
       log%n = log%n + 1
       log%mass(log%n) = i
       log%switched = ibset(log%switched, i - 1)
-      log%clear = 0   ! its path is another one from here
       log%time(log%n) = batch%tau(l)
       log%x(log%n) = batch%x(l)
       log%u(log%n) = batch%u(l)

@@ -9,18 +9,17 @@ module dynamics_workspace
    private
    public :: take_in, hand_back, pattern_of, set_anchors, set_shift, unfold
    public :: sample_size, at_state, at_shift, at_slider, at_reach, at_direction, at_anchor
-   public :: at_slack, at_start
+   public :: at_start
 
    !> Columns of sample(mass, :).
    integer, parameter :: at_state = 1       !! to 4: x and u = h v, in two places, one in use
    integer, parameter :: at_slider = 5      !! [m]; kept for stuck masses
    integer, parameter :: at_reach = 6       !! mu N/k: extension at which the contact slips [m]
    integer, parameter :: at_direction = 7   !! 0: stuck, +1 or -1: slipping that way
-   integer, parameter :: at_slack = 8       !! lower bound of the guard over the steps just taken
-   integer, parameter :: at_anchor = 9      !! contact force over its stiffness, at x = 0 [m]
-   integer, parameter :: at_shift = 10      !! and next: what the anchors add in the longest stride
-   integer, parameter :: at_start = 12      !! and next: the same in a shorter one, or more
-   integer, parameter :: sample_size = 13
+   integer, parameter :: at_anchor = 8      !! contact force over its stiffness, at x = 0 [m]
+   integer, parameter :: at_shift = 9      !! and next: what the anchors add in the longest stride
+   integer, parameter :: at_start = 11      !! and next: the same in a shorter one, or more
+   integer, parameter :: sample_size = 12
 
 contains
 
