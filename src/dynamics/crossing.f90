@@ -130,9 +130,8 @@ contains
       ! of the kinks at the quarters of a stretch: place, and share in the polynomial
       integer, parameter :: offset(kinks, levels) = reshape([0, 0, 0, 0, 1, 0, 1, 2, 3], &
                                                             [kinks, levels])
-      real(wp), parameter :: share(kinks, levels) = reshape( &
-         [0.0_wp, 0.0_wp, 0.0_wp, 0.0_wp, 8.0_wp, 0.0_wp, 64.0_wp, 64.0_wp, 64.0_wp]/6.0_wp, &
-         [kinks, levels])
+      real(wp), parameter :: share(kinks, levels) = reshape([0, 0, 0, 0, 8, 0, 64, 64, 64], &
+                                                            [kinks, levels])/6.0_wp
       real(wp) :: back0(width), back1(width), is_forced
       integer :: i, j, k, l, level, p, stride, w, x0, x1
 
@@ -153,7 +152,8 @@ contains
          end do
          batch%x0(l) = sample(i, x0, w)
          batch%u0(l) = sample(i, x0 + 1, w)
-         batch%pull0(l) = is_forced*force_scale*force(p) + contact(i)*sample(i, at_anchor, w) - total(back0)
+         batch%pull0(l) = is_forced*force_scale*force(p) + &
+                          contact(i)*sample(i, at_anchor, w) - total(back0)
          batch%x1(l) = sample(i, x1, w)
          batch%u1(l) = sample(i, x1 + 1, w)
          batch%pull1(l) = is_forced*force_scale*force(p + stride) + &

@@ -205,15 +205,14 @@ contains
       integer, intent(in) :: n
       real(wp), intent(in) :: gain(capacity)
       real(wp), intent(inout) :: path(capacity, 0:degree)
-      integer :: i_, m_
+      integer :: j, k, l, m
       real(wp), parameter :: weight(degree, 0:width) = reshape( &
-         [((gamma(i_ + 1.0_wp)/gamma(i_ + m_ + 2.0_wp), i_=1, degree), m_=0, width)], &
+         [((gamma(k + 1.0_wp)/gamma(k + m + 2.0_wp), k=1, degree), m=0, width)], &
          [degree, width + 1])
       real(wp), parameter :: late_weight(kinks, 0:width) = reshape( &
-         [((6.0_wp*(1.0_wp - kink_time(i_))**(m_ + 4)/gamma(m_ + 5.0_wp), i_=1, kinks), &
-           m_=0, width)], [kinks, width + 1])
+         [((6.0_wp*(1.0_wp - kink_time(k))**(m + 4)/gamma(m + 5.0_wp), k=1, kinks), &
+           m=0, width)], [kinks, width + 1])
       real(wp) :: late(capacity, kinks), rest(capacity), rests(capacity), spans(capacity)
-      integer :: j, k, l, m
 
       !$omp simd
       do l = 1, n

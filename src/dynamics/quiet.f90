@@ -14,8 +14,8 @@ module dynamics_quiet
 contains
 
    !> Takes a stretch of every listed sample: the state after it, in the place that is not in use,
-   !> and the masses whose guard may have been crossed. What follows from that is decided elsewhere, so that nothing here
-   !> waits for the end of a product.
+   !> and the masses whose guard may have been crossed. What follows from that is decided elsewhere,
+   !> so that nothing here waits for the end of a product.
    pure subroutine take_steps(n, stride, shift, n_listed, list, n_samples, n_forces, force, bend, &
                               table, floor, book, sample, suspects)
       integer, intent(in) :: n, stride, n_listed, n_samples, n_forces, list(n_listed)
@@ -72,11 +72,15 @@ contains
          negative = 0
          !$omp simd reduction(ior: negative)
          do i = 1, width
-            negative = ior(negative, flag(i, bound_slack(floor, kink, sample(i, x0, w), &
-               span*sample(i, x0 + 1, w), z(i, 1), span*z(i, 2), sample(i, at_slider, w), &
-               sample(i, at_reach, w), sample(i, at_direction, w))))
-            sample(i, x1, w) = z(i, 1)
-            sample(i, x1 + 1, w) = z(i, 2)
+            block
+               real(wp) :: bound
+               bound = bound_slack(floor, kink, sample(i, x0, w), span*sample(i, x0 + 1, w), &
+                                   z(i, 1), span*z(i, 2), sample(i, at_slider, w), &
+                                   sample(i, at_reach, w), sample(i, at_direction, w))
+               negative = ior(negative, flag(i, bound))
+               sample(i, x1, w) = z(i, 1)
+               sample(i, x1 + 1, w) = z(i, 2)
+            end block
          end do
          suspects(a) = int(negative)
       end do
@@ -129,9 +133,13 @@ contains
       negative = 0
       !$omp simd reduction(ior: negative)
       do i = 1, width
-         negative = ior(negative, flag(i, bound_slack(floor, bend, sample(i, x0), &
-            span*sample(i, x0 + 1), sample(i, x1), span*sample(i, x1 + 1), sample(i, at_slider), &
-            sample(i, at_reach), sample(i, at_direction))))
+         block
+            real(wp) :: bound
+            bound = bound_slack(floor, bend, sample(i, x0), span*sample(i, x0 + 1), &
+                                sample(i, x1), span*sample(i, x1 + 1), sample(i, at_slider), &
+                                sample(i, at_reach), sample(i, at_direction))
+            negative = ior(negative, flag(i, bound))
+         end block
       end do
       suspects = int(negative)
    end function find_suspects
