@@ -18,6 +18,7 @@ import matplotlib.pyplot as plt
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
+from matplotlib.typing import HashableList
 from PIL import Image
 
 from postproc import style
@@ -202,8 +203,10 @@ def draw(tables: dict[str, list[Row]]) -> Figure:
     """Positive processes by order over the other panels; what colours and fillings mean."""
     by_order = dict.fromkeys(row["order"] for row in tables["processes"])
     cells = math.lcm(len(by_order), len(_PANELS))
-    rows = [[name for name in row for _ in range(cells // len(row))] for row in (by_order, _PANELS)]
-    picture, axes = plt.subplot_mosaic(rows, figsize=(14, 9.6))
+    layout: list[HashableList[str]] = [
+        [name for name in row for _ in range(cells // len(row))] for row in (by_order, _PANELS)
+    ]
+    picture, axes = plt.subplot_mosaic(layout, figsize=(14, 9.6))
     for order in by_order:
         own = [row for row in tables["processes"] if row["order"] == order]
         plot_processes(axes[order], own)

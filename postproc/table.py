@@ -10,6 +10,7 @@ from pathlib import Path
 import numpy as np
 
 _MOST_BEHIND = 9  # digits behind the point; smaller numbers have a power of ten
+_LEAST_PLAIN = 1e-3  # likewise
 _SHOWN = 7  # significant digits at most; a smaller error is none that is seen
 
 
@@ -41,8 +42,9 @@ def value_with_error(value: float, error: float) -> str:
     if error < 0.5 * abs(value) * 10.0**-_SHOWN:
         return f"{value:#.{_SHOWN}g}"
     digits = 1 - int(np.floor(np.log10(error)))
-    if digits > _MOST_BEHIND:
-        power = int(np.floor(np.log10(max(abs(value), error))))
+    size = max(abs(value), error)
+    if digits > _MOST_BEHIND or size < _LEAST_PLAIN:
+        power = int(np.floor(np.log10(size)))
         return f"{value_with_error(value / 10.0**power, error / 10.0**power)}e{power:d}"
     digits = max(0, digits)
     return f"{value:.{digits}f}({round(error * 10**digits):d})"

@@ -132,7 +132,8 @@ def tables_of(results: Results) -> Iterator[Table]:
         "tradeoff", "Settings that no other beats in cost and error",
         ("method", "dt [s]", "halvings", "tolerance", "slip [points]", "mean spectrum [%]",
          "band ratio [%]", "ns per sample-step", "march [s of a processor]", ""),
-        rows, "Numerical errors, the largest over cases and oscillators.",
+        rows, "Numerical errors, the largest over cases and oscillators; standard errors in"
+        " brackets, in units of the last digits.",
     )  # fmt: skip
     parts = _part(results, "parts")
     if parts is not None:
@@ -198,13 +199,19 @@ def _row(setting: xr.Dataset) -> tuple[str, ...]:
         f"{float(setting['dt']):.3g}",
         "-" if is_event else str(int(setting["max_halvings"])),
         f"{float(setting['tolerance']):.0e}" if is_event else "-",
-        f"{float(setting['slip']):.2g}",
+        _error_of(setting, "slip", 1.0),
         f"{100 * float(setting['psd_mean']):.2g}",
-        f"{100 * float(setting['band_ratio']):.2g}",
+        _error_of(setting, "band_ratio", 100.0),
         f"{float(setting['cost']):.3g}",
         f"{float(setting['seconds']):.3g}",
         "the scene's own" if int(setting["is_own"]) == 1 else "",
     )
+
+
+def _error_of(setting: xr.Dataset, name: str, scale: float) -> str:
+    """A measured error with its own."""
+    value, error = float(setting[name]), float(setting[f"{name}_error"])
+    return value_with_error(scale * value, scale * error) if error > 0.0 else f"{scale * value:.2g}"
 
 
 def _part(results: Results, name: str) -> xr.Dataset | None:
