@@ -1,11 +1,14 @@
-"""Tables of docs/accuracy.md from results files: python bench/accuracy_tables.py KIND FILE
+"""Tables of docs/accuracy.md: python bench/accuracy_tables.py KIND FILE
 
-KIND is `settings` (of `entroslip tradeoff`, those at the scene's step and the finest one) or
-`errors` (of `entroslip run` with an audit: least and largest over cases of the largest dof).
+KIND is `settings` (FILE of `entroslip tradeoff`: those at the scene's step and the finest one),
+`errors` (FILE of `entroslip run` with an audit: least and largest over cases of the largest dof) or
+`chains` (FILE is bench_dynamics, which is run: what longer chains cost).
 """
 
 from __future__ import annotations
 
+import re
+import subprocess
 import sys
 from pathlib import Path
 
@@ -86,5 +89,36 @@ def print_errors(path: Path) -> None:
     print_table(("error", "least case", "largest case"), rows)
 
 
+def print_chains(program: Path) -> None:
+    """Cost of a sample-step by the number of masses, both methods, and how much happens in one."""
+    said = subprocess.run([program.resolve()], check=True, capture_output=True, text=True).stdout
+    cost: dict[str, dict[int, float]] = {"event": {}, "newmark": {}}
+    transitions: dict[int, float] = {}
+    of_method = None
+    for line in said.splitlines():
+        if head := re.match(r"# (event|newmark)\b.*: dofs ", line):
+            of_method = cost[head[1]]
+        elif line.startswith("# when"):
+            of_method = None
+        elif of_method is not None and not line.startswith("#"):
+            masses, nanoseconds, rate = line.split()
+            of_method[int(masses)] = float(nanoseconds)
+            transitions[int(masses)] = float(rate)
+    masses = sorted(transitions)
+    print_table(
+        ("masses", *map(str, masses)),
+        [
+            ("transitions a step", *(f"{transitions[n]:.2g}" for n in masses)),
+            ("event, tolerance 1e-6 [ns]", *(_cost(cost["event"], n) for n in masses)),
+            ("newmark, 15 halvings [ns]", *(_cost(cost["newmark"], n) for n in masses)),
+        ],
+    )
+
+
+def _cost(of: dict[int, float], masses: int) -> str:
+    return f"{float(f'{of[masses]:.3g}'):g}" if masses in of else "-"
+
+
 if __name__ == "__main__":
-    {"settings": print_settings, "errors": print_errors}[sys.argv[1]](Path(sys.argv[2]))
+    KINDS = {"settings": print_settings, "errors": print_errors, "chains": print_chains}
+    KINDS[sys.argv[1]](Path(sys.argv[2]))

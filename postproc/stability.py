@@ -88,8 +88,10 @@ def plot_processes(axes: Axes, rows: Sequence[Row]) -> None:
              for ratio in _RATIOS if order == str(own)]  # fmt: skip
     if rings:
         _ring(axes, rings)
-    axes.set(xscale="log", xlabel="correlation length L0", ylabel="std/mean", xlim=(5e-4, 200),
-             title=f"(a) positive, order {order}", ylim=(-0.03, 1.52))  # fmt: skip
+    lengths = [float(row["length"]) for row in rows]
+    axes.set(xscale="log", xlabel="correlation length L0", ylabel="std/mean",
+             xlim=(min(lengths) / 2, 2 * max(lengths)), title=f"(a) positive, order {order}",
+             ylim=(-0.03, 1.52))  # fmt: skip
     _legend(axes, rows, ncols=2)
 
 
