@@ -1,8 +1,9 @@
 """Writes the measured blocks of docs/accuracy.md anew: python bench/accuracy_page.py [WORD ...]
 
 A block stands between `<!-- measured by -->` and `<!-- end -->`: a command, indented, and what it
-prints. With words, only the blocks whose command has one of them. What the page's text says of a
-block is not rewritten: read it again.
+prints. With words, only the blocks whose command has one of them: "entroslip tradeoff", settings,
+"entroslip run", errors, targets, peers, requirements, chains. Says how long each took. What the
+page's text says of a block is not rewritten: read it again.
 """
 
 from __future__ import annotations
@@ -10,6 +11,7 @@ from __future__ import annotations
 import re
 import subprocess
 import sys
+import time
 from pathlib import Path
 
 ROOT = Path(__file__).resolve().parent.parent
@@ -26,12 +28,18 @@ def block(found: re.Match[str]) -> str:
     if words and not any(word in command for word in words):
         return found[0]
     python = command.replace("python ", f"{sys.executable} ", 1)
+    start = time.monotonic()
     said = subprocess.run(python.split(), cwd=ROOT, check=True, capture_output=True, text=True)
     text = PROGRESS.sub("", said.stdout).strip("\n")
+    print(f"{time.monotonic() - start:4.0f} s  {command}", flush=True)
     fence = "" if text.startswith("|") else "```\n"
     return f"{head}\n{fence}{text}\n{fence}\n{tail}"
 
 
 if __name__ == "__main__":
+    commands = [found[2] for found in BLOCK.finditer(PAGE.read_text())]
+    for word in sys.argv[1:]:
+        if not any(word in command for command in commands):
+            raise SystemExit(f"{word}: no block's command has it; they are\n" + "\n".join(commands))
     (ROOT / "results").mkdir(exist_ok=True)
     PAGE.write_text(BLOCK.sub(block, PAGE.read_text()))
