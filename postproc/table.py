@@ -46,5 +46,7 @@ def value_with_error(value: float, error: float) -> str:
     if digits > _MOST_BEHIND or size < _LEAST_PLAIN:
         power = int(np.floor(np.log10(size)))
         return f"{value_with_error(value / 10.0**power, error / 10.0**power)}e{power:d}"
+    if round(error * 10.0**digits) > 99:  # 0.0995 is 0.10 in two digits
+        digits -= 1
     digits = max(0, digits)
     return f"{value:.{digits}f}({round(error * 10**digits):d})"

@@ -206,7 +206,8 @@ def table_laws(results: Results) -> Table:
     note = (
         "One-at-a-time rejection (sequential) and Eq. 25 on the positive orthant (exact) are two"
         " laws: under the same a, b0 and mu they give what stands side by side. Standard errors in"
-        " brackets; what the other law gives is rounded to where its own reaches."
+        " brackets; what the other law gives is from fewer simulated values, and has four times"
+        " these."
     )
     return Table("laws", "Two laws of positive processes", tuple(header), rows, note)
 
@@ -249,7 +250,7 @@ def table_statistics(case: Case) -> Table:
     if case.has("band_ratio"):
         note += (
             " Those of spectra, and the interval and bias of the band ratio, are of Monte Carlo"
-            " alone; what the finite march leaves in them, `entroslip tradeoff` tells."
+            " alone; the command tradeoff tells what the finite march leaves in them."
         )
     return Table(f"statistics_{case.name}", title, tuple(header), rows, note, is_detail=True)
 

@@ -214,6 +214,8 @@ def test_values_carry_their_errors():
     assert value_with_error(1.0, 3.4e-9) == "1.000000"  # an error that is not seen
     assert value_with_error(2.0e-13, 4.0e-15) == "2.000(40)e-13"
     assert value_with_error(1.4e-7, 2.5e-8) == "1.40(25)e-7"
+    assert value_with_error(0.0027651, 0.0000997) == "0.00277(10)"  # rounded up to three digits
+    assert value_with_error(123.0, 99.7) == "123(100)"
 
 
 def test_module_runs_as_a_command(process_file, tmp_path):
