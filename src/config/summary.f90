@@ -106,10 +106,16 @@ contains
                                       trim(merge('ordinary  ', 'infeasible', foreseen(i)%is_solved))
          text = text//law//line_feed
       end do
-      if (size(plan%processes) > max_rows) &
-         text = text//'... and '//to_text(size(plan%processes) - max_rows)//' more'//line_feed
+      if (size(plan%processes) > max_rows) then
+         text = text//'... and '//to_text(size(plan%processes) - max_rows)//' more'
+         if (present(foreseen)) text = text//', of which '// &
+                                       to_text(count(.not. foreseen(max_rows + 1:)%is_solved))// &
+                                       ' infeasible'
+         text = text//line_feed
+      end if
       if (.not. present(foreseen)) return
-      text = text//drawing_text(foreseen, plan%n_points)
+      if (plan%n_realizations > 0 .or. any(plan%cases%process > 0)) &
+         text = text//drawing_text(foreseen, plan%n_points)
       do i = 1, size(foreseen)
          if (.not. foreseen(i)%is_solved) &
             text = text//labelled(numbered('p', i), foreseen(i)%reason)
