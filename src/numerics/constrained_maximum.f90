@@ -52,7 +52,8 @@ module numerics_constrained_maximum
 contains
 
    !> Moves `point` to the maximum.
-   subroutine maximize(objective, point, n_constraints, step, tolerance, max_iterations, found)
+   subroutine maximize(objective, point, n_constraints, step, tolerance, max_iterations, found, &
+                       metric)
       class(objective_type), intent(inout) :: objective
       real(wp), intent(inout) :: point(:)
       integer, intent(in) :: n_constraints
@@ -60,6 +61,7 @@ contains
       real(wp), intent(in) :: tolerance     !! on constraints and on the Lagrangian's gradient
       integer, intent(in) :: max_iterations
       type(search_result), intent(out) :: found
+      real(wp), intent(in), optional :: metric(:, :)   !! to begin with; the unit matrix when absent
       real(wp), dimension(size(point)) :: change, gradient, lagrangian, old_gradient
       real(wp) :: multipliers(n_constraints), old_jacobian(n_constraints, size(point)), weight
       real(wp), allocatable :: state(:)
@@ -71,6 +73,7 @@ contains
       do i = 1, size(point)
          found%metric(i, i) = 1.0_wp
       end do
+      if (present(metric)) found%metric = metric
       call objective%evaluate(point, state, is_inside)
       weight = 0.0_wp
       do iteration = 1, max_iterations
@@ -96,35 +99,65 @@ contains
          weight = max(weight, 2.0_wp*maxval(abs(multipliers)))
          old_gradient = gradient
          old_jacobian = found%jacobian
-         call advance(objective, point, change, state, n_constraints, weight, tolerance, is_inside)
+         call advance(objective, point, change, state, found, weight, tolerance, is_inside)
       end do
    end subroutine maximize
 
-   !> A step along `change`, shortened until gain and constraints together do not get worse.
-   subroutine advance(objective, point, change, state, n_constraints, weight, tolerance, is_inside)
+   !> A step along `change`, shortened until gain and constraints together do not get worse. Where
+   !> a step fails because the constraints are curved, it is led back onto them before it is
+   !> shortened.
+   subroutine advance(objective, point, change, state, found, weight, tolerance, is_inside)
       class(objective_type), intent(inout) :: objective
       real(wp), intent(inout) :: point(:), change(:)
       real(wp), allocatable, intent(inout) :: state(:)
-      integer, intent(in) :: n_constraints
+      type(search_result), intent(in) :: found
       real(wp), intent(in) :: weight, tolerance
       logical, intent(out) :: is_inside
       real(wp), allocatable :: trial(:)
-      real(wp) :: better
-      integer :: i
+      real(wp) :: straight(size(point))
+      integer :: i, n
+      logical :: is_regular
 
+      n = size(found%jacobian, 1)
       do i = 1, 12
          call objective%evaluate(point + change, trial, is_inside)
+         if (is_accepted()) exit
+         straight = change
          if (is_inside) then
-            better = objective%gain(state, trial) &
-                     + weight*(sum(abs(state(:n_constraints))) - sum(abs(trial(:n_constraints))))
-            if (better >= -tolerance**2) exit
+            call lead_back(found%metric, found%jacobian, trial(:n), change, is_regular)
+            if (is_regular) call objective%evaluate(point + change, trial, is_inside)
+            if (is_regular .and. is_accepted()) exit
          end if
-         change = 0.4_wp*change
+         change = 0.4_wp*straight
       end do
       if (.not. is_inside) return
       point = point + change
       call move_alloc(trial, state)
+
+   contains
+
+      function is_accepted()
+         logical :: is_accepted
+
+         is_accepted = is_inside
+         if (is_inside) is_accepted = objective%gain(state, trial) + &
+                                      weight*(sum(abs(state(:n))) - sum(abs(trial(:n)))) &
+                                      >= -tolerance**2
+      end function is_accepted
+
    end subroutine advance
+
+   !> Adds the shortest step in the metric that undoes these constraints.
+   pure subroutine lead_back(metric, jacobian, constraints, change, is_regular)
+      real(wp), intent(in) :: metric(:, :), jacobian(:, :), constraints(:)
+      real(wp), intent(inout) :: change(:)
+      logical, intent(out) :: is_regular
+      real(wp) :: multipliers(size(constraints)), nothing(size(change))
+
+      nothing = 0.0_wp
+      call find_multipliers(metric, jacobian, nothing, constraints, multipliers, is_regular)
+      if (is_regular) change = change - matmul(metric, matmul(multipliers, jacobian))
+   end subroutine lead_back
 
    !> Moves `point` onto the constraints by the shortest steps in the metric; the Jacobian, good to
    !> begin with, learns from each step (Broyden).
@@ -136,13 +169,11 @@ contains
       real(wp), intent(in) :: tolerance
       integer, intent(in) :: max_iterations
       real(wp), intent(out) :: violation
-      real(wp), dimension(size(jacobian, 1)) :: constraints, multipliers
-      real(wp) :: change(size(point)), direction(size(point)), nothing(size(point))
+      real(wp) :: change(size(point)), constraints(size(jacobian, 1)), direction(size(point))
       real(wp), allocatable :: state(:)
       integer :: i
       logical :: is_inside, is_regular
 
-      nothing = 0.0_wp
       violation = huge(1.0_wp)
       do i = 1, max_iterations
          call objective%evaluate(point, state, is_inside)
@@ -155,9 +186,9 @@ contains
                                                                              size(constraints))
          end if
          if (violation <= tolerance) return
-         call find_multipliers(metric, jacobian, nothing, constraints, multipliers, is_regular)
+         change = 0.0_wp
+         call lead_back(metric, jacobian, constraints, change, is_regular)
          if (.not. is_regular) return
-         change = -matmul(metric, matmul(multipliers, jacobian))
          point = point + change
       end do
    end subroutine solve_along

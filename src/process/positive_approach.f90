@@ -8,7 +8,9 @@ module process_positive_approach
    use core_random, only: label_of, new_stream, stream_type
    use core_text, only: to_text
    use numerics_constrained_maximum, only: maximize, search_result
-   use process_ar_model, only: coefficients_of
+   use numerics_lapack, only: solve_positive_definite
+   use process_ar_fit, only: optimal_curvature
+   use process_ar_model, only: coefficients_of, reflection_of
    use process_model, only: process_request
    use process_positive_law, only: n_constraints, positive_law
    use process_positive_limit, only: follow_family
@@ -28,7 +30,7 @@ module process_positive_approach
 contains
 
    !> The unconstrained optimum of another length that has the targets under the law, on few
-   !> simulated values: `point` is (factor, coordinate). Fails where that family ends before.
+   !> simulated values: `point` is (ln factor, coordinate). Fails where that family ends before.
    subroutine approach(request, seed, law, point, found, error)
       type(process_request), intent(in) :: request
       integer(long), intent(in) :: seed
@@ -43,13 +45,13 @@ contains
       call prepare_law(request, request%sampler, stream_of(seed), law, kappa, error)
       if (allocated(error)) return
       law%shape = atanh(kappa)
-      coordinate = law%coordinate
-      point = [1.0_wp, coordinate]
+      coordinate = asinh(law%coordinate)
+      point = [0.0_wp, coordinate]
       law%n_steps = quick_steps
       call law%settle(law%companion)
       call maximize(law, point, n_constraints, 1.0e-4_wp, close_enough, 8, found)
       if (found%violation > close_enough) then
-         point = [1.0_wp, coordinate]
+         point = [0.0_wp, coordinate]
          law%n_steps = limit_steps
          call follow_family(law, point, limit, is_reached)
          if (.not. is_reached) then
@@ -84,7 +86,8 @@ contains
 
       law%n_steps = shape_steps
       if (allocated(law%symbol)) return
-      point = [point(1)*law%shape, point(2)]
+      law%factor = exp(point(1))
+      point = [law%shape, point(2)]
       deallocate (law%shape)
       call free_shape(law, point, found)
       call require_converged(law, found, size(point) - 1, error)
@@ -104,11 +107,11 @@ contains
 
       order = size(point) - 1
       family = point
-      call law%settle(coefficients_of(tanh(point(:order))))
+      call law%settle(coefficients_of(tanh(law%factor*point(:order))))
       strength = maxval(abs(tanh(point(:order))))
       if (strength > feeble) then
-         call maximize(law, point, n_constraints, 1.0e-4_wp, min(1.0e-3_wp, stationary*strength), &
-                       30, found)
+         call maximize(law, point, n_constraints, min(1.0e-5_wp, 0.01_wp*strength), &
+                       min(1.0e-4_wp, stationary*strength), 60, found, metric_of(law))
          if (strength > weak) return
          call estimate_autocovariance(law%batches, law%companion_autocovariance, order, &
                                       autocovariance, &
@@ -121,6 +124,28 @@ contains
       end if
       call maximize(law, point, n_constraints, 1.0e-4_wp, huge(1.0_wp), 1, found)
    end subroutine free_shape
+
+   !> Inverse curvature of the unconstrained problem at its optimum, to begin the search with.
+   function metric_of(law) result(metric)
+      class(positive_law), intent(in) :: law
+      real(wp), allocatable :: metric(:, :)   !! (variable, variable)
+      type(error_type), allocatable :: error
+      real(wp), dimension(size(law%companion)) :: along
+      real(wp), allocatable :: curvature(:, :)
+      integer :: i, n
+
+      n = size(along)
+      along = reflection_of(law%companion)
+      curvature = optimal_curvature(law%correlation, law%wanted_length, along)
+      ! along the constraint's gradient a maximum need not be one
+      along = along/norm2(along)
+      curvature = curvature + spread(along, 1, n)*spread(along, 2, n)*maxval(abs(curvature))
+      allocate (metric(n + 1, n + 1), source=0.0_wp)
+      do i = 1, n + 1
+         metric(i, i) = 1.0_wp
+      end do
+      call solve_positive_definite(curvature, metric(:n, :n), error)
+   end function metric_of
 
    subroutine require_converged(law, found, order, error)
       class(positive_law), intent(in) :: law

@@ -1,7 +1,8 @@
 !> The two laws of a positive process as sampled problems: entropy to be maximized under a wanted
 !> std/mean and correlation length, by averages over the same random numbers at every trial.
 !>
-!> Points are atanh(kappa_m), m = 1..order, and one coordinate for mu. All is in units of b0.
+!> Points are atanh(kappa_m) over a common factor, m = 1..order, and asinh of one coordinate for mu.
+!> All is in units of b0.
 module process_positive_law
    use core_kinds, only: wp
    use core_random, only: stream_type
@@ -30,10 +31,11 @@ module process_positive_law
       real(wp) :: wanted_ratio = 0.0_wp              !! std/mean
       real(wp) :: wanted_length = 0.0_wp
       real(wp) :: wanted_l0 = 0.0_wp                 !! the companion's where L1 is wanted
-      !> allocated: points are (factor of this shape, coordinate)
+      !> allocated: points are (ln of a factor of this shape, coordinate)
       real(wp), allocatable :: shape(:)
-      !> allocated for the direct method: G_m/G_0 of the unconstrained solution; points are (factor
-      !> of these, coordinate)
+      real(wp) :: factor = 1.0_wp                    !! else: by which points are multiplied
+      !> allocated for the direct method: G_m/G_0 of the unconstrained solution; points are (ln of a
+      !> factor of these, coordinate)
       real(wp), allocatable :: symbol(:)
       integer :: cut = 0                             !! lags of imposed sums, Eq. (11); 0: all
       real(wp), allocatable :: companion(:)          !! coefficients of the linear companion
@@ -129,13 +131,13 @@ contains
       real(wp), intent(out) :: coordinate
 
       if (allocated(self%symbol)) then
-         kappa = reflection_of_symbol([1.0_wp, point(1)*self%symbol])
+         kappa = reflection_of_symbol([1.0_wp, exp(point(1))*self%symbol])
       else if (allocated(self%shape)) then
-         kappa = tanh(point(1)*self%shape)
+         kappa = tanh(exp(point(1))*self%shape)
       else
-         kappa = tanh(point(:size(point) - 1))
+         kappa = tanh(self%factor*point(:size(point) - 1))
       end if
-      coordinate = point(size(point))
+      coordinate = sinh(point(size(point)))
    end subroutine unfold
 
    pure function reflection_of_symbol(symbol) result(kappa)

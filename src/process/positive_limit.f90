@@ -19,7 +19,7 @@ module process_positive_limit
 
 contains
 
-   !> Follows the family until it has the wanted ratio: `point` (factor, coordinate) is then near
+   !> Follows the family until it has the wanted ratio: `point` (ln factor, coordinate) is then near
    !> the solution. Where it ends before, `limit` is the largest std/mean met, less its error.
    subroutine follow_family(law, point, limit, is_reached)
       class(positive_law), intent(inout) :: law   !! with a shape
@@ -34,15 +34,15 @@ contains
 
       limit = 0.0_wp
       is_reached = .false.
-      point(1) = 1.02_wp
+      point(1) = log(1.02_wp)
       ! sum a_q tends to -1 as the factor grows: halve what is missing
-      slack = slack_at(law, point(1))
+      slack = slack_at(law, exp(point(1)))
       outer = point
       do i = 1, max_doublings
          inner = outer
          if (i > 1) then
             slack = 0.5_wp*slack
-            outer(1) = factor_of(law, slack, inner(1))
+            outer(1) = log(factor_of(law, slack, exp(inner(1))))
          end if
          call match_length(law, outer, ratio, is_found)
          if (.not. is_found) exit
@@ -95,7 +95,7 @@ contains
       real(wp), allocatable :: kappa(:)
       real(wp) :: unused
 
-      call law%unfold([factor, 0.0_wp], kappa, unused)
+      call law%unfold([log(factor), 0.0_wp], kappa, unused)
       slack = 0.0_wp
       if (all(abs(kappa) < 1.0_wp)) slack = 1.0_wp + sum(coefficients_of(kappa))
    end function slack_at
@@ -116,7 +116,7 @@ contains
 
       call law%unfold(point, kappa, unused)
       call law%settle(coefficients_of(kappa))
-      search = new_root_search(0.25_wp*max(1.0_wp, abs(point(2))))
+      search = new_root_search(0.25_wp)
       ratio = 0.0_wp
       do i = 1, max_steps
          call law%evaluate(point, state, is_inside)

@@ -166,9 +166,10 @@ contains
       end if
       location = model%mu/model%b0
       coordinate = location*(1.0_wp + sum(model%a))**other%power
+      other%factor = law%factor
       other%n_steps = n_steps
       call other%settle(model%a)
-      call other%evaluate([point(:size(point) - 1), coordinate], state, is_inside)
+      call other%evaluate([point(:size(point) - 1), asinh(coordinate)], state, is_inside)
       call other%find_entropy(model%other_entropy, unused)
       model%other_entropy = model%other_entropy + log(model%b0)
       model%other_mean = model%b0*other%moments%mean
