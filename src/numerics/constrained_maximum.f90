@@ -7,7 +7,7 @@ module numerics_constrained_maximum
    use core_kinds, only: wp
    implicit none(type, external)
    private
-   public :: objective_type, search_result, maximize, solve_along
+   public :: objective_type, search_result, maximize, solve_along, step_to_maximum
 
    !> What is maximized; extended by whoever owns the function.
    !>
@@ -62,7 +62,7 @@ contains
       integer, intent(in) :: max_iterations
       type(search_result), intent(out) :: found
       real(wp), intent(in), optional :: metric(:, :)   !! to begin with; the unit matrix when absent
-      real(wp), dimension(size(point)) :: change, gradient, lagrangian, old_gradient
+      real(wp), dimension(size(point)) :: change, gradient, old_gradient
       real(wp) :: multipliers(n_constraints), old_jacobian(n_constraints, size(point)), weight
       real(wp), allocatable :: state(:)
       integer :: i, iteration
@@ -81,20 +81,17 @@ contains
                                            found%jacobian, is_inside)
          if (.not. is_inside) return
          if (iteration > 1) then
-            lagrangian = gradient - matmul(multipliers, found%jacobian)
-            call update_metric(change, old_gradient - matmul(multipliers, old_jacobian) &
-                               - lagrangian, found%metric)
+            call update_metric(change, old_gradient - gradient - &
+                               matmul(multipliers, old_jacobian - found%jacobian), found%metric)
          end if
-         call find_multipliers(found%metric, found%jacobian, gradient, state(:n_constraints), &
-                               multipliers, is_regular)
+         call step_to_maximum(found%metric, found%jacobian, gradient, state(:n_constraints), &
+                              change, multipliers, is_regular)
          if (.not. is_regular) return
-         lagrangian = gradient - matmul(multipliers, found%jacobian)
          found%n_iterations = iteration
          found%violation = maxval(abs(state(:n_constraints)))
          found%residual = maxval(abs(rest_of_gradient(gradient, found%jacobian)))
          found%is_converged = max(found%violation, found%residual) <= tolerance
          if (found%is_converged) return
-         change = matmul(found%metric, lagrangian)
          change = change*min(1.0_wp, 0.5_wp/max(norm2(change), tiny(1.0_wp)))
          weight = max(weight, 2.0_wp*maxval(abs(multipliers)))
          old_gradient = gradient
@@ -152,11 +149,11 @@ contains
       real(wp), intent(in) :: metric(:, :), jacobian(:, :), constraints(:)
       real(wp), intent(inout) :: change(:)
       logical, intent(out) :: is_regular
-      real(wp) :: multipliers(size(constraints)), nothing(size(change))
+      real(wp) :: back(size(change)), multipliers(size(constraints))
 
-      nothing = 0.0_wp
-      call find_multipliers(metric, jacobian, nothing, constraints, multipliers, is_regular)
-      if (is_regular) change = change - matmul(metric, matmul(multipliers, jacobian))
+      call step_to_maximum(metric, jacobian, 0.0_wp*change, constraints, back, multipliers, &
+                           is_regular)
+      if (is_regular) change = change + back
    end subroutine lead_back
 
    !> Moves `point` onto the constraints by the shortest steps in the metric; the Jacobian, good to
@@ -217,6 +214,20 @@ contains
          jacobian(:, i) = (moved_state(:n) - state(:n))/(way*step)
       end do
    end subroutine differentiate
+
+   !> The step H (g - J' lambda) of sequential quadratic programming, and its multipliers.
+   pure subroutine step_to_maximum(metric, jacobian, gradient, constraints, change, multipliers, &
+                                   is_regular)
+      real(wp), intent(in) :: metric(:, :)     !! H, inverse Hessian (variable, variable)
+      real(wp), intent(in) :: jacobian(:, :)   !! J (constraint, variable)
+      real(wp), intent(in) :: gradient(:), constraints(:)
+      real(wp), intent(out) :: change(:), multipliers(:)
+      logical, intent(out) :: is_regular
+
+      change = 0.0_wp
+      call find_multipliers(metric, jacobian, gradient, constraints, multipliers, is_regular)
+      if (is_regular) change = matmul(metric, gradient - matmul(multipliers, jacobian))
+   end subroutine step_to_maximum
 
    !> Multipliers that make the step H (g - J' lambda) land on the linearized constraints, unless
    !> the constraints do not depend on the variables, or one of them on the others.

@@ -134,6 +134,7 @@ contains
       call t%pass(model%entropy_bound)
       call t%pass(model%optimality)
       call t%pass(model%lambda)
+      call t%pass(model%lambda_error)
       call t%pass(model%acceptance_ratio)
       call t%pass(model%acceptance_mean)
       call t%pass(model%acceptance_geometric)

@@ -16,6 +16,7 @@ module process_positive_approach
    use process_positive_limit, only: follow_family
    use process_positive_moments, only: estimate_autocovariance
    use process_positive_preparation, only: prepare_law
+   use process_positive_refinement, only: refine, shape_spread
    implicit none(type, external)
    private
    public :: approach, find_shape
@@ -26,24 +27,27 @@ module process_positive_approach
    real(wp), parameter :: close_enough = 1.0e-5_wp  !! relative, of ratio and length on the way
    !> gradient of the entropy left, over its largest component
    real(wp), parameter :: stationary = 0.02_wp
+   integer, parameter :: max_iterations = 60        !! of the search for the shape
 
 contains
 
    !> The unconstrained optimum of another length that has the targets under the law, on few
    !> simulated values: `point` is (ln factor, coordinate). Fails where that family ends before.
-   subroutine approach(request, seed, law, point, found, error)
+   subroutine approach(request, seed, law, point, found, error, most_effort)
       type(process_request), intent(in) :: request
       integer(long), intent(in) :: seed
       class(positive_law), allocatable, intent(out) :: law
       real(wp), allocatable, intent(out) :: point(:)
       type(search_result), intent(out) :: found
       type(error_type), allocatable, intent(out) :: error
+      real(wp), intent(in), optional :: most_effort   !! see `positive_law`
       real(wp), allocatable :: kappa(:)
       real(wp) :: coordinate, limit
       logical :: is_reached
 
       call prepare_law(request, request%sampler, stream_of(seed), law, kappa, error)
       if (allocated(error)) return
+      if (present(most_effort)) law%most_effort = most_effort
       law%shape = atanh(kappa)
       coordinate = asinh(law%coordinate)
       point = [0.0_wp, coordinate]
@@ -54,7 +58,7 @@ contains
          point = [0.0_wp, coordinate]
          law%n_steps = limit_steps
          call follow_family(law, point, limit, is_reached)
-         if (.not. is_reached) then
+         if (.not. is_reached .and. .not. law%is_exhausted()) then
             call raise(error, exit_no_solution, law%name(size(kappa))//reason_of_end(limit))
             return
          end if
@@ -78,51 +82,60 @@ contains
    end function reason_of_end
 
    !> Every coefficient free. The direct method's form is that of the maximum already.
-   subroutine find_shape(law, point, found, error)
+   subroutine find_shape(law, point, found, error, spread)
       class(positive_law), intent(inout) :: law
       real(wp), allocatable, intent(inout) :: point(:)
       type(search_result), intent(inout) :: found
       type(error_type), allocatable, intent(out) :: error
+      type(shape_spread), intent(out), optional :: spread   !! wanted where the shape is to be used
 
       law%n_steps = shape_steps
       if (allocated(law%symbol)) return
       law%factor = exp(point(1))
       point = [law%shape, point(2)]
       deallocate (law%shape)
-      call free_shape(law, point, found)
+      call free_shape(law, point, found, spread)
       call require_converged(law, found, size(point) - 1, error)
    end subroutine find_shape
 
    !> Every coefficient free. Where correlation is so weak that the entropy does not feel its shape
    !> above the noise of the sample, the shape of the unconstrained optimum is kept, with the
    !> residual it leaves.
-   subroutine free_shape(law, point, found)
+   subroutine free_shape(law, point, found, spread)
       class(positive_law), intent(inout) :: law
       real(wp), intent(inout) :: point(:)
       type(search_result), intent(out) :: found
+      type(shape_spread), intent(out), optional :: spread
       real(wp), parameter :: weak = 0.02_wp, feeble = 0.001_wp   !! largest reflection coefficient
       real(wp), allocatable :: autocovariance(:), standard_error(:)
-      real(wp) :: family(size(point)), strength
+      real(wp) :: family(size(point)), step, strength
       integer :: order
+      logical :: is_free
 
       order = size(point) - 1
       family = point
       call law%settle(coefficients_of(tanh(law%factor*point(:order))))
       strength = maxval(abs(tanh(point(:order))))
-      if (strength > feeble) then
-         call maximize(law, point, n_constraints, min(1.0e-5_wp, 0.01_wp*strength), &
-                       min(1.0e-4_wp, stationary*strength), 60, found, metric_of(law))
-         if (strength > weak) return
+      step = min(1.0e-5_wp, 0.01_wp*strength)
+      is_free = strength > feeble
+      if (is_free) call maximize(law, point, n_constraints, step, min(1.0e-4_wp, &
+                                                                      stationary*strength), &
+                                 max_iterations, found, metric_of(law))
+      if (is_free .and. strength <= weak) then
+         is_free = found%is_converged
          call estimate_autocovariance(law%batches, law%companion_autocovariance, order, &
-                                      autocovariance, &
-                                      standard_error)
+                                      autocovariance, standard_error)
          associate (companion => law%companion_autocovariance(0:order))
-            if (found%is_converged .and. &
-                all(autocovariance*sign(1.0_wp, companion) > -4.0_wp*standard_error)) return
+            is_free = is_free .and. &
+                      all(autocovariance*sign(1.0_wp, companion) > -4.0_wp*standard_error)
          end associate
-         point = family
       end if
-      call maximize(law, point, n_constraints, 1.0e-4_wp, huge(1.0_wp), 1, found)
+      if (.not. is_free) then
+         point = family
+         call maximize(law, point, n_constraints, step, huge(1.0_wp), 1, found)
+      else if (found%is_converged .and. present(spread)) then
+         call refine(law, step, point, found, spread)
+      end if
    end subroutine free_shape
 
    !> Inverse curvature of the unconstrained problem at its optimum, to begin the search with.
@@ -153,10 +166,16 @@ contains
       integer, intent(in) :: order
       type(error_type), allocatable, intent(out) :: error
 
-      if (.not. found%is_converged) &
-         call raise(error, exit_no_solution, law%name(order)//': the search ended '// &
-                    to_text(found%violation)//' (relative) from its targets, with '// &
-                    to_text(found%residual)//' of the gradient left')
+      character(:), allocatable :: reason
+
+      if (found%is_converged) return
+      reason = ': the search ended '
+      if (law%is_exhausted()) reason = ': the search was given up after '// &
+                                       to_text(nint(1.0e-6_wp*law%effort))// &
+                                       ' million simulated values, '
+      call raise(error, exit_no_solution, law%name(order)//reason//to_text(found%violation)// &
+                 ' (relative) from its targets, with '//to_text(found%residual)// &
+                 ' of the gradient left')
    end subroutine require_converged
 
    !> The simulated values are the same in every fit of a seed.

@@ -13,6 +13,7 @@ module process_positive_fit
    use process_positive_first_order, only: describe_first_order, match_first_order
    use process_positive_kernel, only: first_order_law
    use process_positive_law, only: positive_law
+   use process_positive_refinement, only: shape_spread
    use process_positive_refusal, only: name_what_exists
    use process_positive_report, only: compare_laws, describe_sampled, describe_white, &
       name_multipliers, outline_sampled
@@ -38,6 +39,7 @@ contains
       class(positive_law), allocatable :: law
       type(first_order_law) :: first_order
       type(search_result) :: found
+      type(shape_spread) :: spread
       type(error_type), allocatable :: error
       real(wp), allocatable :: point(:)
       real(wp) :: mu, sigma, violation
@@ -51,10 +53,10 @@ contains
          if (.not. allocated(error)) call describe_first_order(request, first_order, model, error)
       else
          call approach(request, seed, law, point, found, error)
-         if (.not. allocated(error)) call find_shape(law, point, found, error)
+         if (.not. allocated(error)) call find_shape(law, point, found, error, spread)
          if (.not. allocated(error)) then
             call match_targets(law, request%fit_steps, found, point, violation)
-            call describe_sampled(request, law, point, model, error)
+            call describe_sampled(request, law, point, spread, model, error)
          end if
          if (allocated(error)) then
             call name_what_exists(request, seed, error)
@@ -122,6 +124,7 @@ contains
       real(wp), intent(out) :: violation
       real(wp) :: excess, length_error
 
+      law%most_effort = huge(1.0_wp)   ! the search has succeeded, and this is not one
       law%n_steps = merge(fit_steps, final_steps, fit_steps > 0)
       call solve_along(law, point, found%jacobian, found%metric, matched, 20, violation)
       if (fit_steps > 0) return

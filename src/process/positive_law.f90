@@ -49,6 +49,9 @@ module process_positive_law
       integer :: memory = 0                          !! steps beyond which nothing is felt, to 1e-9
       integer :: n_burn_in = 0                       !! steps, or sweeps
       integer :: n_steps = 0                         !! of a batch
+      !> values simulated so far, in units of those of low order, and how many at most: a bound
+      !> that does not depend on the machine, some 30 s of a processor
+      real(wp) :: effort = 0.0_wp, most_effort = 8.0e8_wp
       type(stream_type) :: stream
       real(wp), allocatable :: a(:)                  !! of the last evaluation, as all that follows
       real(wp) :: coordinate = 0.0_wp
@@ -63,9 +66,13 @@ module process_positive_law
       procedure :: imposed_length
       procedure :: keep_every_lag
       procedure :: name => name_of_law
+      procedure :: is_exhausted
+      procedure, private :: count_values
+      procedure :: state_rests
       procedure(sample_law), deferred :: sample
       procedure(settle_law), deferred :: settle
       procedure(features_of_law), deferred :: features
+      procedure(rests_of_law), deferred :: feature_rests
       procedure(entropy_of_law), deferred :: find_entropy
    end type positive_law
 
@@ -90,6 +97,13 @@ module process_positive_law
          real(wp), allocatable :: features(:)
       end function features_of_law
 
+      !> (batch, feature) What is left of each batch's deviation from the features.
+      function rests_of_law(self) result(rests)
+         import :: positive_law, wp
+         class(positive_law), intent(in) :: self
+         real(wp), allocatable :: rests(:, :)
+      end function rests_of_law
+
       !> Entropy per point of x/b0 at the point of the last evaluation, and its standard error.
       subroutine entropy_of_law(self, entropy, standard_error)
          import :: positive_law, wp
@@ -106,6 +120,7 @@ module process_positive_law
       procedure :: sample => sample_sequential_law
       procedure :: settle => settle_sequential
       procedure :: features => entropy_feature
+      procedure :: feature_rests => entropy_rests
       procedure :: find_entropy => averaged_entropy
    end type sequential_law
 
@@ -117,6 +132,7 @@ module process_positive_law
       procedure :: sample => sample_exact_law
       procedure :: settle => settle_exact
       procedure :: features => multiplier_features
+      procedure :: feature_rests => multiplier_rests
       procedure :: find_entropy => integrated_entropy
       procedure :: ring_length
    end type exact_law
@@ -163,7 +179,8 @@ contains
       real(wp) :: length
 
       call self%unfold(point, kappa, self%coordinate)
-      is_inside = all(abs(kappa) < largest_kappa) .and. abs(self%coordinate) < 1.0e6_wp
+      is_inside = all(abs(kappa) < largest_kappa) .and. abs(self%coordinate) < 1.0e6_wp &
+                  .and. .not. self%is_exhausted()
       if (.not. is_inside) return
       self%a = coefficients_of(kappa)
       call self%sample()
@@ -173,6 +190,36 @@ contains
       state = [self%moments%ratio/self%wanted_ratio - 1.0_wp, length/self%wanted_length - 1.0_wp, &
                self%features()]
    end subroutine evaluate
+
+   pure function is_exhausted(self)
+      class(positive_law), intent(in) :: self
+      logical :: is_exhausted
+
+      is_exhausted = self%effort >= self%most_effort
+   end function is_exhausted
+
+   !> A value of high order costs more, and so does each lag that is kept.
+   pure subroutine count_values(self, n_steps)
+      class(positive_law), intent(inout) :: self
+      integer, intent(in) :: n_steps   !! of all lanes
+
+      self%effort = self%effort + real(lanes, wp)*n_steps &
+                    *(1.0_wp + 0.05_wp*(size(self%a) + self%batches%n_single))
+   end subroutine count_values
+
+   !> (batch, component) What is left of each batch's deviation from the state of the last
+   !> evaluation; lengths as infinite sums.
+   function state_rests(self) result(rests)
+      class(positive_law), intent(in) :: self
+      real(wp), allocatable :: rests(:, :)
+
+      associate (from => self%moments%rests)
+         rests = reshape([from(:, 2)/self%wanted_ratio, &
+                          from(:, merge(3, 4, self%correlation == 'L0'))/self%wanted_length, &
+                          self%feature_rests()], &
+                         [size(from, 1), n_constraints + size(self%features())])
+      end associate
+   end function state_rests
 
    !> The length of the last evaluation as it is imposed, infinite or cut.
    pure function imposed_length(self) result(length)
@@ -209,10 +256,13 @@ contains
       class(sequential_law), intent(inout) :: self
       type(stream_type) :: stream
 
+      integer :: n_steps
+
       stream = self%stream
-      call sample_sequential(self%a, self%coordinate, self%companion, &
-                             self%centre, self%n_burn_in, max(self%n_steps, self%n_lags), stream, &
-                             self%batches)
+      n_steps = max(self%n_steps, self%n_lags)
+      call self%count_values(self%n_burn_in + n_batches/lanes*n_steps)
+      call sample_sequential(self%a, self%coordinate, self%companion, self%centre, &
+                             self%n_burn_in, n_steps, stream, self%batches)
    end subroutine sample_sequential_law
 
    !> The companion's memory measures that of every process of the wanted length.
@@ -230,6 +280,13 @@ contains
 
       features = [self%moments%entropy]
    end function entropy_feature
+
+   function entropy_rests(self) result(rests)
+      class(sequential_law), intent(in) :: self
+      real(wp), allocatable :: rests(:, :)
+
+      rests = self%moments%rests(:, 5:)
+   end function entropy_rests
 
    subroutine averaged_entropy(self, entropy, standard_error)
       class(sequential_law), intent(in) :: self
@@ -249,10 +306,13 @@ contains
       class(exact_law), intent(inout) :: self
       type(stream_type) :: stream
 
+      integer :: n_sweeps
+
       stream = self%stream
-      call sample_exact(self%a, self%coordinate, self%companion, &
-                        self%centre, self%ring_length(), self%n_burn_in, &
-                        max(self%n_steps/self%ring_length(), 2), stream, self%batches)
+      n_sweeps = max(self%n_steps/self%ring_length(), 2)
+      call self%count_values((self%n_burn_in + n_batches/lanes*n_sweeps)*self%ring_length())
+      call sample_exact(self%a, self%coordinate, self%companion, self%centre, &
+                        self%ring_length(), self%n_burn_in, n_sweeps, stream, self%batches)
    end subroutine sample_exact_law
 
    !> Values per ring: K has fallen below 1e-8 before it comes around.
@@ -291,6 +351,21 @@ contains
       features = [self%moments%mean, k, self%moments%mean*(1.0_wp + sum(self%a))**2 &
                   - self%coordinate, g]
    end function multiplier_features
+
+   !> Multipliers are known but for the mean in the first one.
+   function multiplier_rests(self) result(rests)
+      class(exact_law), intent(in) :: self
+      real(wp), allocatable :: rests(:, :)
+      real(wp), allocatable :: unused_k(:), unused(:)
+      integer :: n
+
+      n = size(self%a)
+      allocate (rests(size(self%batches%x, 2), 2*n + 4), source=0.0_wp)
+      rests(:, 1) = self%moments%rests(:, 1)
+      call estimate_autocovariance(self%batches, self%companion_autocovariance, n, unused_k, &
+                                   unused, rests(:, 2:n + 2))
+      rests(:, n + 3) = rests(:, 1)*(1.0_wp + sum(self%a))**2
+   end function multiplier_rests
 
    !> Of the entropy of x/std; the trapezoidal rule along the change.
    pure real(wp) function gain_by_multipliers(from, to) result(gain)

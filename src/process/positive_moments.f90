@@ -36,6 +36,8 @@ module process_positive_moments
       real(wp) :: entropy = 0.0_wp, entropy_error = 0.0_wp   !! of x/std; sequential law only
       real(wp) :: at_zero = 0.0_wp, at_zero_error = 0.0_wp   !! density p_X(0)
       real(wp) :: acceptance_ratio = 1.0_wp, acceptance_mean = 1.0_wp, acceptance_geometric = 1.0_wp
+      !> (batch, 5) what is left of each batch's deviation: mean, ratio, L0, L1, entropy
+      real(wp), allocatable :: rests(:, :)
    end type positive_moments
 
    real(wp), parameter :: half_log_two_pi_e = 0.5_wp + 0.91893853320467274_wp
@@ -154,21 +156,26 @@ contains
          rest(:, i) = rest(:, i) - n*2.0_wp*offset*centre_rest
       end do
       moments%mean = batches%centre + offset
+      allocate (moments%rests(size(work), 5))
+      moments%rests(:, 1) = centre_rest
       moments%mean_error = control%standard_error(centre_rest)
       moments%std = sqrt(k(1))
       moments%std_error = control%standard_error(0.5_wp*rest(:, 1)/moments%std)
       moments%ratio = moments%std/moments%mean
-      moments%ratio_error = control%standard_error(moments%ratio*(0.5_wp*rest(:, 1)/k(1) &
-                                                                  - centre_rest/moments%mean))
+      moments%rests(:, 2) = moments%ratio*(0.5_wp*rest(:, 1)/k(1) - centre_rest/moments%mean)
+      moments%ratio_error = control%standard_error(moments%rests(:, 2))
       moments%l0 = k(2)/k(1) + tail_l0
-      moments%l0_error = control%standard_error((rest(:, 2) - k(2)/k(1)*rest(:, 1))/k(1))
+      moments%rests(:, 3) = (rest(:, 2) - k(2)/k(1)*rest(:, 1))/k(1)
+      moments%l0_error = control%standard_error(moments%rests(:, 3))
       moments%l1 = (k(3)/k(1) + tail_moment)/(1.0_wp + moments%l0)
       work = rest(:, 3) - k(3)/(k(1) + k(2))*(rest(:, 1) + rest(:, 2))
-      moments%l1_error = control%standard_error(work/(k(1) + k(2)))
+      moments%rests(:, 4) = work/(k(1) + k(2))
+      moments%l1_error = control%standard_error(moments%rests(:, 4))
 
       call control%free(batches%acceptance(3, :) - batches%acceptance(4, :), moments%entropy, work)
       moments%entropy = moments%entropy + half_log_two_pi_e - log(moments%std)
-      moments%entropy_error = control%standard_error(work - 0.5_wp*rest(:, 1)/k(1))
+      moments%rests(:, 5) = work - 0.5_wp*rest(:, 1)/k(1)
+      moments%entropy_error = control%standard_error(moments%rests(:, 5))
       call control%free(batches%acceptance(5, :), moments%at_zero, work)
       moments%at_zero_error = control%standard_error(work)
       call control%free(batches%acceptance(1, :), moments%acceptance_mean, work)
@@ -248,11 +255,14 @@ contains
 
    !> K(m), m = 0..last, and standard errors; each lag with its own lag of the companion as a
    !> control.
-   pure subroutine estimate_autocovariance(batches, companion, last, autocovariance, standard_error)
+   pure subroutine estimate_autocovariance(batches, companion, last, autocovariance, &
+                                           standard_error, rests)
       type(batch_averages), intent(in) :: batches
       real(wp), intent(in) :: companion(0:)
       integer, intent(in) :: last
       real(wp), allocatable, intent(out) :: autocovariance(:), standard_error(:)   !! (0:last)
+      !> (batch, 0:last) what is left of each batch's deviation
+      real(wp), intent(out), optional :: rests(:, 0:)
       type(control_type) :: control
       real(wp), dimension(size(batches%x, 2)) :: centre_rest, rest
       real(wp) :: deviations(size(rest), 3), offset
@@ -267,7 +277,9 @@ contains
          call control%free(batches%x(-1, :), offset, centre_rest)
          call control%free(batches%x(m, :), autocovariance(m), rest)
          autocovariance(m) = autocovariance(m) - offset**2
-         standard_error(m) = control%standard_error(rest - 2.0_wp*offset*centre_rest)
+         rest = rest - 2.0_wp*offset*centre_rest
+         standard_error(m) = control%standard_error(rest)
+         if (present(rests)) rests(:, m) = rest
       end do
    end subroutine estimate_autocovariance
 

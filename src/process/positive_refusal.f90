@@ -47,6 +47,7 @@ contains
       type(error_type), allocatable :: error
       type(process_request) :: lower
       type(search_result) :: found
+      real(wp), parameter :: most_effort = 1.0e8_wp   ! each, of some five orders tried
       real(wp), allocatable :: point(:)
       integer :: refused
 
@@ -55,7 +56,7 @@ contains
       lower = request
       do while (refused - order > 1)
          lower%order = (order + refused)/2
-         call approach(lower, seed, law, point, found, error)
+         call approach(lower, seed, law, point, found, error, most_effort)
          if (.not. allocated(error)) call find_shape(law, point, found, error)
          if (allocated(error)) then
             refused = lower%order

@@ -13,6 +13,7 @@ module process_positive_report
    use process_positive_moments, only: estimate_autocovariance
    use process_positive_partition, only: log_sqrt_two_pi
    use process_positive_preparation, only: prepare_law
+   use process_positive_refinement, only: shape_spread
    use process_truncated_normal, only: hazard_ratio, log_acceptance
    implicit none(type, external)
    private
@@ -74,22 +75,27 @@ contains
       call law%find_entropy(model%entropy, model%entropy_error)
       model%entropy = model%entropy + log(model%b0)
       model%entropy_bound = white_noise_entropy(request%std)
-      call note_acceptances(law, model)
+      call note_acceptances(law, model%entropy_error, model)
    end subroutine outline_sampled
 
    !> What was found, in the unit of X.
-   subroutine describe_sampled(request, law, point, model, error)
+   subroutine describe_sampled(request, law, point, spread, model, error)
       type(process_request), intent(in) :: request
       class(positive_law), intent(in) :: law
       real(wp), intent(in) :: point(:)
+      type(shape_spread), intent(in) :: spread
       type(process_model_type), intent(inout) :: model
       type(error_type), allocatable, intent(out) :: error
+      real(wp) :: by_shape(2)
       integer :: m
 
       call outline_sampled(request, law, model)
+      by_shape = spread%length_errors()
+      model%l0_error = hypot(model%l0_error, by_shape(1))
+      model%l1_error = hypot(model%l1_error, by_shape(2))
       call find_poles(model%a, model%poles, error)
       if (allocated(error)) return
-      call describe_lags(law, point, model, error)
+      call describe_lags(law, point, spread, model, error)
       if (allocated(error)) return
       m = min(request%order, law%n_lags)
       model%l0_cut = correlation_length_l0(model%autocovariance(0:m))
@@ -98,9 +104,10 @@ contains
 
    !> The autocovariance lag by lag, from as many values as lags allow. Fails where it clearly has
    !> not the signs by which the length was summed.
-   subroutine describe_lags(law, point, model, error)
+   subroutine describe_lags(law, point, spread, model, error)
       class(positive_law), intent(in) :: law
       real(wp), intent(in) :: point(:)
+      type(shape_spread), intent(in) :: spread
       type(process_model_type), intent(inout) :: model
       type(error_type), allocatable, intent(out) :: error
       integer, parameter :: affordable = 3000000   ! lags times steps of a batch: about a second
@@ -125,7 +132,9 @@ contains
          end do
       end associate
       model%autocovariance(:) = model%b0**2*model%autocovariance
-      model%autocovariance_error(:) = model%b0**2*model%autocovariance_error
+      model%autocovariance_error(:) = &
+         model%b0**2*hypot(model%autocovariance_error, &
+                           law%moments%std**2*spread%correlation_errors(law%n_lags))
    end subroutine describe_lags
 
    !> Multipliers of Eq. (30) from the matrix G: G_0 = 2 lambda_3 + 2 lambda_2 a_0, G_m = lambda_2
@@ -154,7 +163,7 @@ contains
       type(error_type), allocatable :: error
       class(positive_law), allocatable :: other
       real(wp), allocatable :: kappa(:), state(:)
-      real(wp) :: coordinate, location, unused
+      real(wp) :: coordinate, location, other_error
       logical :: is_inside
 
       call prepare_law(request, merge('exact     ', 'sequential', &
@@ -170,17 +179,18 @@ contains
       other%n_steps = n_steps
       call other%settle(model%a)
       call other%evaluate([point(:size(point) - 1), asinh(coordinate)], state, is_inside)
-      call other%find_entropy(model%other_entropy, unused)
+      call other%find_entropy(model%other_entropy, other_error)
       model%other_entropy = model%other_entropy + log(model%b0)
       model%other_mean = model%b0*other%moments%mean
       model%other_std = model%b0*other%moments%std
       model%other_l0 = other%moments%l0
-      call note_acceptances(other, model)
+      call note_acceptances(other, other_error, model)
    end subroutine compare_laws
 
    !> Lambda belongs to the exact law, the other three to one-at-a-time rejection.
-   subroutine note_acceptances(law, model)
+   subroutine note_acceptances(law, entropy_error, model)
       class(positive_law), intent(in) :: law
+      real(wp), intent(in) :: entropy_error   !! standard error of this law's entropy [nat]
       type(process_model_type), intent(inout) :: model
       real(wp) :: entropy, field, psi
 
@@ -195,6 +205,10 @@ contains
          field = model%mu/model%b0*(1.0_wp + sum(model%a))**2
          psi = entropy - 0.5_wp + 0.5_wp*field*law%moments%mean
          model%lambda = exp(psi - log_sqrt_two_pi - 0.5_wp*field*model%mu/model%b0)
+         ! the mean's part of the entropy's error is not psi's
+         model%lambda_error = model%lambda*sqrt(max(entropy_error**2 &
+                                                    - (0.5_wp*field*law%moments%mean_error)**2, &
+                                                    0.0_wp))
       end select
    end subroutine note_acceptances
 
