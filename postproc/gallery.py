@@ -74,7 +74,8 @@ def of_processes(results: Results) -> Iterator[Figure]:
             " imposed the largest that keeps L0 above it.",
             _PROCESSES, (partial(process_figures.plot_chosen_orders, processes=chosen),),
         )  # fmt: skip
-    yield from _positive(solved, regressive)
+    refused = [p for p in results.processes.values() if p.attrs["status"] == "infeasible"]
+    yield from _positive(solved, regressive, refused)
     for name, process in results.processes.items():
         if "realizations" in process:
             yield Figure(
@@ -84,7 +85,9 @@ def of_processes(results: Results) -> Iterator[Figure]:
             )  # fmt: skip
 
 
-def _positive(solved: list[xr.Dataset], regressive: list[xr.Dataset]) -> Iterator[Figure]:
+def _positive(
+    solved: list[xr.Dataset], regressive: list[xr.Dataset], refused: list[xr.Dataset]
+) -> Iterator[Figure]:
     """Fig. 6: positive processes of one length and order, beside the free one; else all alone."""
     positive = [p for p in solved if process_figures.is_positive(p)]
     if not positive:
@@ -104,13 +107,18 @@ def _positive(solved: list[xr.Dataset], regressive: list[xr.Dataset]) -> Iterato
         f" {p.attrs['mean']:g} ({p.attrs['sampler']})"
         for p in positive
     )
+    missing = "".join(
+        f" Not drawn, mean {p.attrs['mean']:g} ({p.attrs['sampler']}): {p.attrs['reason']}."
+        for p in refused
+        if process_figures.is_positive(p) and {tuple(p.attrs[a] for a in _ALIKE)} == kinds
+    )
     yield Figure(
         "fig_06", "Fig. 6. Positive processes and the one without sign constraint",
         "Autocovariances of positive processes, by the sequential law (marks) and the exact one"
         " (dashed), beside that of the process without sign constraint; below, the differences with"
-        " bars of two standard errors of what was fitted (a fit from other random numbers differs"
-        " by more: the maximum is flat). The paper finds them very close; the largest differences"
-        f" here: {largest}.", _PROCESSES,
+        " bars of two standard errors, the scatter of fits from other random numbers among them."
+        " The paper finds them very close; the largest differences here:"
+        f" {largest}.{missing}", _PROCESSES,
         (
             partial(process_figures.plot_positive, processes=both),
             partial(process_figures.plot_positive_difference, processes=both),

@@ -24,6 +24,7 @@ module process_positive_approach
    integer, parameter :: quick_steps = 128     !! of a batch on the way to a first solution
    integer, parameter :: limit_steps = 1024    !! of a batch where std/mean may end
    integer, parameter :: shape_steps = 512     !! of a batch while the shape is sought
+   real(wp), parameter :: farthest = 0.7_wp    !! ln factor, without following the family
    real(wp), parameter :: close_enough = 1.0e-5_wp  !! relative, of ratio and length on the way
    !> gradient of the entropy left, over its largest component
    real(wp), parameter :: stationary = 0.02_wp
@@ -54,7 +55,8 @@ contains
       law%n_steps = quick_steps
       call law%settle(law%companion)
       call maximize(law, point, n_constraints, 1.0e-4_wp, close_enough, 8, found)
-      if (found%violation > close_enough) then
+      ! far from the unconstrained optimum another branch may have the targets too
+      if (found%violation > close_enough .or. point(1) > farthest) then
          point = [0.0_wp, coordinate]
          law%n_steps = limit_steps
          call follow_family(law, point, limit, is_reached)
@@ -166,16 +168,15 @@ contains
       integer, intent(in) :: order
       type(error_type), allocatable, intent(out) :: error
 
-      character(:), allocatable :: reason
-
       if (found%is_converged) return
-      reason = ': the search ended '
-      if (law%is_exhausted()) reason = ': the search was given up after '// &
-                                       to_text(nint(1.0e-6_wp*law%effort))// &
-                                       ' million simulated values, '
-      call raise(error, exit_no_solution, law%name(order)//reason//to_text(found%violation)// &
-                 ' (relative) from its targets, with '//to_text(found%residual)// &
-                 ' of the gradient left')
+      if (law%is_exhausted()) then
+         call raise(error, exit_no_solution, law%name(order)//': the search was given up after '// &
+                    to_text(nint(1.0e-6_wp*law%effort))//' million simulated values, its bound')
+      else
+         call raise(error, exit_no_solution, law%name(order)//': the search ended '// &
+                    to_text(found%violation)//' (relative) from its targets, with '// &
+                    to_text(found%residual)//' of the gradient left')
+      end if
    end subroutine require_converged
 
    !> The simulated values are the same in every fit of a seed.

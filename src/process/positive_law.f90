@@ -51,7 +51,7 @@ module process_positive_law
       integer :: n_steps = 0                         !! of a batch
       !> values simulated so far, in units of those of low order, and how many at most: a bound
       !> that does not depend on the machine, some 30 s of a processor
-      real(wp) :: effort = 0.0_wp, most_effort = 8.0e8_wp
+      real(wp) :: effort = 0.0_wp, most_effort = 3.0e9_wp
       type(stream_type) :: stream
       real(wp), allocatable :: a(:)                  !! of the last evaluation, as all that follows
       real(wp) :: coordinate = 0.0_wp

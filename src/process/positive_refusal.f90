@@ -47,7 +47,7 @@ contains
       type(error_type), allocatable :: error
       type(process_request) :: lower
       type(search_result) :: found
-      real(wp), parameter :: most_effort = 1.0e8_wp   ! each, of some five orders tried
+      real(wp), parameter :: most_effort = 3.0e8_wp   ! each, of some five orders tried
       real(wp), allocatable :: point(:)
       integer :: refused
 
