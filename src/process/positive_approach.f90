@@ -26,8 +26,8 @@ module process_positive_approach
    integer, parameter :: shape_steps = 512     !! of a batch while the shape is sought
    real(wp), parameter :: farthest = 0.7_wp    !! ln factor, without following the family
    real(wp), parameter :: close_enough = 1.0e-5_wp  !! relative, of ratio and length on the way
-   !> gradient of the entropy left, over its largest component
-   real(wp), parameter :: stationary = 0.02_wp
+   !> gradient of the entropy left: wanted, accepted, and over its largest component
+   real(wp), parameter :: wanted = 1.0e-4_wp, acceptable = 1.0e-3_wp, stationary = 0.02_wp
    integer, parameter :: max_iterations = 60        !! of the search for the shape
 
 contains
@@ -120,9 +120,10 @@ contains
       strength = maxval(abs(tanh(point(:order))))
       step = min(1.0e-5_wp, 0.01_wp*strength)
       is_free = strength > feeble
-      if (is_free) call maximize(law, point, n_constraints, step, min(1.0e-4_wp, &
-                                                                      stationary*strength), &
+      if (is_free) call maximize(law, point, n_constraints, step, min(wanted, stationary*strength), &
                                  max_iterations, found, metric_of(law))
+      if (is_free) found%is_converged = max(found%violation, found%residual) &
+                                        <= min(acceptable, stationary*strength)
       if (is_free .and. strength <= weak) then
          is_free = found%is_converged
          call estimate_autocovariance(law%batches, law%companion_autocovariance, order, &

@@ -145,15 +145,16 @@ contains
       real(wp), intent(in) :: point(:)
       real(wp), allocatable, intent(out) :: kappa(:)
       real(wp), intent(out) :: coordinate
+      real(wp), parameter :: outside = 40.0_wp   ! of any process: nothing overflows
 
       if (allocated(self%symbol)) then
-         kappa = reflection_of_symbol([1.0_wp, exp(point(1))*self%symbol])
+         kappa = reflection_of_symbol([1.0_wp, exp(min(point(1), outside))*self%symbol])
       else if (allocated(self%shape)) then
-         kappa = tanh(exp(point(1))*self%shape)
+         kappa = tanh(exp(min(point(1), outside))*self%shape)
       else
          kappa = tanh(self%factor*point(:size(point) - 1))
       end if
-      coordinate = sinh(point(size(point)))
+      coordinate = sinh(max(-outside, min(point(size(point)), outside)))
    end subroutine unfold
 
    pure function reflection_of_symbol(symbol) result(kappa)
