@@ -120,10 +120,12 @@ contains
       strength = maxval(abs(tanh(point(:order))))
       step = min(1.0e-5_wp, 0.01_wp*strength)
       is_free = strength > feeble
-      if (is_free) call maximize(law, point, n_constraints, step, min(wanted, stationary*strength), &
-                                 max_iterations, found, metric_of(law))
-      if (is_free) found%is_converged = max(found%violation, found%residual) &
-                                        <= min(acceptable, stationary*strength)
+      if (is_free) then
+         call maximize(law, point, n_constraints, step, min(wanted, stationary*strength), &
+                       max_iterations, found, metric_of(law))
+         found%is_converged = max(found%violation, found%residual) <= min(acceptable, &
+                                                                          stationary*strength)
+      end if
       if (is_free .and. strength <= weak) then
          is_free = found%is_converged
          call estimate_autocovariance(law%batches, law%companion_autocovariance, order, &
