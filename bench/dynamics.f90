@@ -52,8 +52,8 @@ contains
 
    !> Chains that cannot slip (a force a thousand times smaller), and that always slip (without
    !> friction): what is left is the linear step. The table of the stride taken has 16 rows, five
-   !> columns for displacements, five for velocities and one for each value of the force; an entry is
-   !> one multiplication and addition. Beside it the core's own rate of these.
+   !> columns for displacements, five for velocities and one for each value of the force; an entry
+   !> is one multiplication and addition. Beside it the core's own rate of these.
    subroutine idle()
       type(event_marcher) :: event
       type(newmark_marcher) :: newmark
