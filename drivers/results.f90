@@ -9,7 +9,7 @@ module driver_results
    use driver_deadline, only: seconds_so_far
    use driver_output, only: output_type
    use driver_provenance, only: provenance_of
-   use driver_statistics, only: find_statistics
+   use driver_statistics, only: find_slip_statistics, open_spectra, spectra_task
    use ensemble_audit, only: audit_of
    use ensemble_plan, only: plan_type
    use ensemble_results, only: case_statistics
@@ -72,7 +72,8 @@ contains
       end do
    end subroutine write_processes
 
-   !> The chain, then case by case; collective.
+   !> The chain, then case by case. While the root writes what is the small data of one case and the
+   !> long data of the one before, the other ranks are at the spectra. Collective.
    subroutine write_cases(world, plan, runner, output, writer, error)
       type(world_type), intent(in) :: world
       type(plan_type), intent(in) :: plan
@@ -81,7 +82,11 @@ contains
       type(results_writer), intent(in) :: writer
       type(error_type), allocatable, intent(out) :: error
       type(shard_type), allocatable :: shards(:)
-      integer :: audit, i
+      type(spectra_task) :: tasks(0:1)   ! in turn
+      type(case_statistics) :: statistics
+      type(group_type) :: group
+      integer, allocatable :: numbers(:)
+      integer :: i, k
 
       allocate (shards(0))
       if (world%is_root()) then
@@ -90,15 +95,34 @@ contains
       end if
       if (world%any_true(allocated(error))) return
       call share_list(world, output%store, shards)
-      do i = 1, size(plan%cases)
-         if (plan%cases(i)%n_samples == 0 .or. plan%cases(i)%audits > 0) cycle
-         call write_case(world, plan, i, runner, output%store, &
-                         shards_of(shards, i, plan%cases(i)%n_samples), writer, error)
-         audit = audit_of(plan, i)
-         if (world%is_root() .and. audit > 0 .and. .not. allocated(error)) &
-            call finish_audit(plan, audit, runner%layout, output%store, shards, writer, error)
-         if (world%any_true(allocated(error))) return
+      numbers = pack([(i, i=1, size(plan%cases))], &
+                     plan%cases%n_samples > 0 .and. plan%cases%audits == 0)
+      if (size(numbers) > 0) call open_task(1)
+      do k = 1, size(numbers)
+         associate (task => tasks(modulo(k, 2)))
+            if (world%is_root() .and. .not. allocated(error)) &
+               call begin(plan, task, runner, output%store, writer, group, statistics, error)
+            call task%take_parts(output%store, error)
+            call task%close(world, statistics)
+            if (world%any_true(allocated(error))) return
+            if (k < size(numbers)) call open_task(k + 1)
+            if (world%is_root()) call finish(plan, task, runner, output%store, shards, statistics, &
+                                             writer, group, error)
+         end associate
       end do
+
+   contains
+
+      subroutine open_task(place)
+         integer, intent(in) :: place
+
+         associate (number => numbers(place))
+            call open_spectra(world, plan, number, runner%layout%frequency, &
+                              shards_of(shards, number, plan%cases(number)%n_samples), &
+                              tasks(modulo(place, 2)))
+         end associate
+      end subroutine open_task
+
    end subroutine write_cases
 
    !> The root's list becomes everybody's: other machines may not see new files at once.
@@ -123,39 +147,52 @@ contains
       end do
    end subroutine share_list
 
-   !> One case: its samples, its statistics, its group of the file. Collective.
-   subroutine write_case(world, plan, number, runner, store, shards, writer, error)
-      type(world_type), intent(in) :: world
+   !> One case up to its spectra: its group, its samples' small data, and their statistics.
+   subroutine begin(plan, task, runner, store, writer, group, statistics, error)
       type(plan_type), intent(in) :: plan
-      integer, intent(in) :: number
+      type(spectra_task), intent(in) :: task
       type(runner_type), intent(in) :: runner
       type(shard_store), intent(in) :: store
-      type(shard_type), intent(in) :: shards(:)   !! of the case, in sample order
       type(results_writer), intent(in) :: writer
+      type(group_type), intent(out) :: group
+      type(case_statistics), intent(out) :: statistics
       type(error_type), allocatable, intent(out) :: error
-      type(case_statistics) :: statistics
-      type(group_type) :: group
       real(wp), allocatable :: folded_share(:)   ! (dof)
       real(wp), allocatable :: force(:, :)       ! (0:n_steps, 1 or sample) [N], with histories
 
-      associate (case => plan%cases(number), layout => runner%layout)
-         if (world%is_root()) then
-            if (plan%output%history) then
-               allocate (force(0:plan%integration%n_steps, &
-                               merge(case%n_samples, 1, plan%excitation%per_sample)))
-               call runner%force_of(number, case%first_sample, force, error)
-            end if
-            folded_share = [real(wp) ::]
-            if (plan%output%spectrum) folded_share = runner%folded_share(:, number)
-            call begin_case(writer, plan, number, layout, folded_share, group, force)
+      associate (number => task%number, case => plan%cases(task%number))
+         if (plan%output%history) then
+            allocate (force(0:plan%integration%n_steps, &
+                            merge(case%n_samples, 1, plan%excitation%per_sample)))
+            call runner%force_of(number, case%first_sample, force, error)
+            if (allocated(error)) return
          end if
-         if (world%any_true(allocated(error))) return
-         call find_statistics(world, plan, number, layout%frequency, store, shards, group, &
-                              statistics, error)
-         if (world%any_true(allocated(error)) .or. .not. world%is_root()) return
-         call finish_case(group, plan, number, layout, statistics, store, shards, error)
+         folded_share = [real(wp) ::]
+         if (plan%output%spectrum) folded_share = runner%folded_share(:, number)
+         call begin_case(writer, plan, number, runner%layout, folded_share, group, force)
+         call find_slip_statistics(plan, number, store, task%shards, statistics, error, group)
       end associate
-   end subroutine write_case
+   end subroutine begin
+
+   !> The rest of a case: its statistics, long data and audit.
+   subroutine finish(plan, task, runner, store, shards, statistics, writer, group, error)
+      type(plan_type), intent(in) :: plan
+      type(spectra_task), intent(in) :: task
+      type(runner_type), intent(in) :: runner
+      type(shard_store), intent(in) :: store
+      type(shard_type), intent(in) :: shards(:)   !! of all cases
+      type(case_statistics), intent(in) :: statistics
+      type(results_writer), intent(in) :: writer
+      type(group_type), intent(inout) :: group
+      type(error_type), allocatable, intent(out) :: error
+      integer :: audit
+
+      call finish_case(group, plan, task%number, runner%layout, statistics, store, task%shards, &
+                       error)
+      if (allocated(error)) return
+      audit = audit_of(plan, task%number)
+      if (audit > 0) call finish_audit(plan, audit, runner%layout, store, shards, writer, error)
+   end subroutine finish
 
    !> A process, with the realizations that were asked for.
    subroutine write_process_of(plan, number, model, writer, error)

@@ -18,58 +18,91 @@ module driver_statistics
    use parallel_world, only: attend_to_others, world_type
    implicit none(type, external)
    private
-   public :: find_slip_statistics, find_statistics
+   public :: find_slip_statistics, spectra_task, open_spectra
 
    integer, parameter :: most_parts = 32   !! of the frequencies, shared out over the ranks
 
+   !> The statistics of one case's spectra in the making: `open_spectra`, then every rank takes
+   !> parts when it has time, then `close`.
+   type :: spectra_task
+      integer :: number = 0                      !! of the case
+      type(shard_type), allocatable :: shards(:)
+      logical, private :: has_bands = .false.
+      integer, private :: width = 0              !! frequencies of a part
+      type(band_collector), private :: bands
+      type(work_counter), private :: counter
+   contains
+      procedure :: take_parts
+      procedure :: call_off
+      procedure :: close => close_spectra
+   end type spectra_task
+
 contains
 
-   !> The root goes through the samples' small data, and writes them, while the other ranks begin
-   !> with the spectra, a part of the frequencies at a time. Collective; the root has the result.
-   subroutine find_statistics(world, plan, number, frequency, store, shards, group, statistics, &
-                              error)
+   !> Shares out the frequencies of a case in parts; collective.
+   subroutine open_spectra(world, plan, number, frequency, shards, task)
       type(world_type), intent(in) :: world
       type(plan_type), intent(in) :: plan
       integer, intent(in) :: number
       real(wp), intent(in) :: frequency(:)        !! (frequency) [Hz]
-      type(shard_store), intent(in) :: store
       type(shard_type), intent(in) :: shards(:)   !! of the case, as shards_of has them
-      type(group_type), intent(inout) :: group    !! of the results file, on the root
-      type(case_statistics), intent(out) :: statistics
-      type(error_type), allocatable, intent(out) :: error
-      type(band_collector) :: bands
-      type(work_counter) :: counter
-      integer :: n_dof, n_parts, n_samples, part, width
-      logical :: has_bands
+      type(spectra_task), intent(out) :: task
+      integer :: n_dof, n_parts, n_samples
 
+      task%number = number
+      task%shards = shards
       n_samples = plan%cases(number)%n_samples
-      has_bands = plan%output%spectrum .and. n_samples > 1
+      task%has_bands = plan%output%spectrum .and. n_samples > 1
       n_parts = 0
-      if (has_bands) then
+      if (task%has_bands) then
          n_dof = size(kept_dofs(plan))
-         width = frequencies_together(n_dof, size(frequency))
-         width = width*((size(frequency) - 1)/(width*most_parts) + 1)
-         n_parts = (size(frequency) - 1)/width + 1
+         task%width = frequencies_together(n_dof, size(frequency))
+         task%width = task%width*((size(frequency) - 1)/(task%width*most_parts) + 1)
+         n_parts = (size(frequency) - 1)/task%width + 1
          call start_bands(n_samples, n_dof, frequency, plan%output%percentiles, plan%seed, &
-                          n_parts, bands)
+                          n_parts, task%bands)
       end if
-      call new_counter(world, int(n_parts, long), counter)
-      if (world%is_root()) &
-         call find_slip_statistics(plan, number, store, shards, statistics, error, group)
+      call new_counter(world, int(n_parts, long), task%counter)
+   end subroutine open_spectra
+
+   !> Parts of the frequencies until none is left; an error keeps all ranks from going on.
+   subroutine take_parts(self, store, error)
+      class(spectra_task), intent(inout) :: self
+      type(shard_store), intent(in) :: store
+      type(error_type), allocatable, intent(inout) :: error
+      integer :: part
+
       do
-         if (allocated(error)) call counter%request_stop()
-         part = int(counter%next())
+         if (allocated(error)) call self%call_off()
+         part = int(self%counter%next())
          if (part == 0) exit
-         call add_part(number, store, shards, part, (part - 1)*width + 1, &
-                       min(part*width, size(frequency)), bands, error)
+         call add_part(self%number, store, self%shards, part, (part - 1)*self%width + 1, &
+                       min(part*self%width, size(self%bands%at_frequency, 2)), self%bands, error)
       end do
-      call counter%close()
-      if (.not. has_bands) return
-      call world%add_up(size(bands%at_frequency), bands%at_frequency)
-      call world%add_up(size(bands%replicate), bands%replicate)
-      call world%add_up(size(bands%integral), bands%integral)
-      if (world%is_root()) call bands%finish(statistics)
-   end subroutine find_statistics
+   end subroutine take_parts
+
+   !> From now on no rank gets a part.
+   subroutine call_off(self)
+      class(spectra_task), intent(inout) :: self
+
+      call self%counter%request_stop()
+   end subroutine call_off
+
+   !> What all ranks have found becomes the root's. Collective.
+   subroutine close_spectra(self, world, statistics)
+      class(spectra_task), intent(inout) :: self
+      type(world_type), intent(in) :: world
+      type(case_statistics), intent(inout) :: statistics
+
+      call self%counter%close()
+      if (.not. self%has_bands) return
+      associate (bands => self%bands)
+         call world%add_up(size(bands%at_frequency), bands%at_frequency)
+         call world%add_up(size(bands%replicate), bands%replicate)
+         call world%add_up(size(bands%integral), bands%integral)
+         if (world%is_root()) call bands%finish(statistics)
+      end associate
+   end subroutine close_spectra
 
    !> Of the slip fractions of one case, group by group of its samples; on the way the samples'
    !> small data are written, where there is a group of a results file.

@@ -88,7 +88,10 @@ class Torture:
 
     def go_on(self, kills: int) -> None:
         while self.kills < kills:
+            before = self.kills
             self.one_run()
+            if self.kills > before and self.kills % 10 == 0:
+                print(f"{self.kills} of {kills} kills, {self.rounds} campaigns", flush=True)
         code, _, errors = self.start(self.output.name, 2).wait()
         assert code == 0, errors
         assert datasets(self.output) == self.reference
