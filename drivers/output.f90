@@ -112,6 +112,7 @@ contains
          if (allocated(error)) return
       end do
       call mark_finished(plan, shards, output)
+      call say_continuing(plan, output)
    end subroutine find_finished
 
    !> The same beside other runs: nothing is cleared away, and a results file stays what it is. One
@@ -142,6 +143,7 @@ contains
          if (allocated(error)) return
       end if
       call mark_finished(plan, shards, output)
+      call say_continuing(plan, output)
    end subroutine find_stored
 
    !> The samples that have a shard.
@@ -157,10 +159,16 @@ contains
                                         finished_samples(shards, c, n)
          end associate
       end do
+   end subroutine mark_finished
+
+   subroutine say_continuing(plan, output)
+      type(plan_type), intent(in) :: plan
+      type(output_type), intent(in) :: output
+
       if (any(output%is_finished) .and. .not. output%is_complete) &
          call output%say('continuing: '//to_text(count(output%is_finished))//' of '// &
                          to_text(sum(plan%cases%n_samples))//' samples are there')
-   end subroutine mark_finished
+   end subroutine say_continuing
 
    !> A results file that is there already: complete, or with fewer samples than are wanted now,
    !> which go on as shards.

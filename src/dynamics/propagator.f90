@@ -120,7 +120,7 @@ contains
          end if
          if (k < width) call put_kick(n, k, factorial*term, self%pool(self%at_kick(pattern)))
       end do
-      response = response_to(n, total)
+      allocate (response, source=response_to(n, total))   ! assigned, its shape before is undefined
       do level = 1, levels
          if (level > 1) response = twice(n, response)
          call put_step(n, response, self%pool(self%at_step(pattern, level)), &

@@ -1,6 +1,6 @@
 !> What was asked of a process and what was found, as a group of the results file.
 module io_process_results
-   use core_error, only: error_type
+   use core_error, only: error_type, exit_file, raise
    use core_kinds, only: long, wp
    use io_group, only: counted, group_type, new_group
    use io_hdf5, only: hdf5_file, label_type, read_attribute, read_dataset, read_extent
@@ -60,6 +60,7 @@ contains
       character(:), allocatable :: group
       real(wp), allocatable :: row(:)
       integer(long), allocatable :: n(:)
+      logical :: is_sound
 
       group = '/process/'//process_name(number)
       is_there = file%has(group//'/packed')
@@ -69,7 +70,10 @@ contains
       allocate (row(n(1)))
       call read_dataset(file, group//'/packed', row, error)
       if (allocated(error)) return
-      call unpack_model(row, model)
+      call unpack_model(row, model, is_sound)
+      if (.not. is_sound) call raise(error, exit_file, file%path//': '//group//'/packed is '// &
+                                     'damaged: it does not hold a process')
+      if (allocated(error)) return
       if (model%inversion%half_width == 0) return
       call read_attribute(file, group, 'inversion_seconds', model%inversion%seconds, error)
       if (allocated(error)) return

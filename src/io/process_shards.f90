@@ -57,8 +57,10 @@ contains
          if (.not. exists(path_of(store, i))) cycle
          call read_row(store, i, row, error)
          if (allocated(error)) return
-         call unpack_model(row, models(i))
-         is_kept(i) = .true.
+         call unpack_model(row, models(i), is_kept(i))
+         if (.not. is_kept(i)) call raise(error, exit_file, path_of(store, i)// &
+                                          ' does not hold a process'//advice)
+         if (allocated(error)) return
       end do
    end subroutine read_kept
 

@@ -15,6 +15,7 @@ module process_packing
       logical :: is_writing = .true.
       real(wp), allocatable :: numbers(:)
       integer :: position = 0   !! numbers already read
+      logical :: is_sound = .true.   !! so far each was there, and what it should be
    contains
       procedure, private :: real_value, integer_value, long_value, logical_value, text_value
       procedure, private :: real_array, integer_array, complex_array
@@ -37,15 +38,23 @@ contains
       call move_alloc(t%numbers, numbers)
    end function pack_model
 
-   !> Fills everything but the request from what pack_model gave.
-   subroutine unpack_model(numbers, model)
+   !> Fills everything but the request from what pack_model gave. A row that it cannot have given, as
+   !> a damaged file may hold, is told where that is asked for.
+   subroutine unpack_model(numbers, model, is_sound)
       real(wp), intent(in) :: numbers(:)
       type(process_model_type), intent(inout) :: model
+      logical, intent(out), optional :: is_sound   !! else the model is worth nothing
       type(tape) :: t
 
       t%is_writing = .false.
       t%numbers = numbers
       call walk(t, model)
+      t%is_sound = t%is_sound .and. t%position == size(numbers)
+      if (present(is_sound)) then
+         is_sound = t%is_sound
+      else if (.not. t%is_sound) then
+         error stop 'unpack_model: the row is none of pack_model'
+      end if
    end subroutine unpack_model
 
    !> What a search has found, as far as a merged search needs it.
@@ -171,6 +180,7 @@ contains
       call t%pass(n)
       if (.not. t%is_writing) then
          if (allocated(solutions)) deallocate (solutions)
+         call check_length(t, n)
          if (n >= 0) allocate (solutions(n))
       end if
       do i = 1, n
@@ -187,11 +197,38 @@ contains
 
       if (self%is_writing) then
          self%numbers = [self%numbers, value]
+      else if (self%position == size(self%numbers)) then
+         self%is_sound = .false.
+         value = 0.0_wp
       else
          self%position = self%position + 1
          value = self%numbers(self%position)
       end if
    end subroutine real_value
+
+   !> What is read as a whole number must be one of at most this size; else it is taken as 0.
+   subroutine check_whole(self, largest, number)
+      class(tape), intent(inout) :: self
+      real(wp), intent(in) :: largest
+      real(wp), intent(inout) :: number
+
+      if (self%is_writing) return
+      if (abs(number) <= largest) then
+         if (.not. abs(number - anint(number)) > 0.0_wp) return
+      end if
+      self%is_sound = .false.
+      number = 0.0_wp
+   end subroutine check_whole
+
+   !> So many values or more are still to come; else none.
+   subroutine check_length(self, n)
+      class(tape), intent(inout) :: self
+      integer, intent(inout) :: n
+
+      if (n >= -1 .and. n <= size(self%numbers) - self%position) return
+      self%is_sound = .false.
+      n = -1
+   end subroutine check_length
 
    subroutine integer_value(self, value)
       class(tape), intent(inout) :: self
@@ -200,6 +237,7 @@ contains
 
       number = value
       call self%real_value(number)
+      call check_whole(self, real(huge(value), wp), number)
       value = nint(number)
    end subroutine integer_value
 
@@ -211,6 +249,7 @@ contains
 
       number = real(value, wp)
       call self%real_value(number)
+      call check_whole(self, 2.0_wp**53, number)
       value = nint(number, long)
    end subroutine long_value
 
@@ -240,6 +279,7 @@ contains
          if (n > 0) self%numbers = [self%numbers, values]
       else
          if (allocated(values)) deallocate (values)
+         call check_length(self, n)
          if (n < 0) return
          allocate (values(lower:lower + n - 1))
          values(:) = self%numbers(self%position + 1:self%position + n)
@@ -251,11 +291,16 @@ contains
       class(tape), intent(inout) :: self
       integer, allocatable, intent(inout) :: values(:)
       real(wp), allocatable :: numbers(:)
+      integer :: i
 
       if (allocated(values)) numbers = real(values, wp)
       call self%real_array(numbers)
       if (allocated(values)) deallocate (values)
-      if (allocated(numbers)) values = nint(numbers)
+      if (.not. allocated(numbers)) return
+      do i = 1, size(numbers)
+         call check_whole(self, real(huge(values), wp), numbers(i))
+      end do
+      values = nint(numbers)
    end subroutine integer_array
 
    subroutine complex_array(self, values)
@@ -270,7 +315,13 @@ contains
       call self%real_array(re)
       call self%real_array(im)
       if (allocated(values)) deallocate (values)
-      if (allocated(re)) values = cmplx(re, im, wp)
+      if (.not. (allocated(re) .and. allocated(im))) then
+         self%is_sound = self%is_sound .and. (allocated(re) .eqv. allocated(im))
+      else if (size(re) /= size(im)) then
+         self%is_sound = .false.
+      else
+         values = cmplx(re, im, wp)
+      end if
    end subroutine complex_array
 
    subroutine text_value(self, value)
@@ -285,7 +336,7 @@ contains
       if (.not. allocated(codes)) return
       allocate (character(size(codes)) :: value)
       do i = 1, size(codes)
-         value(i:i) = achar(codes(i))
+         value(i:i) = achar(modulo(codes(i), 128))
       end do
    end subroutine text_value
 
