@@ -1,18 +1,18 @@
 !> `entroslip run`: everything a scene asks for, from its processes to the results file.
 module driver_run
-   use config_phrases, only: counted
+   use config_phrases, only: counted, duration
    use config_scene, only: scene_type
    use core_error, only: error_type, exit_bad_input, exit_done, exit_stopped, raise
    use core_kinds, only: long, wp
    use core_text, only: to_text
    use driver_campaign, only: load_plan, refuse_unsolved
    use driver_command_line, only: command_line
-   use driver_deadline, only: set_limit, start_watch, time_to_stop
+   use driver_deadline, only: seconds_so_far, set_limit, start_watch, time_to_stop
    use driver_output, only: open_output, output_type
    use driver_processes, only: solve_processes
    use driver_results, only: write_results
    use driver_target, only: keep_targets
-   use driver_verdict, only: judge, take_more
+   use driver_verdict, only: judge, take_more, tell_errors
    use ensemble_audit, only: add_audits
    use ensemble_pilot, only: choose_every
    use ensemble_plan, only: plan_type
@@ -82,7 +82,7 @@ contains
       end if
       call write_results(world, line, scene, plan, models, runner, output, error)
       call output%stop_on(world, error)
-      call output%say(summary(plan, output))
+      call conclude(world, plan, output)
       if (world%is_root()) call judge(output%path, plan, error)
       call output%stop_on(world, error)
       call output%release()
@@ -227,6 +227,22 @@ contains
       call output%release()
       call stop_world(exit_stopped)
    end subroutine end_if_asked
+
+   !> What was done, how long it took, and how far it can be trusted. Collective.
+   subroutine conclude(world, plan, output)
+      type(world_type), intent(in) :: world
+      type(plan_type), intent(in) :: plan
+      type(output_type), intent(inout) :: output
+      character(:), allocatable :: errors
+      type(error_type), allocatable :: error
+
+      errors = ''
+      if (world%is_root() .and. plan%has_chain) call tell_errors(output%path, plan, errors, error)
+      call output%stop_on(world, error)
+      if (errors /= '') errors = '; '//errors
+      call output%say(summary(plan, output))
+      call output%say(duration(seconds_so_far())//errors)
+   end subroutine conclude
 
    !> What was done, in a line.
    pure function summary(plan, output) result(text)

@@ -16,7 +16,7 @@ module driver_verdict
    use parallel_world, only: world_type
    implicit none(type, external)
    private
-   public :: judge, take_more
+   public :: judge, take_more, tell_errors
 
 contains
 
@@ -44,6 +44,32 @@ contains
       if (failures /= '') call raise(error, exit_no_solution, path//' is written, and not as '// &
                                      'accurate as wanted'//failures)
    end subroutine judge
+
+   !> How far the mean times in slip of a results file can be trusted; '' where it does not tell.
+   subroutine tell_errors(path, plan, text, error)
+      character(*), intent(in) :: path
+      type(plan_type), intent(in) :: plan
+      character(:), allocatable, intent(out) :: text
+      type(error_type), allocatable, intent(out) :: error
+      type(case_errors), allocatable :: errors(:)
+      real(wp) :: statistical
+      integer :: i
+
+      text = ''
+      call read_errors(path, count(plan%cases%audits == 0), plan%chain%n_dof, errors, error)
+      if (allocated(error)) return
+      statistical = 0.0_wp
+      do i = 1, size(errors)
+         if (allocated(errors(i)%statistics%slip_mean_error)) &
+            statistical = max(statistical, &
+                       statistical_error(errors(i)%statistics, plan%excitation%per_sample))
+      end do
+      if (statistical > 0.0_wp .and. statistical < huge(1.0_wp)) &
+         text = 'mean time in slip: standard error at most '//brief(statistical)//' points'
+      if (all(errors%n_audited == 0)) return
+      if (text == '') text = 'mean time in slip'
+      text = text//', numerical error '//brief(maxval(errors%slip_points))//' points'
+   end subroutine tell_errors
 
    !> Of one case, what its audit surely finds above the targets, by twice the standard error that a
    !> share of the samples leaves; a line each.

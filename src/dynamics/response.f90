@@ -84,9 +84,9 @@ contains
       state%direction = merge(0, 1, state%slip_limit > 0.0_wp)
       if (allocated(state%slip_starts)) deallocate (state%slip_starts, state%stick_starts)
       allocate (state%slip_starts(n, w), state%stick_starts(n, w), source=0_long)
-      state%work_input = spread(0.0_wp, 1, w)
-      state%work_viscous = state%work_input
-      state%work_friction = state%work_input
+      if (allocated(state%work_input)) &
+         deallocate (state%work_input, state%work_viscous, state%work_friction)
+      allocate (state%work_input(w), state%work_viscous(w), state%work_friction(w), source=0.0_wp)
       if (allocated(state%transitions)) deallocate (state%transitions)
       allocate (state%transitions(w))
 

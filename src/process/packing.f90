@@ -38,8 +38,8 @@ contains
       call move_alloc(t%numbers, numbers)
    end function pack_model
 
-   !> Fills everything but the request from what pack_model gave. A row that it cannot have given, as
-   !> a damaged file may hold, is told where that is asked for.
+   !> Fills everything but the request from what pack_model gave. A row that it cannot have given,
+   !> as a damaged file may hold, is told where that is asked for.
    subroutine unpack_model(numbers, model, is_sound)
       real(wp), intent(in) :: numbers(:)
       type(process_model_type), intent(inout) :: model

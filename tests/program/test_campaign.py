@@ -102,7 +102,17 @@ def test_the_wall_time_limit_stops_like_a_signal(campaign, output, reference):
     assert code == STOPPED, errors
     assert "start again" in said
     assert campaign(2).wait()[0] == 0
-    assert datasets(output).keys() == reference.keys()
+    assert datasets(output) == reference
+
+
+def test_many_more_ranks_than_samples(campaign, output, tmp_path):
+    few = ("--set", "campaign%n_samples=2", "--set", "campaign%deterministic=.false.")
+    found = []
+    for n_ranks in (0, 7):
+        code, _, errors = campaign(n_ranks, *few, "--fresh").wait()
+        assert code == 0, errors
+        found.append(datasets(output))
+    assert found[0] == found[1]
 
 
 def test_more_samples_continue_a_finished_campaign(campaign, output, reference, tmp_path):
