@@ -72,8 +72,8 @@ contains
       end do
    end subroutine write_processes
 
-   !> The chain, then case by case. While the root writes what is the small data of one case and the
-   !> long data of the one before, the other ranks are at the spectra. Collective.
+   !> The chain, then case by case. While the root writes the long data of a case and begins the
+   !> next one, the other ranks are at the spectra of that. Collective.
    subroutine write_cases(world, plan, runner, output, writer, error)
       type(world_type), intent(in) :: world
       type(plan_type), intent(in) :: plan

@@ -33,7 +33,6 @@ module driver_statistics
       type(work_counter), private :: counter
    contains
       procedure :: take_parts
-      procedure :: call_off
       procedure :: close => close_spectra
    end type spectra_task
 
@@ -73,20 +72,13 @@ contains
       integer :: part
 
       do
-         if (allocated(error)) call self%call_off()
+         if (allocated(error)) call self%counter%request_stop()
          part = int(self%counter%next())
          if (part == 0) exit
          call add_part(self%number, store, self%shards, part, (part - 1)*self%width + 1, &
                        min(part*self%width, size(self%bands%at_frequency, 2)), self%bands, error)
       end do
    end subroutine take_parts
-
-   !> From now on no rank gets a part.
-   subroutine call_off(self)
-      class(spectra_task), intent(inout) :: self
-
-      call self%counter%request_stop()
-   end subroutine call_off
 
    !> What all ranks have found becomes the root's. Collective.
    subroutine close_spectra(self, world, statistics)
