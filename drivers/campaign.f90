@@ -1,7 +1,7 @@
 !> What the commands have in common: from the command line to a plan, and when a run cannot go on.
 module driver_campaign
    use config_force_file, only: check_force, force_label
-   use config_plan, only: build_plan
+   use config_plan, only: build_plan, scene_name
    use config_scene, only: complaint_list, read_scene, scene_type
    use core_error, only: error_type, exit_bad_input, exit_no_solution, raise
    use core_kinds, only: wp
@@ -55,16 +55,12 @@ contains
       type(command_line), intent(in) :: line
       character(*), intent(in) :: ending   !! '.h5', '_c007_s0042.h5'
       character(:), allocatable :: path
-      integer :: dot
 
       if (allocated(line%output)) then
          path = line%output
-         return
+      else
+         path = scene_name(line%scene)//ending
       end if
-      path = line%scene(index(line%scene, '/', back=.true.) + 1:)
-      dot = index(path, '.', back=.true.)
-      if (dot > 1) path = path(:dot - 1)
-      path = path//ending
    end function output_path
 
    !> An error where a campaign needs a process that has no solution, or where none has one.

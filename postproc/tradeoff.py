@@ -9,6 +9,7 @@ import h5py
 import numpy as np
 import xarray as xr
 from matplotlib.axes import Axes
+from matplotlib.ticker import LogLocator, NullFormatter
 
 from postproc import style
 from postproc.figure import SECTIONS, Figure
@@ -109,9 +110,10 @@ def plot_error_over_cost(axes: Axes, data: xr.Dataset, error: str) -> None:
         xscale="log", yscale="log", ylabel=_ERRORS[error],
         xlabel="processor time of a sample-step [ns]",
     )  # fmt: skip
-    for ticks in (axes.xaxis.set_major_formatter, axes.xaxis.set_minor_formatter):
-        ticks("{x:g}")
-    axes.legend(ncols=2)
+    axes.xaxis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
+    axes.xaxis.set_major_formatter("{x:g}")
+    axes.xaxis.set_minor_formatter(NullFormatter())
+    axes.legend(ncols=2, loc="lower center", bbox_to_anchor=(0.5, 1.0))  # the front fills the axes
 
 
 def _mark_front(axes: Axes, cost: np.ndarray, values: np.ndarray) -> None:

@@ -3,7 +3,7 @@ module config_document
    use config_complaints, only: complaint_list, printable
    use config_source, only: source_type
    use config_spelling, only: lowered
-   use config_tokens, only: token_type
+   use config_tokens, only: token_comma, token_type
    use core_text, only: to_text
    implicit none(type, external)
    private
@@ -41,6 +41,8 @@ module config_document
       procedure :: text_of
       procedure :: name_text
       procedure :: values_text
+      procedure :: comma_hint
+      procedure, private :: has_comma_inside
       procedure :: complain
       procedure :: refuse
    end type document_type
@@ -141,6 +143,33 @@ contains
          text = self%source(first%source)%text(first%start:self%tokens(last)%last)
       end associate
    end function values_text
+
+   !> What to say where a value may be half of 0,2; else nothing.
+   pure function comma_hint(self, slot) result(hint)
+      class(document_type), intent(in) :: self
+      integer, intent(in) :: slot   !! into self%tokens
+      character(:), allocatable :: hint
+
+      hint = ''
+      if (self%has_comma_inside(slot) .or. self%has_comma_inside(slot - 2)) &
+         hint = ' (commas separate values: decimals follow a point)'
+   end function comma_hint
+
+   !> Do token i and those behind it read digits, comma, digit, without a blank?
+   pure logical function has_comma_inside(self, i)
+      class(document_type), intent(in) :: self
+      integer, intent(in) :: i   !! into self%tokens, or beyond
+      character(*), parameter :: digits = '0123456789'
+
+      has_comma_inside = .false.
+      if (i < 1 .or. i + 2 > size(self%tokens)) return
+      associate (before => self%tokens(i), comma => self%tokens(i + 1), behind => self%tokens(i + 2))
+         if (comma%kind /= token_comma .or. before%last + 1 /= comma%first .or. &
+             comma%last + 1 /= behind%first) return
+         has_comma_inside = verify(self%text_of(before), digits) == 0 .and. &
+                            scan(self%text_of(behind), digits) == 1
+      end associate
+   end function has_comma_inside
 
    !> A complaint at a token, `file:line: what: rule`.
    subroutine complain(self, token, what, rule, complaints)

@@ -12,7 +12,7 @@ module config_plan
    use process_model, only: process_request
    implicit none(type, external)
    private
-   public :: build_plan
+   public :: build_plan, scene_name
 
 contains
 
@@ -25,7 +25,7 @@ contains
       integer :: i
 
       plan%title = scene%heading%title
-      if (plan%title == '') plan%title = stem(scene%path)
+      if (plan%title == '') plan%title = scene_name(scene%path)
       plan%seed = scene%heading%seed
       allocate (plan%processes(0), plan%cases(0))
       do i = 1, size(scene%processes)
@@ -194,15 +194,15 @@ contains
                                      j=1, size(variances)), i=1, size(plan%processes))]
    end subroutine plan_cases
 
-   !> The file's name without folder and ending.
-   pure function stem(path)
+   !> That of its file, without folder and ending.
+   pure function scene_name(path) result(name)
       character(*), intent(in) :: path
-      character(:), allocatable :: stem
+      character(:), allocatable :: name
       integer :: dot
 
-      stem = path(index(path, '/', back=.true.) + 1:)
-      dot = index(stem, '.', back=.true.)
-      if (dot > 1) stem = stem(:dot - 1)
-   end function stem
+      name = path(index(path, '/', back=.true.) + 1:)
+      dot = index(name, '.', back=.true.)
+      if (dot > 1) name = name(:dot - 1)
+   end function scene_name
 
 end module config_plan

@@ -336,8 +336,8 @@ contains
       if (slot == self%last_slot) return   ! r*value: once will do
       self%last_slot = slot
       associate (token => self%document%tokens(slot))
-         call self%document%refuse(self%block, token, name, self%document%text_of(token), rule, &
-                                   self%complaints)
+         call self%document%refuse(self%block, token, name, self%document%text_of(token), &
+                                   rule//self%document%comma_hint(slot), self%complaints)
       end associate
    end subroutine refuse_slot
 

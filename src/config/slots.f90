@@ -22,10 +22,11 @@ contains
       integer, intent(in) :: default_size   !! 0: there is no default
       integer, allocatable, intent(out) :: slots(:)
       type(complaint_list), intent(inout) :: complaints
-      character(:), allocatable :: rule
+      character(:), allocatable :: hint, rule
       integer, allocatable :: values(:)
       integer :: i, first, last, n_before
 
+      hint = ''
       n_before = complaints%n
       slots = spread(0, 1, default_size)
       first = 0
@@ -45,7 +46,14 @@ contains
          end associate
       end do
       if (complaints%n == n_before) call check_length(entry, default_size, slots, rule)
-      if (allocated(rule)) call refuse(last)
+      if (allocated(rule)) then
+         do i = size(slots), 1, -1
+            if (slots(i) > 0) hint = document%comma_hint(slots(i))
+            if (hint /= '') exit
+         end do
+         rule = rule//hint
+         call refuse(last)
+      end if
       if (complaints%n > n_before) slots = spread(0, 1, 0)
 
    contains

@@ -14,7 +14,7 @@ module ensemble_comparison
    use numerics_statistics, only: mean, standard_deviation
    implicit none(type, external)
    private
-   public :: numerical_error, spectrum_comparison, compare_slip, compare_spectra, compare_histories
+   public :: numerical_error, spectrum_comparison, compare_slip, compare_spectra
    public :: slip_error, band_ratio_error, band_ratios, ratio_replicates, change_of_ratio
 
    real(wp), parameter :: points = 100.0_wp   !! of percent in a fraction
@@ -41,7 +41,6 @@ module ensemble_comparison
       !> dof that does not move in that share of the samples
       real(wp), allocatable :: band_ratio(:)
       real(wp), allocatable :: band_ratio_error(:)
-      real(wp), allocatable :: displacement_rms(:)     !! (dof) all samples, relative to their rms
    end type numerical_error
 
    !> Integrals over frequency of one dof, of all samples (0) and without sample i: replicate 0..n.
@@ -249,22 +248,6 @@ contains
          end associate
       end do
    end subroutine finish
-
-   !> Displacements of the samples whose histories exist twice.
-   pure subroutine compare_histories(tested, reference, errors)
-      real(wp), intent(in) :: tested(:, :, :)      !! (dof, step, sample) [m]
-      real(wp), intent(in) :: reference(:, :, :)   !! (dof, step, sample) [m]
-      type(numerical_error), intent(inout) :: errors
-      integer :: dof
-
-      errors%n_samples = size(tested, 3)
-      allocate (errors%displacement_rms(size(tested, 1)))
-      do dof = 1, size(tested, 1)
-         errors%displacement_rms(dof) = sqrt(share(sum((tested(dof, :, :) &
-                                                        - reference(dof, :, :))**2), &
-                                                   sum(reference(dof, :, :)**2)))
-      end do
-   end subroutine compare_histories
 
    !> Adds the frequencies of one dof's curves, the mean (0) and the percentiles (1..), for all
    !> samples and without each of them.

@@ -5,14 +5,12 @@
 !> coefficient of the best predictor of order m; all in (-1, 1) is the same as all poles inside the
 !> unit circle.
 module process_ar_model
-   use core_error, only: error_type, exit_bad_input, raise
+   use core_error, only: error_type
    use core_kinds, only: wp
-   use core_text, only: to_text
    use numerics_roots, only: find_polynomial_roots
    implicit none(type, external)
    private
-   public :: coefficients_of, reflection_of, innovation_std, step_up
-   public :: autocovariance_of, yule_walker_autocovariance, yule_walker_coefficients, find_poles
+   public :: coefficients_of, reflection_of, innovation_std, step_up, autocovariance_of, find_poles
 
 contains
 
@@ -84,59 +82,6 @@ contains
          correlation(m) = -dot_product(a, correlation(m - 1:m - order:-1))
       end do
    end function autocovariance_of
-
-   !> Eq. (41) forwards: K(m), m = 0..n_lags. Fails where the process is not stationary.
-   pure subroutine yule_walker_autocovariance(a, b0, n_lags, autocovariance, error)
-      real(wp), intent(in) :: a(:), b0
-      integer, intent(in) :: n_lags
-      real(wp), allocatable, intent(out) :: autocovariance(:)   !! (0:n_lags) [unit of Z squared]
-      type(error_type), allocatable, intent(out) :: error
-      real(wp) :: kappa(size(a))
-      integer :: m
-
-      kappa = reflection_of(a)
-      do m = 1, size(a)
-         if (.not. abs(kappa(m)) < 1.0_wp) then
-            call raise(error, exit_bad_input, 'autoregressive process of order '// &
-                       to_text(size(a))//': reflection coefficient '//to_text(m)//' = '// &
-                       to_text(kappa(m))//': must lie inside (-1, 1), or it is not stationary')
-            return
-         end if
-      end do
-      allocate (autocovariance(0:n_lags))
-      autocovariance(:) = (b0/innovation_std(kappa, 1.0_wp))**2*autocovariance_of(kappa, n_lags)
-   end subroutine yule_walker_autocovariance
-
-   !> Eq. (41) backwards: a_q and b0 from K(0..order). Fails where K is not positive definite.
-   pure subroutine yule_walker_coefficients(autocovariance, order, a, b0, error)
-      real(wp), intent(in) :: autocovariance(0:)   !! at least to lag `order`
-      integer, intent(in) :: order
-      real(wp), allocatable, intent(out) :: a(:)
-      real(wp), intent(out) :: b0
-      type(error_type), allocatable, intent(out) :: error
-      real(wp) :: kappa, variance
-      integer :: m
-
-      allocate (a(order))
-      variance = autocovariance(0)
-      b0 = 0.0_wp
-      do m = 1, order
-         if (variance > 0.0_wp) then
-            kappa = -(autocovariance(m) &
-                      + dot_product(a(:m - 1), autocovariance(m - 1:1:-1)))/variance
-         else
-            kappa = 1.0_wp
-         end if
-         call step_up(a, m, kappa)
-         variance = variance*(1.0_wp - kappa)*(1.0_wp + kappa)
-      end do
-      if (variance > 0.0_wp) then
-         b0 = sqrt(variance)
-      else
-         call raise(error, exit_bad_input, 'autocovariance to lag '//to_text(order)// &
-                    ': must be positive definite')
-      end if
-   end subroutine yule_walker_coefficients
 
    !> Poles of Eq. (40), by descending modulus.
    subroutine find_poles(a, poles, error)

@@ -11,7 +11,7 @@ module process_truncated_normal
    private
    public :: lanes, draw_truncated, draw_truncated_lanes, acceptance_lanes
    public :: log_acceptance, hazard_ratio
-   public :: truncated_normal_moments, fit_truncated_normal
+   public :: fit_truncated_normal
 
    !> chains marched side by side; constant: no result depends on it
    integer, parameter :: lanes = 32
@@ -115,18 +115,6 @@ contains
          variance = t*(1.0_wp - t*(6.0_wp - t*(50.0_wp - t*(518.0_wp - t*6354.0_wp))))
       end if
    end subroutine relative_moments
-
-   !> Mean, standard deviation and acceptance of N(mu, sigma^2) kept where positive.
-   elemental subroutine truncated_normal_moments(mu, sigma, mean, std, acceptance)
-      real(wp), intent(in) :: mu, sigma
-      real(wp), intent(out) :: mean, std, acceptance
-      real(wp) :: variance
-
-      call relative_moments(mu/sigma, mean, variance)
-      mean = sigma*mean
-      std = sigma*sqrt(variance)
-      acceptance = exp(max(log_acceptance(mu/sigma), -700.0_wp))
-   end subroutine truncated_normal_moments
 
    !> The normal law that, kept where positive, has this mean and std. std < mean is necessary and
    !> sufficient; at std = mean the exponential law is reached, with mu = -infinity.
