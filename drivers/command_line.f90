@@ -2,6 +2,7 @@
 module driver_command_line
    use config_spelling, only: nearest_name
    use core_error, only: error_type, exit_bad_input, raise
+   use io_files, only: exists
    implicit none(type, external)
    private
    public :: command_line, read_command_line, help_text
@@ -55,10 +56,19 @@ contains
       do while (i < command_argument_count())
          i = i + 1
          word = argument(i)
-         if (word == '--help' .or. word == '-h') then
+         call split_value(word, value)
+         if (any(word == pack(names_in(options), takes_value(options)))) then
+            if (.not. allocated(value)) then
+               i = i + 1
+               value = argument(i)
+            end if
+            call take_value(line, word, value, error)
+         else if (allocated(value) .and. any(word == names_in(options))) then
+            call raise(error, exit_bad_input, word//' takes no value')
+         else if (word == '--help' .or. word == '-h' .or. word == 'help' .and. i == 1) then
             line%command = 'help'
             return
-         else if (word == '--version') then
+         else if (word == '--version' .or. word == 'version' .and. i == 1) then
             line%command = 'version'
             return
          else if (word == '--fresh') then
@@ -69,20 +79,11 @@ contains
             line%is_shared = .true.
          else if (word == '--reference') then
             line%wants_reference = .true.
-         else if (any(word == pack(names_in(options), takes_value(options)))) then
-            i = i + 1
-            if (i > command_argument_count()) then
-               call raise(error, exit_bad_input, word//' needs a value')
-               return
-            end if
-            value = argument(i)
-            call take_value(line, word, value, error)
          else if (index(word, '-') == 1) then
             call refuse_unknown('option', word, names_in(options), error)
          else if (.not. allocated(line%command)) then
             line%command = word
-            if (.not. any(word == names_in(commands))) &
-               call refuse_unknown('command', word, names_in(commands), error)
+            if (.not. any(word == names_in(commands))) call refuse_command(word, error)
          else if (.not. allocated(line%scene)) then
             line%scene = word
          else
@@ -93,12 +94,28 @@ contains
       call check_together(line, error)
    end subroutine read_command_line
 
+   !> --name=value: the name and the value; else the value is not allocated.
+   pure subroutine split_value(word, value)
+      character(:), allocatable, intent(inout) :: word
+      character(:), allocatable, intent(out) :: value
+      integer :: equals
+
+      equals = index(word, '=')
+      if (equals < 4 .or. index(word, '--') /= 1) return
+      value = word(equals + 1:)
+      word = word(:equals - 1)
+   end subroutine split_value
+
    !> An option that has a value.
    subroutine take_value(line, option, value, error)
       type(command_line), intent(inout) :: line
       character(*), intent(in) :: option, value
       type(error_type), allocatable, intent(out) :: error
 
+      if (value == '') then
+         call raise(error, exit_bad_input, option//' needs a value')
+         return
+      end if
       select case (option)
       case ('--output')
          line%output = value
@@ -140,6 +157,19 @@ contains
                     listed(known))
       end if
    end subroutine refuse_unknown
+
+   !> Also a scene where the command should stand.
+   subroutine refuse_command(word, error)
+      character(*), intent(in) :: word
+      type(error_type), allocatable, intent(out) :: error
+
+      if (exists(word)) then
+         call raise(error, exit_bad_input, 'no command before '//word//'; there are '// &
+                    listed(names_in(commands)))
+      else
+         call refuse_unknown('command', word, names_in(commands), error)
+      end if
+   end subroutine refuse_command
 
    !> What a command cannot do without, or does not take.
    subroutine check_together(line, error)

@@ -19,7 +19,7 @@ from postproc.tables import make_tables, table_statements
 
 
 def main(arguments: list[str] | None = None) -> int:
-    """Draw everything; exit code 2 when a file is not a results file."""
+    """Draw everything; exit code 2 for a file that is no results file, 3 for a folder of no use."""
     options = _parser().parse_args(arguments)
     mpl.use("Agg")
     apply_style()
@@ -28,7 +28,11 @@ def main(arguments: list[str] | None = None) -> int:
     except ResultsError as error:
         print(error, file=sys.stderr)
         return 2
-    options.out.mkdir(parents=True, exist_ok=True)
+    try:
+        options.out.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        print(f"{options.out}: cannot be made a folder: {error.strerror}", file=sys.stderr)
+        return 3
     statements, tables = assess(files), make_tables(files)
     for table in [*tables, *([table_statements(statements)] if statements else [])]:
         table.write_csv(options.out)

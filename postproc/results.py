@@ -12,6 +12,8 @@ from pathlib import Path
 import h5py
 import xarray as xr
 
+_FORMAT_VERSION = 1  # of the layout, as in src/io/identity.f90
+
 
 class ResultsError(Exception):
     """The file is not a results file, or not one that this version reads."""
@@ -141,20 +143,30 @@ def _on_all_dofs(data: xr.Dataset) -> xr.Dataset:
 def open_results(path: str | Path) -> Results:
     """Open a results file; every dataset carries `units` and `long_name`."""
     path = Path(path)
-    if not path.is_file():
+    if not path.exists():
         raise ResultsError(f"{path}: no such file")
+    if path.is_dir():
+        raise ResultsError(f"{path}: is a folder")
     try:
-        with h5py.File(path) as file:
-            attrs = {name: _text(value) for name, value in file.attrs.items()}
-            groups = {kind: sorted(file[kind]) for kind in ("process", "campaign") if kind in file}
-            alone = {kind for kind in ("chain", "tradeoff") if kind in file}
-            audited = {
-                name for name in groups.get("campaign", []) if "audit" in file["campaign"][name]
-            }
-    except OSError as error:
-        raise ResultsError(f"{path}: cannot be read as HDF5: {error}") from error
+        return _read(path)
+    except (OSError, KeyError, RuntimeError) as error:  # h5py has all three for damaged files
+        words = " ".join(str(error).split())  # on one line
+        raise ResultsError(f"{path}: cannot be read as HDF5: {words}") from error
+
+
+def _read(path: Path) -> Results:
+    with h5py.File(path) as file:
+        attrs = {name: _text(value) for name, value in file.attrs.items()}
+        groups = {kind: sorted(file[kind]) for kind in ("process", "campaign") if kind in file}
+        alone = {kind for kind in ("chain", "tradeoff") if kind in file}
+        audited = {name for name in groups.get("campaign", []) if "audit" in file["campaign"][name]}
     if attrs.get("program") != "entroslip":
-        raise ResultsError(f"{path}: not written by entroslip")
+        raise ResultsError(f"{path}: not a results file of entroslip")
+    if attrs.get("format_version") != _FORMAT_VERSION:
+        raise ResultsError(
+            f"{path}: format_version = {attrs.get('format_version')}: this package reads version"
+            f" {_FORMAT_VERSION}; take the one that came with entroslip {attrs.get('version')}"
+        )
 
     def view(group: str) -> xr.Dataset:
         return xr.open_dataset(path, group=group, engine="h5netcdf")

@@ -163,11 +163,11 @@ contains
 
       has_comma_inside = .false.
       if (i < 1 .or. i + 2 > size(self%tokens)) return
-      associate (before => self%tokens(i), comma => self%tokens(i + 1), behind => self%tokens(i + 2))
-         if (comma%kind /= token_comma .or. before%last + 1 /= comma%first .or. &
-             comma%last + 1 /= behind%first) return
-         has_comma_inside = verify(self%text_of(before), digits) == 0 .and. &
-                            scan(self%text_of(behind), digits) == 1
+      associate (left => self%tokens(i), comma => self%tokens(i + 1), right => self%tokens(i + 2))
+         if (comma%kind /= token_comma .or. left%last + 1 /= comma%first .or. &
+             comma%last + 1 /= right%first) return
+         has_comma_inside = verify(self%text_of(left), digits) == 0 .and. &
+                            scan(self%text_of(right), digits) == 1
       end associate
    end function has_comma_inside
 

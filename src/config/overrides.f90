@@ -76,7 +76,8 @@ contains
          call apply_override(document, group, number, i, last, complaints)
       else
          call document%complain(group, document%source(2)%line(group%line), &
-                                'must be group%name=value', complaints)
+                                'must be group%name=value, such as campaign%n_samples=20', &
+                                complaints)
       end if
    end subroutine parse_override
 

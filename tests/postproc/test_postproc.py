@@ -198,12 +198,32 @@ def test_a_file_that_is_none_is_refused(tmp_path, capsys):
     (tmp_path / "text.h5").write_text("no")
     with h5py.File(tmp_path / "other.h5", "w") as file:
         file.attrs["program"] = "another"
-    for name in ("absent.h5", "text.h5", "other.h5"):
-        with pytest.raises(ResultsError, match=name):
+    with h5py.File(tmp_path / "later.h5", "w") as file:
+        file.attrs.update(program="entroslip", version="9.0.0", format_version=2)
+    with h5py.File(tmp_path / "damaged.h5", "w") as file:
+        file.attrs.update(program="entroslip", format_version=1)
+        file["chain"] = 3.0
+    for name, rule in (
+        ("absent.h5", "no such file"),
+        ("", "is a folder"),
+        ("text.h5", "cannot be read as HDF5"),
+        ("damaged.h5", "cannot be read as HDF5"),
+        ("other.h5", "not a results file of entroslip"),
+        ("later.h5", "format_version = 2: .* entroslip 9.0.0"),
+    ):
+        with pytest.raises(ResultsError, match=f"{tmp_path / name}: {rule}"):
             open_results(tmp_path / name)
         assert main([str(tmp_path / name), "--out", str(tmp_path / "out")]) == 2
-        assert name in capsys.readouterr().err
+        assert len(capsys.readouterr().err.splitlines()) == 1
     assert not (tmp_path / "out").exists()
+
+
+def test_a_folder_that_cannot_be_is_refused(process_file, tmp_path, capsys):
+    (tmp_path / "taken").write_text("")
+    assert main([str(process_file), "--out", str(tmp_path / "taken")]) == 3
+    assert (
+        capsys.readouterr().err == f"{tmp_path / 'taken'}: cannot be made a folder: File exists\n"
+    )
 
 
 def test_values_carry_their_errors():

@@ -48,26 +48,44 @@ def test_all_mistakes_in_one_pass(entroslip, tmp_path):
 
 
 @pytest.mark.parametrize(
-    "arguments",
+    ("arguments", "message"),
     [
-        (),
-        ("rnu", "x.nml"),
-        ("run",),
-        ("run", "absent.nml"),
-        ("run", "x.nml", "--otuput", "r.h5"),
-        ("run", "x.nml", "--output"),
-        ("replay", "x.nml", "--case", "0", "--sample", "1"),
-        ("replay", "x.nml"),
-        ("template", "x.nml"),
-        ("check", "x.nml", "--share"),
-        ("run", "x.nml", "--share", "--fresh"),
+        ((), "no command; there are run, check, tradeoff, replay, template"),
+        (("rnu", "x.nml"), "unknown command rnu, did you mean run?"),
+        (("run",), "run needs a scene: entroslip run SCENE"),
+        (("run", "absent.nml"), "absent.nml: no such file"),
+        (("/dev/null",), "no command before /dev/null"),
+        (("run", "x.nml", "y.nml"), "one scene at a time: x.nml and y.nml"),
+        (("run", "x.nml", "--otuput", "r.h5"), "unknown option --otuput, did you mean --output?"),
+        (("run", "x.nml", "--otuput=r.h5"), "unknown option --otuput, did you mean --output?"),
+        (("run", "x.nml", "--output"), "--output needs a value"),
+        (("run", "x.nml", "--output="), "--output needs a value"),
+        (("run", "x.nml", "--output", ""), "--output needs a value"),
+        (("run", "x.nml", "--fresh=yes"), "--fresh takes no value"),
+        (("replay", "x.nml", "--case", "0", "--sample", "1"), "--case 0: needs a whole number"),
+        (("replay", "x.nml", "--case=1", "--sample=b"), "--sample b: needs a whole number"),
+        (("replay", "x.nml"), "replay needs --case and --sample"),
+        (("check", "x.nml", "--case", "1"), "--case and --sample belong to replay"),
+        (("check", "x.nml", "--reference"), "--reference belongs to template"),
+        (("template", "x.nml"), "template takes no scene"),
+        (("check", "x.nml", "--share"), "--share belongs to run"),
+        (("run", "x.nml", "--share", "--fresh"), "--fresh discards what others share"),
     ],
 )
-def test_bad_usage(entroslip, tmp_path, arguments):
+def test_bad_usage(entroslip, tmp_path, arguments, message):
     done = entroslip(*arguments)
     assert done.returncode == 2
-    assert done.stderr.strip()
+    assert done.stderr.startswith(f"entroslip: {message}")
+    assert len(done.stderr.splitlines()) == 1
     assert not list(tmp_path.iterdir())
+
+
+def test_a_value_may_follow_its_option_behind_an_equals_sign(entroslip, tmp_path):
+    done = entroslip("run", scene_with(tmp_path, "&chain /", "&chain /"), "--output=sub/r.h5",
+                     "--set=campaign%n_samples=1", "--quiet")  # fmt: skip
+    assert done.returncode == 0, done.stderr
+    assert {path.name for path in tmp_path.iterdir()} == {"bad.nml", "sub"}
+    assert (tmp_path / "sub" / "r.h5").stat().st_size > 0
 
 
 def test_a_scene_without_samples_has_nothing_to_share(entroslip, tmp_path):
@@ -83,6 +101,7 @@ def test_help_version_and_template(entroslip, tmp_path):
     shown = entroslip("--help")
     assert shown.returncode == 0
     assert len(shown.stdout.splitlines()) <= 24
+    assert entroslip("help").stdout == shown.stdout
     version = entroslip("--version")
     assert version.returncode == 0
     for word in ("HDF5", "FFTW", "NLopt", "LAPACK", "MPI", "GCC", "-O3"):
