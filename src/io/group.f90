@@ -14,13 +14,16 @@ module io_group
       type(hdf5_file) :: file
       character(:), allocatable :: path
       type(error_type), allocatable :: error
+      character(:), allocatable, private :: axis   !! of the columns of a table
    contains
       generic :: attribute => text_attribute, integer_attribute, long_attribute, real_attribute, &
          logical_attribute
       generic :: put => put_reals, put_integers, put_longs
       generic :: put_allocated => put_allocated_row, put_allocated_matrix, put_allocated_cube
       generic :: put_part => put_real_part, put_integer_part, put_long_part
+      generic :: column => real_column, integer_column
       procedure :: put_value
+      procedure :: start_table
       procedure :: make
       procedure :: take_error
       procedure, private :: text_attribute, integer_attribute, long_attribute, real_attribute, &
@@ -28,6 +31,7 @@ module io_group
       procedure, private :: put_allocated_row, put_allocated_matrix, put_allocated_cube
       procedure, private :: put_reals, put_integers, put_longs
       procedure, private :: put_real_part, put_integer_part, put_long_part
+      procedure, private :: real_column, integer_column
    end type group_type
 
 contains
@@ -178,6 +182,33 @@ contains
       label%long_name = 'standard error: '//long_name
       call self%put(name//'_error', standard_error, label)
    end subroutine put_value
+
+   !> The axis of the columns that follow: its rows are counted from 1.
+   subroutine start_table(self, axis, n_rows, long_name)
+      class(group_type), intent(inout) :: self
+      character(*), intent(in) :: axis, long_name
+      integer, intent(in) :: n_rows
+
+      self%axis = axis
+      call self%put(axis, counted(n_rows), label_type('1', long_name, axis))
+   end subroutine start_table
+
+   subroutine real_column(self, name, values, units, long_name)
+      class(group_type), intent(inout) :: self
+      character(*), intent(in) :: name, units, long_name
+      real(wp), intent(in) :: values(:)
+
+      call self%put(name, values, label_type(units, long_name, self%axis))
+   end subroutine real_column
+
+   !> Of numbers and of flags, which are 0 or 1: without a unit.
+   subroutine integer_column(self, name, values, long_name)
+      class(group_type), intent(inout) :: self
+      character(*), intent(in) :: name, long_name
+      integer, intent(in) :: values(:)
+
+      call self%put(name, values, label_type('1', long_name, self%axis))
+   end subroutine integer_column
 
    !> A dataset to be filled in parts; of the type of `mold`.
    subroutine make(self, name, mold, extents, label)

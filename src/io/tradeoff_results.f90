@@ -9,8 +9,8 @@ module io_tradeoff_results
    use ensemble_tradeoff_settings, only: setting_dt
    use ensemble_tradeoff_variants, only: variant_type
    use io_files, only: exists
-   use io_group, only: counted, group_type, new_group
-   use io_hdf5, only: hdf5_file, label_type, open_hdf5
+   use io_group, only: group_type, new_group
+   use io_hdf5, only: hdf5_file, open_hdf5
    use io_results, only: results_writer
    implicit none(type, external)
    private
@@ -48,47 +48,33 @@ contains
       call group%attribute('n_steps', n_short)
       call group%attribute('reference', 'event, tolerance 1e-12')
       call group%attribute('method_meanings', '0 newmark, 1 event')
-      call group%put('setting', counted(size(rows)), label_type('1', 'setting', 'setting'))
-      call put_integers('method', merge(1, 0, rows%setting%method == 'event'), &
+      call group%start_table('setting', size(rows), 'setting')
+      call group%column('method', merge(1, 0, rows%setting%method == 'event'), &
                         'method: 0 newmark, 1 event')
-      call put('dt', setting_dt(rows%setting, plan%integration%dt), 's', &
-               'step of the march under the same force')
-      call put_integers('max_halvings', rows%setting%max_halvings, 'newmark: halvings of a step')
-      call put('tolerance', rows%setting%tolerance, '1', 'event: tolerance')
-      call put('cost', rows%cost, 'ns', 'processor time of a sample-step of the scene')
-      call put('work', rows%work, 'ns', 'the same expected from counted work')
-      call put('seconds', seconds_per_ns*rows%cost, 's', 'processor time of the march of the scene')
-      call put('slip', rows%slip, '%', 'rms error of a slip fraction, in points')
-      call put('slip_error', rows%slip_error, '%', 'standard error of slip')
-      call put('slip_mean', rows%slip_mean, '%', 'error of the mean slip fraction, in points')
-      call put('slip_std', rows%slip_std, '%', &
-               'error of the standard deviation of slip fractions, in points')
-      call put('psd_mean', rows%psd_mean, '1', 'relative error of the mean spectrum')
-      call put('psd_percentiles', rows%psd_percentiles, '1', &
-               'relative error of the percentiles of the spectrum')
-      call put('band_ratio', rows%band_ratio, '1', 'relative error of the band ratio')
-      call put('band_ratio_error', rows%band_ratio_error, '1', 'standard error of band_ratio')
-      call put_integers('is_on_front', merge(1, 0, rows%is_on_front), &
+      call group%column('dt', setting_dt(rows%setting, plan%integration%dt), 's', &
+                        'step of the march under the same force')
+      call group%column('max_halvings', rows%setting%max_halvings, 'newmark: halvings of a step')
+      call group%column('tolerance', rows%setting%tolerance, '1', 'event: tolerance')
+      call group%column('cost', rows%cost, 'ns', 'processor time of a sample-step of the scene')
+      call group%column('work', rows%work, 'ns', 'the same expected from counted work')
+      call group%column('seconds', seconds_per_ns*rows%cost, 's', &
+                        'processor time of the march of the scene')
+      call group%column('slip', rows%slip, '%', 'rms error of a slip fraction, in points')
+      call group%column('slip_error', rows%slip_error, '%', 'standard error of slip')
+      call group%column('slip_mean', rows%slip_mean, '%', &
+                        'error of the mean slip fraction, in points')
+      call group%column('slip_std', rows%slip_std, '%', &
+                        'error of the standard deviation of slip fractions, in points')
+      call group%column('psd_mean', rows%psd_mean, '1', 'relative error of the mean spectrum')
+      call group%column('psd_percentiles', rows%psd_percentiles, '1', &
+                        'relative error of the percentiles of the spectrum')
+      call group%column('band_ratio', rows%band_ratio, '1', 'relative error of the band ratio')
+      call group%column('band_ratio_error', rows%band_ratio_error, '1', &
+                        'standard error of band_ratio')
+      call group%column('is_on_front', merge(1, 0, rows%is_on_front), &
                         '1: nothing cheaper has a smaller error of slip')
-      call put_integers('is_own', merge(1, 0, rows%is_own), '1: the setting of the scene')
+      call group%column('is_own', merge(1, 0, rows%is_own), '1: the setting of the scene')
       call group%take_error(error)
-
-   contains
-
-      subroutine put(name, values, units, long_name)
-         character(*), intent(in) :: name, units, long_name
-         real(wp), intent(in) :: values(:)
-
-         call group%put(name, values, label_type(units, long_name, 'setting'))
-      end subroutine put
-
-      subroutine put_integers(name, values, long_name)
-         character(*), intent(in) :: name, long_name
-         integer, intent(in) :: values(:)
-
-         call group%put(name, values, label_type('1', long_name, 'setting'))
-      end subroutine put_integers
-
    end subroutine write_settings
 
    !> What the error of the scene's own results is made of.
@@ -125,14 +111,12 @@ contains
 
       if (size(rows) == 0) return
       group = new_group(writer%file, '/tradeoff/spectra')
-      call group%put('way', counted(size(rows)), label_type('1', 'way to form spectra', 'way'))
-      call group%put('every', rows%every, label_type('1', 'steps between values', 'way'))
-      call group%put('segment_length', rows%segment_length, &
-                     label_type('1', 'steps of a segment', 'way'))
-      call group%put('cost', rows%cost, label_type('ns', &
-                     'processor time of a sample-step, march included', 'way'))
-      call group%put('band_ratio', rows%band_ratio, label_type('1', &
-                     'largest relative change of a band ratio from the first way', 'way'))
+      call group%start_table('way', size(rows), 'way to form spectra')
+      call group%column('every', rows%every, 'steps between values')
+      call group%column('segment_length', rows%segment_length, 'steps of a segment')
+      call group%column('cost', rows%cost, 'ns', 'processor time of a sample-step, march included')
+      call group%column('band_ratio', rows%band_ratio, '1', &
+                        'largest relative change of a band ratio from the first way')
       call group%take_error(error)
    end subroutine write_spectra
 
@@ -144,18 +128,15 @@ contains
       type(group_type) :: group
 
       group = new_group(writer%file, '/tradeoff/sizes')
-      call group%put('size', counted(size(rows)), label_type('1', 'samples and steps', 'size'))
-      call group%put('n_samples', rows%n_samples, &
-                     label_type('1', 'samples of the largest case', 'size'))
-      call group%put('n_steps', real(rows%n_steps, wp), label_type('1', 'steps', 'size'))
-      call group%put('slip_mean', rows%slip_mean, &
-                     label_type('%', 'error of mean slip fractions, all parts, in points', 'size'))
-      call group%put('slip_std', rows%slip_std, &
-                     label_type('%', 'the same of their standard deviation', 'size'))
-      call group%put('band_ratio', rows%band_ratio, &
-                     label_type('1', 'relative error of band ratios, all parts', 'size'))
-      call group%put('seconds', rows%seconds, &
-                     label_type('s', 'processor time of the march', 'size'))
+      call group%start_table('size', size(rows), 'samples and steps')
+      call group%column('n_samples', rows%n_samples, 'samples of the largest case')
+      call group%column('n_steps', real(rows%n_steps, wp), '1', 'steps')
+      call group%column('slip_mean', rows%slip_mean, '%', &
+                        'error of mean slip fractions, all parts, in points')
+      call group%column('slip_std', rows%slip_std, '%', 'the same of their standard deviation')
+      call group%column('band_ratio', rows%band_ratio, '1', &
+                        'relative error of band ratios, all parts')
+      call group%column('seconds', rows%seconds, 's', 'processor time of the march')
       call group%take_error(error)
    end subroutine write_sizes
 
@@ -172,45 +153,29 @@ contains
       group = new_group(writer%file, '/tradeoff/variants')
       call group%attribute('n_samples', n_samples)
       call group%attribute('n_steps', n_steps)
-      call group%put('variant', counted(size(rows)), &
-                     label_type('1', 'process fitted otherwise', 'variant'))
+      call group%start_table('variant', size(rows), 'process fitted otherwise')
       associate (own => variants(rows%variant))
-         call put_integers('process', own%process, 'process of the scene that is varied')
-         call put_integers('order', own%request%order, 'order M or m_max')
-         call put_integers('fit_steps', own%request%fit_steps, &
+         call group%column('process', own%process, 'process of the scene that is varied')
+         call group%column('order', own%request%order, 'order M or m_max')
+         call group%column('fit_steps', own%request%fit_steps, &
                            'simulated values of a batch of the fit; 0: chosen')
-         call put_integers('is_of_fit', merge(1, 0, own%is_of_fit), &
+         call group%column('is_of_fit', merge(1, 0, own%is_of_fit), &
                            '1: other lengths of the fit are compared, 0: other orders')
-         call put_integers('is_own', merge(1, 0, own%is_own), '1: as the scene has it')
+         call group%column('is_own', merge(1, 0, own%is_own), '1: as the scene has it')
       end associate
-      call put_integers('is_reference', merge(1, 0, rows%is_reference), &
+      call group%column('is_reference', merge(1, 0, rows%is_reference), &
                         '1: the others of this process are compared with it')
-      call put('seconds', rows%seconds, 's', 'processor time of the fit')
-      call put('slip_mean', rows%slip_mean, '%', 'change of the mean slip fraction, in points')
-      call put('slip_mean_error', rows%slip_mean_error, '%', 'standard error of slip_mean')
-      call put('slip_std', rows%slip_std, '%', &
-               'change of the standard deviation of slip fractions, in points')
-      call put('slip_std_error', rows%slip_std_error, '%', 'standard error of slip_std')
-      call put('band_ratio', rows%band_ratio, '1', 'relative change of the band ratio')
-      call put('band_ratio_error', rows%band_ratio_error, '1', 'standard error of band_ratio')
+      call group%column('seconds', rows%seconds, 's', 'processor time of the fit')
+      call group%column('slip_mean', rows%slip_mean, '%', &
+                        'change of the mean slip fraction, in points')
+      call group%column('slip_mean_error', rows%slip_mean_error, '%', 'standard error of slip_mean')
+      call group%column('slip_std', rows%slip_std, '%', &
+                        'change of the standard deviation of slip fractions, in points')
+      call group%column('slip_std_error', rows%slip_std_error, '%', 'standard error of slip_std')
+      call group%column('band_ratio', rows%band_ratio, '1', 'relative change of the band ratio')
+      call group%column('band_ratio_error', rows%band_ratio_error, '1', &
+                        'standard error of band_ratio')
       call group%take_error(error)
-
-   contains
-
-      subroutine put(name, values, units, long_name)
-         character(*), intent(in) :: name, units, long_name
-         real(wp), intent(in) :: values(:)
-
-         call group%put(name, values, label_type(units, long_name, 'variant'))
-      end subroutine put
-
-      subroutine put_integers(name, values, long_name)
-         character(*), intent(in) :: name, long_name
-         integer, intent(in) :: values(:)
-
-         call group%put(name, values, label_type('1', long_name, 'variant'))
-      end subroutine put_integers
-
    end subroutine write_variants
 
    !> Orders of the processes.
@@ -224,22 +189,18 @@ contains
       n = size(rows)
       if (n == 0) return
       group = new_group(writer%file, '/tradeoff/orders')
-      call group%put('row', counted(n), label_type('1', 'process and order', 'row'))
-      call group%put('is_direct', [(merge(1, 0, rows(i)%method == 'direct'), i=1, n)], &
-                     label_type('1', '0: autoregressive, 1: direct method', 'row'))
-      call group%put('imposes_l1', [(merge(1, 0, rows(i)%correlation == 'L1'), i=1, n)], &
-                     label_type('1', 'length imposed, 0: L0, 1: L1', 'row'))
-      call group%put('correlation_length', rows%correlation_length, &
-                     label_type('1', 'length imposed', 'row'))
-      call group%put('order', rows%order, label_type('1', 'order M or m_max', 'row'))
-      call group%put('is_own', merge(1, 0, rows%is_own), &
-                     label_type('1', '1: an order of the scene', 'row'))
-      call group%put('entropy_lost', rows%entropy_lost, &
-                     label_type('nat', 'entropy per point below that of white noise', 'row'))
-      call group%put('other_length', rows%other_length, &
-                     label_type('1', 'length that is not imposed', 'row'))
-      call group%put('milliseconds', rows%milliseconds, &
-                     label_type('ms', 'processor time of the fit', 'row'))
+      call group%start_table('row', n, 'process and order')
+      call group%column('is_direct', [(merge(1, 0, rows(i)%method == 'direct'), i=1, n)], &
+                        '0: autoregressive, 1: direct method')
+      call group%column('imposes_l1', [(merge(1, 0, rows(i)%correlation == 'L1'), i=1, n)], &
+                        'length imposed, 0: L0, 1: L1')
+      call group%column('correlation_length', rows%correlation_length, '1', 'length imposed')
+      call group%column('order', rows%order, 'order M or m_max')
+      call group%column('is_own', merge(1, 0, rows%is_own), '1: an order of the scene')
+      call group%column('entropy_lost', rows%entropy_lost, 'nat', &
+                        'entropy per point below that of white noise')
+      call group%column('other_length', rows%other_length, '1', 'length that is not imposed')
+      call group%column('milliseconds', rows%milliseconds, 'ms', 'processor time of the fit')
       call group%take_error(error)
    end subroutine write_orders
 
