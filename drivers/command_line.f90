@@ -235,7 +235,7 @@ contains
    elemental logical function takes_value(row)
       character(*), intent(in) :: row
 
-      takes_value = row(index(row, ' '):text_column) /= ''
+      takes_value = row(index(row, ' '):text_column - 1) /= ''
    end function takes_value
 
    !> The i-th argument.

@@ -240,7 +240,10 @@ contains
       text = ''
       do i = 1, size(rows)
          associate (variant => variants(rows(i)%variant))
-            if (is_first(i)) text = text//line_feed//heading(variant)
+            if (is_first(i)) then
+               if (i > 1) text = text//line_feed
+               text = text//heading(variant)
+            end if
             fit = 'chosen'
             if (variant%request%fit_steps > 0) fit = to_text(variant%request%fit_steps)
             text = text//merge('* ', '  ', variant%is_own)// &

@@ -27,7 +27,9 @@ print(results.title, "with", len(results.cases), "cases; the groups of the file:
 print(", ".join(results.tree.groups))
 
 # %% One case is an xarray.Dataset; every variable knows its axes, units and meaning.
-case = next(case for case in results.random if case.n_samples > 1)
+case = next((case for case in results.random if case.n_samples > 1), None)
+if case is None:
+    parser.error(f"{options.results}: needs a case of several samples with drawn friction")
 slip = case.data["slip_fraction"]
 print(f"{case.name}: {slip.attrs['long_name']} over {slip.dims}, shape {slip.shape}")
 

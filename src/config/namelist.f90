@@ -6,9 +6,9 @@ module config_namelist
    use config_complaints, only: complaint_list
    use config_document, only: assignment_type, document_type
    use config_spelling, only: lowered
-   use config_tokens, only: token_colon, token_comma, token_end, token_end_of_line, token_equals, &
-                            token_group, token_left, token_open_quote, token_right, token_type, &
-                            token_word
+   use config_tokens, only: comment_rule, token_colon, token_comma, token_end, token_end_of_line, &
+                            token_equals, token_group, token_left, token_open_quote, token_right, &
+                            token_type, token_word
    implicit none(type, external)
    private
    public :: begins_assignment, parse_assignment, parse_count, parse_groups
@@ -49,7 +49,7 @@ contains
                cycle
             else
                call document%complain(token, document%text_of(token), &
-                                      not_an_assignment(token), complaints)
+                                      not_an_assignment(document, token), complaints)
                i = end_of_values(document%tokens(:n), i)
             end if
          end associate
@@ -65,11 +65,13 @@ contains
       name = ampersand_name(2:)
    end function name_behind
 
-   pure function not_an_assignment(token) result(rule)
+   pure function not_an_assignment(document, token) result(rule)
+      type(document_type), intent(in) :: document
       type(token_type), intent(in) :: token
       character(:), allocatable :: rule
 
       rule = 'expected name = value'
+      if (index(document%text_of(token), '#') == 1) rule = comment_rule
       if (token%kind == token_open_quote) rule = 'the quote is not closed on its line'
    end function not_an_assignment
 
@@ -92,6 +94,7 @@ contains
 
       associate (token => document%tokens(i), before => document%tokens(max(i - 1, 1)))
          rule = 'stands outside of every group'
+         if (index(document%text_of(token), '#') == 1) rule = comment_rule
          if (before%kind == token_end .and. before%last == token%first - 1) &
             rule = rule//' (the / before it ends one; text with a / needs quotes)'
          call document%complain(token, document%text_of(token), rule, complaints)

@@ -3,7 +3,7 @@ module config_slots
    use config_complaints, only: complaint_list
    use config_document, only: assignment_type, document_type
    use config_entries, only: entry_type
-   use config_tokens, only: token_comma, token_open_quote, token_quoted, token_word
+   use config_tokens, only: comment_rule, token_comma, token_open_quote, token_quoted, token_word
    use core_text, only: to_text
    implicit none(type, external)
    private
@@ -92,6 +92,8 @@ contains
                wants_value = .false.
                if (token%first > token%last) then
                   rule = 'a value is missing behind the *'
+               else if (index(document%text_of(token), '#') == 1) then
+                  rule = comment_rule
                else if (token%repeat < 1) then
                   rule = 'a value cannot be repeated 0 times'
                else if (n + token%repeat > max_length) then

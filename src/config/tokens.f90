@@ -4,7 +4,7 @@ module config_tokens
    use config_spelling, only: lowered
    implicit none(type, external)
    private
-   public :: token_type, tokenize
+   public :: token_type, tokenize, comment_rule
    public :: token_word, token_quoted, token_open_quote, token_equals, token_comma, token_left, &
              token_right, token_colon, token_group, token_end, token_end_of_line
 
@@ -16,6 +16,9 @@ module config_tokens
    integer, parameter :: token_group = 9        !! &name
    integer, parameter :: token_end = 10         !! '/' or &end
    integer, parameter :: token_end_of_line = 11 !! only between the --set options, one a line
+
+   !> Said of a word that begins with #, where a person used to other languages expects a comment.
+   character(*), parameter :: comment_rule = 'a comment begins with !'
 
    character(*), parameter :: blanks = ' '//achar(9)//achar(11)//achar(12)//achar(13)
    character(*), parameter :: punctuation = '=,():'

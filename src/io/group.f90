@@ -14,7 +14,7 @@ module io_group
       type(hdf5_file) :: file
       character(:), allocatable :: path
       type(error_type), allocatable :: error
-      character(:), allocatable, private :: axis   !! of the columns of a table
+      character(24), private :: axis = ''   !! of the columns of a table
    contains
       generic :: attribute => text_attribute, integer_attribute, long_attribute, real_attribute, &
          logical_attribute
@@ -198,7 +198,7 @@ contains
       character(*), intent(in) :: name, units, long_name
       real(wp), intent(in) :: values(:)
 
-      call self%put(name, values, label_type(units, long_name, self%axis))
+      call self%put(name, values, label_type(units, long_name, trim(self%axis)))
    end subroutine real_column
 
    !> Of numbers and of flags, which are 0 or 1: without a unit.
@@ -207,7 +207,7 @@ contains
       character(*), intent(in) :: name, long_name
       integer, intent(in) :: values(:)
 
-      call self%put(name, values, label_type('1', long_name, self%axis))
+      call self%put(name, values, label_type('1', long_name, trim(self%axis)))
    end subroutine integer_column
 
    !> A dataset to be filled in parts; of the type of `mold`.
