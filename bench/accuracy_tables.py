@@ -101,9 +101,9 @@ def print_chains(program: Path) -> None:
         elif line.startswith("# when"):
             of_method = None
         elif of_method is not None and not line.startswith("#"):
-            masses, nanoseconds, rate = line.split()
-            of_method[int(masses)] = float(nanoseconds)
-            transitions[int(masses)] = float(rate)
+            n, nanoseconds, rate = line.split()
+            of_method[int(n)] = float(nanoseconds)
+            transitions[int(n)] = float(rate)
     masses = sorted(transitions)
     print_table(
         ("masses", *map(str, masses)),
