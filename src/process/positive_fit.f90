@@ -5,8 +5,9 @@
 !> at every trial, so that what is solved is a smooth problem; its answer differs from the true one
 !> by the standard errors that are handed back.
 module process_positive_fit
-   use core_error, only: error_type
+   use core_error, only: error_type, exit_no_solution, raise
    use core_kinds, only: long, wp
+   use core_text, only: to_text
    use numerics_constrained_maximum, only: search_result, solve_along
    use process_model, only: process_model_type, process_request
    use process_positive_approach, only: approach, find_shape
@@ -27,7 +28,7 @@ module process_positive_fit
    !> relative standard errors
    real(wp), parameter :: ratio_goal = 2.5e-4_wp, length_goal = 2.5e-3_wp
    !> relative, of ratio and length on the simulated values
-   real(wp), parameter :: matched = 1.0e-7_wp
+   real(wp), parameter :: matched = 1.0e-7_wp, missed = 1.0e-5_wp
 
 contains
 
@@ -56,7 +57,13 @@ contains
          if (.not. allocated(error)) call find_shape(law, point, found, error, spread)
          if (.not. allocated(error)) then
             call match_targets(law, request%fit_steps, found, point, violation)
-            call describe_sampled(request, law, point, spread, model, error)
+            if (violation > missed) then
+               call raise(error, exit_no_solution, law%name(request%order)// &
+                          ': the search ended '//to_text(violation)// &
+                          ' (relative) from its targets')
+            else
+               call describe_sampled(request, law, point, spread, model, error)
+            end if
          end if
          if (allocated(error)) then
             call name_what_exists(request, seed, error)
