@@ -43,8 +43,9 @@ contains
       type(error_type), allocatable, intent(out) :: error
       real(wp), intent(in), optional :: most_effort   !! see `positive_law`
       real(wp), allocatable :: kappa(:)
-      real(wp) :: coordinate, limit
+      real(wp) :: coordinate, far_point(2), limit
       logical :: is_reached
+      type(search_result) :: far
 
       call prepare_law(request, request%sampler, stream_of(seed), law, kappa, error)
       if (allocated(error)) return
@@ -55,16 +56,23 @@ contains
       law%n_steps = quick_steps
       call law%settle(law%companion)
       call maximize(law, point, n_constraints, 1.0e-4_wp, close_enough, 8, found)
-      ! far from the unconstrained optimum another branch may have the targets too
+      ! far from the unconstrained optimum another branch may have the targets too: it is taken only
+      ! where the family that is followed from there ends before them
       if (found%violation > close_enough .or. point(1) > farthest) then
+         far = found
+         far_point = point
          point = [0.0_wp, coordinate]
          law%n_steps = limit_steps
          call follow_family(law, point, limit, is_reached)
-         if (.not. is_reached .and. .not. law%is_exhausted()) then
+         if (is_reached) then
+            call maximize(law, point, n_constraints, 1.0e-4_wp, close_enough, 20, found)
+         else if (far%violation <= close_enough) then
+            point = far_point
+            found = far
+         else if (.not. law%is_exhausted()) then
             call raise(error, exit_no_solution, law%name(size(kappa))//reason_of_end(limit))
             return
          end if
-         call maximize(law, point, n_constraints, 1.0e-4_wp, close_enough, 20, found)
       end if
       found%is_converged = found%violation <= close_enough
       call require_converged(law, found, size(kappa), error)
@@ -90,26 +98,29 @@ contains
       type(search_result), intent(inout) :: found
       type(error_type), allocatable, intent(out) :: error
       type(shape_spread), intent(out), optional :: spread   !! wanted where the shape is to be used
+      logical :: is_near
 
       law%n_steps = shape_steps
       if (allocated(law%symbol)) return
-      law%factor = exp(point(1))
-      point = [law%shape, point(2)]
+      is_near = point(1) <= farthest
+      law%factor = merge(exp(point(1)), 1.0_wp, is_near)
+      point = [exp(point(1))/law%factor*law%shape, point(2)]
       deallocate (law%shape)
-      call free_shape(law, point, found, spread)
+      call free_shape(law, is_near, point, found, spread)
       call require_converged(law, found, size(point) - 1, error)
    end subroutine find_shape
 
    !> Every coefficient free. Where correlation is so weak that the entropy does not feel its shape
    !> above the noise of the sample, the shape of the unconstrained optimum is kept, with the
    !> residual it leaves.
-   subroutine free_shape(law, point, found, spread)
+   subroutine free_shape(law, is_near, point, found, spread)
       class(positive_law), intent(inout) :: law
+      logical, intent(in) :: is_near   !! the unconstrained optimum, whose curvature is then taken
       real(wp), intent(inout) :: point(:)
       type(search_result), intent(out) :: found
       type(shape_spread), intent(out), optional :: spread
       real(wp), parameter :: weak = 0.02_wp, feeble = 0.001_wp   !! largest reflection coefficient
-      real(wp), allocatable :: autocovariance(:), standard_error(:)
+      real(wp), allocatable :: autocovariance(:), metric(:, :), standard_error(:)
       real(wp) :: family(size(point)), step, strength
       integer :: order
       logical :: is_free
@@ -121,10 +132,11 @@ contains
       step = min(1.0e-5_wp, 0.01_wp*strength)
       is_free = strength > feeble
       if (is_free) then
-         call maximize(law, point, n_constraints, step, min(wanted, stationary*strength), &
-                       max_iterations, found, metric_of(law))
-         found%is_converged = max(found%violation, found%residual) <= min(acceptable, &
-                                                                          stationary*strength)
+         if (is_near) metric = metric_of(law)
+         call maximize(law, point, n_constraints, step, min(acceptable, stationary*strength), &
+                       max_iterations, found, metric)
+         if (found%is_converged) call come_closer(law, step, min(wanted, stationary*strength), &
+                                                  point, found)
       end if
       if (is_free .and. strength <= weak) then
          is_free = found%is_converged
@@ -142,6 +154,29 @@ contains
          call refine(law, step, point, found, spread)
       end if
    end subroutine free_shape
+
+   !> Goes on from an acceptable solution to a better one, if there is one within reach.
+   subroutine come_closer(law, step, tolerance, point, found)
+      class(positive_law), intent(inout) :: law
+      real(wp), intent(in) :: step, tolerance   !! see `maximize`
+      real(wp), intent(inout) :: point(:)
+      type(search_result), intent(inout) :: found
+      type(search_result) :: closer
+      real(wp), allocatable :: state(:)
+      real(wp) :: trial(size(point))
+      logical :: is_inside
+
+      trial = point
+      call maximize(law, trial, n_constraints, step, tolerance, max_iterations, closer, &
+                    found%metric)
+      if (max(closer%violation, closer%residual) <= max(found%violation, found%residual)) then
+         point = trial
+         found = closer
+         found%is_converged = .true.
+      else
+         call law%evaluate(point, state, is_inside)
+      end if
+   end subroutine come_closer
 
    !> Inverse curvature of the unconstrained problem at its optimum, to begin the search with.
    function metric_of(law) result(metric)

@@ -9,7 +9,7 @@ module process_positive_exact
    use core_kinds, only: wp
    use core_random, only: stream_type
    use process_positive_moments, only: add_products, batch_averages
-   use process_truncated_normal, only: draw_truncated_lanes, lanes
+   use process_truncated_normal, only: draw_truncated_lanes, lanes, truncated_variance
    implicit none(type, external)
    private
    public :: precision_of, sweeps_to_forget, sample_exact, draw_window
@@ -191,7 +191,7 @@ contains
          at_zero = at_zero + hazard/scale
          call place(length, order, is_wound, i, scale*drawn, x)
          if (.not. present(y)) cycle
-         drawn = (drawn - c - hazard)/sqrt(1.0_wp - hazard*(c + hazard))
+         drawn = (drawn - c - hazard)/sqrt(truncated_variance(c, hazard))
          call place(length, order, is_wound, i, &
                     drawn/sqrt(h(0)) - neighbours(order, h, y(:, i - order:i + order))/h(0), y)
       end do

@@ -7,7 +7,6 @@
 module process_positive_fit
    use core_error, only: error_type, exit_no_solution, raise
    use core_kinds, only: long, wp
-   use core_text, only: to_text
    use numerics_constrained_maximum, only: search_result, solve_along
    use process_model, only: process_model_type, process_request
    use process_positive_approach, only: approach, find_shape
@@ -57,10 +56,9 @@ contains
          if (.not. allocated(error)) call find_shape(law, point, found, error, spread)
          if (.not. allocated(error)) then
             call match_targets(law, request%fit_steps, found, point, violation)
-            if (violation > missed) then
+            if (.not. violation <= missed) then
                call raise(error, exit_no_solution, law%name(request%order)// &
-                          ': the search ended '//to_text(violation)// &
-                          ' (relative) from its targets')
+                          ': what has the targets on short samples lost them on longer ones')
             else
                call describe_sampled(request, law, point, spread, model, error)
             end if

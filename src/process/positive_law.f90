@@ -187,6 +187,8 @@ contains
       call self%sample()
       self%moments = estimate_moments(self%batches, self%companion_autocovariance, size(self%a), &
                                       self%tail_l0, self%tail_moment)
+      is_inside = self%moments%std > 0.0_wp
+      if (.not. is_inside) return
       length = self%imposed_length()
       state = [self%moments%ratio/self%wanted_ratio - 1.0_wp, length/self%wanted_length - 1.0_wp, &
                self%features()]
@@ -256,7 +258,6 @@ contains
    subroutine sample_sequential_law(self)
       class(sequential_law), intent(inout) :: self
       type(stream_type) :: stream
-
       integer :: n_steps
 
       stream = self%stream
@@ -306,7 +307,6 @@ contains
    subroutine sample_exact_law(self)
       class(exact_law), intent(inout) :: self
       type(stream_type) :: stream
-
       integer :: n_sweeps
 
       stream = self%stream

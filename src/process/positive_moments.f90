@@ -124,7 +124,8 @@ contains
    end subroutine add_far_products
 
    !> Everything but the autocovariance lag by lag. Signs of K(m), and what lies beyond the last
-   !> lag, are taken from the companion; lags without a row of their own are positive.
+   !> lag, are taken from the companion; lags without a row of their own are positive. The std is 0
+   !> where the variance is lost in rounding: nothing else is known then.
    pure function estimate_moments(batches, companion, order, tail_l0, tail_moment) result(moments)
       type(batch_averages), intent(in) :: batches
       !> autocovariance of y, m = 0..n_lags, or up to less than n_single: sums are then cut there
@@ -155,6 +156,7 @@ contains
          k(i) = k(i) - n*offset**2
          rest(:, i) = rest(:, i) - n*2.0_wp*offset*centre_rest
       end do
+      if (.not. k(1) > 0.0_wp) return
       moments%mean = batches%centre + offset
       allocate (moments%rests(size(work), 5))
       moments%rests(:, 1) = centre_rest

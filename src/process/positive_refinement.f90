@@ -16,6 +16,7 @@ module process_positive_refinement
    public :: refine, shape_spread
 
    integer, parameter :: refinement_steps = 2048   !! of a batch
+   real(wp), parameter :: longest = 0.1_wp         !! a longer step is more than a refinement
 
    !> Shares of the runs, and how the correlation depends on the variables. Not allocated: the shape
    !> is given.
@@ -32,7 +33,8 @@ module process_positive_refinement
 contains
 
    !> One step more, on more simulated values: as good as a whole search on them. Where a
-   !> difference leaves the domain the point stays, and its spread is not known.
+   !> difference leaves the domain, or the maximum is too flat for the step to be a short one, the
+   !> point stays, and its spread is not known.
    subroutine refine(law, step, point, found, spread)
       class(positive_law), intent(inout) :: law
       real(wp), intent(in) :: step               !! of the differences
@@ -70,6 +72,7 @@ contains
       call step_to_maximum(found%metric, jacobian, gradient, state(:n_constraints), change, &
                            multipliers, is_regular)
       if (.not. is_regular) return
+      if (norm2(change) > longest) return
       point = point + change
       found%jacobian = jacobian
       allocate (trial%shares(lanes, n))

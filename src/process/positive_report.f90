@@ -153,7 +153,8 @@ contains
    end subroutine name_multipliers
 
    !> What the same a_q, b0 and mu give under the other law, and the acceptances of both. Of the
-   !> exact law, nothing where it remembers more than its fits carry.
+   !> exact law, nothing where it remembers more than its fits carry; of either, nothing where its
+   !> mu is beyond what is sampled.
    subroutine compare_laws(request, law, point, n_steps, model)
       type(process_request), intent(in) :: request
       class(positive_law), intent(in) :: law
@@ -179,6 +180,7 @@ contains
       other%n_steps = n_steps
       call other%settle(model%a)
       call other%evaluate([point(:size(point) - 1), asinh(coordinate)], state, is_inside)
+      if (.not. is_inside) return
       call other%find_entropy(model%other_entropy, other_error)
       model%other_entropy = model%other_entropy + log(model%b0)
       model%other_mean = model%b0*other%moments%mean

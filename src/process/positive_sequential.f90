@@ -7,7 +7,8 @@ module process_positive_sequential
    use core_kinds, only: wp
    use core_random, only: stream_type
    use process_positive_moments, only: add_products, batch_averages, n_acceptance_sums
-   use process_truncated_normal, only: acceptance_lanes, draw_truncated, draw_truncated_lanes, lanes
+   use process_truncated_normal, only: acceptance_lanes, draw_truncated, draw_truncated_lanes, lanes, &
+      truncated_variance
    implicit none(type, external)
    private
    public :: memory_of, march_sequential, sample_sequential
@@ -88,7 +89,7 @@ contains
          end do
          call draw_truncated_lanes(c, u(lanes*(n - 1) + 1:lanes*n), x, hazard, factor)
          d(:, n) = x - centre
-         y(:, n) = (x - c - hazard)/sqrt(1.0_wp - hazard*(c + hazard))
+         y(:, n) = (x - c - hazard)/sqrt(truncated_variance(c, hazard))
          do q = 1, size(a)
             !$omp simd
             do lane = 1, lanes

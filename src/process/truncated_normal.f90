@@ -9,7 +9,7 @@ module process_truncated_normal
    use core_text, only: to_text
    implicit none(type, external)
    private
-   public :: lanes, draw_truncated, draw_truncated_lanes, acceptance_lanes
+   public :: lanes, draw_truncated, draw_truncated_lanes, acceptance_lanes, truncated_variance
    public :: log_acceptance, hazard_ratio
    public :: fit_truncated_normal
 
@@ -58,6 +58,15 @@ contains
          call draw_truncated(c(lane), u(lane), x(lane), hazard(lane), factor(lane))
       end do
    end subroutine draw_truncated_lanes
+
+   !> Variance of the kept law over b^2. Far in the tail the difference cancels: from there on a
+   !> lower bound with the same first two terms in 1/c^2.
+   pure function truncated_variance(c, hazard) result(variance)
+      real(wp), intent(in) :: c(lanes), hazard(lanes)   !! see `draw_truncated`
+      real(wp) :: variance(lanes)
+
+      variance = max(1.0_wp - hazard*(c + hazard), 1.0_wp/(c**2 + 6.0_wp))
+   end function truncated_variance
 
    !> Acceptance probability and its logarithm on all lanes, from what the draw computed. Below
    !> exp(-600) the probability stays at that.
