@@ -7,8 +7,8 @@ module process_positive_sequential
    use core_kinds, only: wp
    use core_random, only: stream_type
    use process_positive_moments, only: add_products, batch_averages, n_acceptance_sums
-   use process_truncated_normal, only: acceptance_lanes, draw_truncated, draw_truncated_lanes, lanes, &
-      truncated_variance
+   use process_truncated_normal, only: acceptance_lanes, draw_truncated, draw_truncated_lanes, &
+      lanes, truncated_variance
    implicit none(type, external)
    private
    public :: memory_of, march_sequential, sample_sequential
