@@ -139,11 +139,10 @@ contains
                                                   point, found)
       end if
       if (is_free .and. strength <= weak) then
-         is_free = found%is_converged
          call estimate_autocovariance(law%batches, law%companion_autocovariance, order, &
                                       autocovariance, standard_error)
          associate (companion => law%companion_autocovariance(0:order))
-            is_free = is_free .and. &
+            is_free = found%is_converged .and. &
                       all(autocovariance*sign(1.0_wp, companion) > -4.0_wp*standard_error)
          end associate
       end if

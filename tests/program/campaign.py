@@ -13,6 +13,7 @@ import h5py
 import numpy as np
 
 RUN_DEPENDENT = {"created", "wall_seconds", "n_ranks"}
+STOPPED = 75  # exit code
 TOKEN = "ENTROSLIP_TEST_TOKEN"  # in the environment of every process of one run
 
 SCENE = """\
@@ -99,6 +100,13 @@ class Run:
             assert time.monotonic() < limit, f"processes of a dead run live on: {self.arguments}"
             time.sleep(0.01)
         return self.process.returncode, output, errors
+
+    def stop(self, number: int, pids: list[int]) -> str:
+        """What a run says that a signal stops in an orderly way, to be continued."""
+        self.signal(number, pids)
+        code, output, errors = self.wait()
+        assert code == STOPPED, errors
+        return output
 
 
 def shards_of(output: Path, pattern: str = "c*.h5") -> dict[str, tuple[int, int]]:

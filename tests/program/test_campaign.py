@@ -10,10 +10,10 @@ import pytest
 
 from tests.conftest import ENVIRONMENT
 from tests.program.campaign import SCENE as SCENE  # of the fixtures
-from tests.program.campaign import Run, datasets, shards_of, wait_for_shards
+from tests.program.campaign import STOPPED, Run, datasets, shards_of, wait_for_shards
 from tests.program.torture import Torture
 
-STOPPED, REFUSED = 75, 3
+REFUSED = 3
 
 
 @pytest.fixture
@@ -21,9 +21,7 @@ def interrupted(campaign, output):
     """A campaign stopped with some of its shards finished."""
     run = campaign()
     wait_for_shards(run, output, 3)
-    run.signal(signal.SIGTERM, run.ranks())
-    code, _, errors = run.wait()
-    assert code == STOPPED, errors
+    run.stop(signal.SIGTERM, run.ranks())
     return sorted(shards_of(output))
 
 
@@ -53,9 +51,7 @@ def test_a_signal_to_a_rank_stops_and_the_same_command_continues(
 ):
     run = campaign(n_ranks)
     wait_for_shards(run, output, 2)
-    run.signal(number, run.ranks()[-1:])
-    code, said, errors = run.wait()
-    assert code == STOPPED, errors
+    said = run.stop(number, run.ranks()[-1:])
     assert "start again" in said
     assert not output.exists()
     kept = shards_of(output)
@@ -74,9 +70,7 @@ def test_a_signal_to_a_rank_stops_and_the_same_command_continues(
 def test_sigusr1_to_mpirun_stops_every_rank(campaign, output, reference):
     run = campaign(2)
     wait_for_shards(run, output, 2)
-    run.signal(signal.SIGUSR1, [run.process.pid])
-    code, _, errors = run.wait()
-    assert code == STOPPED, errors
+    run.stop(signal.SIGUSR1, [run.process.pid])
     assert campaign(2).wait()[0] == 0
     assert datasets(output) == reference
 

@@ -2,15 +2,13 @@
 
 from __future__ import annotations
 
-import os
-import pty
 import re
-import subprocess
 
 import pytest
 
 from tests.conftest import ENVIRONMENT
 from tests.program.campaign import SCENE
+from tests.program.terminal import said_on_a_terminal
 
 PROGRESS = re.compile(r"\d+ of 602 samples, \d+ %")
 RATE = re.compile(r"\d+ of 602 samples, \d+ %, [\d.]+ a (second|minute), [\d:]+ left")
@@ -22,23 +20,9 @@ def command(program, tmp_path):
     return [program, "run", "scene.nml", "--output", "r.h5"]
 
 
-def said_on_a_terminal(command, folder) -> str:
-    reader, writer = pty.openpty()
-    process = subprocess.Popen(command, cwd=folder, env=ENVIRONMENT, stdout=writer)
-    os.close(writer)
-    text = b""
-    try:
-        while part := os.read(reader, 4096):
-            text += part
-    except OSError:  # Linux: the other end is closed
-        pass
-    os.close(reader)
-    assert process.wait() == 0
-    return text.decode()
-
-
 def test_a_terminal_has_one_line_that_is_redrawn(command, tmp_path):
-    text = said_on_a_terminal(command, tmp_path)
+    code, text = said_on_a_terminal(command, "stdout", cwd=tmp_path, env=ENVIRONMENT)
+    assert code == 0
     drawn = [part for part in text.split("\r") if PROGRESS.match(part)]
     assert len(drawn) >= 2
     assert RATE.fullmatch(drawn[-1])

@@ -2,34 +2,24 @@
 
 from __future__ import annotations
 
-import os
-import pty
 import subprocess
 
 import pytest
 
 from tests.conftest import ENVIRONMENT, ROOT
+from tests.program.terminal import said_on_a_terminal
 
 ESCAPE = "\x1b["
 
 
 def errors_on_a_terminal(program, *arguments, **environment):
     """Standard error of a run for which it is a terminal."""
-    reader, writer = pty.openpty()
     variables = {name: text for name, text in ENVIRONMENT.items() if name != "NO_COLOR"}
-    process = subprocess.Popen(
-        [program, *arguments], stdout=subprocess.DEVNULL, stderr=writer, env=variables | environment
+    code, text = said_on_a_terminal(
+        [program, *arguments], "stderr", stdout=subprocess.DEVNULL, env=variables | environment
     )
-    os.close(writer)
-    text = b""
-    try:
-        while part := os.read(reader, 4096):
-            text += part
-    except OSError:  # Linux: the other end is closed
-        pass
-    os.close(reader)
-    assert process.wait() == 2
-    return text.decode()
+    assert code == 2
+    return text
 
 
 def test_errors_are_coloured_on_a_terminal_only(program, entroslip):

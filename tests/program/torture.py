@@ -20,7 +20,6 @@ from pathlib import Path
 from tests.conftest import ENVIRONMENT, PROGRAM
 from tests.program.campaign import SCENE, Run, datasets, shards_of
 
-STOPPED = 75
 EVERYTHING = "*.h5"  # samples and processes
 WAYS = ("kill the launcher", "kill a rank", "kill everything", "ask a rank", "ask the launcher")
 
