@@ -10,15 +10,15 @@ import csv
 import io
 import math
 from collections import Counter
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from pathlib import Path
 
 import matplotlib as mpl
 import matplotlib.pyplot as plt
+from matplotlib.artist import Artist
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
-from matplotlib.typing import HashableList
 from PIL import Image
 
 from postproc import style
@@ -91,8 +91,7 @@ def plot_processes(axes: Axes, rows: Sequence[Row]) -> None:
     lengths = [float(row["length"]) for row in rows]
     axes.set(xscale="log", xlabel="correlation length L0", ylabel="std/mean",
              xlim=(min(lengths) / 2, 2 * max(lengths)), title=f"(a) positive, order {order}",
-             ylim=(-0.03, 1.52))  # fmt: skip
-    _legend(axes, rows, ncols=2)
+             ylim=(-0.03, 1.15))  # fmt: skip
 
 
 def plot_orders(axes: Axes, rows: Sequence[Row]) -> None:
@@ -103,11 +102,11 @@ def plot_orders(axes: Axes, rows: Sequence[Row]) -> None:
             _mark(axes, x, float(row["length"]), index, status(row, MOST_MISS), _size(row))
     _ring(axes, list(zip(_ORDERS, LENGTHS, strict=True)))
     axes.set(xscale="log", yscale="log", xlabel="order M, or m_max", ylabel="correlation length L0",
-             title="(d) processes of any sign", ylim=(4e-4, 5e4))  # fmt: skip
+             title="(d) processes of any sign")  # fmt: skip
     for miss in (1e-16, 1e-12, 1e-8):
         axes.plot([], [], "o", color="0.4", markersize=_size({"error": str(miss)}),
                   label=f"off by {miss:.0e}")  # fmt: skip
-    _legend(axes, rows, ncols=3)
+    _legend(axes, rows)
 
 
 def plot_friction(axes: Axes, rows: Sequence[Row]) -> None:
@@ -120,7 +119,7 @@ def plot_friction(axes: Axes, rows: Sequence[Row]) -> None:
              title="(b) motion, friction")  # fmt: skip
     axes.set_xticks([], minor=True)
     axes.set_xticklabels(["0", *(f"$10^{{{power}}}$" for power in range(-14, 9, 4))])
-    _legend(axes, rows, ncols=2)
+    _legend(axes, rows)
 
 
 def plot_steps(axes: Axes, rows: Sequence[Row]) -> None:
@@ -130,7 +129,7 @@ def plot_steps(axes: Axes, rows: Sequence[Row]) -> None:
     axes.axvline(2.0, color="0.4", linewidth=0.8, linestyle="--", label="limit, beta = 0")
     axes.set(xscale="log", xlabel="dt times highest frequency",
              title="(c) motion, time step (full: dt; dotted: a light mass)")  # fmt: skip
-    _legend(axes, rows, ncols=2)
+    _legend(axes, rows)
 
 
 def _plot_errors(
@@ -148,7 +147,7 @@ def _plot_errors(
     axes.axhline(MOST_POINTS, color="0.4", linewidth=0.8)
     decades = range(-10, 2, 2)
     axes.set(yscale="log", ylabel="error of a slip fraction [points of %]",
-             ylim=(_LEAST_POINTS / 3, 2e7),
+             ylim=(_LEAST_POINTS / 3, 1e4),
              yticks=[_LEAST_POINTS, *(10.0**d for d in decades), _REFUSED_POINTS])  # fmt: skip
     axes.set_yticklabels(["less", *(f"$10^{{{d}}}$" for d in decades), "refused"])
     axes.set_yticks([], minor=True)
@@ -187,14 +186,23 @@ def _paper_line(axes: Axes, x: float) -> None:
     axes.axvline(x, color="black", linewidth=1.1, linestyle="-.", label=label, zorder=0)
 
 
-def _legend(axes: Axes, rows: Sequence[Row], ncols: int) -> None:
-    """Families by their marks, then what else is labelled."""
-    families = [
+def _handles(axes: Iterable[Axes], rows: Sequence[Row]) -> list[Artist]:
+    """Families by their marks, then what else is labelled, each once."""
+    families: list[Artist] = [
         Line2D([], [], color="0.4", marker=_MARKS[i], linestyle="none", label=family)
         for i, (family, _) in enumerate(_families(rows))
     ]
-    others, _ = axes.get_legend_handles_labels()
-    axes.legend(handles=[*families, *others], ncols=ncols, fontsize=7.5, loc="upper left")
+    others = {
+        label: handle
+        for each in axes
+        for handle, label in zip(*each.get_legend_handles_labels(), strict=True)
+    }
+    return [*families, *others.values()]
+
+
+def _legend(axes: Axes, rows: Sequence[Row]) -> None:
+    axes.legend(handles=_handles([axes], rows), ncols=2, fontsize=9, loc="upper center",
+                bbox_to_anchor=(0.5, -0.14))  # fmt: skip
 
 
 _PANELS = {"friction": plot_friction, "step": plot_steps, "order": plot_orders}
@@ -203,23 +211,23 @@ _TABLES = ("processes", *_PANELS)
 
 def draw(tables: dict[str, list[Row]]) -> Figure:
     """Positive processes by order over the other panels; what colours and fillings mean."""
-    by_order = dict.fromkeys(row["order"] for row in tables["processes"])
-    cells = math.lcm(len(by_order), len(_PANELS))
-    layout: list[HashableList[str]] = [
-        [name for name in row for _ in range(cells // len(row))] for row in (by_order, _PANELS)
-    ]
-    picture, axes = plt.subplot_mosaic(layout, figsize=(14, 9.6))
-    for order in by_order:
-        own = [row for row in tables["processes"] if row["order"] == order]
-        plot_processes(axes[order], own)
-    for name, plot in _PANELS.items():
-        plot(axes[name], tables[name])
+    picture = plt.figure(figsize=(14, 11))
+    above, below = picture.subfigures(2, 1, height_ratios=(1.0, 1.15))
+    orders = dict.fromkeys(row["order"] for row in tables["processes"])
+    panels = above.subplots(1, len(orders), sharey=True)
+    for axes, order in zip(panels, orders, strict=True):
+        plot_processes(axes, [row for row in tables["processes"] if row["order"] == order])
+        axes.label_outer()
+    above.legend(handles=_handles(panels, tables["processes"]), ncols=6, fontsize=9,
+                 loc="outside lower center")  # fmt: skip
+    for axes, (name, plot) in zip(below.subplots(1, len(_PANELS)), _PANELS.items(), strict=True):
+        plot(axes, tables[name])
     looks = [
         Line2D([], [], marker="o", markersize=7, linestyle="none", markerfacecoloralt="white",
                label=look, **_LOOKS[look])
         for look in _LOOKS
     ]  # fmt: skip
-    picture.legend(handles=looks, ncols=3, loc="outside lower center", fontsize=10)
+    picture.legend(handles=looks, ncols=3, loc="outside upper center", fontsize=10)
     return picture
 
 
