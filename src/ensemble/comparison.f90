@@ -259,8 +259,10 @@ contains
       integer :: f
 
       if (.not. allocated(integrals%level)) then
-         ours = 0.0_wp
-         allocate (integrals%level, integrals%tested, integrals%apart, source=ours)
+         associate (last => size(percentiles), n => size(tested, 2))
+            allocate (integrals%level(0:last, 0:n), integrals%tested(0:last, 0:n), &
+                      integrals%apart(0:last, 0:n), source=0.0_wp)
+         end associate
       end if
       do f = 1, size(tested, 1)
          ours = curves(tested(f, :), percentiles)
