@@ -80,8 +80,7 @@ contains
       ring = new_ring(a, field, ring_length, .false.)
       ring%x = centre
       ring%h = precision_of(companion)
-      allocate (ring%y, mold=ring%x)
-      ring%y = 0.0_wp
+      allocate (ring%y(lanes, 1 - ring%order:ring%length + ring%order), source=0.0_wp)
       at_zero = 0.0_wp
       do sweep = 1, n_burn_in
          call redraw(ring, stream, at_zero)
