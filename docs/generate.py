@@ -57,6 +57,7 @@ TRADEOFF = {"": MOTION.format(quantity=", 'spectrum'")}
 
 # attributes have no long_name of their own; one that is not explained here stops the generator
 ATTRIBUTES = {
+    "command": "of entroslip that wrote it: run, replay or tradeoff",
     "architecture": "instruction set and compiler that the samples depend on",
     "band_ratio": "largest relative numerical error of a band ratio",
     "bound_l0": "bound of L0",
@@ -175,7 +176,8 @@ def groups_in(group: h5py.Group) -> list[tuple[str, h5py.Group]]:
 def run(program: Path, command: str, scene: str, folder: Path) -> Path:
     """The results file of a scene."""
     (folder / "scene.nml").write_text(scene)
-    words = [program, command, "scene.nml", "--fresh", "--quiet", "--output", "results.h5"]
+    (folder / "results.h5").unlink(missing_ok=True)
+    words = [program, command, "scene.nml", "--quiet", "--output", "results.h5"]
     done = subprocess.run(words, cwd=folder, capture_output=True, text=True, check=False)
     if done.returncode != 0:
         raise SystemExit(f"{scene}\n{done.stdout}{done.stderr}")

@@ -46,11 +46,14 @@ contains
       call foresee_need(world, plan, force, cost%nanoseconds, need)
       if (world%is_root()) then
          call foresee_processes(plan, models)
-         write (output_unit, '(a)') summary_text(scene, plan, cost%nanoseconds, world%n_ranks, &
-                                                 block_width(plan), models, cost%audit_nanoseconds)
-         if (cost%n_steps > 0) write (output_unit, '(a)') transitions_text(cost)
-         if (choice /= '') write (output_unit, '(a)') choice
-         if (need /= '') write (output_unit, '(a)') need
+         if (.not. line%is_quiet) then
+            write (output_unit, '(a)') summary_text(scene, plan, cost%nanoseconds, world%n_ranks, &
+                                                    block_width(plan), models, &
+                                                    cost%audit_nanoseconds)
+            if (cost%n_steps > 0) write (output_unit, '(a)') transitions_text(cost)
+            if (choice /= '') write (output_unit, '(a)') choice
+            if (need /= '') write (output_unit, '(a)') need
+         end if
          call refuse_unsolved(plan, models, error)
       end if
       call world%stop_on(error)

@@ -7,6 +7,30 @@ module driver_command_line
    private
    public :: command_line, read_command_line, help_text
 
+   !> What there is, one row each: the name, what follows it, and from `text_column` what it does.
+   character(*), parameter :: commands(*) = [character(76) :: &
+                      'run SCENE       all that the scene asks for; continues an interrupted run', &
+                         'check SCENE     read and validate; what would run, its cost and memory', &
+                   'tradeoff SCENE  what accuracy costs in this scene, and the cheapest settings', &
+                     'replay SCENE    one sample again, with its full history (--case, --sample)', &
+                                             'template        print a complete commented scene']
+   character(*), parameter :: options(*) = [character(76) :: &
+                        '--output FILE   results file; default SCENE.h5 in the current directory', &
+                             '--fresh         run: discard what an earlier run of the scene left', &
+                      '--set G%N=V     override a value: --set campaign%n_samples=20; repeatable', &
+                     '--share         run: one of several on one output; a plain run then merges', &
+                                            '--case I        replay: case number, from 1', &
+                                            '--sample J      replay: sample number, from 1', &
+                             '--reference     template: the scene reference instead, in Markdown', &
+                               '--quiet         no progress, no summary; check: complaints alone', &
+                                            '--help          this text', &
+                                            '--version       version, compiler, flags, libraries']
+   integer, parameter :: text_column = 17
+   !> The commands that take each of these options; the last two stand alone.
+   character(*), parameter :: takers(*) = [character(28) :: &
+        'run, tradeoff, replay', 'run', 'run, check, tradeoff, replay', 'run', 'replay', 'replay', &
+                                           'template', 'run, check, tradeoff, replay', '', '']
+
    !> The arguments, sorted out.
    type :: command_line
       character(:), allocatable :: command        !! one of `commands`, or help, or version
@@ -19,27 +43,8 @@ module driver_command_line
       integer :: case_number = 0                  !! replay; counts from 1
       integer :: sample = 0                       !! replay; counts from 1
       logical :: wants_reference = .false.        !! template
+      logical, private :: is_given(size(options)) = .false.
    end type command_line
-
-   !> What there is, one row each: the name, what follows it, and from `text_column` what it does.
-   character(*), parameter :: commands(*) = [character(76) :: &
-      'run SCENE       all that the scene asks for; continues an interrupted run', &
-      'check SCENE     read and validate; what would run, its cost and memory', &
-      'tradeoff SCENE  what accuracy costs in this scene, and the cheapest settings', &
-      'replay SCENE    one sample again, with its full history (--case, --sample)', &
-      'template        print a complete commented scene']
-   character(*), parameter :: options(*) = [character(76) :: &
-      '--output FILE   results file; default SCENE.h5 in the current directory', &
-      '--fresh         discard what an earlier run of the scene left', &
-      '--set G%N=V     override a value: --set campaign%n_samples=20; repeatable', &
-      '--share         one of several runs on one output; a plain run then merges', &
-      '--case I        replay: case number, from 1', &
-      '--sample J      replay: sample number, from 1', &
-      '--reference     template: the scene reference instead, in Markdown', &
-      '--quiet         no progress, no summary', &
-      '--help          this text', &
-      '--version       version, compiler, flags, libraries']
-   integer, parameter :: text_column = 17
 
 contains
 
@@ -57,6 +62,7 @@ contains
          i = i + 1
          word = argument(i)
          call split_value(word, value)
+         where (names_in(options) == word) line%is_given = .true.
          if (any(word == pack(names_in(options), takes_value(options)))) then
             if (.not. allocated(value)) then
                i = i + 1
@@ -173,30 +179,40 @@ contains
 
    !> What a command cannot do without, or does not take.
    subroutine check_together(line, error)
-      type(command_line), intent(inout) :: line
+      type(command_line), intent(in) :: line
       type(error_type), allocatable, intent(out) :: error
+      integer :: i
 
       if (.not. allocated(line%command)) then
          call raise(error, exit_bad_input, 'no command; there are '//listed(names_in(commands))// &
                     ' (entroslip --help)')
-      else if (line%command == 'template') then
+         return
+      end if
+      do i = 1, size(options)
+         if (.not. line%is_given(i) .or. is_taker(line%command, takers(i))) cycle
+         call raise(error, exit_bad_input, line%command//' takes no '// &
+                    trim(names_in(options(i)))//', which is for '//trim(takers(i)))
+         return
+      end do
+      if (line%command == 'template') then
          if (allocated(line%scene)) call raise(error, exit_bad_input, 'template takes no scene')
       else if (.not. allocated(line%scene)) then
          call raise(error, exit_bad_input, line%command//' needs a scene: entroslip '// &
                     line%command//' SCENE')
       else if (line%command == 'replay' .and. (line%case_number == 0 .or. line%sample == 0)) then
          call raise(error, exit_bad_input, 'replay needs --case and --sample')
-      else if (line%command /= 'replay' .and. (line%case_number /= 0 .or. line%sample /= 0)) then
-         call raise(error, exit_bad_input, '--case and --sample belong to replay')
-      else if (line%is_shared .and. line%command /= 'run') then
-         call raise(error, exit_bad_input, '--share belongs to run')
       else if (line%is_shared .and. line%is_fresh) then
          call raise(error, exit_bad_input, '--fresh discards what others share: start one run '// &
                     'without --share for it')
       end if
-      if (.not. allocated(error) .and. line%wants_reference .and. line%command /= 'template') &
-         call raise(error, exit_bad_input, '--reference belongs to template')
    end subroutine check_together
+
+   !> Whether the command is in a list of names.
+   pure logical function is_taker(command, names)
+      character(*), intent(in) :: command, names
+
+      is_taker = index(', '//trim(names)//',', ', '//command//',') > 0
+   end function is_taker
 
    !> One screen of a terminal, 24 lines of 80 columns, with the prompt below it.
    pure function help_text() result(text)

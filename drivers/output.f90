@@ -14,7 +14,7 @@ module driver_output
    use ensemble_statistical, only: needs_more_samples
    use ensemble_study, only: block_range
    use io_error_results, only: case_errors, read_errors
-   use io_existing, only: extract_shards, inspect_results
+   use io_existing, only: check_replaceable, extract_shards, inspect_results
    use io_files, only: exists, folder_of, make_folder, remove_file
    use io_gathering, only: finished_samples
    use io_lock, only: join_lock, lock_type, take_lock
@@ -67,7 +67,7 @@ contains
       else
          output%path = output_path(line, '.h5')
       end if
-      output%store = new_store(output%path, identity_of(scene))
+      output%store = new_store(output%path, identity_of(scene, line%command))
       output%is_quiet = line%is_quiet .or. .not. world%is_root()
       allocate (output%is_finished(maxval([plan%cases%n_samples, 0]), size(plan%cases)), &
                 source=.false.)
@@ -97,7 +97,10 @@ contains
       if (.not. allocated(error)) call take_lock(output%path//lock_ending, output%lock, error)
       if (allocated(error)) return
       if (starts_anew) then
-         call remove_store(output%store, error)
+         associate (command => output%store%identity%command)
+            call check_replaceable(output%path, command, command == 'run', error)
+         end associate
+         if (.not. allocated(error)) call remove_store(output%store, error)
          if (allocated(error)) return
          if (exists(output%path)) call remove_file(output%path, error)
       else

@@ -78,7 +78,7 @@ contains
       else if (line%sample > plan%cases(line%case_number)%n_samples) then
          call raise(error, exit_bad_input, '--sample '//to_text(line%sample)//': case '// &
                     to_text(line%case_number)//' has '// &
-                    to_text(plan%cases(line%case_number)%n_samples)//' samples')
+                    counted(plan%cases(line%case_number)%n_samples, 'sample', 'samples'))
       end if
    end subroutine check_choice
 

@@ -44,7 +44,7 @@ contains
       type(results_writer) :: writer
 
       if (world%is_root()) call begin_results(output%path, &
-                     provenance_of(scene, line%overrides, plan%title, world%n_ranks), writer, error)
+                               provenance_of(scene, line, plan%title, world%n_ranks), writer, error)
       if (world%any_true(allocated(error))) return
       if (world%is_root()) call write_processes(plan, models, writer, error)
       if (.not. world%any_true(allocated(error)) .and. plan%has_chain) &

@@ -20,10 +20,11 @@ module driver_tradeoff
    use ensemble_tradeoff_process, only: compare_orders, order_row
    use ensemble_tradeoff_tasks, only: scope_type, tradeoff_type
    use ensemble_tradeoff_variants, only: list_variants
+   use io_existing, only: check_replaceable
    use io_files, only: folder_of, make_folder
    use io_lock, only: lock_type, take_lock
    use io_results, only: begin_results, results_writer
-   use io_tradeoff_results, only: check_no_campaign, write_orders, write_parts, write_settings, &
+   use io_tradeoff_results, only: write_orders, write_parts, write_settings, &
                                   write_sizes, write_spectra, write_variants
    use parallel_world, only: start_world, stop_world, world_type
    use process_model, only: process_model_type
@@ -68,7 +69,7 @@ contains
       call world%stop_on(error)
       call set_limit(plan%walltime)
       path = output_path(line, '_tradeoff.h5')
-      if (world%is_root()) call open_place(path, lock, error)
+      if (world%is_root()) call open_place(path, line, lock, error)
       call stop_unlocked(world, lock, error)
       call solve_processes(world, plan, line%is_quiet .or. .not. world%is_root(), models)
       call refuse_unsolved(plan, models, error)
@@ -89,14 +90,16 @@ contains
    end subroutine tradeoff
 
    !> Locks the output; an earlier tradeoff there will be replaced, anything else is left alone.
-   subroutine open_place(path, lock, error)
+   subroutine open_place(path, line, lock, error)
       character(*), intent(in) :: path
+      type(command_line), intent(in) :: line
       type(lock_type), intent(inout) :: lock
       type(error_type), allocatable, intent(out) :: error
 
       call make_folder(folder_of(path), error)
       if (.not. allocated(error)) call take_lock(path//'.lock', lock, error)
-      if (.not. allocated(error)) call check_no_campaign(path, error)
+      if (.not. allocated(error)) &
+         call check_replaceable(path, line%command, .false., error)
    end subroutine open_place
 
    !> Ends on an error of any rank, the output unlocked first; collective.
@@ -194,8 +197,7 @@ contains
       type(error_type), allocatable, intent(out) :: error
       type(results_writer) :: writer
 
-      call begin_results(path, provenance_of(scene, line%overrides, plan%title, n_ranks), writer, &
-                         error)
+      call begin_results(path, provenance_of(scene, line, plan%title, n_ranks), writer, error)
       if (allocated(error)) return
       if (plan%has_chain) then
          call write_settings(writer, plan, found%settings, &

@@ -26,9 +26,9 @@ _entroslip() {
     local options='--help --version'
     case $command in
       run) options='--output --fresh --set --share --quiet --help' ;;
-      tradeoff) options='--output --fresh --set --quiet --help' ;;
-      check) options='--set --help' ;;
-      replay) options='--output --fresh --set --quiet --case --sample --help' ;;
+      tradeoff) options='--output --set --quiet --help' ;;
+      check) options='--set --quiet --help' ;;
+      replay) options='--output --set --quiet --case --sample --help' ;;
       template) options='--reference --help' ;;
     esac
     mapfile -t COMPREPLY < <(compgen -W "$options" -- "$word")

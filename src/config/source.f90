@@ -62,12 +62,14 @@ contains
             status='old', iostat=status, iomsg=reason)
       allocate (character(size) :: text)
       if (status == 0 .and. size > 0) read (unit, iostat=status, iomsg=reason) text
-      if (status == 0) then
-         source = new_source(path, text)
-         close (unit)
-      else
+      if (status /= 0) then
          refusal = 'cannot be read: '//trim(reason)
+      else if (index(text, achar(0)) > 0) then
+         refusal = 'is not plain text: HDF5, UTF-16 or another binary format'
+      else
+         source = new_source(path, text)
       end if
+      close (unit, iostat=status)
    end subroutine read_source
 
    !> The size of a file [bytes]; `refusal` is allocated when it is no regular or readable one.

@@ -1,7 +1,7 @@
 !> An earlier results file at the place of the new one: whose it is, and its samples as shards, so
 !> that a finished campaign goes on to more of them.
 module io_existing
-   use core_error, only: error_type
+   use core_error, only: error_type, exit_file, raise
    use core_kinds, only: long, wp
    use ensemble_results, only: block_result
    use io_blocks, only: read_block
@@ -9,15 +9,40 @@ module io_existing
    use io_case_samples, only: energy_terms
    use io_files, only: exists
    use io_gathering, only: finished_samples
-   use io_hdf5, only: hdf5_file, open_hdf5, read_attribute, read_dataset, read_extent, read_part
-   use io_identity, only: identity_type, require_same
+   use io_hdf5, only: has_hdf5_signature, hdf5_file, open_hdf5, read_attribute, read_dataset, &
+                      read_extent, read_part
+   use io_identity, only: identity_type, require_command, require_same
    use io_shards, only: list_shards, shard_type, write_shard
    use io_store, only: shard_store
    implicit none(type, external)
    private
-   public :: extract_shards, inspect_results
+   public :: check_replaceable, extract_shards, inspect_results
 
 contains
+
+   !> What stands at the place of an output may be thrown away when the same command wrote it: not
+   !> the results of another command, a record of the force, or the scene itself.
+   subroutine check_replaceable(path, command, takes_damaged, error)
+      character(*), intent(in) :: path
+      character(*), intent(in) :: command        !! run, replay, tradeoff
+      logical, intent(in) :: takes_damaged       !! also an HDF5 file that cannot be opened
+      type(error_type), allocatable, intent(out) :: error
+      type(hdf5_file) :: file
+
+      if (.not. exists(path)) return
+      if (.not. has_hdf5_signature(path)) then
+         call raise(error, exit_file, path//' was not written by this program: choose another '// &
+                    '--output')
+         return
+      end if
+      call open_hdf5(path, file, error)
+      if (.not. allocated(error)) then
+         call require_command(file, command, error)
+         call file%abandon()
+      else if (takes_damaged) then
+         deallocate (error)
+      end if
+   end subroutine check_replaceable
 
    !> Samples of each case that a results file holds, then of the audit of each; none where there
    !> is no file. A file of another scene or program, or one that cannot be read, is an error that

@@ -2,10 +2,11 @@
 module io_identity
    use core_error, only: error_type, exit_file, raise
    use core_text, only: to_text
-   use io_hdf5, only: hdf5_file, read_attribute, write_attribute, write_sealed_attribute
+   use io_hdf5, only: has_attribute, hdf5_file, read_attribute, write_attribute, &
+                      write_sealed_attribute
    implicit none(type, external)
    private
-   public :: identity_type, require_same, write_identity
+   public :: identity_type, require_command, require_same, write_identity
 
    integer, parameter :: format_version = 1   !! of shards and of results files
 
@@ -14,6 +15,7 @@ module io_identity
       character(:), allocatable :: fingerprint    !! of all in the scene that changes a sample
       character(:), allocatable :: version        !! of the program
       character(:), allocatable :: architecture   !! what decides the last bits of numbers
+      character(:), allocatable :: command        !! that wrote it: run, replay, tradeoff
    end type identity_type
 
 contains
@@ -33,6 +35,8 @@ contains
       call write_sealed_attribute(file, '/', 'version', identity%version, error)
       if (allocated(error)) return
       call write_sealed_attribute(file, '/', 'architecture', identity%architecture, error)
+      if (allocated(error)) return
+      call write_sealed_attribute(file, '/', 'command', identity%command, error)
    end subroutine write_identity
 
    !> Refuses, by name and with the difference, a file of another campaign or of another program.
@@ -42,7 +46,7 @@ contains
       type(error_type), allocatable, intent(out) :: error
       integer :: found
 
-      call require_text('program', 'entroslip', 'was not written by this program')
+      call require_program(file, error)
       if (allocated(error)) return
       call read_attribute(file, '/', 'format_version', found, error)
       if (allocated(error)) return
@@ -51,6 +55,8 @@ contains
                     ', this program reads '//to_text(format_version))
          return
       end if
+      call require_command(file, identity%command, error)
+      if (allocated(error)) return
       call require_text('fingerprint', identity%fingerprint, 'belongs to another scene')
       if (allocated(error)) return
       call require_text('version', identity%version, &
@@ -73,5 +79,33 @@ contains
       end subroutine require_text
 
    end subroutine require_same
+
+   !> Refuses a file that this command of this program did not write: it is not its to replace.
+   subroutine require_command(file, command, error)
+      type(hdf5_file), intent(in) :: file
+      character(*), intent(in) :: command
+      type(error_type), allocatable, intent(out) :: error
+      character(:), allocatable :: found
+
+      call require_program(file, error)
+      if (.not. allocated(error)) call read_attribute(file, '/', 'command', found, error)
+      if (allocated(error)) return
+      if (found == command) return
+      call raise(error, exit_file, file%path//' holds what entroslip '//found//' has written: '// &
+                 'choose another --output')
+   end subroutine require_command
+
+   subroutine require_program(file, error)
+      type(hdf5_file), intent(in) :: file
+      type(error_type), allocatable, intent(out) :: error
+      character(:), allocatable :: found
+
+      found = ''
+      if (has_attribute(file, '/', 'program')) &
+         call read_attribute(file, '/', 'program', found, error)
+      if (allocated(error) .or. found == 'entroslip') return
+      call raise(error, exit_file, file%path//' was not written by this program: choose '// &
+                 'another --output')
+   end subroutine require_program
 
 end module io_identity

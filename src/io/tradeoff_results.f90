@@ -1,6 +1,6 @@
 !> What settings cost and what they buy, as the group /tradeoff of a file of its own.
 module io_tradeoff_results
-   use core_error, only: error_type, exit_file, raise
+   use core_error, only: error_type
    use core_kinds, only: wp
    use ensemble_plan, only: plan_type
    use ensemble_tradeoff_effects, only: variant_row
@@ -8,31 +8,13 @@ module io_tradeoff_results
    use ensemble_tradeoff_process, only: order_row
    use ensemble_tradeoff_settings, only: setting_dt
    use ensemble_tradeoff_variants, only: variant_type
-   use io_files, only: exists
    use io_group, only: group_type, new_group
-   use io_hdf5, only: hdf5_file, open_hdf5
    use io_results, only: results_writer
    implicit none(type, external)
    private
-   public :: check_no_campaign, write_orders, write_parts, write_settings, write_sizes, &
-             write_spectra, write_variants
+   public :: write_orders, write_parts, write_settings, write_sizes, write_spectra, write_variants
 
 contains
-
-   !> A file of that name must not be there, or be an earlier tradeoff, which is replaced.
-   subroutine check_no_campaign(path, error)
-      character(*), intent(in) :: path
-      type(error_type), allocatable, intent(out) :: error
-      type(hdf5_file) :: file
-
-      if (.not. exists(path)) return
-      call open_hdf5(path, file, error)
-      if (allocated(error)) return
-      if (.not. file%has('/tradeoff')) &
-         call raise(error, exit_file, path//': holds something else than a tradeoff: give '// &
-                    'another --output')
-      call file%abandon()
-   end subroutine check_no_campaign
 
    !> One row per setting.
    subroutine write_settings(writer, plan, rows, n_short, seconds_per_ns, error)

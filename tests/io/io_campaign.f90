@@ -46,7 +46,7 @@ contains
    function made_identity() result(identity)
       type(identity_type) :: identity
 
-      identity = identity_type('00ab00cd', '0.1.0', 'x86-64, gfortran')
+      identity = identity_type('00ab00cd', '0.1.0', 'x86-64, gfortran', 'run')
    end function made_identity
 
    !> Case 1: none, one sample; case 2: process 1. Everything is asked for.

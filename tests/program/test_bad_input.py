@@ -2,7 +2,11 @@
 
 from __future__ import annotations
 
+import re
+
 import pytest
+
+from tests.conftest import ROOT
 
 
 def scene_with(tmp_path, old, new):
@@ -65,10 +69,10 @@ def test_all_mistakes_in_one_pass(entroslip, tmp_path):
         (("replay", "x.nml", "--case", "0", "--sample", "1"), "--case 0: needs a whole number"),
         (("replay", "x.nml", "--case=1", "--sample=b"), "--sample b: needs a whole number"),
         (("replay", "x.nml"), "replay needs --case and --sample"),
-        (("check", "x.nml", "--case", "1"), "--case and --sample belong to replay"),
-        (("check", "x.nml", "--reference"), "--reference belongs to template"),
+        (("check", "x.nml", "--case", "1"), "check takes no --case, which is for replay"),
+        (("check", "--output=r.h5", "x.nml"), "check takes no --output, which is for run, trade"),
+        (("--set", "chain%mass=1", "template"), "template takes no --set, which is for run, che"),
         (("template", "x.nml"), "template takes no scene"),
-        (("check", "x.nml", "--share"), "--share belongs to run"),
         (("run", "x.nml", "--share", "--fresh"), "--fresh discards what others share"),
     ],
 )
@@ -86,6 +90,51 @@ def test_a_value_may_follow_its_option_behind_an_equals_sign(entroslip, tmp_path
     assert done.returncode == 0, done.stderr
     assert {path.name for path in tmp_path.iterdir()} == {"bad.nml", "sub"}
     assert (tmp_path / "sub" / "r.h5").stat().st_size > 0
+
+
+def test_a_command_takes_the_options_that_completion_offers_and_no_others(entroslip):
+    bash = (ROOT / "packaging/completions/entroslip.bash").read_text()
+    offered = dict(re.findall(r"^ +(\w+)\) options='(.*)'", bash, re.MULTILINE))
+    options = set(re.findall(r"^  (--\w+)", entroslip("--help").stdout, re.MULTILINE))
+    for command, its in offered.items():
+        for option in sorted(options - {"--help", "--version"}):
+            value = {"--set": ["a%b=1"], "--output": ["r"], "--case": ["1"], "--sample": ["1"]}
+            done = entroslip(command, option, *value.get(option, []))
+            assert (f"{command} takes no {option}" in done.stderr) != (option in its.split())
+            is_fine = (command, option) == ("template", "--reference")
+            assert done.returncode == (0 if is_fine else 2)
+
+
+def test_folders_on_the_way_to_the_output_are_made_for_a_good_scene_only(entroslip, tmp_path):
+    scene = scene_with(tmp_path, "&chain /", "&chain mass = -1.0 /")
+    assert entroslip("run", scene, "--output", "a/b/r.h5").returncode == 2
+    scene_with(tmp_path, "&chain /", "&chain /")
+    done = entroslip("check", scene, "--quiet")
+    assert (done.returncode, done.stdout, done.stderr) == (0, "", "")
+    assert [path.name for path in tmp_path.iterdir()] == ["bad.nml"]
+
+
+def test_nothing_but_its_own_earlier_output_is_replaced(entroslip, tmp_path):
+    scene = scene_with(tmp_path, "n_samples = 6", "n_samples = 2")
+    (tmp_path / "p.nml").write_text("&process correlation_length = 1 order = 1 mean = 2 std = 1 /")
+    replay, tradeoff = ("replay", scene, "--case=3", "--sample=2"), ("tradeoff", "p.nml")
+    assert entroslip("run", scene, "--output=run.h5").returncode == 0
+    assert entroslip(*replay, "--output=replay.h5").returncode == 0
+    assert entroslip(*tradeoff, "--output=tradeoff.h5").returncode == 0
+    contents = {path.name: path.read_bytes() for path in tmp_path.iterdir()}
+    commands = [("run", scene), ("run", scene, "--fresh"), replay, tradeoff]
+    for command in commands:
+        for output in contents:
+            if output == f"{command[0]}.h5":
+                continue
+            done = entroslip(*command, f"--output={output}")
+            assert done.returncode == 3, (command, output)
+            assert len(done.stderr.splitlines()) == 1
+            if output.endswith(".h5"):
+                assert f"{output} holds what entroslip {output[:-3]} has written" in done.stderr
+    assert {path.name: path.read_bytes() for path in tmp_path.iterdir()} == contents
+    assert entroslip(*replay, "--output=replay.h5").returncode == 0
+    assert entroslip("run", scene, "--output=run.h5", "--fresh").returncode == 0
 
 
 def test_a_scene_without_samples_has_nothing_to_share(entroslip, tmp_path):
