@@ -12,14 +12,14 @@ from postproc.figure import Ranges
 from postproc.gallery import make_figures
 from postproc.paper import AXES
 from postproc.report import write_report
-from postproc.results import ResultsError, open_results
+from postproc.results import Results, ResultsError, find_damage, open_results
 from postproc.statements import assess
 from postproc.style import apply_style
 from postproc.tables import make_tables, table_statements
 
 
 def main(arguments: list[str] | None = None) -> int:
-    """Draw everything; exit code 2 for a file that is no results file, 3 for a folder of no use."""
+    """Draw everything; exit code 2 for a file that cannot be read, 3 for a folder of no use."""
     options = _parser().parse_args(arguments)
     mpl.use("Agg")
     apply_style()
@@ -33,6 +33,24 @@ def main(arguments: list[str] | None = None) -> int:
     except OSError as error:
         print(f"{options.out}: cannot be made a folder: {error.strerror}", file=sys.stderr)
         return 3
+    try:
+        print(_draw(files, options))
+    except OSError as error:
+        if error.filename:
+            print(f"{error.filename}: {error.strerror}", file=sys.stderr)
+            return 3
+        damages = {path: find_damage(path) for path in options.results}
+        if not any(damages.values()):
+            raise
+        for path, damage in damages.items():
+            if damage:
+                print(f"{path}: is damaged: {damage}", file=sys.stderr)
+        return 2
+    return 0
+
+
+def _draw(files: list[Results], options: argparse.Namespace) -> str:
+    """What was drawn. Datasets are read as they are needed: a damaged one shows here."""
     statements, tables = assess(files), make_tables(files)
     for table in [*tables, *([table_statements(statements)] if statements else [])]:
         table.write_csv(options.out)
@@ -40,8 +58,7 @@ def main(arguments: list[str] | None = None) -> int:
     figures = [(figure, figure.save(options.out, ranges)) for figure in make_figures(files)]
     report = options.out / "report.html"
     write_report(files, statements, tables, figures, report)
-    print(f"{len(figures)} figures and {len(tables)} tables in {options.out}; report: {report}")
-    return 0
+    return f"{len(figures)} figures and {len(tables)} tables in {options.out}; report: {report}"
 
 
 def _parser() -> argparse.ArgumentParser:

@@ -154,6 +154,25 @@ def open_results(path: str | Path) -> Results:
         raise ResultsError(f"{path}: cannot be read as HDF5: {words}") from error
 
 
+def find_damage(path: Path) -> str | None:
+    """The first dataset that cannot be read, and why; reads the whole file, a chunk at a time."""
+    found: list[str] = []
+
+    def try_to_read(name: str, item: h5py.Group | h5py.Dataset) -> bool | None:
+        try:
+            if isinstance(item, h5py.Dataset):
+                for chunk in item.iter_chunks() if item.chunks else [()]:
+                    item[chunk]
+        except OSError as error:
+            found.append(f"/{name}: {error}")
+            return True  # enough
+        return None
+
+    with h5py.File(path) as file:
+        file.visititems(try_to_read)
+    return found[0] if found else None
+
+
 def _read(path: Path) -> Results:
     with h5py.File(path) as file:
         attrs = {name: _text(value) for name, value in file.attrs.items()}

@@ -218,6 +218,19 @@ def test_a_file_that_is_none_is_refused(tmp_path, capsys):
     assert not (tmp_path / "out").exists()
 
 
+def test_a_damaged_dataset_is_named(results_file, process_file, tmp_path, capsys):
+    damaged = tmp_path / "damaged.h5"
+    name = "campaign/c003/psd_mean"
+    with h5py.File(results_file) as file:
+        place = file[name].id.get_chunk_info(0).byte_offset
+    contents = bytearray(results_file.read_bytes())
+    contents[place + 8] ^= 1
+    damaged.write_bytes(contents)
+    assert main([str(process_file), str(damaged), "--out", str(tmp_path / "figures")]) == 2
+    (line,) = capsys.readouterr().err.splitlines()
+    assert line.startswith(f"{damaged}: is damaged: /{name}: ")
+
+
 def test_a_folder_that_cannot_be_is_refused(process_file, tmp_path, capsys):
     (tmp_path / "taken").write_text("")
     assert main([str(process_file), "--out", str(tmp_path / "taken")]) == 3
