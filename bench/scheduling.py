@@ -91,7 +91,7 @@ def main() -> None:
         size = n_samples * SPECTRA
         bands = -(-N_FREQUENCIES // N_BAND)
         # ranges of frequencies, shared; small data; every shard into the file; reading that back
-        shared = shards * bands * cost["read_psd_band"]
+        shared = shards * bands * cost["read_band"]
         alone = shards * (cost["read_samples"] + 2 * cost["verify_shard"] + cost["write_shard"])
         held = 8 * N_DOF * N_BAND * min(n_samples, GROUP)
         print(

@@ -3,7 +3,7 @@ program storage
    use core_error, only: error_type
    use core_kinds, only: long, wp
    use ensemble_results, only: block_result
-   use io_gathering, only: read_psd_band, read_samples
+   use io_gathering, only: read_band, read_samples
    use io_identity, only: identity_type
    use io_shards, only: list_shards, shard_type, verify_shard, write_shard
    use io_store, only: new_store, remove_store, shard_store
@@ -45,9 +45,9 @@ program storage
 
    allocate (psd(n_dof, n_band, n_shards*n_samples))
    call cpu_time(began)
-   call read_psd_band(store, shards, 1, 1, 1, psd, error)
+   call read_band(store, shards, 1, 'psd', 1, 1, psd, error)
    call check()
-   call tell('read_psd_band', began, n_shards)
+   call tell('read_band', began, n_shards)
    call remove_store(store, error)
    call check()
 

@@ -117,7 +117,7 @@ contains
          integer, intent(in) :: place
 
          associate (number => numbers(place))
-            call open_spectra(world, plan, number, runner%layout%frequency, &
+            call open_spectra(world, plan, number, runner%layout, &
                               shards_of(shards, number, plan%cases(number)%n_samples), &
                               tasks(modulo(place, 2)))
          end associate

@@ -4,15 +4,16 @@ module driver_statistics
    use core_kinds, only: long, wp
    use ensemble_bands, only: band_collector, sample_groups, start_bands
    use ensemble_plan, only: kept_dofs, plan_type
-   use ensemble_results, only: block_result, case_statistics
+   use ensemble_results, only: block_result, case_statistics, spectrum_layout
    use ensemble_study, only: slip_statistics
    use ensemble_time_average, only: count_spans, fewest_spans, span_collector
    use io_blocks, only: frequencies_together
    use io_case_samples, only: put_samples
-   use io_gathering, only: read_psd_band, read_samples, read_slip_series
+   use io_gathering, only: read_band, read_samples, read_slip_series
    use io_group, only: group_type
    use io_shards, only: shard_type
    use io_store, only: shard_store
+   use numerics_correlated, only: n_batches
    use numerics_statistics, only: moments_type
    use parallel_work, only: new_counter, work_counter
    use parallel_world, only: attend_to_others, world_type
@@ -39,11 +40,11 @@ module driver_statistics
 contains
 
    !> Shares out the frequencies of a case in parts; collective.
-   subroutine open_spectra(world, plan, number, frequency, shards, task)
+   subroutine open_spectra(world, plan, number, layout, shards, task)
       type(world_type), intent(in) :: world
       type(plan_type), intent(in) :: plan
       integer, intent(in) :: number
-      real(wp), intent(in) :: frequency(:)        !! (frequency) [Hz]
+      type(spectrum_layout), intent(in) :: layout
       type(shard_type), intent(in) :: shards(:)   !! of the case, as shards_of has them
       type(spectra_task), intent(out) :: task
       integer :: n_dof, n_parts, n_samples
@@ -55,11 +56,13 @@ contains
       n_parts = 0
       if (task%has_bands) then
          n_dof = size(kept_dofs(plan))
-         task%width = frequencies_together(n_dof, size(frequency))
-         task%width = task%width*((size(frequency) - 1)/(task%width*most_parts) + 1)
-         n_parts = (size(frequency) - 1)/task%width + 1
-         call start_bands(n_samples, n_dof, frequency, plan%output%percentiles, plan%seed, &
-                          n_parts, task%bands)
+         associate (n => size(layout%frequency))
+            task%width = frequencies_together(n_dof, n)
+            task%width = task%width*((n - 1)/(task%width*most_parts) + 1)
+            n_parts = (n - 1)/task%width + 1
+         end associate
+         call start_bands(n_samples, n_dof, layout%frequency, plan%output%percentiles, plan%seed, &
+                          n_parts, task%bands, layout%follows_power)
       end if
       call new_counter(world, int(n_parts, long), task%counter)
    end subroutine open_spectra
@@ -92,6 +95,8 @@ contains
          call world%add_up(size(bands%at_frequency), bands%at_frequency)
          call world%add_up(size(bands%replicate), bands%replicate)
          call world%add_up(size(bands%integral), bands%integral)
+         if (allocated(bands%batches%level)) &
+            call world%add_up(size(bands%batches%level), bands%batches%level)
          if (world%is_root()) call bands%finish(statistics)
       end associate
    end subroutine close_spectra
@@ -163,8 +168,9 @@ contains
       integer, intent(in) :: part, first, last
       type(band_collector), intent(inout) :: bands
       type(error_type), allocatable, intent(out) :: error
-      real(wp), allocatable :: psd(:, :, :)   ! (dof, frequency, sample)
-      integer :: f, g, n_dof, n_samples, together
+      real(wp), allocatable :: psd(:, :, :)     ! (dof, frequency, sample)
+      real(wp), allocatable :: power(:, :, :)   ! (dof, batch and range, sample)
+      integer :: f, g, n_dof, n_samples, place, together
 
       n_dof = size(bands%at_frequency, 1)
       together = frequencies_together(n_dof, size(bands%at_frequency, 2))
@@ -173,10 +179,18 @@ contains
          do f = first, last, together
             call attend_to_others()
             allocate (psd(n_dof, min(together, last - f + 1), n_samples))
-            call read_psd_band(store, shards, number, bands%group_first(g), f, psd, error)
+            call read_band(store, shards, number, 'psd', bands%group_first(g), f, psd, error)
+            if (.not. allocated(error) .and. allocated(bands%batches%level)) then
+               place = bands%first_of_power(f)
+               allocate (power(n_dof, bands%first_of_power(f + size(psd, 2) - 1) + n_batches &
+                               - place, n_samples))
+               call read_band(store, shards, number, 'power_series', bands%group_first(g), &
+                              place, power, error)
+            end if
             if (allocated(error)) return
-            call bands%add(part, f, g, psd)
+            call bands%add(part, f, g, psd, power)
             deallocate (psd)
+            if (allocated(power)) deallocate (power)
          end do
       end do
    end subroutine add_part

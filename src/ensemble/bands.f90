@@ -15,12 +15,16 @@
 !> exponential and lognormal densities). The bootstrap draws within groups, fewer times in each.
 !>
 !> Ranges of frequencies may be taken by different ranks: sums over the ranks of at_frequency,
-!> replicate and integral, which are zero where nothing was added, make a collector that has all.
+!> replicate, integral and batches%level, which are zero where nothing was added, make a collector
+!> that has all.
 module ensemble_bands
    use core_kinds, only: long, wp
    use core_random, only: label_of, new_stream, stream_type
+   use ensemble_band_batches, only: batch_collector, not_a_number, start_batches
    use ensemble_results, only: case_statistics
+   use numerics_correlated, only: n_batches
    use numerics_sorting, only: sort_order
+   use numerics_spectrum, only: last_of_ranges
    use numerics_statistics, only: error_of_mean
    implicit none(type, external)
    private
@@ -39,6 +43,7 @@ module ensemble_bands
       !> (dof, percentile, replicate, part) pseudo-variances; the replicates of a group together
       real(wp), allocatable :: replicate(:, :, :, :)
       real(wp), allocatable :: integral(:, :, :)   !! (dof, batch, part) mean integral of densities
+      type(batch_collector) :: batches             !! of the march
       integer, private :: n_samples = 0
       integer, private :: n_drawn = 0              !! replicates of each group
       integer, private :: batch = 1                !! samples whose integrals are kept as one
@@ -47,9 +52,11 @@ module ensemble_bands
       !> (percentiles, their lower ends, their upper ends) places among 1..n_samples
       real(wp), allocatable, private :: rank(:)
       integer, private :: n_percentiles = 0
+      integer, allocatable, private :: last_of_range(:)   !! frequency whose power is followed together
    contains
       procedure :: add
       procedure :: finish
+      procedure :: first_of_power
    end type band_collector
 
 contains
@@ -65,13 +72,15 @@ contains
    end function sample_groups
 
    !> Prepares a collector; needs two samples or more.
-   subroutine start_bands(n_samples, n_dof, frequency, percentiles, seed, n_parts, collector)
+   subroutine start_bands(n_samples, n_dof, frequency, percentiles, seed, n_parts, collector, &
+                          follows_power)
       integer, intent(in) :: n_samples, n_dof
       real(wp), intent(in) :: frequency(:)      !! (frequency) [Hz], equally spaced from 0
       real(wp), intent(in) :: percentiles(:)    !! [%]
       integer(long), intent(in) :: seed
       integer, intent(in) :: n_parts            !! in which the frequencies come
       type(band_collector), intent(out) :: collector
+      logical, intent(in), optional :: follows_power   !! `add` gets it
       integer :: n_groups, np, p
 
       np = size(percentiles)
@@ -80,6 +89,7 @@ contains
       collector%seed = seed
       collector%step = frequency(2) - frequency(1)
       collector%group_first = sample_groups(n_samples)
+      collector%last_of_range = last_of_ranges(size(frequency))
       n_groups = size(collector%group_first) - 1
       collector%n_drawn = max(2, (n_replicates - 1)/n_groups + 1)
       collector%batch = (n_samples - 1)/most_batches + 1
@@ -92,23 +102,29 @@ contains
       allocate (collector%at_frequency(n_dof, size(frequency), n_moments + 3*np), source=0.0_wp)
       allocate (collector%replicate(n_dof, np, n_groups*collector%n_drawn, n_parts), source=0.0_wp)
       allocate (collector%integral(n_dof, n_samples/collector%batch, n_parts), source=0.0_wp)
+      if (.not. present(follows_power)) return
+      if (follows_power) call start_batches(np, n_dof, n_parts, collector%batches)
    end subroutine start_bands
 
    !> Takes the spectra of a group's samples at frequencies first, first + 1, ..., which belong to
-   !> one part. Groups come in order, frequencies of a part too.
-   pure subroutine add(self, part, first, group, psd)
+   !> one part. Groups come in order, frequencies of a part too. `power`: how their power varies
+   !> along the march, where it was followed.
+   pure subroutine add(self, part, first, group, psd, power)
       class(band_collector), intent(inout) :: self
       integer, intent(in) :: part, first, group
       real(wp), intent(in) :: psd(:, :, :)   !! (dof, frequency, sample), one-sided [m^2/Hz]
+      !> (dof, batch and range, sample) from the range of the first frequency on
+      real(wp), intent(in), optional :: power(:, :, :)
       integer :: times(self%n_drawn, size(psd, 3)), order(size(psd, 3))
       real(wp) :: sorted(size(psd, 3)), rank(size(self%rank)), again(self%n_drawn), weight
-      integer :: dof, f, p, before
+      integer :: dof, f, p, before, place
 
       weight = real(size(psd, 3), wp)/self%n_samples
       rank = rank_in_group(self, size(psd, 3))
       before = (group - 1)*self%n_drawn
       call draw_again(self%seed, before, times)
       do f = 1, size(psd, 2)
+         place = self%first_of_power(first + f - 1) - self%first_of_power(first)
          do dof = 1, size(psd, 1)
             call add_to_batches(self, self%group_first(group), psd(dof, f, :), &
                                 self%integral(dof, :, part))
@@ -120,6 +136,8 @@ contains
                   at(n_moments + p) = at(n_moments + p) + weight*at_rank(sorted, rank(p))
                end do
             end associate
+            if (present(power)) call add_power(self, part, dof, weight, psd(dof, f, :), order, &
+                                               power(dof, place + 1:place + n_batches, :), rank)
             do p = 1, self%n_percentiles
                call find_again(sorted, order, times, rank(p), again)
                associate (variance => self%replicate(dof, p, before + 1:before + size(again), part))
@@ -129,6 +147,36 @@ contains
          end do
       end do
    end subroutine add
+
+   !> Where the power series of the range of a frequency begins: those of lower ranges lie before.
+   pure integer function first_of_power(self, frequency)
+      class(band_collector), intent(in) :: self
+      integer, intent(in) :: frequency
+
+      first_of_power = 1 + n_batches*count(self%last_of_range < frequency)
+   end function first_of_power
+
+   !> One frequency of one dof in the batches of the march.
+   pure subroutine add_power(self, part, dof, weight, density, order, power, rank)
+      class(band_collector), intent(inout) :: self
+      integer, intent(in) :: part, dof
+      real(wp), intent(in) :: weight          !! of the group among all samples
+      real(wp), intent(in) :: density(:)      !! (sample)
+      integer, intent(in) :: order(:)         !! of the samples, ascending
+      real(wp), intent(in) :: power(:, :)     !! (batch, sample)
+      real(wp), intent(in) :: rank(:)         !! in the group, as in self
+      real(wp) :: at(0:self%n_percentiles)
+      integer :: p
+
+      at(0) = sum(density)/size(density)
+      do p = 1, self%n_percentiles
+         at(p) = at_rank(density(order), rank(p))
+      end do
+      associate (np => self%n_percentiles)
+         call self%batches%add(part, dof, density, order, power, self%step*weight*at, &
+                               rank(np + 1:2*np), rank(2*np + 1:))
+      end associate
+   end subroutine add_power
 
    !> Ranks in a group of m samples that are expected at the same probability, rank/(m + 1), as the
    !> ranks among all samples.
@@ -198,6 +246,7 @@ contains
             [(error_of_mean(sum(self%integral(dof, :, :), 2)), dof=1, size(at, 1))]
       end associate
       call find_ratios(self, statistics)
+      if (allocated(self%batches%level)) call self%batches%finish(statistics)
    end subroutine finish
 
    !> What the bootstrap tells. Replicates scatter about the value of their group, and groups are
@@ -205,7 +254,6 @@ contains
    pure subroutine find_ratios(self, statistics)
       class(band_collector), intent(in) :: self
       type(case_statistics), intent(inout) :: statistics
-      real(wp), parameter :: not_a_number = transfer(int(z'7FF8000000000000', long), 0.0_wp)
       real(wp) :: variance(self%n_percentiles, size(self%replicate, 3)), ratio, spread
       integer :: dof, last, p
 

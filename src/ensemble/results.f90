@@ -14,6 +14,7 @@ module ensemble_results
       integer :: overlap = 0                    !! values shared by neighbouring segments
       integer :: n_segments = 0
       real(wp), allocatable :: frequency(:)     !! (frequency) [Hz], 0 to the kept Nyquist
+      logical :: follows_power = .false.        !! as block_result%power_series has it
    end type spectrum_layout
 
    !> Results of consecutive samples of one case; what was not asked for is not allocated.
@@ -27,6 +28,9 @@ module ensemble_results
       integer(long), allocatable :: slip_starts(:, :)    !! (dof, sample)
       integer(long), allocatable :: stick_starts(:, :)   !! (dof, sample)
       real(wp), allocatable :: psd(:, :, :)   !! (dof, frequency, sample), one-sided [m^2/Hz]
+      !> (dof, batch and range, sample) mean square [m^2] in consecutive batches of the march, within
+      !> the ranges of frequencies of last_of_ranges; those of a range together
+      real(wp), allocatable :: power_series(:, :, :)
       real(wp), allocatable :: energy(:, :)   !! (input viscous friction stored defect, sample) [J]
       real(wp), allocatable :: displacement(:, :, :)     !! (dof, 0:n_steps, sample) [m]
       real(wp), allocatable :: velocity(:, :, :)         !! (dof, 0:n_steps, sample) [m/s]
@@ -50,9 +54,13 @@ module ensemble_results
       real(wp), allocatable :: pseudo_variance_mean_error(:)      !! (dof)
       real(wp), allocatable :: pseudo_variance_percentiles(:, :)  !! (dof, percentile) [m^2]
       real(wp), allocatable :: pseudo_variance_percentiles_error(:, :)
+      !> for a march of finite length, under a record that the samples have in common
+      real(wp), allocatable :: pseudo_variance_mean_time_error(:)
+      real(wp), allocatable :: pseudo_variance_percentiles_time_error(:, :)
       real(wp), allocatable :: band_ratio(:)             !! (dof) last over first percentile
       real(wp), allocatable :: band_ratio_low(:), band_ratio_high(:)
       real(wp), allocatable :: band_ratio_bias(:)        !! relative, estimated by bootstrap
+      real(wp), allocatable :: band_ratio_time_error(:)  !! (dof)
    end type case_statistics
 
 end module ensemble_results

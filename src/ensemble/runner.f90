@@ -10,7 +10,7 @@ module ensemble_runner
    use ensemble_audit, only: reference_for
    use ensemble_plan, only: integration_settings, kept_dofs, plan_type
    use ensemble_results, only: spectrum_layout
-   use numerics_spectrum, only: count_segments, welch_type
+   use numerics_spectrum, only: can_follow_power, count_segments, welch_type
    implicit none(type, external)
    private
    public :: runner_type, prepare_runner, block_width
@@ -136,6 +136,8 @@ contains
          layout%overlap = layout%segment_length/2
          n = (plan%integration%n_steps - plan%integration%n_discard)/every
          layout%n_segments = count_segments(n, layout%segment_length, layout%overlap)
+         layout%follows_power = can_follow_power(layout%n_segments) .and. &
+                                .not. plan%excitation%per_sample
          layout%frequency = [(i/(layout%segment_length*every*plan%integration%dt), &
                               i=0, layout%segment_length/2)]
       end associate

@@ -120,11 +120,25 @@ contains
          if (march%keeps%slip) &
             allocate (result%slip_series(state%n_dof, count_spans(runner%plan%integration), &
                                          state%n_samples))
-         if (march%keeps%spectrum) &
-            call runner%spectra%start(size(march%dofs)*state%n_samples, layout%segment_length, &
-                                      layout%overlap, layout%every*runner%marcher%dt)
+         if (march%keeps%spectrum) call start_spectra(runner, march)
       end associate
    end subroutine start_measuring
+
+   subroutine start_spectra(runner, march)
+      type(runner_type), intent(inout) :: runner
+      type(march_type), intent(in) :: march
+      integer :: n_series
+
+      n_series = size(march%dofs)*march%state%n_samples
+      associate (layout => runner%layout, interval => runner%layout%every*runner%marcher%dt)
+         if (layout%follows_power .and. .not. march%is_audit) then
+            call runner%spectra%start(n_series, layout%segment_length, layout%overlap, interval, &
+                                      layout%n_segments)
+         else
+            call runner%spectra%start(n_series, layout%segment_length, layout%overlap, interval)
+         end if
+      end associate
+   end subroutine start_spectra
 
    !> Marches from one step to another and hands the displacements to the spectra and the history.
    subroutine march_piece(runner, from, to, march, result, error)
@@ -213,9 +227,7 @@ contains
       type(march_type), intent(inout) :: march
       type(block_result), intent(inout) :: result
       real(wp) :: duration
-      real(wp), allocatable :: psd(:, :)   ! (frequency, dof and sample as one index)
       real(wp), allocatable :: stored(:)   ! (sample) [J]
-      integer :: dof, n_dof, w
 
       associate (state => march%state, output => march%keeps, how => runner%plan%integration)
          duration = how%dt*(how%n_steps - how%n_discard)
@@ -233,18 +245,40 @@ contains
             result%energy(5, :) = state%work_input - state%work_viscous - state%work_friction &
                                   - stored
          end if
-         if (output%spectrum) then
-            n_dof = size(march%dofs)
-            allocate (psd(size(runner%layout%frequency), n_dof*state%n_samples))
-            call runner%spectra%finish(psd)
-            allocate (result%psd(n_dof, size(psd, 1), state%n_samples))
-            do w = 1, state%n_samples
-               do dof = 1, n_dof
-                  result%psd(dof, :, w) = psd(:, (w - 1)*n_dof + dof)
-               end do
-            end do
-         end if
+         if (output%spectrum) call collect_spectra(runner, march, result)
       end associate
    end subroutine collect
+
+   subroutine collect_spectra(runner, march, result)
+      type(runner_type), intent(in) :: runner
+      type(march_type), intent(in) :: march
+      type(block_result), intent(inout) :: result
+      real(wp), allocatable :: power(:, :, :)   ! (batch, range, series)
+      real(wp), allocatable :: psd(:, :)        ! (frequency, series)
+      integer :: n_dof, n_series
+
+      n_dof = size(march%dofs)
+      n_series = n_dof*result%n_samples
+      allocate (psd(size(runner%layout%frequency), n_series))
+      call runner%spectra%finish(psd)
+      result%psd = by_sample(psd, n_dof)
+      if (.not. runner%layout%follows_power .or. march%is_audit) return
+      power = runner%spectra%power_series()
+      result%power_series = by_sample(reshape(power, [size(power)/n_series, n_series]), n_dof)
+   end subroutine collect_spectra
+
+   !> (place, dof and sample as one index) as (dof, place, sample)
+   pure function by_sample(values, n_dof) result(swapped)
+      real(wp), intent(in) :: values(:, :)
+      integer, intent(in) :: n_dof
+      real(wp) :: swapped(n_dof, size(values, 1), size(values, 2)/n_dof)
+      integer :: dof, w
+
+      do w = 1, size(swapped, 3)
+         do dof = 1, n_dof
+            swapped(dof, :, w) = values(:, (w - 1)*n_dof + dof)
+         end do
+      end do
+   end function by_sample
 
 end module ensemble_sample

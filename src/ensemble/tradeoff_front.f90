@@ -4,8 +4,8 @@ module ensemble_tradeoff_front
    use core_kinds, only: long, wp
    use ensemble_plan, only: plan_type
    use ensemble_tradeoff_settings, only: expected_cost, setting_type
-   use ensemble_tradeoff_tasks, only: n_batches, of_batch, of_samples, of_setting, of_spectrum, &
-                                      tradeoff_type
+   use ensemble_tradeoff_tasks, only: of_batch, of_samples, of_setting, of_spectrum, tradeoff_type
+   use numerics_correlated, only: error_of_batches, n_batches
    implicit none(type, external)
    private
    public :: error_parts, setting_row, size_row, spectrum_row
@@ -236,25 +236,6 @@ contains
          end associate
       end do
    end subroutine add_time_averages
-
-   !> Standard error of the mean of consecutive batches: from their scatter, or from that of pairs
-   !> of them where it is larger, as it is when batches are too short to be independent.
-   pure function error_of_batches(batches) result(error)
-      real(wp), intent(in) :: batches(:)   !! an even number
-      real(wp) :: error
-
-      error = max(error_of_mean_of(batches), &
-                  error_of_mean_of(0.5_wp*(batches(1::2) + batches(2::2))))
-   end function error_of_batches
-
-   pure function error_of_mean_of(values) result(error)
-      real(wp), intent(in) :: values(:)
-      real(wp) :: error
-      integer :: n
-
-      n = size(values)
-      error = sqrt(sum((values - sum(values)/n)**2)/(real(n, wp)*(n - 1)))
-   end function error_of_mean_of
 
    !> From the samples of one case, for as many as the scene has of it.
    pure subroutine add_samples(tradeoff, case_number, values, parts)

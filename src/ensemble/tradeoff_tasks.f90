@@ -18,16 +18,16 @@ module ensemble_tradeoff_tasks
    use ensemble_tradeoff_settings, only: all_settings, expected_cost, own_setting, same_setting, &
                                          reference_setting, setting_type, settings_at_dt
    use ensemble_tradeoff_variants, only: remember_alike, variant_type
+   use numerics_correlated, only: n_batches
    use numerics_sorting, only: sort_order
    use process_model, only: process_model_type
    implicit none(type, external)
    private
    public :: tradeoff_type, task_type, scope_type, new_tradeoff
-   public :: of_setting, of_spectrum, of_batch, of_samples, of_variant, n_batches
+   public :: of_setting, of_spectrum, of_batch, of_samples, of_variant
 
    integer, parameter :: of_setting = 1, of_spectrum = 2, of_batch = 3, of_samples = 4, &
                          of_variant = 5
-   integer, parameter :: n_batches = 8
    integer, parameter :: most_cases = 16          !! whose Monte Carlo error is estimated
    integer, parameter :: many_samples = 128       !! that variants of a process are compared on
    real(wp), parameter :: usual_transitions = 0.3_wp   !! in a step, where nothing is known yet

@@ -34,6 +34,7 @@ contains
       type(error_type), allocatable, intent(out) :: error
       type(group_type) :: group
       type(integration_settings) :: reference
+      type(spectrum_layout) :: bare   ! what tells time averages is the case's
       real(wp), allocatable :: no_errors(:, :)   ! of slip fractions: for the case itself
 
       group = new_group(writer%file, case_group(number, count(plan%cases%audits == 0)))
@@ -55,7 +56,9 @@ contains
                         label_type('%', 'percentile over samples', 'percentile'))
          call write_spectrum_errors(group, kept_axis(plan), errors)
       end if
-      call write_long(group, plan, kept_of(plan, number), layout, samples%n_samples, store, &
+      bare = layout
+      bare%follows_power = .false.
+      call write_long(group, plan, kept_of(plan, number), bare, samples%n_samples, store, &
                       shards_of(shards, number, samples%n_samples))
       call group%take_error(error)
    end subroutine write_audit

@@ -87,6 +87,7 @@ contains
       if (w%skips_long) return
       call w%pass('slip_series', block%slip_series)
       call w%pass('psd', block%psd)
+      call w%pass('power_series', block%power_series)
       call w%pass('displacement', block%displacement)
       call w%pass('velocity', block%velocity)
       if (w%deed /= reads) call lay_out_transitions(block, counts, rows)
@@ -296,6 +297,10 @@ contains
       case ('psd')
          label = label_type('m^2/Hz', 'power spectral density of the displacement, one-sided', &
                             'sample frequency dof')
+      case ('power_series')
+         label = label_type('m^2', 'mean square of the displacement in consecutive batches of '// &
+                            'segments, within ranges of frequencies; those of a range together', &
+                            'sample batch dof')
       case ('displacement')
          label = label_type('m', 'displacement', 'sample step dof')
       case ('velocity')

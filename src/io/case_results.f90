@@ -6,7 +6,7 @@ module io_case_results
    use ensemble_plan, only: plan_type
    use ensemble_results, only: case_statistics, spectrum_layout
    use ensemble_time_average, only: count_spans
-   use io_case_samples, only: kept_axis, make_samples, write_dofs, write_long
+   use io_case_samples, only: batch_frequencies, kept_axis, make_samples, write_dofs, write_long
    use io_group, only: counted, group_type, new_group
    use io_hdf5, only: label_type
    use io_process_results, only: process_name
@@ -16,6 +16,9 @@ module io_case_results
    implicit none(type, external)
    private
    public :: begin_case, case_group, finish_case, write_frequency
+
+   character(*), parameter :: not_lowered = &
+                              ' that more samples do not lower: the march is finite'
 
 contains
 
@@ -127,8 +130,7 @@ contains
 
       if (.not. allocated(statistics%slip_mean_time_error)) return
       call group%put('slip_mean_time_error', statistics%slip_mean_time_error, &
-                     label_type('1', 'standard error of slip_mean that more samples '// &
-                                'do not lower: the march is finite', 'dof'))
+                     label_type('1', 'standard error of slip_mean'//not_lowered, 'dof'))
       call group%put_allocated('slip_std_time_part', statistics%slip_std_time_part, &
                                label_type('1', 'part of slip_std that the finite march adds', &
                                           'dof'))
@@ -150,6 +152,12 @@ contains
       call group%attribute('n_segments', layout%n_segments)
       call group%attribute('every', layout%every)
       call group%attribute('sided', 'one')
+      if (layout%follows_power) then
+         call group%put('batch', counted(size(batch_frequencies(layout))), &
+                        label_type('1', 'batch of segments in a range of frequencies', 'batch'))
+         call group%put('batch_frequency', batch_frequencies(layout), &
+                        label_type('Hz', 'highest frequency of its range', 'batch'))
+      end if
       if (size(folded_share) == 0) return
       call group%attribute('folded_share', maxval(folded_share))
       call group%put('folded_share', folded_share, &
@@ -220,6 +228,18 @@ contains
                                           dof))
       call group%put_allocated('band_ratio_bias', statistics%band_ratio_bias, &
                                label_type('1', 'relative bias of band_ratio, by bootstrap', dof))
+      if (.not. allocated(statistics%band_ratio_time_error)) return
+      call group%attribute('band_time_error_method', 'scatter of consecutive batches of the march')
+      call group%put_allocated('pseudo_variance_mean_time_error', &
+                               statistics%pseudo_variance_mean_time_error, &
+                               label_type('m^2', 'standard error of pseudo_variance_mean'// &
+                                          not_lowered, dof))
+      call group%put_allocated('pseudo_variance_percentiles_time_error', &
+                               statistics%pseudo_variance_percentiles_time_error, &
+                               label_type('m^2', 'standard error of pseudo_variance_percentiles'// &
+                                          not_lowered, percentile_axes))
+      call group%put_allocated('band_ratio_time_error', statistics%band_ratio_time_error, &
+                               label_type('1', 'standard error of band_ratio'//not_lowered, dof))
    end subroutine write_bands
 
    subroutine write_history_axes(group, plan, force)

@@ -13,9 +13,11 @@ module io_case_samples
    use io_hdf5, only: label_type
    use io_shards, only: read_shard, shard_type
    use io_store, only: shard_store
+   use numerics_correlated, only: n_batches
+   use numerics_spectrum, only: last_of_ranges
    implicit none(type, external)
    private
-   public :: energy_terms, kept_axis, make_samples, put_samples, write_dofs, write_long
+   public :: batch_frequencies, energy_terms, kept_axis, make_samples, put_samples, write_dofs, write_long
 
    !> Datasets of the energy ledger, in the order of its terms.
    character(*), parameter :: energy_terms(*) = [character(15) :: 'energy_input', &
@@ -37,6 +39,17 @@ contains
          call group%put(kept, kept_dofs(plan), &
                         label_type('1', 'mass whose spectra and histories are kept', kept))
    end subroutine write_dofs
+
+   !> The highest frequency [Hz] of the range of each place in a power series.
+   pure function batch_frequencies(layout) result(highest)
+      type(spectrum_layout), intent(in) :: layout
+      real(wp), allocatable :: highest(:)
+      integer :: i
+
+      associate (last => last_of_ranges(size(layout%frequency)))
+         highest = [(spread(layout%frequency(last(i)), 1, n_batches), i=1, size(last))]
+      end associate
+   end function batch_frequencies
 
    !> The axis of the dofs whose spectra and histories are kept.
    pure function kept_axis(plan) result(name)
@@ -126,6 +139,8 @@ contains
          if (kept%slip) &
             call group%put_part('slip_series', [1, 1, first], block%slip_series(:, :, :n))
          if (kept%spectrum) call group%put_part('psd', [1, 1, first], block%psd(:, :, :n))
+         if (allocated(block%power_series)) &
+            call group%put_part('power_series', [1, 1, first], block%power_series(:, :, :n))
          if (kept%history) then
             call group%put_part('displacement', [1, 1, first], block%displacement(:, :, :n))
             call group%put_part('velocity', [1, 1, first], block%velocity(:, :, :n))
@@ -155,6 +170,11 @@ contains
       if (kept%spectrum) then
          call group%make('psd', 0.0_wp, [n_kept, size(layout%frequency), n_samples], &
                          label_of_kept('psd'))
+      end if
+      if (layout%follows_power) then
+         call group%make('power_series', 0.0_wp, &
+                         [n_kept, size(batch_frequencies(layout)), n_samples], &
+                         label_of_kept('power_series'))
       end if
       if (kept%history) then
          call group%make('displacement', 0.0_wp, [n_kept, n_steps, n_samples], &

@@ -179,6 +179,7 @@ contains
 
       call read_cube('slip_series', block%slip_series)
       call read_cube('psd', block%psd)
+      call read_cube('power_series', block%power_series)
       call read_cube('displacement', block%displacement)
       call read_cube('velocity', block%velocity)
       if (allocated(error)) return

@@ -12,7 +12,7 @@ module io_gathering
    use numerics_sorting, only: sort_order
    implicit none(type, external)
    private
-   public :: count_transitions, finished_samples, read_psd_band, read_samples, read_slip_series, &
+   public :: count_transitions, finished_samples, read_band, read_samples, read_slip_series, &
              shards_of
 
 contains
@@ -147,20 +147,23 @@ contains
 
    end subroutine read_samples
 
-   !> Spectra of samples first_sample, first_sample + 1, ... at frequencies first_frequency,
-   !> first_frequency + 1, ... (both counted from 1). Ranges of frequencies_together read least.
-   subroutine read_psd_band(store, shards, case_number, first_sample, first_frequency, psd, &
+   !> Spectra of samples first_sample, first_sample + 1, ... at frequencies first_place,
+   !> first_place + 1, ... (both counted from 1); or the power in batches and ranges of them. Ranges of
+   !> frequencies_together read least.
+   subroutine read_band(store, shards, case_number, name, first_sample, first_place, values, &
                             error)
       type(shard_store), intent(in) :: store
       type(shard_type), intent(in) :: shards(:)   !! of one case, as shards_of has them
-      integer, intent(in) :: case_number, first_sample, first_frequency
-      real(wp), intent(out) :: psd(:, :, :)   !! (dof, frequency, sample)
+      integer, intent(in) :: case_number
+      character(*), intent(in) :: name            !! 'psd' or 'power_series'
+      integer, intent(in) :: first_sample, first_place
+      real(wp), intent(out) :: values(:, :, :)    !! (dof, frequency or batch and range, sample)
       type(error_type), allocatable, intent(out) :: error
       type(hdf5_file) :: file
       real(wp), allocatable :: part(:, :, :)
       integer :: before, i, last, n, place
 
-      last = first_sample + size(psd, 3) - 1
+      last = first_sample + size(values, 3) - 1
       call require_all(store, shards, case_number, first_sample, last, error)
       if (allocated(error)) return
       do i = 1, size(shards)
@@ -168,15 +171,15 @@ contains
          if (n < 1) cycle
          call open_hdf5(shards(i)%path, file, error)
          if (allocated(error)) return
-         allocate (part(size(psd, 1), size(psd, 2), n))
-         call read_part(file, '/psd', [1, first_frequency, before + 1], part, error)
+         allocate (part(size(values, 1), size(values, 2), n))
+         call read_part(file, '/'//name, [1, first_place, before + 1], part, error)
          call file%abandon()
          if (allocated(error)) return
          place = shards(i)%first_sample + before - first_sample
-         psd(:, :, place + 1:place + n) = part
+         values(:, :, place + 1:place + n) = part
          deallocate (part)
       end do
-   end subroutine read_psd_band
+   end subroutine read_band
 
    !> Which samples of a shard are among first..last: n of them, behind some others.
    pure subroutine common_samples(shard, first, last, before, n)

@@ -6,10 +6,12 @@
 !> are positive, none taken larger than the one before.
 module numerics_correlated
    use core_kinds, only: wp
-   use numerics_statistics, only: mean
+   use numerics_statistics, only: error_of_mean, mean
    implicit none(type, external)
    private
-   public :: autocovariance_of, error_of_average
+   public :: autocovariance_of, error_of_average, error_of_batches
+
+   integer, parameter, public :: n_batches = 8   !! of a march: their scatter is known to 27 %
 
 contains
 
@@ -53,5 +55,14 @@ contains
       total = max(total, autocovariance(0))
       error = sqrt(total/(n - min(n_lags, n/2)))
    end function error_of_average
+
+   !> Standard error of the mean of consecutive batches: from their scatter, or from that of pairs
+   !> of them where it is larger, as it is when batches are too short to be independent.
+   pure function error_of_batches(batches) result(error)
+      real(wp), intent(in) :: batches(:)   !! an even number
+      real(wp) :: error
+
+      error = max(error_of_mean(batches), error_of_mean(0.5_wp*(batches(1::2) + batches(2::2))))
+   end function error_of_batches
 
 end module numerics_correlated

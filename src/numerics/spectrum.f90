@@ -4,12 +4,18 @@
 !> periodograms are averaged. Densities are one-sided, per Hz; summed over all frequencies times
 !> their spacing they give the mean square of the weighted record, so its variance (Parseval, to
 !> rounding).
+!>
+!> On the way the power within some ranges of frequencies can be followed through consecutive
+!> batches of segments: what it scatters by tells how far to trust an average over all of them.
 module numerics_spectrum
    use core_kinds, only: wp
+   use numerics_correlated, only: n_batches
    use numerics_fftw, only: forward_fft
    implicit none(type, external)
    private
-   public :: welch_type, count_segments
+   public :: welch_type, count_segments, can_follow_power, last_of_ranges
+
+   real(wp), parameter :: growth = 1.5_wp   !! of a range of frequencies from the one before
 
    !> Spectra of many records of the same length, which come in pieces of any length.
    type :: welch_type
@@ -21,11 +27,18 @@ module numerics_spectrum
       real(wp), allocatable, private :: segment(:, :)       !! (place, series) the one being filled
       real(wp), allocatable, private :: power(:, :)         !! (frequency, series) sum of |X|^2
       type(forward_fft), private :: transform
+      integer, private :: n_expected = 0                    !! segments, where power is followed
+      integer, private :: n_ended = 0                       !! batches of them that are over
+      !> (batch, range, series) mean square of the records in the segments up to the end of a batch,
+      !> added up; unallocated: power is not followed
+      real(wp), allocatable, private :: followed(:, :, :)
    contains
       procedure :: start
       procedure :: add
       procedure :: finish
+      procedure :: power_series
       procedure, private :: take_segment
+      procedure, private :: end_batch
    end type welch_type
 
 contains
@@ -39,11 +52,31 @@ contains
       if (n >= length) segments = 1 + (n - length)/(length - overlap)
    end function count_segments
 
+   !> Whether so many segments make batches that say something: of two or more each.
+   pure logical function can_follow_power(n_segments)
+      integer, intent(in) :: n_segments
+
+      can_follow_power = n_segments >= 2*n_batches
+   end function can_follow_power
+
+   !> The last frequency of each range: of one at first, then ever wider ones.
+   pure function last_of_ranges(n_frequencies) result(last)
+      integer, intent(in) :: n_frequencies
+      integer, allocatable :: last(:)   !! counted from 1; the last is n_frequencies
+
+      last = [1]
+      do while (last(size(last)) < n_frequencies)
+         last = [last, min(n_frequencies, ceiling(growth*last(size(last))))]
+      end do
+   end function last_of_ranges
+
    !> Empties the spectra and sets the segments: `length` values, `overlap` shared by neighbours.
-   subroutine start(self, n_series, length, overlap, interval)
+   !> With n_expected, that many segments will come, and the power in batches of them is followed.
+   subroutine start(self, n_series, length, overlap, interval, n_expected)
       class(welch_type), intent(inout) :: self
       integer, intent(in) :: n_series, length, overlap
       real(wp), intent(in) :: interval   !! between values [s]
+      integer, intent(in), optional :: n_expected
       real(wp), parameter :: two_pi = 8.0_wp*atan(1.0_wp)
       integer :: i
 
@@ -60,6 +93,11 @@ contains
       if (allocated(self%segment)) deallocate (self%segment, self%power)
       allocate (self%segment(length, n_series), self%power(0:length/2, n_series))
       self%power = 0.0_wp
+      self%n_ended = 0
+      if (allocated(self%followed)) deallocate (self%followed)
+      if (.not. present(n_expected)) return
+      self%n_expected = n_expected
+      allocate (self%followed(n_batches, size(last_of_ranges(length/2 + 1)), n_series))
    end subroutine start
 
    !> The next values of all records.
@@ -95,7 +133,55 @@ contains
       self%first = 1 + modulo(self%first + self%length - self%overlap - 1, self%length)
       self%filled = self%overlap
       self%n_segments = self%n_segments + 1
+      if (allocated(self%followed)) then
+         do while (self%n_ended < n_batches)
+            if (end_of_batch(self, self%n_ended + 1) > self%n_segments) exit
+            call self%end_batch()
+         end do
+      end if
    end subroutine take_segment
+
+   !> The number of the segment that a batch ends with.
+   pure integer function end_of_batch(self, batch)
+      class(welch_type), intent(in) :: self
+      integer, intent(in) :: batch
+
+      end_of_batch = batch*self%n_expected/n_batches
+   end function end_of_batch
+
+   !> What has come up to here, range by range.
+   subroutine end_batch(self)
+      class(welch_type), intent(inout) :: self
+      real(wp) :: squares(size(self%power, 1))
+      integer :: first, i, series
+      integer, allocatable :: last(:)
+
+      last = last_of_ranges(size(squares))
+      self%n_ended = self%n_ended + 1
+      do series = 1, size(self%power, 2)
+         squares = densities(self, self%power(:, series), 1)/(self%length*self%interval)
+         first = 1
+         do i = 1, size(last)
+            self%followed(self%n_ended, i, series) = sum(squares(first:last(i)))
+            first = last(i) + 1
+         end do
+      end do
+   end subroutine end_batch
+
+   !> The mean square of the records within each range of frequencies, in each batch. Needs all
+   !> segments that were expected.
+   pure function power_series(self) result(power)
+      class(welch_type), intent(in) :: self
+      real(wp) :: power(size(self%followed, 1), size(self%followed, 2), size(self%followed, 3))
+      integer :: b
+
+      power = self%followed
+      do b = n_batches, 2, -1
+         power(b, :, :) = (power(b, :, :) - power(b - 1, :, :)) &
+                          /(end_of_batch(self, b) - end_of_batch(self, b - 1))
+      end do
+      power(1, :, :) = power(1, :, :)/end_of_batch(self, 1)
+   end function power_series
 
    !> The values without their mean, times the window; they begin at `first` and go on at 1. The
    !> mean is summed in several parts at once: in one sum each addition waits for the one before.
@@ -130,12 +216,25 @@ contains
       class(welch_type), intent(in) :: self
       !> (frequency, series) [unit^2/Hz], at 0..length/2 times 1/(length interval)
       real(wp), intent(out) :: psd(0:, :)
+      integer :: series
+
+      do series = 1, size(psd, 2)
+         psd(:, series) = densities(self, self%power(:, series), self%n_segments)
+      end do
+   end subroutine finish
+
+   !> Of one record, from its power in so many segments.
+   pure function densities(self, power, n_segments) result(psd)
+      class(welch_type), intent(in) :: self
+      real(wp), intent(in) :: power(0:)
+      integer, intent(in) :: n_segments
+      real(wp) :: psd(0:size(power) - 1)
       real(wp) :: scale
 
-      scale = self%interval/(sum(self%window**2)*self%n_segments)
-      psd = 2.0_wp*scale*self%power
-      psd(0, :) = scale*self%power(0, :)
-      if (modulo(self%length, 2) == 0) psd(self%length/2, :) = scale*self%power(self%length/2, :)
-   end subroutine finish
+      scale = self%interval/(sum(self%window**2)*n_segments)
+      psd = 2.0_wp*scale*power
+      psd(0) = scale*power(0)
+      if (modulo(self%length, 2) == 0) psd(self%length/2) = scale*power(self%length/2)
+   end function densities
 
 end module numerics_spectrum
