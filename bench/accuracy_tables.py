@@ -67,6 +67,8 @@ def print_errors(path: Path) -> None:
                    for a in audits]  # fmt: skip
         upward = [float(np.nanmax(case["band_ratio_high"][()] / case["band_ratio"][()]))
                   for case in cases]  # fmt: skip
+        along = [100 * float(np.nanmax(case["band_ratio_time_error"][()] / case["band_ratio"][()]))
+                 for case in cases]  # fmt: skip
         rows = [
             over_cases("numerical, slip fraction (`audit`, `slip_points`) [points]", "",
                        [float(a.attrs["slip_points"]) for a in audits]),
@@ -83,6 +85,7 @@ def print_errors(path: Path) -> None:
             over_cases("time average, in the standard deviation (`slip_std_time_part`) [points]",
                        "", largest("slip_std_time_part")),
             over_cases("Monte Carlo, band ratio: 95 % interval, upper end over value", "", upward),
+            over_cases("time average, band ratio (`band_ratio_time_error`)", " %", along),
             over_cases("size of its bias (`band_ratio_bias`)", " %", largest("band_ratio_bias")),
             over_cases("power folded back (`folded_share`)", "", largest("folded_share", 1.0)),
         ]  # fmt: skip

@@ -25,7 +25,7 @@ MOTION = """\
 &process correlation_length = 0.3 order = 1 mean = 0.2 std = 0.02 /
 &chain n_dof = 2 /
 &excitation variance = 41.1 /
-&integration method = 'event' n_steps = 600 /
+&integration method = 'event' n_steps = 1200 /
 &campaign n_samples = 3 /
 &output quantities = 'slip'{quantity} segment_length = 128 /
 """
@@ -88,6 +88,7 @@ ATTRIBUTES = {
     "n_ranks": "of the last run that wrote to it",
     "n_samples": "of the case",
     "n_segments": "Welch segments of a sample",
+    "psd_time_error": "relative standard error of a density at one frequency: the march is finite",
     "order": "M, or m_max of the direct method",
     "overlap": "of neighbouring segments [kept displacements]",
     "overrides": "the --set options",

@@ -66,13 +66,13 @@ contains
       statistics%n_samples = maxval(plan%cases%n_samples)
       statistics%slip_mean_error = [0.01_wp*parts%samples_slip]
       statistics%slip_mean_time_error = [0.01_wp*parts%time_slip]
-      if (plan%excitation%per_sample) &   ! samples lower both
+      if (plan%excitation%per_sample) then   ! samples lower both
          statistics%slip_mean_error = 0.01_wp*hypot(parts%samples_slip, parts%time_slip)
-      associate (how => plan%integration, wanted => plan%accuracy%target_statistical, &
-                 per_sample => plan%excitation%per_sample)
-         error = statistical_error(statistics, per_sample)
-         call find_need(statistics, per_sample, wanted, how%n_steps - how%n_discard, n_samples, &
-                        n_steps)
+         statistics%slip_mean_time_error = 0.0_wp
+      end if
+      associate (how => plan%integration, wanted => plan%accuracy%target_statistical)
+         error = statistical_error(statistics)
+         call find_need(statistics, wanted, how%n_steps - how%n_discard, n_samples, n_steps)
          more = real(n_samples, wp)/statistics%n_samples*(n_steps + how%n_discard)/how%n_steps
          text = 'target_statistical = '//brief(wanted)//': a standard error of about '// &
                 brief(error)//' points is foreseen'

@@ -207,8 +207,8 @@ contains
       call read_errors(output%path, count(plan%cases%audits == 0), plan%chain%n_dof, errors, error)
       if (allocated(error)) return
       do i = 1, size(errors)
-         if (needs_more_samples(errors(i)%statistics, plan%excitation%per_sample, &
-                                plan%accuracy%target_statistical)) output%is_complete = .false.
+         if (needs_more_samples(errors(i)%statistics, plan%accuracy%target_statistical)) &
+            output%is_complete = .false.
       end do
    end subroutine find_unmet
 

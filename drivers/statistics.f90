@@ -134,7 +134,9 @@ contains
       end do
       if (plan%cases(number)%n_samples < 2) return
       call slip_statistics(slip, statistics)
-      if (has_series) call spans%finish(statistics)
+      if (.not. has_series) return
+      call spans%finish(statistics)
+      if (plan%excitation%per_sample) statistics%slip_mean_time_error = 0.0_wp   ! samples lower it
    end subroutine find_slip_statistics
 
    !> The slip series of some samples, shard by shard, and the errors they tell.

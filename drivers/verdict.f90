@@ -61,8 +61,7 @@ contains
       statistical = 0.0_wp
       do i = 1, size(errors)
          if (allocated(errors(i)%statistics%slip_mean_error)) &
-            statistical = max(statistical, &
-                       statistical_error(errors(i)%statistics, plan%excitation%per_sample))
+            statistical = max(statistical, statistical_error(errors(i)%statistics))
       end do
       if (statistical > 0.0_wp .and. statistical < huge(1.0_wp)) &
          text = 'mean time in slip: standard error at most '//brief(statistical)//' points'
@@ -112,14 +111,13 @@ contains
       text = ''
       associate (wanted => plan%accuracy%target_statistical, how => plan%integration)
          if (.not. wanted > 0.0_wp .or. statistics%n_samples < 2) return
-         error = statistical_error(statistics, plan%excitation%per_sample)
+         error = statistical_error(statistics)
          if (error <= wanted) return
          if (error >= huge(1.0_wp)) then
             text = failure('target_statistical', wanted, number, 'too short a march to tell')
             return
          end if
-         call find_need(statistics, plan%excitation%per_sample, wanted, &
-                        how%n_steps - how%n_discard, n_samples, n_steps)
+         call find_need(statistics, wanted, how%n_steps - how%n_discard, n_samples, n_steps)
          text = failure('target_statistical', wanted, number, brief(error)//' points; about '// &
                         to_text(n_samples)//' samples and '//to_text(n_steps + how%n_discard)// &
                         ' steps would do')
@@ -175,16 +173,15 @@ contains
 
       call list_shards(output%store, shards, error)
       if (allocated(error)) return
-      associate (wanted => plan%accuracy%target_statistical, &
-                 per_sample => plan%excitation%per_sample)
+      associate (wanted => plan%accuracy%target_statistical)
          do i = 1, size(plan%cases)
             if (plan%cases(i)%audits > 0 .or. plan%cases(i)%process == 0) cycle
             statistics = case_statistics()
             call find_slip_statistics(plan, i, output%store, shards_of(shards, i, n_samples(i)), &
                                       statistics, error)
             if (allocated(error)) return
-            if (.not. needs_more_samples(statistics, per_sample, wanted)) cycle
-            call find_need(statistics, per_sample, wanted, plan%integration%n_steps, n, n_steps)
+            if (.not. needs_more_samples(statistics, wanted)) cycle
+            call find_need(statistics, wanted, plan%integration%n_steps, n, n_steps)
             ! half of what seems to be needed: an error that came out too large wastes nothing
             n_batches = n_samples(i)/batch
             n_batches = max(n_batches + 1, int(min(n/2/batch, 10_long*n_batches)))

@@ -44,13 +44,28 @@ def plot_spectra(axes: Axes, case: Case, results: Results) -> None:
     _frame_spectrum(axes, spectrum["frequency"].values, spectrum.values, results)
 
 
+def slip_mean_error(case: Case) -> NDArray[np.float64]:
+    """Of the mean time in slip: Monte Carlo and time average together."""
+    error = case.data["slip_mean_error"].values
+    return np.hypot(error, case.data.get("slip_mean_time_error", 0.0 * error))
+
+
+def band_ratio_interval(case: Case) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """The 95 % interval of the band ratio: Monte Carlo and time average together."""
+    ratio = case.data["band_ratio"].values
+    spread = np.log(case.data["band_ratio_high"].values / ratio)
+    if case.has("band_ratio_time_error"):
+        spread = np.hypot(spread, 1.96 * case.data["band_ratio_time_error"].values / ratio)
+    return ratio * np.exp(-spread), ratio * np.exp(spread)
+
+
 def plot_slip_scatter(axes: Axes, cases: Sequence[Case]) -> None:
     """Fig. 9: scatter of the time in slip over its mean, a mark per oscillator, bars one s.e."""
     axes.axvspan(*ABOUT_03, color="0.94", zorder=0, label="a mean of about 0.3")
     for case, look, label in _by_length(cases):
         axes.errorbar(
             case.data["slip_mean"], case.data["slip_std"],
-            xerr=case.data["slip_mean_error"], yerr=case.data["slip_std_error"],
+            xerr=slip_mean_error(case), yerr=case.data["slip_std_error"],
             label=label, elinewidth=0.8, **look,
         )  # fmt: skip
     axes.set(
@@ -131,9 +146,9 @@ def plot_band_ratio(axes: Axes, cases: Sequence[Case]) -> None:
     """Fig. 11: ratio of the outer percentiles' pseudo-variances over the mean time in slip."""
     for case, look, label in _by_length(cases):
         ratio = case.data["band_ratio"].values
-        low, high = case.data["band_ratio_low"].values, case.data["band_ratio_high"].values
+        low, high = band_ratio_interval(case)
         axes.errorbar(
-            case.data["slip_mean"], ratio, xerr=case.data["slip_mean_error"],
+            case.data["slip_mean"], ratio, xerr=slip_mean_error(case),
             yerr=np.clip([ratio - low, high - ratio], 0.0, None),
             label=label, elinewidth=0.8, **look,
         )  # fmt: skip

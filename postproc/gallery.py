@@ -211,7 +211,8 @@ def of_drawn_friction(results: Results) -> Iterator[Figure]:
             f"Fig. 11{letter}. Width of the band of uncertainty, friction std {std:g}",
             "Ratio of the pseudo-variances (Eq. 46) of the outer percentiles, over the mean"
             " fraction of time in slip; a mark per oscillator, filled at the largest excitation;"
-            " 95 % bootstrap intervals over samples. To look for: a fall with the time in slip, and"
+            " 95 % intervals, Monte Carlo (bootstrap over samples) and time average together. To"
+            " look for: a fall with the time in slip, and"
             " whether the lengths differ where that is long.",
             _STUDY, (partial(figures.plot_band_ratio, cases=cases),),
             ("3a", "3b", "4a", "4b", "4c"),
@@ -265,10 +266,11 @@ SOURCES: tuple[Callable[[Results], Iterator[Figure]], ...] = (
 
 def _welch(case: Case) -> str:
     n_segments = int(case.data.attrs["n_segments"])
+    error = float(case.data.attrs["psd_time_error"])
     segments = "segment" if n_segments == 1 else "segments"
     return (
         f"Welch's method, {n_segments} {segments}: a bin scatters by"
-        f" {100 / n_segments**0.5:.0f} % with the force record."
+        f" {100 * error:.0f} % with the force record."
     )
 
 

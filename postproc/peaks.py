@@ -30,8 +30,7 @@ def prominence_weights(
 
 def scatter_of_ln_psd(data: xr.Dataset) -> float:
     """Standard deviation of ln psd in one bin, of Hann segments that overlap by half."""
-    n_segments = int(data.attrs["n_segments"])
-    return float(np.sqrt((1.0 + 2.0 * _NEIGHBOURS[2] * (1.0 - 1.0 / n_segments)) / n_segments))
+    return float(data.attrs["psd_time_error"])
 
 
 def error_of_sum(weights: NDArray[np.float64], scatter: float) -> float:

@@ -12,7 +12,7 @@ from pathlib import Path
 import h5py
 import xarray as xr
 
-_FORMAT_VERSION = 1  # of the layout, as in src/io/identity.f90
+_FORMAT_VERSION = 2  # of the layout, as in src/io/identity.f90
 
 
 class ResultsError(Exception):

@@ -24,6 +24,7 @@ _STATISTICS = (
     ("slip_std", "std over samples"),
     ("slip_std_time_part", "of it by the finite march"),
     ("pseudo_variance_mean", "mean pseudo-variance [m²]"),
+    ("pseudo_variance_mean_time_error", "its error by the finite march"),
 )
 _AUDITED = (
     ("slip_mean", "mean time in slip [points]", 1.0),
@@ -237,11 +238,15 @@ def table_statistics(case: Case) -> Table:
             low, high = float(data["band_ratio_low"][i]), float(data["band_ratio_high"][i])
             row.append(f"{low:.3f} to {high:.3f}")
             row.append(f"{100.0 * float(data['band_ratio_bias'][i]):.1f}")
+        if case.has("band_ratio_time_error"):
+            row.append(f"{float(data['band_ratio_time_error'][i]):.2g}")
         rows.append(tuple(row))
     header = ["oscillator", *(title for _, title in columns)]
     header += [f"of percentile {level:g}" for level in percentiles]
     if case.has("band_ratio"):
         header += ["band ratio", "95 % interval", "bias [%]"]
+    if case.has("band_ratio_time_error"):
+        header += ["its error by the finite march"]
     title = (
         f"{case.name}: {case.process}, std {case.std:g}, L {case.correlation_length:g},"
         f" variance {case.variance:g}, {case.n_samples} samples"
@@ -249,8 +254,8 @@ def table_statistics(case: Case) -> Table:
     note = _ERRORS
     if case.has("band_ratio"):
         note += (
-            " Those of spectra, and the interval and bias of the band ratio, are of Monte Carlo"
-            " alone; the command tradeoff tells what the finite march leaves in them."
+            " Those of pseudo-variances, and the interval and bias of the band ratio, are of Monte"
+            " Carlo alone; what the finite march leaves stands beside them."
         )
     return Table(f"statistics_{case.name}", title, tuple(header), rows, note, is_detail=True)
 

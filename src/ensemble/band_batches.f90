@@ -31,6 +31,7 @@ module ensemble_band_batches
 
 contains
 
+   !> Prepares a collector.
    pure subroutine start_batches(n_percentiles, n_dof, n_parts, collector)
       integer, intent(in) :: n_percentiles, n_dof
       integer, intent(in) :: n_parts   !! in which the frequencies come
@@ -90,11 +91,12 @@ contains
          statistics%pseudo_variance_mean_time_error(dof) = &
             error_of_batches(sum(self%level(:, 0, dof, :), 2))
          level = sum(self%level(:, 1:, dof, :), 3)
-         do p = 1, last
-            statistics%pseudo_variance_percentiles_time_error(dof, p) = error_of_batches(level(:, p))
-         end do
-         if (minval(level) > 0.0_wp) statistics%band_ratio_time_error(dof) = &
-            statistics%band_ratio(dof)*error_of_batches(log(level(:, last)/level(:, 1)))
+         statistics%pseudo_variance_percentiles_time_error(dof, :) = &
+            [(error_of_batches(level(:, p)), p=1, last)]
+         if (minval(level) > 0.0_wp) then
+            statistics%band_ratio_time_error(dof) = &
+               statistics%band_ratio(dof)*error_of_batches(log(level(:, last)/level(:, 1)))
+         end if
       end do
    end subroutine finish
 

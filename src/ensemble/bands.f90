@@ -52,7 +52,7 @@ module ensemble_bands
       !> (percentiles, their lower ends, their upper ends) places among 1..n_samples
       real(wp), allocatable, private :: rank(:)
       integer, private :: n_percentiles = 0
-      integer, allocatable, private :: last_of_range(:)   !! frequency whose power is followed together
+      integer, allocatable, private :: last_of_range(:)   !! (range) as last_of_ranges has them
    contains
       procedure :: add
       procedure :: finish

@@ -28,8 +28,8 @@ module ensemble_results
       integer(long), allocatable :: slip_starts(:, :)    !! (dof, sample)
       integer(long), allocatable :: stick_starts(:, :)   !! (dof, sample)
       real(wp), allocatable :: psd(:, :, :)   !! (dof, frequency, sample), one-sided [m^2/Hz]
-      !> (dof, batch and range, sample) mean square [m^2] in consecutive batches of the march, within
-      !> the ranges of frequencies of last_of_ranges; those of a range together
+      !> (dof, batch and range, sample) mean square [m^2] in consecutive batches of the march,
+      !> within the ranges of frequencies of last_of_ranges; those of a range together
       real(wp), allocatable :: power_series(:, :, :)
       real(wp), allocatable :: energy(:, :)   !! (input viscous friction stored defect, sample) [J]
       real(wp), allocatable :: displacement(:, :, :)     !! (dof, 0:n_steps, sample) [m]

@@ -17,34 +17,31 @@ contains
 
    !> The largest over the dofs of the standard error of slip_mean [points]; huge when the march is
    !> too short to tell it.
-   pure function statistical_error(statistics, per_sample) result(error)
+   pure function statistical_error(statistics) result(error)
       type(case_statistics), intent(in) :: statistics   !! of two samples or more
-      logical, intent(in) :: per_sample   !! a record of the force for each sample
       real(wp) :: error
 
       error = huge(1.0_wp)
       if (.not. allocated(statistics%slip_mean_time_error)) return
-      error = maxval(hypot(points*statistics%slip_mean_error, record_part(statistics, per_sample)))
+      error = points*maxval(hypot(statistics%slip_mean_error, statistics%slip_mean_time_error))
    end function statistical_error
 
    !> Whether the error is above the target and more samples alone can bring it there.
-   pure function needs_more_samples(statistics, per_sample, target) result(is_so)
+   pure function needs_more_samples(statistics, target) result(is_so)
       type(case_statistics), intent(in) :: statistics
-      logical, intent(in) :: per_sample
       real(wp), intent(in) :: target   !! [points]
       logical :: is_so
 
       is_so = allocated(statistics%slip_mean_time_error)
-      if (is_so) is_so = maxval(record_part(statistics, per_sample)) < target .and. &
-                         statistical_error(statistics, per_sample) > target
+      if (is_so) is_so = points*maxval(statistics%slip_mean_time_error) < target .and. &
+                         statistical_error(statistics) > target
    end function needs_more_samples
 
    !> Samples and steps that bring the error to the target, as the statistics of some have it. Steps
    !> are added where the record alone takes more than half of the variance allowed, and then so
    !> many that it takes half; errors fall with the root of the number.
-   pure subroutine find_need(statistics, per_sample, target, n_steps, samples_needed, steps_needed)
+   pure subroutine find_need(statistics, target, n_steps, samples_needed, steps_needed)
       type(case_statistics), intent(in) :: statistics   !! that has a statistical error
-      logical, intent(in) :: per_sample
       real(wp), intent(in) :: target          !! [points]
       integer, intent(in) :: n_steps          !! of the march that the statistics are of
       integer(long), intent(out) :: samples_needed, steps_needed
@@ -52,22 +49,12 @@ contains
       real(wp) :: friction(size(statistics%slip_mean_error)), record(size(friction))
 
       friction = (points*statistics%slip_mean_error/target)**2
-      record = (record_part(statistics, per_sample)/target)**2
+      record = (points*statistics%slip_mean_time_error/target)**2
       steps_needed = n_steps
       if (maxval(record) > share) &
          steps_needed = ceiling(min(largest, n_steps*maxval(record)/share), long)
       samples_needed = ceiling(min(largest, statistics%n_samples &
                                    *maxval(friction/(1.0_wp - min(record, share)))), long)
    end subroutine find_need
-
-   !> (dof) What falls with the length of the march alone [points].
-   pure function record_part(statistics, per_sample) result(part)
-      type(case_statistics), intent(in) :: statistics
-      logical, intent(in) :: per_sample
-      real(wp) :: part(size(statistics%slip_mean_time_error))
-
-      part = 0.0_wp
-      if (.not. per_sample) part = points*statistics%slip_mean_time_error
-   end function record_part
 
 end module ensemble_statistical

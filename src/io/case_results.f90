@@ -13,6 +13,7 @@ module io_case_results
    use io_results, only: results_writer
    use io_shards, only: shard_type
    use io_store, only: shard_store
+   use numerics_spectrum, only: error_of_density
    implicit none(type, external)
    private
    public :: begin_case, case_group, finish_case, write_frequency
@@ -150,6 +151,7 @@ contains
       call group%attribute('segment_length', layout%segment_length)
       call group%attribute('overlap', layout%overlap)
       call group%attribute('n_segments', layout%n_segments)
+      call group%attribute('psd_time_error', error_of_density(layout%n_segments))
       call group%attribute('every', layout%every)
       call group%attribute('sided', 'one')
       if (layout%follows_power) then
@@ -229,7 +231,8 @@ contains
       call group%put_allocated('band_ratio_bias', statistics%band_ratio_bias, &
                                label_type('1', 'relative bias of band_ratio, by bootstrap', dof))
       if (.not. allocated(statistics%band_ratio_time_error)) return
-      call group%attribute('band_time_error_method', 'scatter of consecutive batches of the march')
+      call group%attribute('band_ratio_time_error_method', &
+                           'scatter of consecutive batches of the march')
       call group%put_allocated('pseudo_variance_mean_time_error', &
                                statistics%pseudo_variance_mean_time_error, &
                                label_type('m^2', 'standard error of pseudo_variance_mean'// &

@@ -17,7 +17,8 @@ module io_case_samples
    use numerics_spectrum, only: last_of_ranges
    implicit none(type, external)
    private
-   public :: batch_frequencies, energy_terms, kept_axis, make_samples, put_samples, write_dofs, write_long
+   public :: energy_terms
+   public :: batch_frequencies, kept_axis, make_samples, put_samples, write_dofs, write_long
 
    !> Datasets of the energy ledger, in the order of its terms.
    character(*), parameter :: energy_terms(*) = [character(15) :: 'energy_input', &
@@ -171,7 +172,7 @@ contains
          call group%make('psd', 0.0_wp, [n_kept, size(layout%frequency), n_samples], &
                          label_of_kept('psd'))
       end if
-      if (layout%follows_power) then
+      if (kept%spectrum .and. layout%follows_power) then
          call group%make('power_series', 0.0_wp, &
                          [n_kept, size(batch_frequencies(layout)), n_samples], &
                          label_of_kept('power_series'))

@@ -148,8 +148,8 @@ contains
    end subroutine read_samples
 
    !> Spectra of samples first_sample, first_sample + 1, ... at frequencies first_place,
-   !> first_place + 1, ... (both counted from 1); or the power in batches and ranges of them. Ranges of
-   !> frequencies_together read least.
+   !> first_place + 1, ... (both counted from 1); or the power in batches and ranges of them. Ranges
+   !> of frequencies_together read least.
    subroutine read_band(store, shards, case_number, name, first_sample, first_place, values, &
                             error)
       type(shard_store), intent(in) :: store

@@ -13,7 +13,7 @@ module numerics_spectrum
    use numerics_fftw, only: forward_fft
    implicit none(type, external)
    private
-   public :: welch_type, count_segments, can_follow_power, last_of_ranges
+   public :: welch_type, count_segments, can_follow_power, error_of_density, last_of_ranges
 
    real(wp), parameter :: growth = 1.5_wp   !! of a range of frequencies from the one before
 
@@ -58,6 +58,16 @@ contains
 
       can_follow_power = n_segments >= 2*n_batches
    end function can_follow_power
+
+   !> Standard error of a density, relative, from so many segments that overlap by half, of a
+   !> Gaussian record: neighbouring Hann segments are correlated by 1/6 in amplitude, 1/36 in power
+   !> (Welch, IEEE Trans. AU-15, 1967).
+   elemental function error_of_density(n_segments) result(error)
+      integer, intent(in) :: n_segments
+      real(wp) :: error
+
+      error = sqrt((1.0_wp + (1.0_wp - 1.0_wp/n_segments)/18.0_wp)/n_segments)
+   end function error_of_density
 
    !> The last frequency of each range: of one at first, then ever wider ones.
    pure function last_of_ranges(n_frequencies) result(last)

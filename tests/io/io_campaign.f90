@@ -27,6 +27,7 @@ module io_campaign
              made_provenance, write_made_results, write_made_shards
 
    integer, parameter, public :: n_dof = 3, n_frequencies = 130, n_steps = 20
+   integer, parameter, public :: n_places = 96   !! batches of ranges of frequencies
    integer, parameter, public :: n_samples = 5   !! of case 2; case 1 has one
 
 contains
@@ -84,6 +85,7 @@ contains
       layout%overlap = n_frequencies - 1
       layout%n_segments = 7
       layout%frequency = [(0.1_wp*i, i=0, n_frequencies - 1)]
+      layout%follows_power = .true.
    end function made_layout
 
    !> Samples first..last of a case; sample s has s transitions.
@@ -105,6 +107,8 @@ contains
       block%energy = reshape([((value(3, d, s), d=1, 5), s=first, last)], [5, n])
       block%psd = reshape([(((value(10 + f, d, s), d=1, n_dof), f=1, n_frequencies), s=first, &
                             last)], [n_dof, n_frequencies, n])
+      block%power_series = reshape([(((value(200 + f, d, s), d=1, n_dof), f=1, n_places), s=first, &
+                                     last)], [n_dof, n_places, n])
       block%displacement = reshape([(((value(f, d, -s), d=1, n_dof), f=0, n_steps), s=first, &
                                      last)], [n_dof, n_steps + 1, n])
       block%velocity = -2.0_wp*block%displacement
@@ -134,7 +138,8 @@ contains
       block%case_number = 4
       block%slip_fraction = block%slip_fraction + 0.001_wp
       block%psd = 1.01_wp*block%psd
-      deallocate (block%slip_series, block%displacement, block%velocity, block%transitions)
+      deallocate (block%slip_series, block%power_series, block%displacement, block%velocity, &
+                  block%transitions)
    end function made_audit_block
 
    function made_statistics() result(statistics)

@@ -30,7 +30,12 @@ def case_of(name, process, slip, psd, starts=5000, n_segments=400, **attrs):
             "psd": (("sample", "frequency", "dof"), psd),
         },
         coords={"frequency": FREQUENCY},
-        attrs={"process": process, "n_segments": n_segments, **attrs},
+        attrs={
+            "process": process,
+            "n_segments": n_segments,
+            "psd_time_error": np.sqrt((1 + (1 - 1 / n_segments) / 18) / n_segments),
+            **attrs,
+        },
     )
     return Case(name, data)
 

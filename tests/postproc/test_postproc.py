@@ -25,6 +25,7 @@ from postproc.results import ResultsError
 from postproc.table import value_with_error
 from postproc.tables import beside_paper, table_audit, table_frequencies, table_slip
 from tests.conftest import ROOT
+from tests.postproc.synthetic import FREQUENCY, case_of
 
 
 @pytest.fixture(scope="module")
@@ -132,6 +133,24 @@ def test_figure_functions_draw_on_the_axes_they_are_given(results_file):
     plt.close(picture)
 
 
+def test_bars_hold_monte_carlo_and_the_finite_march():
+    case = case_of("c001", "p001", np.full((2, 1), 0.3), np.ones((2, FREQUENCY.size, 1)))
+    case.data.update(
+        {
+            "slip_mean_error": ("dof", [0.03]),
+            "slip_mean_time_error": ("dof", [0.04]),
+            "band_ratio": ("dof", [2.0]),
+            "band_ratio_low": ("dof", [2.0 * np.exp(-0.3)]),
+            "band_ratio_high": ("dof", [2.0 * np.exp(0.3)]),
+        }
+    )
+    np.testing.assert_allclose(figures.slip_mean_error(case), 0.05)
+    np.testing.assert_allclose(figures.band_ratio_interval(case)[0], 2.0 * np.exp(-0.3))
+    case.data["band_ratio_time_error"] = ("dof", [2.0 * 0.4 / 1.96])
+    low, high = figures.band_ratio_interval(case)
+    np.testing.assert_allclose([low[0], high[0]], 2.0 * np.exp([-0.5, 0.5]))
+
+
 def test_one_look_for_one_thing():
     """Each length and oscillator: one colour, mark and line, whatever else is drawn."""
     from postproc import style
@@ -199,9 +218,9 @@ def test_a_file_that_is_none_is_refused(tmp_path, capsys):
     with h5py.File(tmp_path / "other.h5", "w") as file:
         file.attrs["program"] = "another"
     with h5py.File(tmp_path / "later.h5", "w") as file:
-        file.attrs.update(program="entroslip", version="9.0.0", format_version=2)
+        file.attrs.update(program="entroslip", version="9.0.0", format_version=3)
     with h5py.File(tmp_path / "damaged.h5", "w") as file:
-        file.attrs.update(program="entroslip", format_version=1)
+        file.attrs.update(program="entroslip", format_version=2)
         file["chain"] = 3.0
     for name, rule in (
         ("absent.h5", "no such file"),
@@ -209,7 +228,7 @@ def test_a_file_that_is_none_is_refused(tmp_path, capsys):
         ("text.h5", "cannot be read as HDF5"),
         ("damaged.h5", "cannot be read as HDF5"),
         ("other.h5", "not a results file of entroslip"),
-        ("later.h5", "format_version = 2: .* entroslip 9.0.0"),
+        ("later.h5", "format_version = 3: .* entroslip 9.0.0"),
     ):
         with pytest.raises(ResultsError, match=f"{tmp_path / name}: {rule}"):
             open_results(tmp_path / name)
