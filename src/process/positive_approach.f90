@@ -42,20 +42,21 @@ contains
       type(search_result), intent(out) :: found
       type(error_type), allocatable, intent(out) :: error
       real(wp), intent(in), optional :: most_effort   !! see `positive_law`
-      real(wp), allocatable :: kappa(:)
-      real(wp) :: coordinate, far_point(2), limit
-      logical :: is_reached
+      real(wp), allocatable :: kappa(:), state(:)
+      real(wp) :: centre, coordinate, far_point(2), limit
+      logical :: is_inside, is_reached
       type(search_result) :: far
 
       call prepare_law(request, request%sampler, stream_of(seed), law, kappa, error)
       if (allocated(error)) return
       if (present(most_effort)) law%most_effort = most_effort
       law%shape = atanh(kappa)
+      centre = law%centre
       coordinate = asinh(law%coordinate)
       point = [0.0_wp, coordinate]
       law%n_steps = quick_steps
       call law%settle(law%companion)
-      call maximize(law, point, n_constraints, 1.0e-4_wp, close_enough, 8, found)
+      call maximize(law, point, n_constraints, 1.0e-4_wp, close_enough, 12, found)
       ! far from the unconstrained optimum another branch may have the targets too: it is taken only
       ! where the family that is followed from there ends before them
       if (found%violation > close_enough .or. point(1) > farthest) then
@@ -69,6 +70,9 @@ contains
          else if (far%violation <= close_enough) then
             point = far_point
             found = far
+            law%centre = centre   ! where the family's end has left it, chains begin far off
+            law%n_steps = quick_steps
+            call law%evaluate(point, state, is_inside)
          else if (.not. law%is_exhausted()) then
             call raise(error, exit_no_solution, law%name(size(kappa))//reason_of_end(limit))
             return

@@ -10,6 +10,7 @@ module process_positive_limit
    use numerics_root_search, only: new_root_search, root_search
    use process_ar_model, only: coefficients_of
    use process_positive_law, only: positive_law
+   use process_positive_moments, only: positive_moments
    implicit none(type, external)
    private
    public :: follow_family
@@ -20,7 +21,8 @@ module process_positive_limit
 contains
 
    !> Follows the family until it has the wanted ratio: `point` (ln factor, coordinate) is then near
-   !> the solution. Where it ends before, `limit` is the largest std/mean met, less its error.
+   !> the solution. Where it ends before, `limit` is the largest std/mean met, less its error; it
+   !> begins where the sample's noise leaves a mu for the wanted length.
    subroutine follow_family(law, point, limit, is_reached)
       class(positive_law), intent(inout) :: law   !! with a shape
       real(wp), intent(inout) :: point(2)
@@ -30,9 +32,10 @@ contains
       real(wp), parameter :: certainly = 3.0_wp   ! standard errors
       real(wp) :: inner(2), outer(2), ratio, slack
       integer :: i
-      logical :: is_found
+      logical :: has_begun, is_found
 
       limit = 0.0_wp
+      has_begun = .false.
       is_reached = .false.
       point(1) = log(1.02_wp)
       ! sum a_q tends to -1 as the factor grows: halve what is missing
@@ -44,14 +47,17 @@ contains
             slack = 0.5_wp*slack
             outer(1) = log(factor_of(law, slack, exp(inner(1))))
          end if
+         if (.not. has_begun) outer(2) = point(2)
          call match_length(law, outer, ratio, is_found)
+         if (.not. is_found .and. .not. has_begun) cycle
          if (.not. is_found) exit
          is_reached = ratio >= law%wanted_ratio
          if (is_reached .or. ratio < limit) exit   ! it grows to its limit, or has a maximum
          limit = ratio - certainly*law%moments%ratio_error
+         has_begun = .true.
       end do
       if (.not. is_reached) return
-      do i = 1, merge(6, 0, outer(1) > point(1))   ! halve the stretch in which the ratio is passed
+      do i = 1, merge(6, 0, has_begun)   ! halve the stretch in which the ratio is passed
          point = 0.5_wp*(inner + outer)
          call match_length(law, point, ratio, is_found)
          if (ratio >= law%wanted_ratio .or. .not. is_found) then
@@ -101,7 +107,8 @@ contains
    end function slack_at
 
    !> The coordinate that gives the wanted length at this factor, and std/mean there. The length
-   !> grows with mu, up to that of the Gaussian.
+   !> grows with mu, up to that of the Gaussian. Where there is none the moments stay those of
+   !> before, from which the next chains start.
    subroutine match_length(law, point, ratio, is_found)
       class(positive_law), intent(inout) :: law
       real(wp), intent(inout) :: point(2)
@@ -109,11 +116,13 @@ contains
       logical, intent(out) :: is_found
       integer, parameter :: max_steps = 20
       type(root_search) :: search
+      type(positive_moments) :: before
       real(wp), allocatable :: kappa(:), state(:)
       real(wp) :: unused
       logical :: is_inside
       integer :: i
 
+      before = law%moments
       call law%unfold(point, kappa, unused)
       call law%settle(coefficients_of(kappa))
       search = new_root_search(0.25_wp)
@@ -127,6 +136,7 @@ contains
          call search%advance(point(2), state(2))
       end do
       is_found = .false.
+      law%moments = before
    end subroutine match_length
 
 end module process_positive_limit
