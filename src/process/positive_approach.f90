@@ -17,9 +17,10 @@ module process_positive_approach
    use process_positive_moments, only: estimate_autocovariance
    use process_positive_preparation, only: prepare_law
    use process_positive_refinement, only: refine, shape_spread
+   use process_positive_signs, only: require_signs
    implicit none(type, external)
    private
-   public :: approach, find_shape
+   public :: approach, end_of_family, find_shape
 
    integer, parameter :: quick_steps = 128     !! of a batch on the way to a first solution
    integer, parameter :: limit_steps = 1024    !! of a batch where std/mean may end
@@ -34,7 +35,7 @@ contains
 
    !> The unconstrained optimum of another length that has the targets under the law, on few
    !> simulated values: `point` is (ln factor, coordinate). Fails where that family ends before.
-   subroutine approach(request, seed, law, point, found, error, most_effort)
+   subroutine approach(request, seed, law, point, found, error, most_effort, passed_limit)
       type(process_request), intent(in) :: request
       integer(long), intent(in) :: seed
       class(positive_law), allocatable, intent(out) :: law
@@ -42,11 +43,14 @@ contains
       type(search_result), intent(out) :: found
       type(error_type), allocatable, intent(out) :: error
       real(wp), intent(in), optional :: most_effort   !! see `positive_law`
+      !> std/mean at which the family ends, where a far branch goes on beyond it; else 0
+      real(wp), intent(out), optional :: passed_limit
       real(wp), allocatable :: kappa(:), state(:)
       real(wp) :: centre, coordinate, far_point(2), limit
       logical :: is_inside, is_reached
       type(search_result) :: far
 
+      if (present(passed_limit)) passed_limit = 0.0_wp
       call prepare_law(request, request%sampler, stream_of(seed), law, kappa, error)
       if (allocated(error)) return
       if (present(most_effort)) law%most_effort = most_effort
@@ -70,6 +74,7 @@ contains
          else if (far%violation <= close_enough) then
             point = far_point
             found = far
+            if (present(passed_limit)) passed_limit = limit
             law%centre = centre   ! where the family's end has left it, chains begin far off
             law%n_steps = quick_steps
             call law%evaluate(point, state, is_inside)
@@ -88,12 +93,20 @@ contains
       character(:), allocatable :: reason
 
       if (limit > 0.0_wp) then
-         reason = ': with the shape of the unconstrained optimum std/mean ends at '// &
-                  to_text(floor(1.0e3_wp*limit)/1.0e3_wp)//', where mu runs away to minus infinity'
+         reason = ': '//end_of_family(limit)//', where mu runs away to minus infinity'
       else
          reason = ': nothing was found with the shape of the unconstrained optimum'
       end if
    end function reason_of_end
+
+   !> For messages.
+   pure function end_of_family(limit) result(statement)
+      real(wp), intent(in) :: limit   !! of std/mean
+      character(:), allocatable :: statement
+
+      statement = 'with the shape of the unconstrained optimum std/mean ends at '// &
+                  to_text(floor(1.0e3_wp*limit)/1.0e3_wp)
+   end function end_of_family
 
    !> Every coefficient free. The direct method's form is that of the maximum already.
    subroutine find_shape(law, point, found, error, spread)
@@ -110,18 +123,19 @@ contains
       law%factor = merge(exp(point(1)), 1.0_wp, is_near)
       point = [exp(point(1))/law%factor*law%shape, point(2)]
       deallocate (law%shape)
-      call free_shape(law, is_near, point, found, spread)
-      call require_converged(law, found, size(point) - 1, error)
+      call free_shape(law, is_near, point, found, error, spread)
+      if (.not. allocated(error)) call require_converged(law, found, size(point) - 1, error)
    end subroutine find_shape
 
    !> Every coefficient free. Where correlation is so weak that the entropy does not feel its shape
    !> above the noise of the sample, the shape of the unconstrained optimum is kept, with the
    !> residual it leaves.
-   subroutine free_shape(law, is_near, point, found, spread)
+   subroutine free_shape(law, is_near, point, found, error, spread)
       class(positive_law), intent(inout) :: law
       logical, intent(in) :: is_near   !! the unconstrained optimum, whose curvature is then taken
       real(wp), intent(inout) :: point(:)
       type(search_result), intent(out) :: found
+      type(error_type), allocatable, intent(out) :: error
       type(shape_spread), intent(out), optional :: spread
       real(wp), parameter :: weak = 0.02_wp, feeble = 0.001_wp   !! largest reflection coefficient
       real(wp), allocatable :: autocovariance(:), metric(:, :), standard_error(:)
@@ -139,8 +153,13 @@ contains
          if (is_near) metric = metric_of(law)
          call maximize(law, point, n_constraints, step, min(acceptable, stationary*strength), &
                        max_iterations, found, metric)
-         if (found%is_converged) call come_closer(law, step, min(wanted, stationary*strength), &
-                                                  point, found)
+      end if
+      if (is_free .and. found%is_converged) then
+         call estimate_autocovariance(law%batches, law%companion_autocovariance, order, &
+                                      autocovariance, standard_error)
+         if (strength > weak) call require_signs(law, autocovariance, standard_error, error)
+         if (allocated(error)) return
+         call come_closer(law, step, min(wanted, stationary*strength), point, found)
       end if
       if (is_free .and. strength <= weak) then
          call estimate_autocovariance(law%batches, law%companion_autocovariance, order, &

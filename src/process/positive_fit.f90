@@ -42,7 +42,7 @@ contains
       type(shape_spread) :: spread
       type(error_type), allocatable :: error
       real(wp), allocatable :: point(:)
-      real(wp) :: mu, sigma, violation
+      real(wp) :: mu, passed_limit, sigma, violation
 
       model%request = request
       if (.not. abs(request%correlation_length) > 0.0_wp) then
@@ -52,7 +52,7 @@ contains
          call match_first_order(request, first_order, error)
          if (.not. allocated(error)) call describe_first_order(request, first_order, model, error)
       else
-         call approach(request, seed, law, point, found, error)
+         call approach(request, seed, law, point, found, error, passed_limit=passed_limit)
          if (.not. allocated(error)) call find_shape(law, point, found, error, spread)
          if (.not. allocated(error)) then
             call match_targets(law, request%fit_steps, found, point, violation)
@@ -64,7 +64,7 @@ contains
             end if
          end if
          if (allocated(error)) then
-            call name_what_exists(request, seed, error)
+            call name_what_exists(request, seed, passed_limit, error)
          else
             call compare_laws(request, law, point, final_steps, model)
          end if
@@ -87,7 +87,7 @@ contains
       type(first_order_law) :: first_order
       type(search_result) :: found
       real(wp), allocatable :: point(:), unused(:)
-      real(wp) :: mu, sigma
+      real(wp) :: mu, passed_limit, sigma
       logical :: is_exact, is_inside
 
       model%request = request
@@ -100,9 +100,9 @@ contains
          if (is_exact .and. .not. allocated(error)) &
             call describe_first_order(request, first_order, model, error)
       else
-         call approach(request, seed, law, point, found, error)
+         call approach(request, seed, law, point, found, error, passed_limit=passed_limit)
          if (allocated(error)) then
-            call name_what_exists(request, seed, error)
+            call name_what_exists(request, seed, passed_limit, error)
          else if (is_exact) then
             call law%evaluate(point, unused, is_inside)
             call outline_sampled(request, law, model)

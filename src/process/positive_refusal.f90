@@ -6,7 +6,7 @@ module process_positive_refusal
    use core_text, only: to_text
    use numerics_constrained_maximum, only: search_result
    use process_model, only: process_request
-   use process_positive_approach, only: approach, find_shape
+   use process_positive_approach, only: approach, end_of_family, find_shape
    use process_positive_first_order, only: first_order_limit
    use process_positive_law, only: positive_law
    implicit none(type, external)
@@ -15,11 +15,13 @@ module process_positive_refusal
 
 contains
 
-   !> Adds to a refusal how far order 1 goes, and the highest order that has the request. The direct
-   !> method's orders do not contain each other.
-   subroutine name_what_exists(request, seed, error)
+   !> Adds to a refusal where the family ends that the search has left behind, how far order 1 goes,
+   !> and the highest order that has the request. The direct method's orders do not contain each
+   !> other.
+   subroutine name_what_exists(request, seed, passed_limit, error)
       type(process_request), intent(in) :: request   !! of order 2 or more
       integer(long), intent(in) :: seed
+      real(wp), intent(in) :: passed_limit           !! see `approach`
       type(error_type), allocatable, intent(inout) :: error
       type(error_type), allocatable :: unknown
       character(:), allocatable :: message
@@ -28,9 +30,11 @@ contains
 
       if (request%method == 'direct' .or. error%exit_code /= exit_no_solution .or. &
           request%std >= request%mean) return
+      message = error%message
+      if (passed_limit > 0.0_wp) message = message//'; '//end_of_family(passed_limit)
       call first_order_limit(request, limit, unknown)
       if (allocated(unknown)) return
-      message = error%message//'; order = 1 has them up to '//to_text(limit)
+      message = message//'; order = 1 has them up to '//to_text(limit)
       order = 1
       if (request%std <= limit*request%mean) order = highest_order(request, seed)
       if (order > 1) message = message//', order = '//to_text(order)//' has this one'

@@ -1,9 +1,8 @@
 !> What was found of a positive process, in the unit of X, and what the other law makes of the same
 !> parameters.
 module process_positive_report
-   use core_error, only: error_type, exit_no_solution, raise
+   use core_error, only: error_type
    use core_kinds, only: wp
-   use core_text, only: to_text
    use process_ar_model, only: find_poles
    use process_correlation, only: constraint_weights, correlation_length_l0, correlation_length_l1
    use process_entropy, only: white_noise_entropy
@@ -14,6 +13,7 @@ module process_positive_report
    use process_positive_partition, only: log_sqrt_two_pi
    use process_positive_preparation, only: prepare_law
    use process_positive_refinement, only: shape_spread
+   use process_positive_signs, only: require_signs
    use process_truncated_normal, only: hazard_ratio, log_acceptance
    implicit none(type, external)
    private
@@ -114,23 +114,15 @@ contains
       class(positive_law), allocatable :: longer
       real(wp), allocatable :: state(:)
       logical :: is_inside
-      integer :: m
 
       allocate (longer, source=law)
       longer%n_steps = min(law%n_steps, max(affordable/law%n_lags, 512))
       call longer%keep_every_lag()
       call longer%evaluate(point, state, is_inside)
-      associate (companion => law%companion_autocovariance)
-         call estimate_autocovariance(longer%batches, companion, law%n_lags, &
-                                      model%autocovariance, model%autocovariance_error)
-         do m = 1, law%n_lags
-            if (sign(1.0_wp, companion(m))*model%autocovariance(m) >= &
-                -max(5.0_wp*model%autocovariance_error(m), 1.0e-3_wp*model%autocovariance(0))) cycle
-            call raise(error, exit_no_solution, law%name(size(model%a))// &
-                       ': the search ended where K('//to_text(m)//') has changed its sign')
-            return
-         end do
-      end associate
+      call estimate_autocovariance(longer%batches, law%companion_autocovariance, law%n_lags, &
+                                   model%autocovariance, model%autocovariance_error)
+      call require_signs(law, model%autocovariance, model%autocovariance_error, error)
+      if (allocated(error)) return
       model%autocovariance(:) = model%b0**2*model%autocovariance
       model%autocovariance_error(:) = &
          model%b0**2*hypot(model%autocovariance_error, &
