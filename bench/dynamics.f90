@@ -79,7 +79,7 @@ contains
       print '(a, f8.1)', 'stuck    event 1e-6         ', nanoseconds
       peak = peak_rate()
       ! records, `stride` steps apart, divide by the longest stride
-      associate (steps => stride_of(min(event%tabulated%level, 1 + trailz(stride))))
+      associate (steps => stride_of(min(event%tables%level, 1 + trailz(stride))))
          flops = (2*5 + steps + 1)*16*2/real(steps, wp)
       end associate
       print '(a)', '# roofline, stuck event 1e-6: flops_per_sample_step flops_per_ns peak share'

@@ -16,9 +16,9 @@
 module dynamics_crossing
    use core_kinds, only: wp
    use dynamics_chain, only: chain_type
-   use dynamics_propagator, only: levels, stride_of, width
-   use dynamics_schedule, only: book_size, of_level, of_place, of_position
-   use dynamics_workspace, only: at_anchor, at_direction, at_reach, at_slider, at_state, sample_size
+   use dynamics_course, only: course_type
+   use dynamics_propagator, only: levels, propagator_type, stride_of, width
+   use dynamics_walker, only: walker_type
    implicit none(type, external)
    private
    public :: capacity, crossing_batch, kinks, kink_time
@@ -101,70 +101,65 @@ contains
    !> Whether kinks of the force may be left out of the paths of other masses: there they bend the
    !> fourth derivative by damping, the fifth by the coupling, of which the polynomial takes all but
    !> a 4096th and a 20480th. The force that sets in carries (rate h)^2 of it.
-   pure function is_smooth(batch, stride, bend, place, sample)
+   pure function is_smooth(batch, bend, walker)
       type(crossing_batch), intent(in) :: batch
-      integer, intent(in) :: stride, place
-      real(wp), intent(in) :: bend   !! all kinks of the force, as sum_kinks has them
-      real(wp), intent(in) :: sample(width, sample_size)
+      real(wp), intent(in) :: bend   !! all kinks of the force in the stretch (course_type)
+      type(walker_type), intent(in) :: walker
       logical :: is_smooth
       real(wp) :: left_out
+      integer :: stride
 
+      stride = stride_of(walker%level)
       left_out = (stride*batch%drag/4096.0_wp + stride**2*batch%coupling/20480.0_wp)*bend
       is_smooth = (stride*batch%rate_step)**2*left_out <= &
-                  batch%tolerance*maxval(abs(sample(:, at_state + 2*place)))
+                  batch%tolerance*maxval(abs(walker%x(:, walker%place)))
    end function is_smooth
 
    !> Reads one mass of each listed sample, one to a lane.
-   pure subroutine read_masses(batch, n_listed, list, mass, n, contact, forced_dof, force_scale, &
-                               n_forces, force, kink, pull, n_samples, book, sample)
+   pure subroutine read_masses(n_listed, list, mass, tables, pull, course, n_samples, walker, batch)
+      integer, intent(in) :: n_listed, list(n_listed), mass(n_listed), n_samples
+      type(propagator_type), intent(in) :: tables
+      real(wp), intent(in) :: pull(width, 2, width)   !! of these tables
+      type(course_type), intent(in) :: course
+      type(walker_type), intent(in) :: walker(n_samples)
       type(crossing_batch), intent(inout) :: batch
-      integer, intent(in) :: n_listed, list(n_listed), mass(n_listed), n, forced_dof
-      real(wp), intent(in) :: contact(n)    !! h^2 k/m
-      real(wp), intent(in) :: force_scale   !! h^2/m of the forced mass [m/N]
-      integer, intent(in) :: n_forces, n_samples
-      real(wp), intent(in) :: force(0:n_forces - 1)   !! [N]
-      real(wp), intent(in) :: kink(0:n_forces - 1)    !! find_kinks
-      real(wp), intent(in) :: pull(width, 2, width)
-      integer, intent(in) :: book(book_size, n_samples)
-      real(wp), intent(in) :: sample(width, sample_size, n_samples)
       ! of the kinks at the quarters of a stretch: place, and share in the polynomial
       integer, parameter :: offset(kinks, levels) = reshape([0, 0, 0, 0, 1, 0, 1, 2, 3], &
                                                             [kinks, levels])
       real(wp), parameter :: share(kinks, levels) = reshape([0, 0, 0, 0, 8, 0, 64, 64, 64], &
                                                             [kinks, levels])/6.0_wp
-      real(wp) :: back0(width), back1(width), is_forced
-      integer :: i, j, k, l, level, p, stride, w, x0, x1
+      real(wp) :: back0(width), back1(width), held, is_forced
+      integer :: i, j, k, l, now, p, stride, w
 
       batch%n = n_listed
       do l = 1, n_listed
          w = list(l)
          i = mass(l)
-         p = book(of_position, w)
-         level = book(of_level, w)
-         stride = stride_of(level)
-         x0 = at_state + 2*book(of_place, w)
-         x1 = at_state + 2 - 2*book(of_place, w)
-         is_forced = merge(1.0_wp, 0.0_wp, i == forced_dof)
+         p = walker(w)%position
+         now = walker(w)%place
+         stride = stride_of(walker(w)%level)
+         is_forced = merge(1.0_wp, 0.0_wp, i == tables%forced_dof)
+         held = tables%contact(i)*walker(w)%anchor(i)
          !$omp simd
          do j = 1, width
-            back0(j) = pull(j, 1, i)*sample(j, x0, w) + pull(j, 2, i)*sample(j, x0 + 1, w)
-            back1(j) = pull(j, 1, i)*sample(j, x1, w) + pull(j, 2, i)*sample(j, x1 + 1, w)
+            back0(j) = pull(j, 1, i)*walker(w)%x(j, now) + pull(j, 2, i)*walker(w)%u(j, now)
+            back1(j) = pull(j, 1, i)*walker(w)%x(j, 1 - now) + pull(j, 2, i)*walker(w)%u(j, 1 - now)
          end do
-         batch%x0(l) = sample(i, x0, w)
-         batch%u0(l) = sample(i, x0 + 1, w)
-         batch%pull0(l) = is_forced*force_scale*force(p) + &
-                          contact(i)*sample(i, at_anchor, w) - total(back0)
-         batch%x1(l) = sample(i, x1, w)
-         batch%u1(l) = sample(i, x1 + 1, w)
-         batch%pull1(l) = is_forced*force_scale*force(p + stride) + &
-                          contact(i)*sample(i, at_anchor, w) - total(back1)
-         batch%slider(l) = sample(i, at_slider, w)
-         batch%reach(l) = sample(i, at_reach, w)
-         batch%direction(l) = sample(i, at_direction, w)
-         batch%contact(l) = contact(i)
+         batch%x0(l) = walker(w)%x(i, now)
+         batch%u0(l) = walker(w)%u(i, now)
+         batch%pull0(l) = is_forced*tables%force_scale*course%force(p) + held - total(back0)
+         batch%x1(l) = walker(w)%x(i, 1 - now)
+         batch%u1(l) = walker(w)%u(i, 1 - now)
+         batch%pull1(l) = is_forced*tables%force_scale*course%force(p + stride) + held - &
+                          total(back1)
+         batch%slider(l) = walker(w)%slider(i)
+         batch%reach(l) = walker(w)%reach(i)
+         batch%direction(l) = walker(w)%direction(i)
+         batch%contact(l) = tables%contact(i)
          !GCC$ unroll 3
          do k = 1, kinks
-            batch%bend(l, k) = is_forced*share(k, level)*kink(p + offset(k, level))
+            batch%bend(l, k) = is_forced*share(k, walker(w)%level)* &
+                               course%kink(p + offset(k, walker(w)%level))
          end do
          batch%span(l) = stride
       end do
@@ -180,20 +175,20 @@ contains
 
    !> Adds the effect of the transition of a lane, of mass i, to the state that was reached without
    !> it.
-   pure subroutine step_across(batch, l, i, kick, place, sample)
+   pure subroutine step_across(batch, l, i, kick, walker)
       type(crossing_batch), intent(in) :: batch
-      integer, intent(in) :: l, i, place
+      integer, intent(in) :: l, i
       real(wp), intent(in) :: kick(width, 0:width - 1, width)     !! of the new pattern
-      real(wp), intent(inout) :: sample(width, sample_size)
-      integer :: j, m, x1
+      type(walker_type), intent(inout) :: walker
+      integer :: j, m, next
 
-      x1 = at_state + 2 - 2*place
+      next = 1 - walker%place
       !$omp simd
       do j = 1, width
          block
             real(wp) :: x_even, x_odd, u_even, u_odd
-            x_even = sample(j, x1)
-            u_even = sample(j, x1 + 1)
+            x_even = walker%x(j, next)
+            u_even = walker%u(j, next)
             x_odd = 0.0_wp
             u_odd = 0.0_wp
             !GCC$ unroll 4
@@ -203,8 +198,8 @@ contains
                u_odd = u_odd + batch%psi(l, m + 1)*kick(j, m + 1, i)
                x_odd = x_odd + batch%psi(l, m + 2)*kick(j, m + 1, i)
             end do
-            sample(j, x1) = x_even + x_odd
-            sample(j, x1 + 1) = u_even + u_odd
+            walker%x(j, next) = x_even + x_odd
+            walker%u(j, next) = u_even + u_odd
          end block
       end do
    end subroutine step_across

@@ -8,11 +8,11 @@ module dynamics_event
    use core_kinds, only: long, wp
    use core_text, only: to_text
    use dynamics_chain, only: chain_type
-   use dynamics_crossing, only: new_batch, path_error
    use dynamics_lanes, only: lane_group, new_lane_group
-   use dynamics_propagator, only: levels, new_propagator, stride_of, width
+   use dynamics_propagator, only: width
    use dynamics_response, only: block_state, marcher_type
-   use dynamics_tabulated, only: tabulated_march
+   use dynamics_tables, only: new_tables, table_rate_step, tables_type
+   use dynamics_tabulated, only: march_by_tables
    use dynamics_taylor, only: fastest_rate, lanes, new_taylor, order_for
    implicit none(type, external)
    private
@@ -20,8 +20,7 @@ module dynamics_event
 
    integer, parameter :: most_parts = 4096   !! of a step; more are refused
 
-   ! longest part of a step in fastest time constants
-   real(wp), parameter :: table_rate_step = 0.5_wp, series_rate_step = 1.0_wp
+   real(wp), parameter :: series_rate_step = 1.0_wp   !! longest part of a step, by series
 
    !> Marches by tables of exact steps, and by Taylor series where the chain is too long for tables.
    type, extends(marcher_type) :: event_marcher
@@ -29,7 +28,7 @@ module dynamics_event
       integer :: substeps = 1            !! equal parts of a step
       logical :: has_tables = .false.
       type(lane_group) :: group
-      type(tabulated_march) :: tabulated
+      type(tables_type) :: tables
    contains
       procedure :: advance
       procedure :: advance_by_tables
@@ -49,7 +48,6 @@ contains
       !> a step's error lives on for some 1/zeta periods of many steps each
       real(wp), parameter :: share_of_step = 1.0e-4_wp, share_of_transition = 2.0e-2_wp
       real(wp) :: h, rate
-      integer :: level
 
       if (.not. dt > 0.0_wp) then
          call raise(error, exit_bad_input, 'dt = '//to_text(dt)//': must be positive')
@@ -78,24 +76,8 @@ contains
          marcher%group = new_lane_group(chain, new_taylor(chain, h, forced_dof, order), rate*h, &
                                         tolerance)
       end associate
-      if (.not. marcher%has_tables) return
-      associate (tables => marcher%tabulated)
-         tables%chain = chain
-         tables%h = h
-         tables%floor = (rate*h*stride_of)**4/384.0_wp
-         do level = 1, levels
-            tables%has_crossings(level) = path_error(stride_of(level)*rate*h) <= &
-                                          share_of_transition*tolerance
-         end do
-         ! not beyond what crossings allow, but for two steps, which pay even so
-         tables%level = max(2, count(tables%has_crossings))
-         tables%level = min(tables%level, count(stride_of*rate*h <= table_rate_step))
-         tables%batch = new_batch(chain, h, forced_dof, rate, stride_of(tables%level), &
-                                  share_of_transition*tolerance)
-         tables%forced_dof = forced_dof
-         tables%group = marcher%group
-         call new_propagator(chain, h, forced_dof, tables%propagator)
-      end associate
+      if (marcher%has_tables) call new_tables(chain, h, forced_dof, share_of_transition*tolerance, &
+                                              marcher%tables)
    end subroutine new_event_marcher
 
    !> How many parts of a step are needed, at least: the fastest mode bounds their length, for the
@@ -118,10 +100,10 @@ contains
       real(wp), intent(out) :: displacement(:, :, :)         !! (record, dof, sample) [m], or size 0
       real(wp), intent(out), optional :: velocity(:, :, :)   !! (record, dof, sample) [m/s]
       type(error_type), allocatable, intent(out) :: error
-      real(wp), allocatable :: slip_begin(:, :)   ! (dof, sample) of the slip under way
-      real(wp) :: h, now, no_velocity(0, 0, 0)
+      real(wp) :: h, no_velocity(0, 0, 0)
 
-      allocate (slip_begin(state%n_dof, state%n_samples), source=real(state%step*self%substeps, wp))
+      state%slip_begin = spread(spread(real(state%step*self%substeps, wp), 1, state%n_dof), 2, &
+                                state%n_samples)
       if (present(velocity)) then
          call go(velocity)
       else
@@ -130,8 +112,8 @@ contains
       if (allocated(error)) return
       state%step = state%step + ubound(force, 1)
       h = self%dt/self%substeps
-      now = real(state%step*self%substeps, wp)
-      where (state%direction /= 0) state%slip_time = state%slip_time + (now - slip_begin)*h
+      where (state%direction /= 0) state%slip_time = state%slip_time + &
+         (real(state%step*self%substeps, wp) - state%slip_begin)*h
 
    contains
 
@@ -139,24 +121,20 @@ contains
          real(wp), intent(inout) :: velocity(:, :, :)
 
          if (self%has_tables .and. .not. state%keeps_ledger) then
-            call self%advance_by_tables(state, force, every, slip_begin, displacement, velocity, &
-                                        error)
+            call self%advance_by_tables(state, force, every, displacement, velocity, error)
          else
-            call self%advance_by_series(state, force, every, slip_begin, displacement, velocity, &
-                                        error)
+            call self%advance_by_series(state, force, every, displacement, velocity, error)
          end if
       end subroutine go
 
    end subroutine advance
 
    !> In pieces whose force, with a value at every part of a step, stays in the cache.
-   subroutine advance_by_tables(self, state, force, every, slip_begin, displacement, velocity, &
-                                error)
+   subroutine advance_by_tables(self, state, force, every, displacement, velocity, error)
       class(event_marcher), intent(inout) :: self
       type(block_state), intent(inout) :: state
       real(wp), intent(in) :: force(0:, :)
       integer, intent(in) :: every
-      real(wp), intent(inout) :: slip_begin(:, :)
       real(wp), intent(inout) :: displacement(:, :, :), velocity(:, :, :)   !! each may have size 0
       type(error_type), allocatable, intent(out) :: error
       integer, parameter :: longest_piece = 8192   ! parts of steps
@@ -176,9 +154,9 @@ contains
          end do
          piece((last - first)*self%substeps, :) = force(last, :)
          recorded = int((state%step + first)/every - state%step/every)
-         call self%tabulated%march(state, piece, real((state%step + first)*self%substeps, wp), &
-                                   every*self%substeps, recorded, slip_begin, displacement, &
-                                   velocity, error)
+         call march_by_tables(self%tables, self%group, state, piece, &
+                              real((state%step + first)*self%substeps, wp), &
+                              every*self%substeps, recorded, displacement, velocity, error)
          if (allocated(error)) return
          deallocate (piece)
          first = last
@@ -187,13 +165,11 @@ contains
 
    !> Eight samples at a time, each at its own pace: a lane that has reached the end of its step
    !> goes on to the next one, and one that has done them all takes another sample.
-   subroutine advance_by_series(self, state, force, every, slip_begin, displacement, velocity, &
-                                error)
+   subroutine advance_by_series(self, state, force, every, displacement, velocity, error)
       class(event_marcher), intent(inout) :: self
       type(block_state), intent(inout) :: state
       real(wp), intent(in) :: force(0:, :)
       integer, intent(in) :: every
-      real(wp), intent(inout) :: slip_begin(:, :)
       real(wp), intent(inout) :: displacement(:, :, :), velocity(:, :, :)   !! each may have size 0
       type(error_type), allocatable, intent(out) :: error
       type(lane_group) :: group
@@ -205,7 +181,7 @@ contains
          call take_sample(l)
       end do
       do while (any(group%sample > 0))
-         call group%march_round(state, slip_begin, error)
+         call group%march_round(state, error)
          if (allocated(error)) return
          do l = 1, lanes
             if (group%sample(l) > 0 .and. group%tau(l) >= 1.0_wp) call finish_part(l)

@@ -123,23 +123,21 @@ contains
    end subroutine store
 
    !> Marches all lanes to the end of their steps.
-   subroutine march_step(self, state, slip_begin, error)
+   subroutine march_step(self, state, error)
       class(lane_group), intent(inout) :: self
       type(block_state), intent(inout) :: state
-      real(wp), intent(inout) :: slip_begin(:, :)
       type(error_type), allocatable, intent(out) :: error
 
       do while (any(self%tau < 1.0_wp))
-         call self%march_round(state, slip_begin, error)
+         call self%march_round(state, error)
          if (allocated(error)) return
       end do
    end subroutine march_step
 
    !> Marches each lane to its next transition, or to the end of its step.
-   subroutine march_round(self, state, slip_begin, error)
+   subroutine march_round(self, state, error)
       class(lane_group), intent(inout) :: self
       type(block_state), intent(inout) :: state           !! transitions are counted and logged here
-      real(wp), intent(inout) :: slip_begin(:, :)         !! (dof, sample) of slips under way
       type(error_type), allocatable, intent(out) :: error
       real(wp) :: span(lanes), force(lanes, 0:1)
       logical :: is_crossing(lanes)
@@ -164,7 +162,7 @@ contains
                        't = '//to_text((self%begin(l) + 1.0_wp)*self%taylor%h))
             return
          end if
-         call change_regimes(self, l, span(l), self%begin(l) + self%tau(l), state, slip_begin)
+         call change_regimes(self, l, span(l), self%begin(l) + self%tau(l), state)
       end do
    end subroutine march_round
 
@@ -243,13 +241,12 @@ contains
    !> Changes the regime of every mass that crosses its guard now: one pass for all of an instant.
    !> Sticking stops the mass and puts the slider where the spring carries mu N, so no drift
    !> gathers.
-   subroutine change_regimes(self, l, span, now, state, slip_begin)
+   subroutine change_regimes(self, l, span, now, state)
       type(lane_group), intent(inout) :: self
       integer, intent(in) :: l
       real(wp), intent(in) :: span   !! time of the transition since the last one [steps]
       real(wp), intent(in) :: now    !! [steps]
       type(block_state), intent(inout) :: state
-      real(wp), intent(inout) :: slip_begin(:, :)
       real(wp), parameter :: same_instant = 4.0_wp*epsilon(1.0_wp)
       integer :: i, w
 
@@ -262,11 +259,12 @@ contains
             self%held(l, i) = 0.0_wp
             self%anchor(l, i) = -self%direction(l, i)*self%reach(l, i)
             state%slip_starts(i, w) = state%slip_starts(i, w) + 1
-            slip_begin(i, w) = now
+            state%slip_begin(i, w) = now
             call note(i, nint(self%direction(l, i)))
          else
             state%stick_starts(i, w) = state%stick_starts(i, w) + 1
-            state%slip_time(i, w) = state%slip_time(i, w) + (now - slip_begin(i, w))*self%taylor%h
+            state%slip_time(i, w) = state%slip_time(i, w) + &
+                                    (now - state%slip_begin(i, w))*self%taylor%h
             call note(i, 0)
             self%x(l, i, 1) = 0.0_wp
             self%slider(l, i) = self%x(l, i, 0) - self%direction(l, i)*self%reach(l, i)

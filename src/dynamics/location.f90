@@ -4,11 +4,11 @@ module dynamics_location
    use core_kinds, only: wp
    use dynamics_crossing, only: capacity, crossing_batch, kinks, kink_time
    use dynamics_propagator, only: width
+   use dynamics_registers, only: whole_registers
    implicit none(type, external)
    private
    public :: locate
 
-   integer, parameter :: lanes = 8    !! of a vector
    integer, parameter :: degree = 5   !! of a path
 
 contains
@@ -28,7 +28,7 @@ contains
       integer, parameter :: iterations = 2
       integer :: iteration, k, l, n
 
-      n = whole_vectors(batch%n)
+      n = whole_registers(batch%n)
       call join_ends(batch, n, path, guard, cube, square, gain)
       call find_clear(batch, n, path)
       do iteration = 1, iterations
@@ -261,12 +261,5 @@ contains
          end do
       end do
    end subroutine integrate_force
-
-   !> n, padded to whole vectors.
-   pure integer function whole_vectors(n)
-      integer, intent(in) :: n
-
-      whole_vectors = lanes*((n + lanes - 1)/lanes)
-   end function whole_vectors
 
 end module dynamics_location

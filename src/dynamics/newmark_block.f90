@@ -4,15 +4,14 @@
 !> that is marched: where a step begins and how long it may be are then whole numbers. A sample has
 !> two slots for its motion: one holds the present, the other takes the step that is being tried.
 module dynamics_newmark_block
-   use, intrinsic :: iso_c_binding, only: c_intptr_t, c_loc
    use core_kinds, only: long, wp
    use dynamics_chain, only: chain_type
-   use dynamics_newmark_ledger, only: add_works, register_width
+   use dynamics_newmark_ledger, only: add_works
+   use dynamics_registers, only: first_aligned, register_width, whole_registers
    use dynamics_response, only: block_state
    implicit none(type, external)
    private
-   public :: newmark_block, load_block, store_block, first_aligned
-   public :: register_width, whole_registers
+   public :: newmark_block, load_block, store_block
 
    !> Columns over the dofs are padded to whole registers.
    type :: newmark_block
@@ -365,21 +364,5 @@ contains
 
       if (associated(self%memory)) deallocate (self%memory)
    end subroutine free_block
-
-   !> n, padded to whole registers.
-   pure integer function whole_registers(n)
-      integer, intent(in) :: n
-
-      whole_registers = register_width*((n + register_width - 1)/register_width)
-   end function whole_registers
-
-   !> Where in the memory the first whole cache line begins: registers then load from one line only.
-   function first_aligned(memory) result(first)
-      real(wp), intent(in), target, contiguous :: memory(:)
-      integer :: first
-      integer(c_intptr_t), parameter :: line = 64
-
-      first = 1 + int(modulo(-transfer(c_loc(memory), 0_c_intptr_t), line))/8
-   end function first_aligned
 
 end module dynamics_newmark_block

@@ -11,8 +11,9 @@ module dynamics_newmark_steps
    use core_error, only: error_type
    use core_kinds, only: long, wp
    use dynamics_chain, only: chain_type
-   use dynamics_newmark_block, only: first_aligned, newmark_block, register_width, whole_registers
+   use dynamics_newmark_block, only: newmark_block
    use dynamics_newmark_long, only: try_long
+   use dynamics_registers, only: first_aligned, register_width, whole_registers
    use numerics_lapack, only: solve_positive_definite
    implicit none(type, external)
    private

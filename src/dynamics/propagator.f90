@@ -8,42 +8,41 @@
 module dynamics_propagator
    use core_kinds, only: wp
    use dynamics_chain, only: chain_type
-   use, intrinsic :: iso_c_binding, only: c_intptr_t, c_loc
+   use dynamics_registers, only: first_aligned, register_width
    implicit none(type, external)
    private
-   public :: propagator_type, new_propagator, alignment_gap
+   public :: propagator_type, new_propagator
    public :: width, columns, column_force, levels, stride_of
 
-   integer, parameter :: width = 8                    !! most masses; one 64-byte vector
+   integer, parameter :: width = register_width       !! most masses
    integer, parameter :: levels = 3                   !! tables of 1, 2 and 4 steps at once
    integer, parameter :: stride_of(levels) = [1, 2, 4]
    integer, parameter :: longest_stride = stride_of(levels)
-   integer, parameter :: column_force = 2*width + 1   !! and on: between steps
-   integer, parameter :: columns = 2*width + 1 + longest_stride
+   integer, parameter :: column_force = 3*width + 1   !! and on: between steps
+   integer, parameter :: columns = 3*width + 1 + longest_stride
 
    integer, parameter :: step_length = 2*width*columns
-   integer, parameter :: load_length = 2*width*width
    integer, parameter :: kick_length = width*width*width
    integer, parameter :: pull_length = 2*width*width
 
    !> Tables for the 2^n patterns; bit i-1 of a pattern says that mass i is stuck. They lie in one
-   !> pool, each beginning on a cache line: pool(step) is table(16, 21, 0:2^n-1, 3) and so on.
+   !> pool, each beginning on a cache line: pool(step) is table(16, 29, 0:2^n-1, 3) and so on.
    type :: propagator_type
       integer :: n = 0
       real(wp), allocatable :: pool(:)
-      integer :: step = 0   !! (mass, x u, x u force, pattern, level): state after a stride
-      integer :: load = 0   !! (mass, x u, anchor, pattern, level): what the anchors add to it
+      integer :: step = 0   !! (mass, x u, x u anchor force, pattern, level): state after a stride
       !> (mass, 0:7, mass, pattern): velocities of A^m times a unit load on one mass; displacements
       !> are the velocities of the power before, as x' = u
       integer :: kick = 0
       integer :: pull = 0   !! (mass, x u, mass): what pulls one mass back, but for its contact
       logical, allocatable :: is_built(:)   !! (0:2^n-1)
       real(wp), allocatable, private :: free(:, :)      !! A with all masses slipping, and its loads
-      real(wp), allocatable, private :: contact(:)      !! h^2 k/m
+      real(wp), allocatable :: contact(:)   !! h^2 k/m
+      real(wp) :: force_scale = 0.0_wp      !! h^2/m of the forced mass [m/N]
+      integer :: forced_dof = 0
    contains
       procedure :: build
       procedure :: at_step
-      procedure :: at_load
       procedure :: at_kick
    end type propagator_type
 
@@ -68,28 +67,19 @@ contains
          self%free(n + i, n + 1:2*n) = -h*chain%damping(i, :)/chain%mass(i)
          self%free(n + i, 2*n + 2 + i) = self%contact(i)
       end do
-      self%free(n + forced_dof, 2*n + 1) = h**2/chain%mass(forced_dof)
+      self%forced_dof = forced_dof
+      self%force_scale = h**2/chain%mass(forced_dof)
+      self%free(n + forced_dof, 2*n + 1) = self%force_scale
       self%free(2*n + 1, 2*n + 2) = 1.0_wp   ! the force rises linearly
 
-      allocate (self%pool(patterns*(levels*(step_length + load_length) + kick_length) + &
-                          pull_length + width), source=0.0_wp)
-      self%step = 1 + alignment_gap(self%pool)
-      self%load = self%step + levels*patterns*step_length
-      self%kick = self%load + levels*patterns*load_length
+      allocate (self%pool(patterns*(levels*step_length + kick_length) + pull_length + width), &
+                source=0.0_wp)
+      self%step = first_aligned(self%pool)
+      self%kick = self%step + levels*patterns*step_length
       self%pull = self%kick + patterns*kick_length
       allocate (self%is_built(0:patterns - 1), source=.false.)
       call put_pull(n, self%free, self%pool(self%pull))
    end subroutine new_propagator
-
-   !> How many reals to leave out so that the next one begins a 64-byte line.
-   function alignment_gap(pool) result(gap)
-      real(wp), intent(in), target :: pool(*)
-      integer :: gap
-      integer(c_intptr_t) :: address
-
-      address = transfer(c_loc(pool), address)
-      gap = int(modulo(-address, 64_c_intptr_t))/8
-   end function alignment_gap
 
    !> Builds the tables of one pattern from the powers of A with its loads: G^k/k!, k = 0, 1, ...
    !> As the norm of G is near 1, the series itself gives the exponential to rounding.
@@ -123,8 +113,7 @@ contains
       allocate (response, source=response_to(n, total))   ! assigned, its shape before is undefined
       do level = 1, levels
          if (level > 1) response = twice(n, response)
-         call put_step(n, response, self%pool(self%at_step(pattern, level)), &
-                       self%pool(self%at_load(pattern, level)))
+         call put_step(n, response, self%pool(self%at_step(pattern, level)))
       end do
       self%is_built(pattern) = .true.
    end subroutine build
@@ -136,13 +125,6 @@ contains
 
       at_step = self%step + ((level - 1)*2**self%n + pattern)*step_length
    end function at_step
-
-   pure integer function at_load(self, pattern, level)
-      class(propagator_type), intent(in) :: self
-      integer, intent(in) :: pattern, level
-
-      at_load = self%load + ((level - 1)*2**self%n + pattern)*load_length
-   end function at_load
 
    pure integer function at_kick(self, pattern)
       class(propagator_type), intent(in) :: self
@@ -178,19 +160,19 @@ contains
       response(:, half:) = response(:, half:) + once(:, 3*n + 1:)
    end function twice
 
-   pure subroutine put_step(n, response, step, load)
+   pure subroutine put_step(n, response, step)
       integer, intent(in) :: n
       real(wp), intent(in) :: response(:, :)
-      real(wp), intent(inout) :: step(width, 2, columns), load(width, 2, width)
-      integer :: first, half
+      real(wp), intent(inout) :: step(width, 2, columns)
+      integer :: first, half, part
 
       do half = 1, 2
          first = (half - 1)*n
          associate (from => response(first + 1:first + n, :))
-            step(:n, half, 1:n) = from(:, :n)
-            step(:n, half, width + 1:width + n) = from(:, n + 1:2*n)
+            do part = 0, 2   ! x, u, anchors
+               step(:n, half, part*width + 1:part*width + n) = from(:, part*n + 1:part*n + n)
+            end do
             step(:n, half, column_force:column_force + size(from, 2) - 3*n - 1) = from(:, 3*n + 1:)
-            load(:n, half, :n) = from(:, 2*n + 1:3*n)
          end associate
       end do
    end subroutine put_step

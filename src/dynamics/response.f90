@@ -28,6 +28,9 @@ module dynamics_response
       integer, allocatable :: direction(:, :)           !! (dof, sample) 0: stuck, +-1: slips so
       real(wp), allocatable :: slip_limit(:, :)         !! mu N (dof, sample) [N]
       real(wp), allocatable :: slip_time(:, :)          !! (dof, sample) [s]
+      !> (dof, sample) when a slip under way began, to what has been counted [parts of steps]; for
+      !> the marcher, while it marches
+      real(wp), allocatable :: slip_begin(:, :)
       integer(long), allocatable :: slip_starts(:, :)   !! (dof, sample)
       integer(long), allocatable :: stick_starts(:, :)  !! (dof, sample)
       logical :: keeps_ledger = .false.
