@@ -9,7 +9,8 @@ module dynamics_course
    !> Values at steps, linear between them; one sample's behind the other's where each has its own.
    !> A position counts from 0 through all of them.
    type :: course_type
-      real(wp), allocatable :: force(:)     !! (0:) [N]
+      integer :: n_values = 0
+      real(wp), allocatable :: force(:)     !! (0:) [N]; zeros follow, a longest stride of them
       !> The kink of the force at a position: by how much it changes the third derivative of the
       !> forced mass, per step cubed [m]
       real(wp), allocatable :: kink(:)      !! (0:)
@@ -27,11 +28,12 @@ contains
       integer :: k, last, level, n
 
       n = size(force)
-      allocate (course%force(0:n - 1))
-      course%force(:) = reshape(force, [n])
+      course%n_values = n
+      allocate (course%force(0:n - 1 + stride_of(levels)), source=0.0_wp)
+      course%force(:n - 1) = reshape(force, [n])
       allocate (course%kink(0:n - 1), course%bend(0:n - 1, levels), source=0.0_wp)
       associate (f => course%force)
-         course%kink(1:n - 2) = scale*((f(:n - 3) - f(1:n - 2)) + (f(2:) - f(1:n - 2)))
+         course%kink(1:n - 2) = scale*((f(:n - 3) - f(1:n - 2)) + (f(2:n - 1) - f(1:n - 2)))
       end associate
       do level = 1, levels
          last = n - 1 - stride_of(level)

@@ -107,12 +107,15 @@ contains
       type(walker_type), intent(in) :: walker
       logical :: is_smooth
       real(wp) :: left_out
-      integer :: stride
+      integer :: i, stride
 
       stride = stride_of(walker%level)
-      left_out = (stride*batch%drag/4096.0_wp + stride**2*batch%coupling/20480.0_wp)*bend
-      is_smooth = (stride*batch%rate_step)**2*left_out <= &
-                  batch%tolerance*maxval(abs(walker%x(:, walker%place)))
+      left_out = (stride*batch%rate_step)**2* &
+                 (stride*batch%drag/4096.0_wp + stride**2*batch%coupling/20480.0_wp)*bend
+      do i = 1, width
+         is_smooth = left_out <= batch%tolerance*abs(walker%x(i, walker%place))
+         if (is_smooth) return
+      end do
    end function is_smooth
 
    !> Reads one mass of each listed sample, one to a lane.

@@ -2,8 +2,7 @@
 !> of the march, without a branch.
 module dynamics_quiet
    use core_kinds, only: long, wp
-   use dynamics_course, only: course_type
-   use dynamics_propagator, only: column_force, columns, stride_of, width
+   use dynamics_propagator, only: column_force, columns, width
    use dynamics_walker, only: walker_type
    implicit none(type, external)
    private
@@ -16,32 +15,27 @@ contains
    !> Takes a stretch of every listed sample: the state after it, in the place that is not in use,
    !> and the masses whose guard may have been crossed. What follows from that is decided elsewhere,
    !> so that nothing here waits for the end of a product.
-   pure subroutine take_steps(n, level, course, table, floor, n_listed, list, n_samples, walker, &
-                              suspects)
-      integer, intent(in) :: n, level, n_listed, n_samples, list(n_listed)
-      type(course_type), intent(in) :: course
+   pure subroutine take_steps(n, stride, force, bend, table, floor, n_listed, list, n_samples, &
+                              walker, suspects)
+      integer, intent(in) :: n, stride, n_listed, n_samples, list(n_listed)
+      real(wp), intent(in) :: force(0:*)              !! of the course, from each position on
+      real(wp), intent(in) :: bend(0:*)
       real(wp), intent(in) :: table(width, 2, columns, 0:2**n - 1)   !! of the stride
       real(wp), intent(in) :: floor                   !! see bound_slack
       type(walker_type), intent(inout) :: walker(n_samples)
       integer, intent(out) :: suspects(n_listed)      !! bit i-1: mass i
       integer, parameter :: u = width, a = 2*width, f = column_force
-      real(wp) :: f0, f1, f2, f3, f4, kink, span, z(width, 2)
+      real(wp) :: kink, span, z(width, 2)
       integer(long) :: negative
-      integer :: half, i, k, now, p, stride, w
+      integer :: at, half, i, k, now, p, w
 
       if (n > written_out) call start_with_further_masses(n, table, n_listed, list, n_samples, &
                                                           walker)
-      stride = stride_of(level)
       span = stride
       do k = 1, n_listed
          w = list(k)
-         p = walker(w)%position
-         kink = course%bend(p, level)
-         f0 = course%force(p)
-         f1 = course%force(p + 1)
-         f2 = course%force(p + min(2, stride))   ! a table for fewer steps has zeros in the last
-         f3 = course%force(p + min(3, stride))
-         f4 = course%force(p + stride)
+         at = walker(w)%position
+         kink = bend(at)
          p = walker(w)%pattern
          now = walker(w)%place
          !GCC$ unroll 2
@@ -64,9 +58,11 @@ contains
                     table(i, half, u + 3, p)*walker(w)%u(3, now)) + &
                    (table(i, half, u + 4, p)*walker(w)%u(4, now) + &
                     table(i, half, u + 5, p)*walker(w)%u(5, now) + &
-                    table(i, half, f, p)*f0) + &
-                   (table(i, half, f + 1, p)*f1 + table(i, half, f + 2, p)*f2 + &
-                    table(i, half, f + 3, p)*f3 + table(i, half, f + 4, p)*f4))
+                    table(i, half, f, p)*force(at)) + &
+                   (table(i, half, f + 1, p)*force(at + 1) + &   ! a table for fewer steps
+                    table(i, half, f + 2, p)*force(at + 2) + &   ! has zeros in the last
+                    table(i, half, f + 3, p)*force(at + 3) + &
+                    table(i, half, f + 4, p)*force(at + 4)))
             end do
          end do
          negative = 0

@@ -46,8 +46,9 @@ contains
             mass(k) = first_suspect(walk%walker(sample(k)))
          end do
          associate (propagator => tables%propagator)
-            call read_masses(n_reading, sample, mass, propagator, propagator%pool(propagator%pull), &
-                             walk%course, walk%n_samples, walk%walker, tables%batch)
+            call read_masses(n_reading, sample, mass, propagator, &
+                             propagator%pool(propagator%pull), walk%course, walk%n_samples, &
+                             walk%walker, tables%batch)
          end associate
          call locate(tables%batch)
          n_reading = 0

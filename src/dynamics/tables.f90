@@ -12,6 +12,7 @@ module dynamics_tables
 
    real(wp), parameter :: table_rate_step = 0.5_wp   !! longest stride in fastest time constants
 
+   !> One chain's, for steps of one length.
    type :: tables_type
       type(chain_type) :: chain
       real(wp) :: h = 0.0_wp              !! [s]

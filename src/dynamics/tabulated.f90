@@ -10,7 +10,7 @@ module dynamics_tabulated
    use core_kinds, only: wp
    use dynamics_course, only: new_course
    use dynamics_lanes, only: lane_group
-   use dynamics_propagator, only: levels
+   use dynamics_propagator, only: levels, stride_of
    use dynamics_quiet, only: take_steps
    use dynamics_response, only: block_state
    use dynamics_stretches, only: treat_stretches
@@ -84,13 +84,14 @@ contains
       if (n_taken == 0) return
       walk%taken(:n_taken) = walk%list(:n_taken, level)
       associate (propagator => tables%propagator)
-         call take_steps(propagator%n, level, walk%course, &
+         call take_steps(propagator%n, stride_of(level), walk%course%force, &
+                         walk%course%bend(0, level), &
                          propagator%pool(propagator%at_step(0, level)), tables%floor(level), &
                          n_taken, walk%taken, walk%n_samples, walk%walker, walk%suspects)
       end associate
-      call sort_out(n_taken, walk%taken, walk%suspects, level, walk%level, walk%n_samples, &
-                    walk%walker, walk%n_listed(level), walk%list(:, level), n_stopping, &
-                    walk%stopping, n_due, walk%due)
+      call sort_out(n_taken, walk%taken, walk%suspects, stride_of(level), level == walk%level, &
+                    walk%n_samples, walk%walker, walk%n_listed(level), walk%list(:, level), &
+                    n_stopping, walk%stopping, n_due, walk%due)
       do k = 1, n_due
          call record(walk, walk%due(k))
       end do

@@ -4,7 +4,7 @@ module dynamics_transitions
    use core_kinds, only: wp
    use dynamics_course, only: course_type
    use dynamics_crossing, only: capacity, crossing_batch
-   use dynamics_propagator, only: stride_of, width
+   use dynamics_propagator, only: stride_of
    use dynamics_registers, only: whole_registers
    use dynamics_walker, only: walker_type
    implicit none(type, external)
@@ -34,28 +34,38 @@ contains
    pure function first_suspect(walker) result(first)
       type(walker_type), intent(in) :: walker   !! with at least one
       integer :: first
-      real(wp) :: share(width)   ! of half the change, left at the end: it grows with the time
-      integer :: i, now
+      integer :: i, others
+      real(wp) :: least, share
 
       first = 1 + trailz(walker%suspects)
-      if (iand(walker%suspects, walker%suspects - 1) == 0) return
-      now = walker%place
-      !$omp simd
-      do i = 1, width
-         block
-            real(wp) :: after, before, way
-            way = walker%direction(i)
-            before = merge(way*walker%u(i, now), walker%reach(i) - &
-                           abs(walker%x(i, now) - walker%slider(i)), abs(way) > 0.5_wp)
-            after = merge(way*walker%u(i, 1 - now), walker%reach(i) - &
-                          abs(walker%x(i, 1 - now) - walker%slider(i)), abs(way) > 0.5_wp)
-            share(i) = after/max(0.5_wp*abs(before) + 0.5_wp*abs(after), tiny(1.0_wp))
-         end block
-      end do
-      do i = first + 1, width
-         if (btest(walker%suspects, i - 1) .and. share(i) < share(first)) first = i
+      others = iand(walker%suspects, walker%suspects - 1)
+      if (others == 0) return
+      least = share_left(walker, first)
+      do while (others /= 0)
+         i = 1 + trailz(others)
+         others = iand(others, others - 1)
+         share = share_left(walker, i)
+         first = merge(i, first, share < least)
+         least = min(share, least)
       end do
    end function first_suspect
+
+   !> Of half the change of a mass's guard what is left at the end: it grows with the time at which
+   !> a straight line crosses zero.
+   pure function share_left(walker, i) result(share)
+      type(walker_type), intent(in) :: walker
+      integer, intent(in) :: i
+      real(wp) :: share
+      real(wp) :: after, before
+
+      associate (x => walker%x, u => walker%u, way => walker%direction(i), now => walker%place)
+         before = merge(way*u(i, now), walker%reach(i) - abs(x(i, now) - walker%slider(i)), &
+                        abs(way) > 0.5_wp)
+         after = merge(way*u(i, 1 - now), walker%reach(i) - abs(x(i, 1 - now) - walker%slider(i)), &
+                       abs(way) > 0.5_wp)
+      end associate
+      share = after/max(0.5_wp*abs(before) + 0.5_wp*abs(after), tiny(1.0_wp))
+   end function share_left
 
    !> Notes the transition of mass i that a lane has found.
    pure subroutine keep_transition(batch, lane, stretch, i, found)

@@ -16,6 +16,7 @@ module dynamics_walk
    !> Lists where a sample can stand: free to go on by a stride of some level (1 .. levels), waiting
    !> for its transitions to be located, or crowded with them.
    integer, parameter :: waiting = levels + 1, crowded = levels + 2
+   !> Where every sample of the block is, and what has been recorded.
    type :: walk_type
       integer :: n_samples = 0
       real(wp) :: begin = 0.0_wp           !! steps done before
@@ -53,7 +54,7 @@ contains
       walk%level = merge(min(level, 1 + trailz(spacing)), level, records)
       allocate (walk%list(n + 1, crowded))
       allocate (walk%taken(n), walk%suspects(n), walk%stopping(n + 1), walk%due(n + 1))
-      room = merge(size(course%force)/spacing + 1, 0, records)
+      room = merge(course%n_values/spacing + 1, 0, records)
       allocate (walk%x(width, room, n), walk%u(width, merge(room, 0, keeps_velocity), n))
       allocate (walk%memory(n*(storage_size(one)/storage_size(1.0_wp)) + width))
       first = first_aligned(walk%memory)
@@ -67,7 +68,7 @@ contains
             walker%start = 0.0_wp
             walker%reach = huge(1.0_wp)
             walker%place = 0
-            walker%first = merge(0, (w - 1)*(n_steps + 1), size(course%force) == n_steps + 1)
+            walker%first = merge(0, (w - 1)*(n_steps + 1), course%n_values == n_steps + 1)
             walker%position = walker%first
             walker%last = walker%first + n_steps
             walker%phase = walker%first + spacing - int(modulo(nint(begin, long), &
@@ -106,6 +107,7 @@ contains
       end do
    end subroutine unfold
 
+   !> Puts a sample at the end of a list.
    pure subroutine append(walk, w, list)
       type(walk_type), intent(inout) :: walk
       integer, intent(in) :: w, list
@@ -169,33 +171,32 @@ contains
    !> so (by -w if the stretch was not quiet), and those that must make a record: without a branch,
    !> as one that goes wrong throws away what the processor has already begun. A quiet stretch
    !> counts; otherwise the state is as it was.
-   pure subroutine sort_out(n_tried, tried, suspects, level, longest, n_samples, walker, n_going, &
-                            going, n_stopping, stopping, n_due, due)
+   pure subroutine sort_out(n_tried, tried, suspects, stride, is_longest, n_samples, walker, &
+                            n_going, going, n_stopping, stopping, n_due, due)
       integer, intent(in) :: n_tried, tried(n_tried), suspects(n_tried)
-      integer, intent(in) :: level     !! of the stretch
-      integer, intent(in) :: longest   !! level of the longest stride
+      integer, intent(in) :: stride            !! of the stretch
+      logical, intent(in) :: is_longest        !! no sample may take a longer one
       integer, intent(in) :: n_samples
       type(walker_type), intent(inout) :: walker(n_samples)
       integer, intent(out) :: n_going, n_stopping, n_due
       integer, intent(out) :: going(n_samples + 1), stopping(n_samples + 1), due(n_samples + 1)
-      integer :: a, goes, is_quiet, now, stride, w
+      integer :: goes, is_quiet, k, may_go, now, w
 
-      stride = stride_of(level)
       n_going = 0
       n_stopping = 0
       n_due = 0
-      do a = 1, n_tried
-         w = tried(a)
-         is_quiet = merge(1, 0, suspects(a) == 0)
+      may_go = merge(1, 0, is_longest)
+      do k = 1, n_tried
+         w = tried(k)
+         is_quiet = 1 - min(1, suspects(k))
          now = walker(w)%position + stride*is_quiet
          walker(w)%position = now
-         walker(w)%suspects = suspects(a)
+         walker(w)%suspects = suspects(k)
          walker(w)%place = ieor(walker(w)%place, is_quiet)
-         goes = is_quiet*(1 - min(1, abs(level - level_at(longest, now, walker(w)%phase, &
-                                                          walker(w)%last))))
+         goes = is_quiet*may_go*(1 + shifta(walker(w)%last - now - stride, bit_size(now) - 1))
          going(n_going + 1) = w
          n_going = n_going + goes
-         stopping(n_stopping + 1) = merge(w, -w, is_quiet == 1)
+         stopping(n_stopping + 1) = w*(2*is_quiet - 1)
          n_stopping = n_stopping + (1 - goes)
          due(n_due + 1) = w
          n_due = n_due + is_quiet*(1 - min(1, abs(now - walker(w)%due)))

@@ -15,8 +15,8 @@ module newmark_cases
 
 contains
 
-   !> Marches one sample from rest, all sliders alike; huge values when it is refused, which no test takes
-   !> for right.
+   !> Marches one sample from rest, all sliders alike; huge values when it is refused, which no test
+   !> takes for right.
    subroutine march(marcher, chain, friction, force, nth, x)
       class(marcher_type), intent(inout) :: marcher
       type(chain_type), intent(in) :: chain
@@ -66,7 +66,8 @@ contains
       stream = new_stream(seed, label_of('chain'), number)
       call stream%uniforms(u)
       u = 0.7_wp + 0.6_wp*u
-      call build_chain(u(:n), 25*u(n + 1:2*n), 50*u(2*n + 1:3*n), 10*u(3*n + 1:4*n), 0.005_wp*u(4*n + 1:), chain, error)
+      call build_chain(u(:n), 25*u(n + 1:2*n), 50*u(2*n + 1:3*n), 10*u(3*n + 1:4*n), &
+                       0.005_wp*u(4*n + 1:), chain, error)
       if (allocated(error)) error stop 'random_chain: the chain was refused'
    end subroutine random_chain
 
