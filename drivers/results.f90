@@ -19,8 +19,8 @@ module driver_results
    use io_group, only: group_type
    use io_process_results, only: write_process
    use io_results, only: begin_results, results_writer
-   use io_shards, only: list_shards, named_shard, shard_type
-   use io_store, only: remove_store, shard_store
+   use io_shards, only: list_shards, named_shard, remove_covered, shard_type
+   use io_store, only: shard_store
    use parallel_world, only: world_type
    use process_model, only: process_model_type, request_label
    use process_positive, only: draw_points
@@ -30,8 +30,8 @@ module driver_results
 
 contains
 
-   !> Writes the results file and removes the shards it was made of. The root writes, all ranks
-   !> share the statistics; collective.
+   !> Writes the results file and removes the shards it was made of; those of further samples stay.
+   !> The root writes, all ranks share the statistics; collective.
    subroutine write_results(world, line, scene, plan, models, runner, output, error)
       type(world_type), intent(in) :: world
       type(command_line), intent(in) :: line
@@ -53,7 +53,8 @@ contains
          if (world%is_root()) call writer%abandon()
       else if (world%is_root()) then
          call writer%finish(seconds_so_far(), error)
-         if (.not. allocated(error)) call remove_store(output%store, error)
+         if (.not. allocated(error)) &
+            call remove_covered(output%store, plan%cases%n_samples, error)
       end if
    end subroutine write_results
 

@@ -20,6 +20,7 @@ module driver_run
    use ensemble_runner, only: prepare_runner, runner_type
    use ensemble_sample, only: run_block
    use ensemble_study, only: block_range, draw_friction, open_blocks
+   use io_files, only: exists
    use io_process_shards, only: remove_kept
    use io_progress, only: progress_type
    use io_shards, only: write_shard
@@ -242,6 +243,8 @@ contains
       if (errors /= '') errors = '; '//errors
       call output%say(summary(plan, output))
       call output%say(duration(seconds_so_far())//errors)
+      if (exists(output%store%folder)) &
+         call output%say('samples beyond these stay in '//output%store%folder)
    end subroutine conclude
 
    !> What was done, in a line.

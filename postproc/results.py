@@ -143,6 +143,11 @@ def _on_all_dofs(data: xr.Dataset) -> xr.Dataset:
 def open_results(path: str | Path) -> Results:
     """Open a results file; every dataset carries `units` and `long_name`."""
     path = Path(path)
+    if not path.exists() and Path(f"{path}.shards").is_dir():
+        raise ResultsError(
+            f"{path}: its run is not finished: start it again, with --set campaign%n_samples=N for"
+            " a look at the first N samples"
+        )
     if not path.exists():
         raise ResultsError(f"{path}: no such file")
     if path.is_dir():

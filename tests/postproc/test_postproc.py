@@ -222,8 +222,10 @@ def test_a_file_that_is_none_is_refused(tmp_path, capsys):
     with h5py.File(tmp_path / "damaged.h5", "w") as file:
         file.attrs.update(program="entroslip", format_version=2)
         file["chain"] = 3.0
+    (tmp_path / "unfinished.h5.shards").mkdir()
     for name, rule in (
         ("absent.h5", "no such file"),
+        ("unfinished.h5", "its run is not finished"),
         ("", "is a folder"),
         ("text.h5", "cannot be read as HDF5"),
         ("damaged.h5", "cannot be read as HDF5"),

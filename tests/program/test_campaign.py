@@ -6,6 +6,7 @@ import signal
 import time
 from pathlib import Path
 
+import h5py
 import pytest
 
 from tests.conftest import ENVIRONMENT
@@ -97,6 +98,22 @@ def test_the_wall_time_limit_stops_like_a_signal(campaign, output, reference):
     assert "start again" in said
     assert campaign(2).wait()[0] == 0
     assert datasets(output) == reference
+
+
+def test_an_unfinished_campaign_can_be_looked_at(campaign, output, reference, interrupted):
+    """Fewer samples make a results file; shards of further ones stay for the whole."""
+    kept = {name for name in interrupted if name > "c003"}
+    assert kept
+    code, said, errors = campaign(0, "--set", "campaign%n_samples=20").wait()
+    assert code == 0, errors
+    with h5py.File(output) as file:
+        assert file["campaign/c003/slip_fraction"].shape[0] == 20
+    assert kept <= set(shards_of(output))
+    assert "samples beyond these stay in r.h5.shards" in said
+    code, _, errors = campaign(2).wait()
+    assert code == 0, errors
+    assert datasets(output) == reference
+    assert not Path(f"{output}.shards").exists()
 
 
 def test_many_more_ranks_than_samples(campaign, output, tmp_path):
