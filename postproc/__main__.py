@@ -24,6 +24,11 @@ def main(arguments: list[str] | None = None) -> int:
     mpl.use("Agg")
     apply_style()
     try:
+        mpl.style.use(options.style)
+    except OSError as error:
+        print(error, file=sys.stderr)
+        return 2
+    try:
         files = [open_results(path) for path in options.results]
     except ResultsError as error:
         print(error, file=sys.stderr)
@@ -69,6 +74,10 @@ def _parser() -> argparse.ArgumentParser:
         "--paper-axes", action="store_true",
         help="the same ranges of the axes in all panels of a figure, as far as the paper's text"
         " says any, to lay them beside the paper's",
+    )  # fmt: skip
+    parser.add_argument(
+        "--style", action="append", default=[],
+        help="a style of matplotlib over the one of the figures: a name, or a file (repeatable)",
     )  # fmt: skip
     parser.add_argument(
         "--axes", type=_ranges, action="append", default=[], metavar="NAME=X0,X1,Y0,Y1",

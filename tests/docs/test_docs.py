@@ -168,6 +168,20 @@ def test_first_run_works_as_written(as_written, tmp_path):
     assert (tmp_path / "figures/report.html").exists()
 
 
+def test_a_structure_of_ones_own_works_as_written(as_written, tmp_path):
+    """Natural frequencies and levels are those that the page speaks of."""
+    page = (ROOT / "docs/own_structure.md").read_text()
+    said = as_written("".join(re.findall(r"^```sh\n(.*?)^```", page, re.MULTILINE | re.DOTALL)))
+    (frequencies,) = re.findall(r"`(\d+ to .* slipping)`", page)
+    assert frequencies in said
+    assert (tmp_path / "joints/report.html").exists()
+    (change, error) = (
+        [float(word) for word in re.findall(rf"{name}: +\[(.*)\]", said)[0].split()]
+        for name in ("change of the mean", "its standard error")
+    )
+    assert all(shift < -4 * width for shift, width in zip(change, error, strict=True))
+
+
 def test_python_works_as_written(as_written, tmp_path):
     """The blocks of the page, on the results of its scene."""
     page = (ROOT / "docs/python.md").read_text()

@@ -202,6 +202,17 @@ def test_axes_can_be_laid_beside_the_papers(process_file, tmp_path):
         main([*options, "--axes", "fig_08=1"])
 
 
+def test_a_style_of_ones_own_is_laid_over(process_file, tmp_path, capsys):
+    style = tmp_path / "mine.mplstyle"
+    style.write_text("savefig.dpi: 40\n")
+    with plt.rc_context():
+        words = [str(process_file), "--out", str(tmp_path / "out")]
+        assert main([*words, "--style", str(style)]) == 0
+        assert plt.imread(tmp_path / "out/fig_02a.png").shape[1] < 300
+        assert main([*words, "--style", "absent"]) == 2
+    assert "absent" in capsys.readouterr().err.splitlines()[-1]
+
+
 def test_two_files_make_one_report(process_file, tmp_path):
     twin = process_file.with_name("twin.h5")
     twin.write_bytes(process_file.read_bytes())
