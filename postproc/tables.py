@@ -92,6 +92,8 @@ def of_cases(results: Results) -> Iterator[Table]:
     for case in results.random:
         if case.has("slip_mean", "slip_std"):
             yield table_statistics(case)
+        elif case.n_samples == 1 and case.has("slip_fraction"):
+            yield table_sample(case)
 
 
 # Each yields the tables that a file has data for.
@@ -258,6 +260,20 @@ def table_statistics(case: Case) -> Table:
             " Carlo alone; what the finite march leaves stands beside them."
         )
     return Table(f"statistics_{case.name}", title, tuple(header), rows, note, is_detail=True)
+
+
+def table_sample(case: Case) -> Table:
+    """Friction and time in slip of the only sample of a case, as a replay has it."""
+    data = case.data.isel(sample=0)
+    slip, error = slip_with_error(case)
+    rows = [
+        ("friction coefficient", *(f"{value:.4g}" for value in data["friction"].values)),
+        ("time in slip [%]", *map(value_with_error, 100.0 * slip, 100.0 * error)),
+        ("slips begun", *(str(count) for count in data["slip_starts"].values)),
+    ]
+    header, body = _upright("oscillator", range(1, case.n_dof + 1), rows)
+    title = f"{case.name}: sample {int(data['sample'])}, variance {case.variance:g}"
+    return Table(f"sample_{case.name}", title, header, body, f"{_ERRORS} Of the time average.")
 
 
 def table_audit(results: Results) -> Table:

@@ -61,8 +61,10 @@ contains
 
       group = new_group(writer%file, case_group(number, size(plan%cases)))
       call write_attributes(group, plan, number)
-      call group%put('sample', counted(plan%cases(number)%n_samples), &
-                     label_type('1', 'sample', 'sample'))
+      associate (case => plan%cases(number))
+         call group%put('sample', case%first_sample - 1 + counted(case%n_samples), &
+                        label_type('1', 'sample', 'sample'))
+      end associate
       call write_dofs(group, plan)
       if (plan%output%slip) then
          call group%put('span', counted(count_spans(plan%integration)), &

@@ -147,7 +147,8 @@ contains
             call group%put_part('velocity', [1, 1, first], block%velocity(:, :, :n))
          end if
          if (kept%transitions) then
-            call put_transitions(group, first, block%transitions(:n), n_rows)
+            call put_transitions(group, plan%cases(block%case_number)%first_sample - 1 + first, &
+                                 block%transitions(:n), n_rows)
          end if
       end do
    end subroutine write_long

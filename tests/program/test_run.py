@@ -73,6 +73,8 @@ def test_replay_is_the_sample_of_the_campaign(entroslip, small_scene, tmp_path):
         assert ours["slip_starts"][0].tobytes() == theirs["slip_starts"][4].tobytes()
         np.testing.assert_allclose(ours["slip_fraction"][0], theirs["slip_fraction"][4], rtol=1e-9)
         assert ours["displacement"].shape == (1, 4001, 5)
+        assert ours["sample"][()] == [5]
+        assert set(ours["transition_sample"]) == {5}
         times = ours["transition_time"][()]
         assert len(times) > 0
         assert (np.diff(times) >= 0).all()
