@@ -11,8 +11,8 @@ module driver_tradeoff
    use driver_measuring, only: measure_settings
    use driver_processes, only: solve_processes
    use driver_provenance, only: provenance_of
-   use driver_tradeoff_text, only: fits_text, orders_text, parts_text, settings_text, sizes_text, &
-                                   spectra_text, variants_text, wanted_text
+   use driver_tradeoff_models, only: fits_text, orders_text, variants_text
+   use driver_tradeoff_text, only: parts_text, settings_text, sizes_text, spectra_text, wanted_text
    use ensemble_plan, only: plan_type
    use ensemble_tradeoff_effects, only: variant_row, variant_rows_of
    use ensemble_tradeoff_front, only: error_parts, parts_of, rows_of, sample_steps, setting_row, &
@@ -177,10 +177,11 @@ contains
                             scene%accuracy%target_band_ratio, n_ranks)//line_feed// &
                 parts_text(plan, found%settings, found%tradeoff%own, found%parts, n_ranks)// &
                 line_feed
-         text = text//sizes_text(found%sizes, n_ranks)//line_feed
+         text = text//sizes_text(plan, found%sizes, n_ranks)//line_feed
          if (size(found%spectra) > 0) text = text//spectra_text(found%spectra)//line_feed
          if (size(found%variants) > 0) &
-            text = text//variants_text(found%tradeoff%scope%variants, found%variants)//line_feed
+            text = text//variants_text(plan, found%tradeoff%scope%variants, found%variants)// &
+                   line_feed
       end if
       if (size(found%orders) > 0) &
          text = text//orders_text(found%orders)//line_feed//fits_text(models)

@@ -1,21 +1,16 @@
-!> What `entroslip tradeoff` says: settings, wanted errors, parts of the error, spectra, orders.
+!> What `entroslip tradeoff` says of marches: settings, wanted errors, parts of the error, spectra.
 module driver_tradeoff_text
-   use config_phrases, only: brief, counted, duration, labelled, numbered, padded
+   use config_phrases, only: brief, counted, duration, labelled, padded
    use core_kinds, only: wp
    use core_text, only: to_text
    use ensemble_plan, only: plan_type
-   use ensemble_tradeoff_effects, only: variant_row
-   use ensemble_tradeoff_front, only: cheapest, error_parts, keeps, sample_steps, setting_row, &
-                                      size_row, spectrum_row
-   use ensemble_tradeoff_process, only: order_row
+   use ensemble_tradeoff_front, only: cheapest, error_parts, is_random, keeps, published_error, &
+                                      sample_steps, setting_row, size_row, spectrum_row
    use ensemble_tradeoff_settings, only: setting_dt, setting_type
    use ensemble_tradeoff_tasks, only: tradeoff_type
-   use ensemble_tradeoff_variants, only: variant_type
-   use process_model, only: process_model_type
    implicit none(type, external)
    private
-   public :: fits_text, orders_text, parts_text, setting_text, settings_text, sizes_text, &
-             spectra_text, variants_text, wanted_text
+   public :: parts_text, setting_text, settings_text, sizes_text, spectra_text, wanted_text
 
    character, parameter :: line_feed = new_line('a')
 
@@ -79,12 +74,19 @@ contains
                line = line//padded('-', 9)//padded(brief(s%tolerance), 10)
             end if
          end associate
-         line = line//padded(brief(row%slip), 14)//padded(brief(100*row%band_ratio), 11)// &
+         line = line//padded(brief(row%slip), 14)// &
+                padded(known(100*row%band_ratio, has_bands(plan)), 11)// &
                 padded(brief(row%cost), 9)// &
                 brief(1.0e-9_wp*row%cost*sample_steps(plan)/n_ranks)//line_feed
       end function line_of
 
    end function settings_text
+
+   pure logical function has_bands(plan)
+      type(plan_type), intent(in) :: plan
+
+      has_bands = plan%output%spectrum .and. maxval(plan%cases%n_samples) > 1
+   end function has_bands
 
    !> Rows from the cheapest to the dearest.
    pure function by_cost(rows) result(order)
@@ -137,7 +139,7 @@ contains
          best = cheapest(rows, points, ratio, by_work=.false.)
          line = labelled('cheapest', wanted//': '// &
                          setting_text(rows(best)%setting, plan%integration%dt)//' ('// &
-                         duration(1.0e-9_wp*rows(best)%cost*sample_steps(plan)/n_ranks)//')')
+                         run_time(plan, rows(best), n_ranks)//')')
       end function answer
 
    end function wanted_text
@@ -152,36 +154,35 @@ contains
       character(:), allocatable :: text
       real(wp) :: slip(3)
 
-      text = 'error now        mean slip [points]  std of slip [points]  band ratio [%]'// &
-             line_feed//row('discretisation', parts%discretisation_slip, rows(own)%slip_std, &
-                            parts%discretisation_ratio)// &
-             row('time average', parts%time_slip, -1.0_wp, parts%time_ratio)// &
-             row('Monte Carlo', parts%samples_slip, parts%samples_slip_std, parts%samples_ratio)
-      slip = [parts%discretisation_slip, parts%time_slip, parts%samples_slip]
+      text = 'error now        slip [points] its std  spectrum [%] percentiles [%]  bands [%]'// &
+             line_feed//part_text(plan, 'discretisation', parts%discretisation)// &
+             part_text(plan, 'time average', parts%time)
+      if (is_random(plan)) text = text//part_text(plan, 'Monte Carlo', parts%samples)
+      slip = [parts%discretisation%slip, parts%time%slip, parts%samples%slip]
+      if (.not. maxval(slip) > 0.0_wp) then
+         text = text//labelled('largest', 'none of slip: nothing slips, or all the time')
+         return
+      end if
       select case (maxloc(slip, 1))
       case (1)
-         text = text//labelled('largest', 'discretisation; to halve it: '//halved())
+         text = text//labelled('largest', 'of slip: discretisation; to halve it: '//halved())
       case (2)
-         text = text//labelled('largest', 'time average; to halve it: '// &
-                               'integration%n_steps = '//brief(4.0_wp*plan%integration%n_steps)// &
+         text = text//labelled('largest', 'of slip: time average; to halve it: '//longer()// &
                                ', '//four_times())
       case (3)
-         text = text//labelled('largest', 'Monte Carlo; to halve it: campaign%n_samples = '// &
-                               to_text(4*maxval(plan%cases%n_samples))//', '//four_times())
+         text = text//labelled('largest', 'of slip: Monte Carlo; to halve it: '// &
+                               'campaign%n_samples = '//to_text(4*maxval(plan%cases%n_samples))// &
+                               ', '//four_times())
       end select
 
    contains
 
-      pure function row(name, mean, std, ratio) result(line)
-         character(*), intent(in) :: name
-         real(wp), intent(in) :: mean, std, ratio   !! std below 0: none
-         character(:), allocatable :: line, second
+      pure function longer() result(words)
+         character(:), allocatable :: words
 
-         second = '-'
-         if (std >= 0.0_wp) second = brief(std)
-         line = '  '//padded(name, 15)//padded(brief(mean), 20)//padded(second, 22)// &
-                brief(100*ratio)//line_feed
-      end function row
+         words = 'integration%n_steps = '//brief(4.0_wp*plan%integration%n_steps)
+         if (plan%excitation%kind == 'file') words = words//', with a record as long'
+      end function longer
 
       pure function halved() result(words)
          character(:), allocatable :: words
@@ -192,108 +193,86 @@ contains
          end if
          associate (best => cheapest(rows, 0.5_wp*slip(1), 0.0_wp, by_work=.false.))
             words = setting_text(rows(best)%setting, plan%integration%dt)//', '// &
-                    duration(1.0e-9_wp*rows(best)%cost*sample_steps(plan)/n_ranks)// &
-                    ' instead of '//now()
+                    run_time(plan, rows(best), n_ranks)//' instead of '//now()
          end associate
       end function halved
 
       pure function four_times() result(words)
          character(:), allocatable :: words
 
-         words = duration(4.0e-9_wp*rows(own)%cost*sample_steps(plan)/n_ranks)//' instead of '// &
-                 now()
+         words = run_time(plan, rows(own), n_ranks, 4.0_wp)//' instead of '//now()
       end function four_times
 
       pure function now() result(words)
          character(:), allocatable :: words
 
-         words = duration(1.0e-9_wp*rows(own)%cost*sample_steps(plan)/n_ranks)
+         words = run_time(plan, rows(own), n_ranks)
       end function now
 
    end function parts_text
 
+   !> A part of the error, of all that is published.
+   pure function part_text(plan, name, part) result(line)
+      type(plan_type), intent(in) :: plan
+      character(*), intent(in) :: name
+      type(published_error), intent(in) :: part
+      character(:), allocatable :: line
+
+      associate (many => maxval(plan%cases%n_samples) > 1, spectrum => plan%output%spectrum)
+         line = '  '//padded(name, 15)//padded(brief(part%slip), 14)// &
+                padded(known(part%slip_std, many), 9)// &
+                padded(known(100*part%psd_mean, spectrum), 13)// &
+                padded(known(100*part%psd_percentiles, spectrum .and. many), 17)// &
+                known(100*part%ratio, spectrum .and. many)//line_feed
+      end associate
+   end function part_text
+
+   !> A number, or '-' where there is none.
+   pure function known(value, is_known) result(text)
+      real(wp), intent(in) :: value
+      logical, intent(in) :: is_known
+      character(:), allocatable :: text
+
+      text = '-'
+      if (is_known) text = brief(value)
+   end function known
+
+   !> How long the march of the whole scene takes with a setting, or so many times of it.
+   pure function run_time(plan, row, n_ranks, times) result(text)
+      type(plan_type), intent(in) :: plan
+      type(setting_row), intent(in) :: row
+      integer, intent(in) :: n_ranks
+      real(wp), intent(in), optional :: times
+      character(:), allocatable :: text
+      real(wp) :: seconds
+
+      seconds = 1.0e-9_wp*row%cost*sample_steps(plan)/n_ranks
+      if (present(times)) seconds = times*seconds
+      text = duration(seconds)
+      if (seconds < 1.0_wp) text = brief(seconds)//' s'
+   end function run_time
+
    !> The whole error that other numbers of samples and steps would leave, and their time.
-   pure function sizes_text(rows, n_ranks) result(text)
+   pure function sizes_text(plan, rows, n_ranks) result(text)
+      type(plan_type), intent(in) :: plan
       type(size_row), intent(in) :: rows(:)
       integer, intent(in) :: n_ranks
       character(:), allocatable :: text
+      logical :: many
       integer :: i
 
       text = 'all errors by samples and steps'//line_feed//'  '//padded('samples', 9)// &
              padded('steps', 11)//padded('mean slip [points]', 20)// &
              padded('std of slip', 13)//padded('bands [%]', 11)//'run [s]'//line_feed
       do i = 1, size(rows)
+         many = rows(i)%n_samples > 1
          text = text//'  '//padded(to_text(rows(i)%n_samples), 9)// &
                 padded(to_text(rows(i)%n_steps), 11)//padded(brief(rows(i)%slip_mean), 20)// &
-                padded(brief(rows(i)%slip_std), 13)//padded(brief(100*rows(i)%band_ratio), 11)// &
+                padded(known(rows(i)%slip_std, many), 13)// &
+                padded(known(100*rows(i)%band_ratio, many .and. plan%output%spectrum), 11)// &
                 brief(rows(i)%seconds/n_ranks)//line_feed
       end do
    end function sizes_text
-
-   !> What orders and lengths of fits change in what is published.
-   pure function variants_text(variants, rows) result(text)
-      type(variant_type), intent(in) :: variants(:)
-      type(variant_row), intent(in) :: rows(:)
-      character(:), allocatable :: fit, text
-      integer :: i
-
-      text = ''
-      do i = 1, size(rows)
-         associate (variant => variants(rows(i)%variant))
-            if (is_first(i)) then
-               if (i > 1) text = text//line_feed
-               text = text//heading(variant)
-            end if
-            fit = 'chosen'
-            if (variant%request%fit_steps > 0) fit = to_text(variant%request%fit_steps)
-            text = text//merge('* ', '  ', variant%is_own)// &
-                   padded(to_text(variant%request%order), 6)//padded(fit, 8)// &
-                   padded(brief(rows(i)%seconds), 8)
-            if (rows(i)%is_reference) then
-               text = text//'compared with'//line_feed
-               cycle
-            end if
-            text = text//padded(with_error(rows(i)%slip_mean, rows(i)%slip_mean_error), 19)// &
-                   padded(with_error(rows(i)%slip_std, rows(i)%slip_std_error), 18)// &
-                   with_error(100*rows(i)%band_ratio, 100*rows(i)%band_ratio_error)//line_feed
-         end associate
-      end do
-      if (size(rows) > 0) text = text//'* the scene''s own; the largest change over levels and '// &
-                                 'dofs +- standard error'//line_feed
-
-   contains
-
-      pure logical function is_first(i)
-         integer, intent(in) :: i
-
-         is_first = i == 1
-         if (is_first) return
-         associate (a => variants(rows(i - 1)%variant), b => variants(rows(i)%variant))
-            is_first = a%process /= b%process .or. (a%is_of_fit .neqv. b%is_of_fit)
-         end associate
-      end function is_first
-
-   end function variants_text
-
-   pure function heading(variant) result(text)
-      type(variant_type), intent(in) :: variant
-      character(:), allocatable :: text
-
-      associate (request => variant%request)
-         text = numbered('p', variant%process)//', '//request%correlation//' = '// &
-                brief(request%correlation_length)//', std '//brief(request%std)//': other '// &
-                trim(merge('lengths of its fit', 'orders            ', variant%is_of_fit))// &
-                line_feed//'  order fit     fit [s] mean slip [points] std of slip       '// &
-                'bands [%]'//line_feed
-      end associate
-   end function heading
-
-   pure function with_error(value, standard_error) result(text)
-      real(wp), intent(in) :: value, standard_error
-      character(:), allocatable :: text
-
-      text = brief(value)//'+-'//brief(standard_error)
-   end function with_error
 
    !> What the ways to form spectra change and cost.
    pure function spectra_text(rows) result(text)
@@ -308,47 +287,5 @@ contains
                 padded(brief(100*rows(i)%band_ratio), 27)//brief(rows(i)%cost)//line_feed
       end do
    end function spectra_text
-
-   !> What orders of the processes cost in entropy and time.
-   pure function orders_text(rows) result(text)
-      type(order_row), intent(in) :: rows(:)
-      character(:), allocatable :: text, other
-      integer :: i
-
-      text = '  process                  order  entropy lost  other length  fit [ms]'//line_feed
-      do i = 1, size(rows)
-         associate (row => rows(i))
-            other = trim(merge('L1', 'L0', row%correlation == 'L0'))//' = '// &
-                    brief(row%other_length)
-            text = text//merge('* ', '  ', row%is_own)// &
-                   padded(row%method//', '//row%correlation//' = '// &
-                          brief(row%correlation_length), 25)// &
-                   padded(to_text(row%order), 7)//padded(brief(row%entropy_lost), 14)// &
-                   padded(other, 14)//brief(row%milliseconds)//line_feed
-         end associate
-      end do
-      text = text//'* an order of the scene; entropy [nat] per point below that of white noise'// &
-             line_feed
-   end function orders_text
-
-   !> Standard errors that the simulated fits of positive processes end with.
-   pure function fits_text(models) result(text)
-      type(process_model_type), intent(in) :: models(:)
-      character(:), allocatable :: text
-      integer :: i
-
-      text = ''
-      do i = 1, size(models)
-         associate (m => models(i))
-            if (.not. (m%request%positive .and. m%is_solved)) cycle
-            text = text//padded(numbered('p', i), 10)// &
-                   padded(brief(100*m%mean_error/m%mean), 11)// &
-                   padded(brief(100*m%std_error/m%std), 11)// &
-                   brief(100*m%l0_error/m%l0)//line_feed
-         end associate
-      end do
-      if (text /= '') text = 'fit       mean [%]   std [%]    L0 [%], standard errors'// &
-                             line_feed//text
-   end function fits_text
 
 end module driver_tradeoff_text

@@ -26,10 +26,13 @@ _CHANGES = {
     "slip_std": "change of its standard deviation [points]",
     "band_ratio": "relative change of the band ratio",
 }
-_PARTS = (
-    ("discretisation", "discretisation_slip", "discretisation_ratio"),
-    ("time average", "time_slip", "time_ratio"),
-    ("Monte Carlo", "samples_slip", "samples_ratio"),
+_PARTS = {"discretisation": "discretisation", "time average": "time", "Monte Carlo": "samples"}
+_PUBLISHED = (
+    ("slip", "mean slip [points]", 1.0),
+    ("slip_std", "its std [points]", 1.0),
+    ("psd_mean", "mean spectrum [%]", 100.0),
+    ("psd_percentiles", "percentiles [%]", 100.0),
+    ("ratio", "band ratio [%]", 100.0),
 )
 
 
@@ -141,13 +144,14 @@ def tables_of(results: Results) -> Iterator[Table]:
     if parts is not None:
         yield Table(
             "tradeoff_parts", "What the error of the scene is made of",
-            ("part", "mean slip [points]", "band ratio [%]"),
+            ("part", *(title for _, title, _ in _PUBLISHED)),
             [
-                (name, f"{float(parts[slip]):.2g}", f"{100 * float(parts[ratio]):.2g}")
-                for name, slip, ratio in _PARTS
+                (name, *(f"{scale * float(parts[f'{part}_{of}']):.2g}" for of, _, scale in _PUBLISHED))
+                for name, part in _PARTS.items()
             ],
             "Discretisation measured for the scene's own setting; the others are standard errors,"
-            " estimated from batches of a march and from the scatter of samples.",
+            " estimated from batches of a march and from the scatter of samples. Those of spectra are"
+            " integrals over frequency, relative to that of the density.",
         )  # fmt: skip
     sizes = _part(results, "sizes")
     if sizes is not None:

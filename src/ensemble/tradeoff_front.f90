@@ -6,10 +6,12 @@ module ensemble_tradeoff_front
    use ensemble_tradeoff_settings, only: expected_cost, setting_type
    use ensemble_tradeoff_tasks, only: of_batch, of_samples, of_setting, of_spectrum, tradeoff_type
    use numerics_correlated, only: error_of_batches, n_batches
+   use numerics_spectrum, only: error_of_density
    implicit none(type, external)
    private
-   public :: error_parts, setting_row, size_row, spectrum_row
-   public :: rows_of, size_rows_of, spectrum_rows_of, parts_of, cheapest, best, keeps, sample_steps
+   public :: error_parts, published_error, setting_row, size_row, spectrum_row
+   public :: rows_of, size_rows_of, spectrum_rows_of, parts_of, cheapest, best, is_random, keeps, &
+             sample_steps
 
    !> A setting measured: the largest errors over cases and dofs. A standard error is such that
    !> twice of it covers the errors of all.
@@ -47,16 +49,21 @@ module ensemble_tradeoff_front
       real(wp) :: seconds = 0.0_wp      !! of a processor
    end type size_row
 
-   !> Parts of the error that the scene has now, each the largest over cases and dofs; standard
-   !> errors where they are statistical.
+   !> An error of what is published, the largest over cases and dofs; a standard error where it is
+   !> statistical. Those of spectra are integrals over frequency, relative to that of the density.
+   type :: published_error
+      real(wp) :: slip = 0.0_wp              !! [points] of the mean over samples
+      real(wp) :: slip_std = 0.0_wp          !! [points] of the standard deviation over samples
+      real(wp) :: psd_mean = 0.0_wp          !! of the mean spectrum
+      real(wp) :: psd_percentiles = 0.0_wp   !! of the percentiles of the spectrum
+      real(wp) :: ratio = 0.0_wp             !! relative, of band ratios
+   end type published_error
+
+   !> Parts of the error that the scene has now.
    type :: error_parts
-      real(wp) :: discretisation_slip = 0.0_wp   !! [points]
-      real(wp) :: time_slip = 0.0_wp             !! [points] of the mean, n_steps are finite
-      real(wp) :: samples_slip = 0.0_wp          !! [points] of the mean, n_samples are finite
-      real(wp) :: samples_slip_std = 0.0_wp      !! [points] of the standard deviation
-      real(wp) :: discretisation_ratio = 0.0_wp  !! relative
-      real(wp) :: time_ratio = 0.0_wp            !! relative
-      real(wp) :: samples_ratio = 0.0_wp         !! relative
+      type(published_error) :: discretisation
+      type(published_error) :: time              !! n_steps are finite
+      type(published_error) :: samples           !! n_samples are finite
    end type error_parts
 
 contains
@@ -183,8 +190,8 @@ contains
       type(error_parts) :: parts
       integer :: i
 
-      parts%discretisation_slip = own%slip
-      parts%discretisation_ratio = own%band_ratio
+      parts%discretisation = published_error(own%slip, own%slip_std, own%psd_mean, &
+                                             own%psd_percentiles, own%band_ratio)
       call add_time_averages(tradeoff, values, n_steps, parts)
       do i = 1, size(tradeoff%tasks)
          if (tradeoff%tasks(i)%kind == of_samples) &
@@ -201,8 +208,8 @@ contains
       type(error_parts), intent(inout) :: parts
       real(wp) :: of_records
 
-      of_records = parts%time_slip**2*n_steps/tradeoff%plan%integration%n_steps
-      parts%samples_slip = sqrt(max(0.0_wp, parts%samples_slip**2 - of_records))
+      of_records = parts%time%slip**2*n_steps/tradeoff%plan%integration%n_steps
+      parts%samples%slip = sqrt(max(0.0_wp, parts%samples%slip**2 - of_records))
    end subroutine part_records
 
    !> From batches: their mean over a march of the scene's length. Where every sample has a force of
@@ -212,26 +219,32 @@ contains
       real(wp), intent(in) :: values(:, :)
       integer, intent(in) :: n_steps
       type(error_parts), intent(inout) :: parts
-      real(wp) :: series(2*tradeoff%plan%chain%n_dof, n_batches), shorter
+      real(wp) :: series(3*tradeoff%plan%chain%n_dof, n_batches), shorter
       integer :: dof, i, k, n_dof
 
       n_dof = tradeoff%plan%chain%n_dof
+      if (tradeoff%n_segments > 0) then
+         parts%time%psd_mean = error_of_density(tradeoff%n_segments)
+         parts%time%psd_percentiles = parts%time%psd_mean
+      end if
       do k = 1, size(tradeoff%levels)
          do i = 1, size(tradeoff%tasks)
             associate (task => tradeoff%tasks(i))
                if (task%kind == of_batch .and. task%level == k) &
-                  series(:, task%row) = values(2:1 + 2*n_dof, i)
+                  series(:, task%row) = values(2:1 + 3*n_dof, i)
             end associate
          end do
-         associate (level => tradeoff%levels(k), plan => tradeoff%plan)
+         associate (level => tradeoff%levels(k), plan => tradeoff%plan, part => parts%time)
             shorter = sqrt(real(tradeoff%long%integration%n_steps, wp)/n_steps)
             if (plan%excitation%per_sample) &
                shorter = shorter*sqrt(real(size(level%sample), wp) &
                                       /maxval(plan%cases(level%case_number)%n_samples))
             do dof = 1, n_dof
-               parts%time_slip = max(parts%time_slip, shorter*error_of_batches(series(dof, :)))
-               if (minval(series(n_dof + dof, :)) > 0.0_wp) parts%time_ratio = max( &
-                            parts%time_ratio, shorter*error_of_batches(log(series(n_dof + dof, :))))
+               part%slip = max(part%slip, shorter*error_of_batches(series(dof, :)))
+               part%slip_std = max(part%slip_std, &
+                                   shorter*error_of_batches(series(2*n_dof + dof, :)))
+               if (minval(series(n_dof + dof, :)) > 0.0_wp) &
+                  part%ratio = max(part%ratio, shorter*error_of_batches(log(series(n_dof + dof, :))))
             end do
          end associate
       end do
@@ -249,11 +262,13 @@ contains
       n_dof = tradeoff%plan%chain%n_dof
       n = tradeoff%plan%cases(case_number)%n_samples
       w = values(2 + 3*n_dof)
-      parts%samples_slip = max(parts%samples_slip, maxval(values(2:1 + n_dof))/sqrt(n))
-      parts%samples_slip_std = max(parts%samples_slip_std, &
-                                   sqrt(w/n)*maxval(values(2 + n_dof:1 + 2*n_dof)))
-      parts%samples_ratio = max(parts%samples_ratio, &
-                                sqrt(w/n)*maxval(values(2 + 2*n_dof:1 + 3*n_dof)))
+      associate (part => parts%samples)
+         part%slip = max(part%slip, maxval(values(2:1 + n_dof))/sqrt(n))
+         part%slip_std = max(part%slip_std, sqrt(w/n)*maxval(values(2 + n_dof:1 + 2*n_dof)))
+         part%ratio = max(part%ratio, sqrt(w/n)*maxval(values(2 + 2*n_dof:1 + 3*n_dof)))
+         part%psd_mean = max(part%psd_mean, sqrt(w/n)*values(3 + 3*n_dof))
+         part%psd_percentiles = max(part%psd_percentiles, sqrt(w/n)*values(4 + 3*n_dof))
+      end associate
    end subroutine add_samples
 
    !> Quarters and multiples of the scene's samples and steps, by the laws that the parts follow:
@@ -269,7 +284,9 @@ contains
       integer :: i
 
       rows = [(row(samples(i), steps(i)), i=1, size(samples))]
-      rows = pack(rows, rows%n_samples > 1 .or. abs(samples - 1.0_wp) <= 0.0_wp)
+      ! samples of one friction under one force are the same
+      rows = pack(rows, is_random(plan) .and. rows%n_samples > 1 .or. &
+                  abs(samples - 1.0_wp) <= 0.0_wp)
 
    contains
 
@@ -280,15 +297,23 @@ contains
          of_time = more_steps*merge(more_samples, 1.0_wp, plan%excitation%per_sample)
          row%n_samples = nint(more_samples*maxval(plan%cases%n_samples))
          row%n_steps = nint(more_steps*plan%integration%n_steps, long)
-         row%slip_mean = norm2([parts%discretisation_slip, parts%time_slip/sqrt(of_time), &
-                                parts%samples_slip/sqrt(more_samples)])
-         row%slip_std = norm2([own%slip_std, parts%samples_slip_std/sqrt(more_samples)])
-         row%band_ratio = norm2([parts%discretisation_ratio, parts%time_ratio/sqrt(of_time), &
-                                 parts%samples_ratio/sqrt(more_samples)])
+         row%slip_mean = norm2([parts%discretisation%slip, parts%time%slip/sqrt(of_time), &
+                                parts%samples%slip/sqrt(more_samples)])
+         row%slip_std = norm2([parts%discretisation%slip_std, parts%time%slip_std/sqrt(of_time), &
+                               parts%samples%slip_std/sqrt(more_samples)])
+         row%band_ratio = norm2([parts%discretisation%ratio, parts%time%ratio/sqrt(of_time), &
+                                 parts%samples%ratio/sqrt(more_samples)])
          row%seconds = 1.0e-9_wp*own%cost*sample_steps(plan)*more_samples*more_steps
       end function row
 
    end function size_rows_of
+
+   !> Whether samples of a case differ.
+   pure logical function is_random(plan)
+      type(plan_type), intent(in) :: plan
+
+      is_random = any(plan%cases%process > 0)
+   end function is_random
 
    !> Steps that all samples of the scene march together.
    pure function sample_steps(plan) result(n)

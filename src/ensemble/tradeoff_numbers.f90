@@ -84,25 +84,36 @@ contains
          numbers = band_ratios(result%psd, plan%output%percentiles)
    end function ratio_numbers
 
-   !> Mean slip fractions [points] (dof), band ratios (dof).
+   !> Mean slip fractions [points], band ratios, standard deviations over samples of slip fractions
+   !> [points] (dof each).
    pure function batch_numbers(plan, result) result(numbers)
       type(plan_type), intent(in) :: plan
       type(block_result), intent(in) :: result
-      real(wp) :: numbers(2*plan%chain%n_dof)
+      real(wp) :: numbers(3*plan%chain%n_dof)
+      integer :: dof
 
-      numbers = [points*sum(result%slip_fraction, 2)/result%n_samples, ratio_numbers(plan, result)]
+      associate (n => plan%chain%n_dof)
+         numbers(:n) = points*sum(result%slip_fraction, 2)/result%n_samples
+         numbers(n + 1:2*n) = ratio_numbers(plan, result)
+         numbers(2*n + 1:) = 0.0_wp
+         if (result%n_samples == 1) return
+         do dof = 1, n
+            numbers(2*n + dof) = points*standard_deviation(result%slip_fraction(dof, :))
+         end do
+      end associate
    end function batch_numbers
 
    !> Standard deviation over samples of slip fractions and its standard error [points] (dof each),
-   !> standard error of the logarithm of the band ratio (dof), for as many samples as were marched,
-   !> which is the last number.
+   !> standard error of the logarithm of the band ratio (dof), for as many samples as were marched;
+   !> their number; standard errors of mean spectrum and percentiles, integrals over frequency,
+   !> relative, the largest.
    function sample_numbers(plan, result) result(numbers)
       type(plan_type), intent(in) :: plan
       type(block_result), intent(in) :: result   !! two samples or more
-      real(wp) :: numbers(3*plan%chain%n_dof + 1)
+      real(wp) :: numbers(3*plan%chain%n_dof + 3)
       type(case_statistics) :: statistics
       type(band_collector) :: bands
-      integer :: dof, i
+      integer :: dof, i, p
 
       numbers = 0.0_wp
       associate (n => plan%chain%n_dof)
@@ -124,9 +135,26 @@ contains
             if (minval(statistics%pseudo_variance_percentiles(dof, :)) > 0.0_wp) &
                numbers(2*n + dof) = log(statistics%band_ratio_high(dof) &
                                         /statistics%band_ratio(dof))/1.96_wp
+            if (.not. statistics%pseudo_variance_mean(dof) > 0.0_wp) cycle
+            numbers(3*n + 2) = max(numbers(3*n + 2), sum(statistics%psd_mean_error(dof, :)) &
+                                                     /sum(statistics%psd_mean(dof, :)))
+            do p = 1, size(plan%output%percentiles)
+               numbers(3*n + 3) = max(numbers(3*n + 3), &
+                                      relative_error(statistics%psd_percentiles(dof, :, p), &
+                                                     statistics%psd_percentiles_low(dof, :, p), &
+                                                     statistics%psd_percentiles_high(dof, :, p)))
+            end do
          end do
       end associate
    end function sample_numbers
+
+   !> Of an integral, from intervals of 95 % of what it is over; 0 of nothing.
+   pure real(wp) function relative_error(values, low, high)
+      real(wp), intent(in) :: values(:), low(:), high(:)
+
+      relative_error = 0.0_wp
+      if (sum(values) > 0.0_wp) relative_error = sum(high - low)/(2*1.96_wp*sum(values))
+   end function relative_error
 
    !> Slip fractions (dof, sample), then, where there are spectra, band ratios (replicate 0..n,
    !> dof): of all samples, and without each.

@@ -65,6 +65,7 @@ module ensemble_tradeoff_tasks
       integer, allocatable :: segment_length(:)       !! (way) steps
       integer, allocatable :: cases(:)                !! whose Monte Carlo error is estimated
       type(task_type), allocatable :: tasks(:)        !! the longest first
+      integer :: n_segments = 0                       !! of the scene's spectra; 0: none
       integer :: n_wide = 0                           !! samples of a variant's march
       integer :: n_values = 0                         !! that a task gives at most
       type(block_result), allocatable, private :: references(:)   !! (level)
@@ -119,6 +120,7 @@ contains
       end associate
       call prepare_runner(plan, file_force, tradeoff%runner, error)
       if (allocated(error)) return
+      if (plan%output%spectrum) tradeoff%n_segments = tradeoff%runner%layout%n_segments
       call draw_and_refer(tradeoff, should_stop, error)
       if (allocated(error)) return
       call list_tasks(tradeoff)

@@ -4,7 +4,7 @@ module io_tradeoff_results
    use core_kinds, only: wp
    use ensemble_plan, only: plan_type
    use ensemble_tradeoff_effects, only: variant_row
-   use ensemble_tradeoff_front, only: error_parts, setting_row, size_row, spectrum_row
+   use ensemble_tradeoff_front, only: error_parts, published_error, setting_row, size_row, spectrum_row
    use ensemble_tradeoff_process, only: order_row
    use ensemble_tradeoff_settings, only: setting_dt
    use ensemble_tradeoff_variants, only: variant_type
@@ -67,21 +67,27 @@ contains
       type(group_type) :: group
 
       group = new_group(writer%file, '/tradeoff/parts')
-      call group%put_value('discretisation_slip', parts%discretisation_slip, '%', &
-                           'error of slip fractions by the setting, in points')
-      call group%put_value('time_slip', parts%time_slip, '%', &
-                           'standard error of mean slip fractions for the length of the march')
-      call group%put_value('samples_slip', parts%samples_slip, '%', &
-                           'standard error of mean slip fractions for the number of samples')
-      call group%put_value('samples_slip_std', parts%samples_slip_std, '%', &
-                           'the same of their standard deviation')
-      call group%put_value('discretisation_ratio', parts%discretisation_ratio, '1', &
-                           'relative error of band ratios by the setting')
-      call group%put_value('time_ratio', parts%time_ratio, '1', &
-                           'relative standard error of band ratios for the length of the march')
-      call group%put_value('samples_ratio', parts%samples_ratio, '1', &
-                           'relative standard error of band ratios for the number of samples')
+      call put_part('discretisation', parts%discretisation, 'error by the setting')
+      call put_part('time', parts%time, 'standard error for the length of the march')
+      call put_part('samples', parts%samples, 'standard error for the number of samples')
       call group%take_error(error)
+
+   contains
+
+      subroutine put_part(name, part, what)
+         character(*), intent(in) :: name, what
+         type(published_error), intent(in) :: part
+
+         call group%put_value(name//'_slip', part%slip, '%', what//', of mean slip fractions')
+         call group%put_value(name//'_slip_std', part%slip_std, '%', &
+                              what//', of their standard deviation')
+         call group%put_value(name//'_psd_mean', part%psd_mean, '1', &
+                              what//', of mean spectra: over frequency, relative')
+         call group%put_value(name//'_psd_percentiles', part%psd_percentiles, '1', &
+                              what//', of percentiles of spectra: over frequency, relative')
+         call group%put_value(name//'_ratio', part%ratio, '1', what//', of band ratios, relative')
+      end subroutine put_part
+
    end subroutine write_parts
 
    !> Ways to form spectra.

@@ -5,6 +5,8 @@ Here too: io_tradeoff_results and ensemble_tradeoff_process.
 
 from __future__ import annotations
 
+import re
+
 import h5py
 import numpy as np
 import xarray as xr
@@ -51,6 +53,8 @@ def test_a_scene_gets_its_tradeoff(entroslip, small_scene, tmp_path):
     with h5py.File(path) as file:
         check_sizes(file["tradeoff/sizes"], file["tradeoff/parts"])
         check_variants(file["tradeoff/variants"])
+        parts = file["tradeoff/parts"]
+        assert all(parts[name][()] > 0 for name in parts), dict(parts)
     again = entroslip("tradeoff", small_scene, *FEW_STEPS, "--output", "three.h5", ranks=3)
     assert again.returncode == 0, again.stderr
     assert measured(tmp_path / "small_tradeoff.h5") == measured(tmp_path / "three.h5")
@@ -81,6 +85,25 @@ def check_variants(variants):
     short = np.abs(variants["slip_mean"][variants["fit_steps"][()] == 256]).max()
     assert short < 0.1 * np.abs(variants["slip_mean"][~of_fit]).max()
     assert (variants["seconds"][()] > 0).all()
+
+
+def test_what_a_scene_has_not_is_not_told(entroslip, tmp_path):
+    """Friction given, a force from a file, no spectra: nothing is drawn, no band has a width."""
+    force = 8.0 * np.sin(0.04 * np.arange(4001))
+    np.savetxt(tmp_path / "force.txt", force)
+    scene = tmp_path / "certain.nml"
+    scene.write_text(
+        "&chain friction = 0.2 /\n&excitation kind = 'file' file = 'force.txt' /\n"
+        "&integration n_steps = 0 /\n&output quantities = 'slip' /\n"
+    )
+    done = entroslip("tradeoff", scene)
+    assert done.returncode == 0, done.stderr
+    assert "Monte Carlo" not in done.stdout
+    assert "n_steps = 16000, with a record as long" in " ".join(done.stdout.split())
+    now = next(line for line in done.stdout.splitlines() if line.startswith("  time average"))
+    assert now.split()[3:] == ["-", "-", "-", "-"]
+    samples = re.findall(r"^  (\d+) +\d{4,} +[\d.e-]+ +- +- ", done.stdout, re.MULTILINE)
+    assert samples == ["1", "1", "1"]
 
 
 def test_a_campaign_is_not_overwritten(entroslip, small_scene, tmp_path):
