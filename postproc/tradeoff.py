@@ -146,12 +146,15 @@ def tables_of(results: Results) -> Iterator[Table]:
             "tradeoff_parts", "What the error of the scene is made of",
             ("part", *(title for _, title, _ in _PUBLISHED)),
             [
-                (name, *(f"{scale * float(parts[f'{part}_{of}']):.2g}" for of, _, scale in _PUBLISHED))
+                (
+                    name,
+                    *(f"{scale * float(parts[f'{part}_{of}']):.2g}" for of, _, scale in _PUBLISHED),
+                )
                 for name, part in _PARTS.items()
             ],
             "Discretisation measured for the scene's own setting; the others are standard errors,"
-            " estimated from batches of a march and from the scatter of samples. Those of spectra are"
-            " integrals over frequency, relative to that of the density.",
+            " estimated from batches of a march and from the scatter of samples. Those of spectra"
+            " are integrals over frequency, relative to that of the density.",
         )  # fmt: skip
     sizes = _part(results, "sizes")
     if sizes is not None:

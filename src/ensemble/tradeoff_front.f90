@@ -243,8 +243,8 @@ contains
                part%slip = max(part%slip, shorter*error_of_batches(series(dof, :)))
                part%slip_std = max(part%slip_std, &
                                    shorter*error_of_batches(series(2*n_dof + dof, :)))
-               if (minval(series(n_dof + dof, :)) > 0.0_wp) &
-                  part%ratio = max(part%ratio, shorter*error_of_batches(log(series(n_dof + dof, :))))
+               if (.not. minval(series(n_dof + dof, :)) > 0.0_wp) cycle
+               part%ratio = max(part%ratio, shorter*error_of_batches(log(series(n_dof + dof, :))))
             end do
          end associate
       end do

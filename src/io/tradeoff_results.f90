@@ -4,7 +4,8 @@ module io_tradeoff_results
    use core_kinds, only: wp
    use ensemble_plan, only: plan_type
    use ensemble_tradeoff_effects, only: variant_row
-   use ensemble_tradeoff_front, only: error_parts, published_error, setting_row, size_row, spectrum_row
+   use ensemble_tradeoff_front, only: error_parts, published_error, setting_row, size_row, &
+                                      spectrum_row
    use ensemble_tradeoff_process, only: order_row
    use ensemble_tradeoff_settings, only: setting_dt
    use ensemble_tradeoff_variants, only: variant_type
