@@ -260,12 +260,25 @@ contains
                  duration(how%n_steps*how%dt)
          if (how%n_discard > 0) steps = steps//', the first '//to_text(how%n_discard)//' discarded'
          text = text//labelled('integration', method//', '//steps)
+         if (how%method == 'newmark') text = text//resolution_text(chain%frequencies_stuck(n)*how%dt)
          if (plan%output%spectrum) &
             text = text//labelled('spectra', 'segments of '// &
                                   to_text(plan%output%segment_length)//' steps, '// &
                                   brief(1.0_wp/(plan%output%segment_length*how%dt))//' Hz apart')
       end associate
    end function motion_text
+
+   !> How finely the paper's scheme resolves the fastest mode: its period error is (omega dt)^2/12,
+   !> 3 % of a period of ten steps. The exact march has none.
+   pure function resolution_text(share) result(text)
+      real(wp), intent(in) :: share   !! of a step in the period of the fastest mode
+      character(:), allocatable :: text
+      real(wp), parameter :: fewest_steps = 10.0_wp
+
+      text = brief(1.0_wp/share)//' steps in a period of the fastest mode'
+      if (share*fewest_steps > 1.0_wp) text = text//': newmark distorts it'
+      text = labelled('resolution', text)
+   end function resolution_text
 
    !> Whether samples will be repeated to find their numerical error.
    pure logical function repeats(plan)
