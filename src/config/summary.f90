@@ -260,7 +260,8 @@ contains
                  duration(how%n_steps*how%dt)
          if (how%n_discard > 0) steps = steps//', the first '//to_text(how%n_discard)//' discarded'
          text = text//labelled('integration', method//', '//steps)
-         if (how%method == 'newmark') text = text//resolution_text(chain%frequencies_stuck(n)*how%dt)
+         if (how%method == 'newmark') &
+            text = text//resolution_text(chain%frequencies_stuck(n)*how%dt)
          if (plan%output%spectrum) &
             text = text//labelled('spectra', 'segments of '// &
                                   to_text(plan%output%segment_length)//' steps, '// &
