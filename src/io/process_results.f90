@@ -156,7 +156,8 @@ contains
       call group%put_value('optimality', model%optimality, '1', &
                            'largest residual of the optimality conditions')
       call group%put_value('lambda', model%lambda, '1', &
-                           'limit of the acceptance of one more point, Eq. (45); exact law', &
+                           'limit of the acceptance of one more point, Eq. (45), of the '// &
+                           'exact law with these a, b0 and mu', &
                            model%lambda_error)
       call group%put_value('acceptance_ratio', model%acceptance_ratio, '1', &
                            'points accepted of those proposed')

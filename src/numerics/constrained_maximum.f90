@@ -44,6 +44,8 @@ module numerics_constrained_maximum
       real(wp) :: residual = 0.0_wp
       !> (constraint, variable) of the last point differentiated
       real(wp), allocatable :: jacobian(:, :)
+      !> (constraint) what the maximum gains as a constraint grows from zero
+      real(wp), allocatable :: multipliers(:)
       !> inverse Hessian of the Lagrangian, as far as it was seen
       real(wp), allocatable :: metric(:, :)
       integer :: n_iterations = 0
@@ -88,6 +90,7 @@ contains
                               change, multipliers, is_regular)
          if (.not. is_regular) return
          found%n_iterations = iteration
+         found%multipliers = multipliers
          found%violation = maxval(abs(state(:n_constraints)))
          found%residual = maxval(abs(rest_of_gradient(gradient, found%jacobian)))
          found%is_converged = max(found%violation, found%residual) <= tolerance

@@ -66,7 +66,7 @@ module process_model
       real(wp) :: entropy_bound = 0.0_wp         !! white noise, Eq. (42)
       real(wp) :: optimality = 0.0_wp            !! largest residual of the optimality conditions
       real(wp) :: lambda = 1.0_wp                !! exact law: limit of p_acc^(s) of Eq. (45)
-      real(wp) :: lambda_error = 0.0_wp
+      real(wp) :: lambda_error = 0.0_wp          !! with these a_q, b0 and mu
       real(wp) :: acceptance_ratio = 1.0_wp      !! accepted/proposed = 1/E[1/alpha]
       real(wp) :: acceptance_mean = 1.0_wp       !! E[alpha]
       real(wp) :: acceptance_geometric = 1.0_wp  !! exp E[ln alpha]

@@ -60,7 +60,7 @@ contains
                call raise(error, exit_no_solution, law%name(request%order)// &
                           ': what has the targets on short samples lost them on longer ones')
             else
-               call describe_sampled(request, law, point, spread, model, error)
+               call describe_sampled(request, law, point, found%multipliers, spread, model, error)
             end if
          end if
          if (allocated(error)) then

@@ -75,6 +75,7 @@ contains
       if (norm2(change) > longest) return
       point = point + change
       found%jacobian = jacobian
+      found%multipliers = multipliers
       allocate (trial%shares(lanes, n))
       do i = 1, lanes
          noise(i, :, 0) = noise(i, :, 0) - matmul(noise(i, :, 1:), multipliers)

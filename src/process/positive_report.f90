@@ -14,7 +14,7 @@ module process_positive_report
    use process_positive_preparation, only: prepare_law
    use process_positive_refinement, only: shape_spread
    use process_positive_signs, only: require_signs
-   use process_truncated_normal, only: hazard_ratio, log_acceptance
+   use process_truncated_normal, only: hazard_ratio, lanes, log_acceptance
    implicit none(type, external)
    private
    public :: compare_laws, describe_sampled, describe_white, name_multipliers, outline_sampled
@@ -79,10 +79,12 @@ contains
    end subroutine outline_sampled
 
    !> What was found, in the unit of X.
-   subroutine describe_sampled(request, law, point, spread, model, error)
+   subroutine describe_sampled(request, law, point, multipliers, spread, model, error)
       type(process_request), intent(in) :: request
       class(positive_law), intent(in) :: law
       real(wp), intent(in) :: point(:)
+      !> what the entropy of X/std gains as ratio and length exceed what is wanted, relatively
+      real(wp), intent(in) :: multipliers(:)
       type(shape_spread), intent(in) :: spread
       type(process_model_type), intent(inout) :: model
       type(error_type), allocatable, intent(out) :: error
@@ -93,6 +95,7 @@ contains
       by_shape = spread%length_errors()
       model%l0_error = hypot(model%l0_error, by_shape(1))
       model%l1_error = hypot(model%l1_error, by_shape(2))
+      model%entropy_error = error_of_maximum(law, multipliers, model%entropy_error)
       call find_poles(model%a, model%poles, error)
       if (allocated(error)) return
       call describe_lags(law, point, spread, model, error)
@@ -101,6 +104,55 @@ contains
       model%l0_cut = correlation_length_l0(model%autocovariance(0:m))
       model%l1_cut = correlation_length_l1(model%autocovariance(0:m))
    end subroutine describe_sampled
+
+   !> Standard error of the largest entropy under the wanted ratio and length: that of the entropy of
+   !> this law, and that its ratio and length are the wanted ones on the sample only. Both come from
+   !> the same runs.
+   function error_of_maximum(law, multipliers, entropy_error) result(standard_error)
+      class(positive_law), intent(in) :: law
+      real(wp), intent(in) :: multipliers(:)   !! see `describe_sampled`
+      real(wp), intent(in) :: entropy_error    !! of this law's entropy
+      real(wp) :: standard_error
+      real(wp), allocatable :: rests(:, :)
+      real(wp), allocatable :: rest(:)
+      real(wp) :: by_partition
+
+      rests = law%state_rests()
+      by_partition = 0.0_wp
+      associate (from => law%moments%rests, moments => law%moments)
+         select type (law)
+         type is (exact_law)
+            by_partition = error_of_partition(law, entropy_error)
+            rest = -0.5_wp*law%coordinate*from(:, 1) - from(:, 2)/moments%ratio &
+                   - from(:, 1)/moments%mean
+         class default
+            rest = from(:, 5)
+         end select
+      end associate
+      rest = rest - matmul(rests(:, :size(multipliers)), multipliers)
+      standard_error = hypot(by_partition, &
+                             error_of_runs(reshape(rest, [lanes, size(rest)/lanes])))
+   end function error_of_maximum
+
+   !> Of an average over batches whose runs alone are independent.
+   pure function error_of_runs(rests) result(standard_error)
+      real(wp), intent(in) :: rests(:, :)   !! (run, batch of it)
+      real(wp) :: standard_error
+
+      associate (runs => sum(rests, dim=2)/size(rests), n => size(rests, 1))
+         standard_error = sqrt(sum(runs**2)*n/(n - 1.0_wp))
+      end associate
+   end function error_of_runs
+
+   !> The part of the exact law's entropy error that is psi's; the other one is the mean's.
+   pure function error_of_partition(law, entropy_error) result(standard_error)
+      class(positive_law), intent(in) :: law
+      real(wp), intent(in) :: entropy_error
+      real(wp) :: standard_error
+
+      standard_error = sqrt(max(entropy_error**2 &
+                                - (0.5_wp*law%coordinate*law%moments%mean_error)**2, 0.0_wp))
+   end function error_of_partition
 
    !> The autocovariance lag by lag, from as many values as lags allow. Fails where it clearly has
    !> not the signs by which the length was summed.
@@ -199,10 +251,7 @@ contains
          field = model%mu/model%b0*(1.0_wp + sum(model%a))**2
          psi = entropy - 0.5_wp + 0.5_wp*field*law%moments%mean
          model%lambda = exp(psi - log_sqrt_two_pi - 0.5_wp*field*model%mu/model%b0)
-         ! the mean's part of the entropy's error is not psi's
-         model%lambda_error = model%lambda*sqrt(max(entropy_error**2 &
-                                                    - (0.5_wp*field*law%moments%mean_error)**2, &
-                                                    0.0_wp))
+         model%lambda_error = model%lambda*error_of_partition(law, entropy_error)
       end select
    end subroutine note_acceptances
 

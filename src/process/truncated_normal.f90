@@ -107,21 +107,31 @@ contains
       end if
    end function hazard_ratio
 
-   !> Mean and variance of the truncated law in units of b and b^2.
+   !> Mean and variance of the truncated law in units of b and b^2, to 1e-10 relatively.
    elemental subroutine relative_moments(c, mean, variance)
       real(wp), intent(in) :: c
       real(wp), intent(out) :: mean, variance
-      real(wp), parameter :: far = -100.0_wp   ! beyond, the differences below cancel
-      real(wp) :: hazard, t
+      real(wp), parameter :: far = -20.0_wp   ! beyond, the differences below cancel
+      ! the asymptotic series of the Mills ratio; the variance is the mean's derivative by c
+      real(wp), parameter :: series(0:7) = &
+         [1.0_wp, -2.0_wp, 10.0_wp, -74.0_wp, 706.0_wp, -8162.0_wp, 110410.0_wp, -1708394.0_wp]
+      real(wp) :: hazard, power, t
+      integer :: k
 
       if (c > far) then
          hazard = hazard_ratio(c)
          mean = c + hazard
          variance = 1.0_wp - hazard*mean
       else
-         t = 1.0_wp/c**2   ! the asymptotic series of the Mills ratio
-         mean = -(1.0_wp - t*(2.0_wp - t*(10.0_wp - t*(74.0_wp - t*706.0_wp))))/c
-         variance = t*(1.0_wp - t*(6.0_wp - t*(50.0_wp - t*(518.0_wp - t*6354.0_wp))))
+         t = 1.0_wp/c**2
+         power = 1.0_wp
+         mean = 0.0_wp
+         variance = 0.0_wp
+         do k = 0, ubound(series, 1)
+            mean = mean - series(k)*power/c
+            variance = variance + (2*k + 1)*series(k)*power*t
+            power = power*t
+         end do
       end if
    end subroutine relative_moments
 
