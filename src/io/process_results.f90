@@ -42,6 +42,7 @@ contains
          call write_correlation(group, model)
          call write_entropies(group, model)
          if (model%other_std > 0.0_wp) call write_other_law(group, model)
+         if (model%quadrature%n_nodes > 0) call write_quadrature(group, model)
          if (allocated(model%signs)) call write_direct(group, model)
          if (model%inversion%half_width > 0) call write_inversion(group, model)
       end if
@@ -179,6 +180,22 @@ contains
       call group%put_value('other_L0', model%other_l0, 'lag', 'correlation length'//same)
       call group%put_value('other_entropy', model%other_entropy, 'nat', 'entropy per point'//same)
    end subroutine write_other_law
+
+   !> The same process without sampling: what the fit says is to agree within its standard errors.
+   subroutine write_quadrature(group, model)
+      type(group_type), intent(inout) :: group
+      type(process_model_type), intent(in) :: model
+      character(*), parameter :: by = ' by quadrature, a check of what was found'
+
+      associate (check => model%quadrature)
+         call group%attribute('quadrature_nodes', check%n_nodes)
+         call group%put_value('quadrature_mean', check%mean, 'unit of x', 'mean'//by)
+         call group%put_value('quadrature_std', check%std, 'unit of x', 'standard deviation'//by)
+         call group%put_value('quadrature_L0', check%l0, 'lag', 'correlation length, Eq. (8),'//by)
+         call group%put_value('quadrature_L1', check%l1, 'lag', 'correlation length, Eq. (9),'//by)
+         call group%put_value('quadrature_entropy', check%entropy, 'nat', 'entropy per point'//by)
+      end associate
+   end subroutine write_quadrature
 
    !> Multipliers of the direct method, and all solutions that its sign search found.
    subroutine write_direct(group, model)

@@ -5,7 +5,7 @@ module process_model
    implicit none(type, external)
    private
    public :: process_request, process_model_type, process_solution, inversion_check, &
-             request_label
+             quadrature_check, request_label
 
    !> A wanted process. Lengths are in lags; mean and std in the unit of X.
    type :: process_request
@@ -46,6 +46,12 @@ module process_model
       real(wp) :: seconds_of_fit = 0.0_wp          !! and of the direct method itself
    end type inversion_check
 
+   !> A positive process of order 1 or 2 without sampling, as a check.
+   type :: quadrature_check
+      integer :: n_nodes = 0   !! of each of order + 1 values; 0: not made
+      real(wp) :: mean = 0.0_wp, std = 0.0_wp, l0 = 0.0_wp, l1 = 0.0_wp, entropy = 0.0_wp
+   end type quadrature_check
+
    !> A solved (or refused) process. Entropies are per point, in nats.
    type :: process_model_type
       type(process_request) :: request
@@ -82,6 +88,7 @@ module process_model
       real(wp) :: entropy_ceiling = 0.0_wp       !! direct: no sign sequence has more, proved
       character(:), allocatable :: search        !! direct: how the signs were found
       type(inversion_check) :: inversion         !! direct
+      type(quadrature_check) :: quadrature       !! positive
    end type process_model_type
 
 contains

@@ -166,6 +166,12 @@ contains
       call t%pass(model%inversion%expected_error)
       call t%pass(model%inversion%seconds)
       call t%pass(model%inversion%seconds_of_fit)
+      call t%pass(model%quadrature%n_nodes)
+      call t%pass(model%quadrature%mean)
+      call t%pass(model%quadrature%std)
+      call t%pass(model%quadrature%l0)
+      call t%pass(model%quadrature%l1)
+      call t%pass(model%quadrature%entropy)
       call walk_solutions(t, model%solutions)
    end subroutine walk
 

@@ -88,6 +88,9 @@ contains
          if (model%other_std > 0.0_wp) model%other_entropy = model%other_entropy + gain
          model%other_mean = unit*model%other_mean
          model%other_std = unit*model%other_std
+         model%quadrature%mean = unit*model%quadrature%mean
+         model%quadrature%std = unit*model%quadrature%std
+         model%quadrature%entropy = model%quadrature%entropy + gain
       else
          model%mu = request%mean
          model%mean = request%mean

@@ -4,7 +4,7 @@
 !> Perron function is the law of M consecutive values under Eq. (25) in an infinite domain; divided
 !> by the acceptance probability the kernel is a transition density, that of one-at-a-time
 !> rejection. Everything is in units of b0.
-module positive_quadrature
+module process_positive_quadrature
    use core_error, only: error_type, exit_no_solution, raise
    use core_kinds, only: wp
    use core_text, only: to_text
@@ -182,4 +182,4 @@ contains
       end do
    end function autocovariance
 
-end module positive_quadrature
+end module process_positive_quadrature
