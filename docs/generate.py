@@ -91,6 +91,7 @@ ATTRIBUTES = {
     "psd_time_error": "relative standard error of a density at one frequency: the march is finite",
     "order": "M, or m_max of the direct method",
     "overlap": "of neighbouring segments [kept displacements]",
+    "quadrature_nodes": "of each value, in the check of a positive process of order 1 or 2",
     "overrides": "the --set options",
     "positive": "1: no negative values",
     "process": "pNNN, or none: friction as given",

@@ -75,6 +75,8 @@ def of_processes(results: Results) -> Iterator[Table]:
         yield table_processes(results)
         if any("other_mean" in data for data in results.processes.values()):
             yield table_laws(results)
+        if any("quadrature_mean" in data for data in results.processes.values()):
+            yield table_quadrature(results)
 
 
 def of_chain(results: Results) -> Iterator[Table]:
@@ -213,6 +215,27 @@ def table_laws(results: Results) -> Table:
         " these."
     )
     return Table("laws", "Two laws of positive processes", tuple(header), rows, note)
+
+
+def table_quadrature(results: Results) -> Table:
+    """Positive processes of order 1 and 2 beside the same ones without sampling."""
+    rows = []
+    for name, data in results.processes.items():
+        if "quadrature_mean" not in data:
+            continue
+        row = [name, str(data.attrs["sampler"])]
+        for ours, check in (("mean_found", "mean"), ("std_found", "std"), ("L0", "L0"),
+                            ("L1", "L1"), ("entropy", "entropy")):  # fmt: skip
+            row += [_with_error(data, ours), f"{float(data[f'quadrature_{check}']):.7g}"]
+        rows.append(tuple(row))
+    header = ["process", "law"]
+    for name in ("mean", "std", "L0", "L1", "entropy"):
+        header += [name, "quadrature"]
+    note = (
+        "The same a, b0 and mu by the transfer operator on Gauss nodes, which shares neither random"
+        " numbers nor formulas with the fit. Standard errors in brackets."
+    )
+    return Table("quadrature", "Low orders by quadrature", tuple(header), rows, note)
 
 
 def _to_the_digits_of(data: xr.Dataset, ours: str, other: str) -> str:

@@ -1,7 +1,6 @@
 !> A solved positive process of order 1 or 2 once more without sampling, as a check: by the
 !> transfer operator on Gauss nodes, which shares neither random numbers nor formulas with the fit.
 module process_positive_check
-   use core_error, only: error_type
    use core_kinds, only: wp
    use process_model, only: process_model_type
    use process_positive_partition, only: entropy_of_exact_law, log_sqrt_two_pi
@@ -23,11 +22,10 @@ contains
    subroutine check_by_quadrature(model)
       type(process_model_type), intent(inout) :: model   !! solved, positive
       type(transfer_operator) :: operator
-      type(error_type), allocatable :: error
       real(wp), allocatable :: k(:)
       real(wp) :: location, offset, reach
       integer :: m, n_lags, n_nodes
-      logical :: is_sequential
+      logical :: is_sequential, is_settled
 
       reach = (model%mean + widths*model%std)/model%b0
       if (model%order > highest_order .or. model%order < 1 .or. model%memory > most_lags .or. &
@@ -38,8 +36,8 @@ contains
       location = model%mu/model%b0
       offset = location*(1.0_wp + sum(model%a))
       operator = new_operator(model%a, offset, reach, n_nodes, is_sequential)
-      call find_stationary_law(operator, 1.0e-11_wp, error)
-      if (allocated(error)) return
+      call find_stationary_law(operator, 1.0e-11_wp, is_settled)
+      if (.not. is_settled) return
       k = operator%autocovariance(n_lags)
       associate (check => model%quadrature, sums => [(real(m, wp), m=1, n_lags)])
          check%n_nodes = n_nodes

@@ -5,9 +5,7 @@
 !> by the acceptance probability the kernel is a transition density, that of one-at-a-time
 !> rejection. Everything is in units of b0.
 module process_positive_quadrature
-   use core_error, only: error_type, exit_no_solution, raise
    use core_kinds, only: wp
-   use core_text, only: to_text
    use numerics_quadrature, only: gauss_legendre
    use process_truncated_normal, only: hazard_ratio, log_acceptance
    implicit none(type, external)
@@ -82,11 +80,11 @@ contains
       end do
    end function new_operator
 
-   !> Perron value and functions by power iteration. Fails when they do not settle.
-   pure subroutine find_stationary_law(operator, tolerance, error)
+   !> Perron value and functions by power iteration.
+   pure subroutine find_stationary_law(operator, tolerance, is_settled)
       type(transfer_operator), intent(inout) :: operator
       real(wp), intent(in) :: tolerance   !! relative change of the functions per step
-      type(error_type), allocatable, intent(out) :: error
+      logical, intent(out) :: is_settled   !! else they are worth nothing
       integer, parameter :: max_steps = 100000
       real(wp), allocatable :: next(:, :)
       real(wp) :: change, norm
@@ -110,12 +108,8 @@ contains
             end if
             if (change <= tolerance) exit
          end do
-         if (step > max_steps) then
-            call raise(error, exit_no_solution, 'transfer operator with '// &
-                       to_text(size(operator%nodes))// &
-                       ' nodes: power iteration still changes by '//to_text(change))
-            return
-         end if
+         is_settled = step <= max_steps
+         if (.not. is_settled) return
          operator%perron = norm
       end do
       operator%right = operator%right/sum(operator%left*operator%right)

@@ -105,8 +105,8 @@ contains
       model%l1_cut = correlation_length_l1(model%autocovariance(0:m))
    end subroutine describe_sampled
 
-   !> Standard error of the largest entropy under the wanted ratio and length: that of the entropy of
-   !> this law, and that its ratio and length are the wanted ones on the sample only. Both come from
+   !> Standard error of the largest entropy under the wanted ratio and length: that of this law's
+   !> entropy, and that its ratio and length are the wanted ones on the sample only. Both come from
    !> the same runs.
    function error_of_maximum(law, multipliers, entropy_error) result(standard_error)
       class(positive_law), intent(in) :: law
