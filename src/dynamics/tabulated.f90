@@ -23,6 +23,8 @@ module dynamics_tabulated
    private
    public :: march_by_tables
 
+   integer, parameter :: enough_waiting = 28   ! stretches, most of a block: whole vectors of them
+
 contains
 
    !> Marches a block through the whole force record.
@@ -51,7 +53,7 @@ contains
          do level = walk%level, 1, -1
             call take_strides(tables, level, walk)
          end do
-         do while (is_ready(walk, waiting, 3*lanes))
+         do while (is_ready(walk, waiting, enough_waiting))
             call treat_stretches(tables, walk, state)
          end do
          do while (is_ready(walk, crowded, lanes) .and. .not. allocated(error))
