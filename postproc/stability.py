@@ -212,7 +212,7 @@ _TABLES = ("processes", *_PANELS)
 def draw(tables: dict[str, list[Row]]) -> Figure:
     """Positive processes by order over the other panels; what colours and fillings mean."""
     picture = plt.figure(figsize=(14, 11))
-    above, below = picture.subfigures(2, 1, height_ratios=(1.0, 1.15))
+    (above,), (below,) = picture.subfigures(2, 1, squeeze=False, height_ratios=(1.0, 1.15))
     orders = dict.fromkeys(row["order"] for row in tables["processes"])
     panels = above.subplots(1, len(orders), sharey=True)
     for axes, order in zip(panels, orders, strict=True):
