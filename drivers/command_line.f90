@@ -9,27 +9,27 @@ module driver_command_line
 
    !> What there is, one row each: the name, what follows it, and from `text_column` what it does.
    character(*), parameter :: commands(*) = [character(76) :: &
-                      'run SCENE       all that the scene asks for; continues an interrupted run', &
-                         'check SCENE     read and validate; what would run, its cost and memory', &
-                   'tradeoff SCENE  what accuracy costs in this scene, and the cheapest settings', &
-                     'replay SCENE    one sample again, with its full history (--case, --sample)', &
-                                             'template        print a complete commented scene']
+      'run SCENE       all that the scene asks for; continues an interrupted run', &
+      'check SCENE     read and validate; what would run, its cost and memory', &
+      'tradeoff SCENE  what accuracy costs in this scene, and the cheapest settings', &
+      'replay SCENE    one sample again, with its full history (--case, --sample)', &
+      'template        print a complete commented scene']
    character(*), parameter :: options(*) = [character(76) :: &
-                        '--output FILE   results file; default SCENE.h5 in the current directory', &
-                             '--fresh         run: discard what an earlier run of the scene left', &
-                      '--set G%N=V     override a value: --set campaign%n_samples=20; repeatable', &
-                     '--share         run: one of several on one output; a plain run then merges', &
-                                            '--case I        replay: case number, from 1', &
-                                            '--sample J      replay: sample number, from 1', &
-                             '--reference     template: the scene reference instead, in Markdown', &
-                               '--quiet         no progress, no summary; check: complaints alone', &
-                                            '--help          this text', &
-                                            '--version       version, compiler, flags, libraries']
+      '--output FILE   results file; default SCENE.h5 in the current directory', &
+      '--fresh         run: discard what an earlier run of the scene left', &
+      '--set G%N=V     override a value: --set campaign%n_samples=20; repeatable', &
+      '--share         run: one of several on one output; a plain run then merges', &
+      '--case I        replay: case number, from 1', &
+      '--sample J      replay: sample number, from 1', &
+      '--reference     template: the scene reference instead, in Markdown', &
+      '--quiet         no progress, no summary; check: complaints alone', &
+      '--help          this text', &
+      '--version       version, compiler, flags, libraries']
    integer, parameter :: text_column = 17
    !> The commands that take each of these options; the last two stand alone.
    character(*), parameter :: takers(*) = [character(28) :: &
-        'run, tradeoff, replay', 'run', 'run, check, tradeoff, replay', 'run', 'replay', 'replay', &
-                                           'template', 'run, check, tradeoff, replay', '', '']
+      'run, tradeoff, replay', 'run', 'run, check, tradeoff, replay', 'run', 'replay', 'replay', &
+      'template', 'run, check, tradeoff, replay', '', '']
 
    !> The arguments, sorted out.
    type :: command_line
