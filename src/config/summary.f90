@@ -8,7 +8,7 @@ module config_summary
    use core_text, only: to_text
    use ensemble_audit, only: add_audits, reference_for
    use ensemble_plan, only: integration_settings, kept_dofs, plan_type
-   use process_model, only: process_model_type
+   use process_model, only: process_model_type, process_request
    use process_positive, only: way_of_drawing, way_type
    use process_scaling, only: first_of_fit
    implicit none(type, external)
@@ -41,7 +41,9 @@ contains
       if (size(plan%processes) > 0) text = text//line_feed//process_table(plan, foreseen)
       if (plan%has_chain) then
          text = text//line_feed//case_table(plan)//line_feed//motion_text(plan)
-         text = text//labelled('work', work_text(plan, n_ranks, nanoseconds))
+         text = text//labelled('work', work_text(plan, n_ranks, nanoseconds)// &
+                               trim(merge(', and the fits', '              ', &
+                                          any(is_fitted_to_values(plan%processes)))))
          if (repeats(plan)) text = text//labelled('audit', audit_text(plan, n_ranks, &
                                                                       audit_nanoseconds))
          text = text//size_bounds(plan, block_width)
@@ -306,6 +308,13 @@ contains
              reference%method//', tolerance '//brief(reference%tolerance)
       if (present(nanoseconds)) text = text//': '//work_text(audited, n_ranks, nanoseconds)
    end function audit_text
+
+   !> Whether a fit takes seconds, not milliseconds.
+   elemental logical function is_fitted_to_values(request)
+      type(process_request), intent(in) :: request
+
+      is_fitted_to_values = request%positive .and. request%order /= 1
+   end function is_fitted_to_values
 
    !> The march of all samples, and its time where the cost of a sample-step is known.
    pure function work_text(plan, n_ranks, nanoseconds) result(text)
