@@ -80,25 +80,36 @@ contains
       end if
    end subroutine check_direct
 
-   !> The results file has one length and one number of realizations.
+   !> The results file has one length and one number of realizations: what one group gives holds for
+   !> those that do not give it.
    subroutine check_realizations(scene, reader)
-      type(scene_type), intent(in) :: scene
+      type(scene_type), intent(inout) :: scene
       type(reader_type), intent(inout) :: reader
-      character(*), parameter :: same = 'must be the same in every &process'
-      integer :: i
 
-      do i = 2, size(scene%processes)
-         associate (this => scene%processes(i), first => scene%processes(1))
-            call reader%require(this%n_points == first%n_points, 'process', 'n_points', same, &
-                                to_text(this%n_points), i)
-            call reader%require(this%n_realizations == first%n_realizations, 'process', &
-                                'n_realizations', same, to_text(this%n_realizations), i)
-         end associate
-      end do
+      call check_same('n_points', scene%processes%n_points, reader)
+      call check_same('n_realizations', scene%processes%n_realizations, reader)
       if (.not. scene%output%keeps('realizations')) return
       call reader%require(any(scene%processes%n_realizations > 0), 'output', 'quantities', &
                           "'realizations' needs process%n_realizations")
    end subroutine check_realizations
+
+   subroutine check_same(name, values, reader)
+      character(*), intent(in) :: name
+      integer, intent(inout) :: values(:)   !! (&process)
+      type(reader_type), intent(inout) :: reader
+      logical :: is_given(size(values))
+      integer :: first, i
+
+      is_given = [(reader%was_given('process', name, i), i=1, size(values))]
+      first = findloc(is_given, .true., dim=1)
+      if (first == 0) return
+      do i = first + 1, size(values)
+         if (is_given(i)) call reader%require(values(i) == values(first), 'process', name, &
+                                              'must be the same in every &process', &
+                                              to_text(values(i)), i)
+      end do
+      where (.not. is_given) values = values(first)
+   end subroutine check_same
 
    subroutine check_excitation(scene, reader)
       type(scene_type), intent(inout) :: scene
