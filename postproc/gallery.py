@@ -10,6 +10,7 @@ import xarray as xr
 
 from postproc import chain_figure, figures, process_figures, response_figures, tradeoff
 from postproc.figure import SECTIONS, Figure
+from postproc.peaks import scatter_of_ln_psd
 from postproc.results import Case, Results
 
 _Item = TypeVar("_Item")
@@ -266,7 +267,7 @@ SOURCES: tuple[Callable[[Results], Iterator[Figure]], ...] = (
 
 def _welch(case: Case) -> str:
     n_segments = int(case.data.attrs["n_segments"])
-    error = float(case.data.attrs["psd_time_error"])
+    error = scatter_of_ln_psd(case.data)
     segments = "segment" if n_segments == 1 else "segments"
     return (
         f"Welch's method, {n_segments} {segments}: a bin scatters by"

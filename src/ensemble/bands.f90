@@ -116,7 +116,8 @@ contains
       !> (dof, batch and range, sample) from the range of the first frequency on
       real(wp), intent(in), optional :: power(:, :, :)
       integer :: times(self%n_drawn, size(psd, 3)), order(size(psd, 3))
-      real(wp) :: sorted(size(psd, 3)), rank(size(self%rank)), again(self%n_drawn), weight
+      real(wp) :: sorted(size(psd, 3)), again(self%n_drawn), weight
+      real(wp) :: rank(size(self%rank)), at_ranks(size(self%rank))
       integer :: dof, f, p, before, place
 
       weight = real(size(psd, 3), wp)/self%n_samples
@@ -130,14 +131,15 @@ contains
                                 self%integral(dof, :, part))
             order = sort_order(psd(dof, f, :))
             sorted = psd(dof, f, order)
+            at_ranks = [(at_rank(sorted, rank(p)), p=1, size(rank))]
             associate (at => self%at_frequency(dof, first + f - 1, :))
                call add_moments(self%group_first(group) - 1, sorted, at(mean_of), at(square_of))
-               do p = 1, size(rank)
-                  at(n_moments + p) = at(n_moments + p) + weight*at_rank(sorted, rank(p))
-               end do
+               at(n_moments + 1:) = at(n_moments + 1:) + weight*at_ranks
             end associate
-            if (present(power)) call add_power(self, part, dof, weight, psd(dof, f, :), order, &
-                                               power(dof, place + 1:place + n_batches, :), rank)
+            if (present(power)) &
+               call add_power(self, part, dof, weight, psd(dof, f, :), order, &
+                              power(dof, place + 1:place + n_batches, :), rank, &
+                              at_ranks(:self%n_percentiles))
             do p = 1, self%n_percentiles
                call find_again(sorted, order, times, rank(p), again)
                associate (variance => self%replicate(dof, p, before + 1:before + size(again), part))
@@ -157,7 +159,7 @@ contains
    end function first_of_power
 
    !> One frequency of one dof in the batches of the march.
-   pure subroutine add_power(self, part, dof, weight, density, order, power, rank)
+   pure subroutine add_power(self, part, dof, weight, density, order, power, rank, percentile)
       class(band_collector), intent(inout) :: self
       integer, intent(in) :: part, dof
       real(wp), intent(in) :: weight          !! of the group among all samples
@@ -165,14 +167,12 @@ contains
       integer, intent(in) :: order(:)         !! of the samples, ascending
       real(wp), intent(in) :: power(:, :)     !! (batch, sample)
       real(wp), intent(in) :: rank(:)         !! in the group, as in self
-      real(wp) :: at(0:self%n_percentiles)
-      integer :: p
+      real(wp), intent(in) :: percentile(:)   !! of the densities
+      real(wp) :: at(0:size(percentile))
 
       at(0) = sum(density)/size(density)
-      do p = 1, self%n_percentiles
-         at(p) = at_rank(density(order), rank(p))
-      end do
-      associate (np => self%n_percentiles)
+      at(1:) = percentile
+      associate (np => size(percentile))
          call self%batches%add(part, dof, density, order, power, self%step*weight*at, &
                                rank(np + 1:2*np), rank(2*np + 1:))
       end associate

@@ -1,7 +1,7 @@
 !> An earlier results file at the place of the new one: whose it is, and its samples as shards, so
 !> that a finished campaign goes on to more of them.
 module io_existing
-   use core_error, only: error_type, exit_file, raise
+   use core_error, only: error_type
    use core_kinds, only: long, wp
    use ensemble_results, only: block_result
    use io_blocks, only: read_block
@@ -11,7 +11,7 @@ module io_existing
    use io_gathering, only: finished_samples
    use io_hdf5, only: has_hdf5_signature, hdf5_file, open_hdf5, read_attribute, read_dataset, &
                       read_extent, read_part
-   use io_identity, only: identity_type, require_command, require_same
+   use io_identity, only: identity_type, refuse_foreign, require_command, require_same
    use io_shards, only: list_shards, shard_type, write_shard
    use io_store, only: shard_store
    implicit none(type, external)
@@ -31,8 +31,7 @@ contains
 
       if (.not. exists(path)) return
       if (.not. has_hdf5_signature(path)) then
-         call raise(error, exit_file, path//' was not written by this program: choose another '// &
-                    '--output')
+         call refuse_foreign(path, error)
          return
       end if
       call open_hdf5(path, file, error)

@@ -6,7 +6,7 @@ module io_identity
                       write_sealed_attribute
    implicit none(type, external)
    private
-   public :: identity_type, require_command, require_same, write_identity
+   public :: identity_type, refuse_foreign, require_command, require_same, write_identity
 
    integer, parameter :: format_version = 2   !! of shards and of results files
 
@@ -104,8 +104,16 @@ contains
       if (has_attribute(file, '/', 'program')) &
          call read_attribute(file, '/', 'program', found, error)
       if (allocated(error) .or. found == 'entroslip') return
-      call raise(error, exit_file, file%path//' was not written by this program: choose '// &
-                 'another --output')
+      call refuse_foreign(file%path, error)
    end subroutine require_program
+
+   !> A file that is not this program's to replace.
+   subroutine refuse_foreign(path, error)
+      character(*), intent(in) :: path
+      type(error_type), allocatable, intent(out) :: error
+
+      call raise(error, exit_file, path//' was not written by this program: choose another '// &
+                 '--output')
+   end subroutine refuse_foreign
 
 end module io_identity
