@@ -57,9 +57,8 @@ make_venv() {
   touch "$stamp"
 }
 
-# Open MPI: root may run, ranks may share cores; one thread of BLAS per rank.
+# Open MPI: root may run, ranks may share cores.
 if [ "$(id -u)" -eq 0 ]; then
   export OMPI_ALLOW_RUN_AS_ROOT=1 OMPI_ALLOW_RUN_AS_ROOT_CONFIRM=1
 fi
-export OPENBLAS_NUM_THREADS=1
 mpi_run=(mpirun --oversubscribe -n)

@@ -13,7 +13,6 @@ PROGRAM = Path(os.environ.get("ENTROSLIP", ROOT / "build/release/bin/entroslip")
 ENVIRONMENT = os.environ | {
     "OMPI_ALLOW_RUN_AS_ROOT": "1",
     "OMPI_ALLOW_RUN_AS_ROOT_CONFIRM": "1",
-    "OPENBLAS_NUM_THREADS": "1",
 }
 
 

@@ -22,7 +22,7 @@ cd "$PBS_O_WORKDIR" || exit 2
 : "${OUTPUT:?which output? qsub -v SCENE=...,OUTPUT=... pbs.sh}"
 program=${ENTROSLIP:-build/release/bin/entroslip}
 script=${SCRIPT:-input/batch/pbs.sh} # to be submitted again: PBS runs a copy of it
-export OPENBLAS_NUM_THREADS=1 # ranks are the parallelism
+export OPENBLAS_NUM_THREADS=1 # else OpenBLAS starts threads that entroslip leaves idle
 
 share=$SHARE # handed on by a member of an array that submits itself again
 if [ -n "$PBS_ARRAY_INDEX" ]; then share=--share; fi

@@ -21,7 +21,7 @@
 scene=${1:?which scene? sbatch slurm.sh SCENE OUTPUT}
 output=${2:?which output? sbatch slurm.sh SCENE OUTPUT}
 program=${ENTROSLIP:-build/release/bin/entroslip}
-export OPENBLAS_NUM_THREADS=1 # ranks are the parallelism
+export OPENBLAS_NUM_THREADS=1 # else OpenBLAS starts threads that entroslip leaves idle
 
 share=()
 if [ -n "$SLURM_ARRAY_TASK_ID" ]; then share=(--share); fi

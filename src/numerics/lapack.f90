@@ -1,5 +1,10 @@
 !> The one door to LAPACK: checked front ends over its double-precision routines.
+!>
+!> Sums of a BLAS depend on its number of threads in their last bits. So each front end first sets
+!> the BLAS to one thread, whatever the environment asks for.
 module numerics_lapack
+   use, intrinsic :: iso_c_binding, only: c_associated, c_char, c_f_procpointer, c_funptr, c_long, &
+                                          c_null_char, c_null_ptr, c_ptr
    use core_error, only: error_type, exit_no_solution, raise
    use core_kinds, only: wp
    use core_text, only: to_text
@@ -9,7 +14,30 @@ module numerics_lapack
       solve_positive_definite
    public :: solve_symmetric_eigenproblem
 
+   !> The call by which each threaded BLAS takes its number of threads; a reference BLAS has none.
+   character(*), parameter :: thread_setters(*) = [character(28) :: &
+      'openblas_set_num_threads', 'MKL_Set_Num_Threads', 'bli_thread_set_num_threads', &
+      'flexiblas_set_num_threads']
+
+   logical :: looked_up = .false.                   !! the next line is known
+   type(c_funptr) :: setters(size(thread_setters))  !! null: this program is without that library
+
+   abstract interface
+      !> Some declare int, some long: either is read from the same register.
+      subroutine set_threads(n) bind(c)
+         import :: c_long
+         integer(c_long), value :: n
+      end subroutine set_threads
+   end interface
+
    interface
+      function c_dlsym(library, name) result(address) bind(c, name='dlsym')
+         import :: c_char, c_funptr, c_ptr
+         type(c_ptr), value :: library   !! null: all that this process has loaded
+         character(kind=c_char), intent(in) :: name(*)
+         type(c_funptr) :: address
+      end function c_dlsym
+
       subroutine ilaver(major, minor, patch)
          integer, intent(out) :: major, minor, patch
       end subroutine ilaver
@@ -73,6 +101,25 @@ contains
       text = to_text(major)//'.'//to_text(minor)//'.'//to_text(patch)
    end function lapack_version
 
+   !> Sets the BLAS of this process to one thread. Looked up when the program runs: which of the
+   !> calls exists depends on the library that the system gives it then.
+   subroutine use_one_thread()
+      procedure(set_threads), pointer :: set
+      integer :: i
+
+      if (.not. looked_up) then
+         do i = 1, size(setters)
+            setters(i) = c_dlsym(c_null_ptr, trim(thread_setters(i))//c_null_char)
+         end do
+         looked_up = .true.
+      end if
+      do i = 1, size(setters)
+         if (.not. c_associated(setters(i))) cycle
+         call c_f_procpointer(setters(i), set)
+         call set(1_c_long)
+      end do
+   end subroutine use_one_thread
+
    !> All pairs of A x = lambda B x, A symmetric, B symmetric positive definite; X' B X = 1.
    subroutine solve_symmetric_eigenproblem(a, b, eigenvalues, eigenvectors, error)
       real(wp), intent(in) :: a(:, :), b(:, :)               !! (n, n)
@@ -86,6 +133,7 @@ contains
       allocate (eigenvectors, source=a)   ! not by =, which would read bounds it does not have yet
       allocate (factor, source=b)
       allocate (eigenvalues(n), work(34*n))
+      call use_one_thread()
       call dsygv(1, 'V', 'L', n, eigenvectors, n, factor, n, eigenvalues, work, size(work), info)
       if (info /= 0) call raise(error, exit_no_solution, 'symmetric eigenproblem of order '// &
                                 to_text(n)//': LAPACK dsygv returned '//to_text(info))
@@ -103,6 +151,7 @@ contains
       n = size(a, 1)
       copy = a
       allocate (re(n), im(n), work(34*n))
+      call use_one_thread()
       info = -5   ! LAPACK's way to name its fifth argument
       if (all(abs(a) <= huge(1.0_wp))) call dgeev('N', 'N', n, copy, n, re, im, no_left, 1, &
                                                   no_right, 1, work, size(work), info)
@@ -128,6 +177,7 @@ contains
       factor = a
       column = reshape(b, [n, 1])
       allocate (pivots(n))
+      call use_one_thread()
       call dgesv(n, 1, factor, n, pivots, column, n, info)
       if (info /= 0) then
          call raise(error, exit_no_solution, 'linear system of order '//to_text(n)// &
@@ -145,6 +195,7 @@ contains
       integer :: info, n
 
       n = size(a, 1)
+      call use_one_thread()
       call dposv('L', n, size(b, 2), a, n, b, n, info)
       if (info /= 0) call raise(error, exit_no_solution, 'positive definite system of order '// &
                                 to_text(n)//': LAPACK dposv returned '//to_text(info))
@@ -162,6 +213,7 @@ contains
       n = size(a, 1)
       inverse = a
       allocate (pivots(n), work(64*n))
+      call use_one_thread()
       call dgetrf(n, n, inverse, n, pivots, info)
       if (info == 0) call dgetri(n, inverse, n, pivots, work, size(work), info)
       if (info /= 0) call raise(error, exit_no_solution, 'inverse of a matrix of order '// &

@@ -1,0 +1,73 @@
+"""The same bits, however many threads the environment offers to BLAS, with mpirun and without."""
+
+from __future__ import annotations
+
+import os
+import subprocess
+
+import pytest
+
+from tests.conftest import ENVIRONMENT
+from tests.program.campaign import datasets
+
+#: README's smallest scene, and one whose process is solved on a grid: large enough for threads
+SCENE = """\
+&process correlation_length = 1.0 order = 2 mean = 0.2 std = 0.067 /
+&chain n_dof = 5 /
+&excitation variance = 41.1 /
+&integration method = 'event' n_steps = 4000 /
+&campaign n_samples = 8 /
+"""
+OF_ORDER_1 = SCENE.replace("order = 2", "order = 1 positive = .true.")
+
+LAUNCHERS = {
+    "plain": [],
+    "bound": ["mpirun", "--oversubscribe", "-n", "2"],
+    "unbound": ["mpirun", "--oversubscribe", "--bind-to", "none", "-n", "2"],
+}
+VARIABLES = ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS", "BLIS_NUM_THREADS")
+
+
+def environment(n_threads: int) -> dict[str, str]:
+    """As many threads as the cores allow where n_threads is 0."""
+    plain = {name: value for name, value in ENVIRONMENT.items() if name not in VARIABLES}
+    return plain | (dict.fromkeys(VARIABLES, str(n_threads)) if n_threads else {})
+
+
+def run(program, folder, output, launcher="plain", n_threads=0, more=()):
+    words = [*LAUNCHERS[launcher], program, "run", "scene.nml", "--output", output, *more]
+    done = subprocess.run(
+        words, cwd=folder, env=environment(n_threads), capture_output=True, text=True, check=False
+    )
+    assert done.returncode == 0, done.stderr
+
+
+@pytest.mark.parametrize("scene", [SCENE, OF_ORDER_1], ids=["smallest", "order_1"])
+def test_bits_do_not_depend_on_threads_or_launcher(program, tmp_path, scene):
+    (tmp_path / "scene.nml").write_text(scene)
+    run(program, tmp_path, "reference.h5", n_threads=1)
+    reference = datasets(tmp_path / "reference.h5")
+    others = [("plain", 0), ("plain", 2), ("plain", 7), ("bound", 0), ("unbound", 7)]
+    for launcher, n_threads in others:
+        output = f"{launcher}_{n_threads}.h5"
+        run(program, tmp_path, output, launcher, n_threads)
+        found = datasets(tmp_path / output)
+        assert [name for name in reference if found[name] != reference[name]] == [], output
+
+
+def test_members_with_other_threads_share_a_run(program, tmp_path):
+    """What they compute together is what one computes alone."""
+    (tmp_path / "scene.nml").write_text(OF_ORDER_1.replace("n_samples = 8", "n_samples = 200"))
+    run(program, tmp_path, "alone.h5", n_threads=1)
+    members = [
+        subprocess.Popen(
+            [program, "run", "scene.nml", "--output", "shared.h5", "--share"],
+            cwd=tmp_path, env=environment(n_threads), stderr=subprocess.PIPE, text=True,
+        )
+        for n_threads in (1, 2)
+    ]  # fmt: skip
+    for member in members:
+        _, errors = member.communicate(timeout=300)
+        assert member.returncode == os.EX_OK, errors
+    run(program, tmp_path, "shared.h5", n_threads=2)
+    assert datasets(tmp_path / "shared.h5") == datasets(tmp_path / "alone.h5")
