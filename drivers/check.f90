@@ -1,11 +1,11 @@
 !> `entroslip check`: a scene read and checked, and what running it would mean. Writes nothing.
 module driver_check
-   use, intrinsic :: iso_fortran_env, only: output_unit
    use config_phrases, only: brief, labelled
    use config_scene, only: scene_type
    use config_summary, only: summary_text
    use core_error, only: error_type, exit_done
    use core_kinds, only: wp
+   use core_terminal, only: say
    use core_text, only: to_text
    use driver_campaign, only: load_plan, refuse_unsolved
    use driver_command_line, only: command_line
@@ -47,12 +47,11 @@ contains
       if (world%is_root()) then
          call foresee_processes(plan, models)
          if (.not. line%is_quiet) then
-            write (output_unit, '(a)') summary_text(scene, plan, cost%nanoseconds, world%n_ranks, &
-                                                    block_width(plan), models, &
-                                                    cost%audit_nanoseconds)
-            if (cost%n_steps > 0) write (output_unit, '(a)') transitions_text(cost)
-            if (choice /= '') write (output_unit, '(a)') choice
-            if (need /= '') write (output_unit, '(a)') need
+            call say(summary_text(scene, plan, cost%nanoseconds, world%n_ranks, &
+                                  block_width(plan), models, cost%audit_nanoseconds))
+            if (cost%n_steps > 0) call say(transitions_text(cost))
+            if (choice /= '') call say(choice)
+            if (need /= '') call say(need)
          end if
          call refuse_unsolved(plan, models, error)
       end if

@@ -1,9 +1,8 @@
 !> Maximum-entropy uncertain properties, and the vibration of structures held by friction.
 program entroslip
-   use, intrinsic :: iso_fortran_env, only: output_unit
    use config_template, only: scene_reference, template_text
-   use core_error, only: error_type
-   use core_terminal, only: end_program, write_error
+   use core_error, only: error_type, exit_done
+   use core_terminal, only: end_program, say, start_terminal, write_error
    use driver_check, only: check
    use driver_command_line, only: command_line, help_text, read_command_line
    use driver_replay, only: replay
@@ -14,6 +13,7 @@ program entroslip
    type(command_line) :: line
    type(error_type), allocatable :: error
 
+   call start_terminal()
    call read_command_line(line, error)
    if (allocated(error)) then
       call write_error(error%message)
@@ -30,13 +30,14 @@ program entroslip
       call replay(line)
    case ('template')
       if (line%wants_reference) then
-         write (output_unit, '(a)') scene_reference()
+         call say(scene_reference())
       else
-         write (output_unit, '(a)') template_text()
+         call say(template_text())
       end if
    case ('version')
-      write (output_unit, '(a)') version_text()
+      call say(version_text())
    case ('help')
-      write (output_unit, '(a)') help_text()
+      call say(help_text())
    end select
+   call end_program(exit_done)
 end program entroslip

@@ -1,10 +1,10 @@
 !> The output of a run: what an earlier run left of it, who may write it, and how it is let go.
 module driver_output
-   use, intrinsic :: iso_fortran_env, only: output_unit
    use config_phrases, only: counted
    use config_scene, only: scene_type
    use core_error, only: error_type
    use core_kinds, only: long
+   use core_terminal, only: say_line => say
    use core_text, only: to_text
    use driver_campaign, only: output_path
    use driver_command_line, only: command_line
@@ -316,9 +316,7 @@ contains
       class(output_type), intent(in) :: self
       character(*), intent(in) :: text
 
-      if (self%is_quiet) return
-      write (output_unit, '(a)') text
-      flush (output_unit)
+      if (.not. self%is_quiet) call say_line(text)
    end subroutine say
 
    !> Ends the run on an error of any rank, the output unlocked first; collective.

@@ -1,10 +1,10 @@
 !> `entroslip tradeoff`: what accuracy costs in this scene, measured on a small piece of it.
 module driver_tradeoff
-   use, intrinsic :: iso_fortran_env, only: output_unit
    use config_phrases, only: counted
    use config_scene, only: scene_type
    use core_error, only: error_type, exit_done, exit_stopped
    use core_kinds, only: wp
+   use core_terminal, only: say
    use driver_campaign, only: load_plan, output_path, refuse_unsolved
    use driver_command_line, only: command_line
    use driver_deadline, only: seconds_so_far, set_limit, start_watch, time_to_stop
@@ -81,7 +81,7 @@ contains
       if (world%is_root() .and. .not. is_stopped) then
          call compare_orders(plan, found%orders)
          if (.not. line%is_quiet) &
-            write (output_unit, '(a)') text_of(scene, plan, models, found, world%n_ranks)//path
+            call say(text_of(scene, plan, models, found, world%n_ranks)//path)
          call write_findings(path, line, scene, plan, found, world%n_ranks, error)
       end if
       call stop_unlocked(world, lock, error)
@@ -153,8 +153,8 @@ contains
 
       call list_variants(plan, scope%models, scope%variants)
       if (size(scope%variants) > 0 .and. .not. is_quiet) &
-         write (output_unit, '(a)') 'fitting '//counted(size(scope%variants), 'variant', &
-                                                        'variants')//' of processes'
+         call say('fitting '//counted(size(scope%variants), 'variant', 'variants')// &
+                  ' of processes')
       varied = plan
       varied%processes = scope%variants%request
       call solve_processes(world, varied, is_quiet, scope%variant_models)

@@ -1,12 +1,18 @@
-!> Where a person reads along: is it a terminal, what an error looks like there, and a quiet end.
+!> Standard output, standard error, and the end of the program: what could not be said is an error.
 module core_terminal
-   use, intrinsic :: iso_c_binding, only: c_int
-   use, intrinsic :: iso_fortran_env, only: error_unit
+   use, intrinsic :: iso_c_binding, only: c_associated, c_char, c_funptr, c_int, c_intptr_t, &
+                                          c_long, c_null_char, c_null_funptr, c_ptr, c_size_t
+   use core_error, only: exit_done, exit_file
+   use core_system, only: c_signal, system_error, system_text
    implicit none(type, external)
    private
-   public :: end_program, is_terminal, standard_error, standard_output, write_error
+   public :: end_program, is_terminal, output_is_lost, say, standard_error, standard_output, &
+             start_terminal, write_error, write_output
 
    integer(c_int), parameter :: standard_output = 1, standard_error = 2   !! POSIX file descriptors
+
+   logical :: has_output = .false.   !! something was written to standard output
+   integer(c_int) :: failure = 0     !! system error of the first write to it that failed; 0: none
 
    interface
       function c_isatty(descriptor) result(answer) bind(c, name='isatty')
@@ -14,6 +20,32 @@ module core_terminal
          integer(c_int), value :: descriptor
          integer(c_int) :: answer
       end function c_isatty
+
+      function c_write(descriptor, text, length) result(written) bind(c, name='write')
+         import :: c_char, c_int, c_long, c_size_t
+         integer(c_int), value :: descriptor
+         character(kind=c_char), intent(in) :: text(*)
+         integer(c_size_t), value :: length
+         integer(c_long) :: written
+      end function c_write
+
+      function c_dup(descriptor) result(copy) bind(c, name='dup')
+         import :: c_int
+         integer(c_int), value :: descriptor
+         integer(c_int) :: copy
+      end function c_dup
+
+      function c_close(descriptor) result(status) bind(c, name='close')
+         import :: c_int
+         integer(c_int), value :: descriptor
+         integer(c_int) :: status
+      end function c_close
+
+      function c_fopen(path, mode) result(stream) bind(c, name='fopen')
+         import :: c_char, c_ptr
+         character(kind=c_char), intent(in) :: path(*), mode(*)
+         type(c_ptr) :: stream
+      end function c_fopen
 
       subroutine c_exit(code) bind(c, name='exit')
          import :: c_int
@@ -23,7 +55,29 @@ module core_terminal
 
 contains
 
-   !> Whether a descriptor leads to a terminal.
+   !> The program's first call. A closed pipe then fails a write instead of killing the program. A
+   !> standard descriptor that is closed leads to an empty file, so that no file of results gets its
+   !> number; writing there still fails.
+   subroutine start_terminal()
+      integer(c_int), parameter :: sigpipe = 13          !! Linux
+      integer(c_intptr_t), parameter :: sig_ign = 1      !! C's SIG_IGN: the signal does nothing
+      type(c_funptr) :: previous
+      type(c_ptr) :: stream
+      integer(c_int) :: copy, descriptor, status
+
+      previous = c_signal(sigpipe, transfer(sig_ign, c_null_funptr))
+      do descriptor = 0, standard_error
+         copy = c_dup(descriptor)
+         if (copy >= 0) then
+            status = c_close(copy)
+         else
+            stream = c_fopen('/dev/null'//c_null_char, 'r'//c_null_char)
+            if (.not. c_associated(stream)) return
+         end if
+      end do
+   end subroutine start_terminal
+
+   !> True if a descriptor leads to a terminal.
    function is_terminal(descriptor)
       integer(c_int), intent(in) :: descriptor
       logical :: is_terminal
@@ -31,21 +85,58 @@ contains
       is_terminal = c_isatty(descriptor) == 1
    end function is_terminal
 
-   !> Ends the program with an exit code and without a word, units flushed: gfortran 11 has no
-   !> `stop` with quiet=.
+   !> Writes lines to standard output.
+   subroutine say(text)
+      character(*), intent(in) :: text   !! without its last line feed
+
+      call write_output(text//new_line('a'))
+   end subroutine say
+
+   !> Writes characters to standard output at once. The first failure is kept for `end_program`, and
+   !> nothing is written after it.
+   subroutine write_output(text)
+      character(*), intent(in) :: text
+
+      has_output = .true.
+      if (failure == 0) call write_all(standard_output, text, failure)
+   end subroutine write_output
+
+   !> True if something that was written to standard output did not arrive. Network file systems say
+   !> so only when a descriptor is closed: a copy is.
+   function output_is_lost() result(is_lost)
+      logical :: is_lost
+      integer(c_int) :: status
+
+      if (has_output .and. failure == 0) then
+         status = c_close(c_dup(standard_output))
+         if (status /= 0) failure = system_error()
+      end if
+      is_lost = failure /= 0
+   end function output_is_lost
+
+   !> Ends the program with an exit code: exit_file instead of exit_done where standard output was
+   !> lost, which is said. gfortran 11 has no `stop` with quiet=.
    subroutine end_program(exit_code)
       integer, intent(in) :: exit_code
+      integer :: code
 
-      call c_exit(int(exit_code, c_int))
+      code = exit_code
+      if (output_is_lost()) then
+         call write_error('standard output: cannot be written: '//system_text(failure))
+         if (code == exit_done) code = exit_file
+      end if
+      call c_exit(int(code, c_int))
    end subroutine end_program
 
-   !> Complaints about a scene, several lines that begin with their place, stand as they are; any
-   !> other message is headed by the program's name, red on a terminal unless NO_COLOR is set
-   !> (https://no-color.org). For drivers, and for what ends a run for them.
+   !> Writes a message to standard error. Complaints about a scene, several lines that begin with
+   !> their place, stand as they are; any other message is headed by the program's name, red on a
+   !> terminal unless NO_COLOR is set (https://no-color.org). For drivers, and for what ends a run
+   !> for them.
    subroutine write_error(message)
       character(*), intent(in) :: message
       character(:), allocatable :: heading
       character, parameter :: escape = achar(27)
+      integer(c_int) :: ignored   ! there is no other place to say it
       logical :: is_plain
 
       heading = 'entroslip: '
@@ -53,10 +144,33 @@ contains
       if (is_terminal(standard_error) .and. .not. is_plain) &
          heading = escape//'[1;31mentroslip:'//escape//'[0m '
       if (index(message, new_line('a')) > 0) heading = ''
-      write (error_unit, '(a)') heading//message
+      call write_all(standard_error, heading//message//new_line('a'), ignored)
    end subroutine write_error
 
-   !> Is the variable there and not empty?
+   !> Writes all of a text to a descriptor, in as many pieces as the system takes.
+   subroutine write_all(descriptor, text, number)
+      integer(c_int), intent(in) :: descriptor
+      character(*), intent(in) :: text
+      integer(c_int), intent(out) :: number   !! system error; 0: all is written
+      integer(c_int), parameter :: eintr = 4  !! a signal came before anything was written
+      integer(c_long) :: written
+      integer :: first
+
+      number = 0
+      first = 1
+      do while (first <= len(text))
+         written = c_write(descriptor, text(first:), int(len(text) - first + 1, c_size_t))
+         if (written >= 0) then
+            first = first + int(written)
+         else
+            number = system_error()
+            if (number /= eintr) return
+            number = 0
+         end if
+      end do
+   end subroutine write_all
+
+   !> True if the variable is there and not empty.
    function is_set(name)
       character(*), intent(in) :: name
       logical :: is_set

@@ -4,11 +4,11 @@ module io_files
                      c_null_char, c_null_ptr, c_ptr, c_size_t
    use core_error, only: error_type
    use core_kinds, only: long
+   use core_system, only: raise_system, system_error, text_at
    use core_terminal, only: is_terminal, standard_output
    use core_text, only: to_text
    use io_posix, only: c_access, c_fclose, c_fileno, c_fopen, c_fsync, c_gethostname, c_getpid, &
-                       c_getppid, c_glob, c_globfree, c_mkdir, c_remove, c_rename, raise_system, &
-                       system_error, text_at
+                       c_getppid, c_glob, c_globfree, c_mkdir, c_remove, c_rename
    implicit none(type, external)
    private
    public :: exists, file_size, folder_of, host_name, is_folder

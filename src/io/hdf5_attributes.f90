@@ -9,10 +9,10 @@ module io_hdf5_attributes
                      c_ptr
    use core_error, only: error_type
    use core_kinds, only: long, wp
+   use core_system, only: text_at
    use hdf5
    use io_hdf5_file, only: hdf5_file
    use io_hdf5_outcome, only: outcome_type
-   use io_posix, only: text_at
    implicit none(type, external)
    private
    public :: has_attribute, read_attribute, write_attribute, write_sealed_attribute

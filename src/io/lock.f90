@@ -8,10 +8,11 @@ module io_lock
                                                                              c_ptr
    use core_error, only: error_type, exit_file, raise
    use core_kinds, only: long
+   use core_system, only: raise_system, system_error
    use core_text, only: to_text
    use io_files, only: host_name, process_id, remove_file
    use io_posix, only: c_fclose, c_fflush, c_fileno, c_fopen, c_fputs, c_fstat, c_lockf, c_lseek, &
-                       c_stat, raise_system, system_error
+                       c_stat
    implicit none(type, external)
    private
    public :: lock_type, join_lock, take_lock

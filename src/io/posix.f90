@@ -1,13 +1,11 @@
 !> The door to POSIX: the calls that files, folders and locks need, as libc declares them.
 module io_posix
-   use, intrinsic :: iso_c_binding, only: c_char, c_f_pointer, c_int, c_long, c_ptr, c_size_t
-   use core_error, only: error_type, exit_file, raise
+   use, intrinsic :: iso_c_binding, only: c_char, c_int, c_long, c_ptr, c_size_t
    implicit none(type, external)
    private
    public :: c_access, c_fclose, c_fflush, c_fileno, c_fopen, c_fputs, c_fstat, c_fsync, &
              c_gethostname, c_getpid, c_getppid, c_glob, c_globfree, c_lockf, c_lseek, &
              c_mkdir, c_remove, c_rename, c_stat
-   public :: raise_system, system_error, text_at
 
    interface
       function c_access(path, mode) result(status) bind(c, name='access')
@@ -74,23 +72,6 @@ module io_posix
          integer(c_long), intent(inout) :: found(*)
       end subroutine c_globfree
 
-      function c_strlen(text) result(length) bind(c, name='strlen')
-         import :: c_ptr, c_size_t
-         type(c_ptr), value :: text
-         integer(c_size_t) :: length
-      end function c_strlen
-
-      function c_strerror(number) result(text) bind(c, name='strerror')
-         import :: c_int, c_ptr
-         integer(c_int), value :: number
-         type(c_ptr) :: text
-      end function c_strerror
-
-      function c_errno_location() result(location) bind(c, name='__errno_location')
-         import :: c_ptr
-         type(c_ptr) :: location
-      end function c_errno_location
-
       function c_getpid() result(number) bind(c, name='getpid')
          import :: c_int
          integer(c_int) :: number
@@ -150,39 +131,5 @@ module io_posix
          integer(c_int) :: status
       end function c_stat
    end interface
-
-contains
-
-   !> Number of the error of the call that has just failed (errno).
-   function system_error() result(number)
-      integer(c_int) :: number
-      integer(c_int), pointer :: errno
-
-      call c_f_pointer(c_errno_location(), errno)
-      number = errno
-   end function system_error
-
-   !> Message, and the system's words for one of its error numbers.
-   subroutine raise_system(number, message, error)
-      integer(c_int), intent(in) :: number   !! of `system_error`
-      character(*), intent(in) :: message
-      type(error_type), allocatable, intent(out) :: error
-
-      call raise(error, exit_file, message//': '//text_at(c_strerror(number)))
-   end subroutine raise_system
-
-   !> A C string.
-   function text_at(location) result(text)
-      type(c_ptr), intent(in) :: location
-      character(:), allocatable :: text
-      character(kind=c_char), pointer :: characters(:)
-      integer :: i
-
-      call c_f_pointer(location, characters, [c_strlen(location)])
-      allocate (character(size(characters)) :: text)
-      do i = 1, size(characters)
-         text(i:i) = characters(i)
-      end do
-   end function text_at
 
 end module io_posix

@@ -1,7 +1,7 @@
 !> How far a run is: one line, redrawn on a terminal, repeated once a minute in a log.
 module io_progress
-   use, intrinsic :: iso_fortran_env, only: output_unit
    use core_kinds, only: long, wp
+   use core_terminal, only: say, write_output
    use core_text, only: to_text
    use io_files, only: shows_on_terminal
    implicit none(type, external)
@@ -59,8 +59,7 @@ contains
       if (self%is_redrawn) then
          call redraw(self, text)
       else
-         write (output_unit, '(a)') text
-         flush (output_unit)
+         call say(text)
       end if
    end subroutine show
 
@@ -77,8 +76,7 @@ contains
       character(*), intent(in) :: text
       character, parameter :: return = achar(13)
 
-      write (output_unit, '(a)', advance='no') return//repeat(' ', self%width)//return//text
-      flush (output_unit)
+      call write_output(return//repeat(' ', self%width)//return//text)
       self%width = len(text)
    end subroutine redraw
 

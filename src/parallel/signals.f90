@@ -2,6 +2,7 @@
 module parallel_signals
    use, intrinsic :: iso_c_binding, only: c_funloc, c_funptr, c_int, c_long, c_null_ptr, c_ptr
    use core_error, only: exit_stopped
+   use core_system, only: c_signal
    implicit none(type, external)
    private
    public :: catch_stop_signals, stop_requested
@@ -13,13 +14,6 @@ module parallel_signals
    integer(c_long), volatile :: caught_at = 0     !! [s] of the clock
 
    interface
-      function c_signal(number, handler) result(previous) bind(c, name='signal')
-         import :: c_funptr, c_int
-         integer(c_int), value :: number
-         type(c_funptr), value :: handler
-         type(c_funptr) :: previous
-      end function c_signal
-
       function c_time(unused) result(seconds) bind(c, name='time')
          import :: c_long, c_ptr
          type(c_ptr), value :: unused

@@ -5,10 +5,9 @@
 !> all ranks of the world in the same order.
 module parallel_world
    use, intrinsic :: iso_c_binding, only: c_char, c_int, c_null_char
-   use, intrinsic :: iso_fortran_env, only: error_unit, output_unit
-   use core_error, only: error_type, exit_done
+   use core_error, only: error_type, exit_done, exit_file
    use core_kinds, only: long, wp
-   use core_terminal, only: end_program, write_error
+   use core_terminal, only: end_program, output_is_lost, write_error
    use mpi_f08, only: MPI_Allreduce, MPI_ANY_SOURCE, MPI_ANY_TAG, MPI_Barrier, MPI_Bcast, &
                       MPI_CHARACTER, MPI_Comm, MPI_Comm_rank, MPI_Comm_size, MPI_COMM_WORLD, &
                       MPI_DOUBLE_PRECISION, MPI_Finalize, MPI_Get_library_version, MPI_IN_PLACE, &
@@ -110,14 +109,18 @@ contains
       status = c_setenv(name//c_null_char, value//c_null_char, 0_c_int)
    end subroutine suggest
 
-   !> Ends the run with an exit code, the same on every rank; collective.
+   !> Ends the program with an exit code, the same on every rank: exit_file instead of exit_done
+   !> where a rank's standard output was lost. Collective.
    subroutine stop_world(exit_code)
       integer, intent(in) :: exit_code
+      integer :: code
+      logical :: is_lost
 
-      flush (output_unit)
-      flush (error_unit)
+      is_lost = output_is_lost()
+      code = merge(exit_file, exit_code, exit_code == exit_done .and. is_lost)
+      call MPI_Allreduce(MPI_IN_PLACE, code, 1, MPI_INTEGER, MPI_MAX, MPI_COMM_WORLD)
       call MPI_Finalize()
-      if (exit_code /= exit_done) call end_program(exit_code)
+      call end_program(code)
    end subroutine stop_world
 
    function world_of_comm(comm) result(world)

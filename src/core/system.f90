@@ -1,0 +1,78 @@
+!> Errors and signals of the system, as libc has them.
+module core_system
+   use, intrinsic :: iso_c_binding, only: c_char, c_f_pointer, c_funptr, c_int, c_ptr, c_size_t
+   use core_error, only: error_type, exit_file, raise
+   implicit none(type, external)
+   private
+   public :: c_signal, raise_system, system_error, system_text, text_at
+
+   interface
+      function c_strlen(text) result(length) bind(c, name='strlen')
+         import :: c_ptr, c_size_t
+         type(c_ptr), value :: text
+         integer(c_size_t) :: length
+      end function c_strlen
+
+      function c_strerror(number) result(text) bind(c, name='strerror')
+         import :: c_int, c_ptr
+         integer(c_int), value :: number
+         type(c_ptr) :: text
+      end function c_strerror
+
+      function c_errno_location() result(location) bind(c, name='__errno_location')
+         import :: c_ptr
+         type(c_ptr) :: location
+      end function c_errno_location
+
+      !> Sets what a signal does from now on.
+      function c_signal(number, handler) result(previous) bind(c, name='signal')
+         import :: c_funptr, c_int
+         integer(c_int), value :: number
+         type(c_funptr), value :: handler
+         type(c_funptr) :: previous
+      end function c_signal
+   end interface
+
+contains
+
+   !> Number of the error of the call that has just failed (errno).
+   function system_error() result(number)
+      integer(c_int) :: number
+      integer(c_int), pointer :: errno
+
+      call c_f_pointer(c_errno_location(), errno)
+      number = errno
+   end function system_error
+
+   !> The system's words for one of its error numbers.
+   function system_text(number) result(text)
+      integer(c_int), intent(in) :: number   !! of `system_error`
+      character(:), allocatable :: text
+
+      text = text_at(c_strerror(number))
+   end function system_text
+
+   !> Raises exit_file with a message and the system's words for one of its error numbers.
+   subroutine raise_system(number, message, error)
+      integer(c_int), intent(in) :: number   !! of `system_error`
+      character(*), intent(in) :: message
+      type(error_type), allocatable, intent(out) :: error
+
+      call raise(error, exit_file, message//': '//system_text(number))
+   end subroutine raise_system
+
+   !> A C string.
+   function text_at(location) result(text)
+      type(c_ptr), intent(in) :: location
+      character(:), allocatable :: text
+      character(kind=c_char), pointer :: characters(:)
+      integer :: i
+
+      call c_f_pointer(location, characters, [c_strlen(location)])
+      allocate (character(size(characters)) :: text)
+      do i = 1, size(characters)
+         text(i:i) = characters(i)
+      end do
+   end function text_at
+
+end module core_system
