@@ -14,7 +14,8 @@ program bench_dynamics
    use core_kinds, only: long, wp
    use core_random, only: label_of, new_stream, stream_type
    use core_text, only: to_text
-   use dynamics_chain, only: build_chain, chain_type
+   use structure_chain, only: build_chain
+   use structure_model, only: structure_type
    use dynamics_event, only: event_marcher, new_event_marcher
    use dynamics_newmark, only: new_newmark, newmark_marcher
    use dynamics_propagator, only: stride_of
@@ -60,7 +61,7 @@ contains
       type(newmark_marcher) :: newmark
       type(error_type), allocatable :: error
       type(block_state) :: state
-      type(chain_type) :: chain
+      type(structure_type) :: chain
       real(wp), allocatable :: force(:, :), x(:, :)
       real(wp) :: flops, nanoseconds, peak
 
@@ -116,7 +117,7 @@ contains
       type(event_marcher) :: event
       type(newmark_marcher) :: newmark
       type(error_type), allocatable :: error
-      type(chain_type) :: chain
+      type(structure_type) :: chain
       real(wp), allocatable :: force(:, :)
       integer, parameter :: halvings(8) = [0, 1, 2, 3, 5, 10, 15, 20]
       integer :: finer, k
@@ -148,7 +149,7 @@ contains
       class(marcher_type), intent(inout) :: marcher
       real(wp), intent(in) :: force(0:, :)
       integer, intent(in) :: finer
-      type(chain_type), intent(in) :: chain
+      type(structure_type), intent(in) :: chain
       type(block_state) :: state
       real(wp), allocatable :: x(:, :), exact(:, :), slip(:)
       real(wp) :: nanoseconds, error_x
@@ -171,7 +172,7 @@ contains
    !> Densities of the displacements of sample 1 (frequency, dof).
    function spectrum_of_first(marcher, chain, force, finer) result(psd)
       class(marcher_type), intent(inout) :: marcher
-      type(chain_type), intent(in) :: chain
+      type(structure_type), intent(in) :: chain
       real(wp), intent(in) :: force(0:, :)
       integer, intent(in) :: finer
       real(wp) :: psd(0:segment/2, 5)
@@ -206,7 +207,7 @@ contains
       integer, intent(in) :: sizes(:)
       type(event_marcher) :: event
       type(newmark_marcher) :: newmark
-      type(chain_type) :: chain
+      type(structure_type) :: chain
       type(error_type), allocatable :: error
       type(block_state) :: state
       real(wp), allocatable :: force(:, :), x(:, :)
@@ -234,7 +235,7 @@ contains
    !> CPU time per sample-step, and the history of sample 1 (record, dof).
    subroutine time_march(marcher, chain, force, every, state, x, nanoseconds)
       class(marcher_type), intent(inout) :: marcher
-      type(chain_type), intent(in) :: chain
+      type(structure_type), intent(in) :: chain
       real(wp), intent(in) :: force(0:, :)
       integer, intent(in) :: every
       type(block_state), intent(inout) :: state
@@ -285,7 +286,7 @@ contains
 
    function equal_chain(n) result(chain)
       integer, intent(in) :: n
-      type(chain_type) :: chain
+      type(structure_type) :: chain
       type(error_type), allocatable :: error
 
       call build_chain(spread(1.0_wp, 1, n), spread(25.0_wp, 1, n), spread(50.0_wp, 1, n), &

@@ -5,14 +5,15 @@ program bench_dynamics_ledger
    use core_error, only: error_type
    use core_kinds, only: long, wp
    use core_random, only: label_of, new_stream, stream_type
-   use dynamics_chain, only: build_chain, chain_type
+   use structure_chain, only: build_chain
+   use structure_model, only: structure_type
    use dynamics_event, only: event_marcher, new_event_marcher
    use dynamics_excitation, only: band_limited_force
    use dynamics_response, only: block_state, start_block, stored_energy
    implicit none(type, external)
    integer, parameter :: n_steps = 400000, n_samples = 32, n_dof = 5
    real(wp), parameter :: dt = 0.00843_wp, variances(2) = [3.7_wp, 41.1_wp]
-   type(chain_type) :: chain
+   type(structure_type) :: chain
    type(event_marcher) :: marcher
    type(stream_type) :: stream
    type(error_type), allocatable :: error

@@ -80,7 +80,7 @@ contains
          reasons = reasons//'process '//to_text(i)//': '//models(i)%reason
       end do
       if (n == 0) return
-      if (plan%has_chain .or. n == size(models)) call raise(error, exit_no_solution, reasons)
+      if (plan%has_structure .or. n == size(models)) call raise(error, exit_no_solution, reasons)
    end subroutine refuse_unsolved
 
 end module driver_campaign

@@ -41,7 +41,7 @@ contains
       call load_plan(line, scene, plan, force, error)
       call world%stop_on(error)
       call keep_targets(world, force, scene, plan, choice)
-      if (plan%has_chain .and. world%is_root()) call measure(plan, force, cost, error)
+      if (plan%has_structure .and. world%is_root()) call measure(plan, force, cost, error)
       call world%stop_on(error)
       call foresee_need(world, plan, force, cost%nanoseconds, need)
       if (world%is_root()) then

@@ -38,7 +38,7 @@ contains
       logical :: is_stopped
 
       text = ''
-      if (.not. (plan%has_chain .and. plan%accuracy%target_statistical > 0.0_wp)) return
+      if (.not. (plan%has_structure .and. plan%accuracy%target_statistical > 0.0_wp)) return
       if (all(plan%cases%process == 0)) return
       call solve_processes(world, plan, .true., models)
       if (.not. all(models%is_solved)) return

@@ -47,7 +47,7 @@ contains
                                provenance_of(scene, line, plan%title, world%n_ranks), writer, error)
       if (world%any_true(allocated(error))) return
       if (world%is_root()) call write_processes(plan, models, writer, error)
-      if (.not. world%any_true(allocated(error)) .and. plan%has_chain) &
+      if (.not. world%any_true(allocated(error)) .and. plan%has_structure) &
          call write_cases(world, plan, runner, output, writer, error)
       if (world%any_true(allocated(error))) then
          if (world%is_root()) call writer%abandon()
@@ -91,7 +91,7 @@ contains
 
       allocate (shards(0))
       if (world%is_root()) then
-         call writer%write_chain(plan%chain, plan%excitation%dof, error)
+         call writer%write_chain(plan%structure, plan%excitation%dof, error)
          if (.not. allocated(error)) call list_shards(output%store, shards, error)
       end if
       if (world%any_true(allocated(error))) return

@@ -71,7 +71,7 @@ contains
       call refuse_unsolved(plan, models, error)
       if (allocated(error) .and. world%is_root()) call remove_kept(output%store, ignored)
       call output%stop_on(world, error)
-      if (plan%has_chain) then
+      if (plan%has_structure) then
          call prepare_march(world, plan, force, runner, error)
          call output%stop_on(world, error)
          call march_until_met(world, models, runner, output)
@@ -96,7 +96,7 @@ contains
       type(plan_type), intent(in) :: plan
       type(error_type), allocatable, intent(out) :: error
 
-      if (line%is_shared .and. .not. plan%has_chain) &
+      if (line%is_shared .and. .not. plan%has_structure) &
          call raise(error, exit_bad_input, '--share: the scene has no samples to be shared')
       if (line%is_shared .and. plan%accuracy%sample_until_met) &
          call raise(error, exit_bad_input, '--share: several runs cannot sample until a target '// &
@@ -238,7 +238,7 @@ contains
       type(error_type), allocatable :: error
 
       errors = ''
-      if (world%is_root() .and. plan%has_chain) call tell_errors(output%path, plan, errors, error)
+      if (world%is_root() .and. plan%has_structure) call tell_errors(output%path, plan, errors, error)
       call output%stop_on(world, error)
       if (errors /= '') errors = '; '//errors
       call output%say(summary(plan, output))

@@ -47,7 +47,7 @@ contains
       choice = ''
       associate (points => plan%accuracy%target_slip_points, &
                  ratio => plan%accuracy%target_band_ratio)
-         if (.not. (plan%has_chain .and. max(points, ratio) > 0.0_wp)) return
+         if (.not. (plan%has_structure .and. max(points, ratio) > 0.0_wp)) return
          call measure_settings(world, plan, force, scope_type(budget=budget), .true., measured, &
                                values, is_stopped, error)
          call world%stop_on(error)

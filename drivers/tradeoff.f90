@@ -75,7 +75,7 @@ contains
       call refuse_unsolved(plan, models, error)
       call stop_unlocked(world, lock, error)
       is_stopped = world%any_true(time_to_stop())
-      if (plan%has_chain .and. .not. is_stopped) &
+      if (plan%has_structure .and. .not. is_stopped) &
          call measure_march(world, line, plan, force, models, found, is_stopped, error)
       call stop_unlocked(world, lock, error)
       if (world%is_root() .and. .not. is_stopped) then
@@ -171,7 +171,7 @@ contains
       character, parameter :: line_feed = new_line('a')
 
       text = ''
-      if (plan%has_chain) then
+      if (plan%has_structure) then
          text = settings_text(plan, found%tradeoff, found%settings, n_ranks)// &
                 wanted_text(plan, found%settings, scene%accuracy%target_slip_points, &
                             scene%accuracy%target_band_ratio, n_ranks)//line_feed// &
@@ -200,7 +200,7 @@ contains
 
       call begin_results(path, provenance_of(scene, line, plan%title, n_ranks), writer, error)
       if (allocated(error)) return
-      if (plan%has_chain) then
+      if (plan%has_structure) then
          call write_settings(writer, plan, found%settings, &
                              found%tradeoff%plan%integration%n_steps, &
                              1.0e-9_wp*sample_steps(plan), error)

@@ -30,11 +30,11 @@ contains
       integer :: i, n_own
 
       associate (wanted => plan%accuracy)
-         if (.not. (plan%has_chain .and. max(wanted%target_slip_points, wanted%target_band_ratio, &
+         if (.not. (plan%has_structure .and. max(wanted%target_slip_points, wanted%target_band_ratio, &
                                              wanted%target_statistical) > 0.0_wp)) return
       end associate
       n_own = count(plan%cases%audits == 0)
-      call read_errors(path, n_own, plan%chain%n_dof, errors, error)
+      call read_errors(path, n_own, plan%structure%n_dof, errors, error)
       if (allocated(error)) return
       failures = ''
       do i = 1, n_own
@@ -56,7 +56,7 @@ contains
       integer :: i
 
       text = ''
-      call read_errors(path, count(plan%cases%audits == 0), plan%chain%n_dof, errors, error)
+      call read_errors(path, count(plan%cases%audits == 0), plan%structure%n_dof, errors, error)
       if (allocated(error)) return
       statistical = 0.0_wp
       do i = 1, size(errors)

@@ -6,7 +6,7 @@ module config_plan
    use core_error, only: error_type
    use core_kinds, only: wp
    use core_text, only: to_text
-   use dynamics_chain, only: build_chain
+   use structure_chain, only: build_chain
    use dynamics_event, only: most_parts, parts_of_step
    use ensemble_plan, only: accuracy_settings, case_type, plan_type
    use process_model, only: process_request
@@ -41,7 +41,7 @@ contains
                                         scene%accuracy%target_band_ratio, &
                                         scene%accuracy%target_statistical, &
                                         scene%accuracy%sample_until_met, scene%accuracy%audit)
-      plan%has_chain = scene%has_chain
+      plan%has_structure = scene%has_chain
       if (.not. scene%has_chain) return
       call plan_chain(scene, plan, complaints)
       call plan_march(scene, plan)
@@ -93,7 +93,7 @@ contains
       associate (chain => scene%chain)
          call build_chain(per_dof(chain%mass), per_dof(chain%coupling_stiffness), &
                           per_dof(chain%contact_stiffness), per_dof(chain%normal_load), &
-                          per_dof(chain%damping_ratio), plan%chain, error)
+                          per_dof(chain%damping_ratio), plan%structure, error)
          if (allocated(error)) call complaints%add_general(scene%path//': '//error%message)
          plan%friction = per_dof(chain%friction)
       end associate
@@ -164,13 +164,13 @@ contains
             scene%path//': integration%n_discard = '//to_text(how%n_discard)// &
             ': must be less than the number of steps, '//to_text(how%n_steps))
          if (complaints%n > 0) return
-         parts = parts_of_step(plan%chain, how%dt)
+         parts = parts_of_step(plan%structure, how%dt)
          if (how%method == 'event' .and. parts > most_parts) call complaints%add_general( &
             scene%path//': integration%dt = '//to_text(how%dt)//': must be at most '// &
             to_text(most_parts*how%dt/parts)//' with so light a mass or so stiff a spring')
          if (how%method /= 'newmark' .or. how%beta >= how%gamma/2) return
          ! below it no mode grows, whatever its damping (Newmark's linear stability bound)
-         limit = 1.0_wp/(sqrt(how%gamma/2 - how%beta)*two_pi*maxval(plan%chain%frequencies_stuck))
+         limit = 1.0_wp/(sqrt(how%gamma/2 - how%beta)*two_pi*maxval(plan%structure%frequencies_stuck))
          if (how%dt > limit) call complaints%add_general( &
             scene%path//': integration%beta = '//to_text(how%beta)// &
             ': must be at least gamma/2, or dt at most '//to_text(limit)// &

@@ -39,7 +39,7 @@ contains
       text = text//labelled('runs', joined(parts(plan, wanted=.true.)))
       text = text//labelled('does not run', joined(parts(plan, wanted=.false.)))
       if (size(plan%processes) > 0) text = text//line_feed//process_table(plan, foreseen)
-      if (plan%has_chain) then
+      if (plan%has_structure) then
          text = text//line_feed//case_table(plan)//line_feed//motion_text(plan)
          text = text//labelled('work', work_text(plan, n_ranks, nanoseconds)// &
                                trim(merge(', and the fits', '              ', &
@@ -66,7 +66,7 @@ contains
       associate (output => plan%output)
          is_there = [size(plan%processes) > 0, size(plan%cases) > 0, &
                      any(plan%cases%process > 0), &
-                     plan%has_chain .and. [output%spectrum, output%energy, output%history, &
+                     plan%has_structure .and. [output%spectrum, output%energy, output%history, &
                                            output%transitions, repeats(plan)], &
                      plan%n_realizations > 0]
       end associate
@@ -81,7 +81,7 @@ contains
          names(9) = counted(plan%n_realizations, 'realization', 'realizations')//' of '// &
                     counted(plan%n_points, 'point', 'points')
       end if
-      names = pack(names, (is_there .eqv. wanted) .and. (plan%has_chain .or. .not. is_of_motion))
+      names = pack(names, (is_there .eqv. wanted) .and. (plan%has_structure .or. .not. is_of_motion))
    end function parts
 
    !> One row per process, then the reasons why some have no solution.
@@ -243,8 +243,8 @@ contains
       type(plan_type), intent(in) :: plan
       character(:), allocatable :: text, force, method, steps
 
-      associate (chain => plan%chain, how => plan%integration, excitation => plan%excitation, &
-                 n => plan%chain%n_dof)
+      associate (chain => plan%structure, how => plan%integration, excitation => plan%excitation, &
+                 n => plan%structure%n_dof)
          text = labelled('chain', counted(n, 'dof', 'dofs')//', '// &
                          brief(chain%frequencies_stuck(1))//' to '// &
                          brief(chain%frequencies_stuck(n))//' Hz stuck, '// &
@@ -287,7 +287,7 @@ contains
    pure logical function repeats(plan)
       type(plan_type), intent(in) :: plan
 
-      repeats = plan%has_chain .and. max(plan%accuracy%audit, plan%accuracy%target_slip_points, &
+      repeats = plan%has_structure .and. max(plan%accuracy%audit, plan%accuracy%target_slip_points, &
                                          plan%accuracy%target_band_ratio) > 0.0_wp
    end function repeats
 
@@ -341,7 +341,7 @@ contains
 
       n_samples = sum(real(plan%cases%n_samples, wp))
       n_kept = size(kept_dofs(plan))
-      associate (output => plan%output, n_dof => plan%chain%n_dof)
+      associate (output => plan%output, n_dof => plan%structure%n_dof)
          spectrum = 0.0_wp   ! of one sample, as the two below
          if (output%spectrum) spectrum = word*n_kept*(output%segment_length/ &
                                                      max(2, 2*output%spectrum_every) + 1.0_wp)

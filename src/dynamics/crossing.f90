@@ -15,7 +15,7 @@
 !> derivative, by damping, and is still that polynomial to the same accuracy.
 module dynamics_crossing
    use core_kinds, only: wp
-   use dynamics_chain, only: chain_type
+   use structure_model, only: structure_type
    use dynamics_course, only: course_type
    use dynamics_propagator, only: levels, propagator_type, stride_of, width
    use dynamics_walker, only: walker_type
@@ -66,7 +66,7 @@ contains
 
    !> An empty batch whose sums and iterations keep a tolerance, relative to the amplitude.
    pure function new_batch(chain, h, forced_dof, rate, longest, tolerance) result(batch)
-      type(chain_type), intent(in) :: chain
+      type(structure_type), intent(in) :: chain
       real(wp), intent(in) :: h           !! step [s]
       integer, intent(in) :: forced_dof
       real(wp), intent(in) :: rate        !! of the fastest mode [rad/s]
@@ -80,8 +80,8 @@ contains
       batch%tolerance = tolerance
       do i = 1, chain%n_dof
          if (i == forced_dof) cycle
-         associate (mass => chain%mass(i), c => chain%damping(i, forced_dof), &
-                    k => chain%coupling(i, forced_dof))
+         associate (mass => chain%mass(i, i), c => chain%damping(i, forced_dof), &
+                    k => chain%stiffness(i, forced_dof))
             batch%drag = max(batch%drag, h*abs(c)/mass)
             batch%coupling = max(batch%coupling, h**2*abs(k)/mass)
          end associate

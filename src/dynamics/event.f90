@@ -7,7 +7,7 @@ module dynamics_event
    use core_error, only: error_type, exit_bad_input, raise
    use core_kinds, only: long, wp
    use core_text, only: to_text
-   use dynamics_chain, only: chain_type
+   use structure_model, only: structure_type
    use dynamics_lanes, only: lane_group, new_lane_group
    use dynamics_propagator, only: width
    use dynamics_response, only: block_state, marcher_type
@@ -39,7 +39,7 @@ contains
 
    !> The event method for one chain: tolerance 1e-12 .. 1e-3 of the rms displacement.
    subroutine new_event_marcher(chain, dt, tolerance, forced_dof, marcher, error)
-      type(chain_type), intent(in) :: chain
+      type(structure_type), intent(in) :: chain
       real(wp), intent(in) :: dt          !! [s]
       real(wp), intent(in) :: tolerance
       integer, intent(in) :: forced_dof
@@ -64,7 +64,7 @@ contains
       end if
       if (allocated(error)) return
 
-      marcher%chain = chain
+      marcher%structure = chain
       marcher%dt = dt
       marcher%forced_dof = forced_dof
       marcher%tolerance = tolerance
@@ -83,7 +83,7 @@ contains
    !> How many parts of a step are needed, at least: the fastest mode bounds their length, for the
    !> tables so that guards are bounded sharply, for the series so that few powers do.
    pure function parts_of_step(chain, dt) result(parts)
-      type(chain_type), intent(in) :: chain
+      type(structure_type), intent(in) :: chain
       real(wp), intent(in) :: dt   !! [s]
       real(wp) :: parts
 
@@ -196,7 +196,7 @@ contains
 
          call group%clear(l)
          if (next > state%n_samples .or. ubound(force, 1) == 0) return
-         call group%load(self%chain, l, next, state)
+         call group%load(self%structure, l, next, state)
          next = next + 1
          part(l) = 0
          record(l) = 0
@@ -236,7 +236,7 @@ contains
          if (step < ubound(force, 1)) then
             call begin_part(l)
          else
-            call group%store(self%chain, l, state)
+            call group%store(self%structure, l, state)
             call take_sample(l)
          end if
       end subroutine finish_part

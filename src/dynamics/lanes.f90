@@ -6,7 +6,7 @@ module dynamics_lanes
    use core_error, only: error_type, exit_no_solution, raise
    use core_kinds, only: wp
    use core_text, only: to_text
-   use dynamics_chain, only: chain_type
+   use structure_model, only: structure_type
    use dynamics_events, only: first_transition, no_crossing
    use dynamics_ledger, only: ledger_type, new_ledger
    use dynamics_response, only: block_state
@@ -46,7 +46,7 @@ contains
 
    !> Lanes for a chain, at rest and empty.
    pure function new_lane_group(chain, taylor, rate_step, tolerance) result(group)
-      type(chain_type), intent(in) :: chain
+      type(structure_type), intent(in) :: chain
       type(taylor_type), intent(in) :: taylor
       real(wp), intent(in) :: rate_step, tolerance   !! of the ledger: see new_ledger
       type(lane_group) :: group
@@ -84,7 +84,7 @@ contains
    !> nothing, as a stuck one with boundless reach, but is not held.
    pure subroutine load(self, chain, lane, sample, state)
       class(lane_group), intent(inout) :: self
-      type(chain_type), intent(in) :: chain
+      type(structure_type), intent(in) :: chain
       integer, intent(in) :: lane, sample
       type(block_state), intent(in) :: state
       logical :: has_friction(chain%n_dof)
@@ -95,7 +95,7 @@ contains
       self%x(lane, 1:chain%n_dof, 1) = self%taylor%h*state%velocity(:, sample)
       self%slider(lane, :) = merge(state%slider(:, sample), 0.0_wp, has_friction)
       self%direction(lane, :) = merge(real(state%direction(:, sample), wp), 0.0_wp, has_friction)
-      self%reach(lane, :) = merge(state%slip_limit(:, sample)/chain%contact_stiffness, &
+      self%reach(lane, :) = merge(state%slip_limit(:, sample)/chain%joint_stiffness, &
                                   huge(1.0_wp), has_friction)
       self%held(lane, :) = merge(1.0_wp, 0.0_wp, state%direction(:, sample) == 0)
       self%anchor(lane, :) = merge(self%slider(lane, :), &
@@ -106,7 +106,7 @@ contains
    !> Takes a sample back from its lane; the slider of a slipping mass has followed it.
    pure subroutine store(self, chain, lane, state)
       class(lane_group), intent(in) :: self
-      type(chain_type), intent(in) :: chain
+      type(structure_type), intent(in) :: chain
       integer, intent(in) :: lane
       type(block_state), intent(inout) :: state
 
@@ -118,7 +118,7 @@ contains
          end where
          state%slider(:, w) = merge(self%slider(lane, :), state%displacement(:, w) - &
                                     state%direction(:, w)*state%slip_limit(:, w)/ &
-                                    chain%contact_stiffness, state%direction(:, w) == 0)
+                                    chain%joint_stiffness, state%direction(:, w) == 0)
       end associate
    end subroutine store
 

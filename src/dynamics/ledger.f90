@@ -4,7 +4,7 @@
 !> error.
 module dynamics_ledger
    use core_kinds, only: wp
-   use dynamics_chain, only: chain_type
+   use structure_model, only: structure_type
    use dynamics_taylor, only: find_drag, lanes, rows, taylor_type
    use numerics_quadrature, only: gauss_legendre
    implicit none(type, external)
@@ -27,7 +27,7 @@ contains
    !> tolerance: powers change at twice its rate, and n nodes leave (n!)^4/((2n + 1) (2n)!^3) times
    !> the derivative of order 2n.
    pure function new_ledger(chain, taylor, rate_step, tolerance) result(ledger)
-      type(chain_type), intent(in) :: chain
+      type(structure_type), intent(in) :: chain
       type(taylor_type), intent(in) :: taylor
       real(wp), intent(in) :: rate_step, tolerance   !! fastest rate times h; relative
       type(ledger_type) :: ledger
@@ -40,7 +40,7 @@ contains
       end do
       allocate (ledger%node(n), ledger%weight(n))
       call gauss_legendre(0.0_wp, 1.0_wp, ledger%node, ledger%weight)
-      ledger%scale = chain%mass/taylor%h**2
+      ledger%scale = chain%lumped_mass()/taylor%h**2
    end function new_ledger
 
    !> Adds the work of the force, the dampers and the sliders over [0, span] of each lane.

@@ -7,7 +7,7 @@ module dynamics_newmark
    use core_error, only: error_type, exit_bad_input, raise
    use core_kinds, only: long, wp
    use core_text, only: to_text
-   use dynamics_chain, only: chain_type
+   use structure_model, only: structure_type
    use dynamics_newmark_block, only: load_block, newmark_block, store_block
    use dynamics_newmark_recorder, only: newmark_recorder, start_recorder
    use dynamics_newmark_steps, only: new_newmark_steps, newmark_steps
@@ -29,7 +29,7 @@ contains
 
    !> Newmark's scheme for one chain, average acceleration with beta = 1/4 and gamma = 1/2.
    subroutine new_newmark(chain, dt, max_halvings, beta, gamma, forced_dof, marcher, error)
-      type(chain_type), intent(in) :: chain
+      type(structure_type), intent(in) :: chain
       real(wp), intent(in) :: dt                 !! [s]
       integer, intent(in) :: max_halvings        !! smallest step dt/2^max_halvings
       real(wp), intent(in) :: beta, gamma
@@ -39,7 +39,7 @@ contains
 
       call check_parameters(chain, dt, max_halvings, beta, gamma, forced_dof, error)
       if (allocated(error)) return
-      marcher%chain = chain
+      marcher%structure = chain
       marcher%dt = dt
       marcher%forced_dof = forced_dof
       call new_newmark_steps(chain, dt, max_halvings, beta, gamma, forced_dof, marcher%steps, error)
@@ -48,7 +48,7 @@ contains
    !> Refuses what cannot be marched. The scheme is stable for every step if 2 beta >= gamma >= 1/2;
    !> below, if omega dt <= 1/sqrt(gamma/2 - beta) for the fastest mode, that of the stuck chain.
    pure subroutine check_parameters(chain, dt, max_halvings, beta, gamma, forced_dof, error)
-      type(chain_type), intent(in) :: chain
+      type(structure_type), intent(in) :: chain
       real(wp), intent(in) :: dt, beta, gamma
       integer, intent(in) :: max_halvings, forced_dof
       type(error_type), allocatable, intent(out) :: error
@@ -92,7 +92,7 @@ contains
 
       n_steps = ubound(force, 1)
       if (n_steps == 0) return
-      call load_block(self%chain, self%dt, self%forced_dof, self%steps%max_halvings, force, state, &
+      call load_block(self%structure, self%dt, self%forced_dof, self%steps%max_halvings, force, state, &
                       block)
       call start_recorder(state, block, merge(every, 0, size(displacement) > 0), recorder)
       do step = 0, n_steps - 1, steps_apart
@@ -123,7 +123,7 @@ contains
                           n_due, switching, n_switching)
             do k = 1, n_switching
                w = switching(k)
-               call block%switch_at_nearer_end(self%chain, state, w)
+               call block%switch_at_nearer_end(self%structure, state, w)
                if (block%tick(w) == recorder%next_tick(w)) call append(w, due, n_due)
                if (block%tick(w) < last) call append(w, sample, n_active)
             end do

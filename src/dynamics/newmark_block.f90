@@ -5,7 +5,7 @@
 !> two slots for its motion: one holds the present, the other takes the step that is being tried.
 module dynamics_newmark_block
    use core_kinds, only: long, wp
-   use dynamics_chain, only: chain_type
+   use structure_model, only: structure_type
    use dynamics_newmark_ledger, only: add_works
    use dynamics_registers, only: first_aligned, register_width, whole_registers
    use dynamics_response, only: block_state
@@ -59,7 +59,7 @@ contains
 
    !> Takes the samples over from the state, for a march under this piece of force.
    subroutine load_block(chain, dt, forced_dof, max_halvings, force, state, block)
-      type(chain_type), intent(in) :: chain
+      type(structure_type), intent(in) :: chain
       real(wp), intent(in) :: dt
       integer, intent(in) :: forced_dof, max_halvings
       real(wp), intent(in) :: force(0:, :)   !! (step, 1 or sample) [N]
@@ -78,8 +78,8 @@ contains
       allocate (block%force(0:ubound(force, 1), size(force, 2)))
       block%force(:, :) = force
       block%column = [(min(w, size(force, 2)), w=1, samples)]
-      block%stiffness = chain%contact_stiffness
-      block%reach = state%slip_limit/spread(chain%contact_stiffness, 2, samples)
+      block%stiffness = chain%joint_stiffness
+      block%reach = state%slip_limit/spread(chain%joint_stiffness, 2, samples)
       allocate (block%tick(samples), block%until(samples), block%slot(samples), source=0_long)
       allocate (block%ticks(samples), source=shiftl(1_long, max_halvings))
       allocate (block%slip_begin(state%n_dof, samples), source=0_long)
@@ -137,7 +137,7 @@ contains
    !> the end (linear interpolation).
    subroutine switch_at_nearer_end(self, chain, state, w)
       class(newmark_block), intent(inout) :: self
-      type(chain_type), intent(in) :: chain
+      type(structure_type), intent(in) :: chain
       type(block_state), intent(inout) :: state
       integer, intent(in) :: w
       integer :: i, k, n_passed
@@ -209,7 +209,7 @@ contains
    !> Dof i slips from now on, outward. Its spring carries mu N instead of what it had come to.
    subroutine slip(self, chain, state, i, w, is_forward)
       class(newmark_block), intent(inout) :: self
-      type(chain_type), intent(in) :: chain
+      type(structure_type), intent(in) :: chain
       type(block_state), intent(inout) :: state
       integer, intent(in) :: i, w
       logical, intent(in) :: is_forward
@@ -217,7 +217,7 @@ contains
 
       direction = merge(1, -1, is_forward)
       associate (motion => self%motion(:, :, self%slot(w), w))
-         motion(i, 1) = motion(i, 1) - self%stiffness(i)/chain%mass(i)* &
+         motion(i, 1) = motion(i, 1) - self%stiffness(i)/chain%mass(i, i)* &
                         (direction*self%reach(i, w) - (motion(i, 3) - self%bounds(i, 1, w)))
       end associate
       state%slip_starts(i, w) = state%slip_starts(i, w) + 1
@@ -230,7 +230,7 @@ contains
    !> no more than mu N.
    subroutine stick(self, chain, state, i, w)
       class(newmark_block), intent(inout) :: self
-      type(chain_type), intent(in) :: chain
+      type(structure_type), intent(in) :: chain
       type(block_state), intent(inout) :: state
       integer, intent(in) :: i, w
       real(wp) :: slider
@@ -238,7 +238,7 @@ contains
 
       associate (motion => self%motion(:, :, self%slot(w), w), reach => self%reach(i, w))
          do j = 1, self%n_dof
-            motion(j, 1) = motion(j, 1) + chain%damping(j, i)*motion(i, 2)/chain%mass(j)
+            motion(j, 1) = motion(j, 1) + chain%damping(j, i)*motion(i, 2)/chain%mass(j, j)
          end do
          motion(i, 2) = 0.0_wp
          slider = motion(i, 3) - state%direction(i, w)*reach
@@ -285,7 +285,7 @@ contains
    !> Accelerations from the equation of motion.
    pure subroutine balance(self, chain, state, w)
       class(newmark_block), intent(inout) :: self
-      type(chain_type), intent(in) :: chain
+      type(structure_type), intent(in) :: chain
       type(block_state), intent(in) :: state
       integer, intent(in) :: w
       real(wp) :: spring
@@ -301,11 +301,11 @@ contains
          do j = 1, self%n_dof
             do i = 1, self%n_dof
                motion(i, 1) = motion(i, 1) &
-                              - chain%damping(i, j)*motion(j, 2) - chain%coupling(i, j)*motion(j, 3)
+                              - chain%damping(i, j)*motion(j, 2) - chain%stiffness(i, j)*motion(j, 3)
             end do
          end do
          do i = 1, self%n_dof
-            motion(i, 1) = motion(i, 1)/chain%mass(i)
+            motion(i, 1) = motion(i, 1)/chain%mass(i, i)
          end do
       end associate
    end subroutine balance

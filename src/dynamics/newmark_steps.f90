@@ -10,7 +10,7 @@
 module dynamics_newmark_steps
    use core_error, only: error_type
    use core_kinds, only: long, wp
-   use dynamics_chain, only: chain_type
+   use structure_model, only: structure_type
    use dynamics_newmark_block, only: newmark_block
    use dynamics_newmark_long, only: try_long
    use dynamics_registers, only: first_aligned, register_width, whole_registers
@@ -24,7 +24,7 @@ module dynamics_newmark_steps
 
    !> Tables of steps, by level of halving and pattern of stuck sliders.
    type :: newmark_steps
-      type(chain_type) :: chain
+      type(structure_type) :: chain
       integer :: forced_dof = 0
       integer :: max_halvings = 0
       real(wp) :: beta = 0.0_wp, gamma = 0.0_wp
@@ -43,7 +43,7 @@ contains
 
    !> The tables for one chain and step.
    subroutine new_newmark_steps(chain, dt, max_halvings, beta, gamma, forced_dof, steps, error)
-      type(chain_type), intent(in) :: chain
+      type(structure_type), intent(in) :: chain
       real(wp), intent(in) :: dt
       integer, intent(in) :: max_halvings, forced_dof
       real(wp), intent(in) :: beta, gamma
@@ -239,13 +239,13 @@ contains
       n = self%chain%n_dof
       allocate (self%rigid(whole_registers(n), 6), source=0.0_wp)
       self%rigid(self%forced_dof, 1) = 1.0_wp
-      self%rigid(:n, 2) = self%chain%mass/self%gamma
+      self%rigid(:n, 2) = self%chain%lumped_mass()/self%gamma
       do i = 1, n
-         if (i > 1) self%rigid(i, 3) = self%chain%coupling(i, i - 1)
-         self%rigid(i, 4) = self%chain%coupling(i, i)
-         if (i < n) self%rigid(i, 5) = self%chain%coupling(i, i + 1)
+         if (i > 1) self%rigid(i, 3) = self%chain%stiffness(i, i - 1)
+         self%rigid(i, 4) = self%chain%stiffness(i, i)
+         if (i < n) self%rigid(i, 5) = self%chain%stiffness(i, i + 1)
       end do
-      self%rigid(:n, 6) = self%chain%contact_stiffness
+      self%rigid(:n, 6) = self%chain%joint_stiffness
    end subroutine note_rigid_part
 
    !> S^-1 for all patterns and levels of a short chain; what is beyond n is zero.
@@ -262,7 +262,7 @@ contains
       next = self%first_entry
       do level = 0, self%max_halvings
          do pattern = 0, 2**n - 1
-            call invert(self, level, self%chain%stiffness([(btest(pattern, i), i=0, n - 1)]), &
+            call invert(self, level, self%chain%stuck_stiffness([(btest(pattern, i), i=0, n - 1)]), &
                         inverse, error)
             if (allocated(error)) return
             do i = 1, n
@@ -291,7 +291,7 @@ contains
       allocate (self%inverse(size(self%rigid, 1), n, 0:self%max_halvings), source=0.0_wp)
       allocate (self%span(2, n, 0:self%max_halvings))
       do level = 0, self%max_halvings
-         call invert(self, level, self%chain%stiffness(is_stuck), self%inverse(:n, :, level), error)
+         call invert(self, level, self%chain%stuck_stiffness(is_stuck), self%inverse(:n, :, level), error)
          if (allocated(error)) return
          self%span(:, :, level) = span_of(self%inverse(:n, :, level))
       end do
@@ -339,7 +339,7 @@ contains
       s = self%gamma*h*self%chain%damping + self%beta*h**2*stiffness
       unit = 0.0_wp
       do i = 1, size(s, 1)
-         s(i, i) = s(i, i) + self%chain%mass(i)
+         s(i, i) = s(i, i) + self%chain%mass(i, i)
          unit(i, i) = 1.0_wp
       end do
       call solve_positive_definite(s, unit, error)

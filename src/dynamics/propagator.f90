@@ -7,7 +7,7 @@
 !> is met first.
 module dynamics_propagator
    use core_kinds, only: wp
-   use dynamics_chain, only: chain_type
+   use structure_model, only: structure_type
    use dynamics_registers, only: first_aligned, register_width
    implicit none(type, external)
    private
@@ -50,7 +50,7 @@ contains
 
    !> Prepares the tables for steps of length h; at most 8 masses.
    subroutine new_propagator(chain, h, forced_dof, self)
-      type(chain_type), intent(in) :: chain
+      type(structure_type), intent(in) :: chain
       real(wp), intent(in) :: h   !! [s], with rate h at most about 1
       integer, intent(in) :: forced_dof
       type(propagator_type), intent(out) :: self   !! not copied: its pool begins on a cache line
@@ -59,16 +59,16 @@ contains
       n = chain%n_dof
       patterns = 2**n
       self%n = n
-      self%contact = h**2*chain%contact_stiffness/chain%mass
+      self%contact = h**2*chain%joint_stiffness/chain%lumped_mass()
       allocate (self%free(3*n + 2, 3*n + 2), source=0.0_wp)
       do i = 1, n
          self%free(i, n + i) = 1.0_wp
-         self%free(n + i, :n) = -h**2*chain%coupling(i, :)/chain%mass(i)
-         self%free(n + i, n + 1:2*n) = -h*chain%damping(i, :)/chain%mass(i)
+         self%free(n + i, :n) = -h**2*chain%stiffness(i, :)/chain%mass(i, i)
+         self%free(n + i, n + 1:2*n) = -h*chain%damping(i, :)/chain%mass(i, i)
          self%free(n + i, 2*n + 2 + i) = self%contact(i)
       end do
       self%forced_dof = forced_dof
-      self%force_scale = h**2/chain%mass(forced_dof)
+      self%force_scale = h**2/chain%mass(forced_dof, forced_dof)
       self%free(n + forced_dof, 2*n + 1) = self%force_scale
       self%free(2*n + 1, 2*n + 2) = 1.0_wp   ! the force rises linearly
 

@@ -2,7 +2,7 @@
 module dynamics_response
    use core_error, only: error_type
    use core_kinds, only: long, wp
-   use dynamics_chain, only: chain_type
+   use structure_model, only: structure_type
    implicit none(type, external)
    private
    public :: block_state, marcher_type, transition_list, start_block, stored_energy
@@ -11,7 +11,7 @@ module dynamics_response
    type :: transition_list
       integer :: n = 0
       real(wp), allocatable :: time(:)   !! [s]; valid to n
-      integer, allocatable :: dof(:)
+      integer, allocatable :: joint(:)
       integer, allocatable :: kind(:)    !! +1, -1: slip starts in that direction; 0: sticks
    contains
       procedure :: append
@@ -20,19 +20,20 @@ module dynamics_response
    !> Samples marched together under one case. No result depends on who shares the block.
    type :: block_state
       integer :: n_dof = 0
+      integer :: n_joints = 0
       integer :: n_samples = 0
       integer(long) :: step = 0                         !! steps done
       real(wp), allocatable :: displacement(:, :)       !! x (dof, sample) [m]
       real(wp), allocatable :: velocity(:, :)           !! (dof, sample) [m/s]
-      real(wp), allocatable :: slider(:, :)             !! (dof, sample) [m]; force = k (x - slider)
-      integer, allocatable :: direction(:, :)           !! (dof, sample) 0: stuck, +-1: slips so
-      real(wp), allocatable :: slip_limit(:, :)         !! mu N (dof, sample) [N]
-      real(wp), allocatable :: slip_time(:, :)          !! (dof, sample) [s]
-      !> (dof, sample) when a slip under way began, to what has been counted [parts of steps]; for
+      real(wp), allocatable :: slider(:, :)             !! z (joint, sample) [m]; force = k (w.x - z)
+      integer, allocatable :: direction(:, :)           !! (joint, sample) 0: stuck, +-1: slips so
+      real(wp), allocatable :: slip_limit(:, :)         !! mu N (joint, sample) [N]
+      real(wp), allocatable :: slip_time(:, :)          !! (joint, sample) [s]
+      !> (joint, sample) when a slip under way began, to what has been counted [parts of steps]; for
       !> the marcher, while it marches
       real(wp), allocatable :: slip_begin(:, :)
-      integer(long), allocatable :: slip_starts(:, :)   !! (dof, sample)
-      integer(long), allocatable :: stick_starts(:, :)  !! (dof, sample)
+      integer(long), allocatable :: slip_starts(:, :)   !! (joint, sample)
+      integer(long), allocatable :: stick_starts(:, :)  !! (joint, sample)
       logical :: keeps_ledger = .false.
       real(wp), allocatable :: work_input(:)            !! (sample) [J]; kept when keeps_ledger
       real(wp), allocatable :: work_viscous(:)          !! (sample) [J]
@@ -41,9 +42,9 @@ module dynamics_response
       type(transition_list), allocatable :: transitions(:)   !! (sample)
    end type block_state
 
-   !> A time integration method, prepared for one chain, one time step and one forced dof.
+   !> A time integration method, prepared for one structure and one time step.
    type, abstract :: marcher_type
-      type(chain_type) :: chain
+      type(structure_type) :: structure
       real(wp) :: dt = 0.0_wp       !! [s]
       integer :: forced_dof = 0
    contains
@@ -57,7 +58,8 @@ module dynamics_response
          import :: block_state, error_type, marcher_type, wp
          class(marcher_type), intent(inout) :: self
          type(block_state), intent(inout) :: state
-         real(wp), intent(in) :: force(0:, :)   !! (step, 1 or sample) [N], linear in between
+         !> (step, column) [N], linear in between: a column a force, or n_forces for each sample
+         real(wp), intent(in) :: force(0:, :)
          integer, intent(in) :: every
          real(wp), intent(out) :: displacement(:, :, :)   !! (record, dof, sample) [m]; or size 0
          real(wp), intent(out), optional :: velocity(:, :, :)   !! (record, dof, sample) [m/s]
@@ -67,26 +69,29 @@ module dynamics_response
 
 contains
 
-   !> At rest, sliders at zero, all stuck; one that carries nothing, mu N = 0, slips from the start.
-   pure subroutine start_block(chain, friction, state)
-      type(chain_type), intent(in) :: chain
-      real(wp), intent(in) :: friction(:, :)   !! mu_S = mu_D (dof, sample), not negative
+   !> Starts a block at rest, sliders at zero, all joints stuck; a joint with mu N = 0 slips from the
+   !> start.
+   pure subroutine start_block(structure, friction, state)
+      type(structure_type), intent(in) :: structure
+      real(wp), intent(in) :: friction(:, :)   !! mu_S = mu_D (joint, sample), not negative
       type(block_state), intent(inout) :: state   !! keeps_ledger and keeps_transitions are kept
-      integer :: n, w
+      integer :: m, n, w
 
-      n = chain%n_dof
+      n = structure%n_dof
+      m = structure%n_joints
       w = size(friction, 2)
       state%n_dof = n
+      state%n_joints = m
       state%n_samples = w
       state%step = 0
-      state%slip_limit = friction*spread(chain%normal_load, 2, w)
-      call zeros(state%displacement)
-      call zeros(state%velocity)
-      call zeros(state%slider)
-      call zeros(state%slip_time)
+      state%slip_limit = friction*spread(structure%normal_load, 2, w)
+      call zeros(n, state%displacement)
+      call zeros(n, state%velocity)
+      call zeros(m, state%slider)
+      call zeros(m, state%slip_time)
       state%direction = merge(0, 1, state%slip_limit > 0.0_wp)
       if (allocated(state%slip_starts)) deallocate (state%slip_starts, state%stick_starts)
-      allocate (state%slip_starts(n, w), state%stick_starts(n, w), source=0_long)
+      allocate (state%slip_starts(m, w), state%stick_starts(m, w), source=0_long)
       if (allocated(state%work_input)) &
          deallocate (state%work_input, state%work_viscous, state%work_friction)
       allocate (state%work_input(w), state%work_viscous(w), state%work_friction(w), source=0.0_wp)
@@ -95,48 +100,51 @@ contains
 
    contains
 
-      pure subroutine zeros(array)
+      pure subroutine zeros(rows, array)
+         integer, intent(in) :: rows
          real(wp), allocatable, intent(inout) :: array(:, :)
 
          if (allocated(array)) deallocate (array)
-         allocate (array(n, w), source=0.0_wp)
+         allocate (array(rows, w), source=0.0_wp)
       end subroutine zeros
 
    end subroutine start_block
 
-   !> Kinetic energy, and strain energy of the coupling and contact springs [J], per sample.
-   pure function stored_energy(chain, state) result(energy)
-      type(chain_type), intent(in) :: chain
+   !> Kinetic energy, and strain energy of the structure and of its joints [J], per sample.
+   pure function stored_energy(structure, state) result(energy)
+      type(structure_type), intent(in) :: structure
       type(block_state), intent(in) :: state
       real(wp) :: energy(state%n_samples)
       integer :: w
 
       do w = 1, state%n_samples
          associate (x => state%displacement(:, w), v => state%velocity(:, w), &
-                    s => state%slider(:, w))
-            energy(w) = 0.5_wp*(sum(chain%mass*v**2) + dot_product(x, matmul(chain%coupling, x)) &
-                                + sum(chain%contact_stiffness*(x - s)**2))
+                    extension => matmul(state%displacement(:, w), structure%direction) &
+                    - state%slider(:, w))
+            energy(w) = 0.5_wp*(dot_product(v, matmul(structure%mass, v)) &
+                                + dot_product(x, matmul(structure%stiffness, x)) &
+                                + sum(structure%joint_stiffness*extension**2))
          end associate
       end do
    end function stored_energy
 
    !> One more transition at the end of the list.
-   pure subroutine append(self, time, dof, kind)
+   pure subroutine append(self, time, joint, kind)
       class(transition_list), intent(inout) :: self
       real(wp), intent(in) :: time
-      integer, intent(in) :: dof, kind
+      integer, intent(in) :: joint, kind
       integer :: room
 
-      if (.not. allocated(self%time)) allocate (self%time(64), self%dof(64), self%kind(64))
+      if (.not. allocated(self%time)) allocate (self%time(64), self%joint(64), self%kind(64))
       if (self%n == size(self%time)) then
          room = 2*self%n
          self%time = [self%time, spread(0.0_wp, 1, room - self%n)]
-         self%dof = [self%dof, spread(0, 1, room - self%n)]
+         self%joint = [self%joint, spread(0, 1, room - self%n)]
          self%kind = [self%kind, spread(0, 1, room - self%n)]
       end if
       self%n = self%n + 1
       self%time(self%n) = time
-      self%dof(self%n) = dof
+      self%joint(self%n) = joint
       self%kind(self%n) = kind
    end subroutine append
 

@@ -1,7 +1,7 @@
 !> What all samples of a march by tables share: exact steps, and how far they may be trusted.
 module dynamics_tables
    use core_kinds, only: wp
-   use dynamics_chain, only: chain_type
+   use structure_model, only: structure_type
    use dynamics_crossing, only: crossing_batch, new_batch, path_error
    use dynamics_propagator, only: levels, new_propagator, propagator_type, stride_of
    use dynamics_taylor, only: fastest_rate
@@ -14,7 +14,7 @@ module dynamics_tables
 
    !> One chain's, for steps of one length.
    type :: tables_type
-      type(chain_type) :: chain
+      type(structure_type) :: chain
       real(wp) :: h = 0.0_wp              !! [s]
       integer :: level = 1                !! of the longest stride
       real(wp) :: floor(levels) = 0.0_wp  !! share of the reach kept clear in quiet strides
@@ -28,7 +28,7 @@ contains
 
    !> For steps of length h, with transitions located to a tolerance relative to the amplitude.
    subroutine new_tables(chain, h, forced_dof, tolerance, tables)
-      type(chain_type), intent(in) :: chain
+      type(structure_type), intent(in) :: chain
       real(wp), intent(in) :: h   !! [s]
       integer, intent(in) :: forced_dof
       real(wp), intent(in) :: tolerance

@@ -6,7 +6,7 @@
 !> the lanes has constant length and is written for the vector unit.
 module dynamics_taylor
    use core_kinds, only: wp
-   use dynamics_chain, only: chain_type
+   use structure_model, only: structure_type
    implicit none(type, external)
    private
    public :: lanes, rows, taylor_type, new_taylor, fastest_rate, find_drag, order_for
@@ -34,7 +34,7 @@ contains
 
    !> The chain for steps of length h, with the order that keeps the tolerance.
    pure function new_taylor(chain, h, forced_dof, order) result(taylor)
-      type(chain_type), intent(in) :: chain
+      type(structure_type), intent(in) :: chain
       real(wp), intent(in) :: h   !! [s]
       integer, intent(in) :: forced_dof, order
       type(taylor_type) :: taylor
@@ -45,16 +45,16 @@ contains
       taylor%order = order
       taylor%h = h
       taylor%forced_dof = forced_dof
-      taylor%force_scale = h**2/chain%mass(forced_dof)
-      taylor%contact = h**2*chain%contact_stiffness/chain%mass
+      taylor%force_scale = h**2/chain%mass(forced_dof, forced_dof)
+      taylor%contact = h**2*chain%joint_stiffness/chain%lumped_mass()
       allocate (taylor%damping(rows, n, (n + rows - 1)/rows), taylor%coupling(-1:1, n), &
                 source=0.0_wp)
       do i = 1, n
          block = (i - 1)/rows
-         taylor%damping(i - rows*block, :, block + 1) = h*chain%damping(i, :)/chain%mass(i)
-         taylor%coupling(0, i) = h**2*chain%coupling(i, i)/chain%mass(i)
-         if (i > 1) taylor%coupling(-1, i) = h**2*chain%coupling(i, i - 1)/chain%mass(i)
-         if (i < n) taylor%coupling(1, i) = h**2*chain%coupling(i, i + 1)/chain%mass(i)
+         taylor%damping(i - rows*block, :, block + 1) = h*chain%damping(i, :)/chain%mass(i, i)
+         taylor%coupling(0, i) = h**2*chain%stiffness(i, i)/chain%mass(i, i)
+         if (i > 1) taylor%coupling(-1, i) = h**2*chain%stiffness(i, i - 1)/chain%mass(i, i)
+         if (i < n) taylor%coupling(1, i) = h**2*chain%stiffness(i, i + 1)/chain%mass(i, i)
       end do
    end function new_taylor
 
@@ -62,7 +62,7 @@ contains
    !> |lambda| + omega^2 with the largest zeta and omega of the stuck chain, as a sliding mass only
    !> takes stiffness away.
    pure function fastest_rate(chain) result(rate)
-      type(chain_type), intent(in) :: chain
+      type(structure_type), intent(in) :: chain
       real(wp) :: rate
       real(wp), parameter :: two_pi = 8.0_wp*atan(1.0_wp)
       real(wp) :: zeta

@@ -1,7 +1,7 @@
 !> One sample on its way through the march by tables: where it is and what it watches.
 module dynamics_walker
    use core_kinds, only: wp
-   use dynamics_chain, only: chain_type
+   use structure_model, only: structure_type
    use dynamics_propagator, only: width
    use dynamics_response, only: block_state
    implicit none(type, external)
@@ -36,7 +36,7 @@ contains
    !> From the block. A mass without friction slips for ever: it watches nothing, as a stuck one
    !> with boundless reach, but its contact is not in the pattern.
    pure subroutine take_in(chain, h, state, w, walker)
-      type(chain_type), intent(in) :: chain
+      type(structure_type), intent(in) :: chain
       real(wp), intent(in) :: h   !! [s]
       type(block_state), intent(in) :: state
       integer, intent(in) :: w
@@ -50,7 +50,7 @@ contains
          has_friction = state%slip_limit(:, w) > 0.0_wp
          walker%slider(:n) = merge(state%slider(:, w), 0.0_wp, has_friction)
          walker%direction(:n) = merge(state%direction(:, w), 0, has_friction)
-         walker%reach(:n) = merge(state%slip_limit(:, w)/chain%contact_stiffness, &
+         walker%reach(:n) = merge(state%slip_limit(:, w)/chain%joint_stiffness, &
                                   huge(1.0_wp), has_friction)
          walker%pattern = 0
          do i = 1, n
@@ -62,7 +62,7 @@ contains
 
    !> And back; the slider of a slipping mass has followed it.
    pure subroutine hand_back(chain, h, walker, w, state)
-      type(chain_type), intent(in) :: chain
+      type(structure_type), intent(in) :: chain
       real(wp), intent(in) :: h   !! [s]
       type(walker_type), intent(in) :: walker
       integer, intent(in) :: w
@@ -76,7 +76,7 @@ contains
          end where
          state%slider(:, w) = merge(walker%slider(:n), state%displacement(:, w) - &
                                     state%direction(:, w)*state%slip_limit(:, w)/ &
-                                    chain%contact_stiffness, state%direction(:, w) == 0)
+                                    chain%joint_stiffness, state%direction(:, w) == 0)
       end associate
    end subroutine hand_back
 

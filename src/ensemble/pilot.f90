@@ -40,7 +40,7 @@ contains
       n = short%integration%n_steps
       call prepare_runner(short, file_force(:min(n, ubound(file_force, 1)), :), runner, error)
       if (allocated(error)) return
-      allocate (psd(plan%chain%n_dof, size(runner%layout%frequency), size(plan%cases)))
+      allocate (psd(plan%structure%n_dof, size(runner%layout%frequency), size(plan%cases)))
       do c = 1, size(short%cases)
          if (short%cases(c)%audits > 0) then
             psd(:, :, c) = psd(:, :, short%cases(c)%audits)
@@ -78,7 +78,7 @@ contains
    pure function average_friction(plan, which) result(friction)
       type(plan_type), intent(in) :: plan
       type(case_type), intent(in) :: which
-      real(wp) :: friction(plan%chain%n_dof, 1)
+      real(wp) :: friction(plan%structure%n_dof, 1)
 
       if (which%process == 0) then
          friction(:, 1) = plan%friction

@@ -1,7 +1,7 @@
 !> What a scene asks for, as numbers: processes to fit, cases to run, how to march, what to keep.
 module ensemble_plan
    use core_kinds, only: long, wp
-   use dynamics_chain, only: chain_type
+   use structure_model, only: structure_type
    use process_model, only: process_request
    implicit none(type, external)
    private
@@ -70,8 +70,8 @@ module ensemble_plan
       type(process_request), allocatable :: processes(:)
       integer :: n_points = 0                   !! of a written realization
       integer :: n_realizations = 0
-      logical :: has_chain = .false.            !! without a chain only processes are solved
-      type(chain_type) :: chain
+      logical :: has_structure = .false.        !! without one only processes are solved
+      type(structure_type) :: structure
       real(wp), allocatable :: friction(:)      !! (dof) for cases without process
       type(excitation_settings) :: excitation
       type(integration_settings) :: integration
@@ -91,7 +91,7 @@ contains
 
       if (allocated(plan%output%dofs)) dofs = plan%output%dofs
       if (.not. allocated(dofs)) allocate (dofs(0))
-      if (size(dofs) == 0) dofs = [(i, i=1, plan%chain%n_dof)]
+      if (size(dofs) == 0) dofs = [(i, i=1, plan%structure%n_dof)]
    end function kept_dofs
 
 end module ensemble_plan

@@ -73,12 +73,12 @@ contains
       associate (dof => plan%excitation%dof)
          if (how%method == 'newmark') then
             allocate (newmark)
-            call new_newmark(plan%chain, how%dt, how%max_halvings, how%beta, how%gamma, dof, &
+            call new_newmark(plan%structure, how%dt, how%max_halvings, how%beta, how%gamma, dof, &
                              newmark, error)
             call move_alloc(newmark, marcher)
          else
             allocate (event)
-            call new_event_marcher(plan%chain, how%dt, how%tolerance, dof, event, error)
+            call new_event_marcher(plan%structure, how%dt, how%tolerance, dof, event, error)
             call move_alloc(event, marcher)
          end if
       end associate

@@ -87,7 +87,7 @@ contains
       associate (plan => runner%plan, output => march%keeps, n => result%n_samples)
          march%state%keeps_ledger = output%energy
          march%state%keeps_transitions = output%transitions
-         call start_block(plan%chain, result%friction, march%state)
+         call start_block(plan%structure, result%friction, march%state)
          allocate (march%force(0:plan%integration%n_steps, merge(n, 1, plan%excitation%per_sample)))
          call runner%force_of(case_number, result%first_sample, march%force, error)
          if (allocated(error)) return
@@ -114,7 +114,7 @@ contains
          state%work_input = 0.0_wp
          state%work_viscous = 0.0_wp
          state%work_friction = 0.0_wp
-         march%energy_before = stored_energy(runner%plan%chain, state)
+         march%energy_before = stored_energy(runner%plan%structure, state)
          march%span = 1
          march%slip_before = state%slip_time
          if (march%keeps%slip) &
@@ -236,7 +236,7 @@ contains
          result%stick_starts = state%stick_starts
          if (output%transitions) call move_alloc(state%transitions, result%transitions)
          if (output%energy) then
-            stored = stored_energy(runner%plan%chain, state) - march%energy_before
+            stored = stored_energy(runner%plan%structure, state) - march%energy_before
             allocate (result%energy(5, result%n_samples))
             result%energy(1, :) = state%work_input
             result%energy(2, :) = state%work_viscous

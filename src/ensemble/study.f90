@@ -62,7 +62,7 @@ contains
       type(stream_type) :: stream
       integer :: w
 
-      allocate (friction(plan%chain%n_dof, block%last - block%first + 1))
+      allocate (friction(plan%structure%n_dof, block%last - block%first + 1))
       associate (process => plan%cases(block%case_number)%process)
          if (process == 0) then
             friction = spread(plan%friction, 2, size(friction, 2))

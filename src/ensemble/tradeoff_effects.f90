@@ -82,7 +82,7 @@ contains
       real(wp) :: value, standard_error
       integer :: dof, first
 
-      associate (n_dof => tradeoff%plan%chain%n_dof, n => tradeoff%n_wide)
+      associate (n_dof => tradeoff%plan%structure%n_dof, n => tradeoff%n_wide)
          call compare_slip(reshape(tested(:n_dof*n), [n_dof, n]), &
                            reshape(reference(:n_dof*n), [n_dof, n]), endless, errors)
          do dof = 1, n_dof

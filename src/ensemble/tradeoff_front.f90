@@ -160,7 +160,7 @@ contains
       type(tradeoff_type), intent(in) :: tradeoff
       real(wp), intent(in) :: values(:, :)   !! (value, task)
       type(spectrum_row), allocatable :: rows(:)
-      real(wp) :: ratio(tradeoff%plan%chain%n_dof, size(tradeoff%every), size(tradeoff%levels))
+      real(wp) :: ratio(tradeoff%plan%structure%n_dof, size(tradeoff%every), size(tradeoff%levels))
       integer :: i, n_dof, n_levels
 
       n_dof = size(ratio, 1)
@@ -219,10 +219,10 @@ contains
       real(wp), intent(in) :: values(:, :)
       integer, intent(in) :: n_steps
       type(error_parts), intent(inout) :: parts
-      real(wp) :: series(3*tradeoff%plan%chain%n_dof, n_batches), shorter
+      real(wp) :: series(3*tradeoff%plan%structure%n_dof, n_batches), shorter
       integer :: dof, i, k, n_dof
 
-      n_dof = tradeoff%plan%chain%n_dof
+      n_dof = tradeoff%plan%structure%n_dof
       if (tradeoff%n_segments > 0) then
          parts%time%psd_mean = error_of_density(tradeoff%n_segments)
          parts%time%psd_percentiles = parts%time%psd_mean
@@ -259,7 +259,7 @@ contains
       real(wp) :: n, w
       integer :: n_dof
 
-      n_dof = tradeoff%plan%chain%n_dof
+      n_dof = tradeoff%plan%structure%n_dof
       n = tradeoff%plan%cases(case_number)%n_samples
       w = values(2 + 3*n_dof)
       associate (part => parts%samples)

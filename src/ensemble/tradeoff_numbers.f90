@@ -77,7 +77,7 @@ contains
    pure function ratio_numbers(plan, result) result(numbers)
       type(plan_type), intent(in) :: plan
       type(block_result), intent(in) :: result
-      real(wp) :: numbers(plan%chain%n_dof)
+      real(wp) :: numbers(plan%structure%n_dof)
 
       numbers = 0.0_wp
       if (plan%output%spectrum .and. result%n_samples > 1) &
@@ -89,10 +89,10 @@ contains
    pure function batch_numbers(plan, result) result(numbers)
       type(plan_type), intent(in) :: plan
       type(block_result), intent(in) :: result
-      real(wp) :: numbers(3*plan%chain%n_dof)
+      real(wp) :: numbers(3*plan%structure%n_dof)
       integer :: dof
 
-      associate (n => plan%chain%n_dof)
+      associate (n => plan%structure%n_dof)
          numbers(:n) = points*sum(result%slip_fraction, 2)/result%n_samples
          numbers(n + 1:2*n) = ratio_numbers(plan, result)
          numbers(2*n + 1:) = 0.0_wp
@@ -110,13 +110,13 @@ contains
    function sample_numbers(plan, result) result(numbers)
       type(plan_type), intent(in) :: plan
       type(block_result), intent(in) :: result   !! two samples or more
-      real(wp) :: numbers(3*plan%chain%n_dof + 3)
+      real(wp) :: numbers(3*plan%structure%n_dof + 3)
       type(case_statistics) :: statistics
       type(band_collector) :: bands
       integer :: dof, i, p
 
       numbers = 0.0_wp
-      associate (n => plan%chain%n_dof)
+      associate (n => plan%structure%n_dof)
          numbers(3*n + 1) = result%n_samples
          do dof = 1, n
             associate (slip => points*result%slip_fraction(dof, :))

@@ -104,7 +104,7 @@ contains
       integer :: w
 
       w = size(level%sample)
-      allocate (level%friction(plan%chain%n_dof, w))
+      allocate (level%friction(plan%structure%n_dof, w))
       do w = 1, size(level%sample)
          associate (c => level%case_number(w), sample => level%sample(w))
             if (present(models)) then
@@ -127,7 +127,7 @@ contains
    pure function stand_in(plan, case_number, sample) result(friction)
       type(plan_type), intent(in) :: plan
       integer, intent(in) :: case_number, sample
-      real(wp) :: friction(plan%chain%n_dof)
+      real(wp) :: friction(plan%structure%n_dof)
       type(stream_type) :: stream
 
       friction = plan%friction

@@ -92,7 +92,7 @@ contains
       real(wp), parameter :: two_pi = 8.0_wp*atan(1.0_wp)
 
       associate (how => plan%integration)
-         is_so = (two_pi*maxval(plan%chain%frequencies_stuck)*how%dt*steps)**2 &
+         is_so = (two_pi*maxval(plan%structure%frequencies_stuck)*how%dt*steps)**2 &
                  *(0.5_wp*how%gamma - how%beta) <= 1.0_wp
       end associate
    end function is_stable
@@ -150,13 +150,13 @@ contains
       real(wp), parameter :: at_any_rate = 25.0_wp
       real(wp) :: n, steps, tries
 
-      n = plan%chain%n_dof
+      n = plan%structure%n_dof
       if (setting%method == 'newmark') then
          ! down by halves to a transition, and up again
          tries = real(setting%parts, wp)/setting%stride &
                  + transitions*(1.0_wp + 2.0_wp*setting%max_halvings)
-         nanoseconds = tries*merge(18.0_wp, 15.0_wp*n, plan%chain%n_dof <= longest_tabulated)
-      else if (plan%chain%n_dof <= longest_tabulated) then
+         nanoseconds = tries*merge(18.0_wp, 15.0_wp*n, plan%structure%n_dof <= longest_tabulated)
+      else if (plan%structure%n_dof <= longest_tabulated) then
          nanoseconds = 12.0_wp*parts(0.5_wp) + 160.0_wp*transitions
       else
          steps = 5.0_wp*parts(1.0_wp) + 45.0_wp*transitions
@@ -170,7 +170,7 @@ contains
       pure real(wp) function parts(longest)
          real(wp), intent(in) :: longest
 
-         parts = max(1.0_wp, fastest_rate(plan%chain)/longest &
+         parts = max(1.0_wp, fastest_rate(plan%structure)/longest &
                      *setting_dt(setting, plan%integration%dt))/setting%stride
       end function parts
 

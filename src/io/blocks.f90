@@ -205,7 +205,7 @@ contains
          associate (list => block%transitions(i), last => first + block%transitions(i)%n - 1)
             if (list%n == 0) cycle
             rows(1, first:last) = list%time(:list%n)
-            rows(2, first:last) = list%dof(:list%n)
+            rows(2, first:last) = list%joint(:list%n)
             rows(3, first:last) = list%kind(:list%n)
          end associate
          first = first + block%transitions(i)%n
@@ -243,7 +243,7 @@ contains
          last = first + int(counts(1, i)) - 1
          block%transitions(i)%n = int(counts(1, i))
          block%transitions(i)%time = rows(1, first:last)
-         block%transitions(i)%dof = nint(rows(2, first:last))
+         block%transitions(i)%joint = nint(rows(2, first:last))
          block%transitions(i)%kind = nint(rows(3, first:last))
          first = last + 1
       end do

@@ -33,7 +33,7 @@ contains
       type(plan_type), intent(in) :: plan
       character(:), allocatable :: kept
 
-      call group%put('dof', counted(plan%chain%n_dof), &
+      call group%put('dof', counted(plan%structure%n_dof), &
                      label_type('1', 'mass, from the wall', 'dof'))
       kept = kept_axis(plan)
       if (kept /= 'dof') &
@@ -58,7 +58,7 @@ contains
       character(:), allocatable :: name
 
       name = 'dof'
-      if (size(kept_dofs(plan)) < plan%chain%n_dof) name = 'kept_dof'
+      if (size(kept_dofs(plan)) < plan%structure%n_dof) name = 'kept_dof'
    end function kept_axis
 
    !> Room for the small data of all samples.
@@ -75,7 +75,7 @@ contains
       character(:), allocatable :: long_name
       integer :: extents(2), i
 
-      extents = [plan%chain%n_dof, n_samples]
+      extents = [plan%structure%n_dof, n_samples]
       call group%make('friction', 0.0_wp, extents, sample_label('friction'))
       call group%make('slip_fraction', 0.0_wp, extents, sample_label('slip_fraction'))
       call group%make('slip_starts', 0_long, extents, sample_label('slip_starts'))
@@ -166,7 +166,7 @@ contains
       n_steps = plan%integration%n_steps + 1
       if (kept%slip) then
          call group%make('slip_series', 0.0_wp, &
-                         [plan%chain%n_dof, count_spans(plan%integration), n_samples], &
+                         [plan%structure%n_dof, count_spans(plan%integration), n_samples], &
                          sample_label('slip_series'))
       end if
       if (kept%spectrum) then
@@ -224,7 +224,7 @@ contains
             if (list%n == 0) cycle
             call group%put_part('transition_sample', row, spread(first_sample + i - 1, 1, list%n))
             call group%put_part('transition_time', row, list%time(:list%n))
-            call group%put_part('transition_dof', row, list%dof(:list%n))
+            call group%put_part('transition_dof', row, list%joint(:list%n))
             call group%put_part('transition_kind', row, list%kind(:list%n))
          end associate
          n_rows = n_rows + transitions(i)%n

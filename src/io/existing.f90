@@ -223,7 +223,7 @@ contains
       do i = 1, block%n_samples
          associate (list => block%transitions(i), is_its => sample == block%first_sample + i - 1)
             list%time = pack(time, is_its)
-            list%dof = pack(dof, is_its)
+            list%joint = pack(dof, is_its)
             list%kind = pack(kind, is_its)
             list%n = size(list%time)
          end associate

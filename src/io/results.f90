@@ -3,7 +3,7 @@
 module io_results
    use core_error, only: error_type
    use core_kinds, only: long, wp
-   use dynamics_chain, only: chain_type
+   use structure_model, only: structure_type
    use io_files, only: folder_of, make_folder, remove_file, rename_file, sync_file, sync_folder
    use io_group, only: counted, group_type, new_group
    use io_hdf5, only: create_hdf5, hdf5_file, label_type, write_attribute
@@ -100,7 +100,7 @@ contains
    !> Table 1 and the damping.
    subroutine write_chain(self, chain, forced_dof, error)
       class(results_writer), intent(in) :: self
-      type(chain_type), intent(in) :: chain
+      type(structure_type), intent(in) :: chain
       integer, intent(in) :: forced_dof
       type(error_type), allocatable, intent(out) :: error
       type(group_type) :: group
@@ -115,8 +115,8 @@ contains
                      label_type('Hz', 'natural frequency with all sliders slipping', 'mode'))
       call group%put('damping', chain%damping_ratio, &
                      label_type('1', 'damping ratio of the modes of the stuck chain', 'mode'))
-      call group%put('mass', chain%mass, label_type('kg', 'mass', 'dof'))
-      call group%put('contact_stiffness', chain%contact_stiffness, &
+      call group%put('mass', chain%lumped_mass(), label_type('kg', 'mass', 'dof'))
+      call group%put('contact_stiffness', chain%joint_stiffness, &
                      label_type('N/m', 'stiffness of the Jenkins springs', 'dof'))
       call group%put('normal_load', chain%normal_load, &
                      label_type('N', 'normal load of the sliders', 'dof'))

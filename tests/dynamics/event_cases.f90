@@ -4,7 +4,7 @@ module event_cases
    use core_error, only: error_type
    use core_kinds, only: long, wp
    use core_random, only: label_of, new_stream, stream_type
-   use dynamics_chain, only: chain_type
+   use structure_model, only: structure_type
    use dynamics_event, only: event_marcher, new_event_marcher
    use dynamics_response, only: block_state, start_block
    use reference_case, only: paper_chain
@@ -19,7 +19,7 @@ contains
    !> Marches one block from rest; a history of huge values when the marcher refuses, which no test
    !> takes for right.
    subroutine march(chain, dt, tolerance, dof, friction, force, spacing, state, history)
-      type(chain_type), intent(in) :: chain
+      type(structure_type), intent(in) :: chain
       real(wp), intent(in) :: dt, tolerance, friction(:, :), force(0:, :)
       integer, intent(in) :: dof, spacing
       type(block_state), intent(inout) :: state
@@ -36,7 +36,7 @@ contains
 
    !> The paper's chain.
    function five_masses() result(chain)
-      type(chain_type) :: chain
+      type(structure_type) :: chain
 
       call paper_chain(1.0_wp, 25.0_wp, 50.0_wp, 10.0_wp, 0.005_wp, 5, chain)
    end function five_masses

@@ -3,7 +3,8 @@ module newmark_cases
    use core_error, only: error_type
    use core_kinds, only: long, wp
    use core_random, only: label_of, new_stream, stream_type
-   use dynamics_chain, only: build_chain, chain_type
+   use structure_chain, only: build_chain
+   use structure_model, only: structure_type
    use dynamics_excitation, only: band_limited_force
    use dynamics_response, only: block_state, marcher_type, start_block
    implicit none(type, external)
@@ -19,7 +20,7 @@ contains
    !> takes for right.
    subroutine march(marcher, chain, friction, force, nth, x)
       class(marcher_type), intent(inout) :: marcher
-      type(chain_type), intent(in) :: chain
+      type(structure_type), intent(in) :: chain
       real(wp), intent(in) :: friction, force(0:, :)
       integer, intent(in) :: nth
       real(wp), intent(out) :: x(:, :, :)
@@ -58,7 +59,7 @@ contains
    !> Every property of every dof within a factor of two of the paper's.
    subroutine random_chain(n, number, chain)
       integer, intent(in) :: n, number
-      type(chain_type), intent(out) :: chain
+      type(structure_type), intent(out) :: chain
       type(error_type), allocatable :: error
       type(stream_type) :: stream
       real(wp) :: u(5*n)

@@ -2,7 +2,8 @@
 module reference_case
    use core_error, only: error_type
    use core_kinds, only: wp
-   use dynamics_chain, only: build_chain, chain_type
+   use structure_chain, only: build_chain
+   use structure_model, only: structure_type
    implicit none(type, external)
    private
    public :: reference_type, read_reference, paper_chain, reference_names
@@ -13,7 +14,7 @@ module reference_case
    character(*), parameter :: folder = 'reference/dynamics/'   !! as seen from tests/
 
    type :: reference_type
-      type(chain_type) :: chain
+      type(structure_type) :: chain
       real(wp) :: dt
       integer :: n_steps
       integer :: stride                          !! steps between snapshots
@@ -97,7 +98,7 @@ contains
    subroutine paper_chain(mass, coupling, contact, load, damping, n, chain)
       real(wp), intent(in) :: mass, coupling, contact, load, damping
       integer, intent(in) :: n
-      type(chain_type), intent(out) :: chain
+      type(structure_type), intent(out) :: chain
       type(error_type), allocatable :: error
 
       call build_chain(spread(mass, 1, n), spread(coupling, 1, n), spread(contact, 1, n), &

@@ -2,7 +2,7 @@
 module small_plan
    use core_error, only: error_type
    use core_kinds, only: long, wp
-   use dynamics_chain, only: build_chain
+   use structure_chain, only: build_chain
    use ensemble_plan, only: case_type, excitation_settings, plan_type
    implicit none(type, external)
    private
@@ -20,8 +20,8 @@ contains
       one = 1.0_wp
       plan%title = 'small'
       plan%seed = 2016_long
-      plan%has_chain = .true.
-      call build_chain(one, 25*one, 50*one, 10*one, 0.005_wp*one, plan%chain, error)
+      plan%has_structure = .true.
+      call build_chain(one, 25*one, 50*one, 10*one, 0.005_wp*one, plan%structure, error)
       plan%friction = 0.2_wp*one
       allocate (plan%processes(0))
       plan%excitation = excitation_settings('band_limited', [0.0_wp, 2.5_wp], 5, '', .false.)

@@ -4,7 +4,7 @@ module io_campaign
    use core_error, only: error_type
    use core_kinds, only: long, wp
    use core_text, only: to_text
-   use dynamics_chain, only: build_chain
+   use structure_chain, only: build_chain
    use ensemble_audit, only: add_audits
    use ensemble_comparison, only: compare_slip, compare_spectra, numerical_error
    use ensemble_plan, only: plan_type
@@ -57,7 +57,7 @@ contains
       real(wp) :: one(n_dof)
 
       one = 1.0_wp
-      call build_chain(one, 25.0_wp*one, 50.0_wp*one, 10.0_wp*one, 0.005_wp*one, plan%chain, error)
+      call build_chain(one, 25.0_wp*one, 50.0_wp*one, 10.0_wp*one, 0.005_wp*one, plan%structure, error)
       if (allocated(error)) error stop 'made_plan'
       plan%title = 'made'
       allocate (plan%processes(1), plan%cases(2))
@@ -74,7 +74,7 @@ contains
       plan%output%history = .true.
       plan%output%transitions = .true.
       plan%output%percentiles = [5.0_wp, 95.0_wp]
-      plan%has_chain = .true.
+      plan%has_structure = .true.
    end function made_plan
 
    function made_layout() result(layout)
@@ -234,7 +234,7 @@ contains
       call begin_results(path, made_provenance(), writer, error)
       if (allocated(error)) return
       call write_process(writer, 1, made_model(), error, realizations=force)
-      if (.not. allocated(error)) call writer%write_chain(plan%chain, plan%excitation%dof, error)
+      if (.not. allocated(error)) call writer%write_chain(plan%structure, plan%excitation%dof, error)
       do i = 1, 2
          if (allocated(error)) exit
          ours = shards_of(shards, i, plan%cases(i)%n_samples)
