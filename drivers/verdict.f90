@@ -30,8 +30,8 @@ contains
       integer :: i, n_own
 
       associate (wanted => plan%accuracy)
-         if (.not. (plan%has_structure .and. max(wanted%target_slip_points, wanted%target_band_ratio, &
-                                             wanted%target_statistical) > 0.0_wp)) return
+      if (.not. (plan%has_structure .and. max(wanted%target_slip_points, wanted%target_band_ratio, &
+                                                 wanted%target_statistical) > 0.0_wp)) return
       end associate
       n_own = count(plan%cases%audits == 0)
       call read_errors(path, n_own, plan%structure%n_dof, errors, error)

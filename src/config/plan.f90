@@ -170,7 +170,8 @@ contains
             to_text(most_parts*how%dt/parts)//' with so light a mass or so stiff a spring')
          if (how%method /= 'newmark' .or. how%beta >= how%gamma/2) return
          ! below it no mode grows, whatever its damping (Newmark's linear stability bound)
-         limit = 1.0_wp/(sqrt(how%gamma/2 - how%beta)*two_pi*maxval(plan%structure%frequencies_stuck))
+         limit = 1.0_wp/(sqrt(how%gamma/2 - how%beta)*two_pi* &
+                         maxval(plan%structure%frequencies_stuck))
          if (how%dt > limit) call complaints%add_general( &
             scene%path//': integration%beta = '//to_text(how%beta)// &
             ': must be at least gamma/2, or dt at most '//to_text(limit)// &

@@ -81,7 +81,8 @@ contains
          names(9) = counted(plan%n_realizations, 'realization', 'realizations')//' of '// &
                     counted(plan%n_points, 'point', 'points')
       end if
-      names = pack(names, (is_there .eqv. wanted) .and. (plan%has_structure .or. .not. is_of_motion))
+      names = pack(names, (is_there .eqv. wanted) .and. &
+                   (plan%has_structure .or. .not. is_of_motion))
    end function parts
 
    !> One row per process, then the reasons why some have no solution.
@@ -287,8 +288,10 @@ contains
    pure logical function repeats(plan)
       type(plan_type), intent(in) :: plan
 
-      repeats = plan%has_structure .and. max(plan%accuracy%audit, plan%accuracy%target_slip_points, &
-                                         plan%accuracy%target_band_ratio) > 0.0_wp
+      associate (accuracy => plan%accuracy)
+         repeats = plan%has_structure .and. max(accuracy%audit, accuracy%target_slip_points, &
+                                                accuracy%target_band_ratio) > 0.0_wp
+      end associate
    end function repeats
 
    !> What is repeated, and how.

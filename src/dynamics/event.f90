@@ -113,7 +113,7 @@ contains
       state%step = state%step + ubound(force, 1)
       h = self%dt/self%substeps
       where (state%direction /= 0) state%slip_time = state%slip_time + &
-         (real(state%step*self%substeps, wp) - state%slip_begin)*h
+                                           (real(state%step*self%substeps, wp) - state%slip_begin)*h
 
    contains
 
@@ -149,7 +149,7 @@ contains
          do step = first, last - 1
             do sub = 0, self%substeps - 1
                piece((step - first)*self%substeps + sub, :) = force(step, :) + &
-                  (force(step + 1, :) - force(step, :))*(real(sub, wp)/self%substeps)
+                                 (force(step + 1, :) - force(step, :))*(real(sub, wp)/self%substeps)
             end do
          end do
          piece((last - first)*self%substeps, :) = force(last, :)

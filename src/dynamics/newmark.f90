@@ -92,7 +92,7 @@ contains
 
       n_steps = ubound(force, 1)
       if (n_steps == 0) return
-      call load_block(self%structure, self%dt, self%forced_dof, self%steps%max_halvings, force, state, &
+  call load_block(self%structure, self%dt, self%forced_dof, self%steps%max_halvings, force, state, &
                       block)
       call start_recorder(state, block, merge(every, 0, size(displacement) > 0), recorder)
       do step = 0, n_steps - 1, steps_apart

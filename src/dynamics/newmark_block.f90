@@ -301,7 +301,7 @@ contains
          do j = 1, self%n_dof
             do i = 1, self%n_dof
                motion(i, 1) = motion(i, 1) &
-                              - chain%damping(i, j)*motion(j, 2) - chain%stiffness(i, j)*motion(j, 3)
+                             - chain%damping(i, j)*motion(j, 2) - chain%stiffness(i, j)*motion(j, 3)
             end do
          end do
          do i = 1, self%n_dof

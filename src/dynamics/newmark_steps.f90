@@ -262,7 +262,7 @@ contains
       next = self%first_entry
       do level = 0, self%max_halvings
          do pattern = 0, 2**n - 1
-            call invert(self, level, self%chain%stuck_stiffness([(btest(pattern, i), i=0, n - 1)]), &
+           call invert(self, level, self%chain%stuck_stiffness([(btest(pattern, i), i=0, n - 1)]), &
                         inverse, error)
             if (allocated(error)) return
             do i = 1, n
@@ -291,7 +291,7 @@ contains
       allocate (self%inverse(size(self%rigid, 1), n, 0:self%max_halvings), source=0.0_wp)
       allocate (self%span(2, n, 0:self%max_halvings))
       do level = 0, self%max_halvings
-         call invert(self, level, self%chain%stuck_stiffness(is_stuck), self%inverse(:n, :, level), error)
+   call invert(self, level, self%chain%stuck_stiffness(is_stuck), self%inverse(:n, :, level), error)
          if (allocated(error)) return
          self%span(:, :, level) = span_of(self%inverse(:n, :, level))
       end do

@@ -25,7 +25,7 @@ module dynamics_response
       integer(long) :: step = 0                         !! steps done
       real(wp), allocatable :: displacement(:, :)       !! x (dof, sample) [m]
       real(wp), allocatable :: velocity(:, :)           !! (dof, sample) [m/s]
-      real(wp), allocatable :: slider(:, :)             !! z (joint, sample) [m]; force = k (w.x - z)
+      real(wp), allocatable :: slider(:, :)             !! z (joint, sample) [m]; force k (w.x - z)
       integer, allocatable :: direction(:, :)           !! (joint, sample) 0: stuck, +-1: slips so
       real(wp), allocatable :: slip_limit(:, :)         !! mu N (joint, sample) [N]
       real(wp), allocatable :: slip_time(:, :)          !! (joint, sample) [s]
@@ -69,8 +69,8 @@ module dynamics_response
 
 contains
 
-   !> Starts a block at rest, sliders at zero, all joints stuck; a joint with mu N = 0 slips from the
-   !> start.
+   !> Starts a block at rest, sliders at zero, all joints stuck; a joint with mu N = 0 slips from
+   !> the start.
    pure subroutine start_block(structure, friction, state)
       type(structure_type), intent(in) :: structure
       real(wp), intent(in) :: friction(:, :)   !! mu_S = mu_D (joint, sample), not negative

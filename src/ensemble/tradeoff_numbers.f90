@@ -137,7 +137,7 @@ contains
                                         /statistics%band_ratio(dof))/1.96_wp
             if (.not. statistics%pseudo_variance_mean(dof) > 0.0_wp) cycle
             numbers(3*n + 2) = max(numbers(3*n + 2), sum(statistics%psd_mean_error(dof, :)) &
-                                                     /sum(statistics%psd_mean(dof, :)))
+                                   /sum(statistics%psd_mean(dof, :)))
             do p = 1, size(plan%output%percentiles)
                numbers(3*n + 3) = max(numbers(3*n + 3), &
                                       relative_error(statistics%psd_percentiles(dof, :, p), &

@@ -51,7 +51,7 @@ contains
       allocate (levels(n))
       do k = 1, n
          levels(k)%variance = ranked(variances, 1 + nint((k - 1.0_wp)*(size(variances) - 1) &
-                                                          /max(1, n - 1)))
+                                                         /max(1, n - 1)))
          cases = pack([(i, i=1, size(plan%cases))], &
                       abs(plan%cases%variance - levels(k)%variance) <= 0.0_wp)
          levels(k)%n_all = sum(plan%cases(cases)%n_samples)

@@ -181,7 +181,7 @@ contains
       integer :: i, k, n_levels
 
       n_levels = size(tradeoff%levels)
-      associate (n_dof => tradeoff%plan%structure%n_dof, w => tradeoff%n_wide, scope => tradeoff%scope)
+   associate (n_dof => tradeoff%plan%structure%n_dof, w => tradeoff%n_wide, scope => tradeoff%scope)
          tradeoff%n_values = 9 + 3*n_dof
          if (size(scope%variants) > 0) &
             tradeoff%n_values = max(tradeoff%n_values, 1 + n_dof*(2*w + 1))

@@ -13,8 +13,8 @@ module structure_chain
 
 contains
 
-   !> Assembles the chain, forced at its last mass. Arrays have one entry per mass; damping_ratio one
-   !> per mode with all joints stuck.
+   !> Assembles the chain, forced at its last mass. Arrays have one entry per mass; damping_ratio
+   !> one per mode with all joints stuck.
    subroutine build_chain(mass, coupling_stiffness, contact_stiffness, normal_load, damping_ratio, &
                           structure, error)
       real(wp), intent(in) :: mass(:)                 !! [kg], positive
@@ -54,7 +54,7 @@ contains
          structure%stiffness(i + 1, i) = -coupling_stiffness(i + 1)
       end do
 
-      call find_modes(structure%stiffness, structure%mass, structure%frequencies_slip, unused, error)
+     call find_modes(structure%stiffness, structure%mass, structure%frequencies_slip, unused, error)
       if (allocated(error)) return
       call find_modes(structure%stuck_stiffness([(.true., i=1, n)]), structure%mass, &
                       structure%frequencies_stuck, modes, error)

@@ -1,8 +1,8 @@
 !> A structure with Jenkins joints: M x'' + C x' + K x + sum_j w_j r_j = b F(t).
 !>
-!> Joint j acts along its direction w_j. Stuck, it is a spring, r_j = k_j (w_j.x - z_j), whose slider
-!> stands at z_j; slipping, it carries r_j = +-mu_j N_j. With all joints stuck, or all slipping, the
-!> structure is linear. The friction coefficients mu are not part of it: they belong to a sample.
+!> Joint j acts along its direction w_j. Stuck, it is a spring, r_j = k_j (w_j.x - z_j), whose
+!> slider stands at z_j; slipping, it carries r_j = +-mu_j N_j. With all joints stuck, or all
+!> slipping, the structure is linear. The friction coefficients mu belong to a sample, not to it.
 module structure_model
    use core_error, only: error_type
    use core_kinds, only: wp
@@ -14,17 +14,17 @@ module structure_model
    !> One structure. Matrices are full; has_lumped_mass says that M is diagonal.
    type :: structure_type
       integer :: n_dof = 0, n_joints = 0, n_forces = 1
-      integer :: n_points = 0                        !! of the friction process: largest friction_point
+      integer :: n_points = 0                        !! of the process: largest friction_point
       real(wp), allocatable :: mass(:, :)            !! M (dof, dof) [kg]
       real(wp), allocatable :: stiffness(:, :)       !! K without the joints (dof, dof) [N/m]
-      real(wp), allocatable :: damping(:, :)         !! C (dof, dof) [N s/m]; stays while joints slip
+      real(wp), allocatable :: damping(:, :)         !! C (dof, dof) [N s/m]; kept while joints slip
       real(wp), allocatable :: direction(:, :)       !! w_j (dof, joint)
       real(wp), allocatable :: joint_stiffness(:)    !! k_j (joint) [N/m]
       real(wp), allocatable :: normal_load(:)        !! N_j (joint) [N]
       real(wp), allocatable :: joint_friction(:)     !! mu_j (joint) of deterministic cases
       integer, allocatable :: friction_point(:)      !! (joint) point of the process that gives mu_j
       real(wp), allocatable :: load(:, :)            !! b (dof, force)
-      real(wp), allocatable :: damping_ratio(:)      !! (mode) with all joints stuck; size 0: not modal
+      real(wp), allocatable :: damping_ratio(:)      !! (mode), all joints stuck; size 0: not modal
       real(wp), allocatable :: frequencies_stuck(:)  !! (mode) [Hz], ascending
       real(wp), allocatable :: frequencies_slip(:)   !! (mode) [Hz], ascending
    contains
