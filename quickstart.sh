@@ -36,7 +36,7 @@ if [ ! -e results/paper/tradeoff.h5 ]; then
     --output results/paper/tradeoff.h5 --quiet
 fi
 say "Tables, figures and the report"
-.venv/bin/python -m postproc results/paper/{paper_process,paper,sweep,one_sample,tradeoff}.h5 \
+.venv/bin/python -m entroslip results/paper/{paper_process,paper,sweep,one_sample,tradeoff}.h5 \
   --out results/paper
 say "Done: open results/paper/report.html"
 if [ "$(id -u)" -eq 0 ]; then

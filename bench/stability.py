@@ -1,7 +1,7 @@
 """Where each method holds, degrades or refuses: python bench/stability.py results/stability
 
 Runs small scenes from one extreme to the other and writes one CSV a panel of the figure, which
-`python -m postproc.stability results/stability --out FILE` draws; `--only PANEL` measures one of
+`python -m entroslip.stability results/stability --out FILE` draws; `--only PANEL` measures one of
 them again. An error is measured; where there is none the program refused, and the reason is what
 it said. Slip fractions are compared, on the same force record, with the event method at tolerance
 1e-12; processes with the moments and the length wanted, two standard errors included where these

@@ -1,5 +1,5 @@
 """Figures, tables and the report of entroslip results files."""
 
-from postproc.results import Case, Results, ResultsError, open_results
+from .results import Case, Results, ResultsError, open_results
 
 __all__ = ["Case", "Results", "ResultsError", "open_results"]

@@ -8,14 +8,14 @@ from pathlib import Path
 
 import matplotlib as mpl
 
-from postproc.figure import Ranges
-from postproc.gallery import make_figures
-from postproc.paper import AXES
-from postproc.report import write_report
-from postproc.results import Results, ResultsError, find_damage, open_results
-from postproc.statements import assess
-from postproc.style import apply_style
-from postproc.tables import make_tables, table_statements
+from .figure import Ranges
+from .gallery import make_figures
+from .paper import AXES
+from .report import write_report
+from .results import Results, ResultsError, find_damage, open_results
+from .statements import assess
+from .style import apply_style
+from .tables import make_tables, table_statements
 
 
 def main(arguments: list[str] | None = None) -> int:
@@ -67,7 +67,7 @@ def _draw(files: list[Results], options: argparse.Namespace) -> str:
 
 
 def _parser() -> argparse.ArgumentParser:
-    parser = argparse.ArgumentParser(prog="python -m postproc", description=__doc__)
+    parser = argparse.ArgumentParser(prog="python -m entroslip", description=__doc__)
     parser.add_argument("results", type=Path, nargs="+", help="results files of entroslip")
     parser.add_argument("--out", type=Path, required=True, help="folder for what is drawn")
     parser.add_argument(

@@ -8,8 +8,8 @@ from itertools import combinations, pairwise
 import numpy as np
 from numpy.typing import NDArray
 
-from postproc import peaks
-from postproc.evidence import (
+from . import peaks
+from .evidence import (
     NoEvidence,
     Statement,
     all_hold,
@@ -18,8 +18,8 @@ from postproc.evidence import (
     claim_range,
     claim_range_of_draws,
 )
-from postproc.paper import LENGTHS, LEVELS, STDS
-from postproc.study import RESAMPLED, Draws, Study, pooled
+from .paper import LENGTHS, LEVELS, STDS
+from .study import RESAMPLED, Draws, Study, pooled
 
 LOW, HIGH = LEVELS  # the two variances of the excitation
 SMALL, LARGE = STDS

@@ -7,10 +7,10 @@ from itertools import pairwise
 import numpy as np
 from numpy.typing import NDArray
 
-from postproc import peaks
-from postproc.evidence import NoEvidence, Statement, all_hold, claim_range
-from postproc.paper import LEVELS
-from postproc.results import Case, Results
+from . import peaks
+from .evidence import NoEvidence, Statement, all_hold, claim_range
+from .paper import LEVELS
+from .results import Case, Results
 
 LOW, HIGH = LEVELS  # the two variances of the excitation
 FULLY = 0.05  # a slider that slips (or sticks) less than that is fully stuck (or slipping)

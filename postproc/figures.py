@@ -11,11 +11,11 @@ from matplotlib.patheffects import withStroke
 from matplotlib.ticker import FuncFormatter
 from numpy.typing import NDArray
 
-from postproc import style
-from postproc.certain_statements import FULLY, slip_with_error
-from postproc.paper import LEVELS
-from postproc.results import Case, Results
-from postproc.slip_statements import ABOUT_03
+from . import style
+from .certain_statements import FULLY, slip_with_error
+from .paper import LEVELS
+from .results import Case, Results
+from .slip_statements import ABOUT_03
 
 _BEYOND_STUCK = 1.6  # drawn of a spectrum: to this multiple of the highest stuck frequency
 _DECADES = 7.0  # drawn of a spectrum

@@ -8,10 +8,10 @@ from typing import TypeVar
 
 import xarray as xr
 
-from postproc import chain_figure, figures, process_figures, response_figures, tradeoff
-from postproc.figure import SECTIONS, Figure
-from postproc.peaks import scatter_of_ln_psd
-from postproc.results import Case, Results
+from . import chain_figure, figures, process_figures, response_figures, tradeoff
+from .figure import SECTIONS, Figure
+from .peaks import scatter_of_ln_psd
+from .results import Case, Results
 
 _Item = TypeVar("_Item")
 _PROCESSES, _CHAIN, _STUDY, _RESPONSES, _ = SECTIONS

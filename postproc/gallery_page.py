@@ -1,6 +1,6 @@
 """Writes the gallery in docs: a page, and small pictures of every figure of results files.
 
-python -m postproc.gallery_page results/paper/*.h5 --out docs/gallery.md
+python -m entroslip.gallery_page results/paper/*.h5 --out docs/gallery.md
 """
 
 from __future__ import annotations
@@ -14,22 +14,22 @@ from pathlib import Path
 import matplotlib as mpl
 from PIL import Image
 
-from postproc.evidence import Statement
-from postproc.figure import SECTIONS, Figure
-from postproc.gallery import make_figures
-from postproc.results import Results, open_results
-from postproc.statements import assess
-from postproc.style import apply_style
+from .evidence import Statement
+from .figure import SECTIONS, Figure
+from .gallery import make_figures
+from .results import Results, open_results
+from .statements import assess
+from .style import apply_style
 
 _WIDTH = 720  # pixels
 _SHADES = 256  # of a picture's palette
 _HEAD = """# Gallery
 
-Every figure of the paper, drawn by `python -m postproc` from the scenes in `input/`. The report of
+Every figure of the paper, drawn by `python -m entroslip` from the scenes in `input/`. The report of
 the same command sets the paper's numbers beside ours. This page and its pictures are written, from
 the results of `./quickstart.sh`, by
 
-    python -m postproc.gallery_page results/paper/*.h5 --out docs/gallery.md
+    python -m entroslip.gallery_page results/paper/*.h5 --out docs/gallery.md
 """
 
 
@@ -81,7 +81,7 @@ def _small_picture(figure: Figure, folder: Path) -> Path:
 
 def main(arguments: list[str] | None = None) -> int:
     """Write the page."""
-    parser = argparse.ArgumentParser(prog="python -m postproc.gallery_page")
+    parser = argparse.ArgumentParser(prog="python -m entroslip.gallery_page")
     parser.add_argument("results", type=Path, nargs="+", help="results files of entroslip")
     parser.add_argument("--out", type=Path, required=True, help="the page")
     options = parser.parse_args(arguments)

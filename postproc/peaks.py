@@ -8,7 +8,7 @@ import numpy as np
 import xarray as xr
 from numpy.typing import NDArray
 
-from postproc.evidence import NoEvidence
+from .evidence import NoEvidence
 
 CORE, FLANK = 0.03, 0.09  # Hz from the frequency: the peak itself, and what it stands out from
 _NEIGHBOURS = (1.0, 4.0 / 9.0, 1.0 / 36.0)  # correlation of bins 0, 1, 2 apart, Hann window

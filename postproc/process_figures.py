@@ -9,7 +9,7 @@ import xarray as xr
 from matplotlib.axes import Axes
 from matplotlib.ticker import MaxNLocator
 
-from postproc import style
+from . import style
 
 LONGEST_LAG = 20  # drawn; the paper's figures end about there
 MOST_CURVES = 8  # in one figure; of more orders only the even ones are drawn

@@ -8,11 +8,11 @@ from html import escape
 from importlib import resources
 from pathlib import Path
 
-from postproc.evidence import Statement, Verdict
-from postproc.figure import SECTIONS, Figure
-from postproc.paper import OBSERVATIONS
-from postproc.results import Results
-from postproc.table import Table
+from .evidence import Statement, Verdict
+from .figure import SECTIONS, Figure
+from .paper import OBSERVATIONS
+from .results import Results
+from .table import Table
 
 _CLASSES = {
     Verdict.CONFIRMED: "confirmed",
@@ -49,7 +49,7 @@ def write_report(
         ("scenes", "What ran", _scenes(files)),
     ]
     chapters = [chapter for chapter in chapters if chapter[2]]
-    style = resources.files("postproc").joinpath("report.css").read_text(encoding="utf-8")
+    style = resources.files(__package__).joinpath("report.css").read_text(encoding="utf-8")
     parts = [
         "<!doctype html>",
         f'<html lang="en"><head><meta charset="utf-8"><title>{title}</title>',

@@ -9,8 +9,8 @@ import xarray as xr
 from matplotlib.axes import Axes
 from numpy.typing import NDArray
 
-from postproc import style
-from postproc.results import Case
+from . import style
+from .results import Case
 
 _SHOWN = 60.0  # s of a history, at most
 _MARGIN = 0.6  # of an episode's length, shown on either side

@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from postproc.evidence import Statement, all_hold, claim_range_by_quantiles, claim_range_of_draws
-from postproc.paper import LEVELS, STDS
-from postproc.study import RESAMPLED, Study, pooled
+from .evidence import Statement, all_hold, claim_range_by_quantiles, claim_range_of_draws
+from .paper import LEVELS, STDS
+from .study import RESAMPLED, Study, pooled
 
 SMALL, LARGE = STDS
 ABOUT_03 = (0.2, 0.4)  # what "approximately 30 %" is taken to mean

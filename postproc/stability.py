@@ -1,6 +1,6 @@
 """A map of where methods hold, degrade or refuse, drawn from what bench/stability.py measured.
 
-python -m postproc.stability results/stability --out docs/gallery/stability.png
+python -m entroslip.stability results/stability --out docs/gallery/stability.png
 """
 
 from __future__ import annotations
@@ -21,8 +21,8 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from PIL import Image
 
-from postproc import style
-from postproc.paper import LENGTHS
+from . import style
+from .paper import LENGTHS
 
 Row = dict[str, str]  # of a CSV: family, error (empty where refused), reason, and the axes
 
@@ -267,7 +267,7 @@ def summary(tables: dict[str, list[Row]]) -> str:
 
 def main(arguments: list[str] | None = None) -> int:
     """Draw the map and print its summary."""
-    parser = argparse.ArgumentParser(prog="python -m postproc.stability", description=__doc__)
+    parser = argparse.ArgumentParser(prog="python -m entroslip.stability", description=__doc__)
     parser.add_argument("folder", type=Path, help="with the CSVs of bench/stability.py")
     parser.add_argument("--out", type=Path, required=True, help="the picture, a PNG")
     options = parser.parse_args(arguments)

@@ -7,10 +7,10 @@ from functools import partial
 
 import numpy as np
 
-from postproc import band_statements, certain_statements, slip_statements
-from postproc.evidence import NoEvidence, Statement
-from postproc.results import Results
-from postproc.study import paper_study
+from . import band_statements, certain_statements, slip_statements
+from .evidence import NoEvidence, Statement
+from .results import Results
+from .study import paper_study
 
 
 def assess(files: Sequence[Results]) -> list[Statement]:

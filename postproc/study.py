@@ -14,8 +14,8 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
-from postproc.paper import LENGTHS, LEVELS, STDS
-from postproc.results import Case, Results
+from .paper import LENGTHS, LEVELS, STDS
+from .results import Case, Results
 
 Draws = NDArray[np.float64]  # (draw, dof), the statistic itself first
 Key = tuple[float, float, float]  # std, correlation length, variance

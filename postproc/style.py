@@ -8,7 +8,7 @@ from typing import Any
 import matplotlib as mpl
 from matplotlib.axes import Axes
 
-from postproc.paper import LENGTHS
+from .paper import LENGTHS
 
 Look = dict[str, Any]  # keyword arguments of a matplotlib call
 

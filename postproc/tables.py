@@ -9,12 +9,12 @@ import numpy as np
 import xarray as xr
 from numpy.typing import NDArray
 
-from postproc import tradeoff
-from postproc.certain_statements import slip_with_error
-from postproc.evidence import Statement
-from postproc.paper import SLIP_HZ, SLIP_PERCENT, STUCK_HZ, is_paper_chain
-from postproc.results import Case, Results
-from postproc.table import Table, value_with_error
+from . import tradeoff
+from .certain_statements import slip_with_error
+from .evidence import Statement
+from .paper import SLIP_HZ, SLIP_PERCENT, STUCK_HZ, is_paper_chain
+from .results import Case, Results
+from .table import Table, value_with_error
 
 _MOST_COLUMNS = 12  # of a table over oscillators or modes; longer chains stand upright
 _MOST_ROWS = 12  # of a table among the first; a longer one stands at the end of the report

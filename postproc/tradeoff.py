@@ -11,10 +11,10 @@ import xarray as xr
 from matplotlib.axes import Axes
 from matplotlib.ticker import LogLocator, NullFormatter
 
-from postproc import style
-from postproc.figure import SECTIONS, Figure
-from postproc.results import Results
-from postproc.table import Table, value_with_error
+from . import style
+from .figure import SECTIONS, Figure
+from .results import Results
+from .table import Table, value_with_error
 
 _FLOOR = 1e-13  # smaller errors are rounding, and stand on the lower edge
 _ERRORS = {

@@ -46,7 +46,7 @@ build() {
   cmake --build --preset "$1" ${2:+--target "$2"}
 }
 
-# make_venv REQUIREMENTS: .venv with exactly the pinned Python packages, and with postproc as it is here.
+# make_venv REQUIREMENTS: .venv with exactly the pinned Python packages, and with the package entroslip as it is here.
 make_venv() {
   local stamp=.venv/installed-$(cat "$1" pyproject.toml | sha256sum | cut -c1-16)
   [ -e "$stamp" ] && return

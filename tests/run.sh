@@ -1,5 +1,5 @@
 #!/usr/bin/env bash
-# Every test: packages, both builds, unit and MPI tests, the program end to end, postproc.
+# Every test: packages, both builds, unit and MPI tests, the program end to end, the Python package.
 set -euo pipefail
 cd "$(dirname "$0")/.."
 . scripts/prepare.sh
@@ -15,6 +15,6 @@ for preset in debug release; do
   say "Unit and MPI tests: $preset"
   ctest --preset "$preset" || failed=1
 done
-say "The program end to end, and postproc"
+say "The program end to end, and the Python package"
 .venv/bin/python -m pytest -q tests || failed=1
 exit $failed

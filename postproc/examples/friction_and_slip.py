@@ -1,6 +1,6 @@
 """A worked example: which friction coefficient decides how long an oscillator slips?
 
-    python -m postproc.examples.friction_and_slip results/paper/paper.h5 --out friction_and_slip.png
+    python -m entroslip.examples.friction_and_slip results/paper/paper.h5 --out slip.png
 
 Cells are marked by `# %%`, for editors that run them one by one.
 """
@@ -15,8 +15,8 @@ import matplotlib as mpl
 import matplotlib.pyplot as plt
 import xarray as xr
 
-from postproc import figures, open_results
-from postproc.style import apply_style, of_dof
+from entroslip import figures, open_results
+from entroslip.style import apply_style, of_dof
 
 parser = argparse.ArgumentParser(description=__doc__)
 parser.add_argument("results", type=Path)

@@ -6,7 +6,7 @@ import subprocess
 
 import pytest
 
-from postproc.__main__ import main
+from entroslip.__main__ import main
 from tests.conftest import ENVIRONMENT, PROGRAM, SMALL_SCENE
 
 

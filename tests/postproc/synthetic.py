@@ -7,8 +7,8 @@ from pathlib import Path
 import numpy as np
 import xarray as xr
 
-from postproc.paper import LENGTHS, LEVELS, SLIP_HZ, STDS, STUCK_HZ
-from postproc.results import Case, Results
+from entroslip.paper import LENGTHS, LEVELS, SLIP_HZ, STDS, STUCK_HZ
+from entroslip.results import Case, Results
 
 FREQUENCY = np.arange(0, 173) * 0.01448  # Hz
 LOW, HIGH = LEVELS

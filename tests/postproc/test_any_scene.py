@@ -6,9 +6,9 @@ import matplotlib.pyplot as plt
 import numpy as np
 import pytest
 
-from postproc import open_results
-from postproc.__main__ import main
-from postproc.response_figures import find_episode, slider_force
+from entroslip import open_results
+from entroslip.__main__ import main
+from entroslip.response_figures import find_episode, slider_force
 from tests.conftest import INPUT_SCENES, shortened
 
 PROCESS = "&process correlation_length = 0.3 order = 2 mean = 0.2 std = 0.067 /\n"

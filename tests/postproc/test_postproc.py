@@ -16,14 +16,14 @@ import numpy as np
 import pytest
 import xarray as xr
 
-from postproc import figures, gallery_page, open_results, process_figures
-from postproc.__main__ import main
-from postproc.chain_figure import plot_chain
-from postproc.figure import SECTIONS, Figure
-from postproc.paper import AXES
-from postproc.results import ResultsError
-from postproc.table import value_with_error
-from postproc.tables import beside_paper, table_audit, table_frequencies, table_slip
+from entroslip import figures, gallery_page, open_results, process_figures
+from entroslip.__main__ import main
+from entroslip.chain_figure import plot_chain
+from entroslip.figure import SECTIONS, Figure
+from entroslip.paper import AXES
+from entroslip.results import ResultsError
+from entroslip.table import value_with_error
+from entroslip.tables import beside_paper, table_audit, table_frequencies, table_slip
 from tests.conftest import ROOT
 from tests.postproc.synthetic import FREQUENCY, case_of
 
@@ -153,7 +153,7 @@ def test_bars_hold_monte_carlo_and_the_finite_march():
 
 def test_one_look_for_one_thing():
     """Each length and oscillator: one colour, mark and line, whatever else is drawn."""
-    from postproc import style
+    from entroslip import style
 
     assert style.of_length(1.0, [1.0]) == style.of_length(1.0, [0.3, 1.0, 3.0, 7.0])
     assert style.of_length(7.0, [7.0]) != style.of_length(0.3, [0.3])
@@ -285,7 +285,7 @@ def test_values_carry_their_errors():
 
 def test_module_runs_as_a_command(process_file, tmp_path):
     done = subprocess.run(
-        [sys.executable, "-m", "postproc", process_file, "--out", tmp_path / "x"],
+        [sys.executable, "-m", "entroslip", process_file, "--out", tmp_path / "x"],
         cwd=ROOT, capture_output=True, text=True, check=False,
     )  # fmt: skip
     assert done.returncode == 0, done.stderr
@@ -323,7 +323,8 @@ def test_it_installs_as_a_package(tmp_path):
     names = {
         path.relative_to(tmp_path / "site").as_posix() for path in (tmp_path / "site").rglob("*")
     }
-    assert {"postproc/report.css", "postproc/py.typed", "bin/entroslip-figures"} <= names
+    assert {"entroslip/report.css", "entroslip/py.typed", "bin/entroslip-figures"} <= names
+    assert not [name for name in names if "postproc" in name]
 
 
 def test_its_types_agree():
@@ -337,7 +338,7 @@ def test_its_types_agree():
 
 def test_the_worked_example_runs(results_file, tmp_path):
     done = subprocess.run(
-        [sys.executable, "-m", "postproc.examples.friction_and_slip", results_file,
+        [sys.executable, "-m", "entroslip.examples.friction_and_slip", results_file,
          "--out", tmp_path / "x.png"],
         cwd=ROOT, capture_output=True, text=True, check=False,
     )  # fmt: skip
@@ -348,7 +349,7 @@ def test_the_worked_example_runs(results_file, tmp_path):
 
 def test_draws_agree_with_the_program(results_of_scene):
     """The bootstrap's own statistic is the file's, but for power beyond the kept frequencies."""
-    from postproc.study import Study
+    from entroslip.study import Study
 
     text = "&process correlation_length = 0.3 order = 2 mean = 0.2 std = 0.067 /\n&chain /\n"
     text += "&excitation variance = 3.7 /\n&integration method = 'event' n_steps = 4000 /\n"

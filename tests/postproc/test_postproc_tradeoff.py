@@ -8,8 +8,8 @@ import h5py
 import matplotlib.pyplot as plt
 import pytest
 
-from postproc import open_results, tradeoff
-from postproc.__main__ import main
+from entroslip import open_results, tradeoff
+from entroslip.__main__ import main
 from tests.conftest import SMALL_SCENE
 
 FEW_STEPS = ("--set", "integration%n_steps=1500", "--set", "output%segment_length=256")

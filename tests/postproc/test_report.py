@@ -9,9 +9,9 @@ import subprocess
 import matplotlib.pyplot as plt
 import pytest
 
-from postproc.figure import Figure
-from postproc.report import write_report
-from postproc.statements import assess
+from entroslip.figure import Figure
+from entroslip.report import write_report
+from entroslip.statements import assess
 from tests.postproc.synthetic import friction_study
 
 FLAGS = [

@@ -8,7 +8,7 @@ import matplotlib.pyplot as plt
 import pytest
 from PIL import Image
 
-from postproc import stability
+from entroslip import stability
 
 PROCESSES = [
     {"order": order, "family": law, "length": length, "ratio": ratio, "error": error,

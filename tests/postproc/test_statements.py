@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from postproc import band_statements, certain_statements, slip_statements
-from postproc.evidence import (
+from entroslip import band_statements, certain_statements, slip_statements
+from entroslip.evidence import (
     NoEvidence,
     Verdict,
     all_hold,
@@ -15,10 +15,10 @@ from postproc.evidence import (
     claim_range,
     claim_range_by_quantiles,
 )
-from postproc.paper import SLIP_HZ, STUCK_HZ
-from postproc.peaks import error_of_sum, prominence_weights
-from postproc.statements import assess
-from postproc.study import paper_study
+from entroslip.paper import SLIP_HZ, STUCK_HZ
+from entroslip.peaks import error_of_sum, prominence_weights
+from entroslip.statements import assess
+from entroslip.study import paper_study
 from tests.postproc.synthetic import (
     FREQUENCY,
     HIGH,

@@ -9,7 +9,7 @@ import h5py
 import numpy as np
 import pytest
 
-from postproc.results import open_results
+from entroslip.results import open_results
 from tests.program.campaign import datasets, shards_of
 
 SCENE = """\
