@@ -6,68 +6,59 @@ import argparse
 import sys
 from pathlib import Path
 
-import matplotlib as mpl
-
+from . import headless  # noqa: F401  (before matplotlib)
 from .figure import Ranges
 from .gallery import make_figures
+from .output import InputError, Parser, exit_code, make_folder, say
 from .paper import AXES
 from .report import write_report
-from .results import Results, ResultsError, find_damage, open_results
+from .results import Results, find_damage, open_results
 from .statements import assess
 from .style import apply_style
 from .tables import make_tables, table_statements
 
 
 def main(arguments: list[str] | None = None) -> int:
-    """Draw everything; exit code 2 for a file that cannot be read, 3 for a folder of no use."""
-    options = _parser().parse_args(arguments)
-    mpl.use("Agg")
-    apply_style()
-    try:
-        mpl.style.use(options.style)
-    except OSError as error:
-        print(error, file=sys.stderr)
-        return 2
-    try:
+    """Draw everything; exit code 2 for what cannot be read, 3 for what cannot be written."""
+
+    def draw() -> None:
+        options = _parser().parse_args(arguments)
+        apply_style(*options.style)
         files = [open_results(path) for path in options.results]
-    except ResultsError as error:
-        print(error, file=sys.stderr)
-        return 2
-    try:
-        options.out.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        print(f"{options.out}: cannot be made a folder: {error.strerror}", file=sys.stderr)
-        return 3
-    try:
-        print(_draw(files, options))
-    except OSError as error:
-        if error.filename:
-            print(f"{error.filename}: {error.strerror}", file=sys.stderr)
-            return 3
-        damages = {path: find_damage(path) for path in options.results}
-        if not any(damages.values()):
-            raise
-        for path, damage in damages.items():
-            if damage:
-                print(f"{path}: is damaged: {damage}", file=sys.stderr)
-        return 2
-    return 0
+        make_folder(options.out)
+        try:
+            say(_draw(files, options))
+        except OSError:
+            damages = _damages(options.results)
+            if not damages:
+                raise
+            raise InputError("\n".join(damages)) from None
+
+    return exit_code(draw)
 
 
 def _draw(files: list[Results], options: argparse.Namespace) -> str:
     """What was drawn. Datasets are read as they are needed: a damaged one shows here."""
     statements, tables = assess(files), make_tables(files)
-    for table in [*tables, *([table_statements(statements)] if statements else [])]:
+    judged = [table_statements(statements)] if statements else []
+    for table in [*tables, *judged]:
         table.write_csv(options.out)
     ranges = (AXES if options.paper_axes else {}) | dict(options.axes)
     figures = [(figure, figure.save(options.out, ranges)) for figure in make_figures(files)]
     report = options.out / "report.html"
     write_report(files, statements, tables, figures, report)
-    return f"{len(figures)} figures and {len(tables)} tables in {options.out}; report: {report}"
+    n_tables = len(tables) + len(judged)
+    return f"{len(figures)} figures and {n_tables} tables in {options.out}; report: {report}"
 
 
-def _parser() -> argparse.ArgumentParser:
-    parser = argparse.ArgumentParser(prog="python -m entroslip", description=__doc__)
+def _damages(paths: list[Path]) -> list[str]:
+    """A line for each file that cannot be read, with the dataset."""
+    found = [(path, find_damage(path)) for path in paths]
+    return [f"{path}: is damaged: {damage}" for path, damage in found if damage]
+
+
+def _parser() -> Parser:
+    parser = Parser(prog="python -m entroslip", description=__doc__)
     parser.add_argument("results", type=Path, nargs="+", help="results files of entroslip")
     parser.add_argument("--out", type=Path, required=True, help="folder for what is drawn")
     parser.add_argument(

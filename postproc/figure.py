@@ -4,16 +4,21 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
+from io import BytesIO
 from pathlib import Path
 
 import matplotlib.pyplot as plt
 from matplotlib.axes import Axes
+from PIL import Image
+
+from .output import write_file
 
 Ranges = tuple[float, float, float, float]  # xmin, xmax, ymin, ymax
 
 # Order of the sections in report and gallery.
 SECTIONS = ("Processes", "The chain", "The friction study", "Responses", "Accuracy and cost")
 _COLUMN, _PANEL = 6.4, 4.4  # inches
+_SHADES = 256  # of a small picture's palette
 
 
 @dataclass(frozen=True)
@@ -41,9 +46,19 @@ class Figure:
             for start, (left, right, bottom, top) in (ranges or {}).items():
                 if self.name.startswith(start):
                     panel.set(xlim=(left, right), ylim=(bottom, top))
-        png = folder / f"{self.name}.png"
-        picture.savefig(png)
+        png, pdf = BytesIO(), BytesIO()
+        picture.savefig(png, format="png")
         picture.set_layout_engine("none")  # as laid out once
-        picture.savefig(png.with_suffix(".pdf"), metadata={"CreationDate": None})
+        picture.savefig(pdf, format="pdf", metadata={"CreationDate": None})
         plt.close(picture)
-        return png
+        path = folder / f"{self.name}.png"
+        write_file(path, png.getvalue())
+        write_file(path.with_suffix(".pdf"), pdf.getvalue())
+        return path
+
+
+def write_small_png(path: Path, picture: Image.Image) -> None:
+    """A PNG of few colours, fit to be kept with the sources."""
+    small = BytesIO()
+    picture.convert("RGB").quantize(_SHADES).save(small, format="png", optimize=True)
+    write_file(path, small.getvalue())

@@ -27,7 +27,7 @@ def make_figures(files: Sequence[Results]) -> list[Figure]:
             twin = found.get(figure.name)
             if twin is not None and twin.section == _CHAIN and twin.caption == figure.caption:
                 continue  # the same drawing
-            kept = figure.renamed(results.path.stem) if twin is not None else figure
+            kept = figure.renamed(results.stem) if twin is not None else figure
             found[kept.name] = kept
     return sorted(found.values(), key=lambda figure: (SECTIONS.index(figure.section), figure.name))
 

@@ -5,24 +5,23 @@ python -m entroslip.gallery_page results/paper/*.h5 --out docs/gallery.md
 
 from __future__ import annotations
 
-import argparse
 import sys
 import tempfile
 from collections.abc import Sequence
 from pathlib import Path
 
-import matplotlib as mpl
 from PIL import Image
 
+from . import headless  # noqa: F401  (before matplotlib)
 from .evidence import Statement
-from .figure import SECTIONS, Figure
+from .figure import SECTIONS, Figure, write_small_png
 from .gallery import make_figures
+from .output import Parser, exit_code, make_folder, say, write_file
 from .results import Results, open_results
 from .statements import assess
 from .style import apply_style
 
 _WIDTH = 720  # pixels
-_SHADES = 256  # of a picture's palette
 _HEAD = """# Gallery
 
 Every figure of the paper, drawn by `python -m entroslip` from the scenes in `input/`. The report of
@@ -36,7 +35,7 @@ the results of `./quickstart.sh`, by
 def write_page(files: list[Results], path: Path) -> list[Path]:
     """The page, and a folder of its name beside it; returns the pictures."""
     folder = path.with_suffix("")
-    folder.mkdir(parents=True, exist_ok=True)
+    make_folder(folder)
     figures = make_figures(files)
     pictures = [_small_picture(figure, folder) for figure in figures]
     parts = [_HEAD, *_verdicts(assess(files))]
@@ -48,9 +47,9 @@ def write_page(files: list[Results], path: Path) -> list[Path]:
                 f"### {figure.title}\n\n![{figure.title}]({folder.name}/{figure.name}.png)\n\n"
                 f"{figure.caption}\n"
             )
-    titles = ", ".join(f"{results.path.name} ({results.title})" for results in files)
+    titles = ", ".join(f"{results.stem}.h5 ({results.title})" for results in files)
     parts.append(f"Drawn from {titles}.\n")
-    path.write_text("\n".join(parts), encoding="utf-8")
+    write_file(path, "\n".join(parts).encode())
     return pictures
 
 
@@ -69,27 +68,29 @@ def _verdicts(statements: Sequence[Statement]) -> list[str]:
 
 
 def _small_picture(figure: Figure, folder: Path) -> Path:
-    """A PNG of few colours, fit to be kept with the sources."""
+    """The figure at the width of a page."""
     with tempfile.TemporaryDirectory() as drawn:
         with Image.open(figure.save(Path(drawn))) as picture:
             size = (_WIDTH, round(picture.height * _WIDTH / picture.width))
             small = picture.convert("RGB").resize(size, Image.Resampling.LANCZOS)
         path = folder / f"{figure.name}.png"
-        small.quantize(_SHADES).save(path, optimize=True)
+        write_small_png(path, small)
     return path
 
 
 def main(arguments: list[str] | None = None) -> int:
     """Write the page."""
-    parser = argparse.ArgumentParser(prog="python -m entroslip.gallery_page")
+    parser = Parser(prog="python -m entroslip.gallery_page")
     parser.add_argument("results", type=Path, nargs="+", help="results files of entroslip")
     parser.add_argument("--out", type=Path, required=True, help="the page")
-    options = parser.parse_args(arguments)
-    mpl.use("Agg")
-    apply_style()
-    pictures = write_page([open_results(path) for path in options.results], options.out)
-    print(f"{len(pictures)} pictures beside {options.out}")
-    return 0
+
+    def draw() -> None:
+        options = parser.parse_args(arguments)
+        apply_style()
+        pictures = write_page([open_results(path) for path in options.results], options.out)
+        say(f"{len(pictures)} pictures beside {options.out}")
+
+    return exit_code(draw)
 
 
 if __name__ == "__main__":

@@ -10,6 +10,7 @@ from pathlib import Path
 
 from .evidence import Statement, Verdict
 from .figure import SECTIONS, Figure
+from .output import write_file
 from .paper import OBSERVATIONS
 from .results import Results
 from .table import Table
@@ -64,7 +65,7 @@ def write_report(
         *(f'<section id="{name}"><h2>{head}</h2>{body}</section>' for name, head, body in chapters),
         "</main></body></html>",
     ]
-    path.write_text("\n".join(parts), encoding="utf-8")
+    write_file(path, "\n".join(parts).encode())
 
 
 def _facts(results: Results) -> str:
@@ -107,7 +108,8 @@ def _contents(
         own = [figure for figure, _ in figures if figure.section == head]
         first = {_short(figure.title): figure.name for figure in reversed(own)}
         inside = " · ".join(
-            f'<a href="#{target}">{escape(label)}</a>' for label, target in reversed(first.items())
+            f'<a href="#{escape(target)}">{escape(label)}</a>'
+            for label, target in reversed(first.items())
         )
         rows.append(f'<li><a href="#{name}">{head}</a>{f"<br>{inside}" if inside else ""}</li>')
     return f'<nav aria-label="Contents"><ul>{"".join(rows)}</ul></nav>'
@@ -206,7 +208,7 @@ def _figure(figure: Figure, png: Path, statements: Sequence[Statement]) -> str:
     shown = [s for s in statements if s.number in figure.statements]
     verdicts = "".join(f"<li>{escape(s.claim)} {_verdict(s)}</li>" for s in shown)
     return (
-        f'<figure id="{figure.name}"><h3>{title}</h3>'
+        f'<figure id="{escape(figure.name)}"><h3>{title}</h3>'
         f'<img alt="{title}. {caption}" src="data:image/png;base64,{image}">'
         f"<figcaption>{caption}{f'<ul>{verdicts}</ul>' if verdicts else ''}</figcaption></figure>"
     )

@@ -10,12 +10,16 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import h5py
+import numpy as np
 import xarray as xr
 
+from .output import InputError, readable
+
+_MAY_BE_EMPTY = ("transition",)  # of a sample whose joints stick
 _FORMAT_VERSION = 2  # of the layout, as in src/io/identity.f90
 
 
-class ResultsError(Exception):
+class ResultsError(InputError):
     """The file is not a results file, or not one that this version reads."""
 
 
@@ -106,7 +110,12 @@ class Results:
     @property
     def title(self) -> str:
         """Of the scene, or else the file's name."""
-        return str(self.attrs.get("title") or self.path.stem)
+        return str(self.attrs.get("title") or self.stem)
+
+    @property
+    def stem(self) -> str:
+        """The file's name without its ending, whatever bytes it is made of."""
+        return readable(self.path.stem)
 
     @property
     def tree(self) -> xr.DataTree:
@@ -124,7 +133,7 @@ class Results:
             for name, data in (("chain", self.chain), ("tradeoff", self.tradeoff))
             if data is not None
         }
-        tree = xr.DataTree.from_dict(groups, name=self.path.stem)
+        tree = xr.DataTree.from_dict(groups, name=self.stem)
         tree.attrs.update(self.attrs)
         return tree
 
@@ -193,7 +202,9 @@ def _read(path: Path) -> Results:
         )
 
     def view(group: str) -> xr.Dataset:
-        return xr.open_dataset(path, group=group, engine="h5netcdf")
+        data = xr.open_dataset(path, group=group, engine="h5netcdf")
+        _require_axes(data, f"{path}: /{group}")
+        return data
 
     def load(group: str) -> xr.Dataset:
         with view(group) as data:
@@ -214,5 +225,15 @@ def _read(path: Path) -> Results:
     )
 
 
+def _require_axes(data: xr.Dataset, place: str) -> None:
+    """Refuse axes that nothing can be drawn over."""
+    for name, size in data.sizes.items():
+        if size == 0 and name not in _MAY_BE_EMPTY:
+            raise ResultsError(f"{place}/{name}: is an axis without values")
+        values = data[name].values
+        if values.dtype.kind == "f" and not np.isfinite(values).all():
+            raise ResultsError(f"{place}/{name}: is an axis with a value that is no number")
+
+
 def _text(value: object) -> object:
-    return value.decode() if isinstance(value, bytes) else value
+    return readable(value) if isinstance(value, bytes | str) else value

@@ -5,7 +5,6 @@ python -m entroslip.stability results/stability --out docs/gallery/stability.png
 
 from __future__ import annotations
 
-import argparse
 import csv
 import io
 import math
@@ -22,6 +21,8 @@ from matplotlib.lines import Line2D
 from PIL import Image
 
 from . import style
+from .figure import write_small_png
+from .output import Parser, exit_code, say
 from .paper import LENGTHS
 
 Row = dict[str, str]  # of a CSV: family, error (empty where refused), reason, and the axes
@@ -45,7 +46,6 @@ _LOOKS: dict[str, style.Look] = {
     REFUSES: {"color": "#B03A2E", "fillstyle": "none"},
 }
 _MARKS = ("o", "s", "^", "D")
-_SHADES = 256  # of the picture's palette
 
 
 def read(path: Path) -> list[Row]:
@@ -237,7 +237,7 @@ def save_small(picture: Figure, path: Path) -> None:
     picture.savefig(drawn, dpi=90)
     plt.close(picture)
     with Image.open(drawn) as full:
-        full.convert("RGB").quantize(_SHADES).save(path, optimize=True)
+        write_small_png(path, full)
 
 
 def _by_order(tables: dict[str, list[Row]]) -> Iterator[tuple[str, list[Row]]]:
@@ -267,16 +267,19 @@ def summary(tables: dict[str, list[Row]]) -> str:
 
 def main(arguments: list[str] | None = None) -> int:
     """Draw the map and print its summary."""
-    parser = argparse.ArgumentParser(prog="python -m entroslip.stability", description=__doc__)
+    parser = Parser(prog="python -m entroslip.stability", description=__doc__)
     parser.add_argument("folder", type=Path, help="with the CSVs of bench/stability.py")
     parser.add_argument("--out", type=Path, required=True, help="the picture, a PNG")
-    options = parser.parse_args(arguments)
-    mpl.use("Agg")
-    style.apply_style()
-    tables = {name: read(options.folder / f"{name}.csv") for name in _TABLES}
-    save_small(draw(tables), options.out)
-    print(summary(tables))
-    return 0
+
+    def draw_map() -> None:
+        options = parser.parse_args(arguments)
+        mpl.use("Agg")
+        style.apply_style()
+        tables = {name: read(options.folder / f"{name}.csv") for name in _TABLES}
+        save_small(draw(tables), options.out)
+        say(summary(tables))
+
+    return exit_code(draw_map)
 
 
 if __name__ == "__main__":

@@ -6,8 +6,10 @@ from collections.abc import Iterable
 from typing import Any
 
 import matplotlib as mpl
+import matplotlib.style
 from matplotlib.axes import Axes
 
+from .output import InputError
 from .paper import LENGTHS
 
 Look = dict[str, Any]  # keyword arguments of a matplotlib call
@@ -19,8 +21,8 @@ _DASHES = ("-", "--", "-.", (0, (1, 1)), (0, (5, 1, 1, 1, 1, 1)), (0, (8, 2)), (
 _LIGHTEST = 0.78  # of viridis, still seen on white
 
 
-def apply_style() -> None:
-    """Sizes and lines fit for a printed column."""
+def apply_style(*others: str) -> None:
+    """Sizes and lines fit for a printed column; over them, styles of matplotlib or of a file."""
     mpl.rcParams.update(
         {
             "figure.constrained_layout.use": True,
@@ -42,6 +44,11 @@ def apply_style() -> None:
             "pdf.fonttype": 42,
         }
     )
+    for style in others:
+        try:
+            mpl.style.use(style)
+        except (OSError, ValueError) as error:
+            raise InputError(" ".join(str(error).split())) from error
 
 
 def of_dof(dof: int, n_dof: int) -> Look:

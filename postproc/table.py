@@ -5,9 +5,12 @@ from __future__ import annotations
 import csv
 from collections.abc import Sequence
 from dataclasses import dataclass
+from io import StringIO
 from pathlib import Path
 
 import numpy as np
+
+from .output import write_file
 
 _MOST_BEHIND = 9  # digits behind the point; smaller numbers have a power of ten
 _LEAST_PLAIN = 1e-3  # likewise
@@ -28,8 +31,9 @@ class Table:
     def write_csv(self, folder: Path) -> Path:
         """The same cells, comma separated."""
         path = folder / f"{self.name}.csv"
-        with path.open("w", newline="", encoding="utf-8") as file:
-            csv.writer(file).writerows([self.header, *self.rows])
+        cells = StringIO(newline="")
+        csv.writer(cells).writerows([self.header, *self.rows])
+        write_file(path, cells.getvalue().encode())
         return path
 
 

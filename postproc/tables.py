@@ -43,7 +43,7 @@ def make_tables(files: Sequence[Results]) -> list[Table]:
     for results in files:
         for table in (table for source in SOURCES for table in source(results)):
             if table.name in found:
-                ending = results.path.stem
+                ending = results.stem
                 if table == found[table.name]:
                     continue
                 table = replace(

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import subprocess
+from contextlib import redirect_stdout
 
 import pytest
 
@@ -16,7 +17,8 @@ def results_of_scene(tmp_path_factory):
 
     def run(text, command="run", *options):
         folder = tmp_path_factory.mktemp("scene")
-        (folder / "small.nml").write_text(text)
+        raw = text if isinstance(text, bytes) else text.encode()
+        (folder / "small.nml").write_bytes(raw)
         words = [PROGRAM, command, "small.nml", *map(str, options), "--output", "small.h5"]
         done = subprocess.run(
             words, cwd=folder, env=ENVIRONMENT, capture_output=True, text=True, check=False
@@ -36,5 +38,6 @@ def results_file(results_of_scene):
 def drawn(results_file):
     """The folder with all that is drawn of it."""
     folder = results_file.parent / "drawn"
-    assert main([str(results_file), "--out", str(folder)]) == 0
+    with open(results_file.parent / "said", "w") as said, redirect_stdout(said):
+        assert main([str(results_file), "--out", str(folder)]) == 0
     return folder

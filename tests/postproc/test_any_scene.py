@@ -66,9 +66,9 @@ def quick_drawing(monkeypatch):
     """Coarse PNG and no PDF: how they are saved is another test's."""
     save = plt.Figure.savefig
 
-    def savefig(self, path, **_):
-        if path.suffix == ".png":
-            save(self, path, dpi=30)
+    def savefig(self, file, format, **_):
+        if format == "png":
+            save(self, file, format=format, dpi=30)
 
     monkeypatch.setattr(plt.Figure, "savefig", savefig)
 

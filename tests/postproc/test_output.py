@@ -1,0 +1,150 @@
+"""Any bytes come out, and what cannot be written ends in one line with its exit code."""
+
+from __future__ import annotations
+
+import os
+import resource
+import shutil
+import subprocess
+import sys
+
+import h5py
+import numpy as np
+import pytest
+
+from entroslip import open_results
+from entroslip.__main__ import main
+from entroslip.output import OutputError, readable, write_file
+from entroslip.results import ResultsError
+
+PROCESSES = "&process correlation_length = 0.3 order = 2 mean = 0.0 std = 1.0 positive = .false."
+
+
+@pytest.fixture(scope="module")
+def process_file(results_of_scene):
+    return results_of_scene(f"{PROCESSES} /\n")
+
+
+def run(*words, limit=None, **changed):
+    """The command, with words, a largest size of a file [bytes] and variables of environment."""
+
+    def limit_files():
+        resource.setrlimit(resource.RLIMIT_FSIZE, (limit, limit))
+
+    return subprocess.run(
+        [sys.executable, "-m", "entroslip", *map(os.fsencode, words)],
+        stderr=subprocess.PIPE, stdout=changed.pop("stdout", subprocess.PIPE),
+        preexec_fn=limit_files if limit else None, env=os.environ | changed, check=False,
+    )  # fmt: skip
+
+
+def one_line(done, code):
+    assert done.returncode == code, done.stderr.decode()
+    (line,) = done.stderr.decode().splitlines()
+    return line
+
+
+def test_latin_1_of_a_scene_reaches_the_report(results_of_scene, tmp_path):
+    """As editors of Windows store it, in a comment and in the title."""
+    scene = f"! Br\xfccke, 5 \xb5m\n&scene title = 'Tr\xe4ger' /\n{PROCESSES} /\n"
+    path = results_of_scene(scene.encode("latin-1"))
+    assert main([str(path), "--out", str(tmp_path)]) == 0
+    page = (tmp_path / "report.html").read_text(encoding="utf-8")
+    assert "! Brücke, 5 µm" in page
+    assert "<h1>Träger</h1>" in page
+
+
+def test_a_title_of_fixed_bytes_is_read(process_file, tmp_path):
+    path = shutil.copy(process_file, tmp_path / "fixed.h5")
+    with h5py.File(path, "r+") as file:
+        file.attrs["title"] = np.bytes_("Träger".encode("latin-1"))
+    assert open_results(path).title == "Träger"
+
+
+def test_bytes_are_read_as_what_they_are():
+    assert readable("µ".encode()) == readable("µ".encode("latin-1")) == "µ"
+    assert readable("\udcfc") == "ü"
+    assert readable(b"\x81") == "\ufffd"  # no letter anywhere
+
+
+def test_a_file_name_that_is_not_utf8_is_drawn(process_file, tmp_path):
+    """In a folder of such a name, on a terminal that shows ASCII alone."""
+    names = [os.fsdecode(b"Br\xfccke.h5"), os.fsdecode(b"Br\xfccke 2.h5")]
+    paths = [shutil.copy(process_file, tmp_path / name) for name in names]
+    out = tmp_path / os.fsdecode(b"\xfcber")
+    done = run(*paths, "--out", out, PYTHONIOENCODING="ascii")
+    assert done.returncode == 0, done.stderr
+    assert b"ber/report.html" in done.stdout
+    assert (out / "fig_02a_Brücke 2.pdf").exists()
+    assert 'id="fig_02a_Brücke 2"' in (out / "report.html").read_text(encoding="utf-8")
+
+
+def test_the_backend_of_the_user_does_not_matter():
+    assert run("--help", MPLBACKEND="nonsense").returncode == 0
+
+
+@pytest.mark.parametrize("limit", [100, 20_000])
+def test_a_full_disk_is_one_line(process_file, tmp_path, limit):
+    """Tables or pictures do not fit; what is there is whole."""
+    done = run(process_file, "--out", tmp_path, limit=limit)
+    line = one_line(done, 3)
+    assert line.startswith(f"{tmp_path}/")
+    assert line.endswith(": cannot be written: File too large")
+    assert not list(tmp_path.glob("*.part"))
+    assert not (tmp_path / "report.html").exists()
+
+
+def test_a_file_is_whole_or_as_before(tmp_path):
+    path = tmp_path / "a"
+    write_file(path, b"before")
+    (tmp_path / "a.part").mkdir()
+    with pytest.raises(OutputError, match=r"a: cannot be written: Is a directory"):
+        write_file(path, b"after")
+    assert path.read_bytes() == b"before"
+
+
+def test_a_full_or_closed_output_is_one_line(process_file, tmp_path):
+    with open("/dev/full", "w") as full:
+        line = one_line(run(process_file, "--out", tmp_path, stdout=full), 3)
+        assert line == "standard output: cannot be written: No space left on device"
+    reader, writer = os.pipe()
+    os.close(reader)
+    line = one_line(run("--help", stdout=writer), 3)
+    os.close(writer)
+    assert line == "standard output: cannot be written: Broken pipe"
+
+
+def test_all_tables_are_counted(drawn):
+    """That of the paper's statements too."""
+    tables = {path.name for path in drawn.glob("*.csv")}
+    assert "statements.csv" in tables
+    assert f"figures and {len(tables)} tables in" in (drawn.parent / "said").read_text()
+
+
+def test_axes_of_no_use_are_refused(results_file, tmp_path, capsys):
+    """A frequency that is no number, an axis without values."""
+    path = shutil.copy(results_file, tmp_path / "spoilt.h5")
+    for axis, spoil, rule in (
+        ("frequency", np.nan, "is an axis with a value that is no number"),
+        ("percentile", None, "is an axis without values"),
+    ):
+        shutil.copy(results_file, path)
+        with h5py.File(path, "r+") as file:
+            case = file["campaign/c003"]
+            if spoil is not None:
+                case[axis][3] = spoil
+            else:
+                empty_axis(case, axis)
+        with pytest.raises(ResultsError, match=f"/campaign/c003/{axis}: {rule}"):
+            open_results(path)
+        assert main([str(path), "--out", str(tmp_path / "out")]) == 2
+        assert len(capsys.readouterr().err.splitlines()) == 1
+
+
+def empty_axis(case, axis):
+    """The same group with no value along an axis."""
+    along = [name for name in case if axis in case[name].attrs.get("DIMENSION_LABELS", [])]
+    for name in [axis, *along]:
+        del case[name]
+    case[axis] = np.zeros(0)
+    case[axis].make_scale(axis)
