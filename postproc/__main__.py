@@ -1,4 +1,7 @@
-"""Draws every figure and table of results files, and one report of all of them."""
+"""Draws every figure and table of results files, and one report of all of them.
+
+`compare before.h5 after.h5` tells the differences of two designs instead.
+"""
 
 from __future__ import annotations
 
@@ -7,6 +10,7 @@ import sys
 from pathlib import Path
 
 from . import headless  # noqa: F401  (before matplotlib)
+from .compare import compare
 from .figure import Ranges
 from .gallery import make_figures
 from .output import InputError, Parser, exit_code, make_folder, say
@@ -21,13 +25,17 @@ from .tables import make_tables, table_statements
 def main(arguments: list[str] | None = None) -> int:
     """Draw everything; exit code 2 for what cannot be read, 3 for what cannot be written."""
 
+    words = sys.argv[1:] if arguments is None else arguments
+    is_comparison = words[:1] == ["compare"]
+
     def draw() -> None:
-        options = _parser().parse_args(arguments)
+        parser = _comparison_parser() if is_comparison else _parser()
+        options = parser.parse_args(words[1:] if is_comparison else words)
         apply_style(*options.style)
         files = [open_results(path) for path in options.results]
         make_folder(options.out)
         try:
-            say(_draw(files, options))
+            say(compare(*files, options.out) if is_comparison else _draw(files, options))
         except OSError:
             damages = _damages(options.results)
             if not damages:
@@ -59,22 +67,35 @@ def _damages(paths: list[Path]) -> list[str]:
 
 def _parser() -> Parser:
     parser = Parser(prog="python -m entroslip", description=__doc__)
-    parser.add_argument("results", type=Path, nargs="+", help="results files of entroslip")
-    parser.add_argument("--out", type=Path, required=True, help="folder for what is drawn")
+    _add_common(parser, "+", "results files of entroslip")
     parser.add_argument(
         "--paper-axes", action="store_true",
         help="the same ranges of the axes in all panels of a figure, as far as the paper's text"
         " says any, to lay them beside the paper's",
     )  # fmt: skip
     parser.add_argument(
-        "--style", action="append", default=[],
-        help="a style of matplotlib over the one of the figures: a name, or a file (repeatable)",
-    )  # fmt: skip
-    parser.add_argument(
         "--axes", type=_ranges, action="append", default=[], metavar="NAME=X0,X1,Y0,Y1",
         help="ranges of the axes of the figures whose name starts so (repeatable)",
     )  # fmt: skip
     return parser
+
+
+def _comparison_parser() -> Parser:
+    parser = Parser(
+        prog="python -m entroslip compare",
+        description="Tells the differences of two designs, sample by sample where the seeds agree.",
+    )
+    _add_common(parser, 2, "results files of the two designs, before and after")
+    return parser
+
+
+def _add_common(parser: Parser, count: str | int, what: str) -> None:
+    parser.add_argument("results", type=Path, nargs=count, help=what)
+    parser.add_argument("--out", type=Path, required=True, help="folder for what is drawn")
+    parser.add_argument(
+        "--style", action="append", default=[],
+        help="a style of matplotlib over the one of the figures: a name, or a file (repeatable)",
+    )  # fmt: skip
 
 
 def _ranges(text: str) -> tuple[str, Ranges]:

@@ -1,0 +1,268 @@
+"""Two designs side by side: differences sample by sample, with their errors.
+
+The same seed and the same process mean the same friction values, sample by sample, and the same
+force record. Then results differ by the design alone, and a difference has a far smaller error than
+either result. Where the seeds differ, the errors of the two results are added in squares.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from functools import partial
+from pathlib import Path
+
+import numpy as np
+from matplotlib.axes import Axes
+from numpy.typing import NDArray
+
+from .figure import Figure
+from .output import InputError
+from .results import Case, Results
+from .style import line_of_dof, of_rank, some_of
+from .table import Table, value_with_error
+
+Values = NDArray[np.float64]
+
+_NORMAL_95 = 1.96  # half width of a 95 % interval, in standard errors
+_NEGLIGIBLE_POWER = 1.0e-4  # share of the mean spectrum beyond the frequencies that are drawn
+
+
+@dataclass(frozen=True)
+class Change:
+    """A statistic of each joint or dof before and after, and its change with a standard error."""
+
+    before: Values
+    after: Values
+    change: Values
+    error: Values  # not a number where a single sample says none
+    error_apart: Values  # of the change, if the samples were not the same
+
+
+@dataclass(frozen=True)
+class Pair:
+    """The same case of two files: one process under one excitation."""
+
+    before: Case
+    after: Case
+    label: str
+    is_paired: bool  # sample by sample
+
+    @property
+    def n_samples(self) -> int:
+        """Samples that both have."""
+        return min(self.before.n_samples, self.after.n_samples)
+
+    def samples(self, name: str) -> tuple[Values, Values] | None:
+        """A dataset of every sample, before and after; None where either file has it not."""
+        if not (self.before.has(name) and self.after.has(name)):
+            return None
+        first, second = (
+            np.asarray(case.data[name].values, dtype=float)[: self.n_samples]
+            for case in (self.before, self.after)
+        )
+        if first.shape != second.shape:
+            raise InputError(
+                f"{self.label}: {name} has the shape {first.shape} before and {second.shape} after:"
+                " only structures with the same joints and spectra can be compared"
+            )
+        return first, second
+
+
+def pair_cases(before: Results, after: Results) -> list[Pair]:
+    """Cases that both files have, by process, standard deviation, length and force."""
+    is_paired = before.attrs.get("seed") == after.attrs.get("seed")
+    others = {_key(case): case for case in after.cases}
+    pairs = [
+        Pair(case, others[_key(case)], _label(case), is_paired)
+        for case in before.cases
+        if _key(case) in others
+    ]
+    if not pairs:
+        raise InputError(
+            f"{before.path} and {after.path}: no case of the same process under the same force"
+        )
+    return pairs
+
+
+def _key(case: Case) -> tuple[object, ...]:
+    return (case.is_deterministic, case.std, case.correlation_length, case.variance)
+
+
+def _label(case: Case) -> str:
+    force = f"variance {case.variance:g} N²" if case.variance else "force from a file"
+    if case.is_deterministic:
+        return f"friction given, {force}"
+    return f"L = {case.correlation_length:g}, std {case.std:g}, {force}"
+
+
+def mean_change(before: Values, after: Values, is_paired: bool) -> Change:
+    """Change of the mean over samples (sample, place)."""
+    return _change(before.mean(axis=0), after.mean(axis=0), before, after, is_paired)
+
+
+def std_change(before: Values, after: Values, is_paired: bool) -> Change:
+    """Change of the standard deviation over samples, by the influence of each sample on it."""
+    if len(before) < 2:
+        nothing = np.full(before.shape[1], np.nan)
+        return Change(nothing, nothing, nothing, nothing, nothing)
+    spreads = [values.std(axis=0, ddof=1) for values in (before, after)]
+    influences = [
+        np.divide(
+            (values - values.mean(axis=0)) ** 2, 2.0 * spread,
+            out=np.zeros_like(values), where=spread > 0.0,
+        )
+        for values, spread in zip((before, after), spreads, strict=True)
+    ]  # fmt: skip
+    return _change(*spreads, *influences, is_paired)
+
+
+def _change(
+    before: Values, after: Values, per_sample: Values, per_sample_after: Values, is_paired: bool
+) -> Change:
+    n = len(per_sample)
+    if n < 2:
+        nothing = np.full(np.shape(before), np.nan)
+        return Change(before, after, after - before, nothing, nothing)
+    apart = np.sqrt((per_sample.var(axis=0, ddof=1) + per_sample_after.var(axis=0, ddof=1)) / n)
+    paired = np.sqrt((per_sample_after - per_sample).var(axis=0, ddof=1) / n)
+    return Change(before, after, after - before, paired if is_paired else apart, apart)
+
+
+def _changes(pair: Pair) -> Iterator[tuple[str, float, Change]]:
+    """Each statistic with the factor into its printed unit."""
+    slip = pair.samples("slip_fraction")
+    if slip is not None:
+        yield "mean time in slip [%]", 100.0, mean_change(*slip, pair.is_paired)
+        if pair.n_samples > 1:
+            yield "std of the time in slip [%]", 100.0, std_change(*slip, pair.is_paired)
+    for name, text in (("slip_distance", "slip distance [m]"), ("dissipation", "dissipation [J]")):
+        values = pair.samples(name)
+        if values is not None:
+            yield text, 1.0, mean_change(*values, pair.is_paired)
+    spectra = pair.samples("psd")
+    if spectra is not None:
+        step = float(np.diff(pair.before.data["frequency"].values[:2])[0])
+        power = [values.sum(axis=1) * step for values in spectra]
+        yield "pseudo-variance [m²]", 1.0, mean_change(*power, pair.is_paired)
+
+
+def change_table(before: Results, after: Results, pairs: Sequence[Pair]) -> Table:
+    """Every statistic of every joint or dof, before, after, and its change."""
+    rows = []
+    for pair in pairs:
+        for text, factor, change in _changes(pair):
+            for place in range(len(change.change)):
+                error, apart = change.error[place], change.error_apart[place]
+                gain = f"{apart / error:.1f}" if pair.is_paired and error > 0.0 else "-"
+                rows.append(
+                    (
+                        pair.label, text, str(place + 1),
+                        f"{factor * change.before[place]:.5g}",
+                        f"{factor * change.after[place]:.5g}",
+                        value_with_error(factor * change.change[place], factor * error), gain,
+                    )
+                )  # fmt: skip
+    how = (
+        "Samples have the same friction values and the same force in both: errors are those of the"
+        " differences sample by sample. The last column says how many times larger they would be"
+        " without."
+        if pairs[0].is_paired
+        else "The seeds differ: errors of the two results are added in squares."
+    )
+    return Table(
+        "comparison", f"{after.title} against {before.title}",
+        ("case", "statistic", "joint or dof", "before", "after", "change", "gain"), rows,
+        f"{how} Standard errors in brackets, in units of the last digits.",
+    )  # fmt: skip
+
+
+def change_figures(pairs: Sequence[Pair]) -> list[Figure]:
+    """Change of the time in slip over the joints, and of the mean spectra over frequency."""
+    figures = []
+    slips = [pair for pair in pairs if pair.samples("slip_fraction") is not None]
+    if slips:
+        figures.append(
+            Figure(
+                "comparison_slip", "Change of the time in slip",
+                "Mean over samples, after less before, in points of %. Bars: 95 % intervals.",
+                "The friction study", (partial(_draw_slip, slips),),
+            )
+        )  # fmt: skip
+    spectra = [pair for pair in pairs if pair.samples("psd") is not None and pair.n_samples > 1]
+    if spectra:
+        figures.append(
+            Figure(
+                "comparison_spectra", "Change of the mean spectra",
+                "Mean spectral density after over that before, with 95 % bands.",
+                "The friction study", tuple(partial(_draw_spectra, pair) for pair in spectra),
+            )
+        )  # fmt: skip
+    return figures
+
+
+def _draw_slip(pairs: Sequence[Pair], axes: Axes) -> None:
+    width = 0.6 / len(pairs)
+    for rank, pair in enumerate(pairs):
+        slip = pair.samples("slip_fraction")
+        if slip is None:
+            continue
+        change = mean_change(*slip, pair.is_paired)
+        place = np.arange(1, len(change.change) + 1) + width * (rank - (len(pairs) - 1) / 2)
+        look = of_rank(rank, len(pairs)) | {"linestyle": "none"}
+        bars = np.nan_to_num(_NORMAL_95 * 100.0 * change.error)
+        axes.errorbar(place, 100.0 * change.change, yerr=bars, capsize=2, label=pair.label, **look)
+    axes.axhline(0.0, color="0.4", linewidth=0.8)
+    axes.set(xlabel="joint", ylabel="change of the mean time in slip [points of %]")
+    axes.xaxis.get_major_locator().set_params(integer=True)
+    axes.legend()
+
+
+def _draw_spectra(pair: Pair, axes: Axes) -> None:
+    spectra = pair.samples("psd")
+    if spectra is None:
+        return
+    before, after = spectra
+    frequency = pair.before.data["frequency"].values
+    power = np.cumsum(before.mean(axis=(0, 2)))
+    kept = int(np.argmax(power >= (1.0 - _NEGLIGIBLE_POWER) * power[-1])) + 1
+    n_dof = before.shape[2]
+    for dof in some_of(n_dof):
+        first, second = (values[:, :kept, dof - 1] for values in (before, after))
+        means = first.mean(axis=0), second.mean(axis=0)
+        per_sample = [values / mean for values, mean in zip((first, second), means, strict=True)]
+        change = _change(np.log(means[0]), np.log(means[1]), *per_sample, pair.is_paired)
+        look = line_of_dof(dof, n_dof)
+        axes.plot(frequency[:kept], np.exp(change.change), label=f"dof {dof}", **look)
+        reach = _NORMAL_95 * change.error
+        axes.fill_between(
+            frequency[:kept], np.exp(change.change - reach), np.exp(change.change + reach),
+            color=look["color"], alpha=0.15, linewidth=0.0,
+        )  # fmt: skip
+    axes.axhline(1.0, color="0.4", linewidth=0.8)
+    axes.set(
+        xlabel="frequency [Hz]", ylabel="spectral density, after over before", yscale="log",
+        title=pair.label,
+    )  # fmt: skip
+    axes.yaxis.set_major_formatter("{x:g}")
+    axes.yaxis.set_minor_formatter("{x:g}")
+    axes.legend()
+
+
+def compare(before: Results, after: Results, folder: Path) -> str:
+    """Write table and figures into the folder; what was written, in words."""
+    pairs = pair_cases(before, after)
+    table = change_table(before, after, pairs)
+    table.write_csv(folder)
+    figures = [figure.save(folder).name for figure in change_figures(pairs)]
+    return "\n".join(
+        [*_lines(table), "", f"comparison.csv, {', '.join(figures)} in {folder}", table.note]
+    )
+
+
+def _lines(table: Table) -> Iterator[str]:
+    """The table in columns."""
+    rows = [table.header, *table.rows]
+    widths = [max(len(row[i]) for row in rows) for i in range(len(table.header))]
+    for row in rows:
+        yield "  ".join(cell.ljust(width) for cell, width in zip(row, widths, strict=True)).rstrip()

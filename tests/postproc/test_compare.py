@@ -1,0 +1,97 @@
+"""Differences of two designs: paired by sample, their errors against other ways to find them."""
+
+from __future__ import annotations
+
+import csv
+from pathlib import Path
+
+import numpy as np
+import pytest
+import xarray as xr
+
+from entroslip.__main__ import main
+from entroslip.compare import change_table, mean_change, pair_cases, std_change
+from entroslip.output import InputError
+from entroslip.results import Case, Results
+from tests.conftest import SMALL_SCENE
+
+
+def design(slip, seed=7, variance=3.7):
+    """A file of one case with these slip fractions (sample, joint)."""
+    data = xr.Dataset(
+        {"slip_fraction": (("sample", "dof"), slip)},
+        attrs={"process": "p001", "std": 0.1, "correlation_length": 1.0, "variance": variance},
+    )
+    return Results(Path("d.h5"), {"seed": seed, "title": "d"}, {}, None, [Case("c001", data)])
+
+
+@pytest.fixture
+def pair():
+    """Two designs whose samples share nine tenths of their variance."""
+    random = np.random.default_rng(3)
+    shared = random.normal(size=(400, 3))
+    return shared, 0.9 * shared + 0.1 * random.normal(size=shared.shape) + 0.25
+
+
+def test_the_error_of_a_paired_mean_is_that_of_the_differences(pair):
+    change = mean_change(*pair, is_paired=True)
+    differences = pair[1] - pair[0]
+    assert np.allclose(change.change, differences.mean(axis=0), atol=1e-15)
+    assert np.allclose(change.error, differences.std(axis=0, ddof=1) / 20.0, rtol=1e-12)
+    assert (change.error_apart > 5.0 * change.error).all()
+
+
+def test_without_common_samples_errors_add_in_squares(pair):
+    change = mean_change(*pair, is_paired=False)
+    alone = [values.std(axis=0, ddof=1) / 20.0 for values in pair]
+    assert np.allclose(change.error, np.hypot(*alone), rtol=1e-12)
+
+
+def test_the_error_of_a_change_of_std_is_that_of_the_jackknife(pair):
+    """Influence and jackknife agree to a relative 2/n; n = 400."""
+    change = std_change(*pair, is_paired=True)
+    n = len(pair[0])
+    left_out = np.array(
+        [
+            np.subtract(*(np.delete(v, i, axis=0).std(axis=0, ddof=1) for v in pair[::-1]))
+            for i in range(n)
+        ]
+    )
+    jackknife = np.sqrt((n - 1) / n * ((left_out - left_out.mean(axis=0)) ** 2).sum(axis=0))
+    assert np.allclose(change.error, jackknife, rtol=0.02)
+
+
+def test_only_cases_of_both_files_are_compared_and_none_is_refused(pair):
+    before, after = design(pair[0]), design(pair[1])
+    assert [p.is_paired for p in pair_cases(before, after)] == [True]
+    assert [p.is_paired for p in pair_cases(before, design(pair[1], seed=8))] == [False]
+    with pytest.raises(InputError, match="no case of the same process"):
+        pair_cases(before, design(pair[1], variance=41.1))
+
+
+def test_structures_with_other_joints_are_refused(pair):
+    before, after = design(pair[0]), design(pair[1][:, :2])
+    with pytest.raises(InputError, match=r"slip_fraction has the shape \(400, 3\) before"):
+        change_table(before, after, pair_cases(before, after))
+
+
+def test_compare_tells_what_tighter_joints_change(results_of_scene, results_file, tmp_path, capsys):
+    """The program end to end: tighter joints slip less; a design does not differ from itself."""
+    tighter = results_of_scene(SMALL_SCENE, "run", "--set", "chain%normal_load=30")
+    assert main(["compare", str(results_file), str(tighter), "--out", str(tmp_path)]) == 0
+    assert "sample by sample" in capsys.readouterr().out
+    rows = list(csv.DictReader((tmp_path / "comparison.csv").open()))
+    slip = [row for row in rows if row["statistic"].startswith("mean time in slip")]
+    assert all(float(row["after"]) <= float(row["before"]) for row in slip)
+    assert sum(float(row["before"]) for row in slip) > sum(float(row["after"]) for row in slip)
+    assert (tmp_path / "comparison_slip.png").exists()
+    assert main(["compare", str(results_file), str(results_file), "--out", str(tmp_path)]) == 0
+    rows = list(csv.DictReader((tmp_path / "comparison.csv").open()))
+    assert {row["change"].split("(")[0] for row in rows} <= {"0", "-"}
+
+
+def test_compare_wants_two_files(results_file, tmp_path, capsys):
+    with pytest.raises(SystemExit) as ended:
+        main(["compare", str(results_file), "--out", str(tmp_path)])
+    assert ended.value.code == 2
+    assert "results" in capsys.readouterr().err
