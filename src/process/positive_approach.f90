@@ -24,7 +24,7 @@ module process_positive_approach
 
    integer, parameter :: quick_steps = 128     !! of a batch on the way to a first solution
    integer, parameter :: limit_steps = 1024    !! of a batch where std/mean may end
-   integer, parameter :: shape_steps = 512     !! of a batch while the shape is sought
+   integer, parameter :: shape_steps = 128     !! of a batch while the shape is sought
    real(wp), parameter :: farthest = 0.7_wp    !! ln factor, without following the family
    real(wp), parameter :: close_enough = 1.0e-5_wp  !! relative, of ratio and length on the way
    !> gradient of the entropy left: wanted, accepted, and over its largest component

@@ -70,7 +70,7 @@ contains
       integer, intent(in) :: ring_length     !! much longer than the memory, and than all lags
       integer, intent(in) :: n_burn_in       !! sweeps
       integer, intent(in) :: n_sweeps        !! of a batch
-      type(stream_type), intent(inout) :: stream
+      class(stream_type), intent(inout) :: stream
       type(batch_averages), intent(inout) :: batches   !! allocated; a multiple of `lanes` batches
       type(ring_type) :: ring
       real(wp) :: at_zero(lanes), sums(lanes, -1:batches%n_single + 2, 2)
@@ -122,7 +122,7 @@ contains
       real(wp), intent(in) :: start         !! near the mean
       integer, intent(in) :: margin         !! steps beyond which nothing is felt
       integer, intent(in) :: n_sweeps
-      type(stream_type), intent(inout) :: stream
+      class(stream_type), intent(inout) :: stream
       real(wp), intent(out) :: values(:)
       type(ring_type) :: ring
       real(wp) :: at_zero(lanes)
@@ -159,7 +159,7 @@ contains
    !> not see each other, so that all lanes move at once.
    subroutine redraw(ring, stream, at_zero)
       type(ring_type), intent(inout) :: ring
-      type(stream_type), intent(inout) :: stream
+      class(stream_type), intent(inout) :: stream
       real(wp), intent(inout) :: at_zero(lanes)   !! the density at 0, added up
       real(wp) :: u(lanes*ring%length)
 

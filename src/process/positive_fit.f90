@@ -67,7 +67,7 @@ contains
          if (allocated(error)) then
             call name_what_exists(request, seed, passed_limit, error)
          else
-            call compare_laws(request, law, point, final_steps, model)
+            call compare_laws(request, law, point, model)
          end if
          if (request%method == 'direct' .and. .not. allocated(error)) &
             call name_multipliers(request, model)

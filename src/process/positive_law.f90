@@ -5,15 +5,15 @@
 !> All is in units of b0.
 module process_positive_law
    use core_kinds, only: wp
-   use core_random, only: stream_type
    use core_text, only: to_text
    use numerics_constrained_maximum, only: objective_type
    use process_ar_model, only: coefficients_of, reflection_of
    use process_positive_exact, only: precision_of, sample_exact, sweeps_to_forget
    use process_positive_moments, only: batch_averages, estimate_autocovariance, estimate_moments, &
       new_batches, positive_moments
+   use process_positive_numbers, only: shared_numbers
    use process_positive_partition, only: entropy_of_exact_law, log_partition
-   use process_positive_sequential, only: sample_sequential
+   use process_positive_sequential, only: numbers_needed, sample_sequential
    use process_spectral_factor, only: factor_symbol
    use process_truncated_normal, only: lanes
    implicit none(type, external)
@@ -52,7 +52,7 @@ module process_positive_law
       !> values simulated so far, in units of those of low order, and how many at most: a bound
       !> that does not depend on the machine, some 30 s of a processor
       real(wp) :: effort = 0.0_wp, most_effort = 3.0e9_wp
-      type(stream_type) :: stream
+      type(shared_numbers) :: numbers
       real(wp), allocatable :: a(:)                  !! of the last evaluation, as all that follows
       real(wp) :: coordinate = 0.0_wp
       !> near the mean [b0]: where chains start, and products are taken about it, so that hardly
@@ -107,7 +107,7 @@ module process_positive_law
       !> Entropy per point of x/b0 at the point of the last evaluation, and its standard error.
       subroutine entropy_of_law(self, entropy, standard_error)
          import :: positive_law, wp
-         class(positive_law), intent(in) :: self
+         class(positive_law), intent(inout) :: self
          real(wp), intent(out) :: entropy, standard_error
       end subroutine entropy_of_law
    end interface
@@ -257,14 +257,13 @@ contains
 
    subroutine sample_sequential_law(self)
       class(sequential_law), intent(inout) :: self
-      type(stream_type) :: stream
       integer :: n_steps
 
-      stream = self%stream
       n_steps = max(self%n_steps, self%n_lags)
       call self%count_values(self%n_burn_in + n_batches/lanes*n_steps)
+      call self%numbers%rewind(numbers_needed(self%n_burn_in, n_steps, n_batches/lanes))
       call sample_sequential(self%a, self%coordinate, self%companion, self%centre, &
-                             self%n_burn_in, n_steps, stream, self%batches)
+                             self%n_burn_in, n_steps, self%numbers, self%batches)
    end subroutine sample_sequential_law
 
    !> The companion's memory measures that of every process of the wanted length.
@@ -291,7 +290,7 @@ contains
    end function entropy_rests
 
    subroutine averaged_entropy(self, entropy, standard_error)
-      class(sequential_law), intent(in) :: self
+      class(sequential_law), intent(inout) :: self
       real(wp), intent(out) :: entropy, standard_error
 
       entropy = self%moments%entropy + log(self%moments%std)
@@ -306,14 +305,14 @@ contains
 
    subroutine sample_exact_law(self)
       class(exact_law), intent(inout) :: self
-      type(stream_type) :: stream
       integer :: n_sweeps
 
-      stream = self%stream
       n_sweeps = max(self%n_steps/self%ring_length(), 2)
+      call self%numbers%rewind(real(lanes, wp)*self%ring_length()*(self%n_burn_in + &
+                                                                   n_batches/lanes*n_sweeps))
       call self%count_values((self%n_burn_in + n_batches/lanes*n_sweeps)*self%ring_length())
       call sample_exact(self%a, self%coordinate, self%companion, self%centre, &
-                        self%ring_length(), self%n_burn_in, n_sweeps, stream, self%batches)
+                        self%ring_length(), self%n_burn_in, n_sweeps, self%numbers, self%batches)
    end subroutine sample_exact_law
 
    !> Values per ring: K has fallen below 1e-8 before it comes around.
@@ -382,15 +381,14 @@ contains
 
    !> See `process_positive_partition`.
    subroutine integrated_entropy(self, entropy, standard_error)
-      class(exact_law), intent(in) :: self
+      class(exact_law), intent(inout) :: self
       real(wp), intent(out) :: entropy, standard_error
       integer, parameter :: enough = 8192   ! steps of a batch: each node has as many
-      type(stream_type) :: stream
       real(wp) :: psi, psi_error
 
-      stream = self%stream
+      call self%numbers%rewind(huge(1.0_wp))
       call log_partition(self%a, self%coordinate, self%ring_length(), self%n_burn_in, &
-                         max(min(self%n_steps, enough)/self%ring_length(), 8), stream, psi, &
+                         max(min(self%n_steps, enough)/self%ring_length(), 2), self%numbers, psi, &
                          psi_error)
       entropy = entropy_of_exact_law(psi, self%coordinate, self%moments%mean)
       standard_error = norm2([psi_error, 0.5_wp*self%coordinate*self%moments%mean_error])

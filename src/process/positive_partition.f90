@@ -29,7 +29,7 @@ contains
       real(wp), intent(in) :: field         !! mu (1 + sum a_q)^2/b0
       integer, intent(in) :: ring_length
       integer, intent(in) :: n_burn_in, n_sweeps   !! sweeps, and sweeps of a batch
-      type(stream_type), intent(inout) :: stream
+      class(stream_type), intent(inout) :: stream
       real(wp), intent(out) :: psi, standard_error
       integer, parameter :: n_nodes = 16
       real(wp) :: error, g(0:size(a)), mu, nodes(n_nodes), slope, symbol(0:size(a)), variance, &
@@ -66,7 +66,7 @@ contains
       real(wp), intent(in) :: mu             !! not negative
       real(wp), intent(in) :: field          !! a further one, not positive
       integer, intent(in) :: ring_length, n_burn_in, n_sweeps
-      type(stream_type), intent(inout) :: stream
+      class(stream_type), intent(inout) :: stream
       real(wp), intent(out) :: slope, standard_error
       integer, parameter :: n_batches = 8*lanes
       type(batch_averages) :: batches

@@ -13,6 +13,7 @@ module process_positive_preparation
    use process_positive_exact, only: precision_of
    use process_positive_law, only: exact_law, n_batches, positive_law, sequential_law
    use process_positive_moments, only: new_batches
+   use process_positive_numbers, only: new_shared_numbers
    use process_positive_sequential, only: memory_of
    use process_truncated_normal, only: fit_truncated_normal
    implicit none(type, external)
@@ -86,7 +87,7 @@ contains
       law%coordinate = mu/b0*(1.0_wp + sum(law%companion))**law%power
       law%centre = request%mean/b0
       law%memory = ceiling(1.5_wp*memory_of(unconstrained%poles, 1.0e-9_wp))
-      law%stream = stream
+      law%numbers = new_shared_numbers(stream)
       n_single = max(request%order, law%cut)
       if (any(rho(n_single + 2:) < 0.0_wp)) n_single = law%n_lags
       law%batches = new_batches(law%n_lags, min(n_single, law%n_lags), n_batches)

@@ -55,7 +55,7 @@ contains
    !> Of the last evaluation, in the unit of X: what a realization is drawn by, moments, entropy.
    subroutine outline_sampled(request, law, model)
       type(process_request), intent(in) :: request
-      class(positive_law), intent(in) :: law
+      class(positive_law), intent(inout) :: law
       type(process_model_type), intent(inout) :: model
 
       model%request = request
@@ -81,7 +81,7 @@ contains
    !> What was found, in the unit of X.
    subroutine describe_sampled(request, law, point, multipliers, spread, model, error)
       type(process_request), intent(in) :: request
-      class(positive_law), intent(in) :: law
+      class(positive_law), intent(inout) :: law
       real(wp), intent(in) :: point(:)
       !> what the entropy of X/std gains as ratio and length exceed what is wanted, relatively
       real(wp), intent(in) :: multipliers(:)
@@ -199,12 +199,12 @@ contains
    !> What the same a_q, b0 and mu give under the other law, and the acceptances of both. Of the
    !> exact law, nothing where it remembers more than its fits carry; of either, nothing where its
    !> mu is beyond what is sampled.
-   subroutine compare_laws(request, law, point, n_steps, model)
+   subroutine compare_laws(request, law, point, model)
       type(process_request), intent(in) :: request
       class(positive_law), intent(in) :: law
       real(wp), intent(in) :: point(:)
-      integer, intent(in) :: n_steps   !! of a batch of the other law
       type(process_model_type), intent(inout) :: model
+      integer, parameter :: moment_steps = 1024, entropy_steps = 256   ! of a batch
       type(error_type), allocatable :: error
       class(positive_law), allocatable :: other
       real(wp), allocatable :: kappa(:), state(:)
@@ -212,7 +212,7 @@ contains
       logical :: is_inside
 
       call prepare_law(request, merge('exact     ', 'sequential', &
-                                      request%sampler == 'sequential'), law%stream, other, &
+                                      request%sampler == 'sequential'), law%numbers%origin, other, &
                        kappa, error)
       if (allocated(error)) then   ! longer than it is sampled: not known
          deallocate (error)
@@ -221,10 +221,11 @@ contains
       location = model%mu/model%b0
       coordinate = location*(1.0_wp + sum(model%a))**other%power
       other%factor = law%factor
-      other%n_steps = n_steps
+      other%n_steps = moment_steps
       call other%settle(model%a)
       call other%evaluate([point(:size(point) - 1), asinh(coordinate)], state, is_inside)
       if (.not. is_inside) return
+      other%n_steps = entropy_steps
       call other%find_entropy(model%other_entropy, other_error)
       model%other_entropy = model%other_entropy + log(model%b0)
       model%other_mean = model%b0*other%moments%mean

@@ -7,13 +7,14 @@ module process_positive_sequential
    use core_kinds, only: wp
    use core_random, only: stream_type
    use process_positive_moments, only: add_products, batch_averages, n_acceptance_sums
-   use process_truncated_normal, only: acceptance_lanes, draw_truncated, draw_truncated_lanes, &
-      lanes, truncated_variance
+   use process_truncated_normal, only: add_logarithms, draw_truncated, draw_truncated_lanes, &
+      lanes, scale_below, truncated_variance
    implicit none(type, external)
    private
-   public :: memory_of, march_sequential, sample_sequential
+   public :: memory_of, march_sequential, numbers_needed, sample_sequential
 
    integer, parameter :: block_steps = 128
+   integer, parameter :: product_steps = 8   !! share one logarithm of their acceptances
 
 contains
 
@@ -29,7 +30,7 @@ contains
       real(wp), intent(in) :: centre         !! start of every chain, near the mean [b0]
       integer, intent(in) :: n_burn_in       !! steps until stationary
       integer, intent(in) :: n_steps         !! of a batch; rounded up to whole blocks
-      type(stream_type), intent(inout) :: stream
+      class(stream_type), intent(inout) :: stream
       type(batch_averages), intent(inout) :: batches   !! allocated; a multiple of `lanes` batches
       real(wp), allocatable :: d(:, :), y(:, :), sums(:, :, :)
       real(wp) :: acceptance(lanes, n_acceptance_sums)
@@ -64,21 +65,32 @@ contains
       end do
    end subroutine sample_sequential
 
+   !> Uniform numbers that `sample_sequential` reads.
+   pure function numbers_needed(n_burn_in, n_steps, n_stretches) result(n)
+      integer, intent(in) :: n_burn_in, n_steps   !! see there
+      integer, intent(in) :: n_stretches          !! batches over lanes
+      real(wp) :: n
+
+      n = real(lanes*block_steps, wp)*((n_burn_in + block_steps - 1)/block_steps + &
+                                       n_stretches*((n_steps + block_steps - 1)/block_steps))
+   end function numbers_needed
+
    !> One block of steps of all lanes; the newest values become the history of the next block.
    subroutine march_block(a, offset, companion, centre, history, stream, d, y, acceptance)
       real(wp), intent(in) :: a(:), offset, companion(:), centre
       integer, intent(in) :: history
-      type(stream_type), intent(inout) :: stream
+      class(stream_type), intent(inout) :: stream
       real(wp), intent(inout) :: d(lanes, 1 - history:block_steps), &
          y(lanes, 1 - history:block_steps)
       real(wp), intent(inout) :: acceptance(lanes, n_acceptance_sums)
       real(wp) :: u(lanes*block_steps)
-      real(wp) :: c(lanes), hazard(lanes), factor(lanes), x(lanes)
+      real(wp) :: c(lanes), hazard(lanes), factor(lanes), x(lanes), product(lanes)
       integer :: lane, n, q
 
       d(:, 1 - history:0) = d(:, block_steps + 1 - history:block_steps)
       y(:, 1 - history:0) = y(:, block_steps + 1 - history:block_steps)
       call stream%uniforms(u)
+      product = 1.0_wp
       do n = 1, block_steps
          c = offset - sum(a)*centre
          do q = 1, size(a)
@@ -97,19 +109,23 @@ contains
             end do
          end do
          call add_acceptance(c, hazard, factor, acceptance)
+         product = product*factor
+         if (modulo(n, product_steps) /= 0) cycle
+         call add_logarithms(product, acceptance(:, 3))
+         product = 1.0_wp
       end do
    end subroutine march_block
 
-   !> Adds alpha, 1/alpha, ln alpha, c phi(c)/(2 alpha) and the density at 0 of one step.
-   subroutine add_acceptance(c, hazard, factor, acceptance)
-      real(wp), intent(in) :: c(lanes), hazard(lanes), factor(lanes)
+   !> Adds the acceptance sums of one step, of ln alpha what the factor's logarithm lacks.
+   pure subroutine add_acceptance(c, hazard, factor, acceptance)
+      real(wp), intent(in) :: c(lanes), hazard(lanes), factor(lanes)   !! see `draw_truncated`
       real(wp), intent(inout) :: acceptance(lanes, n_acceptance_sums)
-      real(wp) :: alpha(lanes), log_alpha(lanes)
+      real(wp) :: alpha(lanes)
 
-      call acceptance_lanes(c, factor, alpha, log_alpha)
+      alpha = factor
+      if (minval(c) < 0.0_wp) call scale_below(c, alpha, acceptance(:, 3))
       acceptance(:, 1) = acceptance(:, 1) + alpha
       acceptance(:, 2) = acceptance(:, 2) + 1.0_wp/alpha
-      acceptance(:, 3) = acceptance(:, 3) + log_alpha
       acceptance(:, 4) = acceptance(:, 4) + 0.5_wp*c*hazard
       acceptance(:, 5) = acceptance(:, 5) + hazard
    end subroutine add_acceptance
@@ -119,7 +135,7 @@ contains
       real(wp), intent(in) :: a(:), offset
       real(wp), intent(in) :: start         !! the chain's past, near the mean [b0]
       integer, intent(in) :: n_burn_in
-      type(stream_type), intent(inout) :: stream
+      class(stream_type), intent(inout) :: stream
       real(wp), intent(out) :: values(:)
       real(wp), allocatable :: u(:), x(:)
       real(wp) :: factor, hazard
