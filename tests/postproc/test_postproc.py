@@ -323,7 +323,8 @@ def test_it_installs_as_a_package(tmp_path):
     names = {
         path.relative_to(tmp_path / "site").as_posix() for path in (tmp_path / "site").rglob("*")
     }
-    assert {"entroslip/report.css", "entroslip/py.typed", "bin/entroslip-figures"} <= names
+    ours = ("report.css", "py.typed", "structure/__main__.py")
+    assert {"bin/entroslip-figures", *(f"entroslip/{name}" for name in ours)} <= names
     assert not [name for name in names if "postproc" in name]
 
 

@@ -1,0 +1,245 @@
+"""Matrices from files: .mat, .npy, .npz, Matrix Market, Abaqus text, Nastran DMIG and OP4."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+from zipfile import BadZipFile
+
+import h5py
+import numpy as np
+import scipy.io
+import scipy.sparse as sp
+
+from ..output import InputError
+from .pair import Matrix, Pair, symmetric_part
+from .text_matrix import Dof, Entries, held_dofs, name, read_abaqus, read_dmig
+
+# What a matrix of each kind is called where a file holds several, in small letters.
+_NAMES = {
+    "M": ("m", "mass", "mass_matrix", "maa", "maax", "mgg", "mggx", "m2gg", "mred"),
+    "K": ("k", "stiffness", "stiffness_matrix", "kaa", "kaax", "kgg", "kggx", "k2gg", "kred"),
+    "C": ("c", "d", "damping", "damping_matrix", "baa", "baax", "bgg", "b2gg", "cred"),
+}
+_MATRIX_MARKET = b"%%MatrixMarket"
+
+
+@dataclass(frozen=True)
+class _Read:
+    """A matrix as its file has it: with names of its dofs, or by position."""
+
+    source: str
+    matrix: Matrix
+    dofs: tuple[Dof, ...] | None = None
+    held: frozenset[Dof] = frozenset()
+
+
+def read_pair(mass: str, stiffness: str, damping: str | None = None) -> Pair:
+    """M, K and perhaps C of files, `FILE` or `FILE:NAME`, over the same dofs in the same order.
+
+    Files that name their dofs are put into one order, by node and dof; a dof that one of them
+    leaves out has zeros there. Dofs that Abaqus holds are left out.
+    """
+    wanted = {"M": mass, "K": stiffness} | ({"C": damping} if damping else {})
+    found = {letter: _read(source, letter) for letter, source in wanted.items()}
+    named = [read for read in found.values() if read.dofs is not None]
+    held: frozenset[Dof] = frozenset()
+    if not named:
+        matrices = _same_size(found)
+        labels = tuple(str(i + 1) for i in range(matrices["M"].shape[0]))
+    else:
+        if len(named) < len(found):
+            plain = next(read for read in found.values() if read.dofs is None)
+            raise InputError(
+                f"{plain.source}: does not name its dofs, {named[0].source} does: the order of"
+                " their dofs cannot be compared"
+            )
+        held = frozenset().union(*(read.held for read in named))
+        dofs = sorted({dof for read in named for dof in read.dofs or ()} - held)
+        matrices = {letter: _on(dofs, read) for letter, read in found.items()}
+        labels = tuple(name(dof) for dof in dofs)
+    for letter, matrix in matrices.items():
+        matrices[letter] = symmetric_part(f"{found[letter].source}: {letter}", matrix, labels)
+    notes = (f"left out, held in the model: {_listed(map(name, held))}",) if held else ()
+    return Pair(matrices["M"], matrices["K"], labels, matrices.get("C"), notes)
+
+
+def _same_size(found: Mapping[str, _Read]) -> dict[str, Matrix]:
+    sizes = {letter: read.matrix.shape[0] for letter, read in found.items()}
+    for letter, size in sizes.items():
+        if size != sizes["M"]:
+            raise InputError(
+                f"{found[letter].source}: {letter} has {size} dofs, M of {found['M'].source} has"
+                f" {sizes['M']}"
+            )
+    return {letter: read.matrix for letter, read in found.items()}
+
+
+def _on(dofs: list[Dof], read: _Read) -> Matrix:
+    """The matrix over these dofs: some of its own, others without entries."""
+    at = {dof: i for i, dof in enumerate(dofs)}
+    entries = read.matrix.tocoo()
+    place = np.array([at.get(dof, -1) for dof in read.dofs or ()])
+    row, column = place[entries.row], place[entries.col]
+    kept = (row >= 0) & (column >= 0)
+    return sp.csc_array(
+        (entries.data[kept], (row[kept], column[kept])), shape=(len(dofs), len(dofs))
+    )
+
+
+def _read(source: str, letter: str) -> _Read:
+    """One matrix of `FILE` or `FILE:NAME`."""
+    path, wanted = Path(source), ""
+    if not path.exists() and ":" in source:
+        text, _, wanted = source.rpartition(":")
+        path = Path(text)
+    if not path.is_file():
+        raise InputError(f"{path}: is a folder" if path.is_dir() else f"{path}: no such file")
+    ending = path.suffix.lower()
+    head = path.open("rb").read(4096)
+    if ending in (".npy", ".npz", ".mat", ".op4"):
+        found = {".npy": _npy, ".npz": _npz, ".mat": _mat, ".op4": _op4}[ending](path)
+        key = _chosen(path, found, wanted, letter)
+        return _Read(str(path), _as_matrix(found[key], f"{path}: {key}".removesuffix(": ")))
+    if head.startswith(_MATRIX_MARKET):
+        return _Read(str(path), _as_matrix(_matrix_market(path), str(path)))
+    if b"DMIG" in head.upper():
+        dmig = read_dmig(path)
+        return _of_entries(dmig[_chosen(path, dmig, wanted, letter)])
+    return _of_entries(read_abaqus(path))
+
+
+def _chosen(path: Path, found: Mapping[str, Any], wanted: str, letter: str) -> str:
+    """The name of a matrix in a file: as asked, the only one, or one that is called so."""
+    if wanted:
+        if wanted not in found:
+            raise InputError(f"{path}: has no {wanted}, only {_listed(found)}")
+        return wanted
+    if len(found) == 1:
+        return next(iter(found))
+    called = [key for key in found if key.rpartition(".")[2].lower() in _NAMES[letter]]
+    if len(called) != 1:
+        raise InputError(f"{path}: which is {letter}? FILE:NAME says it, of {_listed(found)}")
+    return called[0]
+
+
+def _listed(found: Iterable[str]) -> str:
+    return ", ".join(sorted(found)) or "none at all"
+
+
+def _as_matrix(values: Any, source: str) -> Matrix:  # noqa: ANN401  (what a reader hands out)
+    if not (isinstance(values, np.ndarray) or sp.issparse(values)):
+        raise InputError(f"{source}: must be a matrix")
+    if values.ndim != 2 or values.shape[0] != values.shape[1] or not values.shape[0]:
+        raise InputError(f"{source}: must be square, has shape {tuple(values.shape)}")
+    if values.dtype.kind not in "fiu":
+        raise InputError(f"{source}: must be real numbers, is {values.dtype}")
+    return sp.csc_array(values, dtype=float)
+
+
+def _of_entries(entries: Entries) -> _Read:
+    """Text with named dofs; of a symmetric matrix in one triangle the other is its mirror."""
+    dofs = entries.dofs()
+    is_plain = all(dof == 0 for _, dof in dofs)
+    if is_plain:
+        dofs = [(i + 1, 0) for i in range(max(node for node, _ in dofs))]
+    at = {dof: i for i, dof in enumerate(dofs)}
+    try:
+        row, column = (np.array([at[place[i]] for place in entries.values]) for i in (0, 1))
+    except KeyError as error:
+        raise InputError(f"{entries.path}: row {error.args[0][0]}: must be at least 1") from None
+    matrix = sp.csc_array(
+        (np.array(list(entries.values.values())), (row, column)), shape=(len(dofs), len(dofs))
+    )
+    if entries.one_triangle:
+        matrix = sp.csc_array(matrix + matrix.T - sp.diags_array(matrix.diagonal()))
+    if is_plain:
+        return _Read(str(entries.path), matrix)
+    return _Read(str(entries.path), matrix, tuple(dofs), frozenset(held_dofs(entries)))
+
+
+def _npy(path: Path) -> dict[str, Any]:
+    try:
+        return {"": np.load(path, allow_pickle=False)}
+    except (OSError, ValueError) as error:
+        raise _unread(path, "a NumPy array", error) from error
+
+
+def _npz(path: Path) -> dict[str, Any]:
+    try:
+        with np.load(path, allow_pickle=False) as archive:
+            if {"format", "shape", "data"} <= set(archive.files):
+                return {"": sp.load_npz(path)}
+            return {key: archive[key] for key in archive.files}
+    except (OSError, ValueError, BadZipFile) as error:
+        raise _unread(path, "an archive of NumPy arrays", error) from error
+
+
+def _mat(path: Path) -> dict[str, Any]:
+    """Numeric matrices of a MATLAB file of any version, those inside of structs as `s.M`."""
+    try:
+        if h5py.is_hdf5(path):
+            with h5py.File(path) as file:
+                return _of_hdf5(file, "")
+        return _flat(scipy.io.loadmat(path, simplify_cells=True), "")
+    except Exception as error:  # whatever scipy and h5py raise of a damaged file
+        raise _unread(path, "a MATLAB file", error) from error
+
+
+def _flat(values: Mapping[str, Any], before: str) -> dict[str, Any]:
+    found: dict[str, Any] = {}
+    for key, value in values.items():
+        if isinstance(value, dict):
+            found |= _flat(value, f"{before}{key}.")
+        elif getattr(value, "ndim", 0) == 2 and not key.startswith("__"):
+            found[f"{before}{key}"] = value
+        elif isinstance(value, float | int):  # a matrix of one dof
+            found[f"{before}{key}"] = np.array([[float(value)]])
+    return found
+
+
+def _of_hdf5(group: h5py.Group, before: str) -> dict[str, Any]:
+    """MATLAB 7.3: arrays by rows, sparse matrices as groups of data, ir, jc."""
+    found: dict[str, Any] = {}
+    for key, item in group.items():
+        if key.startswith("#"):
+            continue
+        if isinstance(item, h5py.Dataset):
+            if item.ndim == 2:
+                found[f"{before}{key}"] = item[()].T
+        elif "MATLAB_sparse" in item.attrs:
+            n_rows = int(item.attrs["MATLAB_sparse"])
+            parts = (item["data"][()], item["ir"][()], item["jc"][()])
+            found[f"{before}{key}"] = sp.csc_array(parts, shape=(n_rows, parts[2].size - 1))
+        else:
+            found |= _of_hdf5(item, f"{before}{key}.")
+    return found
+
+
+def _op4(path: Path) -> dict[str, Any]:
+    """Through pyNastran, which knows all of OP4's forms."""
+    try:
+        from pyNastran.op4.op4 import OP4
+    except ImportError:
+        raise InputError(
+            f"{path}: OP4 is read through pyNastran, which is not installed: pip install pyNastran"
+        ) from None
+    try:
+        found = OP4(log=None).read_op4(str(path))
+    except Exception as error:  # whatever pyNastran raises of a damaged file
+        raise _unread(path, "OP4", error) from error
+    return {key: getattr(value, "data", value[1] if isinstance(value, tuple) else value)
+            for key, value in found.items()}  # fmt: skip
+
+
+def _matrix_market(path: Path) -> Any:  # noqa: ANN401  (a sparse or a dense matrix)
+    try:
+        return scipy.io.mmread(path)
+    except (OSError, ValueError, OverflowError) as error:
+        raise _unread(path, "Matrix Market", error) from error
+
+
+def _unread(path: Path, kind: str, error: Exception) -> InputError:
+    return InputError(f"{path}: cannot be read as {kind}: {' '.join(str(error).split())}")

@@ -1,0 +1,181 @@
+"""A pair of mass and stiffness matrices: what must be true of it, and what it says of itself."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any, TypeAlias
+
+import numpy as np
+import scipy.linalg
+import scipy.sparse as sp
+import scipy.sparse.linalg as spla
+from numpy.typing import NDArray
+
+from ..output import InputError
+
+Matrix: TypeAlias = Any  # scipy.sparse.csc_array: real, both triangles stored
+
+_ASYMMETRY = 1.0e-8  # of the largest entry; exports round to 10 digits and more
+_ZERO = 1.0e-10  # of the largest eigenvalue: a rigid mode, as the program counts them
+_DENSE = 600  # dofs up to which all eigenvalues are computed at once
+_NAMED = 6  # dofs that a message names
+
+
+@dataclass(frozen=True)
+class Pair:
+    """M, K and perhaps C over the same dofs, each named: '7', or '12:3' for dof 3 of node 12."""
+
+    mass: Matrix
+    stiffness: Matrix
+    labels: tuple[str, ...]
+    damping: Matrix | None = None
+    notes: tuple[str, ...] = ()  # what the files had that the pair has not
+
+    @property
+    def n_dof(self) -> int:
+        """Number of dofs."""
+        return len(self.labels)
+
+    def matrices(self) -> dict[str, Matrix]:
+        """The matrices by the paper's letters."""
+        found = {"M": self.mass, "K": self.stiffness}
+        return found if self.damping is None else found | {"C": self.damping}
+
+    def position(self, label: str) -> int:
+        """Where a dof stands, from 0."""
+        try:
+            return self.labels.index(label)
+        except ValueError:
+            shown = ", ".join(self.labels[:_NAMED])
+            raise InputError(f"dof {label}: is not among {self.n_dof} dofs: {shown} ...") from None
+
+
+def symmetric_part(name: str, matrix: Matrix, labels: Sequence[str]) -> Matrix:
+    """(A + A')/2; an asymmetry above rounding is refused where it is largest."""
+    entries = matrix.tocoo()
+    if not np.isfinite(entries.data).all():
+        raise InputError(f"{name}: has an entry that is no finite number")
+    largest = float(abs(entries.data).max(initial=0.0))
+    apart = (matrix - matrix.T).tocoo()
+    if apart.nnz and float(abs(apart.data).max()) > _ASYMMETRY * largest:
+        worst = int(abs(apart.data).argmax())
+        i, j = int(apart.row[worst]), int(apart.col[worst])
+        raise InputError(
+            f"{name}: must be symmetric; entry ({labels[i]}, {labels[j]}) is {matrix[i, j]:g},"
+            f" entry ({labels[j]}, {labels[i]}) is {matrix[j, i]:g}"
+        )
+    return sp.csc_array((matrix + matrix.T) * 0.5)
+
+
+def require_mass(pair: Pair) -> None:
+    """Refuse a mass matrix that is not positive definite; dofs without mass are named."""
+    empty = massless(pair)
+    if empty.size:
+        raise InputError(
+            f"M: must be positive definite; {_named(pair, empty)} without mass: --condense removes"
+            " them by static condensation, a reduction with --modes does so too"
+        )
+    signs = _signs(pair.mass)
+    if signs is None or (signs <= 0).any():
+        raise InputError("M: must be positive definite; it has an eigenvalue that is not positive")
+
+
+def require_stiffness(pair: Pair) -> int:
+    """Number of rigid modes of K alone; a stiffness with a negative eigenvalue is refused."""
+    values = lowest_eigenvalues(pair, min(pair.n_dof, 12))
+    bound = _ZERO * largest_eigenvalue(pair)
+    if values[0] < -bound:
+        raise InputError(
+            f"K: must have no negative eigenvalue; the lowest of K x = lambda M x is {values[0]:g}"
+        )
+    return int((values < bound).sum())
+
+
+def massless(pair: Pair) -> NDArray[np.int64]:
+    """Dofs whose row of M is zero."""
+    return np.flatnonzero(np.asarray(abs(pair.mass).sum(axis=1)).ravel() == 0.0)
+
+
+def frequencies(pair: Pair, count: int) -> NDArray[np.float64]:
+    """The lowest natural frequencies [Hz]; those of rigid modes are 0."""
+    values = lowest_eigenvalues(pair, count)
+    bound = _ZERO * largest_eigenvalue(pair)
+    return np.sqrt(np.where(values < bound, 0.0, values)) / (2.0 * np.pi)
+
+
+def lowest_eigenvalues(pair: Pair, count: int) -> NDArray[np.float64]:
+    """The lowest eigenvalues of K x = lambda M x, ascending."""
+    count = min(count, pair.n_dof)
+    if pair.n_dof <= _DENSE or count > pair.n_dof // 2:
+        return _all_eigenvalues(pair)[:count]
+    shift = -1.0e-6 * largest_eigenvalue(pair)  # K - shift M is regular, rigid modes or not
+    return np.sort(_iterated(pair, k=count, M=pair.mass, sigma=shift))
+
+
+def largest_eigenvalue(pair: Pair) -> float:
+    """The largest eigenvalue of K x = lambda M x; of many dofs to a per cent."""
+    if pair.n_dof <= _DENSE:
+        return float(_all_eigenvalues(pair)[-1])
+    solve = spla.splu(pair.mass.tocsc())
+    inverse = spla.LinearOperator((pair.n_dof, pair.n_dof), matvec=solve.solve, dtype=float)
+    (value,) = _iterated(pair, k=1, M=pair.mass, Minv=inverse, which="LM", tol=1.0e-2)
+    return float(value)
+
+
+def _all_eigenvalues(pair: Pair) -> NDArray[np.float64]:
+    try:
+        return np.asarray(scipy.linalg.eigvalsh(pair.stiffness.toarray(), pair.mass.toarray()))
+    except np.linalg.LinAlgError:
+        raise InputError("M: must be positive definite") from None
+
+
+def _iterated(pair: Pair, **options: Any) -> NDArray[np.float64]:  # noqa: ANN401
+    try:
+        values = spla.eigsh(
+            pair.stiffness, v0=start(pair.n_dof), return_eigenvectors=False, **options
+        )
+    except (RuntimeError, spla.ArpackError) as error:
+        raise InputError(f"K x = lambda M x: cannot be solved: {error}") from None
+    return np.asarray(values)
+
+
+def total_mass(pair: Pair) -> dict[str, float]:
+    """Mass by direction of motion, as far as the names of the dofs or a rigid motion tell it."""
+    found = {}
+    for direction in "123":
+        moved = np.array([label.endswith(f":{direction}") for label in pair.labels], dtype=float)
+        if moved.any():
+            found[f"direction {direction}"] = float(moved @ (pair.mass @ moved))
+    together = np.ones(pair.n_dof)
+    force = float(abs(pair.stiffness @ together).max())
+    if not found and force <= _ZERO * float(abs(pair.stiffness).max()):
+        found["all dofs together"] = float(together @ (pair.mass @ together))
+    return found
+
+
+def start(size: int) -> NDArray[np.float64]:
+    """The same start of every iteration: the same digits on every machine."""
+    return np.random.default_rng(1).standard_normal(size)
+
+
+def _signs(matrix: Matrix) -> NDArray[np.float64] | None:
+    """Signs of the pivots of A = L D L', those of its eigenvalues; None where A is singular."""
+    try:
+        factors = spla.splu(
+            matrix.tocsc(), permc_spec="MMD_AT_PLUS_A", diag_pivot_thresh=0.0,
+            options={"SymmetricMode": True},
+        )  # fmt: skip
+    except RuntimeError:  # exactly singular
+        return None
+    if (factors.perm_r != factors.perm_c).any():  # a pivot off the diagonal: one on it was zero
+        return None
+    return np.asarray(np.sign(factors.U.diagonal()))
+
+
+def _named(pair: Pair, dofs: NDArray[np.int64]) -> str:
+    names = ", ".join(pair.labels[i] for i in dofs[:_NAMED])
+    more = f" and {dofs.size - _NAMED} more" if dofs.size > _NAMED else ""
+    return (
+        f"{'dof' if dofs.size == 1 else 'dofs'} {names}{more} {'is' if dofs.size == 1 else 'are'}"
+    )
