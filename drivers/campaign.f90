@@ -8,11 +8,12 @@ module driver_campaign
    use core_text, only: to_text
    use driver_command_line, only: command_line
    use ensemble_plan, only: plan_type
+   use io_files, only: follow_links
    use io_force, only: read_force_hdf5
    use process_model, only: process_model_type
    implicit none(type, external)
    private
-   public :: load_plan, output_path, refuse_unsolved
+   public :: find_output, load_plan, refuse_unsolved
 
 contains
 
@@ -50,18 +51,21 @@ contains
                        merge(scene%campaign%n_samples, 1, scene%excitation%per_sample), complaints)
    end subroutine read_records
 
-   !> What --output says, or the scene's name in the current directory with an ending.
-   function output_path(line, ending) result(path)
+   !> What --output says, or the scene's name in the current directory with an ending; the target of
+   !> a symbolic link.
+   subroutine find_output(line, ending, path, error)
       type(command_line), intent(in) :: line
       character(*), intent(in) :: ending   !! '.h5', '_c007_s0042.h5'
-      character(:), allocatable :: path
+      character(:), allocatable, intent(out) :: path
+      type(error_type), allocatable, intent(out) :: error
 
       if (allocated(line%output)) then
          path = line%output
       else
          path = scene_name(line%scene)//ending
       end if
-   end function output_path
+      call follow_links(path, error)
+   end subroutine find_output
 
    !> An error where a campaign needs a process that has no solution, or where none has one.
    subroutine refuse_unsolved(plan, models, error)

@@ -6,7 +6,7 @@ module driver_output
    use core_kinds, only: long
    use core_terminal, only: say_line => say
    use core_text, only: to_text
-   use driver_campaign, only: output_path
+   use driver_campaign, only: find_output
    use driver_command_line, only: command_line
    use driver_provenance, only: identity_of
    use ensemble_plan, only: plan_type
@@ -15,7 +15,7 @@ module driver_output
    use ensemble_study, only: block_range
    use io_error_results, only: case_errors, read_errors
    use io_existing, only: check_replaceable, extract_shards, inspect_results
-   use io_files, only: exists, folder_of, make_folder, remove_file
+   use io_files, only: remove_file
    use io_gathering, only: finished_samples
    use io_lock, only: join_lock, lock_type, take_lock
    use io_process_shards, only: extract_processes, read_kept
@@ -35,7 +35,7 @@ module driver_output
       logical :: is_shared = .false.                 !! with other runs; none of them merges
       logical :: is_complete = .false.               !! an earlier run left nothing to do
       logical, allocatable :: is_finished(:, :)      !! (sample, case) by an earlier run
-      type(lock_type), private :: lock
+      type(lock_type) :: lock
    contains
       procedure :: find_processes
       procedure :: take
@@ -46,8 +46,6 @@ module driver_output
       procedure :: stop_on
       procedure :: release
    end type output_type
-
-   character(*), parameter :: lock_ending = '.lock'
 
 contains
 
@@ -63,10 +61,11 @@ contains
       type(error_type), allocatable :: error
 
       if (present(replay_ending)) then
-         output%path = output_path(line, replay_ending)
+         call find_output(line, replay_ending, output%path, error)
       else
-         output%path = output_path(line, '.h5')
+         call find_output(line, '.h5', output%path, error)
       end if
+      call world%stop_on(error)
       output%store = new_store(output%path, identity_of(scene, line%command))
       output%is_quiet = line%is_quiet .or. .not. world%is_root()
       allocate (output%is_finished(maxval([plan%cases%n_samples, 0]), size(plan%cases)), &
@@ -75,7 +74,7 @@ contains
       if (output%is_shared) then
          if (world%is_root()) call find_stored(plan, output, error)
          call output%stop_on(world, error)
-         if (.not. world%is_root()) call join_lock(output%path//lock_ending, output%lock, error)
+         if (.not. world%is_root()) call join_lock(output%path, output%lock, error)
       else if (world%is_root()) then
          call find_finished(line%is_fresh .or. present(replay_ending), plan, output, error)
       end if
@@ -93,8 +92,7 @@ contains
       type(shard_type), allocatable :: shards(:)
       integer :: i
 
-      call make_folder(folder_of(output%path), error)
-      if (.not. allocated(error)) call take_lock(output%path//lock_ending, output%lock, error)
+      call take_lock(output%path, output%lock, error)
       if (allocated(error)) return
       if (starts_anew) then
          associate (command => output%store%identity%command)
@@ -102,7 +100,7 @@ contains
          end associate
          if (.not. allocated(error)) call remove_store(output%store, error)
          if (allocated(error)) return
-         if (exists(output%path)) call remove_file(output%path, error)
+         call remove_file(output%path, error)
       else
          call take_up_results(plan, output, error)
       end if
@@ -128,8 +126,7 @@ contains
       integer, allocatable :: n_samples(:)
       integer :: c
 
-      call make_folder(folder_of(output%path), error)
-      if (.not. allocated(error)) call join_lock(output%path//lock_ending, output%lock, error)
+      call join_lock(output%path, output%lock, error)
       if (allocated(error)) return
       call inspect_results(output%path, output%store%identity, n_samples, error)
       if (.not. allocated(error)) call list_shards(output%store, shards, error)
@@ -188,7 +185,7 @@ contains
          call find_unmet(plan, output, error)
       if (allocated(error)) return
       if (output%is_complete) then
-         call remove_covered(output%store, n_samples, error)
+         call remove_covered(output%store, output%lock, n_samples, error)
       else
          call extract_processes(output%path, size(plan%processes), output%store, error)
          if (allocated(error)) return
@@ -319,14 +316,19 @@ contains
       if (.not. self%is_quiet) call say_line(text)
    end subroutine say
 
-   !> Ends the run on an error of any rank, the output unlocked first; collective.
+   !> Ends the run on an error of any rank, the output unlocked first. Another run that has taken
+   !> the output is the reason of whatever went wrong. Collective.
    subroutine stop_on(self, world, error)
       class(output_type), intent(inout) :: self
       type(world_type), intent(in) :: world
       type(error_type), allocatable, intent(in) :: error
+      type(error_type), allocatable :: reason
 
-      if (world%any_true(allocated(error))) call self%release()
-      call world%stop_on(error)
+      if (.not. world%any_true(allocated(error))) return
+      call self%lock%keep(reason)
+      if (allocated(error) .and. .not. allocated(reason)) reason = error
+      call self%release()
+      call world%stop_on(reason)
    end subroutine stop_on
 
    !> Gives the output back; what is finished stays.

@@ -39,7 +39,7 @@ contains
       type(plan_type), intent(in) :: plan
       type(process_model_type), intent(in) :: models(:)
       type(runner_type), intent(in) :: runner
-      type(output_type), intent(in) :: output
+      type(output_type), intent(inout) :: output
       type(error_type), allocatable, intent(out) :: error
       type(results_writer) :: writer
 
@@ -52,9 +52,9 @@ contains
       if (world%any_true(allocated(error))) then
          if (world%is_root()) call writer%abandon()
       else if (world%is_root()) then
-         call writer%finish(seconds_so_far(), error)
+         call writer%finish(output%lock, seconds_so_far(), error)
          if (.not. allocated(error)) &
-            call remove_covered(output%store, plan%cases%n_samples, error)
+            call remove_covered(output%store, output%lock, plan%cases%n_samples, error)
       end if
    end subroutine write_results
 

@@ -174,7 +174,7 @@ contains
       type(world_type), intent(in) :: world
       type(process_model_type), intent(in) :: models(:)
       type(runner_type), intent(inout) :: runner
-      type(output_type), intent(in) :: output
+      type(output_type), intent(inout) :: output
       type(error_type), allocatable, intent(out) :: error
       type(work_counter) :: counter
       type(progress_type) :: progress
@@ -200,6 +200,7 @@ contains
          end associate
          if (.not. (allocated(error) .or. is_abandoned)) &
             call write_shard(output%store, result, error)
+         if (.not. allocated(error)) call output%lock%keep(error)
          call output%give_back(blocks(item))
          if (allocated(error) .or. is_abandoned) call counter%request_stop()
       end do

@@ -5,7 +5,7 @@ module driver_tradeoff
    use core_error, only: error_type, exit_done, exit_stopped
    use core_kinds, only: wp
    use core_terminal, only: say
-   use driver_campaign, only: load_plan, output_path, refuse_unsolved
+   use driver_campaign, only: find_output, load_plan, refuse_unsolved
    use driver_command_line, only: command_line
    use driver_deadline, only: seconds_so_far, set_limit, start_watch, time_to_stop
    use driver_measuring, only: measure_settings
@@ -21,7 +21,6 @@ module driver_tradeoff
    use ensemble_tradeoff_tasks, only: scope_type, tradeoff_type
    use ensemble_tradeoff_variants, only: list_variants
    use io_existing, only: check_replaceable
-   use io_files, only: folder_of, make_folder
    use io_lock, only: lock_type, take_lock
    use io_results, only: begin_results, results_writer
    use io_tradeoff_results, only: write_orders, write_parts, write_settings, &
@@ -58,7 +57,6 @@ contains
       type(findings_type) :: found
       type(process_model_type), allocatable :: models(:)
       type(lock_type) :: lock
-      character(:), allocatable :: path
       real(wp), allocatable :: force(:, :)
       type(error_type), allocatable :: error
       logical :: is_stopped
@@ -68,8 +66,7 @@ contains
       call load_plan(line, scene, plan, force, error)
       call world%stop_on(error)
       call set_limit(plan%walltime)
-      path = output_path(line, '_tradeoff.h5')
-      if (world%is_root()) call open_place(path, line, lock, error)
+      if (world%is_root()) call open_place(line, lock, error)
       call stop_unlocked(world, lock, error)
       call solve_processes(world, plan, line%is_quiet .or. .not. world%is_root(), models)
       call refuse_unsolved(plan, models, error)
@@ -81,8 +78,8 @@ contains
       if (world%is_root() .and. .not. is_stopped) then
          call compare_orders(plan, found%orders)
          if (.not. line%is_quiet) &
-            call say(text_of(scene, plan, models, found, world%n_ranks)//path)
-         call write_findings(path, line, scene, plan, found, world%n_ranks, error)
+            call say(text_of(scene, plan, models, found, world%n_ranks)//lock%output)
+         call write_findings(lock, line, scene, plan, found, world%n_ranks, error)
       end if
       call stop_unlocked(world, lock, error)
       call lock%release(error)
@@ -90,14 +87,14 @@ contains
    end subroutine tradeoff
 
    !> Locks the output; an earlier tradeoff there will be replaced, anything else is left alone.
-   subroutine open_place(path, line, lock, error)
-      character(*), intent(in) :: path
+   subroutine open_place(line, lock, error)
       type(command_line), intent(in) :: line
       type(lock_type), intent(inout) :: lock
       type(error_type), allocatable, intent(out) :: error
+      character(:), allocatable :: path
 
-      call make_folder(folder_of(path), error)
-      if (.not. allocated(error)) call take_lock(path//'.lock', lock, error)
+      call find_output(line, '_tradeoff.h5', path, error)
+      if (.not. allocated(error)) call take_lock(path, lock, error)
       if (.not. allocated(error)) &
          call check_replaceable(path, line%command, .false., error)
    end subroutine open_place
@@ -188,8 +185,8 @@ contains
    end function text_of
 
    !> The file, whole or not at all.
-   subroutine write_findings(path, line, scene, plan, found, n_ranks, error)
-      character(*), intent(in) :: path
+   subroutine write_findings(lock, line, scene, plan, found, n_ranks, error)
+      type(lock_type), intent(inout) :: lock   !! of the output
       type(command_line), intent(in) :: line
       type(scene_type), intent(in) :: scene
       type(plan_type), intent(in) :: plan
@@ -198,7 +195,8 @@ contains
       type(error_type), allocatable, intent(out) :: error
       type(results_writer) :: writer
 
-      call begin_results(path, provenance_of(scene, line, plan%title, n_ranks), writer, error)
+      call begin_results(lock%output, provenance_of(scene, line, plan%title, n_ranks), writer, &
+                         error)
       if (allocated(error)) return
       if (plan%has_structure) then
          call write_settings(writer, plan, found%settings, &
@@ -216,7 +214,7 @@ contains
       if (allocated(error)) then
          call writer%abandon()
       else
-         call writer%finish(seconds_so_far(), error)
+         call writer%finish(lock, seconds_so_far(), error)
       end if
    end subroutine write_findings
 

@@ -8,14 +8,15 @@ module io_files
    use core_terminal, only: is_terminal, standard_output
    use core_text, only: to_text
    use io_posix, only: c_access, c_fclose, c_fileno, c_fopen, c_fsync, c_gethostname, c_getpid, &
-                       c_getppid, c_glob, c_globfree, c_mkdir, c_remove, c_rename
+                       c_getppid, c_glob, c_globfree, c_mkdir, c_readlink, c_remove, c_rename
    implicit none(type, external)
    private
-   public :: exists, file_size, folder_of, host_name, is_folder
-   public :: list_files, make_folder, process_id, remove_file, rename_file, shows_on_terminal, &
-             sync_file, sync_folder
+   public :: exists, file_size, folder_of, host_name, is_folder, process_id, shows_on_terminal
+   public :: follow_links, list_files, list_unfinished, make_folder, remove_file, rename_file, &
+             sync_file, sync_folder, unfinished_name
 
    integer(c_int), parameter :: ask_exists = 0   !! of access(2)
+   character(*), parameter :: unfinished = '.part-'   !! in names of files that are being filled
 
 contains
 
@@ -60,6 +61,38 @@ contains
       end select
    end function folder_of
 
+   !> Replaces a path that is a symbolic link by what it leads to, there or not.
+   subroutine follow_links(path, error)
+      character(:), allocatable, intent(inout) :: path
+      type(error_type), allocatable, intent(out) :: error
+      integer, parameter :: most = 40, longest = 4096   !! of Linux
+      integer(c_int), parameter :: eloop = 40
+      character(kind=c_char) :: buffer(longest)
+      character(:), allocatable :: target
+      integer :: i, j, length
+
+      do i = 1, most
+         length = int(c_readlink(path//c_null_char, buffer, size(buffer, kind=c_size_t)))
+         if (length < 0) return
+         allocate (character(length) :: target)
+         do j = 1, length
+            target(j:j) = buffer(j)
+         end do
+         if (index(target, '/') /= 1 .and. index(path, '/') > 0) &
+            target = path(:index(path, '/', back=.true.))//target
+         call move_alloc(target, path)
+      end do
+      call raise_system(eloop, path//': leads nowhere', error)
+   end subroutine follow_links
+
+   !> Name of a file while this process fills it; no other process takes the same.
+   function unfinished_name(path) result(name)
+      character(*), intent(in) :: path   !! what the file is called when it is whole
+      character(:), allocatable :: name
+
+      name = path//unfinished//host_name()//'-'//to_text(process_id())
+   end function unfinished_name
+
    !> Makes a folder and those above it that are missing; one that stands already is fine.
    recursive subroutine make_folder(path, error)
       character(*), intent(in) :: path
@@ -81,11 +114,12 @@ contains
    subroutine remove_file(path, error)
       character(*), intent(in) :: path
       type(error_type), allocatable, intent(out) :: error
+      integer(c_int), parameter :: enoent = 2
+      integer(c_int) :: number
 
-      if (.not. exists(path)) return
-      if (c_remove(path//c_null_char) /= 0) then
-         call raise_system(system_error(), path//': cannot be removed', error)
-      end if
+      if (c_remove(path//c_null_char) == 0) return
+      number = system_error()
+      if (number /= enoent) call raise_system(number, path//': cannot be removed', error)
    end subroutine remove_file
 
    !> Replaces whatever `to` was, in one step.
@@ -125,9 +159,44 @@ contains
       call sync_file(path, error)   ! a folder is opened and synced as a file is
    end subroutine sync_folder
 
-   !> Paths folder/name of what is in a folder, sorted, hidden files left out.
+   !> Paths folder/name of what is whole in a folder, sorted, hidden files left out.
    subroutine list_files(folder, paths, error)
       character(*), intent(in) :: folder
+      character(:), allocatable, intent(out) :: paths(:)   !! padded with blanks
+      type(error_type), allocatable, intent(out) :: error
+      character(:), allocatable :: all_paths(:)
+      logical :: stands
+      integer :: i, n
+
+      call list_matches(escaped(folder)//'/*', all_paths, error)
+      stands = is_folder(folder)
+      if (.not. (allocated(error) .or. stands)) &
+         call raise_system(system_error(), folder//': cannot list this folder', error)
+      n = 0
+      do i = 1, size(all_paths)
+         if (index(all_paths(i), unfinished, back=.true.) > len(folder)) cycle
+         n = n + 1
+         all_paths(n) = all_paths(i)
+      end do
+      allocate (paths, source=all_paths(:n))
+   end subroutine list_files
+
+   !> Files that processes left unfinished when they were killed, or fill now: those of one path, or
+   !> all in a folder.
+   subroutine list_unfinished(path, paths, error)
+      character(*), intent(in) :: path
+      character(:), allocatable, intent(out) :: paths(:)   !! padded with blanks
+      type(error_type), allocatable, intent(out) :: error
+
+      if (is_folder(path)) then
+         call list_matches(escaped(path)//'/*'//unfinished//'*', paths, error)
+      else
+         call list_matches(escaped(path)//unfinished//'*', paths, error)
+      end if
+   end subroutine list_unfinished
+
+   subroutine list_matches(pattern, paths, error)
+      character(*), intent(in) :: pattern   !! of glob(3)
       character(:), allocatable, intent(out) :: paths(:)   !! padded with blanks
       type(error_type), allocatable, intent(out) :: error
       integer(c_int), parameter :: fail_when_unreadable = 1, no_match = 3
@@ -135,16 +204,14 @@ contains
       type(c_ptr) :: list
       type(c_ptr), pointer :: names(:)
       integer(c_int) :: status
-      logical :: stands
       integer :: i
 
       found = 0
-      status = c_glob(escaped(folder)//'/*'//c_null_char, fail_when_unreadable, c_null_ptr, found)
+      status = c_glob(pattern//c_null_char, fail_when_unreadable, c_null_ptr, found)
       if (status /= 0) then
          allocate (character(0) :: paths(0))
-         stands = is_folder(folder)
-         if (stands .and. status == no_match) return
-         call raise_system(system_error(), folder//': cannot list this folder', error)
+         if (status /= no_match) call raise_system(system_error(), folder_of(pattern)// &
+                                                   ': cannot list this folder', error)
          return
       end if
       list = transfer(found(2), list)
@@ -155,7 +222,7 @@ contains
          paths(i) = text_at(names(i))
       end do
       call c_globfree(found)
-   end subroutine list_files
+   end subroutine list_matches
 
    !> The path with glob's wildcards made ordinary characters.
    pure function escaped(path) result(pattern)

@@ -3,16 +3,22 @@
 !>
 !> A run alone locks the whole lock file. Runs that share each hold one byte of it to show that they
 !> are there, and one more for each piece of work on its way.
+!>
+!> A lock can be lost: its file is removed, or the file system grants it twice. So a run that works
+!> alone looks at the file again before it changes what others may need: the lock is its own while
+!> the file is the one that it locked, the name in it is its own (the last run to come writes it),
+!> and the output is as the run found or left it. A run that has lost its lock changes nothing more.
 module io_lock
-   use, intrinsic :: iso_c_binding, only: c_associated, c_int, c_long, c_null_char, c_null_ptr, &
-                                                                             c_ptr
+   use, intrinsic :: iso_c_binding, only: c_associated, c_char, c_int, c_long, c_null_char, &
+                                          c_null_ptr, c_ptr, c_size_t
    use core_error, only: error_type, exit_file, raise
    use core_kinds, only: long
    use core_system, only: raise_system, system_error
    use core_text, only: to_text
-   use io_files, only: host_name, process_id, remove_file
-   use io_posix, only: c_fclose, c_fflush, c_fileno, c_fopen, c_fputs, c_fstat, c_lockf, c_lseek, &
-                       c_stat
+   use io_files, only: exists, folder_of, host_name, make_folder, process_id, remove_file, &
+                       rename_file
+   use io_posix, only: c_fclose, c_fflush, c_fileno, c_fopen, c_fputs, c_fstat, c_link, c_lockf, &
+                       c_lseek, c_pread, c_stat
    implicit none(type, external)
    private
    public :: lock_type, join_lock, take_lock
@@ -21,15 +27,23 @@ module io_lock
    integer(c_long), parameter :: whole = 0, one_byte = 1
    !> Bytes by which runs that share show that they are there; those of their work lie above.
    integer(c_long), parameter :: n_places = 2_c_long**20
+   !> Words of struct stat [8 bytes]: device, inode, size, time of the last change.
+   integer, parameter :: place_words(*) = [1, 2], content_words(*) = [1, 2, 7, 12, 13]
 
    !> Held from `take_lock` or `join_lock` to `release`, or to the end of the process.
    type :: lock_type
       private
-      character(:), allocatable :: path
+      character(:), allocatable, public :: output   !! path of what is locked
+      character(:), allocatable :: path             !! of the lock file
+      character(:), allocatable :: name             !! of this run, in the file; '' on a full disk
       type(c_ptr) :: stream = c_null_ptr
       logical :: is_shared = .false.
+      !> of the output as it was found or left; zeros: none
+      integer(c_long) :: content(size(content_words)) = 0
    contains
       procedure :: is_held
+      procedure :: keep
+      procedure :: publish
       procedure :: claim
       procedure :: give_back
       procedure :: release
@@ -37,46 +51,57 @@ module io_lock
 
 contains
 
-   !> Locks a file, made where it is missing, that names its holder; refused by name while another
-   !> process holds it, alone or with others.
-   subroutine take_lock(path, lock, error)
-      character(*), intent(in) :: path
+   !> Locks an output by a file `<output>.lock` that names its holder; refused by name while another
+   !> process holds it, alone or with others. Makes the folder of the output where it is missing.
+   subroutine take_lock(output, lock, error)
+      character(*), intent(in) :: output
       type(lock_type), intent(out) :: lock
       type(error_type), allocatable, intent(out) :: error
 
-      call obtain(path, .false., lock, error)
+      call begin(output, .false., lock, error)
    end subroutine take_lock
 
    !> A place among the runs that share; refused by name while a run alone holds the lock.
-   subroutine join_lock(path, lock, error)
-      character(*), intent(in) :: path
+   subroutine join_lock(output, lock, error)
+      character(*), intent(in) :: output
       type(lock_type), intent(out) :: lock
       type(error_type), allocatable, intent(out) :: error
 
-      call obtain(path, .true., lock, error)
+      call begin(output, .true., lock, error)
    end subroutine join_lock
 
-   recursive subroutine obtain(path, is_shared, lock, error)
-      character(*), intent(in) :: path
+   subroutine begin(output, is_shared, lock, error)
+      character(*), intent(in) :: output
       logical, intent(in) :: is_shared
       type(lock_type), intent(out) :: lock
       type(error_type), allocatable, intent(out) :: error
+
+      lock%output = output
+      lock%path = output//'.lock'
+      lock%is_shared = is_shared
+      call make_folder(folder_of(output), error)
+      if (.not. allocated(error)) call obtain(lock, error)
+      if (.not. allocated(error)) lock%content = content_of(output)
+   end subroutine begin
+
+   recursive subroutine obtain(lock, error)
+      type(lock_type), intent(inout) :: lock
+      type(error_type), allocatable, intent(out) :: error
       logical :: is_taken
 
-      call open_lock(path, lock, error)
+      call open_lock(lock, error)
       if (allocated(error)) return
-      lock%is_shared = is_shared
-      if (is_shared) then
+      if (lock%is_shared) then
          is_taken = takes_a_place(lock)
       else
          is_taken = takes(lock, 0_c_long, whole)
       end if
       if (.not. is_taken) then
-         call refuse(lock, error)
+         call refuse(lock, system_error(), error)
       else if (.not. is_same_file(lock)) then
          ! its holder removed the file between our opening and our locking it
          call close_lock(lock)
-         call obtain(path, is_shared, lock, error)
+         call obtain(lock, error)
       else
          call write_name(lock)
       end if
@@ -102,6 +127,67 @@ contains
       is_held = c_associated(self%stream)
    end function is_held
 
+   !> Makes sure that the lock still is this run's, and the output as it was found or left: an error
+   !> names who has it now. A lock file that was removed is made again, unless another run was
+   !> faster. Of a lock that is not held nothing is said.
+   subroutine keep(self, error)
+      class(lock_type), intent(inout) :: self
+      type(error_type), allocatable, intent(out) :: error
+      type(lock_type) :: again
+      integer(c_long) :: now(size(content_words))
+
+      if (.not. self%is_held()) return
+      if (.not. exists(self%path)) then
+         again = self
+         call obtain(again, error)
+         if (allocated(error)) return
+         call close_lock(self)
+         self%stream = again%stream
+         self%name = again%name
+      else if (.not. is_ours(self)) then
+         call raise(error, exit_file, self%path//' was taken by '//holder_of(self%path)// &
+                    ': another run is at work on this output, and this one ends. What is '// &
+                    'finished is safe; start again when the other has ended')
+         return
+      end if
+      now = content_of(self%output)
+      if (any(now /= 0) .and. any(now /= self%content)) call refuse_change(self, error)
+   end subroutine keep
+
+   !> Gives a finished file the name of the output, in place of what was there when the lock was
+   !> taken, and of nothing else.
+   subroutine publish(self, temporary, error)
+      class(lock_type), intent(inout) :: self
+      character(*), intent(in) :: temporary
+      type(error_type), allocatable, intent(out) :: error
+      integer(c_int), parameter :: eexist = 17   !! Linux
+      integer(c_int) :: number
+
+      call self%keep(error)
+      if (allocated(error)) return
+      if (exists(self%output)) then
+         call rename_file(temporary, self%output, error)
+      else if (c_link(temporary//c_null_char, self%output//c_null_char) == 0) then
+         call remove_file(temporary, error)
+      else   ! another run has just finished, which a renaming would not see, or there are no links
+         number = system_error()
+         if (number == eexist) then
+            call refuse_change(self, error)
+         else
+            call rename_file(temporary, self%output, error)
+         end if
+      end if
+      if (.not. allocated(error)) self%content = content_of(self%output)
+   end subroutine publish
+
+   subroutine refuse_change(self, error)
+      class(lock_type), intent(in) :: self
+      type(error_type), allocatable, intent(out) :: error
+
+      call raise(error, exit_file, self%output//' was written by another run while this one '// &
+                 'was at work, and stays as it is: start again to see what it lacks')
+   end subroutine refuse_change
+
    !> Whether a piece of work is now this process's: no other that shares the lock has it.
    function claim(self, number) result(is_ours)
       class(lock_type), intent(in) :: self
@@ -124,24 +210,24 @@ contains
    subroutine release(self, error)
       class(lock_type), intent(inout) :: self
       type(error_type), allocatable, intent(out) :: error
+      logical :: is_its_own
 
       if (.not. self%is_held()) return
-      if (.not. self%is_shared) call remove_file(self%path, error)
+      is_its_own = is_ours(self)
+      if (is_its_own .and. .not. self%is_shared) call remove_file(self%path, error)
       call close_lock(self)
    end subroutine release
 
-   subroutine open_lock(path, lock, error)
-      character(*), intent(in) :: path
+   subroutine open_lock(lock, error)
       type(lock_type), intent(inout) :: lock
       type(error_type), allocatable, intent(out) :: error
 
-      lock%path = path
-      lock%stream = c_fopen(path//c_null_char, 'r+'//c_null_char)
+      lock%stream = c_fopen(lock%path//c_null_char, 'r+'//c_null_char)
       if (.not. c_associated(lock%stream)) then
-         lock%stream = c_fopen(path//c_null_char, 'a+'//c_null_char)
+         lock%stream = c_fopen(lock%path//c_null_char, 'a+'//c_null_char)
       end if
       if (.not. c_associated(lock%stream)) then
-         call raise_system(system_error(), path//': cannot make this lock file', error)
+         call raise_system(system_error(), lock%path//': cannot make this lock file', error)
       end if
    end subroutine open_lock
 
@@ -155,21 +241,36 @@ contains
 
    !> A full disk only costs the name of the holder.
    subroutine write_name(lock)
-      type(lock_type), intent(in) :: lock
+      type(lock_type), intent(inout) :: lock
       integer(c_int) :: status
 
+      lock%name = ''
       if (.not. stands_at(lock, 0_c_long)) return
-      status = c_fputs('process '//to_text(process_id())//' on '//host_name()//new_line('a')// &
-                       c_null_char, lock%stream)
+      status = c_fputs(own_name()//new_line('a')//c_null_char, lock%stream)
       status = c_fflush(lock%stream)
+      if (status == 0) lock%name = own_name()
    end subroutine write_name
 
-   subroutine refuse(lock, error)
-      type(lock_type), intent(inout) :: lock
-      type(error_type), allocatable, intent(out) :: error
+   !> process 123 on host
+   function own_name() result(name)
+      character(:), allocatable :: name
 
-      call raise(error, exit_file, lock%path//' is locked by '//holder_of(lock%path)// &
-                 ': another run is at work on this output')
+      name = 'process '//to_text(process_id())//' on '//host_name()
+   end function own_name
+
+   !> Refuses with the holder's name, or with the system's words where it cannot lock at all.
+   subroutine refuse(lock, number, error)
+      type(lock_type), intent(inout) :: lock
+      integer(c_int), intent(in) :: number   !! of system_error
+      type(error_type), allocatable, intent(out) :: error
+      integer(c_int), parameter :: eagain = 11, eacces = 13   !! Linux: another process has the lock
+
+      if (number == eagain .or. number == eacces) then
+         call raise(error, exit_file, lock%path//' is locked by '//holder_of(lock%path)// &
+                    ': another run is at work on this output')
+      else
+         call raise_system(number, lock%path//': cannot be locked', error)
+      end if
       call close_lock(lock)
    end subroutine refuse
 
@@ -201,7 +302,24 @@ contains
       stands_at = c_lseek(c_fileno(lock%stream), place, from_the_start) == place
    end function stands_at
 
-   !> Whether the path still leads to the file that was opened.
+   !> True while the path leads to the file that was locked, with this run's name in it. A run that
+   !> shares bears with the names of others.
+   function is_ours(lock)
+      type(lock_type), intent(in) :: lock
+      logical :: is_ours
+      character(kind=c_char) :: found(len(lock%name) + 1)
+      integer(c_long) :: n
+      integer :: i
+
+      is_ours = is_same_file(lock)
+      if (lock%is_shared .or. lock%name == '' .or. .not. is_ours) return
+      ! by the stream that has the lock: to close another one would give the lock back
+      n = c_pread(c_fileno(lock%stream), found, size(found, kind=c_size_t), 0_c_long)
+      is_ours = n == size(found)
+      if (is_ours) is_ours = all(found == [(lock%name(i:i), i=1, len(lock%name)), new_line('a')])
+   end function is_ours
+
+   !> True if the path still leads to the file that was opened.
    function is_same_file(lock)
       type(lock_type), intent(in) :: lock
       logical :: is_same_file
@@ -210,8 +328,18 @@ contains
       is_same_file = .false.
       if (c_fstat(c_fileno(lock%stream), opened) /= 0) return
       if (c_stat(lock%path//c_null_char, named) /= 0) return
-      is_same_file = all(opened(:2) == named(:2))   ! device and inode
+      is_same_file = all(opened(place_words) == named(place_words))
    end function is_same_file
+
+   !> By what a file is known to be the same and unchanged; zeros where there is none.
+   function content_of(path) result(content)
+      character(*), intent(in) :: path
+      integer(c_long) :: content(size(content_words))
+      integer(c_long) :: facts(64)   ! struct stat has 18 words
+
+      content = 0
+      if (c_stat(path//c_null_char, facts) == 0) content = facts(content_words)
+   end function content_of
 
    !> What the holder wrote into the file.
    function holder_of(path) result(holder)

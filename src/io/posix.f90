@@ -4,8 +4,8 @@ module io_posix
    implicit none(type, external)
    private
    public :: c_access, c_fclose, c_fflush, c_fileno, c_fopen, c_fputs, c_fstat, c_fsync, &
-             c_gethostname, c_getpid, c_getppid, c_glob, c_globfree, c_lockf, c_lseek, &
-             c_mkdir, c_remove, c_rename, c_stat
+             c_gethostname, c_getpid, c_getppid, c_glob, c_globfree, c_link, c_lockf, c_lseek, &
+             c_mkdir, c_pread, c_readlink, c_remove, c_rename, c_stat
 
    interface
       function c_access(path, mode) result(status) bind(c, name='access')
@@ -33,6 +33,21 @@ module io_posix
          character(kind=c_char), intent(in) :: from(*), to(*)
          integer(c_int) :: status
       end function c_rename
+
+      function c_link(from, to) result(status) bind(c, name='link')
+         import :: c_char, c_int
+         character(kind=c_char), intent(in) :: from(*), to(*)
+         integer(c_int) :: status
+      end function c_link
+
+      !> Length of the target of a symbolic link; -1: the path is none.
+      function c_readlink(path, target, most) result(length) bind(c, name='readlink')
+         import :: c_char, c_long, c_size_t
+         character(kind=c_char), intent(in) :: path(*)
+         character(kind=c_char), intent(out) :: target(*)
+         integer(c_size_t), value :: most
+         integer(c_long) :: length
+      end function c_readlink
 
       function c_fopen(path, mode) result(stream) bind(c, name='fopen')
          import :: c_char, c_ptr
@@ -108,6 +123,16 @@ module io_posix
          integer(c_long), value :: offset
          integer(c_long) :: place
       end function c_lseek
+
+      !> Reads from a place of a file, without regard to where the descriptor stands.
+      function c_pread(descriptor, text, most, place) result(length) bind(c, name='pread')
+         import :: c_char, c_int, c_long, c_size_t
+         integer(c_int), value :: descriptor
+         character(kind=c_char), intent(out) :: text(*)
+         integer(c_size_t), value :: most
+         integer(c_long), value :: place
+         integer(c_long) :: length
+      end function c_pread
 
       !> Of `length` bytes from where the descriptor stands; 0: to the end of all files.
       function c_lockf(descriptor, command, length) result(status) bind(c, name='lockf')

@@ -3,12 +3,13 @@
 module io_results
    use core_error, only: error_type
    use core_kinds, only: long, wp
-   use structure_model, only: structure_type
-   use io_files, only: folder_of, make_folder, remove_file, rename_file, sync_file, sync_folder
+   use io_files, only: folder_of, remove_file, sync_file, sync_folder, unfinished_name
    use io_group, only: counted, group_type, new_group
    use io_hdf5, only: create_hdf5, hdf5_file, label_type, write_attribute
    use io_identity, only: identity_type, write_identity
+   use io_lock, only: lock_type
    use io_read_back, only: read_back
+   use structure_model, only: structure_type
    implicit none(type, external)
    private
    public :: provenance_type, results_writer, begin_results
@@ -48,12 +49,9 @@ contains
       type(error_type), allocatable, intent(out) :: error
 
       writer%path = path
-      writer%temporary = path//'.part'
-      call make_folder(folder_of(path), error)
-      if (allocated(error)) return
+      writer%temporary = unfinished_name(path)
       call create_hdf5(writer%temporary, writer%file, error)
-      if (allocated(error)) return
-      call write_provenance(writer%file, provenance, error)
+      if (.not. allocated(error)) call write_provenance(writer%file, provenance, error)
       if (allocated(error)) call writer%abandon()
    end subroutine begin_results
 
@@ -125,8 +123,9 @@ contains
 
    !> Closes the file, reads it back, and gives it its name; before that there is nothing of that
    !> name, or still the earlier file.
-   subroutine finish(self, wall_seconds, error)
+   subroutine finish(self, lock, wall_seconds, error)
       class(results_writer), intent(inout) :: self
+      type(lock_type), intent(inout) :: lock   !! of the output
       real(wp), intent(in) :: wall_seconds   !! of the run that ends here
       type(error_type), allocatable, intent(out) :: error
 
@@ -134,7 +133,7 @@ contains
       if (.not. allocated(error)) call self%file%close(error)
       if (.not. allocated(error)) call sync_file(self%temporary, error)
       if (.not. allocated(error)) call read_back(self%temporary, error)
-      if (.not. allocated(error)) call rename_file(self%temporary, self%path, error)
+      if (.not. allocated(error)) call lock%publish(self%temporary, error)
       if (allocated(error)) then
          call self%abandon()
       else

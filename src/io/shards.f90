@@ -7,6 +7,7 @@ module io_shards
    use io_files, only: exists, remove_file
    use io_hdf5, only: hdf5_file, open_hdf5, read_attribute, write_attribute
    use io_identity, only: require_same
+   use io_lock, only: lock_type
    use io_process_shards, only: is_process_shard
    use io_store, only: finish_file, list_finished, remove_store, shard_store, start_file
    implicit none(type, external)
@@ -167,11 +168,14 @@ contains
    end subroutine open_shard
 
    !> Removes the shards whose samples a results file has, as after a run killed at its very end;
-   !> shards of further samples stay, and processes with them. Else nothing is left of the store.
-   subroutine remove_covered(store, n_samples, error)
+   !> shards of further samples stay, and processes with them. Else nothing is left of the store. A
+   !> run that has lost its lock leaves the rest to the one that has it.
+   subroutine remove_covered(store, lock, n_samples, error)
       type(shard_store), intent(in) :: store
+      type(lock_type), intent(inout) :: lock
       integer, intent(in) :: n_samples(:)   !! (case) of the results file
       type(error_type), allocatable, intent(out) :: error
+      type(error_type), allocatable :: lost
       type(shard_type), allocatable :: shards(:)
       logical :: is_bare
       integer :: i, last
@@ -180,6 +184,8 @@ contains
       if (allocated(error)) return
       is_bare = .true.
       do i = 1, size(shards)
+         call lock%keep(lost)
+         if (allocated(lost)) return
          last = 0
          if (shards(i)%case_number <= size(n_samples)) last = n_samples(shards(i)%case_number)
          if (shards(i)%first_sample + shards(i)%n_samples - 1 > last) then
@@ -189,7 +195,8 @@ contains
             if (allocated(error)) return
          end if
       end do
-      if (is_bare) call remove_store(store, error)
+      call lock%keep(lost)
+      if (is_bare .and. .not. allocated(lost)) call remove_store(store, error)
    end subroutine remove_covered
 
    !> c007_s00033-00064.h5: case 7, samples 33 to 64.

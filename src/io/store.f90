@@ -2,9 +2,8 @@
 !> files that are written once, each whole or not at all.
 module io_store
    use core_error, only: error_type
-   use core_text, only: to_text
-   use io_files, only: exists, host_name, list_files, make_folder, process_id, remove_file, &
-                       rename_file, sync_file, sync_folder
+   use io_files, only: exists, list_files, list_unfinished, make_folder, remove_file, rename_file, &
+                       sync_file, sync_folder, unfinished_name
    use io_hdf5, only: create_hdf5, hdf5_file
    use io_identity, only: identity_type, write_identity
    implicit none(type, external)
@@ -12,10 +11,9 @@ module io_store
    public :: shard_store, new_store
    public :: finish_file, list_finished, name_of, remove_leftovers, remove_store, start_file
 
-   character(*), parameter :: unfinished = '.part'
-
    !> Where the files of one output lie.
    type :: shard_store
+      character(:), allocatable :: output   !! path of the results file
       character(:), allocatable :: folder
       type(identity_type) :: identity
    end type shard_store
@@ -28,6 +26,7 @@ contains
       type(identity_type), intent(in) :: identity
       type(shard_store) :: store
 
+      store%output = output
       store%folder = output//'.shards'
       store%identity = identity
    end function new_store
@@ -41,7 +40,7 @@ contains
       type(error_type), allocatable :: ignored
       character(:), allocatable :: temporary
 
-      temporary = store%folder//'/'//name//'.'//host_name()//'-'//to_text(process_id())//unfinished
+      temporary = unfinished_name(store%folder//'/'//name)
       call make_folder(store%folder, error)
       if (allocated(error)) return
       call create_hdf5(temporary, file, error)
@@ -81,22 +80,12 @@ contains
       type(shard_store), intent(in) :: store
       character(:), allocatable, intent(out) :: paths(:)   !! padded with blanks
       type(error_type), allocatable, intent(out) :: error
-      character(:), allocatable :: all_paths(:)
-      integer :: i, n
 
       if (exists(store%folder)) then
-         call list_files(store%folder, all_paths, error)
+         call list_files(store%folder, paths, error)
       else
-         allocate (character(0) :: all_paths(0))
+         allocate (character(0) :: paths(0))
       end if
-      n = count([(.not. is_unfinished(all_paths(i)), i=1, size(all_paths))])
-      allocate (character(len(all_paths)) :: paths(n))
-      n = 0
-      do i = 1, size(all_paths)
-         if (is_unfinished(all_paths(i))) cycle
-         n = n + 1
-         paths(n) = all_paths(i)
-      end do
    end subroutine list_finished
 
    !> The last part of a path.
@@ -107,45 +96,40 @@ contains
       name = trim(path(index(path, '/', back=.true.) + 1:))
    end function name_of
 
-   !> Removes what a killed run left half-written; only for who holds the lock of the output.
+   !> Removes what killed runs left half-written, results files too; only for who holds the lock of
+   !> the output.
    subroutine remove_leftovers(store, error)
       type(shard_store), intent(in) :: store
       type(error_type), allocatable, intent(out) :: error
+      character(:), allocatable :: paths(:)
 
-      call remove_files(store, only_unfinished=.true., error=error)
+      call list_unfinished(store%output, paths, error)
+      if (.not. allocated(error)) call remove_all(paths, error)
+      if (.not. allocated(error)) call list_unfinished(store%folder, paths, error)
+      if (.not. allocated(error)) call remove_all(paths, error)
    end subroutine remove_leftovers
 
    !> Removes the store and all in it; one that was never made is fine.
    subroutine remove_store(store, error)
       type(shard_store), intent(in) :: store
       type(error_type), allocatable, intent(out) :: error
+      character(:), allocatable :: paths(:)
 
-      call remove_files(store, only_unfinished=.false., error=error)
+      call remove_leftovers(store, error)
+      if (.not. allocated(error)) call list_finished(store, paths, error)
+      if (.not. allocated(error)) call remove_all(paths, error)
       if (.not. allocated(error)) call remove_file(store%folder, error)
    end subroutine remove_store
 
-   subroutine remove_files(store, only_unfinished, error)
-      type(shard_store), intent(in) :: store
-      logical, intent(in) :: only_unfinished
+   subroutine remove_all(paths, error)
+      character(*), intent(in) :: paths(:)
       type(error_type), allocatable, intent(out) :: error
-      character(:), allocatable :: paths(:)
       integer :: i
 
-      if (.not. exists(store%folder)) return
-      call list_files(store%folder, paths, error)
-      if (allocated(error)) return
       do i = 1, size(paths)
-         if (only_unfinished .and. .not. is_unfinished(paths(i))) cycle
          call remove_file(trim(paths(i)), error)
          if (allocated(error)) return
       end do
-   end subroutine remove_files
-
-   pure function is_unfinished(path)
-      character(*), intent(in) :: path
-      logical :: is_unfinished
-
-      is_unfinished = index(path//' ', unfinished//' ') > 0
-   end function is_unfinished
+   end subroutine remove_all
 
 end module io_store

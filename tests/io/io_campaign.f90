@@ -16,6 +16,7 @@ module io_campaign
    use io_gathering, only: read_samples, shards_of
    use io_group, only: group_type
    use io_identity, only: identity_type
+   use io_lock, only: lock_type, take_lock
    use io_process_results, only: write_process
    use io_results, only: begin_results, provenance_type, results_writer
    use io_shards, only: list_shards, shard_type, write_shard
@@ -218,8 +219,30 @@ contains
       type(shard_store), intent(in) :: store
       type(error_type), allocatable, intent(out) :: error
       logical, intent(in), optional :: has_audit
-      type(shard_type), allocatable :: ours(:), shards(:)
+      type(shard_type), allocatable :: shards(:)
+      type(error_type), allocatable :: ignored
+      type(lock_type) :: lock
       type(results_writer) :: writer
+
+      call list_shards(store, shards, error)
+      if (.not. allocated(error)) call take_lock(path, lock, error)
+      if (allocated(error)) return
+      call begin_results(path, made_provenance(), writer, error)
+      if (.not. allocated(error)) then
+         call fill_made_results(writer, store, shards, error, has_audit)
+         if (.not. allocated(error)) call writer%finish(lock, 1.0_wp, error)
+         if (allocated(error)) call writer%abandon()
+      end if
+      call lock%release(ignored)
+   end subroutine write_made_results
+
+   subroutine fill_made_results(writer, store, shards, error, has_audit)
+      type(results_writer), intent(in) :: writer
+      type(shard_store), intent(in) :: store
+      type(shard_type), intent(in) :: shards(:)
+      type(error_type), allocatable, intent(out) :: error
+      logical, intent(in), optional :: has_audit
+      type(shard_type), allocatable :: ours(:)
       type(plan_type) :: plan
       type(block_result) :: samples
       type(group_type) :: group
@@ -229,10 +252,6 @@ contains
 
       force = 1.0_wp
       plan = made_plan()
-      call list_shards(store, shards, error)
-      if (allocated(error)) return
-      call begin_results(path, made_provenance(), writer, error)
-      if (allocated(error)) return
       call write_process(writer, 1, made_model(), error, realizations=force)
       if (.not. allocated(error)) call writer%write_chain(plan%structure, plan%excitation%dof, error)
       do i = 1, 2
@@ -244,17 +263,11 @@ contains
          call put_samples(group, samples, no_errors)
          call finish_case(group, plan, i, made_layout(), made_statistics(), store, ours, error)
       end do
-      if (present(has_audit) .and. .not. allocated(error)) then
-         plan%accuracy%audit = 0.6_wp
-         call add_audits(plan)
-         call write_made_audit(writer, plan, samples, store, error)
-      end if
-      if (allocated(error)) then
-         call writer%abandon()
-      else
-         call writer%finish(1.0_wp, error)
-      end if
-   end subroutine write_made_results
+      if (.not. present(has_audit) .or. allocated(error)) return
+      plan%accuracy%audit = 0.6_wp
+      call add_audits(plan)
+      call write_made_audit(writer, plan, samples, store, error)
+   end subroutine fill_made_results
 
    subroutine write_made_audit(writer, plan, samples, store, error)
       type(results_writer), intent(in) :: writer
