@@ -1,6 +1,6 @@
 !> What the user typed: a command, a scene, options.
 module driver_command_line
-   use config_spelling, only: nearest_name
+   use core_spelling, only: nearest_name
    use core_error, only: error_type, exit_bad_input, raise
    use io_files, only: exists
    implicit none(type, external)

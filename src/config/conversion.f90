@@ -2,10 +2,11 @@
 module config_conversion
    use config_document, only: document_type
    use config_entries, only: choice_length, entry_type
-   use config_spelling, only: lowered, nearest_name
    use config_tokens, only: token_word
-   use config_values, only: parse_integer, parse_real, parse_text
+   use config_values, only: parse_text
    use core_kinds, only: long, wp
+   use core_numbers, only: parse_integer, parse_real
+   use core_spelling, only: lowered, nearest_name
    implicit none(type, external)
    private
    public :: convert_choice, convert_integer, convert_real, convert_text

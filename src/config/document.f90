@@ -1,9 +1,9 @@
 !> A scene as it is written: groups, names and values, each with its place.
 module config_document
-   use config_complaints, only: complaint_list, printable
-   use config_source, only: source_type
-   use config_spelling, only: lowered
    use config_tokens, only: token_comma, token_type
+   use core_complaints, only: complaint_list, printable
+   use core_source, only: source_type
+   use core_spelling, only: lowered
    use core_text, only: to_text
    implicit none(type, external)
    private

@@ -1,10 +1,10 @@
 !> Force histories of the user's own: text files, and the rules that any history must keep.
 module config_force_file
-   use config_complaints, only: complaint_list, printable
-   use config_source, only: try_file
-   use config_values, only: parse_real
+   use core_complaints, only: complaint_list, printable
    use core_kinds, only: long, wp
+   use core_numbers, only: parse_real
    use core_random, only: label_of
+   use core_source, only: try_file
    use core_text, only: to_text
    use, intrinsic :: ieee_arithmetic, only: ieee_is_finite
    implicit none(type, external)

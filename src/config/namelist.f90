@@ -3,12 +3,12 @@
 !> The language's own namelist read stops at the first mistake and cannot say where it is; this one
 !> keeps the place of every name and value, and goes on behind a mistake.
 module config_namelist
-   use config_complaints, only: complaint_list
    use config_document, only: assignment_type, document_type
-   use config_spelling, only: lowered
    use config_tokens, only: comment_rule, token_colon, token_comma, token_end, token_end_of_line, &
                             token_equals, token_group, token_left, token_open_quote, token_right, &
                             token_type, token_word
+   use core_complaints, only: complaint_list
+   use core_spelling, only: lowered
    implicit none(type, external)
    private
    public :: begins_assignment, parse_assignment, parse_count, parse_groups

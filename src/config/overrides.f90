@@ -1,10 +1,10 @@
 !> The --set options: `group%name=value`, one value of the scene each.
 module config_overrides
-   use config_complaints, only: complaint_list
    use config_document, only: document_type
    use config_namelist, only: begins_assignment, parse_assignment, parse_count
-   use config_spelling, only: lowered
    use config_tokens, only: token_end_of_line, token_left, token_right, token_type, token_word
+   use core_complaints, only: complaint_list
+   use core_spelling, only: lowered
    implicit none(type, external)
    private
    public :: override_text, parse_overrides

@@ -1,15 +1,15 @@
 !> What a scene asks for becomes a plan: processes to fit, cases in the order of their numbers.
 module config_plan
-   use config_complaints, only: complaint_list
    use config_groups, only: scene_type
    use config_process, only: process_group
+   use core_complaints, only: complaint_list
    use core_error, only: error_type
    use core_kinds, only: wp
    use core_text, only: to_text
-   use structure_chain, only: build_chain
    use dynamics_event, only: most_parts, parts_of_step
    use ensemble_plan, only: accuracy_settings, case_type, plan_type
    use process_model, only: process_request
+   use structure_chain, only: build_chain
    implicit none(type, external)
    private
    public :: build_plan, scene_name

@@ -1,14 +1,14 @@
 !> Fills a group from what the scene file and the --set options give, and complains of what they
 !> should not.
 module config_reader
-   use config_complaints, only: complaint_list
    use config_conversion, only: convert_choice, convert_integer, convert_real, convert_text
    use config_document, only: document_type
    use config_entries, only: choice_length, entry_type, name_length, visitor_type
    use config_slots, only: find_slots
-   use config_spelling, only: nearest_name
    use config_values, only: parse_logical
+   use core_complaints, only: complaint_list
    use core_kinds, only: long, wp
+   use core_spelling, only: nearest_name
    use core_text, only: to_text
    implicit none(type, external)
    private

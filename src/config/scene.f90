@@ -1,19 +1,21 @@
 !> Reads a scene: the scene file and the --set options become checked groups, or complaints.
 module config_scene
-   use config_complaints, only: complaint_list
    use config_document, only: document_type
    use config_groups, only: group_names, scene_type
    use config_namelist, only: parse_groups
    use config_overrides, only: override_text, parse_overrides
    use config_reader, only: reader_type
    use config_rules, only: check_rules
-   use config_source, only: new_source, read_source, source_type
-   use config_spelling, only: nearest_name
    use config_tokens, only: token_type, tokenize
+   use core_complaints, only: complaint_list
+   use core_source, only: new_source, read_source, source_type
+   use core_spelling, only: nearest_name
    use core_text, only: to_text
    implicit none(type, external)
    private
    public :: complaint_list, parse_scene, read_scene, scene_type
+
+   integer, parameter :: most_bytes = 16*1024**2   !! whoever exceeds it did not mean a scene
 
 contains
 
@@ -26,7 +28,7 @@ contains
       type(source_type) :: source
       character(:), allocatable :: refusal
 
-      call read_source(path, source, refusal)
+      call read_source(path, source, refusal, most_bytes)
       if (allocated(refusal)) then
          call complaints%add_general(path//': '//refusal)
       else

@@ -1,9 +1,9 @@
 !> Which token of the scene gives each value of an entry.
 module config_slots
-   use config_complaints, only: complaint_list
    use config_document, only: assignment_type, document_type
    use config_entries, only: entry_type
    use config_tokens, only: comment_rule, token_comma, token_open_quote, token_quoted, token_word
+   use core_complaints, only: complaint_list
    use core_text, only: to_text
    implicit none(type, external)
    private

@@ -1,7 +1,7 @@
 !> Cuts namelist text into tokens that know where they stand.
 module config_tokens
-   use config_source, only: source_type
-   use config_spelling, only: lowered
+   use core_source, only: source_type
+   use core_spelling, only: lowered
    implicit none(type, external)
    private
    public :: token_type, tokenize, comment_rule

@@ -6,7 +6,7 @@ module structure_chain
    use core_error, only: error_type, exit_bad_input, raise
    use core_kinds, only: wp
    use core_text, only: to_text
-   use structure_model, only: find_modes, modal_damping, structure_type
+   use structure_model, only: build_structure, damping_type, part_names, structure_type
    implicit none(type, external)
    private
    public :: build_chain
@@ -24,7 +24,6 @@ contains
       real(wp), intent(in) :: damping_ratio(:)        !! fraction of critical, not negative
       type(structure_type), intent(out) :: structure
       type(error_type), allocatable, intent(out) :: error
-      real(wp), allocatable :: modes(:, :), unused(:, :)
       integer :: i, n
 
       n = size(mass)
@@ -34,12 +33,8 @@ contains
                     to_text(n)//')')
          return
       end if
-      structure%n_dof = n
-      structure%n_joints = n
-      structure%n_points = n
       structure%joint_stiffness = contact_stiffness
       structure%normal_load = normal_load
-      structure%damping_ratio = damping_ratio
       structure%friction_point = [(i, i=1, n)]
       allocate (structure%joint_friction(n), structure%load(n, 1), structure%mass(n, n), &
                 structure%stiffness(n, n), structure%direction(n, n), source=0.0_wp)
@@ -54,13 +49,9 @@ contains
          structure%stiffness(i + 1, i) = -coupling_stiffness(i + 1)
       end do
 
-     call find_modes(structure%stiffness, structure%mass, structure%frequencies_slip, unused, error)
-      if (allocated(error)) return
-      call find_modes(structure%stuck_stiffness([(.true., i=1, n)]), structure%mass, &
-                      structure%frequencies_stuck, modes, error)
-      if (allocated(error)) return
-      structure%damping = modal_damping(structure%mass, modes, damping_ratio, &
-                                        structure%frequencies_stuck)
+      call build_structure(damping_type(ratio=damping_ratio), &
+                           part_names('chain%mass', 'chain%coupling_stiffness', &
+                                      'chain%damping_ratio'), structure, error)
    end subroutine build_chain
 
 end module structure_chain

@@ -4,12 +4,18 @@
 !> slider stands at z_j; slipping, it carries r_j = +-mu_j N_j. With all joints stuck, or all
 !> slipping, the structure is linear. The friction coefficients mu belong to a sample, not to it.
 module structure_model
-   use core_error, only: error_type
+   use core_error, only: error_type, exit_bad_input, raise
    use core_kinds, only: wp
-   use numerics_lapack, only: solve_symmetric_eigenproblem
+   use core_text, only: to_text
+   use numerics_lapack, only: solve_positive_definite, solve_symmetric_eigenproblem
    implicit none(type, external)
    private
-   public :: structure_type, find_modes, modal_damping
+   public :: damping_type, part_names, structure_type
+   public :: build_structure
+
+   real(wp), parameter :: least_share = 1.0e-10_wp   !! of the largest eigenvalue; less is a zero
+   real(wp), parameter :: rounding = 1.0e-12_wp      !! of the largest entry, between equal ones
+   real(wp), parameter :: two_pi = 8.0_wp*atan(1.0_wp)
 
    !> One structure. Matrices are full; has_lumped_mass says that M is diagonal.
    type :: structure_type
@@ -25,6 +31,7 @@ module structure_model
       integer, allocatable :: friction_point(:)      !! (joint) point of the process that gives mu_j
       real(wp), allocatable :: load(:, :)            !! b (dof, force)
       real(wp), allocatable :: damping_ratio(:)      !! (mode), all joints stuck; size 0: not modal
+      integer :: n_zero_modes = 0                    !! all joints stuck: motion without force
       real(wp), allocatable :: frequencies_stuck(:)  !! (mode) [Hz], ascending
       real(wp), allocatable :: frequencies_slip(:)   !! (mode) [Hz], ascending
    contains
@@ -33,7 +40,138 @@ module structure_model
       procedure :: stuck_stiffness
    end type structure_type
 
+   !> How C is formed: the matrix where there is one, else alpha M + beta K where one of them is not
+   !> zero, else a damping ratio for every mode of the structure with all joints stuck.
+   type :: damping_type
+      real(wp), allocatable :: matrix(:, :)      !! C (dof, dof) [N s/m]
+      real(wp) :: rayleigh(2) = 0.0_wp           !! alpha [1/s], beta [s]
+      real(wp), allocatable :: ratio(:)          !! one, or one per mode; of critical
+   end type damping_type
+
+   !> What messages call the parts of a structure: the files that they come from.
+   type :: part_names
+      character(:), allocatable :: mass, stiffness, damping
+   end type part_names
+
 contains
+
+   !> Completes a structure whose M, K, joints, directions and load are given: checks the matrices,
+   !> finds the frequencies, forms C. Joints are checked by whoever reads them.
+   subroutine build_structure(damping, names, structure, error)
+      type(damping_type), intent(in) :: damping
+      type(part_names), intent(in) :: names
+      type(structure_type), intent(inout) :: structure
+      type(error_type), allocatable, intent(out) :: error
+      real(wp), allocatable :: stuck_modes(:, :), slip_modes(:, :)
+      integer :: j, n_zero
+
+      call set_sizes(structure)
+      call check_matrix(structure%mass, structure%n_dof, names%mass, error)
+      if (.not. allocated(error)) call check_mass(structure%mass, names%mass, error)
+      if (.not. allocated(error)) &
+         call check_matrix(structure%stiffness, structure%n_dof, names%stiffness, error)
+      if (allocated(error)) return
+
+      call find_modes(structure%stiffness, structure%mass, structure%frequencies_slip, &
+                      slip_modes, n_zero, error)
+      if (allocated(error)) return
+      call find_modes(structure%stuck_stiffness([(.true., j=1, structure%n_joints)]), &
+                      structure%mass, structure%frequencies_stuck, stuck_modes, &
+                      structure%n_zero_modes, error, names%stiffness)
+      if (allocated(error)) return
+      call form_damping(damping, names%damping, stuck_modes, structure, error)
+   end subroutine build_structure
+
+   pure subroutine set_sizes(structure)
+      type(structure_type), intent(inout) :: structure
+
+      structure%n_dof = size(structure%mass, 1)
+      structure%n_joints = size(structure%joint_stiffness)
+      structure%n_forces = size(structure%load, 2)
+      structure%n_points = maxval(structure%friction_point)
+   end subroutine set_sizes
+
+   !> Square, of the order of M, and symmetric.
+   pure subroutine check_matrix(matrix, n_dof, name, error)
+      real(wp), intent(in) :: matrix(:, :)
+      integer, intent(in) :: n_dof
+      character(*), intent(in) :: name
+      type(error_type), allocatable, intent(out) :: error
+      integer :: worst(2)
+
+      if (any(shape(matrix) /= n_dof)) then
+         call raise(error, exit_bad_input, name//': holds '//to_text(size(matrix, 1))//' x '// &
+                    to_text(size(matrix, 2))//' entries: must be '//to_text(n_dof)//' x '// &
+                    to_text(n_dof)//', as many as there are dofs')
+         return
+      end if
+      worst = maxloc(abs(matrix - transpose(matrix)))
+      associate (i => worst(1), j => worst(2))
+         if (abs(matrix(i, j) - matrix(j, i)) > rounding*maxval(abs(matrix))) &
+            call raise(error, exit_bad_input, name//': entry ('//to_text(i)//', '//to_text(j)// &
+                       ') = '//to_text(matrix(i, j))//' but ('//to_text(j)//', '//to_text(i)// &
+                       ') = '//to_text(matrix(j, i))//': must be symmetric')
+      end associate
+   end subroutine check_matrix
+
+   subroutine check_mass(mass, name, error)
+      real(wp), intent(in) :: mass(:, :)   !! (dof, dof) [kg]
+      character(*), intent(in) :: name
+      type(error_type), allocatable, intent(out) :: error
+      real(wp), allocatable :: factor(:, :), unused(:, :)
+      integer :: i
+
+      do i = 1, size(mass, 1)
+         if (mass(i, i) > 0.0_wp) cycle
+         call raise(error, exit_bad_input, name//': entry ('//to_text(i)//', '//to_text(i)// &
+                    ') = '//to_text(mass(i, i))//': a mass matrix must be positive definite')
+         return
+      end do
+      factor = mass
+      allocate (unused(size(mass, 1), 1), source=0.0_wp)
+      call solve_positive_definite(factor, unused, error)
+      if (allocated(error)) &
+         call raise(error, exit_bad_input, name//': a mass matrix must be positive definite')
+   end subroutine check_mass
+
+   !> C by whichever kind of damping is given.
+   subroutine form_damping(damping, name, modes, structure, error)
+      type(damping_type), intent(in) :: damping
+      character(*), intent(in) :: name
+      real(wp), intent(in) :: modes(:, :)   !! (dof, mode) with all joints stuck
+      type(structure_type), intent(inout) :: structure
+      type(error_type), allocatable, intent(out) :: error
+      real(wp), allocatable :: decay(:), unused(:, :)
+
+      allocate (structure%damping_ratio(0))
+      if (allocated(damping%matrix)) then
+         call check_matrix(damping%matrix, structure%n_dof, name, error)
+         if (allocated(error)) return
+         call solve_symmetric_eigenproblem(damping%matrix, structure%mass, decay, unused, error)
+         if (allocated(error)) return
+         if (decay(1) < -least_share*maxval(abs(decay))) &
+            call raise(error, exit_bad_input, name//': a damping matrix must not feed energy: '// &
+                       'its least eigenvalue over M is '//to_text(decay(1))//' 1/s')
+         structure%damping = damping%matrix
+      else if (any(abs(damping%rayleigh) > 0.0_wp)) then
+         if (any(damping%rayleigh < 0.0_wp)) &
+            call raise(error, exit_bad_input, name//': rayleigh must be zero or positive')
+         structure%damping = damping%rayleigh(1)*structure%mass + &
+                             damping%rayleigh(2)*structure%stiffness
+      else if (all(size(damping%ratio) /= [1, structure%n_dof])) then
+         call raise(error, exit_bad_input, name//': holds '//to_text(size(damping%ratio))// &
+                    ' values: must be one, or one for each of the '//to_text(structure%n_dof)// &
+                    ' modes')
+      else if (any(damping%ratio < 0.0_wp)) then
+         call raise(error, exit_bad_input, name//': must be zero or positive')
+      else
+         structure%damping_ratio = damping%ratio
+         if (size(damping%ratio) == 1) &
+            structure%damping_ratio = spread(damping%ratio(1), 1, structure%n_dof)
+         structure%damping = modal_damping(structure%mass, modes, structure%damping_ratio, &
+                                           structure%frequencies_stuck)
+      end if
+   end subroutine form_damping
 
    !> True if M is diagonal.
    pure logical function has_lumped_mass(self)
@@ -76,16 +214,39 @@ contains
    end function stuck_stiffness
 
    !> Natural frequencies [Hz], ascending, and mass-normalized modes (dof, mode).
-   subroutine find_modes(stiffness, mass, frequencies, modes, error)
+   !>
+   !> An eigenvalue within 1e-10 of the largest is known to few digits. Its Rayleigh quotient takes
+   !> its place: where that, too, cancels to 1e-10 of its terms, the mode is one without force. With
+   !> a `name`, an eigenvalue that is more negative is refused.
+   subroutine find_modes(stiffness, mass, frequencies, modes, n_zero, error, name)
       real(wp), intent(in) :: stiffness(:, :), mass(:, :)   !! (dof, dof) [N/m], [kg]
       real(wp), allocatable, intent(out) :: frequencies(:), modes(:, :)
+      integer, intent(out) :: n_zero
       type(error_type), allocatable, intent(out) :: error
-      real(wp), parameter :: two_pi = 8.0_wp*atan(1.0_wp)
+      character(*), intent(in), optional :: name            !! of K, with the joints stuck
       real(wp), allocatable :: eigenvalues(:)
+      real(wp) :: energy, terms
+      integer :: r
 
+      n_zero = 0
       call solve_symmetric_eigenproblem(stiffness, mass, eigenvalues, modes, error)
       if (allocated(error)) return
-      frequencies = sqrt(max(eigenvalues, 0.0_wp))/two_pi   ! a free body's zero may be -1e-17
+      associate (least => least_share*maxval(abs(eigenvalues)))
+         if (present(name) .and. eigenvalues(1) < -least) then
+            call raise(error, exit_bad_input, name//': with all joints stuck, the least '// &
+                       'eigenvalue over M is '//to_text(eigenvalues(1))//' 1/s^2: must not be '// &
+                       'negative, the structure would buckle')
+            return
+         end if
+         do r = 1, size(eigenvalues)
+            if (abs(eigenvalues(r)) > least) cycle
+            energy = dot_product(modes(:, r), matmul(stiffness, modes(:, r)))
+            terms = dot_product(abs(modes(:, r)), matmul(abs(stiffness), abs(modes(:, r))))
+            eigenvalues(r) = merge(energy, 0.0_wp, energy > least_share*terms)
+            if (.not. eigenvalues(r) > 0.0_wp) n_zero = n_zero + 1
+         end do
+      end associate
+      frequencies = sqrt(max(eigenvalues, 0.0_wp))/two_pi
    end subroutine find_modes
 
    !> C = M Phi diag(2 zeta omega) Phi' M (dof, dof) [N s/m].
@@ -93,7 +254,6 @@ contains
       real(wp), intent(in) :: mass(:, :), modes(:, :)      !! (dof, dof) [kg]; (dof, mode)
       real(wp), intent(in) :: ratio(:), frequencies(:)     !! zeta (mode), (mode) [Hz]
       real(wp) :: damping(size(mass, 1), size(mass, 1))
-      real(wp), parameter :: two_pi = 8.0_wp*atan(1.0_wp)
       real(wp) :: momentum(size(mass, 1), size(modes, 2))
       integer :: i, j, r
 

@@ -1,12 +1,11 @@
 !> Scenes as text for the tests of this floor, and what is complained of in them.
 module scene_texts
    use config_scene, only: complaint_list, parse_scene, scene_type
-   use config_source, only: new_source
-   use core_kinds, only: long
+   use core_source, only: new_source
    implicit none(type, external)
    private
-   public :: complaints_on, read_text, remove_file, scratch_path, with_chain, with_excitation, &
-             with_integration, with_output, with_process, write_file
+   public :: complaints_on, read_text, with_chain, with_excitation, with_integration, with_output, &
+             with_process
 
    character(*), parameter :: lf = new_line('a')
 
@@ -83,34 +82,5 @@ contains
 
       text = '&output '//entries//' /'//lf//with_chain('')
    end function with_output
-
-   !> A file of this process alone: tests of two builds may run at once.
-   function scratch_path(name) result(path)
-      character(*), intent(in) :: name
-      character(:), allocatable :: path
-      integer(long), save :: clock = 0
-      character(20) :: digits
-
-      if (clock == 0) call system_clock(clock)
-      write (digits, '(i0)') clock
-      path = '/tmp/entroslip_'//trim(digits)//'_'//name
-   end function scratch_path
-
-   subroutine remove_file(path)
-      character(*), intent(in) :: path
-      integer :: unit
-
-      open (newunit=unit, file=path)
-      close (unit, status='delete')
-   end subroutine remove_file
-
-   subroutine write_file(path, text)
-      character(*), intent(in) :: path, text
-      integer :: unit
-
-      open (newunit=unit, file=path, access='stream', form='unformatted', status='replace')
-      write (unit) text
-      close (unit)
-   end subroutine write_file
 
 end module scene_texts

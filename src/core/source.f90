@@ -1,11 +1,11 @@
 !> The text that a scene is read from, by lines: a file, or the --set options of the command line.
-module config_source
+module core_source
    use core_kinds, only: long
+   use core_text, only: to_text
    implicit none(type, external)
    private
    public :: source_type, new_source, read_source, try_file
 
-   integer, parameter :: max_size = 16*1024**2   !! [bytes]; whoever exceeds it did not mean a scene
    integer, parameter :: line_feed = 10
 
    !> A text, and where its lines begin.
@@ -43,10 +43,11 @@ contains
    end function new_source
 
    !> Reads a whole file; `refusal` is allocated when that cannot be done, and says why.
-   subroutine read_source(path, source, refusal)
+   subroutine read_source(path, source, refusal, most_bytes)
       character(*), intent(in) :: path
       type(source_type), intent(out) :: source
       character(:), allocatable, intent(out) :: refusal
+      integer, intent(in) :: most_bytes
       character(:), allocatable :: text
       character(256) :: reason
       integer(long) :: size
@@ -54,8 +55,8 @@ contains
 
       call try_file(path, size, refusal)
       if (allocated(refusal)) return
-      if (size > max_size) then
-         refusal = 'is larger than 16 MB'
+      if (size > most_bytes) then
+         refusal = 'is larger than '//to_text(most_bytes/1024**2)//' MB'
          return
       end if
       open (newunit=unit, file=path, access='stream', form='unformatted', action='read', &
@@ -118,4 +119,4 @@ contains
       end if
    end function line
 
-end module config_source
+end module core_source

@@ -1,5 +1,5 @@
 !> Names as people spell them: in any case, and not always right.
-module config_spelling
+module core_spelling
    implicit none(type, external)
    private
    public :: lowered, nearest_name
@@ -57,4 +57,4 @@ contains
       distance = d(len(a), len(b))
    end function edit_distance
 
-end module config_spelling
+end module core_spelling

@@ -1,6 +1,6 @@
-!> What is wrong with a scene: all of it, in the order of its lines, each with the line and a caret.
-module config_complaints
-   use config_source, only: source_type
+!> What is wrong with a scene and its files: all of it, in the order of the lines, each with a caret.
+module core_complaints
+   use core_source, only: source_type
    use core_text, only: to_text
    implicit none(type, external)
    private
@@ -143,4 +143,4 @@ contains
       is_continuation = ichar(byte) >= first_continuation .and. ichar(byte) <= last_continuation
    end function is_continuation
 
-end module config_complaints
+end module core_complaints

@@ -1,0 +1,224 @@
+!> A structure from files: Matrix Market matrices, a table of joints, directions, a load.
+module structure_files
+   use core_complaints, only: complaint_list
+   use core_error, only: error_type
+   use core_kinds, only: wp
+   use core_table, only: read_table, table_type
+   use core_text, only: to_text
+   use structure_matrix_market, only: read_matrix
+   use structure_model, only: build_structure, damping_type, part_names, structure_type
+   implicit none(type, external)
+   private
+   public :: read_structure, structure_paths
+
+   integer, parameter :: most_points = 100000   !! of a friction process
+   integer, parameter :: most_forces = 100
+
+   !> Where the parts of a structure lie; '': there is no such file.
+   type :: structure_paths
+      character(:), allocatable :: mass         !! M
+      character(:), allocatable :: stiffness    !! K without the joints
+      character(:), allocatable :: damping      !! C
+      character(:), allocatable :: joints
+      character(:), allocatable :: directions   !! W (dof, joint)
+      character(:), allocatable :: load         !! b (dof, force)
+   end type structure_paths
+
+contains
+
+   !> Reads and completes a structure; it is of use when nothing was complained of. Without a load
+   !> file one force acts on `forced_dof`.
+   subroutine read_structure(paths, rayleigh, damping_ratio, forced_dof, structure, complaints)
+      type(structure_paths), intent(in) :: paths
+      real(wp), intent(in) :: rayleigh(2)        !! alpha [1/s], beta [s]; zeros: another damping
+      real(wp), intent(in) :: damping_ratio(:)   !! one, or one per mode, where there is no other
+      integer, intent(in) :: forced_dof          !! 0: the last
+      type(structure_type), intent(out) :: structure
+      type(complaint_list), intent(inout) :: complaints
+      type(damping_type) :: damping
+      type(error_type), allocatable :: error
+      type(part_names) :: names
+      integer :: n_before
+
+      n_before = complaints%n
+      damping%rayleigh = rayleigh
+      damping%ratio = damping_ratio
+      names%mass = paths%mass   ! by component: gfortran 12 misjudges the lengths in a constructor
+      names%stiffness = paths%stiffness
+      names%damping = 'structure%damping_ratio'
+      call read_matrix(paths%mass, structure%mass, complaints)
+      call read_matrix(paths%stiffness, structure%stiffness, complaints)
+      if (paths%damping /= '') then
+         call read_matrix(paths%damping, damping%matrix, complaints)
+         names%damping = paths%damping
+      end if
+      if (complaints%n > n_before) return
+      structure%n_dof = size(structure%mass, 1)
+      call read_joints(paths, structure, complaints)
+      call read_load(paths%load, forced_dof, structure, complaints)
+      if (complaints%n > n_before) return
+      call build_structure(damping, names, structure, error)
+      if (allocated(error)) call complaints%add_general(error%message)
+   end subroutine read_structure
+
+   !> dof_a dof_b stiffness normal_load friction [friction_point], a joint a line; without the dofs
+   !> where there is a file of directions.
+   subroutine read_joints(paths, structure, complaints)
+      type(structure_paths), intent(in) :: paths
+      type(structure_type), intent(inout) :: structure
+      type(complaint_list), intent(inout) :: complaints
+      type(table_type) :: table
+      integer :: n_before, n_dofs
+
+      n_before = complaints%n
+      n_dofs = merge(2, 0, paths%directions == '')
+      call read_table(paths%joints, '#', n_dofs + 3, n_dofs + 4, table, complaints)
+      if (complaints%n == n_before .and. table%n_rows == 0) &
+         call complaints%add_general(paths%joints//': must hold one joint or more')
+      if (complaints%n > n_before) return
+      structure%n_joints = table%n_rows
+      structure%joint_stiffness = table%value(n_dofs + 1, :)
+      structure%normal_load = table%value(n_dofs + 2, :)
+      structure%joint_friction = table%value(n_dofs + 3, :)
+      call check_properties(structure, table, complaints)
+      call read_points(table, n_dofs + 4, structure, complaints)
+      if (n_dofs == 2) then
+         call read_pairs(table, structure, complaints)
+      else
+         call read_directions(paths%directions, structure, complaints)
+      end if
+   end subroutine read_joints
+
+   !> W, none of whose columns vanishes.
+   subroutine read_directions(path, structure, complaints)
+      character(*), intent(in) :: path
+      type(structure_type), intent(inout) :: structure
+      type(complaint_list), intent(inout) :: complaints
+      integer :: j, n_before
+
+      n_before = complaints%n
+      call read_matrix(path, structure%direction, complaints)
+      if (complaints%n > n_before) return
+      if (any(shape(structure%direction) /= [structure%n_dof, structure%n_joints])) then
+         call complaints%add_general(path//': holds '//to_text(size(structure%direction, 1))// &
+                                     ' x '//to_text(size(structure%direction, 2))// &
+                                     ' entries: must be dofs x joints, '// &
+                                     to_text(structure%n_dof)//' x '//to_text(structure%n_joints))
+         return
+      end if
+      do j = 1, structure%n_joints
+         if (any(abs(structure%direction(:, j)) > 0.0_wp)) cycle
+         call complaints%add_general(path//': column '//to_text(j)//': must not be zero')
+      end do
+   end subroutine read_directions
+
+   !> The rules of one joint, by the line that breaks them.
+   subroutine check_properties(structure, table, complaints)
+      type(structure_type), intent(in) :: structure
+      type(table_type), intent(in) :: table
+      type(complaint_list), intent(inout) :: complaints
+      integer :: j
+
+      do j = 1, structure%n_joints
+         if (.not. structure%joint_stiffness(j) > 0.0_wp) &
+            call table%refuse_row(j, 'stiffness', to_text(structure%joint_stiffness(j)), &
+                                  'must be positive', complaints)
+         if (structure%normal_load(j) < 0.0_wp) &
+            call table%refuse_row(j, 'normal_load', to_text(structure%normal_load(j)), &
+                                  'must be zero or positive', complaints)
+         if (structure%joint_friction(j) < 0.0_wp) &
+            call table%refuse_row(j, 'friction', to_text(structure%joint_friction(j)), &
+                                  'must be zero or positive', complaints)
+      end do
+   end subroutine check_properties
+
+   !> The point of the process that gives each joint its friction; without: its row.
+   subroutine read_points(table, column, structure, complaints)
+      type(table_type), intent(in) :: table
+      integer, intent(in) :: column
+      type(structure_type), intent(inout) :: structure
+      type(complaint_list), intent(inout) :: complaints
+      integer :: j
+
+      structure%friction_point = [(j, j=1, table%n_rows)]
+      do j = 1, table%n_rows
+         if (table%n_columns(j) < column) cycle
+         call read_count(table, j, column, 'friction_point', 1, most_points, &
+                         structure%friction_point(j), complaints)
+      end do
+   end subroutine read_points
+
+   !> +1 at dof_a, -1 at dof_b, which is 0 for the ground.
+   subroutine read_pairs(table, structure, complaints)
+      type(table_type), intent(in) :: table
+      type(structure_type), intent(inout) :: structure
+      type(complaint_list), intent(inout) :: complaints
+      integer :: a, b, j
+
+      allocate (structure%direction(structure%n_dof, table%n_rows), source=0.0_wp)
+      do j = 1, table%n_rows
+         call read_count(table, j, 1, 'dof_a', 1, structure%n_dof, a, complaints)
+         call read_count(table, j, 2, 'dof_b', 0, structure%n_dof, b, complaints)
+         if (a == 0) cycle
+         structure%direction(a, j) = 1.0_wp
+         if (b > 0) structure%direction(b, j) = -1.0_wp
+         if (a == b) call table%refuse_row(j, 'dof_b', to_text(b), 'must differ from dof_a', &
+                                           complaints)
+      end do
+   end subroutine read_pairs
+
+   !> A whole number within limits; 0 after a complaint.
+   subroutine read_count(table, row, column, name, least, most, count, complaints)
+      type(table_type), intent(in) :: table
+      integer, intent(in) :: row, column, least, most
+      character(*), intent(in) :: name
+      integer, intent(out) :: count
+      type(complaint_list), intent(inout) :: complaints
+
+      count = 0
+      associate (value => table%value(column, row))
+         if (value < least .or. value > most .or. abs(value - aint(value)) > 0.0_wp) then
+            call table%refuse_row(row, name, to_text(value), 'must be a whole number from '// &
+                                  to_text(least)//' to '//to_text(most), complaints)
+         else
+            count = nint(value)
+         end if
+      end associate
+   end subroutine read_count
+
+   !> Factor of each dof, one a line; a column a force. Without a file: 1 at the forced dof.
+   subroutine read_load(path, forced_dof, structure, complaints)
+      character(*), intent(in) :: path
+      integer, intent(in) :: forced_dof
+      type(structure_type), intent(inout) :: structure
+      type(complaint_list), intent(inout) :: complaints
+      type(table_type) :: table
+      integer :: i, n_before
+
+      if (path == '') then
+         allocate (structure%load(structure%n_dof, 1), source=0.0_wp)
+         i = merge(forced_dof, structure%n_dof, forced_dof > 0)
+         if (i <= structure%n_dof) structure%load(i, 1) = 1.0_wp
+         return
+      end if
+      n_before = complaints%n
+      call read_table(path, '#', 1, most_forces, table, complaints)
+      if (complaints%n > n_before) return
+      if (table%n_rows /= structure%n_dof) then
+         call complaints%add_general(path//': holds '//to_text(table%n_rows)// &
+                                     ' rows: must be one for each of the '// &
+                                     to_text(structure%n_dof)//' dofs')
+         return
+      end if
+      structure%n_forces = table%n_columns(1)
+      do i = 1, table%n_rows
+         if (table%n_columns(i) == structure%n_forces) cycle
+         call complaints%add_general(path//':'//to_text(table%line(i))//': holds '// &
+                                     to_text(table%n_columns(i))//' values: must be '// &
+                                     to_text(structure%n_forces)//', as on the first line')
+         return
+      end do
+      structure%load = transpose(table%value(:structure%n_forces, :))
+   end subroutine read_load
+
+end module structure_files
