@@ -63,7 +63,7 @@ contains
       if (n == 0 .or. lowered(words(1)) /= '%%matrixmarket') then
          call refuse_header(reader)
       else if (n /= 5 .or. lowered(words(2)) /= 'matrix') then
-         reader%rule = shown(reader)//': must be %%MatrixMarket matrix, a form, a field and a symmetry'
+         reader%rule = shown(reader)//': must be %%MatrixMarket matrix, form, field, symmetry'
       else if (all(lowered(words(3)) /= [character(10) :: 'coordinate', 'array'])) then
          reader%rule = trim(words(3))//': must be coordinate or array'
       else if (all(lowered(words(4)) /= [character(7) :: 'real', 'integer'])) then
@@ -90,10 +90,10 @@ contains
          call split(commas_to_blanks(line), words, n)
          if (are_numbers(words, n)) then
             reader%line = i
-            if (n == 5) reader%rule = shown(reader)// &
-                        ': an Abaqus matrix (node, dof, node, dof, value), not Matrix Market'//importer
+            if (n == 5) reader%rule = shown(reader)//': an Abaqus matrix (node, dof, node, '// &
+                                      'dof, value), not Matrix Market'//importer
             if (n == 3) reader%rule = shown(reader)// &
-                        ': row, column, value without a header, as Abaqus writes them'//importer
+                            ': row, column, value without a header, as Abaqus writes them'//importer
          end if
          exit
       end do
@@ -147,7 +147,8 @@ contains
       reader%n_rows = sizes(1)
       reader%n_columns = sizes(2)
       if (any(sizes(:2) < 1 .or. sizes(:2) > largest_order)) then
-         reader%rule = shown(reader)//': rows and columns must be from 1 to '//to_text(largest_order)
+         reader%rule = shown(reader)//': rows and columns must be from 1 to '// &
+                       to_text(largest_order)
       else if (reader%is_symmetric .and. sizes(1) /= sizes(2)) then
          reader%rule = shown(reader)//': a symmetric matrix must have as many rows as columns'
       else if (sizes(3) < 0 .or. sizes(3) > sizes(1)*sizes(2)) then
@@ -311,7 +312,7 @@ contains
    !> The words of a line; n exceeds their room where there are more, or where one is too long.
    pure subroutine split(line, words, n)
       character(*), intent(in) :: line
-      character(*), intent(out) :: words(:)
+      character(word_length), intent(out) :: words(:)
       integer, intent(out) :: n
       integer :: first, last
 
