@@ -6,7 +6,7 @@
 program friction_of_a_contact
    use core_kinds, only: long, wp
    use core_random, only: new_stream, stream_type
-   use dynamics_jenkins, only: jenkins_force
+   use dynamics_joint, only: jenkins_force
    use process_fit, only: fit_process
    use process_model, only: process_model_type, process_request, request_label
    use process_positive, only: draw_points

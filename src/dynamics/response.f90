@@ -25,10 +25,16 @@ module dynamics_response
       integer(long) :: step = 0                         !! steps done
       real(wp), allocatable :: displacement(:, :)       !! x (dof, sample) [m]
       real(wp), allocatable :: velocity(:, :)           !! (dof, sample) [m/s]
+      !> (dof, sample) velocity per part of a step [m], as the exact march left it; see take there
+      real(wp), allocatable :: velocity_step(:, :)
       real(wp), allocatable :: slider(:, :)             !! z (joint, sample) [m]; force k (w.x - z)
       integer, allocatable :: direction(:, :)           !! (joint, sample) 0: stuck, +-1: slips so
       real(wp), allocatable :: slip_limit(:, :)         !! mu N (joint, sample) [N]
-      real(wp), allocatable :: slip_time(:, :)          !! (joint, sample) [s]
+      !> (joint, sample) [s], [m]: slips that have ended or been closed (close_account); the distance
+      !> is the sum of |change of w.x| while slipping, so mu N times it is dissipated
+      real(wp), allocatable :: slip_time(:, :), slip_distance(:, :)
+      !> (joint, sample) [s], [m]: time and place w.x from which a slip under way is to be counted
+      real(wp), allocatable :: slip_since(:, :), slip_from(:, :)
       !> (joint, sample) when a slip under way began, to what has been counted [parts of steps]; for
       !> the marcher, while it marches
       real(wp), allocatable :: slip_begin(:, :)
@@ -87,8 +93,12 @@ contains
       state%slip_limit = friction*spread(structure%normal_load, 2, w)
       call zeros(n, state%displacement)
       call zeros(n, state%velocity)
+      if (allocated(state%velocity_step)) deallocate (state%velocity_step)
       call zeros(m, state%slider)
       call zeros(m, state%slip_time)
+      call zeros(m, state%slip_distance)
+      call zeros(m, state%slip_since)
+      call zeros(m, state%slip_from)
       state%direction = merge(0, 1, state%slip_limit > 0.0_wp)
       if (allocated(state%slip_starts)) deallocate (state%slip_starts, state%stick_starts)
       allocate (state%slip_starts(m, w), state%stick_starts(m, w), source=0_long)

@@ -1,0 +1,133 @@
+!> The law of a Jenkins joint and the account of its slip, for every marcher.
+!>
+!> Stuck, a joint is a spring, r = k (w.x - z), whose slider stands at z. It slips from where |w.x -
+!> z| would exceed its reach mu N/k, with r = d mu N, d the sign of w.v. It sticks where w.v comes to
+!> zero, and the slider then stands where r = d mu N exactly, so that no drift gathers.
+module dynamics_joint
+   use core_kinds, only: wp
+   use dynamics_response, only: block_state
+   use structure_model, only: structure_type
+   implicit none(type, external)
+   private
+   public :: jenkins_force, stuck_guard, slip_guard, slip_direction, slider_at
+   public :: start_slip, stick, close_account
+
+contains
+
+   !> Guard of a stuck joint [m]: it slips where this turns negative.
+   elemental function stuck_guard(place, slider, reach) result(guard)
+      real(wp), intent(in) :: place    !! w.x [m]
+      real(wp), intent(in) :: slider   !! z [m]
+      real(wp), intent(in) :: reach    !! mu N/k [m]
+      real(wp) :: guard
+
+      guard = reach - abs(place - slider)
+   end function stuck_guard
+
+   !> Guard of a slipping joint [m/s]: it sticks where this turns negative.
+   elemental function slip_guard(velocity, direction) result(guard)
+      real(wp), intent(in) :: velocity    !! w.v [m/s]
+      integer, intent(in) :: direction    !! d, +1 or -1
+      real(wp) :: guard
+
+      guard = direction*velocity
+   end function slip_guard
+
+   !> Direction of a slip that starts: along the velocity, which is outwards even where rounding has
+   !> carried the place past the reach.
+   elemental function slip_direction(velocity) result(direction)
+      real(wp), intent(in) :: velocity   !! w.v [m/s]
+      integer :: direction
+
+      direction = merge(1, -1, velocity >= 0.0_wp)
+   end function slip_direction
+
+   !> Slider [m] of a joint that slips in a direction, or has just stuck after it: z = w.x - d mu N/k.
+   elemental function slider_at(place, direction, reach) result(slider)
+      real(wp), intent(in) :: place       !! w.x [m]
+      integer, intent(in) :: direction    !! d, +1 or -1
+      real(wp), intent(in) :: reach       !! mu N/k [m]
+      real(wp) :: slider
+
+      slider = place - direction*reach
+   end function slider_at
+
+   !> Force [N] of a joint at each displacement of a history that begins unstrained. Exact for a
+   !> motion that is monotonic between the given points: the slider gives way as far as keeps the
+   !> force within its limit.
+   pure function jenkins_force(stiffness, slip_limit, displacement) result(force)
+      real(wp), intent(in) :: stiffness         !! k [N/m]
+      real(wp), intent(in) :: slip_limit        !! mu N [N], not negative
+      real(wp), intent(in) :: displacement(:)   !! w.x (point) [m]
+      real(wp) :: force(size(displacement))
+      integer :: i
+
+      if (size(force) == 0) return
+      force(1) = 0.0_wp
+      do i = 2, size(force)
+         force(i) = force(i - 1) + stiffness*(displacement(i) - displacement(i - 1))
+         force(i) = max(-slip_limit, min(slip_limit, force(i)))
+      end do
+   end function jenkins_force
+
+   !> Enters the start of a slip into the account of a sample.
+   pure subroutine start_slip(state, joint, sample, time, place, direction)
+      type(block_state), intent(inout) :: state
+      integer, intent(in) :: joint, sample
+      real(wp), intent(in) :: time        !! [s]
+      real(wp), intent(in) :: place       !! w.x [m]
+      integer, intent(in) :: direction    !! d, +1 or -1
+
+      state%direction(joint, sample) = direction
+      state%slip_starts(joint, sample) = state%slip_starts(joint, sample) + 1
+      state%slip_since(joint, sample) = time
+      state%slip_from(joint, sample) = place
+      if (state%keeps_transitions) call state%transitions(sample)%append(time, joint, direction)
+   end subroutine start_slip
+
+   !> Enters the end of a slip into the account of a sample.
+   pure subroutine stick(state, joint, sample, time, place)
+      type(block_state), intent(inout) :: state
+      integer, intent(in) :: joint, sample
+      real(wp), intent(in) :: time    !! [s]
+      real(wp), intent(in) :: place   !! w.x [m]
+
+      state%direction(joint, sample) = 0
+      state%stick_starts(joint, sample) = state%stick_starts(joint, sample) + 1
+      call count_slip(state, joint, sample, time, place)
+      if (state%keeps_transitions) call state%transitions(sample)%append(time, joint, 0)
+   end subroutine stick
+
+   !> Counts the slips under way up to now, as where a span of the march ends.
+   pure subroutine close_account(structure, time, state)
+      type(structure_type), intent(in) :: structure
+      real(wp), intent(in) :: time   !! [s]
+      type(block_state), intent(inout) :: state
+      integer :: j, w
+
+      do w = 1, state%n_samples
+         do j = 1, state%n_joints
+            if (state%direction(j, w) == 0) cycle
+            call count_slip(state, j, w, time, &
+                            dot_product(structure%direction(:, j), state%displacement(:, w)))
+         end do
+      end do
+   end subroutine close_account
+
+   !> Counts a slip from its start, or from where it was last counted, to now. A joint slips in one
+   !> direction between the two, so |change of w.x| is its way.
+   pure subroutine count_slip(state, joint, sample, time, place)
+      type(block_state), intent(inout) :: state
+      integer, intent(in) :: joint, sample
+      real(wp), intent(in) :: time    !! [s]
+      real(wp), intent(in) :: place   !! w.x [m]
+
+      associate (j => joint, w => sample)
+         state%slip_time(j, w) = state%slip_time(j, w) + (time - state%slip_since(j, w))
+         state%slip_distance(j, w) = state%slip_distance(j, w) + abs(place - state%slip_from(j, w))
+         state%slip_since(j, w) = time
+         state%slip_from(j, w) = place
+      end associate
+   end subroutine count_slip
+
+end module dynamics_joint
