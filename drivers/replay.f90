@@ -19,6 +19,7 @@ module driver_replay
    use ensemble_sample, only: run_block
    use ensemble_study, only: block_range, draw_friction
    use io_shards, only: write_shard
+   use io_store, only: remove_store
    use parallel_world, only: start_world, stop_world, world_type
    use process_model, only: process_model_type
    implicit none(type, external)
@@ -56,10 +57,12 @@ contains
       call output%stop_on(world, error)
       call end_if_asked(world, output)
       if (world%is_root()) call march_again(line, models, runner, output, error)
+      call clear_away(output, error)
       call output%stop_on(world, error)
       call end_if_asked(world, output)
       call keep_sample(line, runner%plan)
       call write_results(world, line, scene, runner%plan, models, runner, output, error)
+      call clear_away(output, error)
       call output%stop_on(world, error)
       call output%say(output%path)
       call output%release()
@@ -121,6 +124,15 @@ contains
       result%first_sample = 1
       call write_shard(output%store, result, error)
    end subroutine march_again
+
+   !> Removes what a replay that failed has kept: the next one starts anew.
+   subroutine clear_away(output, error)
+      type(output_type), intent(in) :: output
+      type(error_type), allocatable, intent(in) :: error
+      type(error_type), allocatable :: ignored
+
+      if (allocated(error)) call remove_store(output%store, ignored)
+   end subroutine clear_away
 
    !> The only sample of the only case that is written.
    pure subroutine keep_sample(line, plan)

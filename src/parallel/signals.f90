@@ -1,13 +1,17 @@
-!> Signals that ask for an early stop at the next sample boundary: SIGTERM, SIGINT, SIGUSR1.
+!> Signals that ask for an early stop at the next sample boundary: SIGTERM, SIGINT, SIGUSR1, SIGHUP
+!> (a closed terminal), SIGQUIT and SIGXCPU (a limit of processor time).
 module parallel_signals
-   use, intrinsic :: iso_c_binding, only: c_funloc, c_funptr, c_int, c_long, c_null_ptr, c_ptr
+   use, intrinsic :: iso_c_binding, only: c_funloc, c_funptr, c_int, c_intptr_t, c_long, &
+                                          c_null_ptr, c_ptr
    use core_error, only: exit_stopped
    use core_system, only: c_signal
    implicit none(type, external)
    private
    public :: catch_stop_signals, stop_requested
 
-   integer(c_int), parameter :: sigint = 2, sigusr1 = 10, sigterm = 15   !! Linux
+   integer(c_int), parameter :: sighup = 1, sigint = 2, sigquit = 3, sigusr1 = 10, sigterm = 15, &
+                                sigxcpu = 24, sigxfsz = 25   !! Linux
+   integer(c_intptr_t), parameter :: ignore = 1              !! SIG_IGN
    integer(c_long), parameter :: one_event = 1   !! [s]
 
    integer(c_int), volatile :: caught = 0         !! number of the first signal; 0: none
@@ -30,11 +34,17 @@ contains
 
    !> From now on a first signal only sets a flag, and a second one ends the process at once.
    subroutine catch_stop_signals()
+      integer(c_int), parameter :: wishes(*) = [sigterm, sigint, sigusr1, sighup, sigquit, sigxcpu]
       type(c_funptr) :: previous
+      integer :: i
 
-      previous = c_signal(sigterm, c_funloc(note_signal))
-      previous = c_signal(sigint, c_funloc(note_signal))
-      previous = c_signal(sigusr1, c_funloc(note_signal))
+      do i = 1, size(wishes)
+         previous = c_signal(wishes(i), c_funloc(note_signal))
+         if (wishes(i) == sighup .and. transfer(previous, ignore) == ignore) &
+            previous = c_signal(sighup, previous)   ! nohup wants it so
+      end do
+      ! a file beyond the limit of its size is an error of the write, with a message of ours
+      previous = c_signal(sigxfsz, transfer(ignore, previous))
    end subroutine catch_stop_signals
 
    !> Whether a signal has asked this rank to stop.

@@ -55,11 +55,23 @@ for n in range(5):
     check("done", n, 0)
     check("last_rank_fails", n, 4, f"rank {last} found no solution")
     check("all_ranks_fail", n, 3, "rank 0 failed")
-for number in (signal.SIGTERM, signal.SIGINT, signal.SIGUSR1):
+WISHES = ("SIGTERM", "SIGINT", "SIGUSR1", "SIGHUP", "SIGQUIT", "SIGXCPU")
+for number in (signal.Signals[name] for name in WISHES):
     check_signal("signal", 0, number, 0.0, to_all=False)
+for number in (signal.SIGTERM, signal.SIGINT, signal.SIGUSR1, signal.SIGHUP):
     check_signal("signal", 3, number, 0.0, to_all=False)
 check_signal("second_signal", 0, signal.SIGTERM, 2.5, to_all=True)
 check_signal("second_signal", 2, signal.SIGTERM, 2.5, to_all=True)
+
+# what nohup wants ignored stays so
+run = subprocess.Popen(["nohup", PROGRAM, "signal"], stdout=subprocess.PIPE, text=True)
+assert run.stdout is not None
+assert run.stdout.readline().strip() == "ready"
+run.send_signal(signal.SIGHUP)
+time.sleep(0.3)
+assert run.poll() is None
+run.send_signal(signal.SIGTERM)
+assert run.wait(PATIENCE) == 75
 
 began = time.perf_counter()
 check("done", 0, 0)
