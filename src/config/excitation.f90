@@ -38,7 +38,8 @@ contains
       entry = about('dof', 'the forced mass; 0: the last', rule=not_negative())
       call visitor%visit(self%dof, entry)
       entry = about('file', &
-                    'a history, text or HDF5, beside the scene or in the current directory', &
+                    'a history, text (force, or time and force) or HDF5, beside the scene '// &
+                    'or in the current folder', &
                     shapes_samples=.false.)
       call visitor%visit_text(self%file, entry)
       entry = about('per_sample', &

@@ -169,7 +169,7 @@ contains
       call reader%require(.not. scene%excitation%per_sample, group, 'per_sample', &
                           'needs an HDF5 file with one record per sample')
       n_before = reader%complaints%n
-      call read_force_text(scene%force_path, record, reader%complaints)
+      call read_force_text(scene%force_path, scene%integration%dt, record, reader%complaints)
       if (reader%complaints%n > n_before) return
       allocate (scene%force(0:size(record) - 1, 1))
       scene%force(:, 1) = record

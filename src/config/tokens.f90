@@ -1,6 +1,6 @@
 !> Cuts namelist text into tokens that know where they stand.
 module config_tokens
-   use core_source, only: source_type
+   use core_source, only: byte_order_mark, source_type
    use core_spelling, only: lowered
    implicit none(type, external)
    private
@@ -51,7 +51,7 @@ contains
       allocate (tokens(256))
       line = 1
       position = 1
-      if (index(source%text, byte_order_mark()) == 1) position = 4
+      if (index(source%text, byte_order_mark) == 1) position = 4
       associate (text => source%text)
          do while (position <= len(text))
             token = token_type(source=number, line=line, first=position, last=position, &
@@ -185,12 +185,5 @@ contains
          count = min(10*count + iachar(digits(i:i)) - iachar('0'), 1000000)
       end do
    end function bounded_count
-
-   !> Some editors begin UTF-8 text with it.
-   pure function byte_order_mark() result(mark)
-      character(3) :: mark
-
-      mark = char(239)//char(187)//char(191)
-   end function byte_order_mark
 
 end module config_tokens

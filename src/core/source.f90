@@ -4,9 +4,10 @@ module core_source
    use core_text, only: to_text
    implicit none(type, external)
    private
-   public :: source_type, new_source, read_source, try_file
+   public :: source_type, byte_order_mark, new_source, read_source, try_file
 
    integer, parameter :: line_feed = 10
+   character(*), parameter :: byte_order_mark = char(239)//char(187)//char(191)   !! before UTF-8 text
 
    !> A text, and where its lines begin.
    type :: source_type
@@ -73,7 +74,8 @@ contains
       close (unit, iostat=status)
    end subroutine read_source
 
-   !> The size of a file [bytes]; `refusal` is allocated when it is no regular or readable one.
+   !> The size of a file [bytes]; `refusal` is allocated when it is no regular or readable one. A
+   !> pipe or a device has no size and is not opened: it could keep us waiting for ever.
    subroutine try_file(path, size, refusal)
       character(*), intent(in) :: path
       integer(long), intent(out) :: size
@@ -84,18 +86,16 @@ contains
       logical :: exists
 
       size = 0
-      inquire (file=path, exist=exists)
+      inquire (file=path, exist=exists, size=size)
       if (.not. exists .or. len_trim(path) == 0) then
          refusal = 'no such file'
-         return
+      else if (size <= 0) then
+         refusal = 'is empty, or a pipe or a device'
       end if
+      if (allocated(refusal)) return
       open (newunit=unit, file=path, access='stream', form='unformatted', action='read', &
             status='old', iostat=status, iomsg=reason)
-      if (status == 0) then
-         inquire (unit=unit, size=size)
-         if (size < 0) refusal = 'is not a regular file'
-         if (size > 0) read (unit, iostat=status, iomsg=reason) byte
-      end if
+      if (status == 0) read (unit, iostat=status, iomsg=reason) byte
       if (status /= 0) refusal = 'cannot be read: '//trim(reason)
       close (unit, iostat=status)
    end subroutine try_file

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import re
 
 import pytest
@@ -23,7 +24,7 @@ def scene_with(tmp_path, old, new):
     [
         ("n_samples = 6", "n_smaples = 6", 6, ["campaign%n_smaples", "n_samples"]),
         ("&chain /", "&chain mass = -2.0 /", 3, ["chain%mass = -2.0", "positive"]),
-        ("&chain /", "&chain mass = 1.0, 2.0 /", 3, ["chain%mass", "one", "5"]),
+        ("&chain /", "&chain n_dof = 5 mass = 1.0, 2.0 /", 3, ["chain%mass", "one", "5"]),
         ("&chain /", "&chian /", 3, ["chian", "chain"]),
         ("n_steps = 4000", "n_steps = many", 5, ["integration%n_steps", "many"]),
         ("variance = 3.7, 41.1", "kind = 'file' file = 'absent.txt'", 4, ["absent.txt"]),
@@ -40,6 +41,29 @@ def test_a_mistake_gets_its_line(entroslip, tmp_path, old, new, line, words):
         for word in words:
             assert word in done.stderr
     assert [p.name for p in tmp_path.iterdir()] == ["bad.nml"]
+
+
+def test_a_force_file_that_never_ends_is_refused_at_once(entroslip, tmp_path):
+    os.mkfifo(tmp_path / "pipe")
+    for name in ("pipe", "/dev/zero"):
+        scene = scene_with(tmp_path, "variance = 3.7, 41.1", f"kind = 'file' file = '{name}'")
+        done = entroslip("check", scene, timeout=20)
+        assert done.returncode == 2
+        assert done.stderr.endswith(f"{name}: is empty, or a pipe or a device\n")
+
+
+def test_a_logger_s_file_is_a_force_file(entroslip, tmp_path):
+    """Byte order mark, comments of either kind, times; another sampling step is refused."""
+    lines = [f"{0.01 * i:.4f} {i % 7} # value {i}" for i in range(1001)]
+    (tmp_path / "log.txt").write_text("\ufeff! logger\n" + "\n".join(lines), encoding="utf-8")
+    (tmp_path / "s.nml").write_text(
+        "&chain n_dof = 2 friction = 0.2 /\n&excitation kind = 'file' file = 'log.txt' /\n"
+        "&integration method = 'event' n_steps = 0 dt = 0.01 /\n"
+    )
+    assert entroslip("check", "s.nml").returncode == 0
+    done = entroslip("check", "s.nml", "--set", "integration%dt=0.0101")
+    assert done.returncode == 2
+    assert "log.txt:13: 0.1100 4 # value 11: the time must be 0.1111, 11 times" in done.stderr
 
 
 def test_all_mistakes_in_one_pass(entroslip, tmp_path):
