@@ -26,7 +26,8 @@ contains
                     rule=not_negative(), shapes_samples=.false.)
       call visitor%visit(self%n_samples, entry)
       entry = about('deterministic', &
-                    'also one sample per variance with chain%friction, before the others', &
+                    'also one sample per variance, before the others, with chain%friction or '// &
+                    'else process%mean', &
                     shapes_samples=.false.)
       call visitor%visit(self%deterministic, entry)
       entry = about('walltime', 'stop at a sample boundary after that long; 0: no limit', 'min', &

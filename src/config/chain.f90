@@ -4,7 +4,9 @@ module config_chain
    use core_kinds, only: wp
    implicit none(type, external)
    private
-   public :: chain_group
+   public :: chain_group, most_masses
+
+   integer, parameter :: most_masses = 200
 
    !> Every list: one value, or one per dof.
    type :: chain_group
@@ -27,7 +29,8 @@ contains
       type(entry_type) :: entry
 
       entry = about('n_dof', 'number of masses; the first is next to the wall', &
-                    rule=between(1.0_wp, 200.0_wp))
+                    rule=between(1.0_wp, real(most_masses, wp)), &
+                    default='length of the longest list, else 5')
       call visitor%visit(self%n_dof, entry)
       entry = about('mass', 'one value, or one per dof', 'kg', positive(), per_dof=self%n_dof)
       call visitor%visit(self%mass, entry, default=[1.0_wp])
@@ -41,8 +44,9 @@ contains
       entry = about('normal_load', 'on the sliders', 'N', not_negative(), per_dof=self%n_dof)
       call visitor%visit(self%normal_load, entry, default=[10.0_wp])
       entry = about('friction', 'friction coefficients of the deterministic cases', &
-                    rule=not_negative(), per_dof=self%n_dof)
-      call visitor%visit(self%friction, entry, default=[0.2_wp])
+                    rule=not_negative(), per_dof=self%n_dof, &
+                    default='the mean that all &process share')
+      call visitor%visit(self%friction, entry, default=[real(wp) ::])
       entry = about('damping_ratio', 'of critical, for each mode of the stuck chain', &
                     rule=not_negative(), per_dof=self%n_dof)
       call visitor%visit(self%damping_ratio, entry, default=[0.005_wp])

@@ -184,9 +184,22 @@ contains
       associate (source => self%source(token%source))
          call complaints%add(source, token%line, &
                              token%first - source%line_start(token%line) + 1, &
-                             printable(text)//': '//rule)
+                             printable(text)//': '//rule//blank_hint(self%text_of(token)))
       end associate
    end subroutine complain
+
+   !> What to say of a word that holds a blank of another kind, which looks like the plain one; of a
+   !> text in quotes nothing.
+   pure function blank_hint(word) result(hint)
+      character(*), intent(in) :: word
+      character(:), allocatable :: hint
+      character(*), parameter :: utf8 = char(194)//char(160), latin1 = char(160)
+
+      hint = ''
+      if (scan(word, '''"') == 1) return
+      if (index(word, utf8) > 0 .or. index(word, latin1) == 1) &
+         hint = ' (it holds a non-breaking space, U+00A0: type a plain blank)'
+   end function blank_hint
 
    !> A complaint at a value, `file:line: group%name = value: rule`.
    subroutine refuse(self, block, token, name, value, rule, complaints)

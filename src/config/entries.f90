@@ -32,6 +32,7 @@ module config_entries
       integer :: n_choices = 0                      !! 0: any text
       integer :: length = 0                         !! lists: the number of values; 0: any
       integer :: per_dof = -1                       !! lists: dofs; one value stands for all
+      character(doc_length) :: default = ''         !! in words, where no value says it
       logical :: is_required = .false.
       logical :: shapes_samples = .true.            !! no: left out of the fingerprint
       logical :: is_used = .true.                   !! no: without effect beside the other values
@@ -129,13 +130,14 @@ module config_entries
 contains
 
    !> An entry of a table.
-   pure function about(name, doc, unit, rule, choices, length, per_dof, required, shapes_samples, &
-                       used) result(entry)
+   pure function about(name, doc, unit, rule, choices, length, per_dof, default, required, &
+                       shapes_samples, used) result(entry)
       character(*), intent(in) :: name, doc
       character(*), intent(in), optional :: unit
       type(rule_type), intent(in), optional :: rule
       character(*), intent(in), optional :: choices   !! separated by blanks
       integer, intent(in), optional :: length, per_dof
+      character(*), intent(in), optional :: default
       logical, intent(in), optional :: required, shapes_samples, used
       type(entry_type) :: entry
 
@@ -146,6 +148,7 @@ contains
       if (present(choices)) call split_choices(choices, entry)
       if (present(length)) entry%length = length
       if (present(per_dof)) entry%per_dof = per_dof
+      if (present(default)) entry%default = default
       if (present(required)) entry%is_required = required
       if (present(shapes_samples)) entry%shapes_samples = shapes_samples
       if (present(used)) entry%is_used = used

@@ -40,7 +40,7 @@ contains
    !> is a complaint.
    subroutine read_force_text(path, dt, force, complaints)
       character(*), intent(in) :: path
-      real(wp), intent(in) :: dt                       !! [s] between the times of a file that has them
+      real(wp), intent(in) :: dt                       !! [s] between times, in a file with times
       real(wp), allocatable, intent(out) :: force(:)   !! (step), from 0 [N]
       type(complaint_list), intent(inout) :: complaints
       character(256) :: line, reason

@@ -33,6 +33,7 @@ module config_groups
       logical :: has_heading = .false., has_chain = .false., has_excitation = .false., &
                  has_integration = .false., has_campaign = .false., has_accuracy = .false., &
                  has_output = .false.
+      logical :: friction_is_mean = .false.        !! of deterministic cases: process%mean
       character(:), allocatable :: force_path      !! where excitation%file was found
       logical :: force_is_hdf5 = .false.           !! then who reads HDF5 sets what follows
       real(wp), allocatable :: force(:, :)         !! (0:n_steps, record) [N] of the force file
@@ -103,7 +104,7 @@ contains
       end select
    end subroutine visit
 
-   !> Are there cases with the friction of &chain?
+   !> Are there deterministic cases, of one friction?
    pure logical function runs_deterministic(self)
       class(scene_type), intent(in) :: self
 

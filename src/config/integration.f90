@@ -5,7 +5,9 @@ module config_integration
    use core_kinds, only: wp
    implicit none(type, external)
    private
-   public :: integration_group
+   public :: fewest_measured, integration_group
+
+   integer, parameter :: fewest_measured = 64   !! steps behind n_discard: two spans of slip series
 
    !> Defaults are the paper's scheme, step and length.
    type :: integration_group

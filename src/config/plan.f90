@@ -1,6 +1,7 @@
 !> What a scene asks for becomes a plan: processes to fit, cases in the order of their numbers.
 module config_plan
    use config_groups, only: scene_type
+   use config_integration, only: fewest_measured
    use config_process, only: process_group
    use core_complaints, only: complaint_list
    use core_error, only: error_type
@@ -95,7 +96,10 @@ contains
                           per_dof(chain%contact_stiffness), per_dof(chain%normal_load), &
                           per_dof(chain%damping_ratio), plan%structure, error)
          if (allocated(error)) call complaints%add_general(scene%path//': '//error%message)
-         plan%friction = per_dof(chain%friction)
+         plan%friction = per_dof([0.0_wp])   ! no case has it
+         if (scene%runs_deterministic()) plan%friction = per_dof(chain%friction)
+         plan%friction_from = trim(merge('process%mean  ', 'chain%friction', &
+                                         scene%friction_is_mean))
       end associate
 
    contains
@@ -160,9 +164,10 @@ contains
       real(wp) :: limit, parts
 
       associate (how => plan%integration)
-         if (how%n_discard >= how%n_steps) call complaints%add_general( &
-            scene%path//': integration%n_discard = '//to_text(how%n_discard)// &
-            ': must be less than the number of steps, '//to_text(how%n_steps))
+         if (how%n_discard > 0 .and. how%n_discard > how%n_steps - fewest_measured) &
+            call complaints%add_general( &
+            scene%path//': integration%n_discard = '//to_text(how%n_discard)//': must leave '// &
+            to_text(fewest_measured)//' steps or more of the '//to_text(how%n_steps))
          if (complaints%n > 0) return
          parts = parts_of_step(plan%structure, how%dt)
          if (how%method == 'event' .and. parts > most_parts) call complaints%add_general( &

@@ -48,9 +48,10 @@ contains
       call visitor%visit(self%correlation, entry)
       entry = about('correlation_length', 'one or several', 'points', positive(), required=.true.)
       call visitor%visit(self%correlation_length, entry)
-      entry = about('order', 'M of the recursion, m_max of direct; 0: found from the bounds', &
-                    rule=between(0.0_wp, 2000.0_wp))
-      call visitor%visit(self%order, entry, default=[2, 5, 10])
+      entry = about('order', 'M of the recursion, m_max of direct (must be given); 0: found '// &
+                    'from the bounds', rule=between(0.0_wp, 2000.0_wp), &
+                    default='for each length: 2 below 0.65, 5 below 2, else 10')
+      call visitor%visit(self%order, entry, default=usual_orders(self%correlation_length))
       entry = about('pairing', &
                     'zip: an order for each correlation length, or one for all; product: all', &
                     choices='zip product')
@@ -104,6 +105,18 @@ contains
                     shapes_samples=.false.)
       call visitor%visit(self%n_realizations, entry)
    end subroutine visit
+
+   !> Order for each correlation length, the paper's 2, 5, 10 for its 0.3, 1, 3; one where there is
+   !> no length.
+   pure function usual_orders(lengths) result(orders)
+      real(wp), allocatable, intent(in) :: lengths(:)   !! [points]
+      integer, allocatable :: orders(:)
+
+      orders = [2]
+      if (.not. allocated(lengths)) return
+      if (size(lengths) == 0) return
+      orders = merge(2, merge(5, 10, lengths < 2.0_wp), lengths < 0.65_wp)
+   end function usual_orders
 
    pure logical function any_zero(order)
       integer, allocatable, intent(in) :: order(:)

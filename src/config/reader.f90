@@ -5,6 +5,7 @@ module config_reader
    use config_document, only: document_type
    use config_entries, only: choice_length, entry_type, name_length, visitor_type
    use config_slots, only: find_slots
+   use config_tokens, only: token_word
    use config_values, only: parse_logical
    use core_complaints, only: complaint_list
    use core_kinds, only: long, wp
@@ -29,6 +30,7 @@ module config_reader
       procedure :: begin_group
       procedure :: end_group
       procedure :: was_given
+      procedure :: longest_list
       procedure :: require
       procedure :: visit_integer
       procedure :: visit_long
@@ -93,6 +95,25 @@ contains
       block = self%document%find_block(group, i)
       was_given = any([(self%document%is_for(i, block, name), i=1, self%document%n_assignments)])
    end function was_given
+
+   !> Number of values of the longest list that a group gives without an index.
+   pure integer function longest_list(self, group) result(longest)
+      class(reader_type), intent(in) :: self
+      character(*), intent(in) :: group
+      integer :: block, i, n
+
+      longest = 0
+      block = self%document%find_block(group, 1)
+      do i = 1, self%document%n_assignments
+         associate (given => self%document%assignments(i))
+            if (given%block /= block .or. given%lower > 0) cycle
+            associate (tokens => self%document%tokens(given%first_value:given%last_value))
+               n = sum(tokens%repeat, mask=tokens%kind == token_word)
+            end associate
+         end associate
+         longest = max(longest, n)
+      end do
+   end function longest_list
 
    !> A rule between values: complains of `name` where it was given, else at its group.
    !> A value that was refused already is not judged again.
@@ -244,15 +265,13 @@ contains
       real(wp), intent(in), optional :: default(:)
       character(:), allocatable :: rule
       integer, allocatable :: slots(:)
-      integer :: i
+      integer :: i, n_default
 
-      if (present(default)) then
-         call self%gather(entry, size(default), slots)
-         values = default(min([(i, i=1, size(slots))], size(default)))
-      else
-         call self%gather(entry, 0, slots)
-         values = spread(0.0_wp, 1, size(slots))
-      end if
+      n_default = 0
+      if (present(default)) n_default = size(default)
+      call self%gather(entry, n_default, slots)
+      values = spread(0.0_wp, 1, size(slots))
+      if (n_default > 0) values = default(min([(i, i=1, size(slots))], n_default))
       do i = 1, size(slots)
          if (slots(i) == 0) cycle
          call convert_real(self%document%text_of(self%document%tokens(slots(i))), entry, &

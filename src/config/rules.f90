@@ -2,6 +2,7 @@
 module config_rules
    use config_force_file, only: check_force, force_label, is_hdf5_file, read_force_text
    use config_groups, only: scene_type
+   use config_integration, only: fewest_measured
    use config_process, only: process_group
    use config_reader, only: reader_type
    use core_kinds, only: long, wp
@@ -30,6 +31,7 @@ contains
       call reader%require(scene%has_excitation, 'chain', 'n_dof', '&chain needs &excitation', &
                           to_text(scene%chain%n_dof))
       if (scene%has_excitation) call check_excitation(scene, reader)
+      call find_friction(scene, reader)
       call check_steps(scene, reader)
       call check_statistics(scene, reader)
       call check_number_of_cases(scene, reader)
@@ -42,11 +44,18 @@ contains
 
       associate (this => scene%processes(i), n_orders => size(scene%processes(i)%order), &
                  n_lengths => size(scene%processes(i)%correlation_length))
-         if (n_orders > 0 .and. n_lengths > 0) &
-            call reader%require(this%pairing /= 'zip' .or. any(n_orders == [1, n_lengths]), &
-                                'process', 'order', 'must be one for all correlation lengths, '// &
-                                'or one for each of the '//to_text(n_lengths)// &
-                                ", with pairing = 'zip'", '2, 5, 10', i)
+         if (reader%was_given('process', 'order', i)) then
+            if (n_orders > 0 .and. n_lengths > 0) &
+               call reader%require(this%pairing /= 'zip' .or. any(n_orders == [1, n_lengths]), &
+                                   'process', 'order', 'must be one for all correlation '// &
+                                   'lengths, or one for each of the '//to_text(n_lengths)// &
+                                   ", with pairing = 'zip'", number=i)
+         else
+            call reader%require(this%method /= 'direct', 'process', 'order', &
+                                "must be given with method = 'direct'", number=i)
+            call reader%require(this%pairing /= 'product', 'process', 'order', &
+                                "must be given with pairing = 'product'", number=i)
+         end if
          call reader%require(this%correlation /= 'L0' .or. .not. this%bound_l0 > 0.0_wp, &
                              'process', 'bound_l0', 'must be absent with L0 imposed', number=i)
          call reader%require(this%correlation /= 'L1' .or. .not. this%bound_l1 > 0.0_wp, &
@@ -110,6 +119,24 @@ contains
       end do
       where (.not. is_given) values = values(first)
    end subroutine check_same
+
+   !> The friction of deterministic cases: chain%friction, else the mean that all processes share.
+   subroutine find_friction(scene, reader)
+      type(scene_type), intent(inout) :: scene
+      type(reader_type), intent(inout) :: reader
+
+      if (.not. scene%runs_deterministic() .or. reader%was_given('chain', 'friction')) return
+      associate (means => scene%processes%mean)
+         call reader%require(size(means) > 0, 'chain', 'friction', &
+                             'must be given: there is no &process whose mean it could take')
+         if (size(means) == 0) return
+         call reader%require(all(abs(means - means(1)) <= 0.0_wp), 'chain', 'friction', &
+                             'must be given with campaign%deterministic = .true.: '// &
+                             'the means of &process differ')
+         scene%chain%friction = means(:1)
+         scene%friction_is_mean = .true.
+      end associate
+   end subroutine find_friction
 
    subroutine check_excitation(scene, reader)
       type(scene_type), intent(inout) :: scene
@@ -191,8 +218,11 @@ contains
          n_steps = integration%n_steps
          if (n_steps == 0) n_steps = scene%n_force_values - 1
          if (n_steps < 1) return
-         call reader%require(integration%n_discard < n_steps, 'integration', 'n_discard', &
-                             'must be less than the number of steps, '//to_text(n_steps))
+         call reader%require(integration%n_discard == 0 .or. &
+                             integration%n_discard <= n_steps - fewest_measured, 'integration', &
+                             'n_discard', 'must leave '//to_text(fewest_measured)// &
+                             ' steps or more of the '//to_text(n_steps))
+         n_steps = max(n_steps - integration%n_discard, 0)
          call reader%require(every <= n_steps/8, 'output', 'spectrum_every', &
                              'leaves too few of the '//to_text(n_steps)//' steps for a spectrum')
       end associate

@@ -1,5 +1,6 @@
 !> Reads a scene: the scene file and the --set options become checked groups, or complaints.
 module config_scene
+   use config_chain, only: most_masses
    use config_document, only: document_type
    use config_groups, only: group_names, scene_type
    use config_namelist, only: parse_groups
@@ -123,6 +124,7 @@ contains
          n_processes = n_processes + 1
       end do
       allocate (scene%processes(n_processes))
+      call count_masses(reader, scene)
       do i = 1, size(group_names)
          do number = 1, merge(n_processes, 1, group_names(i) == 'process')
             call reader%begin_group(trim(group_names(i)), number)
@@ -148,6 +150,17 @@ contains
       end function is_there
 
    end subroutine read_groups
+
+   !> A list of &chain says how many masses there are where n_dof does not.
+   pure subroutine count_masses(reader, scene)
+      type(reader_type), intent(in) :: reader
+      type(scene_type), intent(inout) :: scene
+      integer :: n
+
+      if (reader%was_given('chain', 'n_dof')) return
+      n = reader%longest_list('chain')
+      if (n > 1) scene%chain%n_dof = min(n, most_masses)
+   end subroutine count_masses
 
    !> What is given and has no effect beside what else is given, or is not.
    subroutine note_unused(reader, scene)

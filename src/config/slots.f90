@@ -160,7 +160,8 @@ contains
          rule = 'must be one value'
       else if (entry%length > 0 .and. size(slots) /= entry%length) then
          rule = 'must be '//to_text(entry%length)//' values'
-      else if (entry%per_dof < 0 .and. any(slots(min(default_size, size(slots)) + 1:) == 0)) then
+      else if ((entry%per_dof < 0 .or. default_size == 0) .and. &
+               any(slots(min(default_size, size(slots)) + 1:) == 0)) then
          rule = 'every value of the list must be given'
       end if
    end subroutine check_length

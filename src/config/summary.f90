@@ -50,8 +50,21 @@ contains
       end if
       if (size(scene%unused) > 0) &
          text = text//labelled('note', 'given and not used: '//joined(scene%unused))
+      if (plan%has_structure) text = text//damping_note(scene%chain%damping_ratio)
       text = text(:len(text) - 1)
    end function summary_text
+
+   !> A ratio that structures held by friction do not have: 1 % is often given as 1.
+   pure function damping_note(damping_ratio) result(text)
+      real(wp), intent(in) :: damping_ratio(:)
+      character(:), allocatable :: text
+      real(wp), parameter :: unusual = 0.2_wp
+
+      text = ''
+      if (any(damping_ratio > unusual)) &
+         text = labelled('note', 'chain%damping_ratio = '//brief(maxval(damping_ratio))// &
+                         ' is above '//brief(unusual)//': 1 % of critical is 0.01')
+   end function damping_note
 
    !> What the plan does, or what it leaves out.
    pure function parts(plan, wanted) result(names)
@@ -253,6 +266,7 @@ contains
                          brief(chain%frequencies_slip(n))//' Hz slipping')
          force = 'noise from '//brief(excitation%band(1))//' to '//brief(excitation%band(2))//' Hz'
          if (excitation%kind == 'file') force = excitation%file
+         if (any(plan%cases%process == 0)) text = text//labelled('friction', friction_text(plan))
          text = text//labelled('force', force//' on dof '//to_text(excitation%dof)// &
                                ', one record for '//trim(merge('each sample', 'all samples', &
                                                                excitation%per_sample)))
@@ -271,6 +285,20 @@ contains
                                   brief(1.0_wp/(plan%output%segment_length*how%dt))//' Hz apart')
       end associate
    end function motion_text
+
+   !> Friction of the deterministic cases, and which value of the scene it is.
+   pure function friction_text(plan) result(text)
+      type(plan_type), intent(in) :: plan
+      character(:), allocatable :: text
+
+      associate (least => minval(plan%friction), most => maxval(plan%friction))
+         text = brief(least)
+         if (most > least) text = text//' to '//brief(most)
+         text = text//' in deterministic cases, from '//plan%friction_from
+         if (any(abs(plan%processes%mean - least) > 0.0_wp)) &
+            text = text//', where process%mean is '//brief(plan%processes(1)%mean)
+      end associate
+   end function friction_text
 
    !> How finely the paper's scheme resolves the fastest mode: its period error is (omega dt)^2/12,
    !> 3 % of a period of ten steps. The exact march has none.

@@ -71,6 +71,7 @@ contains
       scene%processes(1)%correlation_length = [0.3_wp, 1.0_wp, 3.0_wp]
       scene%processes(1)%mean = 0.2_wp
       scene%processes(1)%std = [0.067_wp, 0.1_wp]
+      scene%chain%friction = [0.2_wp]
       scene%excitation%variance = [3.7_wp, 41.1_wp]
    end subroutine example
 
@@ -84,6 +85,7 @@ contains
          if (entry%unit /= '') text = '['//trim(entry%unit)//'] '//text
          if (entry%n_choices > 0) text = text//'; '//entry%choices_text()
          if (len(entry%rule%text()) > 0) text = text//'; '//entry%rule%text()
+         if (entry%default /= '') text = text//'; default '//trim(entry%default)
          if (entry%is_required) text = text//' (required)'
       end associate
    end function description
@@ -114,6 +116,7 @@ contains
       associate (entry => row%entry)
          default = '`'//row%value//'`'
          if (row%value == '') default = 'none'
+         if (entry%default /= '') default = trim(entry%default)
          if (entry%is_required) default = '**must be given**'
          meaning = trim(entry%doc)
          if (entry%n_choices > 0) meaning = meaning//'; '//entry%choices_text()

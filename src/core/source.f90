@@ -7,7 +7,8 @@ module core_source
    public :: source_type, byte_order_mark, new_source, read_source, try_file
 
    integer, parameter :: line_feed = 10
-   character(*), parameter :: byte_order_mark = char(239)//char(187)//char(191)   !! before UTF-8 text
+   !> Some editors begin UTF-8 text with it.
+   character(*), parameter :: byte_order_mark = char(239)//char(187)//char(191)
 
    !> A text, and where its lines begin.
    type :: source_type

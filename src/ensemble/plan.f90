@@ -73,6 +73,7 @@ module ensemble_plan
       logical :: has_structure = .false.        !! without one only processes are solved
       type(structure_type) :: structure
       real(wp), allocatable :: friction(:)      !! (dof) for cases without process
+      character(:), allocatable :: friction_from   !! 'chain%friction' or 'process%mean'
       type(excitation_settings) :: excitation
       type(integration_settings) :: integration
       type(case_type), allocatable :: cases(:)  !! in case-number order, c001 first; audits last

@@ -102,6 +102,7 @@ contains
          call group%attribute('process', process_name(case%process))
          call group%attribute('variance', case%variance)
          call group%attribute('n_samples', case%n_samples)
+         if (case%process == 0) call group%attribute('friction_from', plan%friction_from)
          if (case%process == 0) return
          call group%attribute('std', plan%processes(case%process)%std)
          call group%attribute('correlation_length', plan%processes(case%process)%correlation_length)

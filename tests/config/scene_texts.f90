@@ -59,14 +59,16 @@ contains
       character(*), intent(in) :: entries
       character(:), allocatable :: text
 
-      text = '&chain '//entries//' /'//lf//'&excitation variance = 1.0 /'
+      text = '&chain '//entries
+      if (index(entries, 'friction') == 0) text = text//' friction = 0.2'
+      text = text//' /'//lf//'&excitation variance = 1.0 /'
    end function with_chain
 
    pure function with_excitation(entries) result(text)
       character(*), intent(in) :: entries
       character(:), allocatable :: text
 
-      text = '&excitation '//entries//' /'//lf//'&chain /'
+      text = '&excitation '//entries//' /'//lf//'&chain friction = 0.2 /'
    end function with_excitation
 
    pure function with_integration(entries) result(text)

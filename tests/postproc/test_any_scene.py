@@ -36,11 +36,11 @@ SCENES = {
         {"fig_07", "fig_09a"},
     ),
     "energy alone": (
-        "&chain /\n" + FORCE + SHORT + "&output quantities = 'energy' /\n",
+        "&chain friction = 0.2 /\n" + FORCE + SHORT + "&output quantities = 'energy' /\n",
         {"fig_07"},
     ),
     "histories": (
-        "&chain /\n" + FORCE + SHORT + "&output quantities = 'history' /\n",
+        "&chain friction = 0.2 /\n" + FORCE + SHORT + "&output quantities = 'history' /\n",
         {"fig_07", "history_c001"},
     ),
     "one oscillator": (
@@ -49,7 +49,7 @@ SCENES = {
         {"fig_07", "fig_09a", "fig_10a", "fig_10b", "fig_11a"},
     ),
     "200 oscillators": (
-        "&chain n_dof = 200 /\n" + FORCE
+        "&chain n_dof = 200 friction = 0.2 /\n" + FORCE
         + "&integration method = 'newmark' n_steps = 400 /\n&output segment_length = 64 /\n",
         {"fig_07", "fig_08a"},
     ),
