@@ -1,7 +1,7 @@
 !> The law of a Jenkins joint and the account of its slip, for every marcher.
 !>
 !> Stuck, a joint is a spring, r = k (w.x - z), whose slider stands at z. It slips from where |w.x -
-!> z| would exceed its reach mu N/k, with r = d mu N, d the sign of w.v. It sticks where w.v comes to
+!> z| would exceed its reach mu N/k, with r = d mu N, d the sign of w.v. It sticks as w.v comes to
 !> zero, and the slider then stands where r = d mu N exactly, so that no drift gathers.
 module dynamics_joint
    use core_kinds, only: wp
@@ -42,7 +42,7 @@ contains
       direction = merge(1, -1, velocity >= 0.0_wp)
    end function slip_direction
 
-   !> Slider [m] of a joint that slips in a direction, or has just stuck after it: z = w.x - d mu N/k.
+   !> Slider [m] of a joint that slips in a direction, or has just stuck after: z = w.x - d mu N/k.
    elemental function slider_at(place, direction, reach) result(slider)
       real(wp), intent(in) :: place       !! w.x [m]
       integer, intent(in) :: direction    !! d, +1 or -1

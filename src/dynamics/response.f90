@@ -30,7 +30,7 @@ module dynamics_response
       real(wp), allocatable :: slider(:, :)             !! z (joint, sample) [m]; force k (w.x - z)
       integer, allocatable :: direction(:, :)           !! (joint, sample) 0: stuck, +-1: slips so
       real(wp), allocatable :: slip_limit(:, :)         !! mu N (joint, sample) [N]
-      !> (joint, sample) [s], [m]: slips that have ended or been closed (close_account); the distance
+      !> (joint, sample) [s], [m]: slips that have ended or been closed (close_account); distance
       !> is the sum of |change of w.x| while slipping, so mu N times it is dissipated
       real(wp), allocatable :: slip_time(:, :), slip_distance(:, :)
       !> (joint, sample) [s], [m]: time and place w.x from which a slip under way is to be counted
