@@ -130,7 +130,10 @@ def miss(process: h5py.Group) -> float | None:
 def positive_processes(bench: Bench) -> Iterator[Row]:
     """Length and std/mean: order 1, whose laws are solved by quadrature, and higher ones."""
     yield from first_order(bench)
-    group = "order = {} mean = 1.0 sampler = '{}' correlation_length = {} std = {}".format
+    group = (
+        "order = {} mean = 1.0 branch = 'nonnegative' sampler = '{}'"
+        " correlation_length = {} std = {}"
+    ).format
     words = " ".join
     for p in bench.processes(
         group(order, law, words(map(str, HIGHER_LENGTHS)), words(map(str, HIGHER_RATIOS)))
@@ -151,7 +154,10 @@ def row_of(p: dict[str, object], limit: object) -> Row:
 
 def first_order(bench: Bench) -> Iterator[Row]:
     """A fine grid, and fits once more close to the limits."""
-    group = "order = 1 mean = 1.0 sampler = '{}' correlation_length = {} std = {}".format
+    group = (
+        "order = 1 mean = 1.0 branch = 'nonnegative' sampler = '{}'"
+        " correlation_length = {} std = {}"
+    ).format
     words = " ".join
     grid = bench.processes(
         group(law, words(map(str, LENGTHS)), words(map(str, RATIOS))) for law in LAWS

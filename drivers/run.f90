@@ -26,7 +26,7 @@ module driver_run
    use io_shards, only: write_shard
    use parallel_work, only: new_counter, work_counter
    use parallel_world, only: start_world, stop_world, world_type
-   use process_model, only: process_model_type
+   use process_model, only: branch_note, process_model_type
    implicit none(type, external)
    private
    public :: run, end_if_asked, prepare_march
@@ -71,6 +71,7 @@ contains
       call refuse_unsolved(plan, models, error)
       if (allocated(error) .and. world%is_root()) call remove_kept(output%store, ignored)
       call output%stop_on(world, error)
+      call tell_branches(models, output)
       if (plan%has_structure) then
          call prepare_march(world, plan, force, runner, error)
          call output%stop_on(world, error)
@@ -266,5 +267,17 @@ contains
          text = text//', '//to_text(sum(plan%cases%n_samples, (.not. is_own)))//' repeated'
       text = text(3:)//' in '//output%path
    end function summary
+
+   !> Tells which processes have alternating K(m).
+   subroutine tell_branches(models, output)
+      type(process_model_type), intent(in) :: models(:)
+      type(output_type), intent(in) :: output
+      integer :: i
+
+      do i = 1, size(models)
+         if (len(branch_note(models(i))) > 0) &
+            call output%say('process '//to_text(i)//': '//branch_note(models(i)))
+      end do
+   end subroutine tell_branches
 
 end module driver_run

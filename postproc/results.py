@@ -16,7 +16,7 @@ import xarray as xr
 from .output import InputError, readable
 
 _MAY_BE_EMPTY = ("transition",)  # of a sample whose joints stick
-_FORMAT_VERSION = 2  # of the layout, as in src/io/identity.f90
+_FORMAT_VERSION = 3  # of the layout, as in src/io/identity.f90
 
 
 class ResultsError(InputError):

@@ -75,8 +75,6 @@ def of_processes(results: Results) -> Iterator[Table]:
         yield table_processes(results)
         if any("other_mean" in data for data in results.processes.values()):
             yield table_laws(results)
-        if any("quadrature_mean" in data for data in results.processes.values()):
-            yield table_quadrature(results)
 
 
 def of_chain(results: Results) -> Iterator[Table]:
@@ -188,6 +186,10 @@ def table_processes(results: Results) -> Table:
         status = str(asked["status"])
         if "reason" in asked:
             status += f": {asked['reason']}"
+        if asked.get("branch") == "alternating":
+            status += ", K(m) alternates: neighbours are anticorrelated"
+            if "nonnegative_entropy" in data:
+                status += " (the other law has a process with K(m) >= 0 and more entropy)"
         wanted = f"{length}, mean {asked['mean']:g}, std {asked['std']:g}"
         rows.append((name, wanted, model, *found, status))
     note = f"Entropies in nats per point. {_ERRORS}"
@@ -211,31 +213,10 @@ def table_laws(results: Results) -> Table:
     note = (
         "One-at-a-time rejection (sequential) and Eq. 25 on the positive orthant (exact) are two"
         " laws: under the same a, b0 and mu they give what stands side by side. Standard errors in"
-        " brackets; what the other law gives is from fewer simulated values, and has four times"
-        " these."
+        " brackets; what the other law gives is simulated on far fewer values, to some three"
+        " digits."
     )
     return Table("laws", "Two laws of positive processes", tuple(header), rows, note)
-
-
-def table_quadrature(results: Results) -> Table:
-    """Positive processes of order 1 and 2 beside the same ones without sampling."""
-    rows = []
-    for name, data in results.processes.items():
-        if "quadrature_mean" not in data:
-            continue
-        row = [name, str(data.attrs["sampler"])]
-        for ours, check in (("mean_found", "mean"), ("std_found", "std"), ("L0", "L0"),
-                            ("L1", "L1"), ("entropy", "entropy")):  # fmt: skip
-            row += [_with_error(data, ours), f"{float(data[f'quadrature_{check}']):.7g}"]
-        rows.append(tuple(row))
-    header = ["process", "law"]
-    for name in ("mean", "std", "L0", "L1", "entropy"):
-        header += [name, "quadrature"]
-    note = (
-        "The same a, b0 and mu by the transfer operator on Gauss nodes, which shares neither random"
-        " numbers nor formulas with the fit. Standard errors in brackets."
-    )
-    return Table("quadrature", "Low orders by quadrature", tuple(header), rows, note)
 
 
 def _to_the_digits_of(data: xr.Dataset, ours: str, other: str) -> str:

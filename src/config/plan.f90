@@ -67,6 +67,7 @@ contains
       process%all_signs = group%all_signs .and. .not. group%positive
       process%inversion_half_width = merge(0, group%inversion_half_width, group%positive)
       process%simulation = group%simulation
+      process%branch = group%branch
       process%fit_steps = group%fit_steps
       process%mean = group%mean
       process%positive = group%positive

@@ -22,6 +22,7 @@ module config_process
       real(wp), allocatable :: std(:)
       logical :: positive = .true.
       character(choice_length) :: sampler = 'sequential'
+      character(choice_length) :: branch = 'any'
       integer :: fit_steps = 0
       logical :: all_signs = .false.
       integer :: inversion_half_width = 0
@@ -80,6 +81,10 @@ contains
                     'positive values: one at a time as Sec. 2.4, or the law of Eq. 25 itself', &
                     choices='sequential exact', used=self%positive)
       call visitor%visit(self%sampler, entry)
+      entry = about('branch', &
+                    'positive: nonnegative keeps K(m) >= 0; any goes on beyond it', &
+                    choices='any nonnegative', used=self%positive)
+      call visitor%visit(self%branch, entry)
       entry = about('fit_steps', &
                   'positive, order 2 on: fit to so many values in each of 512 batches; 0: chosen', &
                     rule=between(0.0_wp, 1048576.0_wp), &

@@ -8,7 +8,7 @@ module config_summary
    use core_text, only: to_text
    use ensemble_audit, only: add_audits, reference_for
    use ensemble_plan, only: integration_settings, kept_dofs, plan_type
-   use process_model, only: process_model_type, process_request
+   use process_model, only: branch_note, process_model_type, process_request
    use process_positive, only: way_of_drawing, way_type
    use process_scaling, only: first_of_fit
    implicit none(type, external)
@@ -135,6 +135,8 @@ contains
       do i = 1, size(foreseen)
          if (.not. foreseen(i)%is_solved) &
             text = text//labelled(numbered('p', i), foreseen(i)%reason)
+         if (len(branch_note(foreseen(i))) > 0) &
+            text = text//labelled(numbered('p', i), branch_note(foreseen(i)))
       end do
    end function process_table
 
@@ -152,7 +154,7 @@ contains
       do i = 1, size(foreseen)
          associate (asked => foreseen(i)%request)
             if (.not. (foreseen(i)%is_solved .and. asked%positive)) cycle
-            if (asked%sampler /= 'exact') cycle
+            if (asked%sampler /= 'exact' .or. allocated(foreseen(i)%g)) cycle
          end associate
          ways(i) = way_of_drawing(foreseen(i), n_points)
          by_windows(i) = ways(i)%by_windows

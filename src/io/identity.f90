@@ -8,7 +8,7 @@ module io_identity
    private
    public :: identity_type, refuse_foreign, require_command, require_same, write_identity
 
-   integer, parameter :: format_version = 2   !! of shards and of results files
+   integer, parameter :: format_version = 3   !! of shards and of results files
 
    !> What must be the same for two files to hold samples of one campaign.
    type :: identity_type

@@ -38,11 +38,15 @@ contains
       call group%attribute('status', trim(merge('solved    ', 'infeasible', model%is_solved)))
       if (allocated(model%reason)) call group%attribute('reason', model%reason)
       if (model%is_solved) then
-         call write_recursion(group, model)
+         if (allocated(model%g)) then
+            call write_precision(group, model)
+         else
+            call write_recursion(group, model)
+         end if
+         if (allocated(model%branch)) call write_branch(group, model)
          call write_correlation(group, model)
          call write_entropies(group, model)
          if (model%other_std > 0.0_wp) call write_other_law(group, model)
-         if (model%quadrature%n_nodes > 0) call write_quadrature(group, model)
          if (allocated(model%signs)) call write_direct(group, model)
          if (model%inversion%half_width > 0) call write_inversion(group, model)
       end if
@@ -93,6 +97,7 @@ contains
       call group%attribute('std', request%std)
       call group%attribute('positive', request%positive)
       call group%attribute('sampler', request%sampler)
+      if (request%positive) call group%attribute('branch_asked', trim(request%branch))
       if (.not. request%positive) call group%attribute('simulation', trim(request%simulation))
       if (request%order > 0) return
       call group%attribute('bound_l0', request%bound_l0)
@@ -118,6 +123,31 @@ contains
       call group%put('poles_imag', aimag(model%poles), &
                      label_type('1', 'imaginary part of the poles', 'order'))
    end subroutine write_recursion
+
+   !> The exact law where K(m) alternates: G of Eq. (25), which may be indefinite.
+   subroutine write_precision(group, model)
+      type(group_type), intent(inout) :: group
+      type(process_model_type), intent(in) :: model
+
+      call group%put('g_lag', counted(size(model%g)) - 1, label_type('1', 'lag of G', 'g_lag'))
+      call group%put('g', model%g, label_type('1/unit of x squared', &
+                                              'row of the matrix G, Eq. (25)', 'g_lag'))
+      call group%put_value('centre', model%mu, 'unit of x', &
+                           'value c of the density exp(-(x - c)'' G (x - c)/2) on x > 0')
+   end subroutine write_precision
+
+   !> Signs of the autocovariance of a positive process.
+   subroutine write_branch(group, model)
+      type(group_type), intent(inout) :: group
+      type(process_model_type), intent(in) :: model
+
+      call group%attribute('branch', model%branch)
+      call group%attribute('sign_of_first_lag', nint(sign(1.0_wp, model%autocovariance(1))))
+      if (abs(model%nonnegative_entropy) > 0.0_wp) &
+         call group%put_value('nonnegative_entropy', model%nonnegative_entropy, 'nat', &
+                              'entropy per point of the other law''s process with K(m) >= 0, a '// &
+                              'larger one')
+   end subroutine write_branch
 
    !> Moments as achieved, with the standard errors of those that were sampled.
    subroutine write_correlation(group, model)
@@ -156,6 +186,7 @@ contains
                            'entropy per point of white noise of the same variance, Eq. (42)')
       call group%put_value('optimality', model%optimality, '1', &
                            'largest residual of the optimality conditions')
+      if (allocated(model%g)) return
       call group%put_value('lambda', model%lambda, '1', &
                            'limit of the acceptance of one more point, Eq. (45), of the '// &
                            'exact law with these a, b0 and mu', &
@@ -180,22 +211,6 @@ contains
       call group%put_value('other_L0', model%other_l0, 'lag', 'correlation length'//same)
       call group%put_value('other_entropy', model%other_entropy, 'nat', 'entropy per point'//same)
    end subroutine write_other_law
-
-   !> The same process without sampling: what the fit says is to agree within its standard errors.
-   subroutine write_quadrature(group, model)
-      type(group_type), intent(inout) :: group
-      type(process_model_type), intent(in) :: model
-      character(*), parameter :: by = ' by quadrature, a check of what was found'
-
-      associate (check => model%quadrature)
-         call group%attribute('quadrature_nodes', check%n_nodes)
-         call group%put_value('quadrature_mean', check%mean, 'unit of x', 'mean'//by)
-         call group%put_value('quadrature_std', check%std, 'unit of x', 'standard deviation'//by)
-         call group%put_value('quadrature_L0', check%l0, 'lag', 'correlation length, Eq. (8),'//by)
-         call group%put_value('quadrature_L1', check%l1, 'lag', 'correlation length, Eq. (9),'//by)
-         call group%put_value('quadrature_entropy', check%entropy, 'nat', 'entropy per point'//by)
-      end associate
-   end subroutine write_quadrature
 
    !> Multipliers of the direct method, and all solutions that its sign search found.
    subroutine write_direct(group, model)

@@ -2,10 +2,11 @@
 module process_model
    use core_kinds, only: long, wp
    use core_random, only: label_of
+   use core_text, only: to_text
    implicit none(type, external)
    private
    public :: process_request, process_model_type, process_solution, inversion_check, &
-             quadrature_check, request_label
+             branch_note, request_label
 
    !> A wanted process. Lengths are in lags; mean and std in the unit of X.
    type :: process_request
@@ -23,6 +24,7 @@ module process_model
       real(wp) :: std = 0.0_wp
       logical :: positive = .false.
       character(:), allocatable :: sampler       !! 'sequential' (Sec. 2.4) or 'exact' Eq. (25)
+      character(16) :: branch = 'any'            !! positive: 'nonnegative' keeps to K(m) >= 0
       integer :: fit_steps = 0                   !! positive: of a batch that is matched; 0: chosen
       !> without sign: Eq. (39) from the 'stationary' law or 'from_rest', or Eq. (38), 'matrix'
       character(16) :: simulation = 'stationary'
@@ -45,12 +47,6 @@ module process_model
       real(wp) :: seconds = 0.0_wp                 !! CPU time of the inversion
       real(wp) :: seconds_of_fit = 0.0_wp          !! and of the direct method itself
    end type inversion_check
-
-   !> A positive process of order 1 or 2 without sampling, as a check.
-   type :: quadrature_check
-      integer :: n_nodes = 0   !! of each of order + 1 values; 0: not made
-      real(wp) :: mean = 0.0_wp, std = 0.0_wp, l0 = 0.0_wp, l1 = 0.0_wp, entropy = 0.0_wp
-   end type quadrature_check
 
    !> A solved (or refused) process. Entropies are per point, in nats.
    type :: process_model_type
@@ -77,6 +73,17 @@ module process_model
       real(wp) :: acceptance_mean = 1.0_wp       !! E[alpha]
       real(wp) :: acceptance_geometric = 1.0_wp  !! exp E[ln alpha]
       real(wp) :: seconds = 0.0_wp               !! of a processor, to fit it
+      !> positive: the signs of K(m), 'nonnegative' or 'alternating'; else unallocated
+      character(:), allocatable :: branch
+      !> alternating, exact law: row of G, lags 0..order [1/unit of X squared]; it may be
+      !> indefinite, so that a, poles and Lambda are none, b0 = 1/sqrt(G_0) and mu is what the law
+      !> is centred on
+      real(wp), allocatable :: g(:)
+      !> with it: p(y|x) ~ exp(-G_0 y^2/2 + (field - G_1 x) y) sum w_j exp(-G_1 x_j y), field = mu
+      !> (G_0 + 2 G_1), nodes x_j [unit of X] and weights w_j
+      real(wp), allocatable :: nodes(:), weights(:)
+      !> alternating: entropy of the other law's process with K(m) >= 0 where that is larger, else 0
+      real(wp) :: nonnegative_entropy = 0.0_wp
       integer :: memory = 0                      !! positive: steps that are felt, to 1e-9
       !> positive: what the same a_q, b0 and mu give under the law that was not asked for
       real(wp) :: other_mean = 0.0_wp, other_std = 0.0_wp, other_l0 = 0.0_wp, other_entropy = 0.0_wp
@@ -88,10 +95,26 @@ module process_model
       real(wp) :: entropy_ceiling = 0.0_wp       !! direct: no sign sequence has more, proved
       character(:), allocatable :: search        !! direct: how the signs were found
       type(inversion_check) :: inversion         !! direct
-      type(quadrature_check) :: quadrature       !! positive
    end type process_model_type
 
 contains
+
+   !> One line on a process whose K(m) alternates; empty for others.
+   pure function branch_note(model) result(note)
+      type(process_model_type), intent(in) :: model
+      character(:), allocatable :: note
+
+      note = ''
+      if (.not. (model%is_solved .and. allocated(model%branch))) return
+      if (model%branch /= 'alternating') return
+      note = "K(m) alternates: neighbours are anticorrelated; branch = 'nonnegative' refuses it"
+      if (abs(model%nonnegative_entropy) > 0.0_wp) &
+         note = note//"; sampler = '"//trim(merge('exact     ', 'sequential', &
+                                                  model%request%sampler == 'sequential'))// &
+                "' has one with K(m) >= 0 and "// &
+                to_text(nint(1.0e4_wp*(model%nonnegative_entropy - model%entropy))/1.0e4_wp)// &
+                ' nat more entropy'
+   end function branch_note
 
    !> Names the streams of random numbers that belong to a process: its own values, whatever stands
    !> beside it in the scene.

@@ -9,6 +9,7 @@ module process_positive
    use process_model, only: process_model_type
    use process_positive_exact, only: draw_window, sweeps_to_forget
    use process_positive_sequential, only: march_sequential
+   use process_truncated_normal, only: draw_truncated, log_acceptance
    implicit none(type, external)
    private
    public :: draw_points, way_of_drawing, way_type
@@ -33,6 +34,8 @@ contains
       if (.not. model%is_solved) error stop 'draw_points: the process is not solved'
       if (.not. model%request%positive) then
          call draw_as_requested(model, stream, values)
+      else if (allocated(model%g)) then
+         call draw_alternating(model, stream, values)
       else if (model%request%sampler == 'sequential') then
          call march_sequential(model%a, model%mu/model%b0*(1.0_wp + sum(model%a)), &
                                model%mean/model%b0, model%memory, stream, values)
@@ -41,6 +44,34 @@ contains
          call draw_exact(model, stream, values)
       end if
    end subroutine draw_points
+
+   !> Eq. (25) where K(m) alternates: a Markov chain. Its transition density is a mixture of
+   !> truncated normal laws, one for each value that may follow next but one.
+   subroutine draw_alternating(model, stream, values)
+      type(process_model_type), intent(in) :: model   !! with G, order 1
+      type(stream_type), intent(inout) :: stream
+      real(wp), intent(out) :: values(:)
+      real(wp), dimension(size(model%nodes)) :: c, share
+      real(wp) :: factor, field, hazard, u(2), x
+      integer :: i, n
+
+      field = (model%g(0) + 2.0_wp*model%g(1))*model%mu
+      x = model%mean
+      do n = 1 - model%memory, size(values)
+         call stream%uniforms(u)
+         c = model%b0*(field - model%g(1)*(x + model%nodes))
+         share = log_acceptance(c) + 0.5_wp*c**2
+         share = model%weights*exp(max(share - maxval(share), -700.0_wp))
+         u(2) = u(2)*sum(share)
+         do i = 1, size(share) - 1
+            u(2) = u(2) - share(i)
+            if (u(2) <= 0.0_wp) exit
+         end do
+         call draw_truncated(c(i), u(1), x, hazard, factor)
+         x = model%b0*x
+         if (n >= 1) values(n) = x
+      end do
+   end subroutine draw_alternating
 
    !> Eq. (25): a whole Gaussian window with margins beyond the memory, redrawn until all of it is
    !> positive, its middle kept; or, where as many sweeps cost less than as many trials, one value

@@ -11,7 +11,8 @@ module process_positive_first_order
    use process_correlation, only: correlation_length_l0, correlation_length_l1
    use process_entropy, only: white_noise_entropy
    use process_model, only: process_model_type, process_request
-   use process_positive_kernel, only: first_order_law, new_first_order_law
+   use process_positive_alternating, only: alternating_limit, match_alternating
+   use process_positive_kernel, only: first_order_law, new_alternating_law, new_first_order_law
    use process_positive_sequential, only: memory_of
    use process_truncated_normal, only: fit_truncated_normal
    implicit none(type, external)
@@ -36,7 +37,8 @@ module process_positive_first_order
 
 contains
 
-   !> The law with the wanted ratio and length. Fails with the limit where there is none.
+   !> The law with the wanted ratio and length: that with K(m) >= 0 where there is one (its entropy
+   !> is the larger one), else the alternating one. Fails with the limits where there is none.
    subroutine match_first_order(request, law, error)
       type(process_request), intent(in) :: request   !! order 1
       type(first_order_law), intent(out) :: law      !! in units of b0
@@ -46,20 +48,23 @@ contains
       real(wp) :: excess, guess, limit, mu, parameter, sigma, wanted
       integer :: step
 
-      call fit_truncated_normal(request%mean, request%std, mu, sigma, error)
-      if (allocated(error)) return
       call begin_family(request, family, error)
       if (allocated(error)) return
+      if (.not. (request%mean > 0.0_wp .and. request%std > 0.0_wp)) then   ! refused in its words
+         call fit_truncated_normal(request%mean, request%std, mu, sigma, error)
+         return
+      end if
       wanted = request%std/request%mean
       if (wanted > always_below) then
          call limit_of_family(family, limit, error)
          if (allocated(error)) return
          if (wanted >= limit) then
-            call raise(error, exit_no_solution, named(request)//': std/mean must be below '// &
-                       to_text(rounded_down(limit))//', where mu is minus infinity')
+            call match_beyond(request, limit, law, error)
             return
          end if
       end if
+      call fit_truncated_normal(request%mean, request%std, mu, sigma, error)
+      if (allocated(error)) return
       guess = log(family%length)
       parameter = parameter_of(mu/sigma)
       search = new_root_search(0.1_wp)
@@ -75,7 +80,39 @@ contains
                  to_text(excess)//' (relative) from std/mean')
    end subroutine match_first_order
 
-   !> The largest std/mean of order 1 at the request's length, rounded down.
+   !> The law with alternating K(m), beyond the largest std/mean of those with K(m) >= 0.
+   subroutine match_beyond(request, limit, law, error)
+      type(process_request), intent(in) :: request
+      real(wp), intent(in) :: limit   !! with K(m) >= 0
+      type(first_order_law), intent(out) :: law
+      type(error_type), allocatable, intent(out) :: error
+      type(error_type), allocatable :: failure
+      character(:), allocatable :: reason
+      real(wp) :: farther, wanted
+      logical :: is_sequential
+
+      wanted = request%std/request%mean
+      is_sequential = request%sampler == 'sequential'
+      reason = named(request)//': std/mean must be below '//to_text(rounded_down(limit))// &
+               ' with K(m) >= 0'
+      if (request%branch == 'nonnegative') then
+         call raise(error, exit_no_solution, reason)
+         return
+      end if
+      call alternating_limit(request%correlation, request%correlation_length, is_sequential, &
+                             farther, error)
+      if (allocated(error)) return
+      if (wanted >= farther) then
+         call raise(error, exit_no_solution, reason//' and below '// &
+                    to_text(rounded_down(farther))//' with alternating K(m)')
+         return
+      end if
+      call match_alternating(request%correlation, request%correlation_length, wanted, &
+                             is_sequential, law, failure)
+      if (allocated(failure)) call raise(error, exit_no_solution, reason//'; '//failure%message)
+   end subroutine match_beyond
+
+   !> The largest std/mean of order 1 and K(m) >= 0 at the request's length, rounded down.
    subroutine first_order_limit(request, limit, error)
       type(process_request), intent(in) :: request   !! of any order
       real(wp), intent(out) :: limit
@@ -200,16 +237,66 @@ contains
       type(first_order_law) :: other
       real(wp) :: mu
 
+      model%branch = trim(merge('alternating', 'nonnegative', law%is_alternating))
+      if (law%is_alternating) then
+         call describe_alternating(request, law, model, error)
+         return
+      end if
       mu = law%coordinate/law%slack**merge(1, 2, law%is_sequential)
       call new_first_order_law(law%r, law%slack, &
                                mu*law%slack**merge(2, 1, law%is_sequential), &
                                .not. law%is_sequential, other, error)
       if (allocated(error)) return
-      model%order = 1
       model%a = [-law%r]
-      model%b0 = request%std/law%std
+      call describe_law(request, law, model)
       model%mu = model%b0*mu
       model%poles = [cmplx(law%r, 0.0_wp, wp)]
+      call describe_other(other, model)
+   end subroutine describe_first_order
+
+   !> Where K(m) alternates: the recursion of the sequential law, the matrix G of the exact one.
+   subroutine describe_alternating(request, law, model, error)
+      type(process_request), intent(in) :: request
+      type(first_order_law), intent(in) :: law
+      type(process_model_type), intent(inout) :: model
+      type(error_type), allocatable, intent(out) :: error
+      type(first_order_law) :: nonnegative, other
+      type(error_type), allocatable :: refusal
+      type(process_request) :: request_of_other
+
+      call describe_law(request, law, model)
+      if (law%is_sequential) then
+         model%a = [law%coupling]
+         model%mu = model%b0*law%field/(1.0_wp + law%coupling)
+         model%poles = [cmplx(-law%coupling, 0.0_wp, wp)]
+         call new_alternating_law(1.0_wp + law%coupling**2, law%coupling, &
+                                  law%field*(1.0_wp + law%coupling), .false., other, error)
+         if (allocated(error)) return
+         call describe_other(other, model)
+      else
+         allocate (model%a(0), model%poles(0), model%g(0:1))
+         model%mu = model%b0*law%field/(1.0_wp + 2.0_wp*law%coupling)
+         model%g(:) = [1.0_wp, law%coupling]/model%b0**2
+         model%nodes = model%b0*law%nodes
+         model%weights = law%ahead
+      end if
+      request_of_other = request
+      request_of_other%sampler = trim(merge('exact     ', 'sequential', law%is_sequential))
+      request_of_other%branch = 'nonnegative'
+      call match_first_order(request_of_other, nonnegative, refusal)
+      if (allocated(refusal)) return
+      nonnegative%entropy = nonnegative%entropy + log(request%std/nonnegative%std)
+      if (nonnegative%entropy > model%entropy) model%nonnegative_entropy = nonnegative%entropy
+   end subroutine describe_alternating
+
+   !> What is said of every law, in the unit of X.
+   subroutine describe_law(request, law, model)
+      type(process_request), intent(in) :: request
+      type(first_order_law), intent(in) :: law
+      type(process_model_type), intent(inout) :: model
+
+      model%order = 1
+      model%b0 = request%std/law%std
       call describe_correlation(request, law, model)
       model%mean = model%b0*law%mean
       model%std = request%std
@@ -218,13 +305,20 @@ contains
       model%optimality = max(abs(model%mean/request%mean - 1.0_wp), &
                              abs(length_of(law, request%correlation)/request%correlation_length &
                                  - 1.0_wp))
+      call note_acceptances(law, model)
+   end subroutine describe_law
+
+   !> The other law of the same parameters.
+   subroutine describe_other(other, model)
+      type(first_order_law), intent(in) :: other
+      type(process_model_type), intent(inout) :: model
+
       model%other_mean = model%b0*other%mean
       model%other_std = model%b0*other%std
       model%other_l0 = other%l0
       model%other_entropy = other%entropy + log(model%b0)
-      call note_acceptances(law, model)
       call note_acceptances(other, model)
-   end subroutine describe_first_order
+   end subroutine describe_other
 
    subroutine describe_correlation(request, law, model)
       type(process_request), intent(in) :: request
@@ -234,8 +328,10 @@ contains
       complex(wp) :: pole
       integer :: n_lags
 
-      ! the unconstrained process of the wanted length remembers longer than a positive one
+      ! the unconstrained process of the wanted length remembers longer than a positive one with
+      ! K(m) >= 0; an alternating one of that |K(1)| may remember longer
       pole = request%correlation_length/(1.0_wp + request%correlation_length)
+      if (law%is_alternating) pole = law%memory
       model%memory = ceiling(1.5_wp*memory_of([pole], 1.0e-9_wp))
       n_lags = min(memory_of([pole], 1.0e-6_wp), max_lags)
       allocate (model%autocovariance(0:n_lags), model%autocovariance_error(0:n_lags), &
@@ -256,7 +352,7 @@ contains
          model%acceptance_ratio = law%acceptance_ratio
          model%acceptance_mean = law%acceptance_mean
          model%acceptance_geometric = law%acceptance_geometric
-      else
+      else if (.not. law%is_alternating) then
          model%lambda = exp(max(law%log_lambda, log(tiny(1.0_wp))))
       end if
    end subroutine note_acceptances

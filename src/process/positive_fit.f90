@@ -10,7 +10,6 @@ module process_positive_fit
    use numerics_constrained_maximum, only: search_result, solve_along
    use process_model, only: process_model_type, process_request
    use process_positive_approach, only: approach, find_shape
-   use process_positive_check, only: check_by_quadrature
    use process_positive_first_order, only: describe_first_order, match_first_order
    use process_positive_kernel, only: first_order_law
    use process_positive_law, only: positive_law
@@ -74,7 +73,6 @@ contains
          model%optimality = merge(violation, found%residual, request%method == 'direct')
       end if
       model%is_solved = .not. allocated(error)
-      if (model%is_solved .and. request%method == 'autoregressive') call check_by_quadrature(model)
       if (allocated(error)) model%reason = error%message
    end subroutine fit_positive
 
@@ -99,7 +97,7 @@ contains
          if (is_exact .and. .not. allocated(error)) call describe_white(request, mu, sigma, model)
       else if (is_first_order(request)) then
          call match_first_order(request, first_order, error)
-         if (is_exact .and. .not. allocated(error)) &
+         if ((is_exact .or. first_order%is_alternating) .and. .not. allocated(error)) &
             call describe_first_order(request, first_order, model, error)
       else
          call approach(request, seed, law, point, found, error, passed_limit=passed_limit)

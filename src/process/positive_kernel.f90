@@ -14,7 +14,7 @@ module process_positive_kernel
    use process_truncated_normal, only: hazard_ratio, log_acceptance
    implicit none(type, external)
    private
-   public :: first_order_law, new_first_order_law
+   public :: first_order_law, new_first_order_law, new_alternating_law
 
    !> x_n = w_n + mu (1 - r) + r x_(n-1), kept positive by one law or the other.
    type :: first_order_law
@@ -25,9 +25,18 @@ module process_positive_kernel
       real(wp) :: mean = 0.0_wp, std = 0.0_wp
       real(wp) :: l0 = 0.0_wp, l1 = 0.0_wp       !! infinite sums
       real(wp) :: entropy = 0.0_wp               !! per point
+      real(wp) :: memory = 0.0_wp                !! |K(m + 1)/K(m)| for large m; alternating only
       real(wp) :: log_lambda = 0.0_wp            !! exact law: ln Lambda, Eq. (45)
       !> sequential law: 1/E[1/alpha], E[alpha], exp E[ln alpha]
       real(wp) :: acceptance_ratio = 1.0_wp, acceptance_mean = 1.0_wp, acceptance_geometric = 1.0_wp
+      !> K(m) changes its sign with every lag: the kernel is exp(-steepness (x^2 + y^2)/4 - coupling
+      !> x y + field (x + y)/2), for the sequential law over the roots of both acceptances; r, slack
+      !> and coordinate are not used. Units in which steepness = 1; steepness = 0 where mu is minus
+      !> infinity
+      logical :: is_alternating = .false.
+      real(wp) :: steepness = 1.0_wp, coupling = 0.0_wp, field = 0.0_wp
+      real(wp), allocatable :: nodes(:)          !! (node)
+      real(wp), allocatable :: ahead(:)          !! (node) alternating: see `model%weights`
       real(wp), allocatable, private :: kernel(:, :)    !! (node, node), its Perron value is 1
       real(wp), allocatable, private :: deviation(:)    !! (node) (x - mean) times Perron's vector
    contains
@@ -50,6 +59,7 @@ contains
       law%coordinate = coordinate
       law%is_sequential = is_sequential
       call place_nodes(law, nodes, weights)
+      law%nodes = nodes
       law%kernel = kernel_of(law, nodes, sqrt(weights))
       if (is_sequential) then
          vector = stationary_vector(law, nodes, sqrt(weights))
@@ -61,11 +71,119 @@ contains
       law%kernel = law%kernel/perron
       call describe_sums(law, nodes, vector, error)
       if (is_sequential) then
-         call describe_acceptances(law, nodes, vector**2)
+         call describe_acceptances(law, law%coordinate + law%r*nodes, vector**2)
       else
          call describe_partition(law, log(perron))
       end if
    end subroutine new_first_order_law
+
+   !> The law whose K(m) alternates. Its G may be indefinite: every coupling > 0 has a law where
+   !> steepness > 0, or steepness = 0 and field < 0.
+   subroutine new_alternating_law(steepness, coupling, field, is_sequential, law, error)
+      real(wp), intent(in) :: steepness, coupling, field   !! see the type
+      logical, intent(in) :: is_sequential
+      type(first_order_law), intent(out) :: law
+      type(error_type), allocatable, intent(out) :: error
+      integer, parameter :: n_nodes = 128
+      real(wp), parameter :: nodes_per_unit = 4.0_wp
+      real(wp), allocatable :: part(:), t(:), vector(:), weights(:)
+      real(wp) :: log_scale, perron, reach
+      integer :: i, n
+
+      law%is_alternating = .true.
+      law%is_sequential = is_sequential
+      law%steepness = steepness
+      law%coupling = coupling
+      law%field = field
+      reach = reach_of_field(law)
+      n = n_nodes + ceiling(nodes_per_unit*min(reach, 100.0_wp))
+      allocate (t(n), weights(n))
+      call gauss_legendre(0.0_wp, 1.0_wp, t, weights)
+      law%nodes = reach*t**3   ! denser towards 0, where every other value is
+      weights = 3.0_wp*reach*t**2*weights
+      part = 0.5_wp*field*law%nodes - 0.25_wp*steepness*law%nodes**2
+      if (is_sequential) then
+         vector = part - half_log_hazard(law)
+         vector = sqrt(weights)*exp(vector - maxval(vector))
+         vector = vector/norm2(vector)
+         part = part + half_log_hazard(law)
+      end if
+      log_scale = maxval(part)
+      allocate (law%kernel(n, n))
+      do i = 1, n
+         law%kernel(:, i) = part - log_scale + (part(i) - log_scale) &
+                            - coupling*law%nodes*law%nodes(i)
+         law%kernel(:, i) = sqrt(weights*weights(i))*exp(max(law%kernel(:, i), -700.0_wp))
+      end do
+      if (is_sequential) then
+         perron = dot_product(vector, matmul(law%kernel, vector))
+      else
+         call find_perron(law%kernel, vector, perron, error)
+         if (allocated(error)) return
+      end if
+      law%kernel = law%kernel/perron
+      law%ahead = sqrt(weights)*exp(part - log_scale)*max(vector, 0.0_wp)
+      call describe_sums(law, law%nodes, vector, error)
+      if (allocated(error)) return
+      law%memory = decay_of(law, vector)
+      if (is_sequential) then
+         if (steepness > 0.0_wp) &
+            call describe_acceptances(law, field - coupling*law%nodes, vector**2)
+      else   ! h = ln Z per point + E[energy]
+         associate (k => law%autocovariance(1))   ! of lags 0 and 1
+            law%entropy = log(perron) + 2.0_wp*log_scale - field*law%mean + 0.5_wp*steepness* &
+                          (k(1) + law%mean**2) + coupling*(k(2) + law%mean**2)
+         end associate
+      end if
+   end subroutine new_alternating_law
+
+   !> Modulus of the second eigenvalue.
+   pure function decay_of(law, perron) result(decay)
+      type(first_order_law), intent(in) :: law
+      real(wp), intent(in) :: perron(:)   !! (node) the first eigenvector, of norm 1
+      real(wp) :: decay
+      integer, parameter :: n_powers = 60
+      real(wp) :: next(size(perron)), vector(size(perron))
+      integer :: m
+
+      vector = law%deviation/norm2(law%deviation)
+      do m = 1, n_powers
+         next = matmul(law%kernel, vector)
+         next = next - perron*dot_product(perron, next)
+         decay = norm2(next)
+         vector = next/decay
+      end do
+   end function decay_of
+
+   !> No mass to speak of beyond.
+   pure function reach_of_field(law) result(reach)
+      type(first_order_law), intent(in) :: law
+      real(wp) :: reach
+      real(wp), parameter :: beyond = 8.5_wp   ! of a normal law [std]
+      real(wp), parameter :: far = 45.0_wp     ! -ln of what is left out
+
+      reach = huge(1.0_wp)
+      if (law%steepness > 0.0_wp) reach = max(law%field, 0.0_wp)/law%steepness &
+                                          + beyond/sqrt(law%steepness)
+      if (law%field < 0.0_wp) reach = min(reach, -far/law%field)
+   end function reach_of_field
+
+   !> Sequential law: half of ln (phi(c)/Phi(c)), c = field - coupling x; for steepness 0 its limit
+   !> but for a constant.
+   pure function half_log_hazard(law) result(value)
+      type(first_order_law), intent(in) :: law
+      real(wp) :: value(size(law%nodes))
+      real(wp) :: c(size(law%nodes))
+
+      c = law%field - law%coupling*law%nodes
+      if (law%steepness > 0.0_wp) then
+         value = 0.5_wp*merge(log(hazard_ratio(min(c, 0.0_wp))), &
+                              -0.5_wp*c**2 - log_sqrt_two_pi - log_acceptance(max(c, 0.0_wp)), &
+                              c < 0.0_wp)
+      else
+         value = 0.5_wp*log(-c)
+      end if
+   end function half_log_hazard
 
    !> Gauss nodes where the mass is, dense enough for the kernel's width; what is left out is below
    !> 1e-15.
@@ -216,7 +334,8 @@ contains
       bound = maxval(image/max(vector, least), mask=vector >= least)
    end function bound_above
 
-   !> Mean, std and both lengths: with w = (x - mean) v the lags are K(m) = w'A^m w.
+   !> Mean, std and both lengths: with w = (x - mean) v the lags are K(m) = w'A^m w, |K(m)| the same
+   !> of -A where they alternate.
    subroutine describe_sums(law, nodes, vector, error)
       type(first_order_law), intent(inout) :: law
       real(wp), intent(in) :: nodes(:), vector(:)
@@ -229,7 +348,8 @@ contains
       variance = sum(law%deviation**2)
       law%std = sqrt(variance)
       do i = 1, size(nodes)
-         matrix(:, i) = vector*vector(i) - law%kernel(:, i)
+         matrix(:, i) = vector*vector(i) &
+                        - merge(-1.0_wp, 1.0_wp, law%is_alternating)*law%kernel(:, i)
          matrix(i, i) = matrix(i, i) + 1.0_wp
       end do
       z(:, 1) = law%deviation
@@ -253,12 +373,12 @@ contains
    end subroutine describe_partition
 
    !> Sequential law: acceptances, and E[ln sqrt(2 pi e) + ln alpha - c phi(c)/(2 alpha)].
-   pure subroutine describe_acceptances(law, nodes, density)
+   pure subroutine describe_acceptances(law, c, density)
       type(first_order_law), intent(inout) :: law
-      real(wp), intent(in) :: nodes(:), density(:)   !! (node); density: weights included
-      real(wp) :: c(size(nodes)), log_alpha(size(nodes))
+      real(wp), intent(in) :: c(:)         !! (node) conditional mean of the next value
+      real(wp), intent(in) :: density(:)   !! (node) weights included
+      real(wp) :: log_alpha(size(c))
 
-      c = law%coordinate + law%r*nodes
       log_alpha = log_acceptance(c)
       law%acceptance_mean = sum(density*exp(max(log_alpha, -700.0_wp)))
       law%acceptance_ratio = 1.0_wp/sum(density*exp(min(-log_alpha, 700.0_wp)))

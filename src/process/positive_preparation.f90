@@ -52,6 +52,9 @@ contains
          return
       end select
       call fit_truncated_normal(request%mean, request%std, mu, sigma, error)
+      if (allocated(error) .and. request%mean > 0.0_wp .and. request%correlation_length > 0.0_wp) &
+         call raise(error, exit_no_solution, 'positive process with std/mean = '// &
+                    to_text(request%std/request%mean)//': K(m) >= 0 needs std < mean')
       if (allocated(error)) return
       call solve_unconstrained(request, unconstrained, error)
       if (allocated(error)) return

@@ -6,6 +6,7 @@ module process_positive_refusal
    use core_text, only: to_text
    use numerics_constrained_maximum, only: search_result
    use process_model, only: process_request
+   use process_positive_alternating, only: alternating_limit
    use process_positive_approach, only: approach, end_of_family, find_shape
    use process_positive_first_order, only: first_order_limit
    use process_positive_law, only: positive_law
@@ -15,9 +16,9 @@ module process_positive_refusal
 
 contains
 
-   !> Adds to a refusal where the family ends that the search has left behind, how far order 1 goes,
-   !> and the highest order that has the request. The direct method's orders do not contain each
-   !> other.
+   !> Adds to a refusal where the family ends that the search has left behind, how far order 1 goes
+   !> with either sign of K(1), and the highest order that has the request. The direct method's
+   !> orders do not contain each other.
    subroutine name_what_exists(request, seed, passed_limit, error)
       type(process_request), intent(in) :: request   !! of order 2 or more
       integer(long), intent(in) :: seed
@@ -26,15 +27,26 @@ contains
       type(error_type), allocatable :: unknown
       character(:), allocatable :: message
       integer :: order
-      real(wp) :: limit
+      real(wp) :: farther, limit
 
       if (request%method == 'direct' .or. error%exit_code /= exit_no_solution .or. &
-          request%std >= request%mean) return
+          .not. request%mean > 0.0_wp) return
       message = error%message
       if (passed_limit > 0.0_wp) message = message//'; '//end_of_family(passed_limit)
       call first_order_limit(request, limit, unknown)
       if (allocated(unknown)) return
-      message = message//'; order = 1 has them up to '//to_text(limit)
+      message = message//'; order = 1 has them up to '//to_text(limit)//' with K(m) >= 0'
+      if (request%branch == 'any') then
+         call alternating_limit(request%correlation, request%correlation_length, &
+                                request%sampler == 'sequential', farther, unknown)
+         if (allocated(unknown)) return
+         if (farther < huge(farther)) then
+            message = message//', up to '//to_text(floor(1.0e4_wp*farther)/1.0e4_wp)
+         else
+            message = message//', beyond any limit'
+         end if
+         message = message//' with alternating K(m), which higher orders are not searched for'
+      end if
       order = 1
       if (request%std <= limit*request%mean) order = highest_order(request, seed)
       if (order > 1) message = message//', order = '//to_text(order)//' has this one'

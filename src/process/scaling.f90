@@ -56,7 +56,8 @@ contains
                 .and. a%inversion_half_width == b%inversion_half_width &
                 .and. (a%positive .eqv. b%positive) .and. a%simulation == b%simulation
       if (is_same .and. a%positive) &
-         is_same = a%sampler == b%sampler .and. a%fit_steps == b%fit_steps
+         is_same = a%sampler == b%sampler .and. a%branch == b%branch &
+                   .and. a%fit_steps == b%fit_steps
    end function is_same
 
    pure function is_same_number(one, other) result(is_same)
@@ -85,12 +86,15 @@ contains
       if (request%positive) then
          model%mu = unit*model%mu
          model%mean = unit*model%mean
+         if (allocated(model%g)) then
+            model%g(:) = model%g/unit**2
+            model%nodes(:) = unit*model%nodes
+         end if
+         if (abs(model%nonnegative_entropy) > 0.0_wp) &
+            model%nonnegative_entropy = model%nonnegative_entropy + gain
          if (model%other_std > 0.0_wp) model%other_entropy = model%other_entropy + gain
          model%other_mean = unit*model%other_mean
          model%other_std = unit*model%other_std
-         model%quadrature%mean = unit*model%quadrature%mean
-         model%quadrature%std = unit*model%quadrature%std
-         model%quadrature%entropy = model%quadrature%entropy + gain
       else
          model%mu = request%mean
          model%mean = request%mean

@@ -229,9 +229,9 @@ def test_a_file_that_is_none_is_refused(tmp_path, capsys):
     with h5py.File(tmp_path / "other.h5", "w") as file:
         file.attrs["program"] = "another"
     with h5py.File(tmp_path / "later.h5", "w") as file:
-        file.attrs.update(program="entroslip", version="9.0.0", format_version=3)
+        file.attrs.update(program="entroslip", version="9.0.0", format_version=4)
     with h5py.File(tmp_path / "damaged.h5", "w") as file:
-        file.attrs.update(program="entroslip", format_version=2)
+        file.attrs.update(program="entroslip", format_version=3)
         file["chain"] = 3.0
     (tmp_path / "unfinished.h5.shards").mkdir()
     for name, rule in (
@@ -241,7 +241,7 @@ def test_a_file_that_is_none_is_refused(tmp_path, capsys):
         ("text.h5", "cannot be read as HDF5"),
         ("damaged.h5", "cannot be read as HDF5"),
         ("other.h5", "not a results file of entroslip"),
-        ("later.h5", "format_version = 3: .* entroslip 9.0.0"),
+        ("later.h5", "format_version = 4: .* entroslip 9.0.0"),
     ):
         with pytest.raises(ResultsError, match=f"{tmp_path / name}: {rule}"):
             open_results(tmp_path / name)

@@ -1,10 +1,11 @@
-!> Positive processes of low order without sampling: the transfer operator on Gauss nodes.
+!> Positive processes of low order without sampling, to check what was fitted: the transfer operator
+!> on Gauss nodes, which shares neither random numbers nor formulas with the fits.
 !>
 !> The kernel takes M past values to the next one. Its Perron value is Lambda, and left times right
 !> Perron function is the law of M consecutive values under Eq. (25) in an infinite domain; divided
 !> by the acceptance probability the kernel is a transition density, that of one-at-a-time
 !> rejection. Everything is in units of b0.
-module process_positive_quadrature
+module transfer_operator_checks
    use core_kinds, only: wp
    use numerics_quadrature, only: gauss_legendre
    use process_truncated_normal, only: hazard_ratio, log_acceptance
@@ -176,4 +177,4 @@ contains
       end do
    end function autocovariance
 
-end module process_positive_quadrature
+end module transfer_operator_checks
