@@ -13,9 +13,10 @@ module driver_command_line
       'check SCENE     read and validate; what would run, its cost and memory', &
       'tradeoff SCENE  what accuracy costs in this scene, and the cheapest settings', &
       'replay SCENE    one sample again, with its full history (--case, --sample)', &
+      'estimate DATA   measured values to the process that explains them', &
       'template        print a complete commented scene']
    character(*), parameter :: options(*) = [character(76) :: &
-      '--output FILE   results file; default SCENE.h5 in the current directory', &
+      '--output FILE   results file; default SCENE.h5 here. estimate: the scene', &
       '--fresh         run: discard what an earlier run of the scene left', &
       '--set G%N=V     override a value: --set campaign%n_samples=20; repeatable', &
       '--share         run: one of several on one output; a plain run then merges', &
@@ -27,9 +28,9 @@ module driver_command_line
       '--version       version, compiler, flags, libraries']
    integer, parameter :: text_column = 17
    !> The commands that take each of these options; the last two stand alone.
-   character(*), parameter :: takers(*) = [character(28) :: &
-      'run, tradeoff, replay', 'run', 'run, check, tradeoff, replay', 'run', 'replay', 'replay', &
-      'template', 'run, check, tradeoff, replay', '', '']
+   character(*), parameter :: takers(*) = [character(38) :: &
+      'run, tradeoff, replay, estimate', 'run', 'run, check, tradeoff, replay', 'run', 'replay', &
+      'replay', 'template', 'run, check, tradeoff, replay, estimate', '', '']
 
    !> The arguments, sorted out.
    type :: command_line
@@ -181,6 +182,7 @@ contains
    subroutine check_together(line, error)
       type(command_line), intent(in) :: line
       type(error_type), allocatable, intent(out) :: error
+      character(len(commands)) :: usage
       integer :: i
 
       if (.not. allocated(line%command)) then
@@ -197,8 +199,10 @@ contains
       if (line%command == 'template') then
          if (allocated(line%scene)) call raise(error, exit_bad_input, 'template takes no scene')
       else if (.not. allocated(line%scene)) then
-         call raise(error, exit_bad_input, line%command//' needs a scene: entroslip '// &
-                    line%command//' SCENE')
+         usage = commands(maxloc(merge(1, 0, names_in(commands) == line%command), 1))
+         call raise(error, exit_bad_input, line%command//' needs '// &
+                    trim(merge('data   ', 'a scene', line%command == 'estimate'))// &
+                    ': entroslip '//trim(usage(:text_column - 1)))
       else if (line%command == 'replay' .and. (line%case_number == 0 .or. line%sample == 0)) then
          call raise(error, exit_bad_input, 'replay needs --case and --sample')
       else if (line%is_shared .and. line%is_fresh) then
@@ -219,7 +223,7 @@ contains
       character(:), allocatable :: text
       character, parameter :: nl = new_line('a')
 
-      text = 'entroslip: maximum-entropy properties, and vibration held by friction'//nl//nl// &
+      text = 'entroslip: maximum-entropy properties, and vibration held by friction'//nl// &
              'usage: [mpirun -n RANKS] entroslip COMMAND [SCENE] [options]'//nl//nl// &
              rows(commands)//nl//rows(options)//nl// &
              'exit codes: 0 done; 2 bad usage or input; 3 a file is unwritable, locked or'//nl// &

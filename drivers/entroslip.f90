@@ -5,6 +5,7 @@ program entroslip
    use core_terminal, only: end_program, say, start_terminal, write_error
    use driver_check, only: check
    use driver_command_line, only: command_line, help_text, read_command_line
+   use driver_estimate, only: estimate
    use driver_replay, only: replay
    use driver_run, only: run
    use driver_tradeoff, only: tradeoff
@@ -28,6 +29,8 @@ program entroslip
       call tradeoff(line)
    case ('replay')
       call replay(line)
+   case ('estimate')
+      call estimate(line)
    case ('template')
       if (line%wants_reference) then
          call say(scene_reference())

@@ -5,11 +5,11 @@ _entroslip_values() {
 }
 
 _entroslip() {
-  local word=$2 previous=$3 commands='run check tradeoff replay template' command='' i
+  local word=$2 previous=$3 commands='run check tradeoff replay estimate template' command='' i
   COMPREPLY=()
   for ((i = 1; i < COMP_CWORD; i++)); do
     case ${COMP_WORDS[i]} in
-      run | check | tradeoff | replay | template) command=${COMP_WORDS[i]} ;;
+      run | check | tradeoff | replay | estimate | template) command=${COMP_WORDS[i]} ;;
     esac
   done
   case $previous in
@@ -29,11 +29,15 @@ _entroslip() {
       tradeoff) options='--output --set --quiet --help' ;;
       check) options='--set --quiet --help' ;;
       replay) options='--output --set --quiet --case --sample --help' ;;
+      estimate) options='--output --quiet --help' ;;
       template) options='--reference --help' ;;
     esac
     mapfile -t COMPREPLY < <(compgen -W "$options" -- "$word")
   elif [[ -z $command ]]; then
     mapfile -t COMPREPLY < <(compgen -W "$commands" -- "$word")
+  elif [[ $command == estimate ]]; then
+    compopt -o filenames
+    mapfile -t COMPREPLY < <(compgen -f -- "$word")
   elif [[ $command != template ]]; then
     compopt -o filenames
     mapfile -t COMPREPLY < <(compgen -f -X '!*.nml' -- "$word"; compgen -d -- "$word")

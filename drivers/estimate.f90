@@ -1,0 +1,152 @@
+!> `entroslip estimate`: from measured values to the process that explains them, and its &process.
+module driver_estimate
+   use config_measured, only: read_measured
+   use config_phrases, only: brief, counted, labelled
+   use core_complaints, only: complaint_list
+   use core_error, only: error_type, exit_bad_input, exit_done, exit_file, raise
+   use core_kinds, only: long, wp
+   use core_terminal, only: say
+   use core_text, only: to_text
+   use driver_command_line, only: command_line
+   use io_files, only: exists, sync_file
+   use parallel_world, only: start_world, stop_world, world_type
+   use process_estimate, only: estimate_process, measured_record, process_estimate_type
+   implicit none(type, external)
+   private
+   public :: estimate
+
+   integer(long), parameter :: seed = 1_long              !! of the realizations behind the errors
+   real(wp), parameter :: rejected = 0.05_wp, surely_rejected = 0.01_wp   !! p of a misfit
+   character(*), parameter :: lf = new_line('a')
+
+contains
+
+   !> The command; one rank works.
+   subroutine estimate(line)
+      type(command_line), intent(in) :: line
+      type(world_type) :: world
+      type(complaint_list) :: complaints
+      type(measured_record), allocatable :: records(:)
+      type(process_estimate_type) :: found
+      type(error_type), allocatable :: error
+
+      call start_world(world)
+      if (world%is_root()) then
+         call read_measured(line%scene, records, complaints)
+         if (complaints%n > 0) call raise(error, exit_bad_input, complaints%text)
+         if (.not. allocated(error)) call estimate_process(records, seed, found, error)
+         if (.not. allocated(error)) call hand_out(line, found, error)
+      end if
+      call world%stop_on(error)
+      call stop_world(exit_done)
+   end subroutine estimate
+
+   !> What was found on the screen; the group behind it, or in the file that was asked for.
+   subroutine hand_out(line, found, error)
+      type(command_line), intent(in) :: line
+      type(process_estimate_type), intent(in) :: found
+      type(error_type), allocatable, intent(out) :: error
+
+      if (.not. line%is_quiet) call say(findings(found))
+      if (.not. allocated(line%output)) then
+         call say(group_text(line%scene, found))
+      else if (exists(line%output)) then
+         call raise(error, exit_file, line%output//': exists already: choose another name')
+      else
+         call write_scene(line%output, group_text(line%scene, found), error)
+      end if
+   end subroutine hand_out
+
+   !> A new file, whole when it is there.
+   subroutine write_scene(path, text, error)
+      character(*), intent(in) :: path, text
+      type(error_type), allocatable, intent(out) :: error
+      character(256) :: reason
+      integer :: ignored, status, unit
+
+      open (newunit=unit, file=path, status='new', action='write', access='stream', &
+            form='formatted', iostat=status, iomsg=reason)
+      if (status == 0) then
+         write (unit, '(a)', advance='no', iostat=status, iomsg=reason) text
+         if (status == 0) flush (unit, iostat=status, iomsg=reason)
+         close (unit, iostat=ignored)
+         if (status == 0) status = ignored
+      end if
+      if (status /= 0) then
+         call raise(error, exit_file, path//': cannot be written: '//trim(reason))
+      else
+         call sync_file(path, error)
+      end if
+   end subroutine write_scene
+
+   !> Estimates with their errors, and whether the process explains the values.
+   pure function findings(found) result(text)
+      type(process_estimate_type), intent(in) :: found
+      character(:), allocatable :: text, lags
+      integer :: m
+
+      text = labelled('values', counted(found%n_values, 'value', 'values')//' in '// &
+                      counted(found%n_records, 'record', 'records')//', '// &
+                      counted(found%n_gaps, 'gap', 'gaps')) &
+             //labelled('mean', with_error(found%mean, found%mean_error)) &
+             //labelled('std', with_error(found%std, found%std_error)) &
+             //labelled('L0', with_range(found%l0, found%l0_error, found%l0_range)) &
+             //labelled('L1', with_range(found%l1, found%l1_error, found%l1_range)) &
+             //labelled('order', to_text(found%request%order))
+      lags = ''
+      do m = 1, size(found%correlation)
+         if (m > 1) lags = lags//', '
+         lags = lags//brief(found%correlation(m))//' ('//brief(found%expected(m))//')'
+      end do
+      text = text//labelled('correlation', 'at lags 1 to '//to_text(size(found%correlation))// &
+                            ' (of the process): '//lags) &
+             //labelled('explained', judged('correlation', found%p_correlation)//'; '// &
+                        judged('distribution', found%p_marginal))
+      text = text//labelled('', 'errors are the scatter of the same estimates from '// &
+                            'realizations of the process at the same points')
+   end function findings
+
+   pure function with_error(value, error) result(text)
+      real(wp), intent(in) :: value, error
+      character(:), allocatable :: text
+
+      text = brief(value)//' +- '//brief(error)
+   end function with_error
+
+   pure function with_range(value, error, range) result(text)
+      real(wp), intent(in) :: value, error, range(2)
+      character(:), allocatable :: text
+
+      text = with_error(value, error)//' lags; 95 % of realizations give '//brief(range(1))// &
+             ' to '//brief(range(2))
+   end function with_range
+
+   !> 'correlation yes (p = 0.4)'
+   pure function judged(what, p) result(text)
+      character(*), intent(in) :: what
+      real(wp), intent(in) :: p
+      character(:), allocatable :: text
+
+      text = what//' yes'
+      if (p <= rejected) text = what//' doubtful'
+      if (p <= surely_rejected) text = what//' NO'
+      text = text//' (p = '//brief(p)//')'
+   end function judged
+
+   !> The &process group, with where it comes from.
+   pure function group_text(path, found) result(text)
+      character(*), intent(in) :: path
+      type(process_estimate_type), intent(in) :: found
+      character(:), allocatable :: text
+
+      associate (request => found%request)
+         text = '! estimated from '//counted(found%n_values, 'value', 'values')//' of '//path// &
+                lf//'&process'//lf//'  mean = '//brief(request%mean)//'  std = '// &
+                brief(request%std)//lf//'  correlation_length = '// &
+                brief(request%correlation_length)//'  order = '//to_text(request%order)//lf// &
+                '  positive = '// &
+                trim(merge('.true. ', '.false.', request%positive))//lf//'/'//lf
+      end associate
+   end function group_text
+
+end module driver_estimate

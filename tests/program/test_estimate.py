@@ -1,0 +1,63 @@
+"""From measured values to a scene that the program takes."""
+
+from __future__ import annotations
+
+import re
+
+import pytest
+
+LINES = (
+    "# friction along two flanges\n"
+    "0.31 0.29 0.36 0.38 0.27 0.22 nan 0.30 0.33 0.35\n"
+    "0.25, 0.27, 0.33, 0.29, 0.31, 0.40, 0.37, 0.28   # the second\n"
+)
+
+
+@pytest.fixture
+def data(tmp_path):
+    (tmp_path / "friction.txt").write_text(LINES)
+    return tmp_path / "friction.txt"
+
+
+def test_measured_values_become_a_scene_that_is_solved(entroslip, data):
+    done = entroslip("estimate", data, "--output", "joints.nml")
+    assert done.returncode == 0, done.stderr
+    assert "17 values in 2 records, 1 gap" in done.stdout
+    mean, _, error = re.search(r"mean +(\S+) (\S+) (\S+)", done.stdout).groups()
+    assert abs(float(mean) - 5.31 / 17) < float(error)  # near the plain mean
+    scene = (data.parent / "joints.nml").read_text()
+    assert "positive = .true." in scene
+    assert entroslip("run", "joints.nml").returncode == 0
+
+
+def test_a_column_is_one_record_and_the_group_is_printed(entroslip, data):
+    values = LINES.replace(",", " ").split("\n")[1].split()
+    data.write_text("\n".join(values) + "\n")
+    done = entroslip("estimate", data)
+    assert "9 values in 1 record, 1 gap" in done.stdout
+    assert "&process" in done.stdout
+    assert entroslip("estimate", data, ranks=2).stdout == done.stdout  # the same on any ranks
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("0.1\n0.2 x3\n", "friction.txt:2: x3: must be a number, or nan where none was measured"),
+        ("# nothing\n", "friction.txt: holds no values"),
+        ("1 2 3\n", "3 values: an estimate needs 8"),
+        ("0.3 " * 9, "all values are 0.3: they must scatter"),
+    ],
+)
+def test_data_that_say_nothing_are_refused(entroslip, data, text, message):
+    data.write_text(text)
+    done = entroslip("estimate", data, "--output", "joints.nml")
+    assert done.returncode == 2
+    assert message in done.stderr
+    assert not (data.parent / "joints.nml").exists()
+
+
+def test_a_file_that_is_there_is_left_alone(entroslip, data):
+    done = entroslip("estimate", data, "--output", data)
+    assert done.returncode == 3
+    assert "exists already" in done.stderr
+    assert data.read_text() == LINES
