@@ -19,7 +19,7 @@ import h5py
 
 DOCS = Path(__file__).resolve().parent
 MARKER = "<!-- generated below this line by docs/generate.py -->\n"
-PLUMBING = {"DIMENSION_LIST", "REFERENCE_LIST", "CLASS", "NAME", "units", "long_name"}
+PLUMBING = {"DIMENSION_LIST", "REFERENCE_LIST", "CLASS", "NAME", "units", "long_name", "contents"}
 
 MOTION = """\
 &process correlation_length = 0.3 order = 1 mean = 0.2 std = 0.02 /

@@ -7,6 +7,7 @@ module io_existing
    use io_blocks, only: read_block
    use io_case_results, only: case_group
    use io_case_samples, only: energy_terms
+   use io_contents, only: check_contents
    use io_files, only: exists
    use io_gathering, only: finished_samples
    use io_hdf5, only: has_hdf5_signature, hdf5_file, open_hdf5, read_attribute, read_dataset, &
@@ -44,8 +45,8 @@ contains
    end subroutine check_replaceable
 
    !> Samples of each case that a results file holds, then of the audit of each; none where there
-   !> is no file. A file of another scene or program, or one that cannot be read, is an error that
-   !> names it.
+   !> is no file. A file of another scene or program, or one that is not whole, is an error that
+   !> names it: all of it is read.
    subroutine inspect_results(path, identity, n_samples, error)
       character(*), intent(in) :: path
       type(identity_type), intent(in) :: identity
@@ -60,6 +61,11 @@ contains
       call open_hdf5(path, file, error)
       if (allocated(error)) return
       call require_same(file, identity, error)
+      if (.not. allocated(error)) then
+         call check_contents(file, error)
+         if (allocated(error)) error%message = error%message//': put a sound copy in its '// &
+                                'place, or discard it with --fresh and compute its samples again'
+      end if
       n_own = 0
       do while (.not. allocated(error))
          if (.not. file%has(case_group(n_own + 1, huge(1)))) exit

@@ -11,7 +11,7 @@ module io_hdf5_reading
    use io_hdf5_parts, only: close_part, extents_of, select_part
    implicit none(type, external)
    private
-   public :: check_dataset, read_dataset, read_extent, read_part
+   public :: check_dataset, read_dataset, read_extent, read_part, read_shape
 
    !> Values from a dataset of just their shape.
    interface read_dataset
@@ -20,36 +20,47 @@ module io_hdf5_reading
 
 contains
 
-   !> Extent of each axis of a dataset in Fortran's order; an error when the axes are not as many.
+   !> Extent of each axis of a dataset in Fortran's order; none of a scalar.
+   subroutine read_shape(file, path, extents, error)
+      type(hdf5_file), intent(in) :: file
+      character(*), intent(in) :: path
+      integer(long), allocatable, intent(out) :: extents(:)
+      type(error_type), allocatable, intent(out) :: error
+      type(outcome_type) :: outcome
+      integer(hid_t) :: dataset, space
+      integer(hsize_t), allocatable :: most(:), now(:)
+      integer :: n_axes, status
+
+      n_axes = 0
+      call h5dopen_f(file%id, path, dataset, status)
+      call outcome%note(status)
+      call h5dget_space_f(dataset, space, status)
+      call outcome%note(status)
+      call h5sget_simple_extent_ndims_f(space, n_axes, status)
+      call outcome%note(status)
+      allocate (most(max(n_axes, 0)), now(max(n_axes, 0)), source=0_hsize_t)
+      if (n_axes > 0) then
+         call h5sget_simple_extent_dims_f(space, now, most, status)
+         call outcome%note(status)
+      end if
+      extents = int(now, long)
+      call h5sclose_f(space, status)
+      call h5dclose_f(dataset, status)
+      call outcome%conclude(file%path//': '//path//': cannot be read', error)
+   end subroutine read_shape
+
+   !> The same, and an error when the axes are not as many as expected.
    subroutine read_extent(file, path, n_axes, extents, error)
       type(hdf5_file), intent(in) :: file
       character(*), intent(in) :: path
       integer, intent(in) :: n_axes   !! expected; 0 for a scalar
       integer(long), allocatable, intent(out) :: extents(:)
       type(error_type), allocatable, intent(out) :: error
-      type(outcome_type) :: outcome
-      integer(hid_t) :: dataset, space
-      integer(hsize_t) :: now(n_axes), most(n_axes)
-      integer :: found, status
 
-      found = 0
-      now = 0
-      call h5dopen_f(file%id, path, dataset, status)
-      call outcome%note(status)
-      call h5dget_space_f(dataset, space, status)
-      call outcome%note(status)
-      call h5sget_simple_extent_ndims_f(space, found, status)
-      call outcome%note(status)
-      if (found == n_axes .and. n_axes > 0) then
-         call h5sget_simple_extent_dims_f(space, now, most, status)
-         call outcome%note(status)
-      else if (found /= n_axes .and. .not. allocated(outcome%reason)) then
-         outcome%reason = to_text(found)//' axes where '//to_text(n_axes)//' are expected'
-      end if
-      extents = int(now, long)
-      call h5sclose_f(space, status)
-      call h5dclose_f(dataset, status)
-      call outcome%conclude(file%path//': '//path//': cannot be read', error)
+      call read_shape(file, path, extents, error)
+      if (allocated(error) .or. size(extents) == n_axes) return
+      call raise(error, exit_file, file%path//': '//path//': cannot be read: '// &
+                 to_text(size(extents))//' axes where '//to_text(n_axes)//' are expected')
    end subroutine read_extent
 
    subroutine read_real(file, path, values, error)
@@ -133,20 +144,19 @@ contains
       type(hdf5_file), intent(in) :: file
       character(*), intent(in) :: path
       type(error_type), allocatable, intent(out) :: error
-      integer, parameter :: most_axes = 4, piece = 2**20   ! values
+      integer, parameter :: piece = 2**20   ! values
       integer(long), allocatable :: extents(:)
       real(wp), allocatable, target :: values(:)
       type(outcome_type) :: outcome
       type(c_ptr) :: address
-      integer(hsize_t) :: count(most_axes)
+      integer(hsize_t), allocatable :: count(:)
       integer(hid_t) :: dataset, memory, part
-      integer :: first(most_axes), i, n, rows, status
+      integer, allocatable :: first(:)
+      integer :: i, n, rows, status
 
-      do n = 0, most_axes
-         call read_extent(file, path, n, extents, error)
-         if (.not. allocated(error)) exit
-      end do
+      call read_shape(file, path, extents, error)
       if (allocated(error)) return
+      n = size(extents)
       if (n == 0) then
          allocate (values(1))
          call read_dataset(file, path, values(1), error)
@@ -154,13 +164,13 @@ contains
       end if
       if (any(extents == 0)) return
       rows = int(max(1_long, min(extents(n), piece/product(extents(:n - 1)))))
-      count(:n) = extents
-      first = 1
+      count = extents
+      first = [(1, i=1, n)]
       allocate (values(product(extents(:n - 1))*rows))
       do i = 1, int(extents(n)), rows
          first(n) = i
          count(n) = min(int(rows, hsize_t), extents(n) - i + 1)
-         call select_part(file, path, first(:n), count(:n), dataset, part, memory, outcome)
+         call select_part(file, path, first, count, dataset, part, memory, outcome)
          address = c_loc(values)
          call h5dread_f(dataset, H5T_NATIVE_DOUBLE, address, status, memory, part)
          call outcome%note(status)

@@ -3,12 +3,12 @@
 module io_results
    use core_error, only: error_type
    use core_kinds, only: long, wp
+   use io_contents, only: check_contents, note_contents
    use io_files, only: folder_of, remove_file, sync_file, sync_folder, unfinished_name
    use io_group, only: counted, group_type, new_group
-   use io_hdf5, only: create_hdf5, hdf5_file, label_type, write_attribute
+   use io_hdf5, only: create_hdf5, hdf5_file, label_type, open_hdf5, write_attribute
    use io_identity, only: identity_type, write_identity
    use io_lock, only: lock_type
-   use io_read_back, only: read_back
    use structure_model, only: structure_type
    implicit none(type, external)
    private
@@ -130,9 +130,12 @@ contains
       type(error_type), allocatable, intent(out) :: error
 
       call write_attribute(self%file, '/', 'wall_seconds', wall_seconds, error)
+      if (.not. allocated(error)) call note_contents(self%file, error)
       if (.not. allocated(error)) call self%file%close(error)
       if (.not. allocated(error)) call sync_file(self%temporary, error)
-      if (.not. allocated(error)) call read_back(self%temporary, error)
+      if (.not. allocated(error)) call open_hdf5(self%temporary, self%file, error)
+      if (.not. allocated(error)) call check_contents(self%file, error)
+      call self%file%abandon()
       if (.not. allocated(error)) call lock%publish(self%temporary, error)
       if (allocated(error)) then
          call self%abandon()

@@ -1,0 +1,185 @@
+!> What a results file holds: noted in the file when it is finished, and compared and read before
+!> the file is called whole.
+!>
+!> The attribute `contents` of each group lists its members, a group as `c001/`, a dataset with its
+!> shape in Python's order as `psd(6,513,5)`. It is made from the file itself, so that no list of
+!> names stands in the program.
+module io_contents
+   use core_error, only: error_type, exit_file, raise
+   use core_kinds, only: long
+   use core_text, only: to_text
+   use io_hdf5, only: check_dataset, hdf5_file, read_attribute, read_shape, write_sealed_attribute
+   implicit none(type, external)
+   private
+   public :: check_contents, note_contents
+
+   character(*), parameter :: list = 'contents'   !! name of the attribute
+   integer, parameter :: most_named = 3           !! faults that a message names
+
+   !> What is wrong with a file.
+   type :: fault_list
+      integer :: n = 0
+      character(:), allocatable :: text
+   contains
+      procedure :: add
+   end type fault_list
+
+contains
+
+   !> Notes what all groups of a file hold, before it is closed.
+   subroutine note_contents(file, error)
+      type(hdf5_file), intent(in) :: file
+      type(error_type), allocatable, intent(out) :: error
+
+      call note_group(file, '/', error)
+   end subroutine note_contents
+
+   recursive subroutine note_group(file, group, error)
+      type(hdf5_file), intent(in) :: file
+      character(*), intent(in) :: group   !! with its last slash
+      type(error_type), allocatable, intent(out) :: error
+      character(:), allocatable :: members(:)
+      integer :: i
+
+      call list_members(file, group, members, error)
+      if (.not. allocated(error)) &
+         call write_sealed_attribute(file, group, list, joined(members), error)
+      do i = 1, size(members)
+         if (allocated(error)) return
+         if (index(members(i), '/') > 0) call note_group(file, group//trim(members(i)), error)
+      end do
+   end subroutine note_group
+
+   !> Compares a file with what was noted in it and reads every number once, so that all pass HDF5's
+   !> checksums: an error names what is missing, has another shape or is damaged.
+   subroutine check_contents(file, error)
+      type(hdf5_file), intent(in) :: file
+      type(error_type), allocatable, intent(out) :: error
+      type(fault_list) :: faults
+
+      faults%text = ''
+      call check_group(file, '/', faults)
+      if (faults%n == 0) return
+      if (faults%n > most_named) &
+         faults%text = faults%text//' and '//to_text(faults%n - most_named)//' more'
+      call raise(error, exit_file, file%path//' is damaged: '//faults%text)
+   end subroutine check_contents
+
+   recursive subroutine check_group(file, group, faults)
+      type(hdf5_file), intent(in) :: file
+      character(*), intent(in) :: group   !! with its last slash
+      type(fault_list), intent(inout) :: faults
+      character(:), allocatable :: members(:), noted, word
+      type(error_type), allocatable :: error
+      integer :: first, i, length
+
+      call read_attribute(file, group, list, noted, error)
+      if (.not. allocated(error)) call list_members(file, group, members, error)
+      if (allocated(error)) then
+         call faults%add(error%message(len(file%path) + 3:))
+         return
+      end if
+      first = 1
+      do while (first <= len(noted))
+         length = index(noted(first:)//' ', ' ') - 1
+         word = noted(first:first + length - 1)
+         first = first + length + 1
+         i = findloc(members == word, .true., dim=1)
+         if (i > 0) then
+            call check_member(file, group//name_in(word), index(word, '/') > 0, faults)
+         else if (any([(name_in(members(i)) == name_in(word), i=1, size(members))])) then
+            call faults%add(group//name_in(word)//' does not have the shape '// &
+                            word(len(name_in(word)) + 1:)//' any more')
+         else
+            call faults%add(group//name_in(word)//' is missing')
+         end if
+      end do
+   end subroutine check_group
+
+   recursive subroutine check_member(file, path, is_group, faults)
+      type(hdf5_file), intent(in) :: file
+      character(*), intent(in) :: path
+      logical, intent(in) :: is_group
+      type(fault_list), intent(inout) :: faults
+      type(error_type), allocatable :: error
+
+      if (is_group) then
+         call check_group(file, path//'/', faults)
+      else
+         call check_dataset(file, path, error)
+         if (allocated(error)) call faults%add(error%message(len(file%path) + 3:))
+      end if
+   end subroutine check_member
+
+   !> Members of a group, each with its shape.
+   subroutine list_members(file, group, members, error)
+      type(hdf5_file), intent(in) :: file
+      character(*), intent(in) :: group   !! with its last slash
+      character(:), allocatable, intent(out) :: members(:)   !! padded with blanks
+      type(error_type), allocatable, intent(out) :: error
+      integer, parameter :: longest = 160
+      character(:), allocatable :: names(:)
+      integer(long), allocatable :: extents(:)
+      integer :: i
+
+      allocate (character(longest) :: members(0))
+      call file%list(group, names, error)
+      if (allocated(error)) return
+      deallocate (members)
+      allocate (character(longest) :: members(size(names)))
+      do i = 1, size(names)
+         if (file%is_group(group//trim(names(i)))) then
+            members(i) = trim(names(i))//'/'
+         else
+            call read_shape(file, group//trim(names(i)), extents, error)
+            if (allocated(error)) return
+            members(i) = trim(names(i))//shape_text(extents)
+         end if
+      end do
+   end subroutine list_members
+
+   !> (6,513,5): Python's order.
+   pure function shape_text(extents) result(text)
+      integer(long), intent(in) :: extents(:)   !! Fortran's order
+      character(:), allocatable :: text
+      integer :: i
+
+      text = '('
+      do i = size(extents), 1, -1
+         text = text//to_text(extents(i))
+         if (i > 1) text = text//','
+      end do
+      text = text//')'
+   end function shape_text
+
+   pure function joined(words) result(line)
+      character(*), intent(in) :: words(:)
+      character(:), allocatable :: line
+      integer :: i
+
+      line = ''
+      do i = 1, size(words)
+         line = line//trim(words(i))//' '
+      end do
+      line = trim(line)
+   end function joined
+
+   !> The name in a word of the list.
+   pure function name_in(word) result(name)
+      character(*), intent(in) :: word
+      character(:), allocatable :: name
+
+      name = word(:scan(word//'/', '/(') - 1)
+   end function name_in
+
+   pure subroutine add(self, fault)
+      class(fault_list), intent(inout) :: self
+      character(*), intent(in) :: fault
+
+      self%n = self%n + 1
+      if (self%n > most_named) return
+      if (self%n > 1) self%text = self%text//'; '
+      self%text = self%text//fault
+   end subroutine add
+
+end module io_contents
