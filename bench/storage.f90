@@ -18,7 +18,7 @@ program storage
    real(wp) :: began
    integer :: i
 
-   store = new_store('bench_storage.h5', identity_type('0', '0', '0'))
+   store = new_store('bench_storage.h5', identity_type('0', '0', '0', 'run', ''))
    call make_block()
 
    call cpu_time(began)

@@ -105,6 +105,7 @@ ATTRIBUTES = {
     "search": "how the signs were found",
     "seed": "of every random number",
     "segment_length": "of a Welch segment [kept displacements]",
+    "settings": "all in the scene that changes a sample, a value a line",
     "sided": "one: the density is over positive frequencies",
     "status": "'solved' or 'infeasible'",
     "simulation": "how values are drawn: 'stationary', 'from_rest' or 'matrix'",

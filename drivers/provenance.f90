@@ -1,7 +1,7 @@
 !> Where results come from: the scene, the program, the machine.
 module driver_provenance
    use, intrinsic :: iso_fortran_env, only: compiler_version
-   use config_fingerprint, only: fingerprint
+   use config_fingerprint, only: canonical_text, fingerprint
    use config_scene, only: scene_type
    use driver_build_info, only: architecture, compiler_flags, git_commit, version
    use driver_command_line, only: command_line
@@ -19,6 +19,7 @@ contains
       character(*), intent(in) :: command   !! that writes the file
       type(identity_type) :: identity
 
+      identity%settings = canonical_text(scene)
       identity%fingerprint = fingerprint(scene)
       identity%version = version//' ('//git_commit//')'
       identity%architecture = architecture//', '//compiler_version()

@@ -19,8 +19,9 @@ contains
       write (text, '(z16.16)') label_of(canonical_text(scene))
    end function fingerprint
 
-   !> One line per value in use, in the order of the tables. The same however the scene is laid out;
-   !> without titles, numbers of samples, time limits and what else leaves every sample as it is.
+   !> A line `name = value` for each value in use, in the order of the tables; names are those of
+   !> --set. The same however the scene is laid out; without titles, numbers of samples, time limits
+   !> and what else leaves every sample as it is.
    function canonical_text(scene) result(text)
       type(scene_type), intent(in) :: scene
       character(:), allocatable :: text
@@ -29,8 +30,8 @@ contains
       integer :: i, j, number
 
       copy = scene
-      text = 'cases deterministic '//to_text(scene%runs_deterministic())//' drawn '// &
-             to_text(scene%runs_samples())//new_line('a')
+      text = 'deterministic cases = '//to_text(scene%runs_deterministic())//new_line('a')// &
+             'sampled cases = '//to_text(scene%runs_samples())//new_line('a')
       do i = 1, size(group_names)
          if (.not. takes_part(group_names(i))) cycle
          do number = 1, merge(size(scene%processes), 1, group_names(i) == 'process')
@@ -40,14 +41,15 @@ contains
                associate (row => lister%rows(j))
                   if (.not. (row%entry%shapes_samples .and. row%entry%is_used)) cycle
                   if (row%entry%name == 'friction' .and. .not. scene%runs_deterministic()) cycle
-                  text = text//trim(group_names(i))//'%'//trim(row%entry%name)//' = '//row%value// &
-                         new_line('a')
+                  text = text//trim(group_names(i))
+                  if (number > 1) text = text//'('//to_text(number)//')'
+                  text = text//'%'//trim(row%entry%name)//' = '//row%value//new_line('a')
                end associate
             end do
          end do
       end do
       if (scene%has_chain .and. scene%excitation%kind == 'file') &
-         text = text//'force '//to_text(scene%force_label)//new_line('a')
+         text = text//'hash of the force file = '//to_text(scene%force_label)//new_line('a')
 
    contains
 

@@ -9,13 +9,15 @@ module io_identity
    public :: identity_type, refuse_foreign, require_command, require_same, write_identity
 
    integer, parameter :: format_version = 3   !! of shards and of results files
+   character(*), parameter :: unused = 'unused'   !! for a value that has no line in the settings
 
    !> What must be the same for two files to hold samples of one campaign.
    type :: identity_type
-      character(:), allocatable :: fingerprint    !! of all in the scene that changes a sample
+      character(:), allocatable :: fingerprint    !! of the settings
       character(:), allocatable :: version        !! of the program
       character(:), allocatable :: architecture   !! what decides the last bits of numbers
       character(:), allocatable :: command        !! that wrote it: run, replay, tradeoff
+      character(:), allocatable :: settings       !! what changes a sample: `name = value` a line
    end type identity_type
 
 contains
@@ -30,6 +32,8 @@ contains
       if (allocated(error)) return
       call write_attribute(file, '/', 'format_version', format_version, error)
       if (allocated(error)) return
+      call write_sealed_attribute(file, '/', 'settings', identity%settings, error)
+      if (allocated(error)) return
       call write_sealed_attribute(file, '/', 'fingerprint', identity%fingerprint, error)
       if (allocated(error)) return
       call write_sealed_attribute(file, '/', 'version', identity%version, error)
@@ -40,25 +44,35 @@ contains
    end subroutine write_identity
 
    !> Refuses, by name and with the difference, a file of another campaign or of another program.
-   subroutine require_same(file, identity, error)
+   !> `advice` is for a file that is damaged.
+   subroutine require_same(file, identity, error, advice)
       type(hdf5_file), intent(in) :: file
       type(identity_type), intent(in) :: identity
       type(error_type), allocatable, intent(out) :: error
+      character(*), intent(in), optional :: advice
+      character(:), allocatable :: theirs
       integer :: found
 
       call require_program(file, error)
       if (allocated(error)) return
       call read_attribute(file, '/', 'format_version', found, error)
-      if (allocated(error)) return
-      if (found /= format_version) then
+      if (allocated(error)) then
+         call advise()
+         return
+      else if (found /= format_version) then
          call raise(error, exit_file, file%path//' has format version '//to_text(found)// &
                     ', this program reads '//to_text(format_version))
          return
       end if
       call require_command(file, identity%command, error)
+      if (.not. allocated(error)) call read_text('fingerprint', theirs)
       if (allocated(error)) return
-      call require_text('fingerprint', identity%fingerprint, 'belongs to another scene')
-      if (allocated(error)) return
+      if (theirs /= identity%fingerprint) then
+         call read_text('settings', theirs)
+         if (.not. allocated(error)) &
+            call refuse('belongs to another scene', difference(theirs, identity%settings))
+         return
+      end if
       call require_text('version', identity%version, &
                         'was written by another version of the program')
       if (allocated(error)) return
@@ -71,14 +85,97 @@ contains
          character(*), intent(in) :: name, expected, complaint
          character(:), allocatable :: text
 
-         call read_attribute(file, '/', name, text, error)
+         call read_text(name, text)
          if (allocated(error)) return
-         if (text == expected) return
-         call raise(error, exit_file, file%path//' '//complaint//' ('//name//' '//text// &
-                    ', here '//expected//'): choose another --output, or discard it with --fresh')
+         if (text /= expected) call refuse(complaint, name//' '//text//', here '//expected)
       end subroutine require_text
 
+      subroutine read_text(name, text)
+         character(*), intent(in) :: name
+         character(:), allocatable, intent(out) :: text
+
+         call read_attribute(file, '/', name, text, error)
+         if (allocated(error)) call advise()
+      end subroutine read_text
+
+      subroutine advise()
+         if (present(advice)) error%message = error%message//advice
+      end subroutine advise
+
+      subroutine refuse(complaint, reason)
+         character(*), intent(in) :: complaint, reason
+
+         call raise(error, exit_file, file%path//' '//complaint//' ('//reason// &
+                    '): choose another --output, or discard it with --fresh')
+      end subroutine refuse
+
    end subroutine require_same
+
+   !> The values that differ between the settings of a file and those of the scene; the first few,
+   !> and how many more.
+   function difference(theirs, ours) result(text)
+      character(*), intent(in) :: theirs, ours   !! as in identity_type
+      character(:), allocatable :: text
+      integer, parameter :: most_named = 3
+      character(:), allocatable :: value
+      integer :: first, last, n, separator
+
+      text = ''
+      n = 0
+      first = 1
+      do while (first <= len(theirs))
+         last = first + index(theirs(first:)//new_line('a'), new_line('a')) - 2
+         separator = first + index(theirs(first:last)//' = ', ' = ') - 1
+         value = value_of(theirs(first:separator - 1), ours)
+         if (value /= theirs(separator + 3:last)) &
+            call add(theirs(first:separator - 1), theirs(separator + 3:last), value)
+         first = last + 2
+      end do
+      first = 1
+      do while (first <= len(ours))
+         last = first + index(ours(first:)//new_line('a'), new_line('a')) - 2
+         separator = first + index(ours(first:last)//' = ', ' = ') - 1
+         if (value_of(ours(first:separator - 1), theirs) == unused) &
+            call add(ours(first:separator - 1), unused, ours(separator + 3:last))
+         first = last + 2
+      end do
+      if (n > most_named) text = text//' and '//to_text(n - most_named)//' more'
+
+   contains
+
+      subroutine add(name, value, our_value)
+         character(*), intent(in) :: name, value, our_value
+
+         n = n + 1
+         if (n > most_named) return
+         if (n > 1) text = text//'; '
+         text = text//name//' = '//brief(value)//', here '//brief(our_value)
+      end subroutine add
+
+   end function difference
+
+   !> The value of a name in settings.
+   pure function value_of(name, settings) result(value)
+      character(*), intent(in) :: name, settings
+      character(:), allocatable :: value
+      integer :: first
+
+      value = unused
+      first = index(new_line('a')//settings, new_line('a')//name//' = ')
+      if (first == 0) return
+      value = settings(first + len(name) + 3:)
+      value = value(:index(value//new_line('a'), new_line('a')) - 1)
+   end function value_of
+
+   !> The beginning of a long value.
+   pure function brief(value)
+      character(*), intent(in) :: value
+      character(:), allocatable :: brief
+      integer, parameter :: longest = 40
+
+      brief = value
+      if (len(value) > longest) brief = value(:longest)//'...'
+   end function brief
 
    !> Refuses a file that this command of this program did not write: it is not its to replace.
    subroutine require_command(file, command, error)

@@ -75,8 +75,14 @@ contains
       integer :: found
 
       call open_hdf5(path_of(store, number), file, error)
-      if (.not. allocated(error)) call require_same(file, store%identity, error)
-      if (.not. allocated(error)) call read_attribute(file, '/', 'process', found, error)
+      if (.not. allocated(error)) then
+         call require_same(file, store%identity, error, advice)
+         if (allocated(error)) then
+            call file%abandon()
+            return
+         end if
+         call read_attribute(file, '/', 'process', found, error)
+      end if
       if (.not. allocated(error)) call read_attribute(file, '/', 'checksum', expected, error)
       if (.not. allocated(error)) call read_extent(file, '/packed', 1, n, error)
       if (.not. allocated(error)) then

@@ -147,8 +147,14 @@ contains
       type(error_type), allocatable, intent(out) :: error
 
       call open_hdf5(shard%path, file, error)
-      if (.not. allocated(error)) call require_same(file, store%identity, error)
-      if (.not. allocated(error)) call read_attribute(file, '/', 'case', block%case_number, error)
+      if (.not. allocated(error)) then
+         call require_same(file, store%identity, error, advice)
+         if (allocated(error)) then
+            call file%abandon()
+            return
+         end if
+         call read_attribute(file, '/', 'case', block%case_number, error)
+      end if
       if (.not. allocated(error)) then
          call read_attribute(file, '/', 'first_sample', block%first_sample, error)
       end if

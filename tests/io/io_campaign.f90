@@ -48,7 +48,12 @@ contains
    function made_identity() result(identity)
       type(identity_type) :: identity
 
-      identity = identity_type('00ab00cd', '0.1.0', 'x86-64, gfortran', 'run')
+      identity%settings = 'scene%seed = 7'//new_line('a')//'process%std = 0.1'//new_line('a')// &
+                          'process%order = 2'//new_line('a')
+      identity%fingerprint = '00ab00cd'
+      identity%version = '0.1.0'
+      identity%architecture = 'x86-64, gfortran'
+      identity%command = 'run'
    end function made_identity
 
    !> Case 1: none, one sample; case 2: process 1. Everything is asked for.

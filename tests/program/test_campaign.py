@@ -185,7 +185,8 @@ def test_results_of_another_scene_are_not_overwritten(campaign, output):
     assert campaign(0, "--set", "campaign%n_samples=2").wait()[0] == 0
     before = output.read_bytes()
     other = ("--set", "scene%seed=8", "--set", "campaign%n_samples=2")
-    assert_refused(campaign(0, *other), "r.h5 belongs to another scene", "--fresh")
+    difference = "r.h5 belongs to another scene (scene%seed = 7, here 8): choose another --output"
+    assert_refused(campaign(0, *other), difference, "--fresh")
     assert output.read_bytes() == before
     assert campaign(0, *other, "--fresh").wait()[0] == 0
     assert output.read_bytes() != before
@@ -210,7 +211,14 @@ def test_a_flipped_bit_is_found(campaign, output, interrupted):
 
 
 def test_a_shard_of_another_scene_is_refused_by_name(campaign, output, interrupted):
-    assert_refused(campaign(0, "--set", "scene%seed=8"), interrupted[0], "belongs to another scene")
+    wishes = ("scene%seed=8", "process%std=0.03", "chain%normal_load=2.0")
+    other = [word for wish in wishes for word in ("--set", wish)]
+    run = campaign(0, *other)
+    code, _, errors = run.wait()
+    assert code == REFUSED, errors
+    assert interrupted[0] in errors
+    assert "(scene%seed = 7, here 8; process%std = 0.02, here 0.03; chain%normal_load" in errors
+    assert "remove it" not in errors
     assert sorted(shards_of(output)) == interrupted
 
 
