@@ -1,5 +1,5 @@
-!> Work and precision of the marches, what a step costs in longer chains and when nothing happens,
-!> and how near that is to what the core can do.
+!> Work and precision of the marches, and what a step costs in longer chains and when nothing
+!> happens.
 !>
 !> Each setting marches 32 samples of the paper's chain, a campaign's block; sample 1 is one of the
 !> reference histories of tests/reference/dynamics, whose errors are given, the others differ in
@@ -16,9 +16,8 @@ program bench_dynamics
    use core_text, only: to_text
    use structure_chain, only: build_chain
    use structure_model, only: structure_type
-   use dynamics_event, only: event_marcher, new_event_marcher
+   use dynamics_exact_march, only: exact_march, new_exact_march
    use dynamics_newmark, only: new_newmark, newmark_marcher
-   use dynamics_propagator, only: stride_of
    use dynamics_response, only: block_state, marcher_type, start_block
    use numerics_spectrum, only: welch_type
    implicit none(type, external)
@@ -39,9 +38,7 @@ program bench_dynamics
    call compare('p1_low')
    call compare('p2_high')
    print '(a)', '# event method at 1e-6: dofs ns_per_sample_step transitions_per_sample_step'
-   print '(a)', '# up to 8 dofs by tables, 2^n of them; beyond by Taylor series, whose sums over'
-   print '(a)', '# the dofs (the damping matrix is full) grow as n^2 per power'
-   call lengthen('event', [1, 2, 3, 5, 8, 9, 10, 20, 50, 100])
+   call lengthen('event', [1, 2, 3, 5, 8, 9, 10, 20, 50, 100, 200, 1000])
    print '(a)', '# newmark, 15 halvings: dofs ns_per_sample_step transitions_per_sample_step'
    print '(a)', '# up to 8 dofs by tables; beyond, each of some 26 tries per transition is a'
    print '(a)', '# product with what counts of the inverse of the stuck chain: n times its width'
@@ -53,39 +50,31 @@ program bench_dynamics
 contains
 
    !> Chains that cannot slip (a force a thousand times smaller), and that always slip (without
-   !> friction): what is left is the linear step. The table of the stride taken has 16 rows, five
-   !> columns each for displacements, velocities and contact forces and one for each value of the
-   !> force; an entry is one multiplication and addition. Beside it the core's own rate of these.
+   !> friction): what is left is the linear step.
    subroutine idle()
-      type(event_marcher) :: event
+      type(exact_march) :: event
       type(newmark_marcher) :: newmark
       type(error_type), allocatable :: error
       type(block_state) :: state
       type(structure_type) :: chain
       real(wp), allocatable :: force(:, :), x(:, :)
-      real(wp) :: flops, nanoseconds, peak
+      real(wp) :: nanoseconds
 
       call read_force('p1_low', 1, force)
       chain = equal_chain(5)
-      call new_event_marcher(chain, dt, 1.0e-6_wp, 5, event, error)
+      call new_exact_march(chain, dt, 1.0e-6_wp, event, error)
       call new_newmark(chain, dt, 15, 0.25_wp, 0.5_wp, 5, newmark, error)
       call time_march(newmark, chain, 1.0e-3_wp*force, stride, state, x, nanoseconds)
       print '(a, f8.1)', 'stuck    newmark halvings 15', nanoseconds
       chain%normal_load = 0.0_wp
-      call new_event_marcher(chain, dt, 1.0e-6_wp, 5, event, error)
+      call new_exact_march(chain, dt, 1.0e-6_wp, event, error)
       call time_march(event, chain, force, stride, state, x, nanoseconds)
       print '(a, f8.1)', 'slipping event 1e-6         ', nanoseconds
       chain = equal_chain(5)
-      call new_event_marcher(chain, dt, 1.0e-6_wp, 5, event, error)
+      call new_exact_march(chain, dt, 1.0e-6_wp, event, error)
       call time_march(event, chain, 1.0e-3_wp*force, stride, state, x, nanoseconds)
       print '(a, f8.1)', 'stuck    event 1e-6         ', nanoseconds
-      peak = peak_rate()
-      ! records, `stride` steps apart, divide by the longest stride
-      associate (steps => stride_of(min(event%tables%level, 1 + trailz(stride))))
-         flops = (3*5 + steps + 1)*16*2/real(steps, wp)
-      end associate
-      print '(a)', '# roofline, stuck event 1e-6: flops_per_sample_step flops_per_ns peak share'
-      print '(f6.0, 2f8.1, f7.2)', flops, flops/nanoseconds, peak, flops/nanoseconds/peak
+      print '(a, f8.1)', '# multiplications with addition per ns on this core', 0.5_wp*peak_rate()
    end subroutine idle
 
    !> Multiplications and additions per ns on numbers that stay in registers.
@@ -114,7 +103,7 @@ contains
    !> All settings on one reference history.
    subroutine compare(case)
       character(*), intent(in) :: case
-      type(event_marcher) :: event
+      type(exact_march) :: event
       type(newmark_marcher) :: newmark
       type(error_type), allocatable :: error
       type(structure_type) :: chain
@@ -124,10 +113,10 @@ contains
 
       chain = equal_chain(5)
       call read_force(case, 1, force)
-      call new_event_marcher(chain, dt, 1.0e-12_wp, 5, event, error)
+      call new_exact_march(chain, dt, 1.0e-12_wp, event, error)
       exact_psd = spectrum_of_first(event, chain, force, 1)
       do k = 3, 12
-         call new_event_marcher(chain, dt, 10.0_wp**(-k), 5, event, error)
+         call new_exact_march(chain, dt, 10.0_wp**(-k), event, error)
          call read_force(case, 1, force)
          call report(case, 'event 1e-'//to_text(k), event, force, 1, chain)
       end do
@@ -205,7 +194,7 @@ contains
    subroutine lengthen(method, sizes)
       character(*), intent(in) :: method
       integer, intent(in) :: sizes(:)
-      type(event_marcher) :: event
+      type(exact_march) :: event
       type(newmark_marcher) :: newmark
       type(structure_type) :: chain
       type(error_type), allocatable :: error
@@ -218,9 +207,10 @@ contains
       do k = 1, size(sizes)
          n_steps = merge(20000, 2000, sizes(k) <= 10)
          if (sizes(k) > 50) n_steps = 500
+         if (sizes(k) > 500) n_steps = 100
          chain = equal_chain(sizes(k))
          if (method == 'event') then
-            call new_event_marcher(chain, dt, 1.0e-6_wp, sizes(k), event, error)
+            call new_exact_march(chain, dt, 1.0e-6_wp, event, error)
             call time_march(event, chain, force(:n_steps, :), stride, state, x, nanoseconds)
          else
             call new_newmark(chain, dt, 15, 0.25_wp, 0.5_wp, sizes(k), newmark, error)

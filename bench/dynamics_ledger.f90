@@ -7,14 +7,14 @@ program bench_dynamics_ledger
    use core_random, only: label_of, new_stream, stream_type
    use structure_chain, only: build_chain
    use structure_model, only: structure_type
-   use dynamics_event, only: event_marcher, new_event_marcher
+   use dynamics_exact_march, only: exact_march, new_exact_march
    use dynamics_excitation, only: band_limited_force
    use dynamics_response, only: block_state, start_block, stored_energy
    implicit none(type, external)
    integer, parameter :: n_steps = 400000, n_samples = 32, n_dof = 5
    real(wp), parameter :: dt = 0.00843_wp, variances(2) = [3.7_wp, 41.1_wp]
    type(structure_type) :: chain
-   type(event_marcher) :: marcher
+   type(exact_march) :: marcher
    type(stream_type) :: stream
    type(error_type), allocatable :: error
    real(wp) :: friction(n_dof, n_samples), normal(n_dof*n_samples), nanoseconds, with_ledger, defect
@@ -25,7 +25,7 @@ program bench_dynamics_ledger
                     spread(50.0_wp, 1, n_dof), &
                     spread(10.0_wp, 1, n_dof), spread(0.005_wp, 1, n_dof), chain, error)
    call stop_on_error()
-   call new_event_marcher(chain, dt, 1.0e-10_wp, n_dof, marcher, error)
+   call new_exact_march(chain, dt, 1.0e-10_wp, marcher, error)
    call stop_on_error()
    allocate (record(0:n_steps), force(0:n_steps, 1))
    stream = new_stream(2016_long, label_of('bench'), 0)

@@ -7,7 +7,7 @@ module config_plan
    use core_error, only: error_type
    use core_kinds, only: wp
    use core_text, only: to_text
-   use dynamics_event, only: most_parts, parts_of_step
+   use dynamics_exact_march, only: most_parts, parts_of_step
    use ensemble_plan, only: accuracy_settings, case_type, plan_type
    use process_model, only: process_request
    use structure_chain, only: build_chain
@@ -128,6 +128,8 @@ contains
          plan%excitation%band = excitation%band
          plan%excitation%dof = excitation%dof
          if (excitation%dof == 0) plan%excitation%dof = scene%chain%n_dof
+         plan%structure%load = 0.0_wp
+         plan%structure%load(plan%excitation%dof, 1) = 1.0_wp
          plan%excitation%file = ''
          if (allocated(scene%force_path)) plan%excitation%file = scene%force_path
          plan%excitation%per_sample = excitation%per_sample

@@ -1,8 +1,8 @@
 !> The law of a Jenkins joint and the account of its slip, for every marcher.
 !>
-!> Stuck, a joint is a spring, r = k (w.x - z), whose slider stands at z. It slips from where |w.x -
-!> z| would exceed its reach mu N/k, with r = d mu N, d the sign of w.v. It sticks as w.v comes to
-!> zero, and the slider then stands where r = d mu N exactly, so that no drift gathers.
+!> Stuck, a joint is a spring, r = k (w.x - z), whose slider stands at z. It slips from where
+!> |w.x - z| would exceed its reach mu N/k, with r = d mu N, d the sign of w.v. It sticks where w.v
+!> comes to zero, and the slider then stands where r = d mu N exactly, so that no drift gathers.
 module dynamics_joint
    use core_kinds, only: wp
    use dynamics_response, only: block_state
@@ -10,7 +10,7 @@ module dynamics_joint
    implicit none(type, external)
    private
    public :: jenkins_force, stuck_guard, slip_guard, slip_direction, slider_at
-   public :: start_slip, stick, close_account
+   public :: start_slip, stick, close_account, dissipate
 
 contains
 
@@ -42,7 +42,7 @@ contains
       direction = merge(1, -1, velocity >= 0.0_wp)
    end function slip_direction
 
-   !> Slider [m] of a joint that slips in a direction, or has just stuck after: z = w.x - d mu N/k.
+   !> Slider [m] of a joint that slips in a direction, or has just stuck: z = w.x - d mu N/k.
    elemental function slider_at(place, direction, reach) result(slider)
       real(wp), intent(in) :: place       !! w.x [m]
       integer, intent(in) :: direction    !! d, +1 or -1
@@ -113,6 +113,26 @@ contains
          end do
       end do
    end subroutine close_account
+
+   !> Work of friction [J]: mu N times the way of the slips, that of slips under way to now.
+   pure subroutine dissipate(structure, state)
+      type(structure_type), intent(in) :: structure
+      type(block_state), intent(inout) :: state
+      real(wp) :: place, way
+      integer :: j, w
+
+      do w = 1, state%n_samples
+         state%work_friction(w) = 0.0_wp
+         do j = 1, state%n_joints
+            way = state%slip_distance(j, w)
+            if (state%direction(j, w) /= 0) then
+               place = dot_product(structure%direction(:, j), state%displacement(:, w))
+               way = way + abs(place - state%slip_from(j, w))
+            end if
+            state%work_friction(w) = state%work_friction(w) + state%slip_limit(j, w)*way
+         end do
+      end do
+   end subroutine dissipate
 
    !> Counts a slip from its start, or from where it was last counted, to now. A joint slips in one
    !> direction between the two, so |change of w.x| is its way.

@@ -7,7 +7,7 @@ module dynamics_newmark_block
    use core_kinds, only: long, wp
    use structure_model, only: structure_type
    use dynamics_newmark_ledger, only: add_works
-   use dynamics_registers, only: first_aligned, register_width, whole_registers
+   use dynamics_alignment, only: first_aligned, register_width, whole_registers
    use dynamics_response, only: block_state
    implicit none(type, external)
    private
@@ -130,6 +130,8 @@ contains
          end do
       end do
       state%step = state%step + ubound(block%force, 1)
+      state%slip_since = state%step*block%dt   ! slips under way are counted up to here
+      state%slip_from = state%displacement
    end subroutine store_block
 
    !> A smallest step of sample w has passed a slider's limit: the transition is put at its nearer

@@ -4,7 +4,7 @@
 !> velocity, and of the sliders, is the change of the stored energy, to rounding.
 module dynamics_newmark_ledger
    use core_kinds, only: long, wp
-   use dynamics_registers, only: register_width
+   use dynamics_alignment, only: register_width
    implicit none(type, external)
    private
    public :: add_works

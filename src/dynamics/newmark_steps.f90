@@ -13,7 +13,7 @@ module dynamics_newmark_steps
    use structure_model, only: structure_type
    use dynamics_newmark_block, only: newmark_block
    use dynamics_newmark_long, only: try_long
-   use dynamics_registers, only: first_aligned, register_width, whole_registers
+   use dynamics_alignment, only: first_aligned, register_width, whole_registers
    use numerics_lapack, only: solve_positive_definite
    implicit none(type, external)
    private

@@ -30,14 +30,11 @@ module dynamics_response
       real(wp), allocatable :: slider(:, :)             !! z (joint, sample) [m]; force k (w.x - z)
       integer, allocatable :: direction(:, :)           !! (joint, sample) 0: stuck, +-1: slips so
       real(wp), allocatable :: slip_limit(:, :)         !! mu N (joint, sample) [N]
-      !> (joint, sample) [s], [m]: slips that have ended or been closed (close_account); distance
-      !> is the sum of |change of w.x| while slipping, so mu N times it is dissipated
+      !> (joint, sample) [s], [m]: slips that have ended or been closed (close_account); the
+      !> distance is the sum of |change of w.x| while slipping, so mu N times it is dissipated
       real(wp), allocatable :: slip_time(:, :), slip_distance(:, :)
       !> (joint, sample) [s], [m]: time and place w.x from which a slip under way is to be counted
       real(wp), allocatable :: slip_since(:, :), slip_from(:, :)
-      !> (joint, sample) when a slip under way began, to what has been counted [parts of steps]; for
-      !> the marcher, while it marches
-      real(wp), allocatable :: slip_begin(:, :)
       integer(long), allocatable :: slip_starts(:, :)   !! (joint, sample)
       integer(long), allocatable :: stick_starts(:, :)  !! (joint, sample)
       logical :: keeps_ledger = .false.
@@ -138,12 +135,12 @@ contains
       end do
    end function stored_energy
 
-   !> One more transition at the end of the list.
+   !> Puts one more transition into the list: in time order, by joints at one instant.
    pure subroutine append(self, time, joint, kind)
       class(transition_list), intent(inout) :: self
       real(wp), intent(in) :: time
       integer, intent(in) :: joint, kind
-      integer :: room
+      integer :: i, room
 
       if (.not. allocated(self%time)) allocate (self%time(64), self%joint(64), self%kind(64))
       if (self%n == size(self%time)) then
@@ -153,9 +150,16 @@ contains
          self%kind = [self%kind, spread(0, 1, room - self%n)]
       end if
       self%n = self%n + 1
-      self%time(self%n) = time
-      self%joint(self%n) = joint
-      self%kind(self%n) = kind
+      do i = self%n, 2, -1   ! a step's transitions may come in any order
+         if (self%time(i - 1) < time .or. &
+             self%time(i - 1) <= time .and. self%joint(i - 1) <= joint) exit
+         self%time(i) = self%time(i - 1)
+         self%joint(i) = self%joint(i - 1)
+         self%kind(i) = self%kind(i - 1)
+      end do
+      self%time(i) = time
+      self%joint(i) = joint
+      self%kind(i) = kind
    end subroutine append
 
 end module dynamics_response

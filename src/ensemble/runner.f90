@@ -3,7 +3,7 @@ module ensemble_runner
    use core_error, only: error_type
    use core_kinds, only: wp
    use core_random, only: label_of, new_stream, stream_type
-   use dynamics_event, only: event_marcher, new_event_marcher
+   use dynamics_exact_march, only: exact_march, new_exact_march
    use dynamics_excitation, only: band_limited_force
    use dynamics_newmark, only: new_newmark, newmark_marcher
    use dynamics_response, only: marcher_type
@@ -68,7 +68,7 @@ contains
       class(marcher_type), allocatable, intent(out) :: marcher
       type(error_type), allocatable, intent(out) :: error
       type(newmark_marcher), allocatable :: newmark
-      type(event_marcher), allocatable :: event
+      type(exact_march), allocatable :: exact
 
       associate (dof => plan%excitation%dof)
          if (how%method == 'newmark') then
@@ -77,9 +77,9 @@ contains
                              newmark, error)
             call move_alloc(newmark, marcher)
          else
-            allocate (event)
-            call new_event_marcher(plan%structure, how%dt, how%tolerance, dof, event, error)
-            call move_alloc(event, marcher)
+            allocate (exact)
+            call new_exact_march(plan%structure, how%dt, how%tolerance, exact, error)
+            call move_alloc(exact, marcher)
          end if
       end associate
    end subroutine new_marcher

@@ -2,6 +2,7 @@
 module ensemble_sample
    use core_error, only: error_type
    use core_kinds, only: wp
+   use dynamics_joint, only: close_account
    use dynamics_response, only: block_state, start_block, stored_energy
    use ensemble_audit, only: kept_of
    use ensemble_plan, only: kept_dofs, output_settings
@@ -108,7 +109,9 @@ contains
 
       march%is_measuring = .true.
       associate (state => march%state, layout => runner%layout)
+         call close_account(runner%plan%structure, state%step*runner%plan%integration%dt, state)
          state%slip_time = 0.0_wp
+         state%slip_distance = 0.0_wp
          state%slip_starts = 0
          state%stick_starts = 0
          state%work_input = 0.0_wp
@@ -188,6 +191,7 @@ contains
       associate (integration => runner%plan%integration, slip_time => march%state%slip_time)
          if (step < end_of_span(integration, march%span)) return
          first = end_of_span(integration, march%span - 1)
+         call close_account(runner%plan%structure, step*integration%dt, march%state)
          if (allocated(result%slip_series)) &
             result%slip_series(:, march%span, :) = (slip_time - march%slip_before) &
                                                    /((step - first)*integration%dt)

@@ -2,7 +2,7 @@
 !> each is expected to cost.
 module ensemble_tradeoff_settings
    use core_kinds, only: wp
-   use dynamics_taylor, only: fastest_rate
+   use dynamics_exact_march, only: parts_of_step
    use ensemble_plan, only: plan_type
    implicit none(type, external)
    private
@@ -10,7 +10,7 @@ module ensemble_tradeoff_settings
    public :: reference_setting, expected_cost, setting_dt
 
    real(wp), parameter :: reference_tolerance = 1.0e-12_wp
-   integer, parameter :: longest_tabulated = 8   !! masses of a chain that is marched by tables
+   integer, parameter :: longest_tabulated = 8   !! masses of a chain that Newmark marches by tables
 
    !> A method, its step in terms of the scene's, and how closely it follows a transition.
    type :: setting_type
@@ -148,7 +148,7 @@ contains
       real(wp), intent(in) :: transitions   !! of all masses in a step of the scene
       real(wp) :: nanoseconds
       real(wp), parameter :: at_any_rate = 25.0_wp
-      real(wp) :: n, steps, tries
+      real(wp) :: n, tries
 
       n = plan%structure%n_dof
       if (setting%method == 'newmark') then
@@ -156,22 +156,18 @@ contains
          tries = real(setting%parts, wp)/setting%stride &
                  + transitions*(1.0_wp + 2.0_wp*setting%max_halvings)
          nanoseconds = tries*merge(18.0_wp, 15.0_wp*n, plan%structure%n_dof <= longest_tabulated)
-      else if (plan%structure%n_dof <= longest_tabulated) then
-         nanoseconds = 12.0_wp*parts(0.5_wp) + 160.0_wp*transitions
-      else
-         steps = 5.0_wp*parts(1.0_wp) + 45.0_wp*transitions
-         nanoseconds = steps*n*(1.0_wp - 0.05_wp*(3.0_wp + log10(setting%tolerance)))
+      else   ! a degree more for every one or two powers of ten of the tolerance
+         nanoseconds = parts()*2.2_wp*n*(1.0_wp - 0.05_wp*(6.0_wp + log10(setting%tolerance))) &
+                       + 60.0_wp*transitions
       end if
       nanoseconds = nanoseconds + at_any_rate
 
    contains
 
-      !> Parts of a step of the scene, each of so many of the fastest time constants at most.
-      pure real(wp) function parts(longest)
-         real(wp), intent(in) :: longest
-
-         parts = max(1.0_wp, fastest_rate(plan%structure)/longest &
-                     *setting_dt(setting, plan%integration%dt))/setting%stride
+      !> Parts that the exact march makes of a step of the scene.
+      pure real(wp) function parts()
+         parts = max(1.0_wp, parts_of_step(plan%structure, &
+                                           setting_dt(setting, plan%integration%dt)))/setting%stride
       end function parts
 
    end function expected_cost

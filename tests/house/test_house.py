@@ -13,7 +13,7 @@ import pytest
 from tests.conftest import ROOT
 
 CODE = ["src", "drivers", "bench", "examples"]
-MODULES = sorted([*ROOT.glob("src/*/*.f90"), *ROOT.glob("drivers/*.f90")])
+MODULES = sorted([*ROOT.glob("src/**/*.f90"), *ROOT.glob("drivers/*.f90")])
 
 
 def tool(name: str) -> str:
@@ -86,7 +86,8 @@ def test_the_api_pages_build_offline(tmp_path):
     assert "warning" not in said.lower(), said
     pages = {path.stem for path in (tmp_path / "module").glob("*.html")}
     floors = [path for path in MODULES if path.parent.name != "drivers"]
-    assert {f"{path.parent.name}_{path.stem}" for path in floors} <= pages
+    places = [path.relative_to(ROOT / "src").with_suffix("") for path in floors]
+    assert {"_".join(place.parts) for place in places} <= pages
 
 
 def test_no_vector_form_of_a_mathematical_function_is_linked(program):

@@ -1,5 +1,5 @@
 !> What arrays must keep to so that the processor loads a whole register at once.
-module dynamics_registers
+module dynamics_alignment
    use, intrinsic :: iso_c_binding, only: c_intptr_t, c_loc
    use core_kinds, only: wp
    implicit none(type, external)
@@ -26,4 +26,4 @@ contains
       first = 1 + int(modulo(-transfer(c_loc(memory), 0_c_intptr_t), line))/8
    end function first_aligned
 
-end module dynamics_registers
+end module dynamics_alignment

@@ -1,11 +1,12 @@
 !> What the tests of the event march share: the paper's chain, random friction and forces, a march
 !> of one block.
-module event_cases
+module exact_cases
    use core_error, only: error_type
    use core_kinds, only: long, wp
    use core_random, only: label_of, new_stream, stream_type
    use structure_model, only: structure_type
-   use dynamics_event, only: event_marcher, new_event_marcher
+   use dynamics_exact_march, only: exact_march, new_exact_march
+   use dynamics_joint, only: close_account
    use dynamics_response, only: block_state, start_block
    use reference_case, only: paper_chain
    implicit none(type, external)
@@ -24,14 +25,19 @@ contains
       integer, intent(in) :: dof, spacing
       type(block_state), intent(inout) :: state
       real(wp), allocatable, intent(out) :: history(:, :, :)
-      type(event_marcher) :: marcher
+      type(structure_type) :: structure
+      type(exact_march) :: marcher
       type(error_type), allocatable :: error
 
+      structure = chain
+      structure%load = 0.0_wp
+      structure%load(dof, 1) = 1.0_wp
       allocate (history(ubound(force, 1)/spacing, chain%n_dof, size(friction, 2)))
       call start_block(chain, friction, state)
-      call new_event_marcher(chain, dt, tolerance, dof, marcher, error)
+      call new_exact_march(structure, dt, tolerance, marcher, error)
       if (.not. allocated(error)) call marcher%advance(state, force, spacing, history, error=error)
       if (allocated(error)) history = huge(1.0_wp)
+      call close_account(structure, state%step*dt, state)
    end subroutine march
 
    !> The paper's chain.
@@ -72,4 +78,4 @@ contains
       friction = max(0.02_wp, 0.2_wp + 0.067_wp*reshape(z, [n, n_samples]))
    end function random_friction
 
-end module event_cases
+end module exact_cases

@@ -1,9 +1,8 @@
-!> When a guard changes sign: the guards of a Jenkins element on a Taylor polynomial, and their
-!> first crossing.
+!> First zero of a guard on a power series, for one joint.
 !>
-!> A stuck mass watches the slack of its spring on both sides, a slipping one its velocity. A guard
-!> is a polynomial c(0) + c(1) t + ... that is not negative until the mass must change its regime.
-module dynamics_events
+!> A stuck joint watches its distance to both limits, a slipping one its velocity (dynamics_joint).
+!> Either guard is a polynomial c(0) + c(1) t + ... that is not negative until the transition.
+module dynamics_exact_guard_zeros
    use core_kinds, only: wp
    implicit none(type, external)
    private
@@ -165,4 +164,4 @@ contains
       end do
    end function creep
 
-end module dynamics_events
+end module dynamics_exact_guard_zeros

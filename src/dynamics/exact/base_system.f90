@@ -1,0 +1,113 @@
+!> The linear system that the exact march rests on: how the motion of 32 samples goes on over one
+!> part of a step while no joint changes its regime, and how it answers to one that does.
+module dynamics_exact_base_system
+   use core_error, only: error_type
+   use core_kinds, only: wp
+   use dynamics_exact_joint_paths, only: joint_paths
+   use dynamics_exact_transitions, only: transition_group
+   use dynamics_response, only: block_state
+   use structure_model, only: structure_type
+   implicit none(type, external)
+   private
+   public :: base_system
+
+   !> A form of the equations of motion, for parts of length h.
+   type, abstract :: base_system
+      real(wp) :: h = 0.0_wp       !! [s]
+      integer :: n_forces = 1
+      integer :: max_transitions = 1000   !! of one sample in one part; more are an error
+      type(joint_paths) :: paths
+   contains
+      procedure(begin), deferred :: begin
+      procedure(take), deferred :: take
+      procedure(give), deferred :: give
+      procedure(run_part), deferred :: run_part
+      procedure(respond), deferred :: respond
+      procedure(correct), deferred :: correct
+      procedure(redo), deferred :: redo
+      procedure(go_on), deferred :: go_on
+      procedure(put_state), deferred :: put_state
+      procedure(add_works), deferred :: add_works
+   end type base_system
+
+   abstract interface
+      !> Gets memory for a march, paths among it; paths%free() and the next begin give it back.
+      subroutine begin(self)
+         import :: base_system
+         class(base_system), intent(inout) :: self
+      end subroutine begin
+
+      !> Takes displacements and velocities of samples paths%first_sample, ... from the block.
+      subroutine take(self, state)
+         import :: base_system, block_state
+         class(base_system), intent(inout) :: self
+         type(block_state), intent(in) :: state
+      end subroutine take
+
+      !> Gives displacements and velocities back, such that `take` restores them bit for bit.
+      subroutine give(self, state)
+         import :: base_system, block_state
+         class(base_system), intent(in) :: self
+         type(block_state), intent(inout) :: state
+      end subroutine give
+
+      !> Fills the paths of all joints, their ends, and the ends of all else; makes the list of
+      !> suspects (dynamics_exact_free_steps: finish_part).
+      subroutine run_part(self, force, list, found)
+         import :: base_system, wp
+         class(base_system), intent(inout) :: self
+         real(wp), intent(in) :: force(:, :, 0:)   !! (lane, force, power) value and rise [N]
+         integer, intent(inout) :: list(:)
+         integer, intent(out) :: found
+      end subroutine run_part
+
+      !> Fills group%response: what each joint's change of regime adds to its own path.
+      subroutine respond(self, group)
+         import :: base_system, transition_group
+         class(base_system), intent(in) :: self
+         type(transition_group), intent(inout) :: group
+      end subroutine respond
+
+      !> Adds the effect of transition `entry` of the group to the ends of its sample.
+      subroutine correct(self, group, entry)
+         import :: base_system, transition_group
+         class(base_system), intent(inout) :: self
+         type(transition_group), intent(in) :: group
+         integer, intent(in) :: entry
+      end subroutine correct
+
+      !> Marches one lane through the part again, one transition after another, from the start and
+      !> the regimes in paths. Enters all transitions into regimes and account, and the works of the
+      !> force and of the dampers into a ledger that is kept.
+      subroutine redo(self, lane, begin, state, error)
+         import :: base_system, block_state, error_type, wp
+         class(base_system), intent(inout) :: self
+         integer, intent(in) :: lane
+         real(wp), intent(in) :: begin   !! of the part [parts]
+         type(block_state), intent(inout) :: state
+         type(error_type), allocatable, intent(out) :: error
+      end subroutine redo
+
+      !> The ends become the starts of the next part.
+      subroutine go_on(self)
+         import :: base_system
+         class(base_system), intent(inout) :: self
+      end subroutine go_on
+
+      !> The state of all lanes now.
+      subroutine put_state(self, displacement, velocity)
+         import :: base_system, wp
+         class(base_system), intent(in) :: self
+         real(wp), intent(out) :: displacement(:, :)   !! (lane, dof) [m]
+         real(wp), intent(out) :: velocity(:, :)       !! (lane, dof) [m/s]; or size 0
+      end subroutine put_state
+
+      !> Works of the force and of the dampers over the part that run_part has run, of all lanes.
+      subroutine add_works(self, work)
+         import :: base_system, wp
+         class(base_system), intent(in) :: self
+         real(wp), intent(inout) :: work(:, :)   !! (lane, input viscous) [J]
+      end subroutine add_works
+   end interface
+
+end module dynamics_exact_base_system

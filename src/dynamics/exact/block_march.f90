@@ -1,0 +1,265 @@
+!> March of a block, 32 samples at a time: part by part, the free motion of all samples first and
+!> then the transitions in it.
+module dynamics_exact_block_march
+   use core_error, only: error_type
+   use core_kinds, only: long, wp
+   use dynamics_exact_base_system, only: base_system
+   use dynamics_exact_joint_paths, only: width
+   use dynamics_exact_transitions, only: group_size, involved, judge, locate, plain, &
+                                         transition_group
+   use dynamics_joint, only: dissipate, start_slip, stick
+   use dynamics_response, only: block_state
+   use structure_model, only: structure_type
+   implicit none(type, external)
+   private
+   public :: march_block
+
+   integer, parameter :: records_together = 32
+
+   !> Suspects of a part, its groups of transitions, and records that are not yet handed on.
+   type :: march_room
+      integer, allocatable :: list(:)
+      logical :: is_involved(width)                        !! marched again, by `redo`
+      type(transition_group), allocatable :: groups(:)
+      !> Joints without friction: their way counts from part to part
+      integer, allocatable :: sliding(:, :)                !! (lane joint, entry)
+      integer :: n_kept = 0, n_records = 0                 !! kept here; handed on
+      real(wp), allocatable :: displacement(:, :, :), velocity(:, :, :)   !! (lane, dof, record)
+   end type march_room
+
+contains
+
+   !> Marches on by as many steps as the force has intervals; see marcher_type.
+   subroutine march_block(base, structure, parts, state, force, every, displacement, velocity, &
+                          error)
+      class(base_system), intent(inout) :: base
+      type(structure_type), intent(in) :: structure
+      integer, intent(in) :: parts   !! of a step
+      type(block_state), intent(inout) :: state
+      real(wp), intent(in) :: force(0:, :)
+      integer, intent(in) :: every
+      real(wp), intent(inout) :: displacement(:, :, :), velocity(:, :, :)   !! each may have size 0
+      type(error_type), allocatable, intent(out) :: error
+      type(march_room) :: room
+      real(wp) :: push(width, base%n_forces, 0:1)
+      integer :: first, part, step
+
+      call base%begin()
+      allocate (room%list(width*max(1, state%n_joints)), room%groups(1))
+      allocate (room%displacement(width, state%n_dof, merge(records_together, 0, &
+                                                            size(displacement) > 0)))
+      allocate (room%velocity(width, merge(state%n_dof, 0, size(velocity) > 0), &
+                              size(room%displacement, 3)))
+      samples: do first = 1, state%n_samples, width
+         base%paths%first_sample = first
+         base%paths%n_samples = min(width, state%n_samples - first + 1)
+         call base%take(state)
+         call base%paths%take_in(structure%joint_stiffness, state)
+         call list_sliding(base, state, room)
+         room%n_records = 0
+         do step = 0, ubound(force, 1) - 1
+            do part = 0, parts - 1
+               call set_force(base, force, step, real(part, wp)/parts, 1.0_wp/parts, push)
+               call march_part(base, push, real((state%step + step)*parts + part, wp), state, &
+                               room, error)
+               if (allocated(error)) exit samples
+            end do
+            if (size(displacement) > 0) then
+               if (modulo(state%step + step + 1, int(every, long)) == 0) &
+                  call keep_record(base, displacement, velocity, room)
+            end if
+         end do
+         call hand_on(base, displacement, velocity, room)
+         call base%give(state)
+         call base%paths%hand_back(structure%direction, state)
+      end do samples
+      if (state%keeps_ledger) call dissipate(structure, state)
+      call base%paths%free()
+   end subroutine march_block
+
+   !> One part of a step of all lanes, transitions included.
+   subroutine march_part(base, push, begin, state, room, error)
+      class(base_system), intent(inout) :: base
+      real(wp), intent(in) :: push(:, :, 0:)
+      real(wp), intent(in) :: begin   !! [parts]
+      type(block_state), intent(inout) :: state
+      type(march_room), intent(inout) :: room
+      type(error_type), allocatable, intent(out) :: error
+      integer :: found, s
+
+      call base%run_part(push, room%list, found)
+      room%is_involved = .false.
+      if (found > 0) call make_transitions(base, found, begin, state, room, error)
+      if (allocated(error)) return
+      if (state%keeps_ledger) call keep_ledger(base, room, state)
+      call base%go_on()
+      do s = 1, size(room%sliding, 2)
+         associate (l => room%sliding(1, s), j => room%sliding(2, s), &
+                    w => base%paths%first_sample + room%sliding(1, s) - 1)
+            associate (place => base%paths%x(l, base%paths%row(j), base%paths%layer(0)))
+               state%slip_distance(j, w) = state%slip_distance(j, w) + &
+                                           abs(place - state%slip_from(j, w))
+               state%slip_from(j, w) = place
+            end associate
+         end associate
+      end do
+   end subroutine march_part
+
+   !> Judges all suspects first; then samples without involved suspects are corrected, the others
+   !> marched again. What is done to a sample depends on that sample alone.
+   subroutine make_transitions(base, found, begin, state, room, error)
+      class(base_system), intent(inout) :: base
+      integer, intent(in) :: found
+      real(wp), intent(in) :: begin   !! [parts]
+      type(block_state), intent(inout) :: state
+      type(march_room), intent(inout) :: room
+      type(error_type), allocatable, intent(out) :: error
+      type(transition_group), allocatable :: more(:)
+      integer :: e, first, g, l, n_groups, sample
+
+      n_groups = (found + group_size - 1)/group_size
+      if (n_groups > size(room%groups)) then
+         allocate (more(2*n_groups))
+         call move_alloc(more, room%groups)
+      end if
+      do g = 1, n_groups
+         associate (group => room%groups(g))
+            first = group_size*(g - 1) + 1
+            call locate(base%paths, room%list(first:min(found, first + group_size - 1)), group)
+            call base%respond(group)
+            call judge(base%paths%degree, group)
+            do e = 1, group%n
+               if (group%verdict(e) == involved) room%is_involved(group%lane(e)) = .true.
+               ! only a march anew has the works of the pieces between transitions
+               if (group%verdict(e) == plain .and. state%keeps_ledger) &
+                  room%is_involved(group%lane(e)) = .true.
+            end do
+         end associate
+      end do
+      do g = 1, n_groups
+         associate (group => room%groups(g))
+            do e = 1, group%n
+               l = group%lane(e)
+               if (group%verdict(e) /= plain .or. room%is_involved(l)) cycle
+               sample = base%paths%first_sample + l - 1
+               associate (j => group%joint(e), time => (begin + group%time(e))*base%h, &
+                          place => group%path(e, 0), way => nint(group%way(e)))
+                  call base%correct(group, e)
+                  call base%paths%switch(l, j, way, place)
+                  if (abs(group%side(e)) > 0.0_wp) then
+                     call stick(state, j, sample, time, place)
+                  else
+                     call start_slip(state, j, sample, time, place, way)
+                  end if
+               end associate
+            end do
+         end associate
+      end do
+      do l = 1, base%paths%n_samples
+         if (.not. room%is_involved(l)) cycle
+         call base%redo(l, begin, state, error)
+         if (allocated(error)) return
+      end do
+   end subroutine make_transitions
+
+   !> Enters the works of a part into the ledgers of the samples that have not been marched again.
+   subroutine keep_ledger(base, room, state)
+      class(base_system), intent(in) :: base
+      type(march_room), intent(in) :: room
+      type(block_state), intent(inout) :: state
+      real(wp) :: work(width, 2)
+
+      work = 0.0_wp
+      call base%add_works(work)
+      associate (n => base%paths%n_samples, w => base%paths%first_sample)
+         where (.not. room%is_involved(:n))
+            state%work_input(w:w + n - 1) = state%work_input(w:w + n - 1) + work(:n, 1)
+            state%work_viscous(w:w + n - 1) = state%work_viscous(w:w + n - 1) + work(:n, 2)
+         end where
+      end associate
+   end subroutine keep_ledger
+
+   !> Force of every lane at a share of a step, and its rise over the next part of it.
+   pure subroutine set_force(base, force, step, share, part, push)
+      class(base_system), intent(in) :: base
+      real(wp), intent(in) :: force(0:, :), share, part
+      integer, intent(in) :: step
+      real(wp), intent(out) :: push(:, :, 0:)   !! (lane, force, power)
+      real(wp) :: rise
+      integer :: column, f, l, sample
+
+      do f = 1, base%n_forces
+         do l = 1, width
+            sample = base%paths%first_sample + min(l, base%paths%n_samples) - 1
+            column = f
+            if (size(force, 2) > base%n_forces) column = f + base%n_forces*(sample - 1)
+            rise = force(step + 1, column) - force(step, column)
+            push(l, f, 0) = force(step, column) + share*rise
+            push(l, f, 1) = part*rise
+            if (l == 1 .and. size(force, 2) == base%n_forces) then
+               push(:, f, 0) = push(1, f, 0)
+               push(:, f, 1) = push(1, f, 1)
+               exit
+            end if
+         end do
+      end do
+   end subroutine set_force
+
+   pure subroutine list_sliding(base, state, room)
+      class(base_system), intent(in) :: base
+      type(block_state), intent(in) :: state
+      type(march_room), intent(inout) :: room
+      integer :: j, l, many, w
+
+      many = base%paths%n_samples
+      w = base%paths%first_sample - 1
+      if (allocated(room%sliding)) deallocate (room%sliding)
+      allocate (room%sliding(2, count(.not. state%slip_limit(:, w + 1:w + many) > 0.0_wp)))
+      many = 0
+      do l = 1, base%paths%n_samples
+         do j = 1, state%n_joints
+            if (state%slip_limit(j, w + l) > 0.0_wp) cycle
+            many = many + 1
+            room%sliding(:, many) = [l, j]
+         end do
+      end do
+   end subroutine list_sliding
+
+   subroutine keep_record(base, displacement, velocity, room)
+      class(base_system), intent(in) :: base
+      real(wp), intent(inout) :: displacement(:, :, :), velocity(:, :, :)
+      type(march_room), intent(inout) :: room
+
+      if (room%n_kept == records_together) call hand_on(base, displacement, velocity, room)
+      room%n_kept = room%n_kept + 1
+      call base%put_state(room%displacement(:, :, room%n_kept), room%velocity(:, :, room%n_kept))
+   end subroutine keep_record
+
+   !> From planes (lane, dof) to histories (record, dof, sample).
+   subroutine hand_on(base, displacement, velocity, room)
+      class(base_system), intent(in) :: base
+      real(wp), intent(inout) :: displacement(:, :, :), velocity(:, :, :)
+      type(march_room), intent(inout) :: room
+      integer :: i, l, r
+
+      associate (n => room%n_kept, w => base%paths%first_sample - 1, done => room%n_records)
+         do i = 1, size(room%displacement, 2)
+            do l = 1, base%paths%n_samples
+               do r = 1, n
+                  displacement(done + r, i, w + l) = room%displacement(l, i, r)
+               end do
+            end do
+         end do
+         do i = 1, size(room%velocity, 2)
+            do l = 1, base%paths%n_samples
+               do r = 1, n
+                  velocity(done + r, i, w + l) = room%velocity(l, i, r)
+               end do
+            end do
+         end do
+         done = done + n
+         n = 0
+      end associate
+   end subroutine hand_on
+
+end module dynamics_exact_block_march

@@ -1,0 +1,207 @@
+!> Paths of the joints of 32 samples over one part of a step, side by side, and the regimes of these
+!> joints: what every base system of the exact march fills, and what transitions are found from.
+module dynamics_exact_joint_paths
+   use, intrinsic :: iso_c_binding, only: c_f_pointer, c_loc
+   use core_kinds, only: wp
+   use dynamics_joint, only: slider_at
+   use dynamics_alignment, only: first_aligned
+   use dynamics_response, only: block_state
+   implicit none(type, external)
+   private
+   public :: joint_paths, width, layer_slider, layer_reach, layer_side, layer_spring
+
+   integer, parameter :: width = 32   !! samples side by side
+   integer, parameter :: layer_slider = 1, layer_reach = 2, layer_side = 3, layer_spring = 4
+   !> Reach of a joint that is never watched, as it has no friction or its lane no sample [m]
+   real(wp), parameter :: boundless = 1.0e150_wp
+
+   !> Row r of x holds a path, x_0 + x_1 t + ... + x_P t^P with t from 0 to 1: power k in layer
+   !> layer(k). Its end x(1), x'(1) goes to the layers finish(0:1), which the next part starts from.
+   type :: joint_paths
+      integer :: n_rows = 0, n_joints = 0, degree = 0
+      integer :: n_samples = 0     !! of the lanes in use
+      integer :: first_sample = 1  !! of the block; it marches in lane 1
+      integer, allocatable :: row(:)            !! (joint)
+      integer, allocatable :: first(:)          !! (row + 1) of its joints in `joint`
+      integer, allocatable :: joint(:)          !! (entry) joints by rows
+      integer, allocatable :: layer(:)          !! (0:degree)
+      integer :: finish(0:1) = 0
+      real(wp), pointer, contiguous :: x(:, :, :) => null()          !! (lane, row, layer)
+      !> (lane, joint, layer): z, mu N/k [m]; direction of slip, 0 stuck; weight of the spring in
+      !> its row's equation, 0 without friction
+      real(wp), pointer, contiguous :: regime(:, :, :) => null()
+      real(wp), pointer, contiguous :: stiffness(:, :) => null()     !! (lane, row) of stuck joints
+      real(wp), pointer, contiguous :: pull(:, :) => null()          !! (lane, row) force at x = 0
+      real(wp), allocatable :: base(:)          !! (row) stiffness without joints
+      real(wp), allocatable :: spring(:)        !! (joint) weight of its spring
+      real(wp), pointer, contiguous, private :: memory(:) => null()
+   contains
+      procedure :: start
+      procedure :: free
+      procedure :: exchange_ends
+      procedure :: take_in
+      procedure :: hand_back
+      procedure :: switch
+      procedure, private :: set_row
+   end type joint_paths
+
+contains
+
+   !> Lanes at rest. base and spring may have any unit that their equation has.
+   subroutine start(self, degree, base, row, spring)
+      class(joint_paths), intent(inout) :: self
+      integer, intent(in) :: degree
+      real(wp), intent(in) :: base(:)     !! (row)
+      integer, intent(in) :: row(:)       !! (joint) of its path
+      real(wp), intent(in) :: spring(:)   !! (joint)
+      integer :: begin, j, rows, used
+
+      self%degree = degree
+      self%n_rows = size(base)
+      self%n_joints = size(row)
+      self%row = row
+      self%base = base
+      self%spring = spring
+      allocate (self%first(self%n_rows + 1), self%joint(self%n_joints))
+      used = 0
+      do rows = 1, self%n_rows
+         self%first(rows) = used + 1
+         do j = 1, self%n_joints
+            if (row(j) /= rows) cycle
+            used = used + 1
+            self%joint(used) = j
+         end do
+      end do
+      self%first(self%n_rows + 1) = used + 1
+      allocate (self%layer(0:degree))
+      self%layer = [(j, j=0, degree)]
+      self%finish = [degree + 1, degree + 2]
+
+      rows = self%n_rows + merge(1, 0, modulo(self%n_rows, 2) == 0)   ! layers not 4096 bytes apart
+      associate (many => rows*(degree + 5) + 4*max(1, self%n_joints))
+         allocate (self%memory(width*many + 8), source=0.0_wp)
+      end associate
+      begin = first_aligned(self%memory)
+      call c_f_pointer(c_loc(self%memory(begin)), self%x, [width, rows, degree + 3])
+      self%x(1:, 1:, 0:) => self%x
+      begin = begin + width*rows*(degree + 3)
+      call c_f_pointer(c_loc(self%memory(begin)), self%stiffness, [width, rows])
+      begin = begin + width*rows
+      call c_f_pointer(c_loc(self%memory(begin)), self%pull, [width, rows])
+      begin = begin + width*rows
+      call c_f_pointer(c_loc(self%memory(begin)), self%regime, [width, self%n_joints, 4])
+   end subroutine start
+
+   !> Gives the memory back; the next march starts anew.
+   subroutine free(self)
+      class(joint_paths), intent(inout) :: self
+
+      if (associated(self%memory)) deallocate (self%memory)
+      if (allocated(self%layer)) deallocate (self%first, self%joint, self%layer)
+   end subroutine free
+
+   !> The end of a part becomes the start of the next one.
+   pure subroutine exchange_ends(self)
+      class(joint_paths), intent(inout) :: self
+      integer :: before(0:1)
+
+      before = self%layer(0:1)
+      self%layer(0:1) = self%finish
+      self%finish = before
+   end subroutine exchange_ends
+
+   !> Takes the regimes of samples first_sample, ... from the block. A joint without friction slips
+   !> for ever: it has no spring and is not watched.
+   pure subroutine take_in(self, joint_stiffness, state)
+      class(joint_paths), intent(inout) :: self
+      real(wp), intent(in) :: joint_stiffness(:)   !! (joint) k [N/m]
+      type(block_state), intent(in) :: state
+      integer :: j, l, w
+
+      self%regime = 0.0_wp
+      self%regime(:, :, layer_reach) = boundless
+      do l = 1, self%n_samples
+         w = self%first_sample + l - 1
+         do j = 1, self%n_joints
+            if (.not. state%slip_limit(j, w) > 0.0_wp) cycle
+            self%regime(l, j, layer_slider) = state%slider(j, w)
+            self%regime(l, j, layer_reach) = min(state%slip_limit(j, w)/joint_stiffness(j), &
+                                                 boundless)
+            self%regime(l, j, layer_side) = state%direction(j, w)
+            self%regime(l, j, layer_spring) = self%spring(j)
+         end do
+      end do
+      do j = 1, self%n_rows
+         do l = 1, width
+            call self%set_row(l, j)
+         end do
+      end do
+   end subroutine take_in
+
+   !> Gives the sliders back; that of a slipping joint has followed w.x.
+   pure subroutine hand_back(self, direction, state)
+      class(joint_paths), intent(in) :: self
+      real(wp), intent(in) :: direction(:, :)   !! w (dof, joint)
+      type(block_state), intent(inout) :: state
+      real(wp) :: reach
+      integer :: j, l, w
+
+      do l = 1, self%n_samples
+         w = self%first_sample + l - 1
+         do j = 1, self%n_joints
+            if (state%direction(j, w) == 0) then
+               state%slider(j, w) = self%regime(l, j, layer_slider)
+            else
+               reach = 0.0_wp
+               if (state%slip_limit(j, w) > 0.0_wp) reach = self%regime(l, j, layer_reach)
+               state%slider(j, w) = slider_at(dot_product(direction(:, j), &
+                                                          state%displacement(:, w)), &
+                                              state%direction(j, w), reach)
+            end if
+         end do
+      end do
+   end subroutine hand_back
+
+   !> Changes the regime of a joint: it slips towards `direction`, or sticks after such a slip.
+   pure subroutine switch(self, lane, joint, direction, place)
+      class(joint_paths), intent(inout) :: self
+      integer, intent(in) :: lane, joint
+      integer, intent(in) :: direction   !! +1 or -1
+      real(wp), intent(in) :: place      !! w.x at the transition [m]
+
+      associate (side => self%regime(lane, joint, layer_side), &
+                 slider => self%regime(lane, joint, layer_slider))
+         if (abs(side) > 0.0_wp) then
+            side = 0.0_wp
+            slider = slider_at(place, direction, self%regime(lane, joint, layer_reach))
+         else
+            side = direction
+         end if
+      end associate
+      call self%set_row(lane, self%row(joint))
+   end subroutine switch
+
+   !> Sums over the joints of a row, formed anew so that no rounding gathers.
+   pure subroutine set_row(self, lane, row)
+      class(joint_paths), intent(inout) :: self
+      integer, intent(in) :: lane, row
+      real(wp) :: pull, stiffness
+      integer :: e
+
+      stiffness = self%base(row)
+      pull = 0.0_wp
+      do e = self%first(row), self%first(row + 1) - 1
+         associate (regime => self%regime(lane, self%joint(e), :))
+            if (abs(regime(layer_side)) > 0.0_wp) then
+               pull = pull - regime(layer_spring)*regime(layer_side)*regime(layer_reach)
+            else
+               stiffness = stiffness + regime(layer_spring)
+               pull = pull + regime(layer_spring)*regime(layer_slider)
+            end if
+         end associate
+      end do
+      self%stiffness(lane, row) = stiffness
+      self%pull(lane, row) = pull
+   end subroutine set_row
+
+end module dynamics_exact_joint_paths

@@ -1,0 +1,347 @@
+!> Power series of the free motion of a structure with diagonal mass over one part of a step.
+!>
+!> Time t runs from 0 to 1 over the part. Displacements are x_0 + x_1 t + ... + x_P t^P with
+!> (k + 1)(k + 2) x_(k+2) = f_k - (k + 1) C^ x_(k+1) - K^ x_k, C^ = h M^-1 C, K^ = h^2 M^-1 K, the
+!> latter with the springs of all stuck joints. C^ is thinned degree by degree, as its far entries
+!> matter for the low degrees only. Numbers in brackets are the formulas of docs/exact_march.md.
+module dynamics_exact_series
+   use core_kinds, only: wp
+   use structure_model, only: structure_type
+   implicit none(type, external)
+   private
+   public :: series_type, damping_type, spring_type, new_series
+   public :: fastest_rate, longest_part, most_degree, rows_together
+
+   integer, parameter :: rows_together = 3   !! rows of C^ whose sums stay in registers
+   integer, parameter :: most_degree = 24
+   real(wp), parameter :: longest_part = 1.0_wp   !! fastest rate times h, at most (4)
+   real(wp), parameter :: memory = 2000.0_wp      !! steps for which the error of one lives on (1)
+
+   !> -C^/(k + 2) of one degree, by triples of rows: entries first(q) .. first(q+1) - 1 of triple q.
+   type :: damping_type
+      integer, allocatable :: first(:)      !! (triple + 1)
+      integer, allocatable :: column(:)     !! (entry)
+      real(wp), allocatable :: value(:, :)  !! (row of the triple, entry)
+   end type damping_type
+
+   !> K^ without its diagonal, by rows: entries first(i) .. first(i+1) - 1 of row i.
+   type :: spring_type
+      integer, allocatable :: first(:)      !! (padded row + 1)
+      integer, allocatable :: column(:)     !! (entry)
+      real(wp), allocatable :: value(:)     !! (entry)
+   end type spring_type
+
+   !> Rows are the dofs, padded to whole triples, and the links: the directions w of joints that do
+   !> not hold one dof to the ground. The path of a link is w.x.
+   type :: series_type
+      integer :: n_dof = 0, n_padded = 0, n_links = 0, n_rows = 0
+      integer :: degree = 0
+      real(wp) :: h = 0.0_wp                            !! [s]
+      real(wp) :: rate = 0.0_wp                         !! fastest rate times h
+      type(damping_type), allocatable :: damping(:)     !! (0:degree-2)
+      type(spring_type) :: springs
+      real(wp), allocatable :: diagonal(:)              !! (row) K^_ii; 0 for a link
+      integer, allocatable :: first_end(:)              !! (link + 1) its entries of w
+      integer, allocatable :: end_dof(:)                !! (entry)
+      real(wp), allocatable :: direction(:)             !! (entry) w_i
+      real(wp), allocatable :: mobility(:)              !! (entry) w_i/m_i [1/kg]
+      integer, allocatable :: row(:)                    !! (joint) of its path
+      real(wp), allocatable :: spring(:)                !! (joint) h^2 k; over m for a dof
+      integer, allocatable :: loaded(:)                 !! dofs with a load
+      real(wp), allocatable :: load(:, :)               !! (loaded dof, force) h^2 b/m [m/N]
+   contains
+      procedure :: expand
+      procedure :: follow_links
+   end type series_type
+
+contains
+
+   !> Prepares equal parts of a step, to a tolerance relative to the rms displacement.
+   subroutine new_series(structure, dt, parts, tolerance, series)
+      type(structure_type), intent(in) :: structure
+      real(wp), intent(in) :: dt          !! [s]
+      integer, intent(in) :: parts        !! of a step
+      real(wp), intent(in) :: tolerance
+      type(series_type), intent(out) :: series
+      real(wp) :: error          ! of one part, half the tolerance after its memory
+      real(wp) :: motion, load   ! x_(k+1) over x_1 in free motion; over x_2 of a load from rest
+      integer :: k
+
+      series%n_dof = structure%n_dof
+      series%n_padded = rows_together*((structure%n_dof + rows_together - 1)/rows_together)
+      series%h = dt/parts
+      call put_springs(structure, series)
+      call put_joints(structure, series)
+      call put_loads(structure, series)
+      series%rate = series%h*fastest_rate(structure)
+      error = 0.5_wp*tolerance/(parts*memory*max(count_levels(series), 5))
+      series%degree = degree_for(series%rate, error)
+      allocate (series%damping(0:series%degree - 2))
+      motion = 1.0_wp
+      load = 1.0_wp
+      do k = 0, series%degree - 2
+         if (k > 0) motion = motion*series%rate/(k + 1)
+         if (k == 2) load = load/3.0_wp
+         if (k > 2) load = load*series%rate/(k + 1)
+         call put_damping(structure, series%h, k, min(5.0_wp*error/motion, 0.5_wp*tolerance/load), &
+                          series%damping(k))
+      end do
+   end subroutine new_series
+
+   !> A bound of |lambda| over the modes of every pattern of stuck joints [rad/s]: |lambda|^2 <= c
+   !> |lambda| + omega^2, c and omega^2 the largest eigenvalues of M^-1 C and of M^-1 K with all
+   !> joints stuck; a slipping joint only takes stiffness away.
+   pure function fastest_rate(structure) result(rate)
+      type(structure_type), intent(in) :: structure
+      real(wp) :: rate
+      real(wp), parameter :: two_pi = 8.0_wp*atan(1.0_wp)
+      real(wp) :: half_c, root(structure%n_dof)
+      integer :: i
+
+      if (size(structure%damping_ratio) > 0) then
+         half_c = two_pi*maxval(structure%frequencies_stuck*structure%damping_ratio)
+      else   ! the largest row sum of |M^-1/2 C M^-1/2| bounds its eigenvalues
+         root = sqrt(structure%lumped_mass())
+         half_c = 0.0_wp
+         do i = 1, structure%n_dof
+            half_c = max(half_c, 0.5_wp*sum(abs(structure%damping(:, i))/root)/root(i))
+         end do
+      end if
+      rate = half_c + sqrt(half_c**2 + (two_pi*maxval(structure%frequencies_stuck))**2)
+   end function fastest_rate
+
+   !> The lowest degree with at most such an error in one part (1).
+   pure function degree_for(rate, most) result(degree)
+      real(wp), intent(in) :: rate   !! fastest rate times h, at most about 1
+      real(wp), intent(in) :: most   !! rate^(P + 1)/(P + 1)!
+      integer :: degree
+      integer, parameter :: least_degree = 6
+      real(wp) :: error
+
+      error = rate
+      do degree = 1, most_degree - 1
+         error = error*rate/(degree + 1)
+         if (degree >= least_degree .and. error <= most) return
+      end do
+      degree = most_degree
+   end function degree_for
+
+   !> Couplings from the nearest load to the farthest dof, at least 1: at every one of them the
+   !> motion grows less while the error that travels with it does not.
+   pure function count_levels(series) result(levels)
+      type(series_type), intent(in) :: series
+      integer :: levels
+      logical, dimension(series%n_dof) :: is_reached, is_front, is_next
+      integer :: g, i
+
+      is_reached = .false.
+      is_reached(series%loaded) = .true.
+      is_front = is_reached
+      do levels = 1, series%n_dof
+         is_next = .false.
+         do i = 1, series%n_dof
+            associate (springs => series%springs)
+               if (is_front(i)) &
+                  is_next(springs%column(springs%first(i):springs%first(i + 1) - 1)) = .true.
+            end associate
+         end do
+         do g = 1, series%n_links
+            associate (ends => series%end_dof(series%first_end(g):series%first_end(g + 1) - 1))
+               if (any(is_front(ends))) is_next(ends) = .true.
+            end associate
+         end do
+         is_front = is_next .and. .not. is_reached
+         if (.not. any(is_front)) return
+         is_reached = is_reached .or. is_front
+      end do
+   end function count_levels
+
+   !> Entries of -C^/(k + 2) above a threshold (2).
+   pure subroutine put_damping(structure, h, k, threshold, damping)
+      type(structure_type), intent(in) :: structure
+      real(wp), intent(in) :: h, threshold
+      integer, intent(in) :: k
+      type(damping_type), intent(out) :: damping
+      real(wp) :: triple(rows_together, structure%n_dof)
+      integer :: i, j, n, pass, q, r, triples
+
+      n = structure%n_dof
+      triples = (n + rows_together - 1)/rows_together
+      allocate (damping%first(triples + 1))
+      damping%first(1) = 1
+      do pass = 1, 2   ! count, then fill
+         do q = 1, triples
+            triple = 0.0_wp
+            do r = 1, rows_together
+               i = rows_together*(q - 1) + r
+               if (i <= n) triple(r, :) = h*structure%damping(i, :)/structure%mass(i, i)
+            end do
+            where (abs(triple) <= threshold) triple = 0.0_wp
+            damping%first(q + 1) = damping%first(q)
+            do j = 1, n
+               if (.not. any(abs(triple(:, j)) > 0.0_wp)) cycle
+               if (pass == 2) then
+                  damping%column(damping%first(q + 1)) = j
+                  damping%value(:, damping%first(q + 1)) = -triple(:, j)/(k + 2)
+               end if
+               damping%first(q + 1) = damping%first(q + 1) + 1
+            end do
+         end do
+         if (pass == 1) allocate (damping%column(damping%first(triples + 1) - 1), &
+                                  damping%value(rows_together, damping%first(triples + 1) - 1))
+      end do
+   end subroutine put_damping
+
+   pure subroutine put_springs(structure, series)
+      type(structure_type), intent(in) :: structure
+      type(series_type), intent(inout) :: series
+      integer :: i, j, n, used
+
+      n = structure%n_dof
+      allocate (series%springs%first(series%n_padded + 1))
+      used = count(abs(structure%stiffness) > 0.0_wp)
+      allocate (series%springs%column(used), series%springs%value(used))
+      used = 0
+      do i = 1, series%n_padded
+         series%springs%first(i) = used + 1
+         if (i > n) cycle
+         do j = 1, n
+            if (i == j .or. .not. abs(structure%stiffness(i, j)) > 0.0_wp) cycle
+            used = used + 1
+            series%springs%column(used) = j
+            series%springs%value(used) = series%h**2*structure%stiffness(i, j)/structure%mass(i, i)
+         end do
+      end do
+      series%springs%first(series%n_padded + 1) = used + 1
+   end subroutine put_springs
+
+   !> A joint that holds one dof to the ground watches the path of that dof; all others need links,
+   !> one for each direction.
+   pure subroutine put_joints(structure, series)
+      type(structure_type), intent(in) :: structure
+      type(series_type), intent(inout) :: series
+      integer :: bearer(structure%n_joints)   ! (link) joint of the same direction
+      integer :: i, j, k, n, used
+
+      n = structure%n_dof
+      allocate (series%row(structure%n_joints))
+      used = 0
+      do j = 1, structure%n_joints
+         associate (w => structure%direction(:, j))
+            i = findloc(abs(w) > 0.0_wp, .true., 1)
+            if (count(abs(w) > 0.0_wp) == 1 .and. abs(w(i) - 1.0_wp) <= 0.0_wp) then
+               series%row(j) = i
+               cycle
+            end if
+            do k = 1, series%n_links
+               if (all(abs(w - structure%direction(:, bearer(k))) <= 0.0_wp)) exit
+            end do
+            if (k > series%n_links) then
+               series%n_links = k
+               bearer(k) = j
+               used = used + count(abs(w) > 0.0_wp)
+            end if
+            series%row(j) = series%n_padded + k
+         end associate
+      end do
+      series%n_rows = series%n_padded + series%n_links
+      allocate (series%first_end(series%n_links + 1), series%end_dof(used), &
+                series%direction(used), series%mobility(used))
+      used = 0
+      do k = 1, series%n_links
+         series%first_end(k) = used + 1
+         do i = 1, n
+            if (.not. abs(structure%direction(i, bearer(k))) > 0.0_wp) cycle
+            used = used + 1
+            series%end_dof(used) = i
+            series%direction(used) = structure%direction(i, bearer(k))
+            series%mobility(used) = structure%direction(i, bearer(k))/structure%mass(i, i)
+         end do
+      end do
+      series%first_end(series%n_links + 1) = used + 1
+      series%spring = series%h**2*structure%joint_stiffness
+      do j = 1, structure%n_joints
+         i = series%row(j)
+         if (i <= n) series%spring(j) = series%spring(j)/structure%mass(i, i)
+      end do
+      allocate (series%diagonal(series%n_rows), source=0.0_wp)
+      do i = 1, n
+         series%diagonal(i) = series%h**2*structure%stiffness(i, i)/structure%mass(i, i)
+      end do
+   end subroutine put_joints
+
+   pure subroutine put_loads(structure, series)
+      type(structure_type), intent(in) :: structure
+      type(series_type), intent(inout) :: series
+      integer :: i
+
+      series%loaded = pack([(i, i=1, structure%n_dof)], any(abs(structure%load) > 0.0_wp, 2))
+      allocate (series%load(size(series%loaded), structure%n_forces))
+      do i = 1, size(series%loaded)
+         associate (dof => series%loaded(i))
+            series%load(i, :) = series%h**2*structure%load(dof, :)/structure%mass(dof, dof)
+         end associate
+      end do
+   end subroutine put_loads
+
+   !> Fills x_2 .. x_P of one sample from x_0, x_1.
+   pure subroutine expand(self, stiffness, pull, push, x)
+      class(series_type), intent(in) :: self
+      real(wp), intent(in) :: stiffness(:)   !! (row) K^_ii with the stuck joints of the row
+      real(wp), intent(in) :: pull(:)        !! (row) force of the joints at x = 0
+      real(wp), intent(in) :: push(:, 0:)    !! (loaded dof, power) force now and its rise
+      real(wp), intent(inout) :: x(:, 0:)    !! (row, power)
+      real(wp) :: force, sums(rows_together)
+      integer :: e, g, i, k, q
+
+      call self%follow_links(x(:, 0))
+      call self%follow_links(x(:, 1))
+      do k = 0, self%degree - 2
+         do i = 1, self%n_dof
+            force = stiffness(i)*x(i, k)
+            if (k == 0) force = force - pull(i)
+            do e = self%springs%first(i), self%springs%first(i + 1) - 1
+               force = force + self%springs%value(e)*x(self%springs%column(e), k)
+            end do
+            x(i, k + 2) = force
+         end do
+         do g = 1, self%n_links
+            associate (row => self%n_padded + g)
+               force = stiffness(row)*x(row, k)
+               if (k == 0) force = force - pull(row)
+            end associate
+            do e = self%first_end(g), self%first_end(g + 1) - 1
+               x(self%end_dof(e), k + 2) = x(self%end_dof(e), k + 2) + self%mobility(e)*force
+            end do
+         end do
+         if (k <= 1) x(self%loaded, k + 2) = x(self%loaded, k + 2) - push(:, k)
+         associate (damping => self%damping(k))
+            do q = 1, self%n_padded/rows_together
+               sums = 0.0_wp
+               do e = damping%first(q), damping%first(q + 1) - 1
+                  sums = sums + damping%value(:, e)*x(damping%column(e), k + 1)
+               end do
+               associate (y => x(rows_together*(q - 1) + 1:rows_together*q, k + 2))
+                  y = sums - y*(1.0_wp/((k + 1)*(k + 2)))
+               end associate
+            end do
+         end associate
+         call self%follow_links(x(:, k + 2))
+      end do
+   end subroutine expand
+
+   !> Paths of the links from those of the dofs, one power of one sample.
+   pure subroutine follow_links(self, x)
+      class(series_type), intent(in) :: self
+      real(wp), intent(inout) :: x(:)   !! (row)
+      integer :: g
+
+      do g = 1, self%n_links
+         associate (first => self%first_end(g), last => self%first_end(g + 1) - 1)
+            x(self%n_padded + g) = dot_product(self%direction(first:last), &
+                                               x(self%end_dof(first:last)))
+         end associate
+      end do
+   end subroutine follow_links
+
+end module dynamics_exact_series

@@ -1,0 +1,466 @@
+!> Base system of a structure with diagonal mass, by power series in its dofs.
+!>
+!> The answer to a transition is local: with the force s k (w.x(t) - w.x(tau)) on one dof, which the
+!> old regime did not have, that dof answers by a series of its own, and the dofs around it by two
+!> sums over that series. Joints for which this is not exact enough, links among them, are left to
+!> `redo`, which begins the series of the whole sample anew.
+module dynamics_exact_series_form
+   use core_error, only: error_type, exit_no_solution, raise
+   use core_kinds, only: wp
+   use core_text, only: to_text
+   use dynamics_exact_base_system, only: base_system
+   use dynamics_exact_free_steps, only: expand_block, finish_part, follow_links
+   use dynamics_exact_guard_zeros, only: first_transition, no_crossing
+   use dynamics_exact_joint_paths, only: layer_reach, layer_side, layer_slider, width
+   use dynamics_exact_ledger, only: ledger_type, new_ledger
+   use dynamics_exact_series, only: new_series, series_type
+   use dynamics_exact_transitions, only: group_size, transition_group
+   use dynamics_joint, only: slip_direction, start_slip, stick
+   use dynamics_response, only: block_state
+   use structure_model, only: structure_type
+   implicit none(type, external)
+   private
+   public :: series_form, new_series_form
+
+   !> Diagonal mass, in the dofs.
+   type, extends(base_system) :: series_form
+      type(series_type) :: series
+      type(ledger_type) :: ledger
+      logical, allocatable :: is_local(:)           !! (joint)
+      real(wp), allocatable :: push(:, :, :)        !! (lane, loaded dof, value and rise)
+      ! what a dof does to those around it, by columns of C^ and K^ without the diagonal (7)
+      integer, allocatable :: first_near(:)         !! (dof + 1)
+      integer, allocatable :: near(:)               !! (entry) dof
+      real(wp), allocatable :: near_damping(:), near_spring(:)   !! (entry)
+      real(wp), allocatable :: own_damping(:)       !! (dof) C^_ii
+   contains
+      procedure :: begin
+      procedure :: take
+      procedure :: give
+      procedure :: run_part
+      procedure :: respond
+      procedure :: correct
+      procedure :: redo
+      procedure :: go_on
+      procedure :: put_state
+      procedure :: add_works
+   end type series_form
+
+contains
+
+   !> Prepares equal parts of a step, to a tolerance relative to the rms displacement.
+   subroutine new_series_form(structure, dt, parts, tolerance, form)
+      type(structure_type), intent(in) :: structure
+      real(wp), intent(in) :: dt          !! [s]
+      integer, intent(in) :: parts        !! of a step
+      real(wp), intent(in) :: tolerance
+      type(series_form), intent(out) :: form
+
+      form%h = dt/parts
+      form%n_forces = structure%n_forces
+      call new_series(structure, dt, parts, tolerance, form%series)
+      form%ledger = new_ledger(form%series, structure%lumped_mass(), tolerance)
+      call find_near(structure, form%h, tolerance, form)
+      call find_local(form, tolerance)
+   end subroutine new_series_form
+
+   !> Entries of the columns of C^ and K^ that matter in the answer to a transition (7).
+   subroutine find_near(structure, h, tolerance, form)
+      type(structure_type), intent(in) :: structure
+      real(wp), intent(in) :: h, tolerance
+      type(series_form), intent(inout) :: form
+      real(wp), parameter :: share = 1.0e-4_wp   !! of the tolerance, for one entry
+      real(wp) :: damping, largest, spring
+      integer :: i, j, n, pass, used
+
+      n = structure%n_dof
+      allocate (form%first_near(n + 1), form%own_damping(n))
+      do pass = 1, 2
+         used = 0
+         do j = 1, n
+            form%first_near(j) = used + 1
+            form%own_damping(j) = h*structure%damping(j, j)/structure%mass(j, j)
+            largest = sum(form%series%spring, form%series%row == j)
+            do i = 1, n
+               damping = h*structure%damping(i, j)/structure%mass(i, i)
+               spring = h**2*structure%stiffness(i, j)/structure%mass(i, i)
+               if (i == j .or. largest*max(abs(damping)/24.0_wp, abs(spring)/120.0_wp) <= &
+                   share*tolerance) cycle
+               used = used + 1
+               if (pass == 1) cycle
+               form%near(used) = i
+               form%near_damping(used) = damping
+               form%near_spring(used) = spring
+            end do
+         end do
+         form%first_near(n + 1) = used + 1
+         if (pass == 1) allocate (form%near(used), form%near_damping(used), form%near_spring(used))
+      end do
+   end subroutine find_near
+
+   !> Which joints may be answered locally: only those of one dof that no other joint holds, where
+   !> the answer to a transition at the start of a part differs from the true one by little, and
+   !> does not move the paths of other joints by more than they may be wrong within the part (8).
+   subroutine find_local(form, tolerance)
+      type(series_form), intent(inout) :: form
+      real(wp), intent(in) :: tolerance
+      !> an error at a transition counts less than one in every step
+      real(wp), parameter :: share = 2.0e-2_wp
+      real(wp), parameter :: most_shift = 1.0e-7_wp   !! a tenth of the margin of guards (5)
+      real(wp) :: error, shift
+      integer :: i, j
+
+      allocate (form%is_local(size(form%series%row)), source=.false.)
+      do j = 1, size(form%series%row)
+         i = form%series%row(j)
+         if (i > form%series%n_dof .or. count(form%series%row == i) > 1) cycle
+         if (any(form%series%end_dof == i)) cycle
+         call compare_answers(form, i, form%series%spring(j), error, shift)
+         form%is_local(j) = error <= share*tolerance .and. shift <= most_shift .and. &
+                            shift*maxval(form%series%spring)/6.0_wp <= 2.5_wp*share*tolerance
+      end do
+   end subroutine find_local
+
+   !> Answers of a dof to the path t + t^2 of its joint: the largest error of the local one at the
+   !> end of the part, against the series of all dofs around it, and the largest displacement of
+   !> another dof. All joints are stuck.
+   pure subroutine compare_answers(form, dof, spring, error, shift)
+      type(series_form), intent(in) :: form
+      integer, intent(in) :: dof
+      real(wp), intent(in) :: spring
+      real(wp), intent(out) :: error, shift
+      real(wp), dimension(form%series%n_dof, 1:form%series%degree) :: d, local
+      real(wp) :: stiffness(form%series%n_dof)
+      integer :: e, i, k
+
+      stiffness = form%series%diagonal(:form%series%n_dof)
+      do i = 1, size(form%series%row)
+         associate (row => form%series%row(i))
+            if (row <= form%series%n_dof) stiffness(row) = stiffness(row) + form%series%spring(i)
+         end associate
+      end do
+      d = 0.0_wp
+      local = 0.0_wp
+      do k = 3, form%series%degree
+         if (k <= 4) d(dof, k) = spring/(k*(k - 1))
+         do i = 1, form%series%n_dof
+            if (.not. max(abs(d(i, k - 1)), abs(d(i, k - 2))) > 0.0_wp) cycle
+            d(i, k) = d(i, k) - form%own_damping(i)*d(i, k - 1)/k &
+                      - stiffness(i)*d(i, k - 2)/(k*(k - 1))
+            do e = form%first_near(i), form%first_near(i + 1) - 1
+               d(form%near(e), k) = d(form%near(e), k) - form%near_damping(e)*d(i, k - 1)/k &
+                                    - form%near_spring(e)*d(i, k - 2)/(k*(k - 1))
+            end do
+         end do
+         if (k <= 4) local(dof, k) = spring/(k*(k - 1))
+         local(dof, k) = local(dof, k) - form%own_damping(dof)*local(dof, k - 1)/k &
+                         - stiffness(dof)*local(dof, k - 2)/(k*(k - 1))
+         do e = form%first_near(dof), form%first_near(dof + 1) - 1
+            local(form%near(e), k) = -form%near_damping(e)*local(dof, k - 1)/k &
+                                     - form%near_spring(e)*local(dof, k - 2)/(k*(k - 1))
+         end do
+      end do
+      error = max(maxval(abs(sum(d - local, 2))), &
+                  maxval(abs(matmul(d - local, [(real(k, wp), k=1, form%series%degree)]))))
+      d(dof, :) = 0.0_wp
+      shift = maxval(abs(sum(d, 2)))
+   end subroutine compare_answers
+
+   !> See base_system.
+   subroutine begin(self)
+      class(series_form), intent(inout) :: self
+
+      call self%paths%start(self%series%degree, self%series%diagonal, self%series%row, &
+                            self%series%spring)
+      self%push = spread(spread(spread(0.0_wp, 1, width), 2, size(self%series%loaded)), 3, 2)
+   end subroutine begin
+
+   !> Velocities are in m per part here, in m/s in the block: those that `give` has left unchanged
+   !> are taken as they were.
+   subroutine take(self, state)
+      class(series_form), intent(inout) :: self
+      type(block_state), intent(in) :: state
+      integer :: i, l, w
+
+      associate (x => self%paths%x, layer => self%paths%layer)
+         x = 0.0_wp
+         do l = 1, self%paths%n_samples
+            w = self%paths%first_sample + l - 1
+            do i = 1, self%series%n_dof
+               x(l, i, layer(0)) = state%displacement(i, w)
+               x(l, i, layer(1)) = state%velocity(i, w)*self%h
+            end do
+            if (.not. allocated(state%velocity_step)) cycle
+            do i = 1, self%series%n_dof
+               if (abs(state%velocity_step(i, w)/self%h - state%velocity(i, w)) <= 0.0_wp) &
+                  x(l, i, layer(1)) = state%velocity_step(i, w)
+            end do
+         end do
+         call follow_links(self%series, x(:, :, layer(0)))
+         call follow_links(self%series, x(:, :, layer(1)))
+      end associate
+   end subroutine take
+
+   !> See base_system.
+   subroutine give(self, state)
+      class(series_form), intent(in) :: self
+      type(block_state), intent(inout) :: state
+      integer :: i, l, w
+
+      if (.not. allocated(state%velocity_step)) allocate (state%velocity_step, mold=state%velocity)
+      associate (x => self%paths%x, layer => self%paths%layer)
+         do l = 1, self%paths%n_samples
+            w = self%paths%first_sample + l - 1
+            do i = 1, self%series%n_dof
+               state%displacement(i, w) = x(l, i, layer(0))
+               state%velocity_step(i, w) = x(l, i, layer(1))
+               state%velocity(i, w) = x(l, i, layer(1))/self%h
+            end do
+         end do
+      end associate
+   end subroutine give
+
+   !> See base_system.
+   subroutine run_part(self, force, list, found)
+      class(series_form), intent(inout) :: self
+      real(wp), intent(in) :: force(:, :, 0:)
+      integer, intent(inout) :: list(:)
+      integer, intent(out) :: found
+      integer :: f, i, k
+
+      do k = 0, 1
+         do i = 1, size(self%series%loaded)
+            self%push(:, i, k + 1) = self%series%load(i, 1)*force(:, 1, k)
+            do f = 2, self%n_forces
+               associate (push => self%push(:, i, k + 1))
+                  push = push + self%series%load(i, f)*force(:, f, k)
+               end associate
+            end do
+         end do
+      end do
+      call expand_block(self%series, self%push, self%paths)
+      call finish_part(self%paths, list, found)
+   end subroutine run_part
+
+   !> d_m of (6), and the ends of the sums over it that the dofs around need.
+   subroutine respond(self, group)
+      class(series_form), intent(in) :: self
+      type(transition_group), intent(inout) :: group
+      real(wp), dimension(group_size) :: alpha, beta, power, r
+      integer :: e, k, row
+
+      do e = 1, group_size
+         row = self%paths%row(group%joint(e))
+         alpha(e) = self%own_damping(min(row, self%series%n_dof))
+         beta(e) = self%paths%stiffness(group%lane(e), row) - group%jump(e)
+         r(e) = 1.0_wp - group%time(e)
+         group%response(e, 3) = group%jump(e)*group%path(e, 1)*(1.0_wp/6.0_wp)
+         group%response(e, 4) = group%jump(e)*group%path(e, 2)*(1.0_wp/12.0_wp) &
+                                - alpha(e)*group%response(e, 3)*0.25_wp
+      end do
+      do k = 5, self%series%degree
+         do e = 1, group_size
+            group%response(e, k) = (group%jump(e)*group%path(e, k - 2) &
+                                    - beta(e)*group%response(e, k - 2))*(1.0_wp/(k*(k - 1))) &
+                                   - alpha(e)*group%response(e, k - 1)*(1.0_wp/k)
+         end do
+      end do
+      group%ends = 0.0_wp
+      power = r**2
+      do k = 3, self%series%degree
+         do e = 1, group_size
+            group%ends(e, 2) = group%ends(e, 2) + k*group%response(e, k)*power(e)
+            power(e) = power(e)*r(e)
+            group%ends(e, 1) = group%ends(e, 1) + group%response(e, k)*power(e)
+         end do
+         if (k < self%series%degree) then
+            do e = 1, group_size
+               group%ends(e, 4) = group%ends(e, 4) + group%response(e, k)*power(e)
+               group%ends(e, 3) = group%ends(e, 3) &
+                                  + group%response(e, k)*power(e)*r(e)*(1.0_wp/(k + 1))
+            end do
+         end if
+         if (k < self%series%degree - 1) then
+            do e = 1, group_size
+               group%ends(e, 6) = group%ends(e, 6) &
+                                  + group%response(e, k)*power(e)*r(e)*(1.0_wp/(k + 1))
+               group%ends(e, 5) = group%ends(e, 5) &
+                                  + group%response(e, k)*power(e)*r(e)**2*(1.0_wp/((k + 1)*(k + 2)))
+            end do
+         end if
+      end do
+      group%has_response = self%is_local(group%joint)
+   end subroutine respond
+
+   !> (7)
+   subroutine correct(self, group, entry)
+      class(series_form), intent(inout) :: self
+      type(transition_group), intent(in) :: group
+      integer, intent(in) :: entry
+      integer :: e, row
+
+      associate (x => self%paths%x, finish => self%paths%finish, l => group%lane(entry), &
+                 ends => group%ends(entry, :))
+         row = self%paths%row(group%joint(entry))
+         x(l, row, finish(0)) = x(l, row, finish(0)) + ends(1)
+         x(l, row, finish(1)) = x(l, row, finish(1)) + ends(2)
+         do e = self%first_near(row), self%first_near(row + 1) - 1
+            x(l, self%near(e), finish(0)) = x(l, self%near(e), finish(0)) &
+                                            - (self%near_damping(e)*ends(3) &
+                                               + self%near_spring(e)*ends(5))
+            x(l, self%near(e), finish(1)) = x(l, self%near(e), finish(1)) &
+                                            - (self%near_damping(e)*ends(4) &
+                                               + self%near_spring(e)*ends(6))
+         end do
+      end associate
+   end subroutine correct
+
+   !> See base_system. After a stick the joint stands at its limit and at rest, so that its guard is
+   !> not found at zero again.
+   subroutine redo(self, lane, begin, state, error)
+      class(series_form), intent(inout) :: self
+      integer, intent(in) :: lane
+      real(wp), intent(in) :: begin
+      type(block_state), intent(inout) :: state
+      type(error_type), allocatable, intent(out) :: error
+      real(wp), parameter :: same_instant = 4.0_wp*epsilon(1.0_wp)
+      real(wp) :: x(self%series%n_rows, 0:self%series%degree), push(size(self%series%loaded), 0:1)
+      real(wp) :: crossing(size(self%series%row)), first, now, span
+      logical :: has_stuck(size(self%series%row))
+      integer :: round
+
+      x = 0.0_wp
+      x(:, 0) = self%paths%x(lane, :self%series%n_rows, self%paths%layer(0))
+      x(:, 1) = self%paths%x(lane, :self%series%n_rows, self%paths%layer(1))
+      has_stuck = .false.
+      now = 0.0_wp
+      do round = 0, self%max_transitions
+         push(:, 0) = self%push(lane, :, 1) + now*self%push(lane, :, 2)
+         push(:, 1) = self%push(lane, :, 2)
+         call self%series%expand(self%paths%stiffness(lane, :self%series%n_rows), &
+                                 self%paths%pull(lane, :self%series%n_rows), push, x)
+         call find_crossings(1.0_wp - now)
+         first = minval(crossing)
+         span = min(first, 1.0_wp - now)
+         if (state%keeps_ledger) call add_work(span)
+         call advance(span)
+         if (.not. first < no_crossing) exit
+         now = now + span
+         call switch_joints()
+      end do
+      if (round > self%max_transitions) then
+         call raise(error, exit_no_solution, 'joint '//to_text(minloc(crossing, 1))// &
+                    ' of sample '//to_text(self%paths%first_sample + lane - 1)// &
+                    ' of its block: more than '//to_text(self%max_transitions)// &
+                    ' transitions in the step that ends at t = '//to_text((begin + 1.0_wp)*self%h))
+         return
+      end if
+      self%paths%x(lane, :self%series%n_rows, self%paths%finish(0)) = x(:, 0)
+      self%paths%x(lane, :self%series%n_rows, self%paths%finish(1)) = x(:, 1)
+
+   contains
+
+      !> First zero of the guard of every joint within what is left of the part.
+      subroutine find_crossings(left)
+         real(wp), intent(in) :: left
+         real(wp) :: path(0:self%series%degree)
+         integer :: j
+
+         do j = 1, size(crossing)
+            associate (regime => self%paths%regime(lane, j, :))
+               path = x(self%series%row(j), :)
+               if (has_stuck(j)) path(1) = 0.0_wp
+               if (has_stuck(j)) path(0) = regime(layer_slider) + &
+                                           sign(regime(layer_reach), path(0) - regime(layer_slider))
+               crossing(j) = first_transition(path, regime(layer_side), regime(layer_slider), &
+                                              regime(layer_reach), left)
+            end associate
+         end do
+      end subroutine find_crossings
+
+      !> Adds the works of the piece to those of the sample.
+      subroutine add_work(span)
+         real(wp), intent(in) :: span
+         real(wp) :: work(2)
+
+         work = 0.0_wp
+         call self%ledger%add_piece(self%series, push, x, span, work)
+         associate (sample => self%paths%first_sample + lane - 1)
+            state%work_input(sample) = state%work_input(sample) + work(1)
+            state%work_viscous(sample) = state%work_viscous(sample) + work(2)
+         end associate
+      end subroutine add_work
+
+      !> Moves the state on, from all powers to the first two.
+      subroutine advance(span)
+         real(wp), intent(in) :: span
+         real(wp), dimension(size(x, 1)) :: slope, value
+         integer :: k
+
+         value = x(:, self%series%degree)
+         slope = 0.0_wp
+         do k = self%series%degree - 1, 0, -1
+            slope = slope*span + value
+            value = value*span + x(:, k)
+         end do
+         x(:, 0) = value
+         x(:, 1) = slope
+      end subroutine advance
+
+      !> All joints that cross now, in their order.
+      subroutine switch_joints()
+         integer :: direction, j, sample
+         real(wp) :: time
+
+         sample = self%paths%first_sample + lane - 1
+         time = (begin + now)*self%h
+         do j = 1, size(crossing)
+            has_stuck(j) = .false.
+            if (crossing(j) > span + same_instant) cycle
+            associate (row => self%series%row(j), side => self%paths%regime(lane, j, layer_side))
+               if (abs(side) > 0.0_wp) then
+                  has_stuck(j) = .true.
+                  if (row <= self%series%n_dof) x(row, 1) = 0.0_wp
+                  call self%paths%switch(lane, j, nint(side), x(row, 0))
+                  call stick(state, j, sample, time, x(row, 0))
+               else
+                  direction = slip_direction(x(row, 1))
+                  call self%paths%switch(lane, j, direction, x(row, 0))
+                  call start_slip(state, j, sample, time, x(row, 0), direction)
+               end if
+            end associate
+         end do
+      end subroutine switch_joints
+
+   end subroutine redo
+
+   !> See base_system.
+   subroutine go_on(self)
+      class(series_form), intent(inout) :: self
+
+      call self%paths%exchange_ends()
+      call follow_links(self%series, self%paths%x(:, :, self%paths%layer(0)))
+      call follow_links(self%series, self%paths%x(:, :, self%paths%layer(1)))
+   end subroutine go_on
+
+   !> See base_system.
+   subroutine put_state(self, displacement, velocity)
+      class(series_form), intent(in) :: self
+      real(wp), intent(out) :: displacement(:, :)
+      real(wp), intent(out) :: velocity(:, :)
+
+      associate (x => self%paths%x, layer => self%paths%layer)
+         displacement = x(:, :self%series%n_dof, layer(0))
+         if (size(velocity) > 0) velocity = x(:, :self%series%n_dof, layer(1))/self%h
+      end associate
+   end subroutine put_state
+
+   !> See base_system.
+   subroutine add_works(self, work)
+      class(series_form), intent(in) :: self
+      real(wp), intent(inout) :: work(:, :)
+
+      call self%ledger%add_part(self%series, self%push, self%paths, work)
+   end subroutine add_works
+
+end module dynamics_exact_series_form
