@@ -163,8 +163,8 @@ contains
 
       associate (number => task%number, case => plan%cases(task%number))
          if (plan%output%history) then
-            allocate (force(0:plan%integration%n_steps, &
-                            merge(case%n_samples, 1, plan%excitation%per_sample)))
+            allocate (force(0:plan%integration%n_steps, plan%structure%n_forces &
+                            *merge(case%n_samples, 1, plan%excitation%per_sample)))
             call runner%force_of(number, case%first_sample, force, error)
             if (allocated(error)) return
          end if
