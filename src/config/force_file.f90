@@ -82,7 +82,8 @@ contains
          end if
       end do
       if (n_bad > max_shown) &
-         call complaints%add_general(table%path//': '//to_text(n_bad - max_shown)//' more bad lines')
+         call complaints%add_general(table%path//': '//to_text(n_bad - max_shown)// &
+                                     ' more bad lines')
    end subroutine check_rows
 
    !> The rules of a history, whatever file it comes from: enough finite values, enough records.
@@ -90,7 +91,7 @@ contains
       character(*), intent(in) :: path
       real(wp), intent(in) :: force(0:, :)   !! (step, record) [N]
       integer, intent(in) :: n_steps         !! 0: as many as there are
-      integer, intent(in) :: n_records       !! needed: one a force, and a sample if each has its own
+      integer, intent(in) :: n_records       !! needed: one a force, and each sample if of its own
       type(complaint_list), intent(inout) :: complaints
 
       if (size(force, 1) < 2) then

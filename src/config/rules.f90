@@ -24,7 +24,8 @@ contains
       integer :: i
 
       if (.not. scene%moves() .and. size(scene%processes) == 0) &
-         call reader%complaints%add_general(scene%path//': must have &process, &chain or &structure')
+         call reader%complaints%add_general(scene%path// &
+                                            ': must have &process, &chain or &structure')
       do i = 1, size(scene%processes)
          call check_process(scene, i, reader)
       end do

@@ -23,7 +23,8 @@ contains
       integer :: n_before
 
       n_before = reader%complaints%n
-      call reader%require(scene%has_excitation, group, 'mass_matrix', '&structure needs &excitation')
+      call reader%require(scene%has_excitation, group, 'mass_matrix', &
+                          '&structure needs &excitation')
       call reader%require(.not. scene%has_chain, 'chain', 'n_dof', &
                           'must be absent with &structure: a scene has one structure')
       call check_damping(reader)

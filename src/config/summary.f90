@@ -80,7 +80,7 @@ contains
          is_there = [size(plan%processes) > 0, size(plan%cases) > 0, &
                      any(plan%cases%process > 0), &
                      plan%has_structure .and. [output%spectrum, output%energy, output%history, &
-                                           output%transitions, repeats(plan)], &
+                                               output%transitions, repeats(plan)], &
                      plan%n_realizations > 0]
       end associate
       names = [character(40) :: 'processes', 'motion', 'samples with drawn friction', 'spectrum', &
@@ -162,11 +162,11 @@ contains
       end do
       text = ''
       if (any(by_windows)) text = labelled('exact law', numbers_text(by_windows)// &
-                         ': whole windows, redrawn until one is positive: '// &
-                         about(maxval(ways%n_windows, by_windows), by_windows)//' a realization')
+                                           ': whole windows, redrawn until one is positive: '// &
+                            about(maxval(ways%n_windows, by_windows), by_windows)//' a realization')
       if (any(by_sweeps)) text = text//labelled('exact law', numbers_text(by_sweeps)// &
-                     ': values of a window redrawn one at a time, in '// &
-                     about(real(maxval(ways%n_sweeps, by_sweeps), wp), by_sweeps)//' sweeps')
+                                               ': values of a window redrawn one at a time, in '// &
+                            about(real(maxval(ways%n_sweeps, by_sweeps), wp), by_sweeps)//' sweeps')
    end function drawing_text
 
    !> The most of several.
@@ -377,7 +377,7 @@ contains
       associate (output => plan%output, n_dof => plan%structure%n_dof)
          spectrum = 0.0_wp   ! of one sample, as the two below
          if (output%spectrum) spectrum = word*n_kept*(output%segment_length/ &
-                                                     max(2, 2*output%spectrum_every) + 1.0_wp)
+                                                      max(2, 2*output%spectrum_every) + 1.0_wp)
          history = 0.0_wp
          if (output%history) history = 2.0_wp*word*n_kept*(plan%integration%n_steps + 1.0_wp)
          force = word*(plan%integration%n_steps + 1.0_wp)

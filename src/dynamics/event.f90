@@ -8,6 +8,7 @@ module dynamics_event
    use core_kinds, only: long, wp
    use core_text, only: to_text
    use structure_model, only: structure_type
+   use dynamics_newmark_frame, only: new_newmark_frame, newmark_frame
    use dynamics_lanes, only: lane_group, new_lane_group
    use dynamics_propagator, only: width
    use dynamics_response, only: block_state, marcher_type
@@ -47,6 +48,7 @@ contains
       type(error_type), allocatable, intent(out) :: error
       !> a step's error lives on for some 1/zeta periods of many steps each
       real(wp), parameter :: share_of_step = 1.0e-4_wp, share_of_transition = 2.0e-2_wp
+      type(newmark_frame) :: frame
       real(wp) :: h, rate
 
       if (.not. dt > 0.0_wp) then
@@ -62,6 +64,12 @@ contains
                     'its spring too stiff: dt must be at most '// &
                     to_text(most_parts*dt/parts_of_step(chain, dt)))
       end if
+      if (allocated(error)) return
+      call new_newmark_frame(chain, frame, error)
+      if (allocated(error)) return
+      if (.not. frame%is_row) &
+         call raise(error, exit_bad_input, "integration%method = 'event': marches a row of "// &
+                    "masses, each held to the ground; choose 'newmark'")
       if (allocated(error)) return
 
       marcher%structure = chain

@@ -24,7 +24,7 @@ module ensemble_results
       integer :: n_samples = 0
       real(wp), allocatable :: friction(:, :)            !! (joint, sample) mu
       real(wp), allocatable :: slip_fraction(:, :)       !! (joint, sample) of the time
-      real(wp), allocatable :: slip_series(:, :, :)      !! (joint, span, sample) of each span's time
+      real(wp), allocatable :: slip_series(:, :, :)      !! (joint, span, sample) of a span's time
       integer(long), allocatable :: slip_starts(:, :)    !! (joint, sample)
       integer(long), allocatable :: stick_starts(:, :)   !! (joint, sample)
       real(wp), allocatable :: psd(:, :, :)   !! (dof, frequency, sample), one-sided [m^2/Hz]

@@ -74,7 +74,7 @@ contains
       associate (dof => plan%excitation%dof)
          if (how%method == 'newmark') then
             allocate (newmark)
-            call new_newmark(plan%structure, how%dt, how%max_halvings, how%beta, how%gamma, dof, &
+            call new_newmark(plan%structure, how%dt, how%max_halvings, how%beta, how%gamma, &
                              newmark, error)
             call move_alloc(newmark, marcher)
          else

@@ -103,7 +103,7 @@ contains
       end associate
    end function batch_numbers
 
-   !> Standard deviation over samples of slip fractions and its standard error [points] (joint each),
+   !> Standard deviation over samples of slip fractions, its standard error [points] (joint each),
    !> standard error of the logarithm of the band ratio (dof), for as many samples as were marched;
    !> their number; standard errors of mean spectrum and percentiles, integrals over frequency,
    !> relative, the largest.
