@@ -91,7 +91,7 @@ contains
 
       allocate (shards(0))
       if (world%is_root()) then
-         call writer%write_chain(plan%structure, plan%excitation%dof, error)
+         call writer%write_structure(plan%structure, plan%integration, error)
          if (.not. allocated(error)) call list_shards(output%store, shards, error)
       end if
       if (world%any_true(allocated(error))) return

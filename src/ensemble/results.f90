@@ -27,6 +27,8 @@ module ensemble_results
       real(wp), allocatable :: slip_series(:, :, :)      !! (joint, span, sample) of a span's time
       integer(long), allocatable :: slip_starts(:, :)    !! (joint, sample)
       integer(long), allocatable :: stick_starts(:, :)   !! (joint, sample)
+      real(wp), allocatable :: slip_distance(:, :)       !! (joint, sample) [m]
+      real(wp), allocatable :: dissipation(:, :)         !! (joint, sample) mu N times it [J]
       real(wp), allocatable :: psd(:, :, :)   !! (dof, frequency, sample), one-sided [m^2/Hz]
       !> (dof, batch and range, sample) mean square [m^2] in consecutive batches of the march,
       !> within the ranges of frequencies of last_of_ranges; those of a range together

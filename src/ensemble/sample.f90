@@ -110,6 +110,7 @@ contains
       march%is_measuring = .true.
       associate (state => march%state, layout => runner%layout)
          state%slip_time = 0.0_wp
+         state%slip_distance = 0.0_wp
          state%slip_starts = 0
          state%stick_starts = 0
          state%work_input = 0.0_wp
@@ -235,6 +236,8 @@ contains
          result%slip_fraction = state%slip_time/duration
          result%slip_starts = state%slip_starts
          result%stick_starts = state%stick_starts
+         result%slip_distance = state%slip_distance
+         result%dissipation = state%slip_limit*state%slip_distance
          if (output%transitions) call move_alloc(state%transitions, result%transitions)
          if (output%energy) then
             stored = stored_energy(runner%plan%structure, state) - march%energy_before
