@@ -23,8 +23,9 @@ contains
       type(scene_type), intent(in) :: scene
       type(plan_type), intent(out) :: plan
       type(complaint_list), intent(inout) :: complaints
-      integer :: i
+      integer :: i, n_before
 
+      n_before = complaints%n
       plan%title = scene%heading%title
       if (plan%title == '') plan%title = scene_name(scene%path)
       plan%seed = scene%heading%seed
@@ -49,7 +50,7 @@ contains
          plan%friction_from = 'structure%joints'
       else
          call plan_chain(scene, plan, complaints)
-         if (complaints%n > 0) return
+         if (complaints%n > n_before) return
       end if
       if (size(scene%processes) > 0) plan%n_points = plan%structure%n_points
       call plan_march(scene, plan)

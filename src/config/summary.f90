@@ -268,7 +268,6 @@ contains
          if (any(plan%cases%process == 0)) text = text//labelled('friction', friction_text(plan))
          text = text//labelled('force', force//loaded_text(plan)//', one record for '// &
                                trim(merge('each sample', 'all samples', excitation%per_sample)))
-         excitation%per_sample)))
          method = 'event, tolerance '//brief(how%tolerance)
          if (how%method == 'newmark') &
             method = 'newmark, at most '//counted(how%max_halvings, 'halving', 'halvings')
@@ -293,8 +292,8 @@ contains
       associate (n => structure%n_dof)
          text = labelled('structure', counted(n, 'dof', 'dofs')//', '// &
                          counted(structure%n_joints, 'joint', 'joints')//', mass (1''M1) '// &
-                         brief(sum(structure%mass))//' kg, '// &
-                         brief(structure%frequencies_stuck(1))//' to '// &
+                         brief(sum(structure%mass))//' kg')// &
+                labelled('frequencies', brief(structure%frequencies_stuck(1))//' to '// &
                          brief(structure%frequencies_stuck(n))//' Hz stuck, '// &
                          brief(structure%frequencies_slip(1))//' to '// &
                          brief(structure%frequencies_slip(n))//' Hz slipping')
