@@ -63,7 +63,7 @@ contains
       call read_force('p1_low', 1, force)
       chain = equal_chain(5)
       call new_exact_march(chain, dt, 1.0e-6_wp, event, error)
-      call new_newmark(chain, dt, 15, 0.25_wp, 0.5_wp, 5, newmark, error)
+      call new_newmark(chain, dt, 15, 0.25_wp, 0.5_wp, newmark, error)
       call time_march(newmark, chain, 1.0e-3_wp*force, stride, state, x, nanoseconds)
       print '(a, f8.1)', 'stuck    newmark halvings 15', nanoseconds
       chain%normal_load = 0.0_wp
@@ -121,12 +121,12 @@ contains
          call report(case, 'event 1e-'//to_text(k), event, force, 1, chain)
       end do
       do k = 1, size(halvings)
-         call new_newmark(chain, dt, halvings(k), 0.25_wp, 0.5_wp, 5, newmark, error)
+         call new_newmark(chain, dt, halvings(k), 0.25_wp, 0.5_wp, newmark, error)
          call report(case, 'newmark halvings '//to_text(halvings(k)), newmark, force, 1, chain)
       end do
       do k = 1, 4
          finer = 2**k
-         call new_newmark(chain, dt/finer, 15, 0.25_wp, 0.5_wp, 5, newmark, error)
+         call new_newmark(chain, dt/finer, 15, 0.25_wp, 0.5_wp, newmark, error)
          call read_force(case, finer, force)
          call report(case, 'newmark dt/'//to_text(finer), newmark, force, finer, chain)
       end do
@@ -213,7 +213,7 @@ contains
             call new_exact_march(chain, dt, 1.0e-6_wp, event, error)
             call time_march(event, chain, force(:n_steps, :), stride, state, x, nanoseconds)
          else
-            call new_newmark(chain, dt, 15, 0.25_wp, 0.5_wp, sizes(k), newmark, error)
+            call new_newmark(chain, dt, 15, 0.25_wp, 0.5_wp, newmark, error)
             call time_march(newmark, chain, force(:n_steps, :), stride, state, x, nanoseconds)
          end if
          events = real(sum(state%slip_starts + state%stick_starts), wp)/ &

@@ -48,7 +48,8 @@ contains
       scene%n_force_values = size(scene%force, 1)
       scene%force_label = force_label(scene%force)
       call check_force(scene%force_path, scene%force, scene%integration%n_steps, &
-                       merge(scene%campaign%n_samples, 1, scene%excitation%per_sample), complaints)
+                       scene%n_forces()*merge(scene%campaign%n_samples, 1, &
+                                              scene%excitation%per_sample), complaints)
    end subroutine read_records
 
    !> What --output says, or the scene's name in the current directory with an ending; the target of

@@ -201,7 +201,8 @@ contains
       type(case_errors), allocatable :: errors(:)
       integer :: i
 
-   call read_errors(output%path, count(plan%cases%audits == 0), plan%structure%n_dof, errors, error)
+      call read_errors(output%path, count(plan%cases%audits == 0), plan%structure%n_joints, &
+                       errors, error)
       if (allocated(error)) return
       do i = 1, size(errors)
          if (needs_more_samples(errors(i)%statistics, plan%accuracy%target_statistical)) &

@@ -91,7 +91,7 @@ contains
 
       allocate (shards(0))
       if (world%is_root()) then
-         call writer%write_chain(plan%structure, plan%excitation%dof, error)
+         call writer%write_structure(plan%structure, plan%integration, error)
          if (.not. allocated(error)) call list_shards(output%store, shards, error)
       end if
       if (world%any_true(allocated(error))) return
@@ -163,8 +163,8 @@ contains
 
       associate (number => task%number, case => plan%cases(task%number))
          if (plan%output%history) then
-            allocate (force(0:plan%integration%n_steps, &
-                            merge(case%n_samples, 1, plan%excitation%per_sample)))
+            allocate (force(0:plan%integration%n_steps, plan%structure%n_forces &
+                            *merge(case%n_samples, 1, plan%excitation%per_sample)))
             call runner%force_of(number, case%first_sample, force, error)
             if (allocated(error)) return
          end if

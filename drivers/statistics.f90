@@ -112,7 +112,7 @@ contains
       type(error_type), allocatable, intent(out) :: error
       type(group_type), intent(inout), optional :: group
       type(block_result) :: samples
-      type(moments_type) :: slip(plan%structure%n_dof)
+      type(moments_type) :: slip(plan%structure%n_joints)
       type(span_collector) :: spans
       real(wp), allocatable :: errors(:, :)   ! (dof, sample) of slip fractions
       integer, allocatable :: first(:)

@@ -34,7 +34,7 @@ contains
                                                  wanted%target_statistical) > 0.0_wp)) return
       end associate
       n_own = count(plan%cases%audits == 0)
-      call read_errors(path, n_own, plan%structure%n_dof, errors, error)
+      call read_errors(path, n_own, plan%structure%n_joints, errors, error)
       if (allocated(error)) return
       failures = ''
       do i = 1, n_own
@@ -56,7 +56,7 @@ contains
       integer :: i
 
       text = ''
-      call read_errors(path, count(plan%cases%audits == 0), plan%structure%n_dof, errors, error)
+      call read_errors(path, count(plan%cases%audits == 0), plan%structure%n_joints, errors, error)
       if (allocated(error)) return
       statistical = 0.0_wp
       do i = 1, size(errors)

@@ -25,7 +25,7 @@ def order_of_oscillators(results: Results) -> Statement:
     findings = []
     for case in cases:
         slip, error = slip_with_error(case)
-        for i in range(case.n_dof - 1):
+        for i in range(case.n_joints - 1):
             text = f"{case.variance:g}: oscillator {i + 2} less {i + 1}"
             both = float(np.hypot(error[i], error[i + 1]))
             findings.append(claim_range(text, float(slip[i + 1] - slip[i]), both, above=0.0))
@@ -40,9 +40,9 @@ def order_of_oscillators(results: Results) -> Statement:
 def peaks_without_uncertainty(results: Results) -> Statement:
     """Prominence at the stuck frequencies, and the share of power outside their band."""
     cases = {case.variance: case for case in results.deterministic if case.has("psd")}
-    if results.chain is None or set(cases) != set(LEVELS):
+    if results.structure is None or set(cases) != set(LEVELS):
         raise NoEvidence("not the cases that the paper speaks of")
-    stuck = results.chain["frequencies_stuck"].values
+    stuck = results.structure["frequencies_stuck"].values
     value, error = {}, {}
     for variance in LEVELS:
         data = cases[variance].data
@@ -75,7 +75,7 @@ def sweep(results: Results) -> Statement:
         raise NoEvidence("not the cases that the paper speaks of")
     slips = [slip_with_error(case) for case in cases]
     findings = []
-    for i in range(cases[0].n_dof):
+    for i in range(cases[0].n_joints):
         (first, error), (last, last_error) = ((s[i], e[i]) for s, e in (slips[0], slips[-1]))
         name = f"oscillator {i + 1} at {{:g}}"
         findings += [

@@ -169,11 +169,12 @@ def plot_sweep(axes: Axes, cases: Sequence[Case]) -> None:
     cases = sorted(cases, key=lambda case: case.variance)
     variance = [case.variance for case in cases]
     slips = [slip_with_error(case) for case in cases]
-    for dof in style.some_of(cases[0].n_dof):
+    for joint in style.some_of(cases[0].n_joints):
         axes.errorbar(
-            variance, [slip[dof - 1] for slip, _ in slips],
-            yerr=[2.0 * error[dof - 1] for _, error in slips],
-            label=f"oscillator {dof}", elinewidth=0.8, **style.of_dof(dof, cases[0].n_dof),
+            variance, [slip[joint - 1] for slip, _ in slips],
+            yerr=[2.0 * error[joint - 1] for _, error in slips],
+            label=f"oscillator {joint}", elinewidth=0.8,
+            **style.of_dof(joint, cases[0].n_joints),
         )  # fmt: skip
     for edge in (FULLY, 1.0 - FULLY):
         axes.axhline(edge, color="0.6", linewidth=0.8, linestyle=":", zorder=0)
@@ -198,7 +199,7 @@ def plot_sweep_spectra(axes: Axes, cases: Sequence[Case], results: Results) -> N
 
 
 def _mark_chain(axes: Axes, results: Results, stuck: bool = True) -> None:
-    chain = results.chain
+    chain = results.structure
     if chain is not None and chain.sizes["mode"] <= _MOST_MODES:
         if stuck:
             style.mark_frequencies(axes, chain["frequencies_stuck"].values, "modes, stuck", "-")
@@ -242,6 +243,6 @@ def _frame_spectrum(
 def _last_shown(frequency: NDArray[np.float64], results: Results) -> float:
     """The highest frequency drawn."""
     last = float(frequency[-1])
-    if results.chain is None:
+    if results.structure is None:
         return last
-    return min(last, _BEYOND_STUCK * float(results.chain["frequencies_stuck"][-1]))
+    return min(last, _BEYOND_STUCK * float(results.structure["frequencies_stuck"][-1]))

@@ -6,6 +6,7 @@ from collections.abc import Callable, Iterator, Sequence
 from functools import partial
 from typing import TypeVar
 
+import numpy as np
 import xarray as xr
 
 from . import chain_figure, figures, process_figures, response_figures, tradeoff
@@ -34,7 +35,7 @@ def make_figures(files: Sequence[Results]) -> list[Figure]:
 
 def of_processes(results: Results) -> Iterator[Figure]:
     """Figs. 1 to 6, of processes that a scene without chain solved."""
-    if results.chain is not None:
+    if results.structure is not None:
         return
     solved = [p for p in results.processes.values() if p.attrs["status"] == "solved"]
     free = [p for p in solved if not process_figures.is_positive(p)]
@@ -137,9 +138,9 @@ def _largest(difference: xr.Dataset) -> float:
 
 def of_chain(results: Results) -> Iterator[Figure]:
     """Fig. 7."""
-    if results.chain is not None:
-        n_dof = int(results.chain.sizes["dof"])
-        forced = int(results.chain.attrs.get("forced_dof", n_dof))
+    if results.structure is not None and results.is_chain:
+        n_dof = int(results.structure.sizes["dof"])
+        forced = int(np.argmax(np.abs(results.structure["load"].values[0]))) + 1
         yield Figure(
             "fig_07", "Fig. 7. The chain with its Jenkins elements",
             f"{n_dof} oscillators. Springs k1 join neighbours and the first mass to the wall; each"
@@ -206,6 +207,7 @@ def of_drawn_friction(results: Results) -> Iterator[Figure]:
             ("5a", "5b", "6b", "9"),
         )  # fmt: skip
     ratios = [case for case in banded if case.has("band_ratio", "band_ratio_low", "slip_mean")]
+    ratios = [case for case in ratios if case.n_joints == case.n_dof]
     for letter, std, cases in _by_std(ratios):
         yield Figure(
             f"fig_11{letter}",
@@ -237,8 +239,8 @@ def of_responses(results: Results) -> Iterator[Figure]:
             "Of the first sample, the last minute at most.",
             _RESPONSES, (partial(response_figures.plot_history, case=case),), height=3.2,
         )  # fmt: skip
-        if results.chain is not None and case.has("transition_time", "friction"):
-            yield from _transition(results.chain, case, name)
+        if results.structure is not None and results.is_chain and case.has("transition_time"):
+            yield from _transition(results.structure, case, name)
 
 
 def _transition(chain: xr.Dataset, case: Case, name: str) -> Iterator[Figure]:

@@ -46,8 +46,8 @@ def find_episode(case: Case) -> Episode | None:
     rows = _transitions(case)
     middle = float(case.data["time"][-1]) / 2.0
     found: list[Episode] = []
-    for dof in range(1, case.n_dof + 1):
-        times, kinds = rows.time[rows.dof == dof], rows.kind[rows.dof == dof]
+    for dof in range(1, case.n_joints + 1):
+        times, kinds = rows.time[rows.joint == dof], rows.kind[rows.joint == dof]
         found += [
             Episode(dof, float(times[i]), float(times[i + 1]), int(kinds[i]))
             for i in range(times.size - 1)
@@ -112,7 +112,7 @@ def slider_force(
     where that limit put it.
     """
     rows = _transitions(case)
-    times, kinds = rows.time[rows.dof == dof], rows.kind[rows.dof == dof]
+    times, kinds = rows.time[rows.joint == dof], rows.kind[rows.joint == dof]
     one = case.data.isel(sample=0, dof=dof - 1)
     steps = one["time"].values
     parts = np.linspace(0.0, 1.0, finer, endpoint=False)
@@ -120,7 +120,7 @@ def slider_force(
     inside = times[(times >= steps[0]) & (times <= steps[-1])]
     every = np.union1d(np.append(between, steps[-1]), inside)
     position = _hermite(steps, one["displacement"].values, one["velocity"].values, every)
-    stiffness = float(chain["contact_stiffness"][dof - 1])
+    stiffness = float(chain["joint_stiffness"][dof - 1])
     limit = _limit(case, chain, dof)
     force = stiffness * position  # sliders start at zero, stuck
     for i, (time, kind) in enumerate(zip(times, kinds, strict=True)):
@@ -136,7 +136,7 @@ def slider_force(
 @dataclass(frozen=True)
 class _Rows:
     time: NDArray[np.float64]
-    dof: NDArray[np.int64]
+    joint: NDArray[np.int64]
     kind: NDArray[np.int64]
 
 
@@ -144,7 +144,7 @@ def _transitions(case: Case) -> _Rows:
     """Those of the first sample, in time order."""
     data = case.data
     first = data["transition_sample"].values == data["sample"].values[0]
-    columns = (data[f"transition_{name}"].values[first] for name in ("time", "dof", "kind"))
+    columns = (data[f"transition_{name}"].values[first] for name in ("time", "joint", "kind"))
     return _Rows(*columns)
 
 

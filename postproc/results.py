@@ -15,7 +15,8 @@ import xarray as xr
 
 from .output import InputError, readable
 
-_MAY_BE_EMPTY = ("transition",)  # of a sample whose joints stick
+#: transitions of a sample whose joints stick, springs of a free body, dampers of none
+_MAY_BE_EMPTY = ("transition", "stiffness_entry", "damping_entry")
 _FORMAT_VERSION = 3  # of the layout, as in src/io/identity.f90
 
 
@@ -63,8 +64,13 @@ class Case:
 
     @property
     def n_dof(self) -> int:
-        """Oscillators of the chain."""
+        """Degrees of freedom: oscillators of a chain."""
         return int(self.data.sizes["dof"])
+
+    @property
+    def n_joints(self) -> int:
+        """Joints: of a chain one for each oscillator."""
+        return int(self.data.sizes.get("joint", 0))
 
     @property
     def n_samples(self) -> int:
@@ -83,7 +89,7 @@ class Results:
     path: Path
     attrs: dict[str, object]
     processes: dict[str, xr.Dataset]  # by name, p001 first
-    chain: xr.Dataset | None
+    structure: xr.Dataset | None
     cases: list[Case]  # c001 first
     tradeoff: xr.Dataset | None = None
 
@@ -94,8 +100,19 @@ class Results:
             f"  processes: {', '.join(self.processes)}",
         ]
         rows += [f"  cases[{i}]: {case}" for i, case in enumerate(self.cases)]
-        rows += [f"  {name}" for name in ("chain", "tradeoff") if getattr(self, name) is not None]
+        named = ("structure", "tradeoff")
+        rows += [f"  {name}" for name in named if getattr(self, name) is not None]
         return "\n".join(rows) + ">"
+
+    @property
+    def is_chain(self) -> bool:
+        """Whether joint i holds dof i to the ground, as in the paper's row of masses."""
+        if self.structure is None or "directions" not in self.structure:
+            return False
+        directions = self.structure["directions"].values
+        return directions.shape[0] == directions.shape[1] and bool(
+            (directions == np.eye(len(directions))).all()
+        )
 
     @property
     def deterministic(self) -> list[Case]:
@@ -130,7 +147,7 @@ class Results:
         }
         groups |= {
             f"/{name}": data
-            for name, data in (("chain", self.chain), ("tradeoff", self.tradeoff))
+            for name, data in (("structure", self.structure), ("tradeoff", self.tradeoff))
             if data is not None
         }
         tree = xr.DataTree.from_dict(groups, name=self.stem)
@@ -219,7 +236,7 @@ def _read(path: Path) -> Results:
         path=path,
         attrs=attrs,
         processes={name: load(f"process/{name}") for name in groups.get("process", [])},
-        chain=load("chain") if "chain" in alone else None,
+        structure=load("structure") if "structure" in alone else None,
         cases=[case_of(name) for name in groups.get("campaign", [])],
         tradeoff=load("tradeoff") if "tradeoff" in alone else None,
     )

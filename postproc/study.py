@@ -133,14 +133,14 @@ def paper_study(results: Results, n_draws: int = 400) -> Study | None:
         if case.has("slip_fraction") and case.data.sizes["sample"] >= _FEWEST_SAMPLES
     }
     wanted = [(s, length, v) for s in STDS for length in LENGTHS for v in LEVELS]
-    if results.chain is None or not all(key in found for key in wanted):
+    if results.structure is None or not all(key in found for key in wanted):
         return None
     largest = max(found[key].data.sizes["sample"] for key in wanted)
     return Study(
         {key: found[key] for key in wanted},
         {c.variance: c for c in results.deterministic if c.variance in LEVELS and c.has("psd")},
-        results.chain["frequencies_stuck"].values,
-        results.chain["frequencies_slip"].values,
+        results.structure["frequencies_stuck"].values,
+        results.structure["frequencies_slip"].values,
         n_draws=min(n_draws, max(100, _MOST_SAMPLES // largest)),
     )
 

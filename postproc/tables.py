@@ -79,7 +79,7 @@ def of_processes(results: Results) -> Iterator[Table]:
 
 def of_chain(results: Results) -> Iterator[Table]:
     """Tables 1 and 2."""
-    if results.chain is not None:
+    if results.structure is not None:
         yield table_frequencies(results)
     if any(case.has("slip_fraction") for case in results.deterministic):
         yield table_slip(results)
@@ -103,7 +103,7 @@ SOURCES: tuple[Callable[[Results], Iterator[Table]], ...] = (
 
 
 def _paper_chain(results: Results) -> bool:
-    chain = results.chain
+    chain = results.structure
     return chain is not None and is_paper_chain(
         chain.sizes["mode"], chain["frequencies_stuck"].values.tolist()
     )
@@ -111,16 +111,16 @@ def _paper_chain(results: Results) -> bool:
 
 def table_frequencies(results: Results) -> Table:
     """Table 1: natural frequencies with every slider stuck, and with every slider slipping."""
-    assert results.chain is not None
+    assert results.structure is not None
     rows = []
     for name, dataset, paper in (
         ("stuck", "frequencies_stuck", STUCK_HZ),
         ("slipping", "frequencies_slip", SLIP_HZ),
     ):
-        rows.append((name, *(f"{hz:.4f}" for hz in results.chain[dataset].values)))
+        rows.append((name, *(f"{hz:.4f}" for hz in results.structure[dataset].values)))
         if _paper_chain(results):
             rows.append((f"{name}, paper", *(f"{hz:.2f}" for hz in paper)))
-    modes = range(1, results.chain.sizes["mode"] + 1)
+    modes = range(1, results.structure.sizes["mode"] + 1)
     note = "Eigenvalues to rounding; every digit of the paper's is met." if len(rows) > 2 else ""
     header, body = _upright("mode", modes, rows)
     return Table("table_1", "Table 1. Natural frequencies [Hz]", header, body, note)
@@ -145,7 +145,7 @@ def table_slip(results: Results) -> Table:
             f"{''.join(beside)} The paper's two rows are not consistent under one flat force"
             " spectrum; nothing was tuned."
         )
-    header, body = _upright("oscillator", range(1, cases[0].n_dof + 1), rows)
+    header, body = _upright("oscillator", range(1, cases[0].n_joints + 1), rows)
     if not beside or len(rows) > _MOST_ROWS:
         is_long = len(rows) > _MOST_ROWS
         return Table("slip", "Time in slip, friction certain [%]", header, body, note, is_long)
@@ -232,11 +232,16 @@ def table_statistics(case: Case) -> Table:
     columns = [(name, title) for name, title in _STATISTICS if name in data]
     percentiles = data["percentile"].values if case.has("pseudo_variance_percentiles") else ()
     rows = []
-    for i in range(case.n_dof):
+    n_of_dofs = len(percentiles) + 3 * case.has("band_ratio") + case.has("band_ratio_time_error")
+    for i in range(max(case.n_dof, case.n_joints)):
         row = [str(i + 1)]
-        row += [_with_error(data.isel(dof=i), name) for name, _ in columns]
+        here = data.isel({axis: i for axis in ("dof", "joint") if i < data.sizes.get(axis, 0)})
+        row += [_with_error(here, name) if here[name].ndim == 0 else "" for name, _ in columns]
+        if i >= case.n_dof:  # a joint more than there are dofs
+            rows.append((*row, *[""] * n_of_dofs))
+            continue
         row += [
-            _with_error(data.isel(dof=i, percentile=k), "pseudo_variance_percentiles")
+            _with_error(here.isel(percentile=k), "pseudo_variance_percentiles")
             for k in range(len(percentiles))
         ]
         if case.has("band_ratio"):
@@ -275,7 +280,7 @@ def table_sample(case: Case) -> Table:
         ("time in slip [%]", *map(value_with_error, 100.0 * slip, 100.0 * error)),
         ("slips begun", *(str(count) for count in data["slip_starts"].values)),
     ]
-    header, body = _upright("oscillator", range(1, case.n_dof + 1), rows)
+    header, body = _upright("oscillator", range(1, case.n_joints + 1), rows)
     title = f"{case.name}: sample {int(data['sample'])}, variance {case.variance:g}"
     return Table(f"sample_{case.name}", title, header, body, f"{_ERRORS} Of the time average.")
 

@@ -48,16 +48,33 @@ contains
             end do
          end do
       end do
-      if (scene%has_chain .and. scene%excitation%kind == 'file') &
+      if (scene%has_structure) &
+         text = text//'hash of the structure''s files = '//to_text(scene%structure_label)//new_line('a')
+      if (scene%has_structure .and. scene%runs_deterministic()) then
+         do i = 1, scene%structure%n_joints
+            text = text//'friction of joint '//to_text(i)//' = '// &
+                   to_text(scene%structure%joint_friction(i))//new_line('a')
+         end do
+      end if
+      if (scene%moves() .and. scene%excitation%kind == 'file') &
          text = text//'hash of the force file = '//to_text(scene%force_label)//new_line('a')
 
    contains
 
-      !> Without a chain, no group about motion changes anything.
+      !> Without a structure, no group about motion changes anything.
       pure logical function takes_part(group)
          character(*), intent(in) :: group
 
-         takes_part = scene%has_chain .or. any(group == ['scene  ', 'process'])
+         select case (group)
+         case ('scene', 'process')
+            takes_part = .true.
+         case ('chain')
+            takes_part = scene%has_chain
+         case ('structure')
+            takes_part = scene%has_structure
+         case default
+            takes_part = scene%moves()
+         end select
       end function takes_part
 
    end function canonical_text

@@ -9,14 +9,17 @@ module config_groups
    use config_integration, only: integration_group
    use config_output, only: output_group
    use config_process, only: process_group
+   use config_structure, only: structure_group
    use core_kinds, only: long, wp
+   use structure_model, only: structure_type
    implicit none(type, external)
    private
    public :: group_doc, group_names, scene_type
 
-   character(*), parameter :: group_names(8) = &
-                              [character(12) :: 'scene', 'process', 'chain', 'excitation', &
-                                                 'integration', 'campaign', 'accuracy', 'output']
+   character(*), parameter :: group_names(9) = &
+                              [character(12) :: 'scene', 'process', 'structure', 'chain', &
+                                                 'excitation', 'integration', 'campaign', &
+                                                 'accuracy', 'output']
 
    !> A group that is absent has its defaults here.
    type :: scene_type
@@ -24,16 +27,20 @@ module config_groups
       character(:), allocatable :: text            !! the file's, then the --set options as comments
       type(heading_group) :: heading
       type(process_group), allocatable :: processes(:)   !! (group), in file order
+      type(structure_group) :: structure_files
       type(chain_group) :: chain
       type(excitation_group) :: excitation
       type(integration_group) :: integration
       type(campaign_group) :: campaign
       type(accuracy_group) :: accuracy
       type(output_group) :: output
-      logical :: has_heading = .false., has_chain = .false., has_excitation = .false., &
+      logical :: has_heading = .false., has_structure = .false., has_chain = .false., &
+                 has_excitation = .false., &
                  has_integration = .false., has_campaign = .false., has_accuracy = .false., &
                  has_output = .false.
       logical :: friction_is_mean = .false.        !! of deterministic cases: process%mean
+      type(structure_type) :: structure            !! that of &structure
+      integer(long) :: structure_label = 0         !! fingerprint of what its files hold
       character(:), allocatable :: force_path      !! where excitation%file was found
       logical :: force_is_hdf5 = .false.           !! then who reads HDF5 sets what follows
       real(wp), allocatable :: force(:, :)         !! (0:n_steps, record) [N] of the force file
@@ -42,6 +49,9 @@ module config_groups
       character(80), allocatable :: unused(:)      !! group%name of what is given and has no effect
    contains
       procedure :: visit
+      procedure :: moves
+      procedure :: n_dof
+      procedure :: n_forces
       procedure :: runs_deterministic
       procedure :: runs_samples
    end type scene_type
@@ -58,10 +68,12 @@ contains
          text = 'what the study is called, and its seed'
       case ('process')
          text = 'wanted maximum-entropy processes (Sec. 2); the group may be repeated'
+      case ('structure')
+         text = 'a structure from files, held by Jenkins joints; instead of &chain'
       case ('chain')
          text = 'oscillators held by Jenkins elements (Sec. 3, Fig. 7); needs &excitation'
       case ('excitation')
-         text = 'the force on one mass of the chain'
+         text = 'the forces on the chain or structure'
       case ('integration')
          text = 'how the motion is marched through time'
       case ('campaign')
@@ -87,6 +99,8 @@ contains
          call self%heading%visit(visitor)
       case ('process')
          call self%processes(number)%visit(visitor)
+      case ('structure')
+         call self%structure_files%visit(visitor)
       case ('chain')
          call self%chain%visit(visitor)
       case ('excitation')
@@ -108,7 +122,7 @@ contains
    pure logical function runs_deterministic(self)
       class(scene_type), intent(in) :: self
 
-      runs_deterministic = self%has_chain .and. &
+      runs_deterministic = self%moves() .and. &
                            (self%campaign%deterministic .or. .not. self%runs_samples())
    end function runs_deterministic
 
@@ -116,7 +130,28 @@ contains
    pure logical function runs_samples(self)
       class(scene_type), intent(in) :: self
 
-      runs_samples = self%has_chain .and. size(self%processes) > 0 .and. self%campaign%n_samples > 0
+      runs_samples = self%moves() .and. size(self%processes) > 0 .and. self%campaign%n_samples > 0
    end function runs_samples
+
+   !> True if there is a structure to be marched.
+   pure logical function moves(self)
+      class(scene_type), intent(in) :: self
+
+      moves = self%has_structure .or. self%has_chain
+   end function moves
+
+   !> Degrees of freedom; 0 while they are not known.
+   pure integer function n_dof(self)
+      class(scene_type), intent(in) :: self
+
+      n_dof = merge(self%structure%n_dof, self%chain%n_dof, self%has_structure)
+   end function n_dof
+
+   !> Forces on the structure.
+   pure integer function n_forces(self)
+      class(scene_type), intent(in) :: self
+
+      n_forces = merge(self%structure%n_forces, 1, self%has_structure)
+   end function n_forces
 
 end module config_groups

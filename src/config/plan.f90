@@ -23,8 +23,9 @@ contains
       type(scene_type), intent(in) :: scene
       type(plan_type), intent(out) :: plan
       type(complaint_list), intent(inout) :: complaints
-      integer :: i
+      integer :: i, n_before
 
+      n_before = complaints%n
       plan%title = scene%heading%title
       if (plan%title == '') plan%title = scene_name(scene%path)
       plan%seed = scene%heading%seed
@@ -34,7 +35,6 @@ contains
       end do
       if (size(scene%processes) > 0) then
          plan%n_points = scene%processes(1)%n_points
-         if (scene%has_chain) plan%n_points = scene%chain%n_dof
          plan%n_realizations = scene%processes(1)%n_realizations
       end if
       plan%walltime = scene%campaign%walltime
@@ -42,9 +42,17 @@ contains
                                         scene%accuracy%target_band_ratio, &
                                         scene%accuracy%target_statistical, &
                                         scene%accuracy%sample_until_met, scene%accuracy%audit)
-      plan%has_structure = scene%has_chain
-      if (.not. scene%has_chain) return
-      call plan_chain(scene, plan, complaints)
+      plan%has_structure = scene%moves()
+      if (.not. scene%moves()) return
+      if (scene%has_structure) then
+         plan%structure = scene%structure
+         plan%friction = plan%structure%joint_friction
+         plan%friction_from = 'structure%joints'
+      else
+         call plan_chain(scene, plan, complaints)
+         if (complaints%n > n_before) return
+      end if
+      if (size(scene%processes) > 0) plan%n_points = plan%structure%n_points
       call plan_march(scene, plan)
       call plan_cases(scene, plan)
       call check_march(scene, plan, complaints)
@@ -101,6 +109,9 @@ contains
          if (scene%runs_deterministic()) plan%friction = per_dof(chain%friction)
          plan%friction_from = trim(merge('process%mean  ', 'chain%friction', &
                                          scene%friction_is_mean))
+         if (scene%excitation%dof == 0) return
+         plan%structure%load = 0.0_wp
+         plan%structure%load(scene%excitation%dof, 1) = 1.0_wp
       end associate
 
    contains
@@ -127,9 +138,7 @@ contains
          plan%excitation%kind = trim(excitation%kind)
          plan%excitation%band = excitation%band
          plan%excitation%dof = excitation%dof
-         if (excitation%dof == 0) plan%excitation%dof = scene%chain%n_dof
-         plan%structure%load = 0.0_wp
-         plan%structure%load(plan%excitation%dof, 1) = 1.0_wp
+         if (excitation%dof == 0) plan%excitation%dof = plan%structure%n_dof
          plan%excitation%file = ''
          if (allocated(scene%force_path)) plan%excitation%file = scene%force_path
          plan%excitation%per_sample = excitation%per_sample

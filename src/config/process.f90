@@ -103,7 +103,7 @@ contains
                     'any sign: Eq. 39 from its stationary law or from_rest, or Eq. 38 (matrix)', &
                     choices='stationary from_rest matrix', used=.not. self%positive)
       call visitor%visit(self%simulation, entry)
-      entry = about('n_points', 'of a written realization, for all &process; with &chain n_dof', &
+      entry = about('n_points', 'of a realization, for all &process; with motion: of the joints', &
                     rule=at_least(1.0_wp), shapes_samples=.false.)
       call visitor%visit(self%n_points, entry)
       entry = about('n_realizations', 'to be written, for all &process', rule=not_negative(), &

@@ -5,7 +5,9 @@ module config_rules
    use config_integration, only: fewest_measured
    use config_process, only: process_group
    use config_reader, only: reader_type
+   use config_structure_rules, only: check_structure
    use core_kinds, only: long, wp
+   use core_source, only: find_beside
    use core_text, only: to_text
    implicit none(type, external)
    private
@@ -21,15 +23,18 @@ contains
       type(reader_type), intent(inout) :: reader
       integer :: i
 
-      if (.not. scene%has_chain .and. size(scene%processes) == 0) &
-         call reader%complaints%add_general(scene%path//': must have &process or &chain')
+      if (.not. scene%moves() .and. size(scene%processes) == 0) &
+         call reader%complaints%add_general(scene%path// &
+                                            ': must have &process, &chain or &structure')
       do i = 1, size(scene%processes)
          call check_process(scene, i, reader)
       end do
       call check_realizations(scene, reader)
-      if (.not. scene%has_chain) return
-      call reader%require(scene%has_excitation, 'chain', 'n_dof', '&chain needs &excitation', &
-                          to_text(scene%chain%n_dof))
+      if (.not. scene%moves()) return
+      if (scene%has_structure) call check_structure(scene, reader)
+      if (.not. scene%has_structure) &
+         call reader%require(scene%has_excitation, 'chain', 'n_dof', '&chain needs &excitation', &
+                             to_text(scene%chain%n_dof))
       if (scene%has_excitation) call check_excitation(scene, reader)
       call find_friction(scene, reader)
       call check_steps(scene, reader)
@@ -65,7 +70,7 @@ contains
             call reader%require(.not. this%positive .or. this%mean > 0.0_wp, 'process', 'mean', &
                                 'must be positive with positive = .true.', number=i)
          call reader%require(this%positive .or. .not. scene%runs_samples(), 'process', 'positive', &
-                             'must be .true. with &chain: no friction coefficient is negative', &
+                             'must be .true. with motion: no friction coefficient is negative', &
                              number=i)
       end associate
    end subroutine check_process
@@ -125,7 +130,8 @@ contains
       type(scene_type), intent(inout) :: scene
       type(reader_type), intent(inout) :: reader
 
-      if (.not. scene%runs_deterministic() .or. reader%was_given('chain', 'friction')) return
+      if (.not. scene%runs_deterministic() .or. reader%was_given('chain', 'friction') .or. &
+          scene%has_structure) return
       associate (means => scene%processes%mean)
          call reader%require(size(means) > 0, 'chain', 'friction', &
                              'must be given: there is no &process whose mean it could take')
@@ -145,9 +151,9 @@ contains
                                  with_band = "with kind = 'band_limited'"
       real(wp) :: nyquist
 
-      associate (excitation => scene%excitation, n_dof => scene%chain%n_dof)
+      associate (excitation => scene%excitation, n_dof => scene%n_dof())
          if (n_dof > 0) call reader%require(excitation%dof <= n_dof, group, 'dof', &
-                                            'must not exceed chain%n_dof = '//to_text(n_dof))
+                                            'must not exceed the number of dofs, '//to_text(n_dof))
          if (excitation%kind == 'file') then
             call reader%require(size(excitation%variance) == 0, group, 'variance', &
                                 'must be absent '//with_file)
@@ -174,35 +180,23 @@ contains
       type(scene_type), intent(inout) :: scene
       type(reader_type), intent(inout) :: reader
       character(*), parameter :: group = 'excitation'
-      real(wp), allocatable :: record(:)
-      logical :: exists
       integer :: n_before
 
-      associate (file => scene%excitation%file)
-         scene%force_path = file
-         if (file(1:1) /= '/') &
-            scene%force_path = scene%path(:index(scene%path, '/', back=.true.))//file
-         inquire (file=scene%force_path, exist=exists)
-         if (.not. exists) then
-            scene%force_path = file
-            inquire (file=file, exist=exists)
-         end if
-      end associate
-      call reader%require(exists, group, 'file', 'no such file')
-      if (.not. exists) return
+      scene%force_path = find_beside(scene%path, scene%excitation%file)
+      call reader%require(scene%force_path /= '', group, 'file', 'no such file')
+      if (scene%force_path == '') return
       scene%force_is_hdf5 = is_hdf5_file(scene%force_path)
       if (scene%force_is_hdf5) return
 
       call reader%require(.not. scene%excitation%per_sample, group, 'per_sample', &
                           'needs an HDF5 file with one record per sample')
       n_before = reader%complaints%n
-      call read_force_text(scene%force_path, scene%integration%dt, record, reader%complaints)
+      call read_force_text(scene%force_path, scene%n_forces(), scene%integration%dt, scene%force, &
+                           reader%complaints)
       if (reader%complaints%n > n_before) return
-      allocate (scene%force(0:size(record) - 1, 1))
-      scene%force(:, 1) = record
-      call check_force(scene%force_path, scene%force, scene%integration%n_steps, 1, &
-                       reader%complaints)
-      scene%n_force_values = size(record)
+      call check_force(scene%force_path, scene%force, scene%integration%n_steps, &
+                       scene%n_forces(), reader%complaints)
+      scene%n_force_values = size(scene%force, 1)
       scene%force_label = force_label(scene%force)
    end subroutine check_force_file
 
@@ -234,10 +228,11 @@ contains
 
       associate (dofs => scene%output%dofs)
          call reader%require(all(dofs(2:) > dofs(:size(dofs) - 1)), 'output', 'dofs', 'must ascend')
-         call reader%require(all(dofs <= scene%chain%n_dof) .and. &
-                             (all(dofs > 0) .or. size(dofs) == 1), 'output', 'dofs', &
-                             'must be from 1 to chain%n_dof = '//to_text(scene%chain%n_dof)// &
-                             ', or 0')
+         if (scene%n_dof() > 0) &
+            call reader%require(all(dofs <= scene%n_dof()) .and. &
+                                (all(dofs > 0) .or. size(dofs) == 1), 'output', 'dofs', &
+                                'must be from 1 to '//to_text(scene%n_dof())// &
+                                ', the number of dofs, or 0')
       end associate
       associate (p => scene%output%percentiles, accuracy => scene%accuracy)
          call reader%require(all(p(2:) > p(:size(p) - 1)), 'output', 'percentiles', &
@@ -269,9 +264,9 @@ contains
          n = n + n_processes(scene%processes(i))
       end do
       n = n*max(1, size(scene%excitation%variance))
-      call reader%require(n <= max_cases, 'chain', 'n_dof', &
+      call reader%require(n <= max_cases, 'excitation', 'variance', &
                           'the scene makes '//to_text(n)//' cases: must be at most '// &
-                          to_text(max_cases), to_text(scene%chain%n_dof))
+                          to_text(max_cases))
    end subroutine check_number_of_cases
 
    !> Combinations that a group asks for.

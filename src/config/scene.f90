@@ -133,6 +133,7 @@ contains
          end do
       end do
       scene%has_heading = is_there('scene')
+      scene%has_structure = is_there('structure')
       scene%has_chain = is_there('chain')
       scene%has_excitation = is_there('excitation')
       scene%has_integration = is_there('integration')
@@ -171,7 +172,7 @@ contains
       integer :: i
 
       scene%unused = reader%unused
-      if (scene%has_chain) then
+      if (scene%moves()) then
          if (reader%was_given('chain', 'friction') .and. .not. scene%runs_deterministic()) &
             call note('chain%friction')
          return

@@ -11,6 +11,7 @@ module config_summary
    use process_model, only: branch_note, process_model_type, process_request
    use process_positive, only: way_of_drawing, way_type
    use process_scaling, only: first_of_fit
+   use structure_model, only: structure_type
    implicit none(type, external)
    private
    public :: summary_text
@@ -80,7 +81,7 @@ contains
          is_there = [size(plan%processes) > 0, size(plan%cases) > 0, &
                      any(plan%cases%process > 0), &
                      plan%has_structure .and. [output%spectrum, output%energy, output%history, &
-                                           output%transitions, repeats(plan)], &
+                                               output%transitions, repeats(plan)], &
                      plan%n_realizations > 0]
       end associate
       names = [character(40) :: 'processes', 'motion', 'samples with drawn friction', 'spectrum', &
@@ -162,11 +163,11 @@ contains
       end do
       text = ''
       if (any(by_windows)) text = labelled('exact law', numbers_text(by_windows)// &
-                         ': whole windows, redrawn until one is positive: '// &
-                         about(maxval(ways%n_windows, by_windows), by_windows)//' a realization')
+                                           ': whole windows, redrawn until one is positive: '// &
+                            about(maxval(ways%n_windows, by_windows), by_windows)//' a realization')
       if (any(by_sweeps)) text = text//labelled('exact law', numbers_text(by_sweeps)// &
-                     ': values of a window redrawn one at a time, in '// &
-                     about(real(maxval(ways%n_sweeps, by_sweeps), wp), by_sweeps)//' sweeps')
+                                               ': values of a window redrawn one at a time, in '// &
+                            about(real(maxval(ways%n_sweeps, by_sweeps), wp), by_sweeps)//' sweeps')
    end function drawing_text
 
    !> The most of several.
@@ -261,17 +262,12 @@ contains
 
       associate (chain => plan%structure, how => plan%integration, excitation => plan%excitation, &
                  n => plan%structure%n_dof)
-         text = labelled('chain', counted(n, 'dof', 'dofs')//', '// &
-                         brief(chain%frequencies_stuck(1))//' to '// &
-                         brief(chain%frequencies_stuck(n))//' Hz stuck, '// &
-                         brief(chain%frequencies_slip(1))//' to '// &
-                         brief(chain%frequencies_slip(n))//' Hz slipping')
+         text = structure_text(chain)
          force = 'noise from '//brief(excitation%band(1))//' to '//brief(excitation%band(2))//' Hz'
          if (excitation%kind == 'file') force = excitation%file
          if (any(plan%cases%process == 0)) text = text//labelled('friction', friction_text(plan))
-         text = text//labelled('force', force//' on dof '//to_text(excitation%dof)// &
-                               ', one record for '//trim(merge('each sample', 'all samples', &
-                                                               excitation%per_sample)))
+         text = text//labelled('force', force//loaded_text(plan)//', one record for '// &
+                               trim(merge('each sample', 'all samples', excitation%per_sample)))
          method = 'event, tolerance '//brief(how%tolerance)
          if (how%method == 'newmark') &
             method = 'newmark, at most '//counted(how%max_halvings, 'halving', 'halvings')
@@ -287,6 +283,41 @@ contains
                                   brief(1.0_wp/(plan%output%segment_length*how%dt))//' Hz apart')
       end associate
    end function motion_text
+
+   !> Sizes, mass, natural frequencies, and modes that move without force.
+   pure function structure_text(structure) result(text)
+      type(structure_type), intent(in) :: structure
+      character(:), allocatable :: text
+
+      associate (n => structure%n_dof)
+         text = labelled('structure', counted(n, 'dof', 'dofs')//', '// &
+                         counted(structure%n_joints, 'joint', 'joints')//', mass (1''M1) '// &
+                         brief(sum(structure%mass))//' kg')// &
+                labelled('frequencies', brief(structure%frequencies_stuck(1))//' to '// &
+                         brief(structure%frequencies_stuck(n))//' Hz stuck, '// &
+                         brief(structure%frequencies_slip(1))//' to '// &
+                         brief(structure%frequencies_slip(n))//' Hz slipping')
+      end associate
+      if (structure%n_zero_modes > 0) &
+        text = text//labelled('zero modes', to_text(structure%n_zero_modes)//' with all joints '// &
+                               'stuck: the structure moves there without force')
+   end function structure_text
+
+   !> Where the force acts: on one dof, or by the load.
+   pure function loaded_text(plan) result(text)
+      type(plan_type), intent(in) :: plan
+      character(:), allocatable :: text
+
+      associate (load => plan%structure%load)
+         if (size(load, 2) > 1) then
+            text = ' for each of '//to_text(size(load, 2))//' forces'
+         else if (count(abs(load) > 0.0_wp) == 1) then
+            text = ' on dof '//to_text(maxloc(abs(load(:, 1)), 1))
+         else
+            text = ' on '//counted(count(abs(load) > 0.0_wp), 'dof', 'dofs')
+         end if
+      end associate
+   end function loaded_text
 
    !> Friction of the deterministic cases, and which value of the scene it is.
    pure function friction_text(plan) result(text)
@@ -370,21 +401,25 @@ contains
       integer, intent(in) :: block_width
       character(:), allocatable :: text
       integer :: n_kept   ! dofs of spectra and histories
-      real(wp) :: n_samples, spectrum, history, force, memory, results
+      real(wp) :: n_samples, spectrum, history, force, matrices, memory, results
 
       n_samples = sum(real(plan%cases%n_samples, wp))
       n_kept = size(kept_dofs(plan))
-      associate (output => plan%output, n_dof => plan%structure%n_dof)
+      associate (output => plan%output, n_dof => plan%structure%n_dof, &
+                 n_joints => plan%structure%n_joints)
          spectrum = 0.0_wp   ! of one sample, as the two below
          if (output%spectrum) spectrum = word*n_kept*(output%segment_length/ &
-                                                     max(2, 2*output%spectrum_every) + 1.0_wp)
+                                                      max(2, 2*output%spectrum_every) + 1.0_wp)
          history = 0.0_wp
          if (output%history) history = 2.0_wp*word*n_kept*(plan%integration%n_steps + 1.0_wp)
-         force = word*(plan%integration%n_steps + 1.0_wp)
-         memory = force + block_width*(3.0_wp*spectrum + history) + &
+         force = word*plan%structure%n_forces*(plan%integration%n_steps + 1.0_wp)
+         matrices = 8.0_wp*word*n_dof*(n_dof + n_joints)
+         if (plan%integration%method == 'newmark') &
+            matrices = matrices*(1.0_wp + plan%integration%max_halvings/8.0_wp)
+         memory = matrices + force + block_width*(3.0_wp*spectrum + history) + &
                   maxval(plan%cases%n_samples)*spectrum
          if (plan%excitation%per_sample) memory = memory + block_width*force
-         results = n_samples*(spectrum + history + 4.0_wp*word*n_dof)
+         results = n_samples*(spectrum + history + 6.0_wp*word*n_joints)
       end associate
       text = labelled('memory', 'up to '//size_text(memory)//' a rank')// &
              labelled('results', 'up to '//size_text(results))

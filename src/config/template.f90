@@ -15,7 +15,7 @@ contains
 
    !> A complete commented scene: the paper's study where values must be given, else the defaults.
    function template_text() result(text)
-      character(:), allocatable :: text
+      character(:), allocatable :: mark, text
       type(lister_type) :: lister
       type(scene_type) :: scene
       integer :: i, j
@@ -27,15 +27,16 @@ contains
       do i = 1, size(group_names)
          lister = lister_type()
          call scene%visit(trim(group_names(i)), 1, lister)
-         text = text//line_feed//'! '//group_doc(trim(group_names(i)))//line_feed//'&'// &
+         mark = trim(merge('! ', '  ', group_names(i) == 'structure'))   ! it excludes &chain
+         text = text//line_feed//'! '//group_doc(trim(group_names(i)))//line_feed//mark//'&'// &
                 trim(group_names(i))//line_feed
          do j = 1, size(lister%rows)
             associate (row => lister%rows(j))
-               text = text//with_comment('   '//trim(row%entry%name)//' = '//row%value, &
-                                         description(row))
+               text = text//with_comment(mark//repeat(' ', 3 - len(mark))//trim(row%entry%name)// &
+                                         ' = '//row%value, description(row))
             end associate
          end do
-         text = text//'/'//line_feed
+         text = text//mark//'/'//line_feed
       end do
    end function template_text
 

@@ -4,7 +4,7 @@ module core_source
    use core_text, only: to_text
    implicit none(type, external)
    private
-   public :: source_type, byte_order_mark, new_source, read_source, try_file
+   public :: source_type, byte_order_mark, find_beside, new_source, read_source, try_file
 
    integer, parameter :: line_feed = 10
    !> Some editors begin UTF-8 text with it.
@@ -43,6 +43,21 @@ contains
          source%line_start(n) = i + 1
       end do
    end function new_source
+
+   !> Path of a file beside another one, else in the current directory; '' where it is in neither.
+   function find_beside(path, file) result(found)
+      character(*), intent(in) :: path, file
+      character(:), allocatable :: found
+      logical :: exists
+
+      found = file
+      if (file(1:1) /= '/') found = path(:index(path, '/', back=.true.))//file
+      inquire (file=found, exist=exists)
+      if (exists) return
+      found = file
+      inquire (file=found, exist=exists)
+      if (.not. exists) found = ''
+   end function find_beside
 
    !> Reads a whole file; `refusal` is allocated when that cannot be done, and says why.
    subroutine read_source(path, source, refusal, most_bytes)

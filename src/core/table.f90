@@ -1,15 +1,15 @@
-!> Tables of numbers in text files: rows of values between blanks, one a line.
+!> Tables of numbers in text files: one row a line, its values between blanks or semicolons.
 module core_table
    use core_complaints, only: complaint_list, printable
    use core_kinds, only: wp
    use core_numbers, only: parse_real
-   use core_source, only: read_source, source_type
+   use core_source, only: byte_order_mark, read_source, source_type
    use core_text, only: to_text
    implicit none(type, external)
    private
    public :: next_word, read_table, table_type
 
-   character(*), parameter :: blanks = ' '//achar(9)//achar(13)
+   character(*), parameter :: blanks = ' ;'//achar(9)//achar(13)
    integer, parameter :: max_shown = 10        !! bad lines that are named one by one
    integer, parameter :: longest_line = 4096   !! [characters]
 
@@ -47,6 +47,7 @@ contains
       n_bad = 0
       do number = 1, source%n_lines()
          line = source%line(number)
+         if (number == 1 .and. index(line, byte_order_mark) == 1) line = line(4:)
          call parse_row(line(:before_comment(line, marks)), fewest, values, n, rule)
          if (allocated(rule)) then
             n_bad = n_bad + 1
@@ -89,7 +90,7 @@ contains
          call next_word(line, first, last)
          if (first > last) exit
          n = n + 1
-         if (n > size(values) .or. scan(line(first:last), ',;') > 0) then
+         if (n > size(values) .or. index(line(first:last), ',') > 0) then
             rule = 'must be '//number_of_values(fewest, size(values))
          else
             call parse_real(line(first:last), values(n), rule)
@@ -131,7 +132,7 @@ contains
       else
          text = to_text(fewest)//' to '//to_text(most)//' values'
       end if
-      if (most > 1) text = text//' between blanks'
+      if (most > 1) text = text//' with blanks or ; between'
    end function number_of_values
 
    pure subroutine append_row(table, values, n, line)

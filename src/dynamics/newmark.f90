@@ -7,19 +7,21 @@ module dynamics_newmark
    use core_error, only: error_type, exit_bad_input, raise
    use core_kinds, only: long, wp
    use core_text, only: to_text
-   use structure_model, only: structure_type
    use dynamics_newmark_block, only: load_block, newmark_block, store_block
+   use dynamics_newmark_frame, only: new_newmark_frame, newmark_frame
    use dynamics_newmark_recorder, only: newmark_recorder, start_recorder
    use dynamics_newmark_steps, only: new_newmark_steps, newmark_steps
    use dynamics_response, only: block_state, marcher_type
+   use structure_model, only: structure_type
    implicit none(type, external)
    private
    public :: newmark_marcher, new_newmark
 
    integer, parameter :: most_halvings = 30   !! time is a number of smallest steps, in 64 bits
 
-   !> The march by Newmark's scheme, prepared for one chain, step and forced mass.
+   !> The march by Newmark's scheme, prepared for one structure and step.
    type, extends(marcher_type) :: newmark_marcher
+      type(newmark_frame), private :: frame
       type(newmark_steps), private :: steps
    contains
       procedure :: advance
@@ -27,35 +29,35 @@ module dynamics_newmark
 
 contains
 
-   !> Newmark's scheme for one chain, average acceleration with beta = 1/4 and gamma = 1/2.
-   subroutine new_newmark(chain, dt, max_halvings, beta, gamma, forced_dof, marcher, error)
-      type(structure_type), intent(in) :: chain
+   !> Newmark's scheme for one structure, average acceleration with beta = 1/4 and gamma = 1/2.
+   subroutine new_newmark(structure, dt, max_halvings, beta, gamma, marcher, error)
+      type(structure_type), intent(in) :: structure
       real(wp), intent(in) :: dt                 !! [s]
       integer, intent(in) :: max_halvings        !! smallest step dt/2^max_halvings
       real(wp), intent(in) :: beta, gamma
-      integer, intent(in) :: forced_dof
       type(newmark_marcher), intent(out) :: marcher
       type(error_type), allocatable, intent(out) :: error
 
-      call check_parameters(chain, dt, max_halvings, beta, gamma, forced_dof, error)
+      call check_parameters(structure, dt, max_halvings, beta, gamma, error)
       if (allocated(error)) return
-      marcher%structure = chain
+      marcher%structure = structure
       marcher%dt = dt
-      marcher%forced_dof = forced_dof
-      call new_newmark_steps(chain, dt, max_halvings, beta, gamma, forced_dof, marcher%steps, error)
+      call new_newmark_frame(structure, marcher%frame, error)
+      if (allocated(error)) return
+      call new_newmark_steps(marcher%frame, dt, max_halvings, beta, gamma, marcher%steps, error)
    end subroutine new_newmark
 
    !> Refuses what cannot be marched. The scheme is stable for every step if 2 beta >= gamma >= 1/2;
-   !> below, if omega dt <= 1/sqrt(gamma/2 - beta) for the fastest mode, that of the stuck chain.
-   pure subroutine check_parameters(chain, dt, max_halvings, beta, gamma, forced_dof, error)
-      type(structure_type), intent(in) :: chain
+   !> below, if omega dt <= 1/sqrt(gamma/2 - beta) for the fastest mode, that of all joints stuck.
+   pure subroutine check_parameters(structure, dt, max_halvings, beta, gamma, error)
+      type(structure_type), intent(in) :: structure
       real(wp), intent(in) :: dt, beta, gamma
-      integer, intent(in) :: max_halvings, forced_dof
+      integer, intent(in) :: max_halvings
       type(error_type), allocatable, intent(out) :: error
       real(wp), parameter :: two_pi = 8.0_wp*atan(1.0_wp)
       real(wp) :: rate
 
-      rate = two_pi*maxval(chain%frequencies_stuck)
+      rate = two_pi*maxval(structure%frequencies_stuck)
       if (.not. dt > 0.0_wp) then
          call raise(error, exit_bad_input, 'integration%dt = '//to_text(dt)//': must be positive')
       else if (max_halvings < 0 .or. max_halvings > most_halvings) then
@@ -71,9 +73,6 @@ contains
          call raise(error, exit_bad_input, 'integration%beta = '//to_text(beta)// &
                     ': with this gamma and dt must be at least '// &
                     to_text(0.5_wp*gamma - 1.0_wp/(rate*dt)**2)//' to be stable')
-      else if (forced_dof < 1 .or. forced_dof > chain%n_dof) then
-         call raise(error, exit_bad_input, 'excitation%dof = '//to_text(forced_dof)// &
-                    ': the chain has '//to_text(chain%n_dof)//' masses')
       end if
    end subroutine check_parameters
 
@@ -92,8 +91,7 @@ contains
 
       n_steps = ubound(force, 1)
       if (n_steps == 0) return
-  call load_block(self%structure, self%dt, self%forced_dof, self%steps%max_halvings, force, state, &
-                      block)
+      call load_block(self%frame, self%dt, self%steps%max_halvings, force, state, block)
       call start_recorder(state, block, merge(every, 0, size(displacement) > 0), recorder)
       do step = 0, n_steps - 1, steps_apart
          call march_to(min(step + steps_apart, n_steps))
@@ -123,7 +121,7 @@ contains
                           n_due, switching, n_switching)
             do k = 1, n_switching
                w = switching(k)
-               call block%switch_at_nearer_end(self%structure, state, w)
+               call block%switch_at_nearer_end(state, w)
                if (block%tick(w) == recorder%next_tick(w)) call append(w, due, n_due)
                if (block%tick(w) < last) call append(w, sample, n_active)
             end do

@@ -10,11 +10,12 @@
 module dynamics_newmark_steps
    use core_error, only: error_type
    use core_kinds, only: long, wp
-   use structure_model, only: structure_type
    use dynamics_newmark_block, only: newmark_block
-   use dynamics_newmark_long, only: try_long
-   use dynamics_alignment, only: first_aligned, register_width, whole_registers
-   use numerics_lapack, only: solve_positive_definite
+   use dynamics_newmark_frame, only: newmark_frame
+   use dynamics_newmark_woodbury, only: inverse_of, new_newmark_system, newmark_system, &
+                                        try_woodbury
+   use dynamics_alignment, only: first_aligned, register_width
+   use structure_model, only: structure_type
    implicit none(type, external)
    private
    public :: newmark_steps, new_newmark_steps
@@ -24,36 +25,31 @@ module dynamics_newmark_steps
 
    !> Tables of steps, by level of halving and pattern of stuck sliders.
    type :: newmark_steps
-      type(structure_type) :: chain
-      integer :: forced_dof = 0
       integer :: max_halvings = 0
       real(wp) :: beta = 0.0_wp, gamma = 0.0_wp
-      real(wp), allocatable :: weight(:, :)       !! (5, level) see try_long
+      real(wp), allocatable :: weight(:, :)       !! (5, level) see newmark_level
       real(wp), allocatable :: share(:)           !! (level) h/dt
-      real(wp), allocatable :: rigid(:, :)        !! (rows, 6) see try_long
+      real(wp), allocatable :: rigid(:, :)        !! (rows, 5) b, M/gamma, K by diagonals
       real(wp), allocatable :: table(:)           !! (rows; columns; pattern; level)
       integer :: first_entry = 1                  !! of the table, where a cache line begins
-      real(wp), allocatable :: inverse(:, :, :)   !! (rows, n, level) of the stuck chain
-      integer, allocatable :: span(:, :, :)       !! (2, n, level) of it: see try_long
+      type(newmark_system), allocatable :: system !! where there are no tables
    contains
       procedure :: try
    end type newmark_steps
 
 contains
 
-   !> The tables for one chain and step.
-   subroutine new_newmark_steps(chain, dt, max_halvings, beta, gamma, forced_dof, steps, error)
-      type(structure_type), intent(in) :: chain
-      real(wp), intent(in) :: dt
-      integer, intent(in) :: max_halvings, forced_dof
+   !> Tables for short rows of masses and average acceleration, else the system of all structures.
+   subroutine new_newmark_steps(frame, dt, max_halvings, beta, gamma, steps, error)
+      type(newmark_frame), intent(in) :: frame
+      real(wp), intent(in) :: dt                 !! [s]
+      integer, intent(in) :: max_halvings
       real(wp), intent(in) :: beta, gamma
       type(newmark_steps), intent(out) :: steps
       type(error_type), allocatable, intent(out) :: error
       real(wp) :: h
       integer :: level
 
-      steps%chain = chain
-      steps%forced_dof = forced_dof
       steps%max_halvings = max_halvings
       steps%beta = beta
       steps%gamma = gamma
@@ -64,11 +60,13 @@ contains
          h = dt*steps%share(level)
          steps%weight(:, level) = [h*(1.0_wp - gamma), h*gamma, h, h**2*(0.5_wp - beta), h**2*beta]
       end do
-      call note_rigid_part(steps)
-      if (chain%n_dof <= rows .and. .not. abs(beta - 0.5_wp*gamma) > 0.0_wp) then
-         call fill_table(steps, error)
+      if (frame%is_row .and. frame%structure%n_dof <= rows .and. &
+          .not. abs(beta - 0.5_wp*gamma) > 0.0_wp) then
+         call note_rigid_part(steps, frame%structure)
+         call fill_table(steps, frame%structure, error)
       else
-         call fill_inverse(steps, error)
+         allocate (steps%system)
+         call new_newmark_system(frame%structure, steps%weight, beta, gamma, steps%system, error)
       end if
    end subroutine new_newmark_steps
 
@@ -79,7 +77,7 @@ contains
       integer, intent(in) :: sample(:)               !! their numbers
       type(newmark_block), intent(inout) :: block
       integer(long), intent(inout) :: has_passed(:)  !! (all samples) set for those listed
-      integer :: k, l, n, n_tries, w
+      integer :: k, n, n_tries, w
 
       n = block%n_dof
       n_tries = size(sample)
@@ -98,13 +96,8 @@ contains
          else
             do k = 1, n_tries
                w = sample(k)
-               l = most - trailz(block%ticks(w))
-               call try_long(n, size(block%motion, 1), self%share(l)*block%change_of_force(w), &
-                             (0.5_wp - self%beta/self%gamma)*self%weight(3, l), share, &
-                             self%beta*self%weight(3, l)**2, self%weight(:, l), self%rigid, &
-                             self%span(:, :, l), self%inverse(:, :, l), block%bounds(:, :, w), &
-                             block%slot(w), &
-                             block%motion(:, :, :, w), block%room, block%list, has_passed(w))
+               call try_woodbury(self%system, most - trailz(block%ticks(w)), block, w, &
+                                 has_passed(w))
             end do
          end if
       end associate
@@ -232,38 +225,40 @@ contains
    end subroutine finish_tries
 
    !> What does not depend on the sliders, in whole registers.
-   pure subroutine note_rigid_part(self)
+   pure subroutine note_rigid_part(self, structure)
       type(newmark_steps), intent(inout) :: self
+      type(structure_type), intent(in) :: structure
       integer :: i, n
 
-      n = self%chain%n_dof
-      allocate (self%rigid(whole_registers(n), 6), source=0.0_wp)
-      self%rigid(self%forced_dof, 1) = 1.0_wp
-      self%rigid(:n, 2) = self%chain%lumped_mass()/self%gamma
+      n = structure%n_dof
+      allocate (self%rigid(rows, 5), source=0.0_wp)
+      self%rigid(:n, 1) = structure%load(:, 1)
+      self%rigid(:n, 2) = structure%lumped_mass()/self%gamma
       do i = 1, n
-         if (i > 1) self%rigid(i, 3) = self%chain%stiffness(i, i - 1)
-         self%rigid(i, 4) = self%chain%stiffness(i, i)
-         if (i < n) self%rigid(i, 5) = self%chain%stiffness(i, i + 1)
+         if (i > 1) self%rigid(i, 3) = structure%stiffness(i, i - 1)
+         self%rigid(i, 4) = structure%stiffness(i, i)
+         if (i < n) self%rigid(i, 5) = structure%stiffness(i, i + 1)
       end do
-      self%rigid(:n, 6) = self%chain%joint_stiffness
    end subroutine note_rigid_part
 
-   !> S^-1 for all patterns and levels of a short chain; what is beyond n is zero.
-   subroutine fill_table(self, error)
+   !> S^-1 for all patterns and levels of a short row; what is beyond n is zero.
+   subroutine fill_table(self, structure, error)
       type(newmark_steps), intent(inout) :: self
+      type(structure_type), intent(in) :: structure
       type(error_type), allocatable, intent(out) :: error
-      real(wp) :: inverse(self%chain%n_dof, self%chain%n_dof)
+      real(wp), allocatable :: inverse(:, :)
       integer :: columns, i, level, n, next, pattern
 
-      n = self%chain%n_dof
+      n = structure%n_dof
       columns = table_columns(n)
       allocate (self%table(rows*columns*2**n*(self%max_halvings + 1) + rows), source=0.0_wp)
       self%first_entry = first_aligned(self%table)
       next = self%first_entry
       do level = 0, self%max_halvings
          do pattern = 0, 2**n - 1
-           call invert(self, level, self%chain%stuck_stiffness([(btest(pattern, i), i=0, n - 1)]), &
-                        inverse, error)
+            call inverse_of(structure, &
+                            structure%stuck_stiffness([(btest(pattern, i), i=0, n - 1)]), &
+                            self%weight(3, level), self%beta, self%gamma, inverse, error)
             if (allocated(error)) return
             do i = 1, n
                self%table(next:next + n - 1) = inverse(:, i)
@@ -279,71 +274,5 @@ contains
 
       table_columns = merge(narrow, rows, n <= narrow)
    end function table_columns
-
-   subroutine fill_inverse(self, error)
-      type(newmark_steps), intent(inout) :: self
-      type(error_type), allocatable, intent(out) :: error
-      logical :: is_stuck(self%chain%n_dof)
-      integer :: level, n
-
-      n = self%chain%n_dof
-      is_stuck = .true.
-      allocate (self%inverse(size(self%rigid, 1), n, 0:self%max_halvings), source=0.0_wp)
-      allocate (self%span(2, n, 0:self%max_halvings))
-      do level = 0, self%max_halvings
-   call invert(self, level, self%chain%stuck_stiffness(is_stuck), self%inverse(:n, :, level), error)
-         if (allocated(error)) return
-         self%span(:, :, level) = span_of(self%inverse(:n, :, level))
-      end do
-   end subroutine fill_inverse
-
-   !> From the first to the last row, in whole registers, in which a column of S^-1 counts, or one
-   !> of the four that are taken together; what is left out changes no product beyond rounding,
-   !> measured by the energy that S stands for.
-   pure function span_of(inverse) result(span)
-      real(wp), intent(in) :: inverse(:, :)
-      integer :: span(2, size(inverse, 2))
-      real(wp) :: least
-      integer :: i, j, n
-
-      n = size(inverse, 1)
-      least = 0.1_wp*epsilon(1.0_wp)/n
-      do j = 1, n
-         span(:, j) = j
-         do i = 1, n
-            if (abs(inverse(i, j)) <= least*sqrt(inverse(i, i)*inverse(j, j))) cycle
-            span(1, j) = min(span(1, j), i)
-            span(2, j) = max(span(2, j), i)
-         end do
-         span(1, j) = span(1, j) - modulo(span(1, j) - 1, rows)
-         span(2, j) = whole_registers(span(2, j))
-      end do
-      do j = 1, n - 3, 4
-         span(1, j:j + 3) = minval(span(1, j:j + 3))
-         span(2, j:j + 3) = maxval(span(2, j:j + 3))
-      end do
-   end function span_of
-
-   !> S^-1 for one stiffness and level.
-   subroutine invert(self, level, stiffness, inverse, error)
-      type(newmark_steps), intent(in) :: self
-      integer, intent(in) :: level
-      real(wp), intent(in) :: stiffness(:, :)
-      real(wp), intent(out) :: inverse(:, :)
-      type(error_type), allocatable, intent(out) :: error
-      real(wp), dimension(size(stiffness, 1), size(stiffness, 1)) :: s, unit
-      real(wp) :: h
-      integer :: i
-
-      h = self%weight(3, level)
-      s = self%gamma*h*self%chain%damping + self%beta*h**2*stiffness
-      unit = 0.0_wp
-      do i = 1, size(s, 1)
-         s(i, i) = s(i, i) + self%chain%mass(i, i)
-         unit(i, i) = 1.0_wp
-      end do
-      call solve_positive_definite(s, unit, error)
-      inverse = unit
-   end subroutine invert
 
 end module dynamics_newmark_steps

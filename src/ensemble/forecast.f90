@@ -95,7 +95,7 @@ contains
       short%output%segment_length = min(short%output%segment_length, every*(n_steps/every))
       short%output%spectrum_every = every
       short%excitation%kind = 'file'
-      short%excitation%per_sample = size(level%force, 2) > 1
+      short%excitation%per_sample = size(level%force, 2) > plan%structure%n_forces
       associate (n => size(level%sample))
          short%cases = [case_type(0, 0.0_wp, n)]
          if (n_audited > 0) short%cases = [short%cases, case_type(0, 0.0_wp, n_audited, audits=1)]

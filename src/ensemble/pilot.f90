@@ -78,7 +78,7 @@ contains
    pure function average_friction(plan, which) result(friction)
       type(plan_type), intent(in) :: plan
       type(case_type), intent(in) :: which
-      real(wp) :: friction(plan%structure%n_dof, 1)
+      real(wp) :: friction(plan%structure%n_joints, 1)
 
       if (which%process == 0) then
          friction(:, 1) = plan%friction

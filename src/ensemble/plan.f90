@@ -19,7 +19,7 @@ module ensemble_plan
       integer :: audits = 0            !! the case whose samples it repeats, to find their errors
    end type case_type
 
-   !> The force that acts on one mass.
+   !> The forces on the structure.
    type :: excitation_settings
       character(:), allocatable :: kind      !! 'band_limited' or 'file'
       real(wp) :: band(2) = 0.0_wp           !! [Hz]
@@ -72,8 +72,8 @@ module ensemble_plan
       integer :: n_realizations = 0
       logical :: has_structure = .false.        !! without one only processes are solved
       type(structure_type) :: structure
-      real(wp), allocatable :: friction(:)      !! (dof) for cases without process
-      character(:), allocatable :: friction_from   !! 'chain%friction' or 'process%mean'
+      real(wp), allocatable :: friction(:)      !! (joint) for cases without process
+      character(:), allocatable :: friction_from   !! 'chain%friction', 'process%mean' or the joints
       type(excitation_settings) :: excitation
       type(integration_settings) :: integration
       type(case_type), allocatable :: cases(:)  !! in case-number order, c001 first; audits last

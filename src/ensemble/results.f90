@@ -22,11 +22,13 @@ module ensemble_results
       integer :: case_number = 0
       integer :: first_sample = 0
       integer :: n_samples = 0
-      real(wp), allocatable :: friction(:, :)            !! (dof, sample) mu
-      real(wp), allocatable :: slip_fraction(:, :)       !! (dof, sample) of the time
-      real(wp), allocatable :: slip_series(:, :, :)      !! (dof, span, sample) of each span's time
-      integer(long), allocatable :: slip_starts(:, :)    !! (dof, sample)
-      integer(long), allocatable :: stick_starts(:, :)   !! (dof, sample)
+      real(wp), allocatable :: friction(:, :)            !! (joint, sample) mu
+      real(wp), allocatable :: slip_fraction(:, :)       !! (joint, sample) of the time
+      real(wp), allocatable :: slip_series(:, :, :)      !! (joint, span, sample) of a span's time
+      integer(long), allocatable :: slip_starts(:, :)    !! (joint, sample)
+      integer(long), allocatable :: stick_starts(:, :)   !! (joint, sample)
+      real(wp), allocatable :: slip_distance(:, :)       !! (joint, sample) [m]
+      real(wp), allocatable :: dissipation(:, :)         !! (joint, sample) mu N times it [J]
       real(wp), allocatable :: psd(:, :, :)   !! (dof, frequency, sample), one-sided [m^2/Hz]
       !> (dof, batch and range, sample) mean square [m^2] in consecutive batches of the march,
       !> within the ranges of frequencies of last_of_ranges; those of a range together
@@ -40,11 +42,11 @@ module ensemble_results
    !> Statistics over the samples of one case. Errors are standard errors, intervals are of 95 %.
    type :: case_statistics
       integer :: n_samples = 0
-      real(wp), allocatable :: slip_mean(:), slip_std(:)               !! (dof)
-      real(wp), allocatable :: slip_mean_error(:), slip_std_error(:)   !! (dof)
-      !> (dof) of what the samples have in common, for a march of finite length
+      real(wp), allocatable :: slip_mean(:), slip_std(:)               !! (joint)
+      real(wp), allocatable :: slip_mean_error(:), slip_std_error(:)   !! (joint)
+      !> (joint) of what the samples have in common, for a march of finite length
       real(wp), allocatable :: slip_mean_time_error(:)
-      real(wp), allocatable :: slip_std_time_part(:)     !! (dof) standard deviation it adds
+      real(wp), allocatable :: slip_std_time_part(:)     !! (joint) standard deviation it adds
       real(wp), allocatable :: psd_mean(:, :)                     !! (dof, frequency) [m^2/Hz]
       real(wp), allocatable :: psd_mean_error(:, :)               !! (dof, frequency)
       real(wp), allocatable :: psd_percentiles(:, :, :)           !! (dof, frequency, percentile)

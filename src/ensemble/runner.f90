@@ -1,7 +1,7 @@
 !> What all blocks of a plan share: the marcher, the force record, the layout of the spectra.
 module ensemble_runner
    use core_error, only: error_type
-   use core_kinds, only: wp
+   use core_kinds, only: long, wp
    use core_random, only: label_of, new_stream, stream_type
    use dynamics_exact_march, only: exact_march, new_exact_march
    use dynamics_excitation, only: band_limited_force
@@ -24,7 +24,8 @@ module ensemble_runner
       type(plan_type) :: plan
       class(marcher_type), allocatable :: marcher
       class(marcher_type), allocatable :: reference   !! of audits, where there are any
-      real(wp), allocatable :: force(:, :)   !! (0:n_steps, 1 or sample) [N]; drawn: unit variance
+      !> (0:n_steps, force, or force + n_forces*(sample - 1)) [N]; drawn: unit variance
+      real(wp), allocatable :: force(:, :)
       type(spectrum_layout) :: layout
       !> (dof, case) of the variance, above the kept Nyquist frequency in the pilot march
       real(wp), allocatable :: folded_share(:, :)
@@ -54,8 +55,8 @@ contains
       if (plan%excitation%kind == 'file') then
          runner%force = file_force
       else if (.not. plan%excitation%per_sample) then
-         allocate (runner%force(0:plan%integration%n_steps, 1))
-         call runner%draw_force(0, runner%force(:, 1), error)
+         allocate (runner%force(0:plan%integration%n_steps, plan%structure%n_forces))
+         call runner%draw_force(0, runner%force, error)
          if (allocated(error)) return
       end if
       call runner%use_every(max(plan%output%spectrum_every, 1))
@@ -73,7 +74,7 @@ contains
       associate (dof => plan%excitation%dof)
          if (how%method == 'newmark') then
             allocate (newmark)
-            call new_newmark(plan%structure, how%dt, how%max_halvings, how%beta, how%gamma, dof, &
+            call new_newmark(plan%structure, how%dt, how%max_halvings, how%beta, how%gamma, &
                              newmark, error)
             call move_alloc(newmark, marcher)
          else
@@ -84,19 +85,25 @@ contains
       end associate
    end subroutine new_marcher
 
-   !> The band-limited record of a sample (0: the one shared by all); its variance is expected to
-   !> be 1.
+   !> The band-limited records of a sample (0: those shared by all), one of each force, independent
+   !> of each other; their variance is expected to be 1.
    subroutine draw_force(self, sample, force, error)
       class(runner_type), intent(in) :: self
       integer, intent(in) :: sample
-      real(wp), intent(out) :: force(0:)   !! (step) [N]
+      real(wp), intent(out) :: force(0:, :)   !! (step, force) [N]
       type(error_type), allocatable, intent(out) :: error
       type(stream_type) :: stream
+      integer(long) :: label
+      integer :: k
 
-      stream = new_stream(self%plan%seed, label_of('force'), sample)
-      associate (band => self%plan%excitation%band, dt => self%plan%integration%dt)
-         call band_limited_force(band, dt, stream, force, error)
-      end associate
+      label = label_of('force')
+      do k = 1, size(force, 2)
+         if (k > 1) label = label_of(label_of('force'), k)
+         stream = new_stream(self%plan%seed, label, sample)
+         call band_limited_force(self%plan%excitation%band, self%plan%integration%dt, stream, &
+                                 force(:, k), error)
+         if (allocated(error)) return
+      end do
    end subroutine draw_force
 
    !> The force of a case as it acted, for its histories [N].
@@ -104,18 +111,19 @@ contains
       class(runner_type), intent(in) :: self
       integer, intent(in) :: case_number
       integer, intent(in) :: first_sample     !! of the records, where each sample has its own
-      real(wp), intent(out) :: force(0:, :)   !! (step, 1 or sample)
+      real(wp), intent(out) :: force(0:, :)   !! (step, force, or force and sample)
       type(error_type), allocatable, intent(out) :: error
-      integer :: i
+      integer :: first, i
 
-      associate (excitation => self%plan%excitation)
-         do i = 1, size(force, 2)
+      associate (excitation => self%plan%excitation, n => self%plan%structure%n_forces)
+         do i = 1, size(force, 2)/n
+            first = n*(first_sample + i - 2)   ! column of self%force before those of the sample
             if (.not. excitation%per_sample) then
-               force(:, i) = self%force(:, 1)
+               force(:, :) = self%force(:, :n)
             else if (excitation%kind == 'file') then
-               force(:, i) = self%force(:, first_sample + i - 1)
+               force(:, n*(i - 1) + 1:n*i) = self%force(:, first + 1:first + n)
             else
-               call self%draw_force(first_sample + i - 1, force(:, i), error)
+               call self%draw_force(first_sample + i - 1, force(:, n*(i - 1) + 1:n*i), error)
                if (allocated(error)) return
             end if
          end do
@@ -151,7 +159,8 @@ contains
       real(wp) :: bytes
 
       bytes = 0.0_wp
-      if (plan%excitation%per_sample) bytes = 8.0_wp*plan%integration%n_steps
+      if (plan%excitation%per_sample) &
+         bytes = 8.0_wp*plan%structure%n_forces*plan%integration%n_steps
       if (plan%output%history) &
          bytes = bytes + 16.0_wp*size(kept_dofs(plan))*plan%integration%n_steps
       width = widest_block

@@ -25,10 +25,10 @@ module ensemble_sample
       type(output_settings) :: keeps
       integer, allocatable :: dofs(:)                 !! of spectra and histories
       logical :: is_audit = .false.                   !! marched by the reference
-      real(wp), allocatable :: force(:, :)            !! (0:n_steps, 1 or sample) [N]
+      real(wp), allocatable :: force(:, :)            !! (0:n_steps, force or force and sample) [N]
       logical :: is_measuring = .false.               !! past n_discard
       integer :: span = 0                             !! of the slip series, on its way
-      real(wp), allocatable :: slip_before(:, :)      !! (dof, sample) slip_time at its start [s]
+      real(wp), allocatable :: slip_before(:, :)      !! (joint, sample) slip_time at its start [s]
       real(wp), allocatable :: energy_before(:)       !! (sample) stored at the end of n_discard [J]
    end type march_type
 
@@ -39,7 +39,7 @@ contains
                         error)
       type(runner_type), intent(inout) :: runner
       integer, intent(in) :: case_number
-      real(wp), intent(in) :: friction(:, :)   !! (dof, sample)
+      real(wp), intent(in) :: friction(:, :)   !! (joint, sample)
       integer, intent(in) :: first             !! number of the first sample, from 1
       procedure(stop_query) :: should_stop
       type(block_result), intent(out) :: result
@@ -89,7 +89,8 @@ contains
          march%state%keeps_ledger = output%energy
          march%state%keeps_transitions = output%transitions
          call start_block(plan%structure, result%friction, march%state)
-         allocate (march%force(0:plan%integration%n_steps, merge(n, 1, plan%excitation%per_sample)))
+         allocate (march%force(0:plan%integration%n_steps, &
+                               plan%structure%n_forces*merge(n, 1, plan%excitation%per_sample)))
          call runner%force_of(case_number, result%first_sample, march%force, error)
          if (allocated(error)) return
          if (output%history) then
@@ -121,7 +122,7 @@ contains
          march%span = 1
          march%slip_before = state%slip_time
          if (march%keeps%slip) &
-            allocate (result%slip_series(state%n_dof, count_spans(runner%plan%integration), &
+            allocate (result%slip_series(state%n_joints, count_spans(runner%plan%integration), &
                                          state%n_samples))
          if (march%keeps%spectrum) call start_spectra(runner, march)
       end associate
@@ -238,6 +239,8 @@ contains
          result%slip_fraction = state%slip_time/duration
          result%slip_starts = state%slip_starts
          result%stick_starts = state%stick_starts
+         result%slip_distance = state%slip_distance
+         result%dissipation = state%slip_limit*state%slip_distance
          if (output%transitions) call move_alloc(state%transitions, result%transitions)
          if (output%energy) then
             stored = stored_energy(runner%plan%structure, state) - march%energy_before

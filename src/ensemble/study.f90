@@ -58,11 +58,12 @@ contains
       type(plan_type), intent(in) :: plan
       type(process_model_type), intent(in) :: models(:)   !! (process)
       type(block_range), intent(in) :: block
-      real(wp), allocatable, intent(out) :: friction(:, :)   !! (dof, sample)
+      real(wp), allocatable, intent(out) :: friction(:, :)   !! (joint, sample)
+      real(wp) :: values(plan%structure%n_points)
       type(stream_type) :: stream
       integer :: w
 
-      allocate (friction(plan%structure%n_dof, block%last - block%first + 1))
+      allocate (friction(plan%structure%n_joints, block%last - block%first + 1))
       associate (process => plan%cases(block%case_number)%process)
          if (process == 0) then
             friction = spread(plan%friction, 2, size(friction, 2))
@@ -71,14 +72,15 @@ contains
          do w = 1, size(friction, 2)
             stream = new_stream(plan%seed, request_label(plan%processes(process)), &
                                 block%first + w - 1)
-            call draw_points(models(process), stream, friction(:, w))
+            call draw_points(models(process), stream, values)
+            friction(:, w) = values(plan%structure%friction_point)
          end do
       end associate
    end subroutine draw_friction
 
    !> Mean and scatter over samples of the fraction of time in slip; needs two samples.
    pure subroutine slip_statistics(slip_fraction, statistics)
-      type(moments_type), intent(in) :: slip_fraction(:)   !! (dof)
+      type(moments_type), intent(in) :: slip_fraction(:)   !! (joint)
       type(case_statistics), intent(inout) :: statistics
 
       statistics%n_samples = slip_fraction(1)%n

@@ -80,18 +80,21 @@ contains
       integer, parameter :: endless = huge(1)   ! samples that are meant
       type(numerical_error) :: errors
       real(wp) :: value, standard_error
-      integer :: dof, first
+      integer :: dof, first, joint
 
-      associate (n_dof => tradeoff%plan%structure%n_dof, n => tradeoff%n_wide)
-         call compare_slip(reshape(tested(:n_dof*n), [n_dof, n]), &
-                           reshape(reference(:n_dof*n), [n_dof, n]), endless, errors)
-         do dof = 1, n_dof
-            call keep_largest(errors%slip_mean(dof), errors%slip_mean_error(dof), row%slip_mean, &
-                              row%slip_mean_error)
-            call keep_largest(errors%slip_std(dof), errors%slip_std_error(dof), row%slip_std, &
+      associate (n_dof => tradeoff%plan%structure%n_dof, m => tradeoff%plan%structure%n_joints, &
+                 n => tradeoff%n_wide)
+         call compare_slip(reshape(tested(:m*n), [m, n]), reshape(reference(:m*n), [m, n]), &
+                           endless, errors)
+         do joint = 1, m
+            call keep_largest(errors%slip_mean(joint), errors%slip_mean_error(joint), &
+                              row%slip_mean, row%slip_mean_error)
+            call keep_largest(errors%slip_std(joint), errors%slip_std_error(joint), row%slip_std, &
                               row%slip_std_error)
-            if (.not. tradeoff%wide%output%spectrum) cycle
-            first = n_dof*n + (dof - 1)*(n + 1)
+         end do
+         if (.not. tradeoff%wide%output%spectrum) return
+         do dof = 1, n_dof
+            first = m*n + (dof - 1)*(n + 1)
             call change_of_ratio(tested(first + 1:first + n + 1), &
                                  reference(first + 1:first + n + 1), endless, value, standard_error)
             call keep_largest(value, standard_error, row%band_ratio, row%band_ratio_error)

@@ -219,10 +219,13 @@ contains
       real(wp), intent(in) :: values(:, :)
       integer, intent(in) :: n_steps
       type(error_parts), intent(inout) :: parts
-      real(wp) :: series(3*tradeoff%plan%structure%n_dof, n_batches), shorter
-      integer :: dof, i, k, n_dof
+      real(wp), allocatable :: series(:, :)   ! (value of batch_numbers, batch)
+      real(wp) :: shorter
+      integer :: i, k, m, n
 
-      n_dof = tradeoff%plan%structure%n_dof
+      m = tradeoff%plan%structure%n_joints
+      n = 2*m + tradeoff%plan%structure%n_dof
+      allocate (series(n, n_batches))
       if (tradeoff%n_segments > 0) then
          parts%time%psd_mean = error_of_density(tradeoff%n_segments)
          parts%time%psd_percentiles = parts%time%psd_mean
@@ -231,7 +234,7 @@ contains
          do i = 1, size(tradeoff%tasks)
             associate (task => tradeoff%tasks(i))
                if (task%kind == of_batch .and. task%level == k) &
-                  series(:, task%row) = values(2:1 + 3*n_dof, i)
+                  series(:, task%row) = values(2:1 + n, i)
             end associate
          end do
          associate (level => tradeoff%levels(k), plan => tradeoff%plan, part => parts%time)
@@ -239,12 +242,13 @@ contains
             if (plan%excitation%per_sample) &
                shorter = shorter*sqrt(real(size(level%sample), wp) &
                                       /maxval(plan%cases(level%case_number)%n_samples))
-            do dof = 1, n_dof
-               part%slip = max(part%slip, shorter*error_of_batches(series(dof, :)))
-               part%slip_std = max(part%slip_std, &
-                                   shorter*error_of_batches(series(2*n_dof + dof, :)))
-               if (.not. minval(series(n_dof + dof, :)) > 0.0_wp) cycle
-               part%ratio = max(part%ratio, shorter*error_of_batches(log(series(n_dof + dof, :))))
+            do i = 1, m
+               part%slip = max(part%slip, shorter*error_of_batches(series(i, :)))
+               part%slip_std = max(part%slip_std, shorter*error_of_batches(series(m + i, :)))
+            end do
+            do i = 2*m + 1, n
+               if (.not. minval(series(i, :)) > 0.0_wp) cycle
+               part%ratio = max(part%ratio, shorter*error_of_batches(log(series(i, :))))
             end do
          end associate
       end do
@@ -257,17 +261,18 @@ contains
       real(wp), intent(in) :: values(:)
       type(error_parts), intent(inout) :: parts
       real(wp) :: n, w
-      integer :: n_dof
+      integer :: last, m
 
-      n_dof = tradeoff%plan%structure%n_dof
+      m = tradeoff%plan%structure%n_joints
+      last = 1 + 2*m + tradeoff%plan%structure%n_dof   ! of the values of joints and dofs
       n = tradeoff%plan%cases(case_number)%n_samples
-      w = values(2 + 3*n_dof)
+      w = values(last + 1)
       associate (part => parts%samples)
-         part%slip = max(part%slip, maxval(values(2:1 + n_dof))/sqrt(n))
-         part%slip_std = max(part%slip_std, sqrt(w/n)*maxval(values(2 + n_dof:1 + 2*n_dof)))
-         part%ratio = max(part%ratio, sqrt(w/n)*maxval(values(2 + 2*n_dof:1 + 3*n_dof)))
-         part%psd_mean = max(part%psd_mean, sqrt(w/n)*values(3 + 3*n_dof))
-         part%psd_percentiles = max(part%psd_percentiles, sqrt(w/n)*values(4 + 3*n_dof))
+         part%slip = max(part%slip, maxval(values(2:1 + m))/sqrt(n))
+         part%slip_std = max(part%slip_std, sqrt(w/n)*maxval(values(2 + m:1 + 2*m)))
+         part%ratio = max(part%ratio, sqrt(w/n)*maxval(values(2 + 2*m:last)))
+         part%psd_mean = max(part%psd_mean, sqrt(w/n)*values(last + 2))
+         part%psd_percentiles = max(part%psd_percentiles, sqrt(w/n)*values(last + 3))
       end associate
    end subroutine add_samples
 

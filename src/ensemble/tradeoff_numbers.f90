@@ -84,44 +84,45 @@ contains
          numbers = band_ratios(result%psd, plan%output%percentiles)
    end function ratio_numbers
 
-   !> Mean slip fractions [points], band ratios, standard deviations over samples of slip fractions
-   !> [points] (dof each).
+   !> Mean slip fractions [points] (joint), their standard deviations over samples [points] (joint),
+   !> band ratios (dof).
    pure function batch_numbers(plan, result) result(numbers)
       type(plan_type), intent(in) :: plan
       type(block_result), intent(in) :: result
-      real(wp) :: numbers(3*plan%structure%n_dof)
-      integer :: dof
+      real(wp) :: numbers(2*plan%structure%n_joints + plan%structure%n_dof)
+      integer :: joint
 
-      associate (n => plan%structure%n_dof)
-         numbers(:n) = points*sum(result%slip_fraction, 2)/result%n_samples
-         numbers(n + 1:2*n) = ratio_numbers(plan, result)
-         numbers(2*n + 1:) = 0.0_wp
+      associate (m => plan%structure%n_joints)
+         numbers(:m) = points*sum(result%slip_fraction, 2)/result%n_samples
+         numbers(m + 1:2*m) = 0.0_wp
+         numbers(2*m + 1:) = ratio_numbers(plan, result)
          if (result%n_samples == 1) return
-         do dof = 1, n
-            numbers(2*n + dof) = points*standard_deviation(result%slip_fraction(dof, :))
+         do joint = 1, m
+            numbers(m + joint) = points*standard_deviation(result%slip_fraction(joint, :))
          end do
       end associate
    end function batch_numbers
 
-   !> Standard deviation over samples of slip fractions and its standard error [points] (dof each),
+   !> Standard deviation over samples of slip fractions, its standard error [points] (joint each),
    !> standard error of the logarithm of the band ratio (dof), for as many samples as were marched;
    !> their number; standard errors of mean spectrum and percentiles, integrals over frequency,
    !> relative, the largest.
    function sample_numbers(plan, result) result(numbers)
       type(plan_type), intent(in) :: plan
       type(block_result), intent(in) :: result   !! two samples or more
-      real(wp) :: numbers(3*plan%structure%n_dof + 3)
+      real(wp) :: numbers(2*plan%structure%n_joints + plan%structure%n_dof + 3)
       type(case_statistics) :: statistics
       type(band_collector) :: bands
-      integer :: dof, i, p
+      integer :: dof, i, joint, p
 
       numbers = 0.0_wp
-      associate (n => plan%structure%n_dof)
-         numbers(3*n + 1) = result%n_samples
-         do dof = 1, n
-            associate (slip => points*result%slip_fraction(dof, :))
-               numbers(dof) = standard_deviation(slip)
-               numbers(n + dof) = error_of_deviation(slip)
+      associate (m => plan%structure%n_joints, n => plan%structure%n_dof, &
+                 last => 2*plan%structure%n_joints + plan%structure%n_dof)
+         numbers(last + 1) = result%n_samples
+         do joint = 1, m
+            associate (slip => points*result%slip_fraction(joint, :))
+               numbers(joint) = standard_deviation(slip)
+               numbers(m + joint) = error_of_deviation(slip)
             end associate
          end do
          if (.not. plan%output%spectrum) return
@@ -133,16 +134,16 @@ contains
          call bands%finish(statistics)
          do dof = 1, n
             if (minval(statistics%pseudo_variance_percentiles(dof, :)) > 0.0_wp) &
-               numbers(2*n + dof) = log(statistics%band_ratio_high(dof) &
+               numbers(2*m + dof) = log(statistics%band_ratio_high(dof) &
                                         /statistics%band_ratio(dof))/1.96_wp
             if (.not. statistics%pseudo_variance_mean(dof) > 0.0_wp) cycle
-            numbers(3*n + 2) = max(numbers(3*n + 2), sum(statistics%psd_mean_error(dof, :)) &
-                                   /sum(statistics%psd_mean(dof, :)))
+            numbers(last + 2) = max(numbers(last + 2), sum(statistics%psd_mean_error(dof, :)) &
+                                    /sum(statistics%psd_mean(dof, :)))
             do p = 1, size(plan%output%percentiles)
-               numbers(3*n + 3) = max(numbers(3*n + 3), &
-                                      relative_error(statistics%psd_percentiles(dof, :, p), &
-                                                     statistics%psd_percentiles_low(dof, :, p), &
-                                                     statistics%psd_percentiles_high(dof, :, p)))
+               numbers(last + 3) = max(numbers(last + 3), &
+                                       relative_error(statistics%psd_percentiles(dof, :, p), &
+                                                      statistics%psd_percentiles_low(dof, :, p), &
+                                                      statistics%psd_percentiles_high(dof, :, p)))
             end do
          end do
       end associate
@@ -156,7 +157,7 @@ contains
       if (sum(values) > 0.0_wp) relative_error = sum(high - low)/(2*1.96_wp*sum(values))
    end function relative_error
 
-   !> Slip fractions (dof, sample), then, where there are spectra, band ratios (replicate 0..n,
+   !> Slip fractions (joint, sample), then, where there are spectra, band ratios (replicate 0..n,
    !> dof): of all samples, and without each.
    pure function variant_numbers(plan, result) result(numbers)
       type(plan_type), intent(in) :: plan

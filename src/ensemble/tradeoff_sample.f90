@@ -104,7 +104,7 @@ contains
       integer :: w
 
       w = size(level%sample)
-      allocate (level%friction(plan%structure%n_dof, w))
+      allocate (level%friction(plan%structure%n_joints, w))
       do w = 1, size(level%sample)
          associate (c => level%case_number(w), sample => level%sample(w))
             if (present(models)) then
@@ -115,7 +115,7 @@ contains
             end if
          end associate
       end do
-      w = merge(size(level%sample), 1, plan%excitation%per_sample)
+      w = merge(size(level%sample), 1, plan%excitation%per_sample)*plan%structure%n_forces
       allocate (force(0:plan%integration%n_steps, w))
       call runner%force_of(level%case_number(1), 1, force, error)
       if (allocated(error)) return
@@ -127,15 +127,16 @@ contains
    pure function stand_in(plan, case_number, sample) result(friction)
       type(plan_type), intent(in) :: plan
       integer, intent(in) :: case_number, sample
-      real(wp) :: friction(plan%structure%n_dof)
+      real(wp) :: friction(plan%structure%n_joints), values(plan%structure%n_points)
       type(stream_type) :: stream
 
       friction = plan%friction
       associate (process => plan%cases(case_number)%process)
          if (process == 0) return
          stream = new_stream(plan%seed, label_of(label_of('stand-in'), case_number), sample)
-         call stream%normals(friction)
-         friction = abs(plan%processes(process)%mean + plan%processes(process)%std*friction)
+         call stream%normals(values)
+         values = abs(plan%processes(process)%mean + plan%processes(process)%std*values)
+         friction = values(plan%structure%friction_point)
       end associate
    end function stand_in
 
@@ -187,7 +188,7 @@ contains
       is_abandoned = .false.
       short = with_setting(plan, setting)
       short%excitation%kind = 'file'
-      short%excitation%per_sample = size(level%force, 2) > 1
+      short%excitation%per_sample = size(level%force, 2) > plan%structure%n_forces
       short%output%energy = .false.
       short%output%history = .false.
       short%output%transitions = .false.

@@ -181,10 +181,11 @@ contains
       integer :: i, k, n_levels
 
       n_levels = size(tradeoff%levels)
-   associate (n_dof => tradeoff%plan%structure%n_dof, w => tradeoff%n_wide, scope => tradeoff%scope)
-         tradeoff%n_values = 9 + 3*n_dof
+      associate (n_dof => tradeoff%plan%structure%n_dof, m => tradeoff%plan%structure%n_joints, &
+                 w => tradeoff%n_wide, scope => tradeoff%scope)
+         tradeoff%n_values = 9 + 2*m + n_dof
          if (size(scope%variants) > 0) &
-            tradeoff%n_values = max(tradeoff%n_values, 1 + n_dof*(2*w + 1))
+            tradeoff%n_values = max(tradeoff%n_values, 1 + m*w + n_dof*(w + 1))
          tradeoff%tasks = [((task_type(of_variant, i, k), i=1, size(scope%variants)), &
                             k=1, n_levels)]
          tradeoff%tasks = pack(tradeoff%tasks, [(can_be_marched(tradeoff, tradeoff%tasks(i)), &

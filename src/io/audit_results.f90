@@ -44,7 +44,7 @@ contains
       call group%attribute('tolerance', reference%tolerance)
       call group%attribute('standard_error_method', &
                            'jackknife over the samples repeated; zero where all are; of rms '// &
-                           'values at least the root mean square over dofs')
+                           'values at least the root mean square over joints or dofs')
       call group%put('sample', counted(samples%n_samples), label_type('1', 'sample', 'sample'))
       call write_dofs(group, plan)
       call make_samples(group, plan, kept_of(plan, number), samples%n_samples)
@@ -86,9 +86,9 @@ contains
 
       subroutine put(name, values, meaning)
          character(*), intent(in) :: name, meaning
-         real(wp), allocatable, intent(in) :: values(:)   !! (dof)
+         real(wp), allocatable, intent(in) :: values(:)   !! (joint)
 
-         call group%put_allocated(name, values, label_type('%', meaning, 'dof'))
+         call group%put_allocated(name, values, label_type('%', meaning, 'joint'))
       end subroutine put
 
    end subroutine write_slip_errors

@@ -83,6 +83,8 @@ contains
       call w%pass('slip_fraction', block%slip_fraction)
       call w%pass('slip_starts', block%slip_starts)
       call w%pass('stick_starts', block%stick_starts)
+      call w%pass('slip_distance', block%slip_distance)
+      call w%pass('dissipation', block%dissipation)
       call w%pass('energy', block%energy)
       if (w%skips_long) return
       call w%pass('slip_series', block%slip_series)
@@ -281,16 +283,20 @@ contains
 
       select case (name)
       case ('friction')
-         label = label_type('1', 'friction coefficient', 'sample dof')
+         label = label_type('1', 'friction coefficient', 'sample joint')
       case ('slip_fraction')
-         label = label_type('1', 'fraction of time in slip', 'sample dof')
+         label = label_type('1', 'fraction of time in slip', 'sample joint')
       case ('slip_series')
          label = label_type('1', 'fraction of time in slip within each of equal spans of time', &
-                            'sample span dof')
+                            'sample span joint')
       case ('slip_starts')
-         label = label_type('1', 'number of transitions from stick to slip', 'sample dof')
+         label = label_type('1', 'number of transitions from stick to slip', 'sample joint')
       case ('stick_starts')
-         label = label_type('1', 'number of transitions from slip to stick', 'sample dof')
+         label = label_type('1', 'number of transitions from slip to stick', 'sample joint')
+      case ('slip_distance')
+         label = label_type('m', 'way of the joint while it slips', 'sample joint')
+      case ('dissipation')
+         label = label_type('J', 'work that the joint dissipates', 'sample joint')
       case ('energy')
          label = label_type('J', 'work (input, viscous, friction), energy stored, defect', &
                             'sample term')
@@ -302,11 +308,11 @@ contains
                             'segments, within ranges of frequencies; those of a range together', &
                             'sample batch dof')
       case ('displacement')
-         label = label_type('m', 'displacement', 'sample step dof')
+         label = label_type('m', 'displacement', 'sample time dof')
       case ('velocity')
-         label = label_type('m/s', 'velocity', 'sample step dof')
+         label = label_type('m/s', 'velocity', 'sample time dof')
       case ('transitions')
-         label = label_type('1', 'time [s], dof and kind of each transition', &
+         label = label_type('1', 'time [s], joint and kind of each transition', &
                             'transition column')
       case ('transition_count')
          label = label_type('1', 'number of transitions', 'sample one')

@@ -117,14 +117,14 @@ contains
       call group%attribute('slip_mean_error_method', 'standard deviation over root of n_samples')
       call group%attribute('slip_std_error_method', 'fourth central moment, any law')
       call group%put_allocated('slip_mean', statistics%slip_mean, &
-                               label_type('1', 'mean over samples of slip_fraction', 'dof'))
+                               label_type('1', 'mean over samples of slip_fraction', 'joint'))
       call group%put_allocated('slip_mean_error', statistics%slip_mean_error, &
-                               label_type('1', 'standard error of slip_mean', 'dof'))
+                               label_type('1', 'standard error of slip_mean', 'joint'))
       call group%put_allocated('slip_std', statistics%slip_std, &
                                label_type('1', 'standard deviation over samples of slip_fraction', &
-                                          'dof'))
+                                          'joint'))
       call group%put_allocated('slip_std_error', statistics%slip_std_error, &
-                               label_type('1', 'standard error of slip_std', 'dof'))
+                               label_type('1', 'standard error of slip_std', 'joint'))
    end subroutine write_slip_statistics
 
    !> What the autocovariance of the slip series tells of errors.
@@ -134,10 +134,10 @@ contains
 
       if (.not. allocated(statistics%slip_mean_time_error)) return
       call group%put('slip_mean_time_error', statistics%slip_mean_time_error, &
-                     label_type('1', 'standard error of slip_mean'//not_lowered, 'dof'))
+                     label_type('1', 'standard error of slip_mean'//not_lowered, 'joint'))
       call group%put_allocated('slip_std_time_part', statistics%slip_std_time_part, &
                                label_type('1', 'part of slip_std that the finite march adds', &
-                                          'dof'))
+                                          'joint'))
    end subroutine write_time_averages
 
    subroutine write_spectrum_axes(group, plan, layout, folded_share)
@@ -251,18 +251,36 @@ contains
    subroutine write_history_axes(group, plan, force)
       type(group_type), intent(inout) :: group
       type(plan_type), intent(in) :: plan
-      real(wp), intent(in), contiguous, optional :: force(:, :)   !! (step, 1 or sample)
-      integer :: i, n
+      !> (step, force, or force and sample)
+      real(wp), intent(in), contiguous, optional :: force(:, :)
+      integer :: i, n_forces
 
-      n = plan%integration%n_steps + 1
-      call group%put('step', counted(n) - 1, label_type('1', 'step', 'step'))
-      call group%put('time', [(i*plan%integration%dt, i=0, n - 1)], label_type('s', 'time', 'step'))
+      n_forces = plan%structure%n_forces
+      call group%put('time', [(i*plan%integration%dt, i=0, plan%integration%n_steps)], &
+                     label_type('s', 'time', 'time'))
       if (.not. present(force)) return
+      if (n_forces > 1) call group%put('force_number', counted(n_forces), &
+                                       label_type('1', 'force, a column of the load', &
+                                                  'force_number'))
       if (size(force, 2) == 1) then
-         call group%put('force', force(:, 1), label_type('N', 'force on the forced mass', 'step'))
+         call group%put('force', force(:, 1), label_type('N', 'force', 'time'))
+      else if (n_forces == 1) then
+         call group%put('force', force, label_type('N', 'force', 'sample time'))
+      else if (size(force, 2) == n_forces) then
+         call group%put('force', force, label_type('N', 'force', 'force_number time'))
       else
-         call group%put('force', force, label_type('N', 'force on the forced mass', 'sample step'))
+         call group%put_allocated('force', by_sample(force, n_forces), &
+                                  label_type('N', 'force', 'sample force_number time'))
       end if
    end subroutine write_history_axes
+
+   !> (step, force and sample) as (step, force, sample)
+   pure function by_sample(force, n_forces) result(parted)
+      real(wp), intent(in) :: force(:, :)
+      integer, intent(in) :: n_forces
+      real(wp), allocatable :: parted(:, :, :)
+
+      parted = reshape(force, [size(force, 1), n_forces, size(force, 2)/n_forces])
+   end function by_sample
 
 end module io_case_results

@@ -34,11 +34,13 @@ contains
       character(:), allocatable :: kept
 
       call group%put('dof', counted(plan%structure%n_dof), &
-                     label_type('1', 'mass, from the wall', 'dof'))
+                     label_type('1', 'degree of freedom; of a chain: mass, from the wall', 'dof'))
+      call group%put('joint', counted(plan%structure%n_joints), &
+                     label_type('1', 'joint; of a chain: that of the mass of this number', 'joint'))
       kept = kept_axis(plan)
       if (kept /= 'dof') &
          call group%put(kept, kept_dofs(plan), &
-                        label_type('1', 'mass whose spectra and histories are kept', kept))
+                        label_type('1', 'dof whose spectra and histories are kept', kept))
    end subroutine write_dofs
 
    !> The highest frequency [Hz] of the range of each place in a power series.
@@ -75,16 +77,18 @@ contains
       character(:), allocatable :: long_name
       integer :: extents(2), i
 
-      extents = [plan%structure%n_dof, n_samples]
+      extents = [plan%structure%n_joints, n_samples]
       call group%make('friction', 0.0_wp, extents, sample_label('friction'))
       call group%make('slip_fraction', 0.0_wp, extents, sample_label('slip_fraction'))
       call group%make('slip_starts', 0_long, extents, sample_label('slip_starts'))
       call group%make('stick_starts', 0_long, extents, sample_label('stick_starts'))
+      call group%make('slip_distance', 0.0_wp, extents, sample_label('slip_distance'))
+      call group%make('dissipation', 0.0_wp, extents, sample_label('dissipation'))
       if (kept%slip .and. count_spans(plan%integration) >= fewest_spans) then
          call group%attribute('time_average_method', time_average_method)
          call group%make('slip_fraction_error', 0.0_wp, extents, &
                          label_type('1', 'standard error of slip_fraction: the march is finite', &
-                                    'sample dof'))
+                                    'sample joint'))
       end if
       if (.not. kept%energy) return
       do i = 1, size(energy_terms)
@@ -98,7 +102,7 @@ contains
    subroutine put_samples(group, samples, slip_fraction_error)
       type(group_type), intent(inout) :: group
       type(block_result), intent(in) :: samples
-      real(wp), allocatable, intent(in) :: slip_fraction_error(:, :)   !! (dof, sample)
+      real(wp), allocatable, intent(in) :: slip_fraction_error(:, :)   !! (joint, sample)
       real(wp), allocatable :: term(:)
       integer :: i
 
@@ -107,6 +111,8 @@ contains
          call group%put_part('slip_fraction', [1, first], samples%slip_fraction)
          call group%put_part('slip_starts', [1, first], samples%slip_starts)
          call group%put_part('stick_starts', [1, first], samples%stick_starts)
+         call group%put_part('slip_distance', [1, first], samples%slip_distance)
+         call group%put_part('dissipation', [1, first], samples%dissipation)
          if (allocated(slip_fraction_error)) &
             call group%put_part('slip_fraction_error', [1, first], slip_fraction_error)
          if (.not. allocated(samples%energy)) return
@@ -166,7 +172,7 @@ contains
       n_steps = plan%integration%n_steps + 1
       if (kept%slip) then
          call group%make('slip_series', 0.0_wp, &
-                         [plan%structure%n_dof, count_spans(plan%integration), n_samples], &
+                         [plan%structure%n_joints, count_spans(plan%integration), n_samples], &
                          sample_label('slip_series'))
       end if
       if (kept%spectrum) then
@@ -191,8 +197,8 @@ contains
                          label_type('1', 'sample of the transition', 'transition'))
          call group%make('transition_time', 0.0_wp, [n_rows], &
                          label_type('s', 'time of the transition', 'transition'))
-         call group%make('transition_dof', 0, [n_rows], &
-                         label_type('1', 'mass of the transition', 'transition'))
+         call group%make('transition_joint', 0, [n_rows], &
+                         label_type('1', 'joint of the transition', 'transition'))
          call group%make('transition_kind', 0, [n_rows], &
                          label_type('1', '+1, -1: slip starts in that direction; 0: sticks', &
                                     'transition'))
@@ -224,7 +230,7 @@ contains
             if (list%n == 0) cycle
             call group%put_part('transition_sample', row, spread(first_sample + i - 1, 1, list%n))
             call group%put_part('transition_time', row, list%time(:list%n))
-            call group%put_part('transition_dof', row, list%joint(:list%n))
+            call group%put_part('transition_joint', row, list%joint(:list%n))
             call group%put_part('transition_kind', row, list%kind(:list%n))
          end associate
          n_rows = n_rows + transitions(i)%n

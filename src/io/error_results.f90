@@ -22,9 +22,9 @@ module io_error_results
 contains
 
    !> What was written of them.
-   subroutine read_errors(path, n_cases, n_dof, errors, error)
+   subroutine read_errors(path, n_cases, n_joints, errors, error)
       character(*), intent(in) :: path
-      integer, intent(in) :: n_cases, n_dof
+      integer, intent(in) :: n_cases, n_joints
       type(case_errors), allocatable, intent(out) :: errors(:)   !! (case)
       type(error_type), allocatable, intent(out) :: error
       type(hdf5_file) :: file
@@ -34,7 +34,7 @@ contains
       if (allocated(error)) return
       allocate (errors(n_cases))
       do i = 1, n_cases
-         call read_statistics(file, case_group(i, n_cases), n_dof, errors(i)%statistics, error)
+         call read_statistics(file, case_group(i, n_cases), n_joints, errors(i)%statistics, error)
          if (.not. allocated(error)) &
             call read_audit(file, case_group(i + n_cases, n_cases), errors(i), error)
          if (allocated(error)) exit
@@ -42,22 +42,22 @@ contains
       call file%abandon()
    end subroutine read_errors
 
-   subroutine read_statistics(file, group, n_dof, statistics, error)
+   subroutine read_statistics(file, group, n_joints, statistics, error)
       type(hdf5_file), intent(in) :: file
       character(*), intent(in) :: group
-      integer, intent(in) :: n_dof
+      integer, intent(in) :: n_joints
       type(case_statistics), intent(inout) :: statistics
       type(error_type), allocatable, intent(out) :: error
 
       call read_attribute(file, group, 'n_samples', statistics%n_samples, error)
       if (allocated(error)) return
       if (file%has(group//'/slip_mean_error')) then
-         allocate (statistics%slip_mean_error(n_dof))
+         allocate (statistics%slip_mean_error(n_joints))
          call read_dataset(file, group//'/slip_mean_error', statistics%slip_mean_error, error)
       end if
       if (allocated(error)) return
       if (.not. file%has(group//'/slip_mean_time_error')) return
-      allocate (statistics%slip_mean_time_error(n_dof))
+      allocate (statistics%slip_mean_time_error(n_joints))
       call read_dataset(file, group//'/slip_mean_time_error', statistics%slip_mean_time_error, &
                         error)
    end subroutine read_statistics

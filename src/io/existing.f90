@@ -172,6 +172,10 @@ contains
       if (allocated(all_samples%stick_starts)) then
          block%stick_starts = all_samples%stick_starts(:, first:last)
       end if
+      if (allocated(all_samples%slip_distance)) then
+         block%slip_distance = all_samples%slip_distance(:, first:last)
+         block%dissipation = all_samples%dissipation(:, first:last)
+      end if
       if (allocated(all_samples%energy)) block%energy = all_samples%energy(:, first:last)
    end function piece_of
 
@@ -213,23 +217,23 @@ contains
       type(block_result), intent(inout) :: block
       type(error_type), allocatable, intent(out) :: error
       integer(long), allocatable :: n(:)
-      integer, allocatable :: dof(:), kind(:), sample(:)
+      integer, allocatable :: joint(:), kind(:), sample(:)
       real(wp), allocatable :: time(:)
       integer :: i
 
       call read_extent(file, group//'transition_time', 1, n, error)
       if (allocated(error)) return
-      allocate (dof(n(1)), kind(n(1)), sample(n(1)), time(n(1)))
+      allocate (joint(n(1)), kind(n(1)), sample(n(1)), time(n(1)))
       call read_dataset(file, group//'transition_sample', sample, error)
       if (.not. allocated(error)) call read_dataset(file, group//'transition_time', time, error)
-      if (.not. allocated(error)) call read_dataset(file, group//'transition_dof', dof, error)
+      if (.not. allocated(error)) call read_dataset(file, group//'transition_joint', joint, error)
       if (.not. allocated(error)) call read_dataset(file, group//'transition_kind', kind, error)
       if (allocated(error)) return
       allocate (block%transitions(block%n_samples))
       do i = 1, block%n_samples
          associate (list => block%transitions(i), is_its => sample == block%first_sample + i - 1)
             list%time = pack(time, is_its)
-            list%joint = pack(dof, is_its)
+            list%joint = pack(joint, is_its)
             list%kind = pack(kind, is_its)
             list%n = size(list%time)
          end associate

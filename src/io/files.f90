@@ -1,7 +1,7 @@
 !> Files and folders. Failures carry the system's own words.
 module io_files
    use, intrinsic :: iso_c_binding, only: c_associated, c_char, c_f_pointer, c_int, c_long, &
-                     c_null_char, c_null_ptr, c_ptr, c_size_t
+                                                            c_null_char, c_null_ptr, c_ptr, c_size_t
    use core_error, only: error_type
    use core_kinds, only: long
    use core_system, only: raise_system, system_error, text_at

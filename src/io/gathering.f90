@@ -76,7 +76,7 @@ contains
    subroutine read_slip_series(shard, first, last, series, error)
       type(shard_type), intent(in) :: shard
       integer, intent(in) :: first, last
-      real(wp), allocatable, intent(out) :: series(:, :, :)   !! (dof, span, sample)
+      real(wp), allocatable, intent(out) :: series(:, :, :)   !! (joint, span, sample)
       type(error_type), allocatable, intent(out) :: error
       type(hdf5_file) :: file
       integer(long), allocatable :: n(:)
@@ -120,6 +120,8 @@ contains
          place = shards(i)%first_sample + before - first
          call put(part%friction, block%friction)
          call put(part%slip_fraction, block%slip_fraction)
+         call put(part%slip_distance, block%slip_distance)
+         call put(part%dissipation, block%dissipation)
          call put(part%energy, block%energy)
          call put_counts(part%slip_starts, block%slip_starts)
          call put_counts(part%stick_starts, block%stick_starts)
@@ -151,7 +153,7 @@ contains
    !> first_place + 1, ... (both counted from 1); or the power in batches and ranges of them. Ranges
    !> of frequencies_together read least.
    subroutine read_band(store, shards, case_number, name, first_sample, first_place, values, &
-                            error)
+                        error)
       type(shard_store), intent(in) :: store
       type(shard_type), intent(in) :: shards(:)   !! of one case, as shards_of has them
       integer, intent(in) :: case_number

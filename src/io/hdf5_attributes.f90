@@ -6,7 +6,7 @@
 !> object.
 module io_hdf5_attributes
    use, intrinsic :: iso_c_binding, only: c_associated, c_char, c_loc, c_null_char, c_null_ptr, &
-                     c_ptr
+                                                                             c_ptr
    use core_error, only: error_type
    use core_kinds, only: long, wp
    use core_system, only: text_at

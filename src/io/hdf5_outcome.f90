@@ -1,7 +1,7 @@
 !> How a series of HDF5 calls ended: the first failure, in HDF5's own words or the system's.
 module io_hdf5_outcome
    use, intrinsic :: iso_c_binding, only: c_associated, c_bool, c_char, c_f_pointer, c_funloc, &
-                     c_funptr, c_int, c_int64_t, c_loc, c_ptr
+                                                            c_funptr, c_int, c_int64_t, c_loc, c_ptr
    use core_error, only: error_type, exit_file, raise
    use core_system, only: text_at
    implicit none(type, external)

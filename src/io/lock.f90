@@ -10,7 +10,7 @@
 !> and the output is as the run found or left it. A run that has lost its lock changes nothing more.
 module io_lock
    use, intrinsic :: iso_c_binding, only: c_associated, c_char, c_int, c_long, c_null_char, &
-                                          c_null_ptr, c_ptr, c_size_t
+                                                                         c_null_ptr, c_ptr, c_size_t
    use core_error, only: error_type, exit_file, raise
    use core_kinds, only: long
    use core_system, only: raise_system, system_error

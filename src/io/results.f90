@@ -3,12 +3,14 @@
 module io_results
    use core_error, only: error_type
    use core_kinds, only: long, wp
+   use ensemble_plan, only: integration_settings
    use io_contents, only: check_contents, note_contents
    use io_files, only: folder_of, remove_file, sync_file, sync_folder, unfinished_name
    use io_group, only: counted, group_type, new_group
    use io_hdf5, only: create_hdf5, hdf5_file, label_type, open_hdf5, write_attribute
    use io_identity, only: identity_type, write_identity
    use io_lock, only: lock_type
+   use numerics_sparse, only: sparse_matrix, sparse_of
    use structure_model, only: structure_type
    implicit none(type, external)
    private
@@ -34,7 +36,7 @@ module io_results
       character(:), allocatable :: path
       character(:), allocatable :: temporary
    contains
-      procedure :: write_chain
+      procedure :: write_structure
       procedure :: finish
       procedure :: abandon
    end type results_writer
@@ -95,31 +97,66 @@ contains
              time(5:6)//zone(1:3)//':'//zone(4:5)
    end function now
 
-   !> Table 1 and the damping.
-   subroutine write_chain(self, chain, forced_dof, error)
+   !> What was marched, and how: M, C and K by their entries, the joints, the load.
+   subroutine write_structure(self, structure, how, error)
       class(results_writer), intent(in) :: self
-      type(structure_type), intent(in) :: chain
-      integer, intent(in) :: forced_dof
+      type(structure_type), intent(in) :: structure
+      type(integration_settings), intent(in) :: how
       type(error_type), allocatable, intent(out) :: error
       type(group_type) :: group
 
-      group = new_group(self%file, '/chain')
-      call group%attribute('forced_dof', forced_dof)
-      call group%put('mode', counted(chain%n_dof), label_type('1', 'mode, from the lowest', 'mode'))
-      call group%put('dof', counted(chain%n_dof), label_type('1', 'mass, from the wall', 'dof'))
-      call group%put('frequencies_stuck', chain%frequencies_stuck, &
-                     label_type('Hz', 'natural frequency with all sliders stuck', 'mode'))
-      call group%put('frequencies_slip', chain%frequencies_slip, &
-                     label_type('Hz', 'natural frequency with all sliders slipping', 'mode'))
-      call group%put('damping', chain%damping_ratio, &
-                     label_type('1', 'damping ratio of the modes of the stuck chain', 'mode'))
-      call group%put('mass', chain%lumped_mass(), label_type('kg', 'mass', 'dof'))
-      call group%put('contact_stiffness', chain%joint_stiffness, &
-                     label_type('N/m', 'stiffness of the Jenkins springs', 'dof'))
-      call group%put('normal_load', chain%normal_load, &
-                     label_type('N', 'normal load of the sliders', 'dof'))
+      group = new_group(self%file, '/structure')
+      call group%attribute('method', how%method)
+      call group%attribute('n_zero_modes', structure%n_zero_modes)
+      call group%put_value('dt', how%dt, 's', 'time step')
+      associate (n => structure%n_dof)
+         call group%put('mode', counted(n), label_type('1', 'mode, from the lowest', 'mode'))
+         call group%put('dof', counted(n), &
+                       label_type('1', 'degree of freedom; of a chain: mass, from the wall', 'dof'))
+         call group%put('joint', counted(structure%n_joints), &
+                     label_type('1', 'joint; of a chain: that of the mass of this number', 'joint'))
+         call group%put('force', counted(structure%n_forces), &
+                        label_type('1', 'force, a column of the load', 'force'))
+      end associate
+      call group%put('frequencies_stuck', structure%frequencies_stuck, &
+                     label_type('Hz', 'natural frequency with all joints stuck', 'mode'))
+      call group%put('frequencies_slip', structure%frequencies_slip, &
+                     label_type('Hz', 'natural frequency with all joints slipping', 'mode'))
+      if (size(structure%damping_ratio) > 0) &
+         call group%put('damping_ratio', structure%damping_ratio, &
+                        label_type('1', 'damping ratio with all joints stuck', 'mode'))
+      call write_entries(group, 'mass', 'kg', structure%mass)
+      call write_entries(group, 'stiffness', 'N/m', structure%stiffness)
+      call write_entries(group, 'damping', 'N s/m', structure%damping)
+      call group%put('joint_stiffness', structure%joint_stiffness, &
+                     label_type('N/m', 'stiffness of the joint while it sticks', 'joint'))
+      call group%put('normal_load', structure%normal_load, &
+                     label_type('N', 'normal load of the joint', 'joint'))
+      call group%put('joint_friction', structure%joint_friction, &
+                     label_type('1', 'friction coefficient as given', 'joint'))
+      call group%put('friction_point', structure%friction_point, &
+                     label_type('1', 'point of the process that gives the friction', 'joint'))
+      call group%put('directions', structure%direction, &
+                     label_type('1', 'direction of the joint', 'joint dof'))
+      call group%put('load', structure%load, label_type('1', 'factor of the force', 'force dof'))
       call group%take_error(error)
-   end subroutine write_chain
+   end subroutine write_structure
+
+   !> Entries of a matrix that are not zero, row by row.
+   subroutine write_entries(group, name, unit, matrix)
+      type(group_type), intent(inout) :: group
+      character(*), intent(in) :: name, unit
+      real(wp), intent(in) :: matrix(:, :)
+      type(sparse_matrix) :: entries
+      character(:), allocatable :: axis
+
+      entries = sparse_of(matrix)
+      axis = name//'_entry'
+      call group%put(axis, counted(size(entries%value)), label_type('1', 'entry', axis))
+      call group%put(name//'_row', entries%row_of_entries(), label_type('1', 'row', axis))
+      call group%put(name//'_column', entries%column, label_type('1', 'column', axis))
+      call group%put(name//'_value', entries%value, label_type(unit, 'value', axis))
+   end subroutine write_entries
 
    !> Closes the file, reads it back, and gives it its name; before that there is nothing of that
    !> name, or still the earlier file.

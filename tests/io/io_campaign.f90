@@ -110,6 +110,8 @@ contains
       block%slip_starts = reshape([((5000000000_long + 10*s + d, d=1, n_dof), s=first, last)], &
                                   [n_dof, n])
       block%stick_starts = block%slip_starts + 1
+      block%slip_distance = 3.0_wp*block%slip_fraction
+      block%dissipation = 0.25_wp*block%slip_distance
       block%energy = reshape([((value(3, d, s), d=1, 5), s=first, last)], [5, n])
       block%psd = reshape([(((value(10 + f, d, s), d=1, n_dof), f=1, n_frequencies), s=first, &
                             last)], [n_dof, n_frequencies, n])
@@ -258,7 +260,7 @@ contains
       force = 1.0_wp
       plan = made_plan()
       call write_process(writer, 1, made_model(), error, realizations=force)
-      if (.not. allocated(error)) call writer%write_chain(plan%structure, plan%excitation%dof, error)
+      if (.not. allocated(error)) call writer%write_structure(plan%structure, plan%integration, error)
       do i = 1, 2
          if (allocated(error)) exit
          ours = shards_of(shards, i, plan%cases(i)%n_samples)

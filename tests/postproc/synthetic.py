@@ -21,8 +21,8 @@ def bumps(at, height):
 
 
 def case_of(name, process, slip, psd, starts=5000, n_segments=400, **attrs):
-    """slip (sample, dof); psd (sample, frequency, dof)."""
-    axes = ("sample", "dof")
+    """slip (sample, joint); psd (sample, frequency, dof)."""
+    axes = ("sample", "joint")
     data = xr.Dataset(
         {
             "slip_fraction": (axes, slip),

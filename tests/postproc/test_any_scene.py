@@ -106,7 +106,7 @@ def test_a_replayed_sample_is_drawn(replayed, tmp_path):
 def test_force_of_a_slider_keeps_its_limit(replayed):
     """It never exceeds mu N, is mu N in the slip, and is continuous where a slip starts."""
     results = open_results(replayed)
-    case, chain = results.cases[0], results.chain
+    case, chain = results.cases[0], results.structure
     episode = find_episode(case)
     for dof in range(1, case.n_dof + 1):
         limit = 10.0 * float(case.data["friction"][0, dof - 1])
@@ -114,7 +114,7 @@ def test_force_of_a_slider_keeps_its_limit(replayed):
         # cubic between steps of 0.00843 s: 1e-4 of the force
         assert np.abs(force).max() < limit * (1 + 1e-3)
         first_slip = case.data["transition_time"].values[
-            (case.data["transition_dof"] == dof) & (case.data["transition_kind"] != 0)
+            (case.data["transition_joint"] == dof) & (case.data["transition_kind"] != 0)
         ][0]
         before = np.searchsorted(times, first_slip) - 1
         assert abs(force[before]) > 0.7 * limit

@@ -89,7 +89,7 @@ def test_every_dataset_is_labelled(results_file):
             assert variable.attrs["long_name"], (group.path, name)
             if name not in variable.dims and variable.ndim:
                 assert all(axis in group.variables for axis in variable.dims), (group.path, name)
-    assert {"/chain", "/process/p001", "/campaign/c003"} <= set(results.tree.groups)
+    assert {"/structure", "/process/p001", "/campaign/c003"} <= set(results.tree.groups)
     assert results.tree["campaign/c003"].attrs["process"] == "p001"
     assert results.title == "small"
 
@@ -232,7 +232,7 @@ def test_a_file_that_is_none_is_refused(tmp_path, capsys):
         file.attrs.update(program="entroslip", version="9.0.0", format_version=4)
     with h5py.File(tmp_path / "damaged.h5", "w") as file:
         file.attrs.update(program="entroslip", format_version=3)
-        file["chain"] = 3.0
+        file["structure"] = 3.0
     (tmp_path / "unfinished.h5.shards").mkdir()
     for name, rule in (
         ("absent.h5", "no such file"),

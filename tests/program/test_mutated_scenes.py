@@ -10,7 +10,7 @@ from tests.conftest import SMALL_SCENE
 SEED = 20161121
 SCENE = SMALL_SCENE + 8 * "! a comment, where most of what is changed does no harm\n"
 PIECES = [*"/&'=,()-*%!", "1e400", "nan", "-1", "0", "é"]
-PLACE = re.compile(r"mutated\.nml(:\d+: .+|: must have &process or &chain)")
+PLACE = re.compile(r"mutated\.nml(:\d+: .+|: must have &process, &chain or &structure)")
 
 
 def spoilt(text: str, dice: random.Random) -> str:

@@ -1,0 +1,116 @@
+!> Rules of &structure: finds its files, reads the structure, and labels it by its values.
+module config_structure_rules
+   use config_groups, only: scene_type
+   use config_reader, only: reader_type
+   use core_kinds, only: long, wp
+   use core_random, only: label_of
+   use core_source, only: find_beside
+   use structure_files, only: read_structure, structure_paths
+   use structure_model, only: structure_type
+   implicit none(type, external)
+   private
+   public :: check_structure
+
+   character(*), parameter :: group = 'structure'
+
+contains
+
+   !> Every rule, each with its own complaint; scene%structure is of use when there is none.
+   subroutine check_structure(scene, reader)
+      type(scene_type), intent(inout) :: scene
+      type(reader_type), intent(inout) :: reader
+      type(structure_paths) :: paths
+      integer :: n_before
+
+      n_before = reader%complaints%n
+      call reader%require(scene%has_excitation, group, 'mass_matrix', &
+                          '&structure needs &excitation')
+      call reader%require(.not. scene%has_chain, 'chain', 'n_dof', &
+                          'must be absent with &structure: a scene has one structure')
+      call check_damping(reader)
+      if (reader%was_given(group, 'load')) &
+         call reader%require(.not. reader%was_given('excitation', 'dof'), 'excitation', 'dof', &
+                             'must be absent with structure%load, which says where forces act')
+      associate (this => scene%structure_files)
+         call find('mass_matrix', this%mass_matrix, .true., paths%mass)
+         call find('stiffness_matrix', this%stiffness_matrix, .true., paths%stiffness)
+         call find('damping_matrix', this%damping_matrix, .false., paths%damping)
+         call find('joints', this%joints, .true., paths%joints)
+         call find('directions', this%directions, .false., paths%directions)
+         call find('load', this%load, .false., paths%load)
+         if (reader%complaints%n > n_before) return
+         call read_structure(paths, this%rayleigh, this%damping_ratio, scene%excitation%dof, &
+                             scene%structure, reader%complaints)
+         if (reader%complaints%n > n_before) return
+         scene%structure_label = label_of_structure(scene%structure, paths%damping /= '')
+      end associate
+
+   contains
+
+      !> The path of a file that is there; '' without.
+      subroutine find(name, file, is_required, path)
+         character(*), intent(in) :: name, file
+         logical, intent(in) :: is_required
+         character(:), allocatable, intent(out) :: path
+
+         path = ''
+         if (file == '') then
+            call reader%require(.not. is_required, group, name, 'must be given')
+         else
+            path = find_beside(scene%path, file)
+            call reader%require(path /= '', group, name, 'no such file')
+         end if
+      end subroutine find
+
+   end subroutine check_structure
+
+   !> At most one kind of damping.
+   subroutine check_damping(reader)
+      type(reader_type), intent(inout) :: reader
+      character(*), parameter :: rule = 'must be absent with structure%'
+
+      if (reader%was_given(group, 'damping_matrix')) then
+         call reader%require(.not. reader%was_given(group, 'rayleigh'), group, 'rayleigh', &
+                             rule//'damping_matrix')
+         call reader%require(.not. reader%was_given(group, 'damping_ratio'), group, &
+                             'damping_ratio', rule//'damping_matrix')
+      else if (reader%was_given(group, 'rayleigh')) then
+         call reader%require(.not. reader%was_given(group, 'damping_ratio'), group, &
+                             'damping_ratio', rule//'rayleigh')
+      end if
+   end subroutine check_damping
+
+   !> Fingerprint of all in files that changes a sample with drawn friction.
+   pure function label_of_structure(structure, has_damping) result(label)
+      type(structure_type), intent(in) :: structure
+      logical, intent(in) :: has_damping   !! C comes from a file
+      integer(long) :: label
+
+      label = label_of('structure')
+      call add(structure%mass)
+      call add(structure%stiffness)
+      if (has_damping) call add(structure%damping)
+      call add(structure%direction)
+      call add(structure%load)
+      call add(reshape([structure%joint_stiffness, structure%normal_load, &
+                        real(structure%friction_point, wp)], [structure%n_joints, 3]))
+
+   contains
+
+      !> Where the values that are not zero stand, and what they are.
+      pure subroutine add(matrix)
+         real(wp), intent(in) :: matrix(:, :)
+         integer :: i, j
+
+         label = label_of(label_of(label, size(matrix, 1)), size(matrix, 2))
+         do j = 1, size(matrix, 2)
+            do i = 1, size(matrix, 1)
+               if (.not. abs(matrix(i, j)) > 0.0_wp) cycle
+               label = label_of(label_of(label_of(label, i), j), matrix(i, j))
+            end do
+         end do
+      end subroutine add
+
+   end function label_of_structure
+
+end module config_structure_rules

@@ -1,0 +1,81 @@
+!> Sparse matrices by rows, and their products with a vector.
+module numerics_sparse
+   use core_kinds, only: wp
+   implicit none(type, external)
+   private
+   public :: sparse_matrix, sparse_of
+
+   !> The entries that are not zero, row by row.
+   type :: sparse_matrix
+      integer :: n_rows = 0
+      integer, allocatable :: start(:)     !! (row) place of its first entry; (n_rows + 1) the end
+      integer, allocatable :: column(:)    !! (entry)
+      real(wp), allocatable :: value(:)    !! (entry)
+   contains
+      procedure :: add_row
+      procedure :: row_times
+      procedure :: row_of_entries
+   end type sparse_matrix
+
+contains
+
+   !> The entries of a full matrix that are not zero.
+   pure function sparse_of(full) result(sparse)
+      real(wp), intent(in) :: full(:, :)   !! (row, column)
+      type(sparse_matrix) :: sparse
+      integer :: i, j, n
+
+      sparse%n_rows = size(full, 1)
+      n = count(abs(full) > 0.0_wp)
+      allocate (sparse%start(size(full, 1) + 1), sparse%column(n), sparse%value(n))
+      n = 0
+      do i = 1, size(full, 1)
+         sparse%start(i) = n + 1
+         do j = 1, size(full, 2)
+            if (.not. abs(full(i, j)) > 0.0_wp) cycle
+            n = n + 1
+            sparse%column(n) = j
+            sparse%value(n) = full(i, j)
+         end do
+      end do
+      sparse%start(size(full, 1) + 1) = n + 1
+   end function sparse_of
+
+   !> Product of one row with a vector.
+   pure real(wp) function row_times(self, row, vector) result(total)
+      class(sparse_matrix), intent(in) :: self
+      integer, intent(in) :: row
+      real(wp), intent(in) :: vector(:)   !! (column)
+      integer :: k
+
+      total = 0.0_wp
+      do k = self%start(row), self%start(row + 1) - 1
+         total = total + self%value(k)*vector(self%column(k))
+      end do
+   end function row_times
+
+   !> Adds a multiple of one row to a vector.
+   pure subroutine add_row(self, row, factor, vector)
+      class(sparse_matrix), intent(in) :: self
+      integer, intent(in) :: row
+      real(wp), intent(in) :: factor
+      real(wp), intent(inout) :: vector(:)   !! (column)
+      integer :: k
+
+      do k = self%start(row), self%start(row + 1) - 1
+         vector(self%column(k)) = vector(self%column(k)) + self%value(k)*factor
+      end do
+   end subroutine add_row
+
+   !> The row of each entry.
+   pure function row_of_entries(self) result(row)
+      class(sparse_matrix), intent(in) :: self
+      integer :: row(size(self%value))
+      integer :: i
+
+      do i = 1, self%n_rows
+         row(self%start(i):self%start(i + 1) - 1) = i
+      end do
+   end function row_of_entries
+
+end module numerics_sparse
