@@ -27,6 +27,8 @@ module dynamics_response
       real(wp), allocatable :: velocity(:, :)           !! (dof, sample) [m/s]
       !> (dof, sample) velocity per part of a step [m], as the exact march left it; see take there
       real(wp), allocatable :: velocity_step(:, :)
+      !> (item, sample) modes as the exact march left them; see `give` of its modal form
+      real(wp), allocatable :: modal(:, :)
       real(wp), allocatable :: slider(:, :)             !! z (joint, sample) [m]; force k (w.x - z)
       integer, allocatable :: direction(:, :)           !! (joint, sample) 0: stuck, +-1: slips so
       real(wp), allocatable :: slip_limit(:, :)         !! mu N (joint, sample) [N]
@@ -91,6 +93,7 @@ contains
       call zeros(n, state%displacement)
       call zeros(n, state%velocity)
       if (allocated(state%velocity_step)) deallocate (state%velocity_step)
+      if (allocated(state%modal)) deallocate (state%modal)
       call zeros(m, state%slider)
       call zeros(m, state%slip_time)
       call zeros(m, state%slip_distance)

@@ -1,11 +1,13 @@
-!> The exact march: piecewise-linear force, power series between transitions, each of them located
-!> (docs/exact_march.md).
+!> The exact march: piecewise-linear force, exact motion between transitions, each of them located
+!> (docs/exact_march.md). It goes by power series in the dofs or by modes, whichever needs less
+!> work.
 module dynamics_exact_march
    use core_error, only: error_type, exit_bad_input, raise
    use core_kinds, only: wp
    use core_text, only: to_text
    use dynamics_exact_base_system, only: base_system
    use dynamics_exact_block_march, only: march_block
+   use dynamics_exact_modal_form, only: modal_form, new_modal_form
    use dynamics_exact_series, only: fastest_rate, longest_part
    use dynamics_exact_series_form, only: new_series_form, series_form
    use dynamics_response, only: block_state, marcher_type
@@ -20,6 +22,9 @@ module dynamics_exact_march
    type, extends(marcher_type) :: exact_march
       real(wp) :: tolerance = 0.0_wp     !! displacement error relative to its rms
       integer :: parts = 1               !! of a step
+      character(:), allocatable :: form  !! 'power series' or 'modes'
+      !> Multiplications of one sample in a step, transitions aside; huge where it cannot be done.
+      real(wp) :: work_series = huge(1.0_wp), work_modes = huge(1.0_wp)
       class(base_system), allocatable :: base
    contains
       procedure :: advance
@@ -34,7 +39,6 @@ contains
       real(wp), intent(in) :: tolerance
       type(exact_march), intent(out) :: marcher
       type(error_type), allocatable, intent(out) :: error
-      type(series_form), allocatable :: form
 
       if (.not. dt > 0.0_wp) then
          call raise(error, exit_bad_input, 'dt = '//to_text(dt)//': must be positive')
@@ -51,19 +55,51 @@ contains
       marcher%structure = structure
       marcher%dt = dt
       marcher%tolerance = tolerance
-      marcher%parts = max(1, ceiling(parts_of_step(structure, dt)))
-      allocate (form)
-      call new_series_form(structure, dt, marcher%parts, tolerance, form)
-      call move_alloc(form, marcher%base)
+      if (structure%has_lumped_mass()) call use_series(marcher)
+      ! in modes, each of m joints reads n modes three times and pushes them as often, at least
+      if (6.0_wp*structure%n_joints*structure%n_dof < marcher%work_series) &
+         call try_modes(marcher, error)
    end subroutine new_exact_march
 
-   !> How many parts of a step the fastest mode needs, at least (4).
+   !> Chooses power series.
+   subroutine use_series(marcher)
+      type(exact_march), intent(inout) :: marcher
+      type(series_form), allocatable :: form
+
+      marcher%parts = max(1, ceiling(parts_of_step(marcher%structure, marcher%dt)))
+      allocate (form)
+      call new_series_form(marcher%structure, marcher%dt, marcher%parts, marcher%tolerance, form)
+      marcher%work_series = marcher%parts*form%series%work()
+      marcher%form = 'power series'
+      call move_alloc(form, marcher%base)
+   end subroutine use_series
+
+   !> Chooses modes if they need less work than power series.
+   subroutine try_modes(marcher, error)
+      type(exact_march), intent(inout) :: marcher
+      type(error_type), allocatable, intent(out) :: error
+      type(modal_form), allocatable :: form
+
+      allocate (form)
+      call new_modal_form(marcher%structure, marcher%dt, marcher%tolerance, form, error)
+      if (allocated(error)) return
+      marcher%work_modes = form%operators%n_parts*form%operators%work()
+      if (marcher%work_modes >= marcher%work_series) return
+      marcher%parts = form%operators%n_parts
+      marcher%form = 'modes'
+      if (allocated(marcher%base)) deallocate (marcher%base)
+      call move_alloc(form, marcher%base)
+   end subroutine try_modes
+
+   !> How many parts of a step the fastest mode needs in power series, at least (4). Modes need no
+   !> parts for their own sake: 1 where the mass is not diagonal.
    pure function parts_of_step(structure, dt) result(parts)
       type(structure_type), intent(in) :: structure
       real(wp), intent(in) :: dt   !! [s]
       real(wp) :: parts
 
-      parts = fastest_rate(structure)*dt/longest_part
+      parts = 1.0_wp
+      if (structure%has_lumped_mass()) parts = fastest_rate(structure)*dt/longest_part
    end function parts_of_step
 
    !> See marcher_type.
@@ -77,6 +113,11 @@ contains
       type(error_type), allocatable, intent(out) :: error
       real(wp) :: no_velocity(0, 0, 0)
 
+      if (state%keeps_ledger .and. self%form == 'modes') then
+         call raise(error, exit_bad_input, 'ledger: not kept where the march goes in modes, as '// &
+                    'for a mass matrix that is not diagonal')
+         return
+      end if
       if (present(velocity)) then
          call march_block(self%base, self%structure, self%parts, state, force, every, &
                           displacement, velocity, error)

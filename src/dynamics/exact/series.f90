@@ -52,9 +52,22 @@ module dynamics_exact_series
    contains
       procedure :: expand
       procedure :: follow_links
+      procedure :: work
    end type series_type
 
 contains
+
+   !> Multiplications of one sample in one part, transitions aside.
+   pure real(wp) function work(self)
+      class(series_type), intent(in) :: self
+      integer :: k
+
+      work = 20.0_wp*self%n_rows + (self%degree - 1.0_wp)* &   ! guards; springs, links
+             (size(self%springs%value) + 2*self%n_padded + 2*size(self%end_dof))
+      do k = 0, self%degree - 2
+         work = work + size(self%damping(k)%value)
+      end do
+   end function work
 
    !> Prepares equal parts of a step, to a tolerance relative to the rms displacement.
    subroutine new_series(structure, dt, parts, tolerance, series)

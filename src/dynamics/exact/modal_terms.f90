@@ -1,0 +1,115 @@
+!> What the modal form needs for a tolerance: parts of a step, and the terms of its formulas that
+!> matter (M7), (M8) of docs/exact_march.md.
+module dynamics_exact_modal_terms
+   use core_kinds, only: wp
+   implicit none(type, external)
+   private
+   public :: choose_terms, count_parts, modal_terms, n_markov, path_degree
+
+   integer, parameter :: path_degree = 6   !! of the paths of joints
+   integer, parameter :: n_markov = 3      !! terms of the answer of a joint to a slider
+   integer, parameter :: most_parts = 4096
+   real(wp), parameter :: safety = 30.0_wp           !! of the estimates (M7), (M8)
+   real(wp), parameter :: quintic_error = 2.7e-6_wp  !! max t^2 (t - 1/2)^2 (t - 1)^2/6!
+
+   !> Parts and terms.
+   type :: modal_terms
+      real(wp) :: h = 0.0_wp       !! of a part [s]
+      integer :: n_parts = 1       !! of a step, a power of two
+      integer :: n_moments = 4     !! integrals of a slider's motion that its modes need
+      integer :: n_reads = 4       !! of u(1), u'(1), u(1/2), u'(1/2) that free paths go through
+      !> (power of a path) least power of the sliders that adds to it; beyond power - 2: none does
+      integer :: first_power(3:path_degree) = 1
+   end type modal_terms
+
+contains
+
+   !> Parts of a step, a power of two, that keep the paths of joints within the tolerance (M7).
+   !>
+   !> A mode of rate rho = omega h leaves the polynomial through its values by 2.7e-6 rho^6 of its
+   !> amplitude. The answers of joints to sliders, kappa = h^2 W' M^-1 W k, are cut off at
+   !> kappa^3/5040 of their velocity; the fit of their kernel gains 20.
+   pure integer function count_parts(joint_stiffness, read, rate, dt, tolerance) result(n_parts)
+      real(wp), intent(in) :: joint_stiffness(:), read(:, :)   !! k [N/m]; G (joint, mode)
+      real(wp), intent(in) :: rate(:)                          !! omega dt (mode)
+      real(wp), intent(in) :: dt, tolerance
+      real(wp) :: error, kappa, share(size(rate))
+
+      share = shares(read, rate)
+      kappa = dt**2*compliance(joint_stiffness, read, rate, 0)
+      n_parts = 1
+      do
+         error = maxval(share*min(rate/n_parts, quintic_error*(rate/n_parts)**6)) &
+                 + (kappa/real(n_parts, wp)**2)**3/(20.0_wp*5040.0_wp)/n_parts
+         if (safety*error <= tolerance .or. n_parts == most_parts) return
+         n_parts = 2*n_parts
+      end do
+   end function count_parts
+
+   !> Share of each mode in the paths of joints, at most 1; amplitudes beyond omega dt = 1 fall as
+   !> omega^-2.
+   pure function shares(read, rate) result(share)
+      real(wp), intent(in) :: read(:, :), rate(:)
+      real(wp) :: share(size(rate))
+      integer :: r
+
+      share = 0.0_wp
+      if (size(read, 1) == 0) return
+      do r = 1, size(rate)
+         share(r) = maxval(abs(read(:, r))/max(maxval(abs(read), 2), tiny(1.0_wp))) &
+                    /max(1.0_wp, rate(r))**2
+      end do
+   end function shares
+
+   !> Largest row sum of |G rate^power G'| k [1/s^2]: size of W' M^-1 W k, or with powers of the
+   !> stiffness in between.
+   pure real(wp) function compliance(joint_stiffness, read, rate, power)
+      real(wp), intent(in) :: joint_stiffness(:), read(:, :), rate(:)
+      integer, intent(in) :: power
+
+      compliance = 0.0_wp
+      if (size(read, 1) == 0) return
+      compliance = maxval(matmul(abs(matmul(read*spread(rate**power, 1, size(read, 1)), &
+                                            transpose(read))), joint_stiffness))
+   end function compliance
+
+   !> Leaves out what the tolerance does not need (M8): the velocity at half the part, integrals of
+   !> the sliders' motion, terms of the answers.
+   pure subroutine choose_terms(joint_stiffness, read, rate, damping, tolerance, terms)
+      real(wp), intent(in) :: joint_stiffness(:), read(:, :)
+      real(wp), intent(in) :: rate(:)          !! omega h (mode)
+      real(wp), intent(in) :: damping(:, :)    !! C^ (mode, mode)
+      real(wp), intent(in) :: tolerance
+      class(modal_terms), intent(inout) :: terms
+      real(wp), parameter :: steps = 2000.0_wp   ! for which the error of a part lives on, see (1)
+      real(wp), parameter :: quartic_error = 7.5e-5_wp
+      real(wp) :: answer(0:n_markov - 1), kernel(0:4), memory, path(5), share(size(rate))
+      integer :: d, k
+
+      share = shares(read, rate*terms%n_parts)
+      do k = 1, 5
+         path(k) = maxval(share*rate**k)   ! derivatives of the paths
+      end do
+      do k = 0, 4, 2
+         kernel(k) = terms%h**2*compliance(joint_stiffness, read, rate, k)
+      end do
+      associate (decay => maxval(sum(abs(damping), 1)))
+         answer = [kernel(0), kernel(0)*decay, kernel(2) + kernel(0)*decay**2]
+      end associate
+      terms%n_reads = 4
+      if (safety*quartic_error*path(5) <= 0.5_wp*tolerance) terms%n_reads = 3
+      memory = steps*terms%n_parts
+      terms%n_moments = 4
+      if (memory*(kernel(2)*path(3) + kernel(4)*path(2))*1.0e-5_wp <= 0.2_wp*tolerance) &
+         terms%n_moments = 3
+      if (memory*kernel(2)*path(1)/720.0_wp <= 0.2_wp*tolerance) terms%n_moments = 2
+      do k = 3, path_degree
+         terms%first_power(k) = k - 1
+         do d = 0, min(n_markov - 1, k - 3)
+            if (safety*answer(d)*path(k - 2 - d)/gamma(real(k + 1, wp)) > 0.2_wp*tolerance) &
+               terms%first_power(k) = k - 2 - d
+         end do
+      end do
+   end subroutine choose_terms
+
+end module dynamics_exact_modal_terms
