@@ -14,7 +14,7 @@ module driver_check
    use ensemble_forecast, only: cost_type, measure_cost
    use ensemble_pilot, only: choose_every
    use ensemble_plan, only: plan_type
-   use ensemble_runner, only: block_width
+   use ensemble_size, only: refuse_oversize
    use parallel_world, only: start_world, stop_world, world_type
    use process_fit, only: foresee_process
    use process_model, only: process_model_type
@@ -35,20 +35,24 @@ contains
       type(cost_type) :: cost
       character(:), allocatable :: choice, need
       real(wp), allocatable :: force(:, :)
-      type(error_type), allocatable :: error
+      type(error_type), allocatable :: error, oversize
+      integer :: every
 
       call start_world(world)
       call load_plan(line, scene, plan, force, error)
       call world%stop_on(error)
       call keep_targets(world, force, scene, plan, choice)
-      if (plan%has_structure .and. world%is_root()) call measure(plan, force, cost, error)
+      every = 1
+      if (plan%has_structure .and. world%is_root()) call measure(plan, force, every, cost, error)
       call world%stop_on(error)
       call foresee_need(world, plan, force, cost%nanoseconds, need)
       if (world%is_root()) then
          call foresee_processes(plan, models)
          if (.not. line%is_quiet) then
             call say(summary_text(scene, plan, cost%nanoseconds, world%n_ranks, &
-                                  block_width(plan), models, cost%audit_nanoseconds))
+                                  every, cost%transitions, models, cost%audit_nanoseconds))
+            call refuse_oversize(plan, oversize)
+            if (allocated(oversize)) call say('note: '//oversize%message)
             if (cost%n_steps > 0) call say(transitions_text(cost))
             if (choice /= '') call say(choice)
             if (need /= '') call say(need)
@@ -60,15 +64,14 @@ contains
    end subroutine check
 
    !> What a sample-step costs, with spectra of as many steps as they will have.
-   subroutine measure(plan, force, cost, error)
+   subroutine measure(plan, force, every, cost, error)
       type(plan_type), intent(in) :: plan
       real(wp), intent(in) :: force(0:, :)
+      integer, intent(inout) :: every   !! every k-th step enters the spectra, where there are any
       type(cost_type), intent(out) :: cost
       type(error_type), allocatable, intent(out) :: error
       real(wp), allocatable :: folded_share(:, :)
-      integer :: every
 
-      every = 1
       if (plan%output%spectrum) call choose_every(plan, force, every, folded_share, error)
       if (.not. allocated(error)) &
          call measure_cost(plan, force, every, cost, error)

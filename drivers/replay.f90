@@ -17,6 +17,7 @@ module driver_replay
    use ensemble_results, only: block_result
    use ensemble_runner, only: runner_type
    use ensemble_sample, only: run_block
+   use ensemble_size, only: refuse_oversize
    use ensemble_study, only: block_range, draw_friction
    use io_shards, only: write_shard
    use io_store, only: remove_store
@@ -45,6 +46,7 @@ contains
       call start_world(world)
       call load_plan(line, scene, plan, force, error)
       if (.not. allocated(error)) call check_choice(line, plan, error)
+      if (.not. allocated(error)) call refuse_oversize(plan, error)
       call world%stop_on(error)
       call keep_targets(world, force, scene, plan, choice)
       call open_output(world, line, scene, plan, output, ending_of(line))

@@ -19,6 +19,7 @@ module driver_run
    use ensemble_results, only: block_result
    use ensemble_runner, only: prepare_runner, runner_type
    use ensemble_sample, only: run_block
+   use ensemble_size, only: refuse_oversize
    use ensemble_study, only: block_range, draw_friction, open_blocks
    use io_files, only: exists
    use io_process_shards, only: remove_kept
@@ -50,6 +51,7 @@ contains
       call start_world(world)
       call load_plan(line, scene, plan, force, error)
       if (.not. allocated(error)) call check_share(line, plan, error)
+      if (.not. allocated(error)) call refuse_oversize(plan, error)
       call world%stop_on(error)
       call set_limit(plan%walltime)
       call keep_targets(world, force, scene, plan, choice)

@@ -7,7 +7,8 @@ module config_summary
    use core_kinds, only: wp
    use core_text, only: to_text
    use ensemble_audit, only: add_audits, reference_for
-   use ensemble_plan, only: integration_settings, kept_dofs, plan_type
+   use ensemble_plan, only: integration_settings, plan_type
+   use ensemble_size, only: memory_of_rank, results_size
    use process_model, only: branch_note, process_model_type, process_request
    use process_positive, only: way_of_drawing, way_type
    use process_scaling, only: first_of_fit
@@ -18,18 +19,18 @@ module config_summary
 
    character(*), parameter :: line_feed = new_line('a')
    integer, parameter :: max_rows = 40   !! of a table
-   real(wp), parameter :: word = 8.0_wp  !! bytes of a number
 
 contains
 
    !> Aligned and short; ends without a line feed.
-   function summary_text(scene, plan, nanoseconds, n_ranks, block_width, foreseen, &
+   function summary_text(scene, plan, nanoseconds, n_ranks, every, transitions, foreseen, &
                          audit_nanoseconds) result(text)
       type(scene_type), intent(in) :: scene
       type(plan_type), intent(in) :: plan
       real(wp), intent(in) :: nanoseconds   !! cost of a sample-step; 0: not known
       integer, intent(in) :: n_ranks
-      integer, intent(in) :: block_width    !! samples marched together
+      integer, intent(in) :: every          !! every k-th step enters the spectra
+      real(wp), intent(in) :: transitions   !! of a sample in a step
       !> (process) whether it has a solution, as far as that is known before the fit, or why not
       type(process_model_type), intent(in), optional :: foreseen(:)
       real(wp), intent(in), optional :: audit_nanoseconds   !! of a sample-step that is repeated
@@ -47,7 +48,7 @@ contains
                                           any(is_fitted_to_values(plan%processes)))))
          if (repeats(plan)) text = text//labelled('audit', audit_text(plan, n_ranks, &
                                                                       audit_nanoseconds))
-         text = text//size_bounds(plan, block_width)
+         text = text//sizes_text(plan, every, transitions)
       end if
       if (size(scene%unused) > 0) &
          text = text//labelled('note', 'given and not used: '//joined(scene%unused))
@@ -395,34 +396,16 @@ contains
                 brief(nanoseconds)//' ns each on '//counted(n_ranks, 'rank', 'ranks')
    end function work_text
 
-   !> Memory of a rank, size of the results: bounds.
-   function size_bounds(plan, block_width) result(text)
+   !> Memory of a rank and size of the results.
+   function sizes_text(plan, every, transitions) result(text)
       type(plan_type), intent(in) :: plan
-      integer, intent(in) :: block_width
+      integer, intent(in) :: every
+      real(wp), intent(in) :: transitions
       character(:), allocatable :: text
-      integer :: n_kept   ! dofs of spectra and histories
-      real(wp) :: n_samples, spectrum, history, force, matrices, memory, results
 
-      n_samples = sum(real(plan%cases%n_samples, wp))
-      n_kept = size(kept_dofs(plan))
-      associate (output => plan%output, n_dof => plan%structure%n_dof, &
-                 n_joints => plan%structure%n_joints)
-         spectrum = 0.0_wp   ! of one sample, as the two below
-         if (output%spectrum) spectrum = word*n_kept*(output%segment_length/ &
-                                                      max(2, 2*output%spectrum_every) + 1.0_wp)
-         history = 0.0_wp
-         if (output%history) history = 2.0_wp*word*n_kept*(plan%integration%n_steps + 1.0_wp)
-         force = word*plan%structure%n_forces*(plan%integration%n_steps + 1.0_wp)
-         matrices = 8.0_wp*word*n_dof*(n_dof + n_joints)
-         if (plan%integration%method == 'newmark') &
-            matrices = matrices*(1.0_wp + plan%integration%max_halvings/8.0_wp)
-         memory = matrices + force + block_width*(3.0_wp*spectrum + history) + &
-                  maxval(plan%cases%n_samples)*spectrum
-         if (plan%excitation%per_sample) memory = memory + block_width*force
-         results = n_samples*(spectrum + history + 6.0_wp*word*n_joints)
-      end associate
-      text = labelled('memory', 'up to '//size_text(memory)//' a rank')// &
-             labelled('results', 'up to '//size_text(results))
-   end function size_bounds
+      text = labelled('memory', 'about '//size_text(memory_of_rank(plan, every, transitions))// &
+                      ' a rank')// &
+             labelled('results', 'up to '//size_text(results_size(plan, every, transitions)))
+   end function sizes_text
 
 end module config_summary

@@ -28,7 +28,7 @@ module ensemble_bands
    use numerics_statistics, only: error_of_mean
    implicit none(type, external)
    private
-   public :: band_collector, start_bands, at_rank, sample_groups
+   public :: band_collector, start_bands, at_rank, largest_group, sample_groups
 
    integer, parameter :: largest_group = 2**14    !! samples sorted together
    integer, parameter :: n_replicates = 400       !! of the bootstrap: intervals scatter by 5 %

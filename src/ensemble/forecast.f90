@@ -1,6 +1,6 @@
 !> What a sample-step of a scene costs, measured before anything is run.
 !>
-!> Samples of all cases are marched for a moment under the first part of their force, as the
+!> Samples of all cases are marched for a moment under a short record of their force, as the
 !> campaign will march them: as many side by side, what is kept kept, spectra of as many steps. The
 !> friction is a stand-in of the right mean and scatter, so no process need be fitted.
 module ensemble_forecast
@@ -39,17 +39,22 @@ contains
       integer, intent(in) :: every                 !! every k-th step enters the spectra
       type(cost_type), intent(out) :: cost
       type(error_type), allocatable, intent(out) :: error
+      type(plan_type) :: short
       type(runner_type) :: runner
       type(level_type), allocatable :: levels(:)
       type(cost_type) :: of_level
       integer :: k
 
-      call prepare_runner(plan, file_force, runner, error)
-      if (allocated(error)) return
       call choose_levels(plan, levels)
       cost%n_steps = steps_for(plan, sum([(size(levels(k)%sample), k=1, size(levels))]))
+      short = plan
+      short%integration%n_steps = cost%n_steps
+      short%integration%n_discard = 0
+      call prepare_runner(short, file_force(:min(cost%n_steps, ubound(file_force, 1)), :), runner, &
+                          error)
+      if (allocated(error)) return
       do k = 1, size(levels)
-         call draw_level(plan, runner, cost%n_steps, levels(k), error)
+         call draw_level(short, runner, cost%n_steps, levels(k), error)
          if (allocated(error)) return
          call time_level(plan, levels(k), cost%n_steps, every, of_level, error)
          if (allocated(error)) return

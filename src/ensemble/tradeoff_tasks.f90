@@ -20,6 +20,7 @@ module ensemble_tradeoff_tasks
    use ensemble_tradeoff_variants, only: remember_alike, variant_type
    use numerics_correlated, only: n_batches
    use numerics_sorting, only: sort_order
+   use numerics_spectrum, only: count_segments
    use process_model, only: process_model_type
    implicit none(type, external)
    private
@@ -118,13 +119,33 @@ contains
                              0.3_wp*scope%budget, tradeoff%n_wide*usual_cost*size(tradeoff%levels) &
                                    *max(1, size(tradeoff%scope%variants))))
       end associate
-      call prepare_runner(plan, file_force, tradeoff%runner, error)
+      call prepare_runner(with_short_record(plan, tradeoff), file_force, tradeoff%runner, error)
       if (allocated(error)) return
-      if (plan%output%spectrum) tradeoff%n_segments = tradeoff%runner%layout%n_segments
+      associate (layout => tradeoff%runner%layout, how => plan%integration)
+         if (plan%output%spectrum) tradeoff%n_segments = &
+            count_segments((how%n_steps - how%n_discard)/layout%every, layout%segment_length, &
+                           layout%overlap)
+      end associate
       call draw_and_refer(tradeoff, should_stop, error)
       if (allocated(error)) return
       call list_tasks(tradeoff)
    end subroutine new_tradeoff
+
+   !> The plan with a record of its force that is drawn in a second: no march needs a longer one.
+   pure function with_short_record(plan, tradeoff) result(short)
+      type(plan_type), intent(in) :: plan
+      type(tradeoff_type), intent(in) :: tradeoff
+      type(plan_type) :: short
+      integer, parameter :: enough = 2**22   ! steps
+
+      short = plan
+      if (plan%excitation%kind == 'file') return
+      short%integration%n_steps = min(plan%integration%n_steps, &
+                                      max(enough, tradeoff%plan%integration%n_steps, &
+                                          tradeoff%long%integration%n_steps, &
+                                          tradeoff%wide%integration%n_steps))
+      if (short%integration%n_steps < plan%integration%n_steps) short%integration%n_discard = 0
+   end function with_short_record
 
    !> Steps that a budget [s] allows when each costs so much [ns].
    pure integer function affordable(budget, cost)

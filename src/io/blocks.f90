@@ -2,6 +2,7 @@
 module io_blocks
    use core_error, only: error_type, exit_file, raise
    use core_kinds, only: long, wp
+   use core_text, only: to_text
    use ensemble_results, only: block_result
    use io_checksum, only: checksum_type
    use io_hdf5, only: hdf5_file, label_type, read_dataset, read_extent, write_dataset
@@ -109,11 +110,17 @@ contains
       character(*), intent(in) :: name
       real(wp), allocatable, intent(inout) :: values(:, :)
       integer(long), allocatable :: n(:)
+      integer :: status
 
       call look(self, name, allocated(values), 2, n)
       if (.not. allocated(n)) return
-      if (self%deed == reads) allocate (values(n(1), n(2)))
-      call treat(self, name, values)
+      status = 0
+      if (self%deed == reads) allocate (values(n(1), n(2)), stat=status)
+      if (status == 0) then
+         call treat(self, name, values)
+      else
+         call refuse_size(self, name, n)
+      end if
    end subroutine pass_matrix
 
    subroutine pass_cube(self, name, values)
@@ -121,11 +128,17 @@ contains
       character(*), intent(in) :: name
       real(wp), allocatable, intent(inout) :: values(:, :, :)
       integer(long), allocatable :: n(:)
+      integer :: status
 
       call look(self, name, allocated(values), 3, n)
       if (.not. allocated(n)) return
-      if (self%deed == reads) allocate (values(n(1), n(2), n(3)))
-      call treat(self, name, values)
+      status = 0
+      if (self%deed == reads) allocate (values(n(1), n(2), n(3)), stat=status)
+      if (status == 0) then
+         call treat(self, name, values)
+      else
+         call refuse_size(self, name, n)
+      end if
    end subroutine pass_cube
 
    subroutine pass_counts(self, name, values)
@@ -133,12 +146,28 @@ contains
       character(*), intent(in) :: name
       integer(long), allocatable, intent(inout) :: values(:, :)
       integer(long), allocatable :: n(:)
+      integer :: status
 
       call look(self, name, allocated(values), 2, n)
       if (.not. allocated(n)) return
-      if (self%deed == reads) allocate (values(n(1), n(2)))
-      call treat(self, name, values)
+      status = 0
+      if (self%deed == reads) allocate (values(n(1), n(2)), stat=status)
+      if (status == 0) then
+         call treat(self, name, values)
+      else
+         call refuse_size(self, name, n)
+      end if
    end subroutine pass_counts
+
+   !> An error for a component that the memory cannot hold: a damaged file names any extent.
+   subroutine refuse_size(self, name, extents)
+      class(walker), intent(inout) :: self
+      character(*), intent(in) :: name
+      integer(long), intent(in) :: extents(:)
+
+      call raise(self%error, exit_file, self%file%path//': '//self%group//name// &
+                 ' does not fit into memory: '//to_text(product(extents))//' values')
+   end subroutine refuse_size
 
    subroutine treat_reals(self, name, values)
       class(walker), intent(inout) :: self

@@ -160,16 +160,19 @@ contains
       call h5pclose_f(properties, status)
    end subroutine create
 
-   !> Whole rows of the fast axes, until a chunk is full.
+   !> Whole rows of the fast axes, until a chunk is full; the axis that does not fit is cut evenly:
+   !> a last chunk that is not full takes its whole place on the disk.
    pure function chunk_of(extents) result(chunk)
       integer(hsize_t), intent(in) :: extents(:)
       integer(hsize_t) :: chunk(size(extents))
+      integer(hsize_t) :: most, n_chunks
       integer :: axis
 
       chunk = extents
       do axis = size(extents), 1, -1
-         chunk(axis) = max(1_hsize_t, min(extents(axis), &
-                                          chunk_bytes/(word_bytes*product(chunk(:axis - 1)))))
+         most = max(1_hsize_t, chunk_bytes/(word_bytes*product(chunk(:axis - 1))))
+         n_chunks = (extents(axis) - 1)/most + 1
+         chunk(axis) = (extents(axis) - 1)/n_chunks + 1
       end do
    end function chunk_of
 

@@ -1,0 +1,222 @@
+!> How large the results of a plan and the memory of a rank become, from the shapes of what is kept.
+module ensemble_size
+   use core_error, only: error_type, exit_bad_input, raise
+   use core_kinds, only: wp
+   use core_text, only: to_text
+   use ensemble_audit, only: add_audits, kept_of
+   use ensemble_bands, only: largest_group
+   use ensemble_plan, only: kept_dofs, output_settings, plan_type
+   use ensemble_runner, only: block_width
+   use ensemble_time_average, only: count_spans, fewest_spans
+   use numerics_correlated, only: n_batches
+   use numerics_spectrum, only: can_follow_power, count_segments, last_of_ranges
+   implicit none(type, external)
+   private
+   public :: memory_of_rank, refuse_oversize, results_size
+
+   real(wp), parameter :: word = 8.0_wp            !! bytes of a number
+   real(wp), parameter :: of_dataset = 720.0_wp    !! bytes beside its values (measured, HDF5 1.10)
+   real(wp), parameter :: of_entry = 16.0_wp       !! bytes of a matrix's row, column and value
+   real(wp), parameter :: of_process = 30.0e3_wp   !! bytes of one in the results (measured)
+   real(wp), parameter :: of_file = 4.0e3_wp       !! bytes of an empty results file (measured)
+   real(wp), parameter :: of_program = 38.0e6_wp   !! resident bytes of libraries (measured)
+   real(wp), parameter :: of_transition = 20.0_wp  !! bytes of its time, sample, dof and kind
+   real(wp), parameter :: growth = 1.3_wp          !! of transitions behind the start from rest
+   real(wp), parameter :: of_shard = 400.0_wp      !! bytes of one in the lists of a rank
+
+contains
+
+   !> Size of the results file [byte]: its values, chunks that are not full, and headers.
+   pure function results_size(plan, every, transitions) result(bytes)
+      type(plan_type), intent(in) :: plan      !! without audits
+      integer, intent(in) :: every             !! every k-th step enters the spectra
+      real(wp), intent(in) :: transitions      !! of a sample in a step
+      real(wp) :: bytes
+      type(plan_type) :: all_cases
+      integer :: c
+
+      bytes = of_file + of_process*size(plan%processes)
+      bytes = bytes + word*plan%n_realizations*(plan%n_points*size(plan%processes) + 1.0_wp)
+      if (.not. plan%has_structure) return
+      all_cases = plan
+      call add_audits(all_cases)
+      do c = 1, size(all_cases%cases)
+         bytes = bytes + size_of_case(all_cases, c, every, transitions)
+      end do
+      associate (structure => plan%structure)
+         bytes = bytes + word*12*(structure%n_dof + structure%n_joints) + 20*of_dataset &
+                 + of_entry*(count(abs(structure%mass) > 0.0_wp) &
+                             + count(abs(structure%damping) > 0.0_wp) &
+                             + count(abs(structure%stiffness) > 0.0_wp) &
+                             + count(abs(structure%direction) > 0.0_wp))
+      end associate
+   end function results_size
+
+   pure function size_of_case(plan, number, every, transitions) result(bytes)
+      type(plan_type), intent(in) :: plan
+      integer, intent(in) :: number, every
+      real(wp), intent(in) :: transitions
+      real(wp) :: bytes
+      type(output_settings) :: kept
+      real(wp) :: of_sample, once, n_steps
+      integer :: n_datasets
+
+      kept = kept_of(plan, number)
+      n_steps = plan%integration%n_steps + 1.0_wp
+      of_sample = word*(1 + 8*plan%structure%n_joints)
+      once = word*12*(plan%structure%n_dof + plan%structure%n_joints)
+      n_datasets = 18
+      if (kept%slip) of_sample = of_sample + &
+                                 word*plan%structure%n_joints*(1 + count_spans(plan%integration))
+      if (kept%energy) of_sample = of_sample + word*5
+      if (kept%energy) n_datasets = n_datasets + 5
+      associate (n_kept => size(kept_dofs(plan)), n_percentiles => size(kept%percentiles), &
+                 n => plan%cases(number)%n_samples)
+         if (kept%spectrum) then
+            of_sample = of_sample + word*n_kept*(n_frequencies(plan, every) &
+                                                 + n_powers(plan, every))
+            n_datasets = n_datasets + 18
+            once = once + word*n_frequencies(plan, every)
+            if (n > 1 .and. plan%cases(number)%audits == 0) &
+               once = once + word*n_kept*(n_frequencies(plan, every)*(2 + 3*n_percentiles) &
+                                          + 8*(2 + n_percentiles))
+         end if
+         if (kept%history) then
+            of_sample = of_sample + 2*word*n_kept*n_steps
+            if (plan%excitation%per_sample) of_sample = of_sample + word*n_steps
+            once = once + (2.5_wp*word)*n_steps
+            n_datasets = n_datasets + 5
+         end if
+         if (kept%transitions) then
+            of_sample = of_sample + growth*of_transition*transitions*n_steps
+            n_datasets = n_datasets + 5
+         end if
+         bytes = n*of_sample*1.01_wp + once + n_datasets*of_dataset   ! chunks cut evenly: 1 %
+      end associate
+   end function size_of_case
+
+   !> Frequencies of a spectrum.
+   pure integer function n_frequencies(plan, every)
+      type(plan_type), intent(in) :: plan
+      integer, intent(in) :: every
+
+      n_frequencies = plan%output%segment_length/every/2 + 1
+   end function n_frequencies
+
+   !> Values of a sample and a dof that tell how its power varies along the march.
+   pure integer function n_powers(plan, every)
+      type(plan_type), intent(in) :: plan
+      integer, intent(in) :: every
+      integer :: length, n_values
+
+      n_powers = 0
+      length = plan%output%segment_length/every
+      n_values = (plan%integration%n_steps - plan%integration%n_discard)/every
+      if (plan%excitation%per_sample) return
+      if (can_follow_power(count_segments(n_values, length, length/2))) &
+         n_powers = n_batches*size(last_of_ranges(n_frequencies(plan, every)))
+   end function n_powers
+
+   !> Largest resident memory of a rank [byte]: while it marches, or while it finds statistics.
+   pure function memory_of_rank(plan, every, transitions) result(bytes)
+      type(plan_type), intent(in) :: plan
+      integer, intent(in) :: every
+      real(wp), intent(in) :: transitions   !! of a sample in a step
+      real(wp) :: bytes
+      real(wp) :: n_samples
+
+      bytes = of_program
+      if (.not. plan%has_structure) return
+      n_samples = maxval(plan%cases%n_samples)
+      bytes = bytes + 4*n_samples*size(plan%cases) &
+              + of_shard*size(plan%cases)*(1 + n_samples/block_width(plan)) &
+              + max(memory_of_march(plan, every, transitions), memory_of_statistics(plan, every))
+   end function memory_of_rank
+
+   !> The force as it is drawn (or in a file, prepared, and in the march) and a block of samples.
+   pure function memory_of_march(plan, every, transitions) result(bytes)
+      type(plan_type), intent(in) :: plan
+      integer, intent(in) :: every
+      real(wp), intent(in) :: transitions
+      real(wp) :: bytes
+      real(wp) :: n_steps, of_sample
+
+      n_steps = plan%integration%n_steps + 1.0_wp
+      associate (n_kept => size(kept_dofs(plan)))
+         of_sample = 0.0_wp
+         if (plan%output%spectrum) of_sample = word*n_kept*(5*n_frequencies(plan, every) &
+                                                            + 2*n_powers(plan, every))
+         if (plan%output%history) of_sample = of_sample + 2*word*n_kept*n_steps
+         if (plan%output%transitions) of_sample = of_sample + 3*of_transition*transitions*n_steps
+         if (plan%excitation%per_sample) of_sample = of_sample + word*n_steps
+      end associate
+      bytes = record_memory(plan) + memory_of_matrices(plan) + min(block_width(plan), maxval(plan%cases%n_samples))*of_sample
+   end function memory_of_march
+
+   !> Matrices of the structure and of the method, all full: 8 of them, and Newmark's of each step.
+   pure function memory_of_matrices(plan) result(bytes)
+      type(plan_type), intent(in) :: plan
+      real(wp) :: bytes
+
+      associate (n => real(plan%structure%n_dof, wp), m => plan%structure%n_joints)
+         bytes = 8.0_wp*word*n*(n + m)
+      end associate
+      if (plan%integration%method == 'newmark') &
+         bytes = bytes*(1.0_wp + plan%integration%max_halvings/8.0_wp)
+   end function memory_of_matrices
+
+   !> The record while it is drawn: itself, the transform's two buffers and its work. A file's is
+   !> kept as often.
+   pure function record_memory(plan) result(bytes)
+      type(plan_type), intent(in) :: plan
+      real(wp) :: bytes
+
+      bytes = (3 + plan%structure%n_forces)*word*(plan%integration%n_steps + 1.0_wp)
+      if (plan%excitation%kind == 'file' .and. plan%excitation%per_sample) &
+         bytes = 2*word*(plan%integration%n_steps + 1.0_wp)*maxval(plan%cases%n_samples)
+   end function record_memory
+
+   !> Bands of two cases at once, and the spectra of a group of samples at some frequencies.
+   pure function memory_of_statistics(plan, every) result(bytes)
+      type(plan_type), intent(in) :: plan
+      integer, intent(in) :: every
+      real(wp) :: bytes
+      integer, parameter :: values_together = 320, replicates = 400, parts = 32
+      integer :: n_group, together
+
+      n_group = min(maxval(plan%cases%n_samples), largest_group)
+      bytes = word*n_group*plan%structure%n_joints*(10 + count_spans(plan%integration)/ &
+                                                 max(1, n_group/block_width(plan)))
+      if (.not. plan%output%spectrum .or. n_group < 2) return
+      associate (n_kept => size(kept_dofs(plan)), n_percentiles => size(plan%output%percentiles))
+         together = (n_frequencies(plan, every) - 1)/max(values_together/n_kept, 1) + 1
+         together = (n_frequencies(plan, every) - 1)/together + 1
+         bytes = bytes + word*n_kept*n_frequencies(plan, every)*(3*(2 + 3*n_percentiles)) &
+                 + 2*word*n_kept*parts*(n_percentiles*replicates + min(n_group, 512)) &
+                 + word*n_group*n_kept*(together + min(n_powers(plan, every), 2*n_batches)) &
+                 + 4.0_wp*n_group*replicates
+      end associate
+   end function memory_of_statistics
+
+   !> An error where the march cannot have the memory that it takes at least: none of it is used
+   !> yet, but the system says whether it would be given.
+   subroutine refuse_oversize(plan, error)
+      type(plan_type), intent(in) :: plan
+      type(error_type), allocatable, intent(out) :: error
+      real(wp), allocatable, volatile :: room(:)
+      real(wp) :: bytes
+      integer :: status
+
+      if (.not. plan%has_structure) return
+      bytes = memory_of_march(plan, plan%output%segment_length, 0.0_wp)
+      allocate (room(nint(bytes/word, selected_int_kind(18))), stat=status)
+      if (status == 0) room(1) = 0.0_wp
+      if (status /= 0) call raise(error, exit_bad_input, 'integration%n_steps = '// &
+                           to_text(plan%integration%n_steps)//': the force and what is kept of '// &
+                                  'a block take '//to_text(nint(bytes/1.0e6_wp))// &
+                                  ' MB on each rank, which the system does not give: fewer '// &
+                                  'steps, histories of fewer output%dofs, or more memory '// &
+                                  '(ulimit -v)')
+   end subroutine refuse_oversize
+
+end module ensemble_size

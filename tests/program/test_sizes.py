@@ -1,0 +1,92 @@
+"""`check` tells the size of results and the memory of a rank (ensemble_size) and stays quick."""
+
+from __future__ import annotations
+
+import os
+import re
+import resource
+import subprocess
+import time
+
+import h5py
+import numpy as np
+import pytest
+
+from tests.conftest import ENVIRONMENT
+
+SCENE = """\
+&process correlation_length = 1.0 order = 1 mean = 0.2 std = 0.02 /
+&chain n_dof = {n_dof} /
+&excitation variance = 41.1 /
+&integration method = 'event' n_steps = {n_steps} /
+&campaign n_samples = {n_samples} /
+&output quantities = {kept} segment_length = {segment} /
+"""
+USUAL = {
+    "n_dof": 5, "n_steps": 4000, "n_samples": 8, "segment": 8192, "kept": "'slip', 'spectrum'",
+}  # fmt: skip
+CASES = {
+    "smallest": {},
+    "long_spectra": {"n_dof": 12, "n_steps": 9000, "n_samples": 64},
+    "many_samples": {"n_steps": 600, "n_samples": 3000, "segment": 512},
+    "histories": {"n_steps": 40000, "kept": "'slip', 'history'"},
+    "transitions": {"n_steps": 20000, "n_samples": 32, "kept": "'slip', 'transitions'"},
+    "long_march": {"n_dof": 1, "n_steps": 2000000, "n_samples": 1, "kept": "'slip', 'spectrum'"},
+}
+BYTES = {"kB": 1e3, "MB": 1e6, "GB": 1e9}
+
+
+def told(text: str, label: str) -> float:
+    value, unit = re.search(rf"^{label} +\w+(?: to)? ([\d.e]+) (\w+)", text, re.MULTILINE).groups()
+    return float(value) * BYTES[unit]
+
+
+@pytest.mark.parametrize("name", CASES)
+def test_check_tells_the_size_of_results_and_memory(entroslip, program, tmp_path, name):
+    (tmp_path / "s.nml").write_text(SCENE.format(**USUAL | CASES[name]))
+    said = entroslip("check", "s.nml").stdout
+    with subprocess.Popen(
+        [program, "run", "s.nml", "--quiet"], cwd=tmp_path, env=ENVIRONMENT
+    ) as run:
+        _, status, used = os.wait4(run.pid, 0)
+        run.returncode = os.waitstatus_to_exitcode(status)
+    assert run.returncode == 0
+    size = (tmp_path / "s.h5").stat().st_size
+    memory = 1024 * used.ru_maxrss
+    assert size <= told(said, "results") <= 1.25 * size + 20e3
+    # what libraries take differs from one system to another
+    assert abs(told(said, "memory") - memory) <= 0.25 * memory + 15e6
+
+
+def test_spectra_are_cut_evenly_on_the_disk(entroslip, tmp_path):
+    """Chunks of 4097 frequencies by 12 masses left a third of the file empty."""
+    options = CASES["long_spectra"] | {"n_samples": 2}
+    (tmp_path / "s.nml").write_text(SCENE.format(**USUAL | options))
+    every = ("--set", "output%spectrum_every=1")
+    assert entroslip("run", "s.nml", *every).returncode == 0
+    with h5py.File(tmp_path / "s.h5") as file:
+        psd = file["campaign/c001/psd"]
+        assert psd.shape == (2, 4097, 12)
+        chunks = np.ceil(np.divide(psd.shape, psd.chunks))
+        assert np.prod(chunks * psd.chunks) <= 1.01 * psd.size
+
+
+def limited() -> None:
+    resource.setrlimit(resource.RLIMIT_AS, (4 * 2**30, 4 * 2**30))
+
+
+def test_check_is_quick_and_a_run_without_memory_ends_in_one_line(program, tmp_path):
+    scene = SCENE.format(**USUAL | {"n_steps": 2000000000, "segment": 512})
+    (tmp_path / "s.nml").write_text(scene)
+    began = time.process_time()
+    for command, code in (("check", 0), ("run", 2)):
+        done = subprocess.run(
+            [program, command, "s.nml"], cwd=tmp_path, env=ENVIRONMENT | {"OMP_NUM_THREADS": "1"},
+            capture_output=True, text=True, timeout=100, check=False, preexec_fn=limited,
+        )  # fmt: skip
+        assert done.returncode == code, done.stderr
+        said = done.stdout if command == "check" else done.stderr
+        assert "n_steps = 2000000000: the force and what is kept of a block take 64000 MB" in said
+        assert len(done.stderr.splitlines()) == (1 if code else 0)
+    assert time.process_time() - began < 20
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["s.nml"]
