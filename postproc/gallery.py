@@ -16,7 +16,6 @@ from .results import Case, Results
 
 _Item = TypeVar("_Item")
 _PROCESSES, _CHAIN, _STUDY, _RESPONSES, _ = SECTIONS
-_ALIKE = ("correlation", "correlation_length", "order")  # in Fig. 6
 _MOST_SPECTRA = 4  # cases with friction certain; more are a sweep
 
 
@@ -77,7 +76,7 @@ def of_processes(results: Results) -> Iterator[Figure]:
             _PROCESSES, (partial(process_figures.plot_chosen_orders, processes=chosen),),
         )  # fmt: skip
     refused = [p for p in results.processes.values() if p.attrs["status"] == "infeasible"]
-    yield from _positive(solved, regressive, refused)
+    yield from _positive(solved, asked, refused)
     for name, process in results.processes.items():
         if "realizations" in process:
             yield Figure(
@@ -88,34 +87,54 @@ def of_processes(results: Results) -> Iterator[Figure]:
 
 
 def _positive(
-    solved: list[xr.Dataset], regressive: list[xr.Dataset], refused: list[xr.Dataset]
+    solved: list[xr.Dataset], free: list[xr.Dataset], refused: list[xr.Dataset]
 ) -> Iterator[Figure]:
-    """Fig. 6: positive processes of one length and order, beside the free one; else all alone."""
+    """Fig. 6: positive processes of each length and order, beside the free one; others alone."""
     positive = [p for p in solved if process_figures.is_positive(p)]
     if not positive:
         return
-    kinds = {tuple(p.attrs[a] for a in _ALIKE) for p in positive}
-    twins = [p for p in regressive if {tuple(p.attrs[a] for a in _ALIKE)} == kinds]
-    if not twins:
+    kinds = sorted({_kind(p) for p in positive})
+    alone = [p for p in positive if not any(_kind(q) == _kind(p) for q in free)]
+    if alone:
         yield Figure(
             "positive", "Autocovariances of positive processes",
-            f"Over the variance, {_how_many(len(positive), process_figures.MOST_CURVES)}.",
-            _PROCESSES, (partial(process_figures.plot_each, processes=positive),),
+            f"Over the variance, {_how_many(len(alone), process_figures.MOST_CURVES)}.",
+            _PROCESSES, (partial(process_figures.plot_each, processes=alone),),
         )  # fmt: skip
-        return
-    both = [twins[0], *positive]
+    for kind in kinds:
+        alike = [p for p in positive if _kind(p) == kind]
+        twins = [p for p in free if _kind(p) == kind]
+        if twins:
+            missing = [p for p in refused if process_figures.is_positive(p) and _kind(p) == kind]
+            yield _figure_6(twins[0], alike, missing, is_only=len(kinds) == 1)
+
+
+def _kind(process: xr.Dataset) -> tuple[str, str, float, int]:
+    asked = process.attrs
+    return (
+        str(asked["method"]), str(asked["correlation"]), float(asked["correlation_length"]),
+        int(asked["order"]),
+    )  # fmt: skip
+
+
+def _figure_6(
+    free: xr.Dataset, positive: list[xr.Dataset], refused: list[xr.Dataset], *, is_only: bool
+) -> Figure:
+    method, correlation, length, order = _kind(free)
     largest = "; ".join(
-        f"{_largest(process_figures.difference_from_free(p, twins[0])):.2g} at mean"
+        f"{_largest(process_figures.difference_from_free(p, free)):.2g} at mean"
         f" {p.attrs['mean']:g} ({p.attrs['sampler']})"
         for p in positive
     )
     missing = "".join(
         f" Not drawn, mean {p.attrs['mean']:g} ({p.attrs['sampler']}): {p.attrs['reason']}."
         for p in refused
-        if process_figures.is_positive(p) and {tuple(p.attrs[a] for a in _ALIKE)} == kinds
     )
-    yield Figure(
-        "fig_06", "Fig. 6. Positive processes and the one without sign constraint",
+    both = [free, *positive]
+    return Figure(
+        "fig_06" if is_only else f"fig_06_{method}_{correlation}_{length:g}_{order}",
+        "Fig. 6. Positive processes and the one without sign constraint"
+        + ("" if is_only else f", {method}, {correlation} = {length:g}, order {order}"),
         "Autocovariances of positive processes, by the sequential law (marks) and the exact one"
         " (dashed), beside that of the process without sign constraint; below, the differences with"
         " bars of two standard errors, the scatter of fits from other random numbers among them."

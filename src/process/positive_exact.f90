@@ -9,10 +9,11 @@ module process_positive_exact
    use core_kinds, only: wp
    use core_random, only: stream_type
    use process_positive_moments, only: add_products, batch_averages
+   use process_spectral_factor, only: symbol_of_process
    use process_truncated_normal, only: draw_truncated_lanes, lanes, truncated_variance
    implicit none(type, external)
    private
-   public :: precision_of, sweeps_to_forget, sample_exact, draw_window
+   public :: sweeps_to_forget, sample_exact, draw_window
 
    !> Rings of values side by side, one per lane; or one ring wound over all lanes.
    type :: ring_type
@@ -28,19 +29,6 @@ module process_positive_exact
    end type ring_type
 
 contains
-
-   !> G_k, k = 0..order, of Eq. (25) from a_q and b0 = 1: row of the inverse covariance.
-   pure function precision_of(a) result(g)
-      real(wp), intent(in) :: a(:)
-      real(wp) :: g(0:size(a))
-      real(wp) :: c(0:size(a))
-      integer :: k
-
-      c = [1.0_wp, a]
-      do k = 0, size(a)
-         g(k) = dot_product(c(:size(a) - k), c(k:))
-      end do
-   end function precision_of
 
    !> Sweeps after which a start has lost all but `tolerance` of its weight: the rate of the
    !> Gaussian law of this variance and length, the smallest over the mean of 1/(power spectral
@@ -79,7 +67,7 @@ contains
       batches%centre = centre
       ring = new_ring(a, field, ring_length, .false.)
       ring%x = centre
-      ring%h = precision_of(companion)
+      ring%h = symbol_of_process(companion, 1.0_wp)
       allocate (ring%y(lanes, 1 - ring%order:ring%length + ring%order), source=0.0_wp)
       at_zero = 0.0_wp
       do sweep = 1, n_burn_in
@@ -151,7 +139,7 @@ contains
       ring%is_wound = is_wound
       ring%field = field
       allocate (ring%g(0:size(a)))
-      ring%g(:) = precision_of(a)
+      ring%g(:) = symbol_of_process(a, 1.0_wp)
       allocate (ring%x(lanes, 1 - size(a):length + size(a)))
    end function new_ring
 

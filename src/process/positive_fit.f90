@@ -17,6 +17,7 @@ module process_positive_fit
    use process_positive_refusal, only: name_what_exists
    use process_positive_report, only: compare_laws, describe_sampled, describe_white, &
       name_multipliers, outline_sampled
+   use process_positive_signs, only: settle_signs, zero_lags
    use process_truncated_normal, only: fit_truncated_normal
    implicit none(type, external)
    private
@@ -40,6 +41,7 @@ contains
       type(first_order_law) :: first_order
       type(search_result) :: found
       type(shape_spread) :: spread
+      type(zero_lags) :: zeros
       type(error_type), allocatable :: error
       real(wp), allocatable :: point(:)
       real(wp) :: mu, passed_limit, sigma, violation
@@ -54,8 +56,11 @@ contains
       else
          call approach(request, seed, law, point, found, error, passed_limit=passed_limit)
          if (.not. allocated(error)) call find_shape(law, point, found, error, spread)
+         if (request%method == 'direct' .and. .not. allocated(error)) &
+            call settle_signs(law, point, found, zeros, error)
+         if (.not. allocated(error)) &
+            call match_targets(law, request%fit_steps, found, zeros, point, violation, error)
          if (.not. allocated(error)) then
-            call match_targets(law, request%fit_steps, found, point, violation)
             if (.not. violation <= missed) then
                call raise(error, exit_no_solution, law%name(request%order)// &
                           ': what has the targets on short samples lost them on longer ones')
@@ -67,10 +72,9 @@ contains
             call name_what_exists(request, seed, passed_limit, error)
          else
             call compare_laws(request, law, point, model)
+            model%optimality = found%residual
+            if (request%method == 'direct') call name_multipliers(law, violation, model)
          end if
-         if (request%method == 'direct' .and. .not. allocated(error)) &
-            call name_multipliers(request, model)
-         model%optimality = merge(violation, found%residual, request%method == 'direct')
       end if
       model%is_solved = .not. allocated(error)
       if (allocated(error)) model%reason = error%message
@@ -121,18 +125,21 @@ contains
 
    !> The constraints once more, on as many values as were asked for or as the standard errors want;
    !> the shape stays.
-   subroutine match_targets(law, fit_steps, found, point, violation)
+   subroutine match_targets(law, fit_steps, found, zeros, point, violation, error)
       class(positive_law), intent(inout) :: law
       integer, intent(in) :: fit_steps   !! of a batch; 0: as the errors want
       type(search_result), intent(inout) :: found
+      type(zero_lags), intent(inout) :: zeros   !! of the direct method
       real(wp), intent(inout) :: point(:)
       real(wp), intent(out) :: violation
+      type(error_type), allocatable, intent(out) :: error
       real(wp) :: excess, length_error
 
       law%most_effort = huge(1.0_wp)   ! the search has succeeded, and this is not one
       law%n_steps = merge(fit_steps, final_steps, fit_steps > 0)
       call solve_along(law, point, found%jacobian, found%metric, matched, 20, violation)
-      if (fit_steps > 0) return
+      if (allocated(zeros%lags)) call settle_signs(law, point, found, zeros, error)
+      if (fit_steps > 0 .or. allocated(error)) return
       length_error = merge(law%moments%l0_error, law%moments%l1_error, law%correlation == 'L0')
       excess = max(law%moments%ratio_error/(ratio_goal*law%wanted_ratio), &
                    length_error/(length_goal*law%wanted_length))

@@ -8,13 +8,13 @@ module process_positive_law
    use core_text, only: to_text
    use numerics_constrained_maximum, only: objective_type
    use process_ar_model, only: coefficients_of, reflection_of
-   use process_positive_exact, only: precision_of, sample_exact, sweeps_to_forget
+   use process_positive_exact, only: sample_exact, sweeps_to_forget
    use process_positive_moments, only: batch_averages, estimate_autocovariance, estimate_moments, &
       new_batches, positive_moments
    use process_positive_numbers, only: shared_numbers
    use process_positive_partition, only: entropy_of_exact_law, log_partition
    use process_positive_sequential, only: numbers_needed, sample_sequential
-   use process_spectral_factor, only: factor_symbol
+   use process_spectral_factor, only: factor_symbol, symbol_of_process
    use process_truncated_normal, only: lanes
    implicit none(type, external)
    private
@@ -346,7 +346,7 @@ contains
 
       call estimate_autocovariance(self%batches, self%companion_autocovariance, size(self%a), k, &
                                    unused)
-      g = precision_of(self%a)
+      g = symbol_of_process(self%a, 1.0_wp)
       g(0) = 0.5_wp*g(0)
       features = [self%moments%mean, k, self%moments%mean*(1.0_wp + sum(self%a))**2 &
                   - self%coordinate, g]

@@ -10,9 +10,9 @@ module process_positive_partition
    use core_random, only: stream_type
    use numerics_quadrature, only: gauss_legendre
    use process_ar_model, only: autocovariance_of, innovation_std, reflection_of
-   use process_positive_exact, only: precision_of, sample_exact
+   use process_positive_exact, only: sample_exact
    use process_positive_moments, only: batch_averages, estimate_products, new_batches
-   use process_spectral_factor, only: factor_symbol
+   use process_spectral_factor, only: factor_symbol, symbol_of_process
    use process_truncated_normal, only: lanes, log_acceptance
    implicit none(type, external)
    private
@@ -36,7 +36,7 @@ contains
          weights(n_nodes)
       integer :: i
 
-      g = precision_of(a)
+      g = symbol_of_process(a, 1.0_wp)
       mu = max(field, 0.0_wp)/(1.0_wp + sum(a))**2
       psi = log_sqrt_two_pi - 0.5_wp*log(g(0))
       if (field > 0.0_wp) then

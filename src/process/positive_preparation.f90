@@ -10,11 +10,11 @@ module process_positive_preparation
    use process_ar_sums, only: correlation_sums, sum_correlation
    use process_maxent_direct, only: fit_direct
    use process_model, only: process_model_type, process_request
-   use process_positive_exact, only: precision_of
    use process_positive_law, only: exact_law, n_batches, positive_law, sequential_law
    use process_positive_moments, only: new_batches
    use process_positive_numbers, only: new_shared_numbers
    use process_positive_sequential, only: memory_of
+   use process_spectral_factor, only: symbol_of_process
    use process_truncated_normal, only: fit_truncated_normal
    implicit none(type, external)
    private
@@ -61,7 +61,7 @@ contains
       kappa = reflection_of(unconstrained%a)
       law%companion = unconstrained%a
       if (request%method == 'direct') then
-         g = precision_of(unconstrained%a)
+         g = symbol_of_process(unconstrained%a, 1.0_wp)
          law%symbol = g(2:)/g(1)
          law%cut = request%order
       end if

@@ -7,13 +7,13 @@ module process_positive_report
    use process_correlation, only: constraint_weights, correlation_length_l0, correlation_length_l1
    use process_entropy, only: white_noise_entropy
    use process_model, only: process_model_type, process_request
-   use process_positive_exact, only: precision_of
    use process_positive_law, only: exact_law, positive_law, sequential_law
    use process_positive_moments, only: estimate_autocovariance
    use process_positive_partition, only: log_sqrt_two_pi
    use process_positive_preparation, only: prepare_law
    use process_positive_refinement, only: shape_spread
-   use process_positive_signs, only: require_signs
+   use process_positive_signs, only: require_signs, signs_of
+   use process_spectral_factor, only: symbol_of_process
    use process_truncated_normal, only: hazard_ratio, lanes, log_acceptance
    implicit none(type, external)
    private
@@ -182,18 +182,30 @@ contains
    end subroutine describe_lags
 
    !> Multipliers of Eq. (30) from the matrix G: G_0 = 2 lambda_3 + 2 lambda_2 a_0, G_m = lambda_2
-   !> a_m s_m.
-   subroutine name_multipliers(request, model)
-      type(process_request), intent(in) :: request
+   !> a_m s_m, and the largest residual: of the targets, of G, and of s_m K(m) >= 0 or, where |s_m|
+   !> < 1 (sign 0), K(m) = 0.
+   subroutine name_multipliers(law, violation, model)
+      class(positive_law), intent(in) :: law
+      real(wp), intent(in) :: violation   !! of the targets, relative
       type(process_model_type), intent(inout) :: model
+      real(wp), parameter :: inside = 1.0_wp - 1.0e-9_wp
+      real(wp), allocatable :: k(:), s(:), unit(:), unused(:)
       real(wp) :: g(0:model%order), lambda_2, weights(0:model%order)
+      integer :: m
 
-      g = precision_of(model%a)/model%b0**2
-      weights = constraint_weights(request%correlation, request%correlation_length, model%order)
-      model%signs = nint(sign(1.0_wp, model%autocovariance(1:model%order)))
-      lambda_2 = g(model%order)/(weights(model%order)*model%signs(model%order))
+      g = symbol_of_process(model%a, model%b0)
+      weights = constraint_weights(law%correlation, law%wanted_length, model%order)
+      call signs_of(law, s, unit)
+      m = maxloc(abs(weights(1:)), 1, abs(s) > inside)
+      lambda_2 = g(m)/(weights(m)*s(m))
+      model%signs = merge(nint(sign(1.0_wp, s)), 0, abs(s) > inside)
       model%lambda_3 = 0.5_wp*g(0) - lambda_2*weights(0)
       model%delta = lambda_2/model%lambda_3
+      call estimate_autocovariance(law%batches, law%companion_autocovariance, model%order, k, &
+                                   unused)
+      model%optimality = max(violation, maxval(abs(g(1:) - lambda_2*weights(1:)*s))/g(0), maxval( &
+                             merge(max(-s*k(1:), 0.0_wp), abs(k(1:)), abs(s) > inside)/k(0), &
+                             abs(unit) > 0.0_wp))
    end subroutine name_multipliers
 
    !> What the same a_q, b0 and mu give under the other law, and the acceptances of both. Of the
