@@ -35,7 +35,9 @@ def main(arguments: list[str] | None = None) -> int:
         files = [open_results(path) for path in options.results]
         make_folder(options.out)
         try:
-            say(compare(*files, options.out) if is_comparison else _draw(files, options))
+            say(
+                compare(files[0], files[1], options.out) if is_comparison else _draw(files, options)
+            )
         except OSError:
             damages = _damages(options.results)
             if not damages:

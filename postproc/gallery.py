@@ -2,20 +2,22 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Callable, Iterator, Sequence
 from functools import partial
+from itertools import chain
 from typing import TypeVar
 
 import xarray as xr
 
 from . import chain_figure, figures, process_figures, response_figures, tradeoff
 from .figure import SECTIONS, Figure
+from .paper import is_paper_study
 from .peaks import scatter_of_ln_psd
 from .results import Case, Results
 
 _Item = TypeVar("_Item")
 _PROCESSES, _CHAIN, _STUDY, _RESPONSES, _ = SECTIONS
-_ALIKE = ("correlation", "correlation_length", "order")  # in Fig. 6
 _MOST_SPECTRA = 4  # cases with friction certain; more are a sweep
 
 
@@ -23,11 +25,13 @@ def make_figures(files: Sequence[Results]) -> list[Figure]:
     """Those of every file, in the paper's order; later files' twins carry the file's name."""
     found: dict[str, Figure] = {}
     for results in files:
-        for figure in (figure for source in SOURCES for figure in source(results)):
+        of_tradeoff = tradeoff.figures_of(results, _processes_of_scene(results, files))
+        for figure in chain(*(source(results) for source in SOURCES), of_tradeoff):
+            own = figure if is_paper_study(results) else figure.outside_the_paper()
             twin = found.get(figure.name)
             if twin is not None and twin.section == _CHAIN and twin.caption == figure.caption:
                 continue  # the same drawing
-            kept = figure.renamed(results.stem) if twin is not None else figure
+            kept = own.renamed(results.stem) if twin is not None else own
             found[kept.name] = kept
     return sorted(found.values(), key=lambda figure: (SECTIONS.index(figure.section), figure.name))
 
@@ -48,9 +52,7 @@ def of_processes(results: Results) -> Iterator[Figure]:
             yield Figure(
                 f"fig_{number:02d}{name}",
                 f"Fig. {number}{name[0]}. Autocovariance, {method}, {length}",
-                "At lags up to the order the values fall as the order grows, towards white noise:"
-                " flat in the lag where L0 is imposed, growing with it where L1 is."
-                " Without errors: both methods are exact to 1e-8.",
+                _shape_of_covariances(panel),
                 _PROCESSES, (partial(process_figures.plot_autocovariances, processes=panel),),
             )  # fmt: skip
     if len({process_figures.order_of(p) for p in regressive}) > 1:
@@ -63,8 +65,8 @@ def of_processes(results: Results) -> Iterator[Figure]:
         yield Figure(
             "fig_04", "Fig. 4. The correlation length that was not imposed",
             "With L0 imposed (full lines) L1 grows with the order; with L1 imposed (dashed) L0"
-            " falls. Infinite sums. The largest order with L0 = 0.3 and L1 at most 1 is 5; the"
-            " paper reads 6 off its figure, where L1 is 1.03.",
+            " falls. Infinite sums. The paper reads off its figure that 6 is the largest order with"
+            " L0 = 0.3 and L1 at most 1; it is 5 here, at 6 L1 is 1.03.",
             _PROCESSES, (partial(process_figures.plot_achieved_lengths, processes=regressive),),
         )  # fmt: skip
     chosen = [p for p in free if int(p.attrs["order"]) == 0]
@@ -93,38 +95,79 @@ def _positive(
     positive = [p for p in solved if process_figures.is_positive(p)]
     if not positive:
         return
-    kinds = {tuple(p.attrs[a] for a in _ALIKE) for p in positive}
-    twins = [p for p in regressive if {tuple(p.attrs[a] for a in _ALIKE)} == kinds]
-    if not twins:
+    kinds = sorted({_kind(p) for p in positive}, key=lambda kind: -kind[1])  # L0 = 3 as the paper
+    twins = {_kind(p): p for p in regressive}
+    if not set(kinds) <= set(twins):
         yield Figure(
             "positive", "Autocovariances of positive processes",
             f"Over the variance, {_how_many(len(positive), process_figures.MOST_CURVES)}.",
             _PROCESSES, (partial(process_figures.plot_each, processes=positive),),
         )  # fmt: skip
         return
-    both = [twins[0], *positive]
+    for kind in kinds:
+        own = [p for p in positive if _kind(p) == kind]
+        not_drawn = [p for p in refused if process_figures.is_positive(p) and _kind(p) == kind]
+        yield _beside_free(twins[kind], own, not_drawn, is_first=kind == kinds[0])
+
+
+def _kind(process: xr.Dataset) -> tuple[str, float, int]:
+    return (
+        str(process.attrs["correlation"]), float(process.attrs["correlation_length"]),
+        int(process.attrs["order"]),
+    )  # fmt: skip
+
+
+def _beside_free(
+    free: xr.Dataset, positive: list[xr.Dataset], refused: list[xr.Dataset], is_first: bool
+) -> Figure:
+    """Fig. 6 of one length and order."""
     largest = "; ".join(
-        f"{_largest(process_figures.difference_from_free(p, twins[0])):.2g} at mean"
+        f"{_largest(process_figures.difference_from_free(p, free)):.2g} at mean"
         f" {p.attrs['mean']:g} ({p.attrs['sampler']})"
         for p in positive
     )
     missing = "".join(
         f" Not drawn, mean {p.attrs['mean']:g} ({p.attrs['sampler']}): {p.attrs['reason']}."
         for p in refused
-        if process_figures.is_positive(p) and {tuple(p.attrs[a] for a in _ALIKE)} == kinds
     )
-    yield Figure(
-        "fig_06", "Fig. 6. Positive processes and the one without sign constraint",
-        "Autocovariances of positive processes, by the sequential law (marks) and the exact one"
-        " (dashed), beside that of the process without sign constraint; below, the differences with"
-        " bars of two standard errors, the scatter of fits from other random numbers among them."
-        " The paper finds them very close; the largest differences here:"
-        f" {largest}.{missing}", _PROCESSES,
+    definition, length, order = _kind(free)
+    return Figure(
+        "fig_06" if is_first else f"fig_06_{length:g}",
+        f"Fig. 6. Positive processes and the one without sign constraint, {definition} ="
+        f" {length:g}, order {order}",
+        "Autocovariances of positive processes, by the sequential law (open marks) and the exact"
+        " one (dashed), beside that of the process without sign constraint; below, the differences"
+        " with bars of two standard errors, the scatter of fits from other random numbers among"
+        f" them. The paper finds them very close. The largest differences: {largest}.{missing}",
+        _PROCESSES,
         (
-            partial(process_figures.plot_positive, processes=both),
-            partial(process_figures.plot_positive_difference, processes=both),
+            partial(process_figures.plot_positive, processes=[free, *positive]),
+            partial(process_figures.plot_positive_difference, processes=[free, *positive]),
         ), height=3.6,
     )  # fmt: skip
+
+
+def _shape_of_covariances(panel: list[xr.Dataset]) -> str:
+    """What the curves of one length do with the order and with the lag, in numbers."""
+    ordered = sorted(panel, key=process_figures.order_of)
+    orders = [process_figures.order_of(process) for process in ordered]
+    sizes = [
+        abs(process["autocovariance"].values[1 : order + 1])
+        for process, order in zip(ordered, orders, strict=True)
+    ]
+    name = "m_max" if panel[0].attrs["method"] == "direct" else "order"
+    said = (
+        f"The largest value beyond lag 0 goes from {sizes[0].max():.3g} at {name} {orders[0]} to"
+        f" {sizes[-1].max():.3g} at {name} {orders[-1]}, where lag 1 has {sizes[-1][0]:.3g} and lag"
+        f" {orders[-1]} {sizes[-1][-1]:.3g} (the paper:"
+        f" {'constant' if panel[0].attrs['correlation'] == 'L0' else 'linear'} in the lag up to"
+        f" {'m_max' if name == 'm_max' else 'M'}). Exact to 1e-8."
+    )
+    if name == "m_max":
+        said += " Pale: lags beyond m_max, which Eq. 11 does not constrain."
+    if any((process["autocovariance"] < 0).any() for process in panel):
+        said += " Open marks: negative values."
+    return said
 
 
 def _how_many(count: int, most: int) -> str:
@@ -156,8 +199,8 @@ def of_certain_friction(results: Results) -> Iterator[Figure]:
     if len(cases) > _MOST_SPECTRA:
         yield Figure(
             "sweep", "From stuck to slipping",
-            "Time in slip over the variance of the force, friction certain, bars of two standard"
-            " errors of the time average; dotted: what counts as fully stuck and fully slipping.",
+            "Time in slip over the variance of the force, friction certain; bars: 95 % intervals of"
+            " the time average; dotted: what counts as fully stuck and fully slipping.",
             _STUDY, (partial(figures.plot_sweep, cases=cases),), ("8",),
         )  # fmt: skip
         if spectra:
@@ -175,34 +218,46 @@ def of_certain_friction(results: Results) -> Iterator[Figure]:
             f"fig_08{letter}", f"Fig. 8{letter}. Spectra without uncertainty, {name}",
             "Power spectral densities of the displacements, friction certain. Where the sliders"
             " mostly stick, power stands in the band of the stuck natural frequencies; where they"
-            f" mostly slip it has moved out of it. {_welch(case)}",
+            " mostly slip it has moved out of it. Slip softens the chain, so that its peaks lie"
+            f" below the stuck frequencies. {_welch(case)} The bar at the lower left shows it.",
             _STUDY, (partial(figures.plot_spectra, case=case, results=results),), ("7",),
         )  # fmt: skip
 
 
 def of_drawn_friction(results: Results) -> Iterator[Figure]:
     """Figs. 9 to 11, of a campaign."""
+    is_paper = is_paper_study(results)
     random = [case for case in results.random if case.n_samples > 1]
     scattered = [case for case in random if case.has("slip_mean", "slip_std")]
     for letter, std, cases in _by_std(scattered):
         yield Figure(
             f"fig_09{letter}", f"Fig. 9{letter}. Scatter of the time in slip, friction std {std:g}",
-            "Standard deviation over samples of the fraction of time in slip, over its mean; a mark"
-            " per oscillator, filled at the largest excitation; bars of one standard error. To look"
-            " for: where the marks stand highest, and whether the lengths differ.",
-            _STUDY, (partial(figures.plot_slip_scatter, cases=cases),), ("1a", "1b", "2"),
+            "Standard deviation over samples of the time in slip, over its mean; a mark"
+            " per oscillator with its number, filled at the largest excitation; bars are 95 %"
+            " intervals, of the mean with Monte Carlo and time average together. To look for: where"
+            " the marks stand highest, and whether the lengths differ.",
+            _STUDY, (partial(figures.plot_slip_scatter, cases=cases, is_paper=is_paper),),
+            ("1a", "1b", "2"),
         )  # fmt: skip
     banded = [case for case in random if case.has("psd_mean", "psd_percentiles")]
     for letter, (cases, dof) in _lettered(_band_panels(banded)):
-        levels = ", ".join(figures.variance_name(v) for v in sorted({c.variance for c in cases}))
+        variances = sorted({case.variance for case in cases})
+        levels = ", ".join(figures.variance_name(v) for v in variances)
+        panels = [[c for c in cases if c.variance == v] for v in variances]
+        below = " One panel a level, from the smallest above." if len(panels) > 1 else ""
         yield Figure(
             f"fig_10{letter}", f"Fig. 10{letter}. Band of uncertainty, oscillator {dof}, {levels}",
             "Mean spectrum (thick) between the outer percentiles over samples (thin; shaded: their"
-            f" 95 % intervals), friction std {cases[0].std:g}, for each correlation length; dotted:"
-            " natural frequencies with every slider slipping. To look for: how far the percentiles"
-            " lie apart, where the mean lies between them, and peaks of the upper one at the dotted"
-            f" lines. {_welch(cases[0])}",
-            _STUDY, (partial(figures.plot_band, cases=cases, dof=dof, results=results),),
+            " 95 % intervals, Monte Carlo and force record together), friction std"
+            f" {cases[0].std:g}, for each correlation length; lines: natural frequencies with every"
+            " slider stuck (full) and slipping (dotted). To look for: how far the percentiles lie"
+            " apart, where the mean lies between them, and peaks of the upper one at the dotted"
+            f" lines.{below} {_welch(cases[0])}",
+            _STUDY,
+            tuple(
+                partial(figures.plot_band, cases=own, dof=dof, results=results, framed=cases)
+                for own in panels
+            ),
             ("5a", "5b", "6b", "9"),
         )  # fmt: skip
     ratios = [case for case in banded if case.has("band_ratio", "band_ratio_low", "slip_mean")]
@@ -211,9 +266,9 @@ def of_drawn_friction(results: Results) -> Iterator[Figure]:
             f"fig_11{letter}",
             f"Fig. 11{letter}. Width of the band of uncertainty, friction std {std:g}",
             "Ratio of the pseudo-variances (Eq. 46) of the outer percentiles, over the mean"
-            " fraction of time in slip; a mark per oscillator, filled at the largest excitation;"
-            " 95 % intervals, Monte Carlo (bootstrap over samples) and time average together. To"
-            " look for: a fall with the time in slip, and"
+            " time in slip; a mark per oscillator with its number, filled at"
+            " the largest excitation; 95 % intervals, Monte Carlo (bootstrap over samples) and time"
+            " average together. To look for: a fall with the time in slip, and"
             " whether the lengths differ where that is long.",
             _STUDY, (partial(figures.plot_band_ratio, cases=cases),),
             ("3a", "3b", "4a", "4b", "4c"),
@@ -223,7 +278,10 @@ def of_drawn_friction(results: Results) -> Iterator[Figure]:
 def of_responses(results: Results) -> Iterator[Figure]:
     """Histories, and a transition enlarged; the spectra of a sample that stands alone."""
     for case in results.cases:
-        name = f"case {case.name[1:].lstrip('0')}, {figures.variance_name(case.variance)}"
+        name = (
+            f"{results.title}, case {case.name[1:].lstrip('0')},"
+            f" {figures.variance_name(case.variance)}"
+        )
         if case.has("psd") and case.n_samples == 1 and not case.is_deterministic:
             yield Figure(
                 f"spectra_{case.name}", f"Spectra of one sample, {name}",
@@ -261,8 +319,14 @@ def _transition(chain: xr.Dataset, case: Case, name: str) -> Iterator[Figure]:
 # Each yields the figures that a file has data for.
 SOURCES: tuple[Callable[[Results], Iterator[Figure]], ...] = (
     of_processes, of_chain, of_certain_friction, of_drawn_friction, of_responses,
-    tradeoff.figures_of,
 )  # fmt: skip
+
+
+def _processes_of_scene(results: Results, files: Sequence[Results]) -> dict[str, xr.Dataset]:
+    """The processes of the scene, of whichever file of it has them."""
+    scene = results.attrs.get("scene")
+    alike = (other.processes for other in files if other.attrs.get("scene") == scene)
+    return next((processes for processes in alike if processes), {})
 
 
 def _welch(case: Case) -> str:
@@ -278,12 +342,14 @@ def _welch(case: Case) -> str:
 def _length_panels(processes: list[xr.Dataset]) -> Iterator[tuple[str, str, list[xr.Dataset]]]:
     """Panel a: L0, b: L1, for the smallest length; the other lengths carry theirs in the name."""
     lengths = sorted({process_figures.length_of(p) for p in processes})
+    asked = Counter(int(p.attrs["order"]) for p in processes)
     for length in lengths:
         for letter, definition in (("a", "L0"), ("b", "L1")):
             panel = [
                 p for p in processes
                 if p.attrs["correlation"] == definition
                 and process_figures.length_of(p) == length
+                and (len(lengths) == 1 or asked[int(p.attrs["order"])] > 1)  # as its siblings have
             ]  # fmt: skip
             if panel:
                 suffix = "" if length == lengths[0] else f"_{length:g}"

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from .results import Results
+
 STUCK_HZ = (1.15, 1.31, 1.53, 1.75, 1.90)  # Table 1
 SLIP_HZ = (0.23, 0.66, 1.04, 1.34, 1.53)  # Table 1
 SLIP_PERCENT = {  # Table 2, by variance of the excitation
@@ -18,6 +20,22 @@ def is_paper_chain(n_dof: int, frequencies_stuck: list[float]) -> bool:
     return n_dof == len(STUCK_HZ) and all(
         abs(ours - theirs) <= 0.006
         for ours, theirs in zip(frequencies_stuck, STUCK_HZ, strict=True)
+    )
+
+
+def is_paper_study(results: Results) -> bool:
+    """True if the paper's figures, tables and statements speak of this file.
+
+    Of a chain: the paper's, with the force on the last mass; of processes alone: Sec. 2's.
+    """
+    if results.chain is None:
+        lengths = {float(p.attrs["correlation_length"]) for p in results.processes.values()}
+        stds = {float(p.attrs["std"]) for p in results.processes.values()}
+        return lengths <= set(LENGTHS) and stds == {1.0}
+    n_dof = results.chain.sizes["mode"]
+    forced = int(results.chain.attrs.get("forced_dof", n_dof))
+    return forced == n_dof and is_paper_chain(
+        n_dof, results.chain["frequencies_stuck"].values.tolist()
     )
 
 
@@ -57,7 +75,7 @@ OBSERVATIONS = (
 AXES = {
     "fig_03": (0.0, 20.0, 1.0, 1.45),
     "fig_08": (0.0, 2.5, 1.0e-7, 1.0e1),
-    "fig_09": (0.0, 0.8, 0.0, 0.25),
+    "fig_09": (0.0, 80.0, 0.0, 25.0),
     "fig_10": (0.0, 2.5, 1.0e-7, 1.0e1),
-    "fig_11": (0.0, 0.8, 1.0, 50.0),
+    "fig_11": (0.0, 80.0, 1.0, 50.0),
 }

@@ -7,7 +7,7 @@ from functools import partial
 
 import numpy as np
 
-from . import band_statements, certain_statements, slip_statements
+from . import band_statements, deterministic_statements, slip_statements
 from .evidence import NoEvidence, Statement
 from .results import Results
 from .study import paper_study
@@ -35,4 +35,4 @@ def _tests(results: Results) -> Iterator[Callable[[], Statement]]:
             yield from (partial(test, study) for test in band_statements.ALL)
             if study.has_certain_spectra:
                 yield partial(band_statements.peaks_of_percentile, study)
-    yield from (partial(test, results) for test in certain_statements.ALL)
+    yield from (partial(test, results) for test in deterministic_statements.ALL)

@@ -10,7 +10,7 @@ import xarray as xr
 from numpy.typing import NDArray
 
 from . import tradeoff
-from .certain_statements import slip_with_error
+from .deterministic_statements import slip_with_error
 from .evidence import Statement
 from .paper import SLIP_HZ, SLIP_PERCENT, STUCK_HZ, is_paper_chain
 from .results import Case, Results

@@ -129,7 +129,7 @@ def test_figure_functions_draw_on_the_axes_they_are_given(results_file):
     picture, (left, right) = plt.subplots(1, 2)
     figures.plot_slip_scatter(left, results.random)
     figures.plot_band_ratio(right, results.random)
-    assert left.get_xlabel() == right.get_xlabel() == "mean fraction of time in slip"
+    assert left.get_xlabel() == right.get_xlabel() == "mean time in slip [%]"
     plt.close(picture)
 
 

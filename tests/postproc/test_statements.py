@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from entroslip import band_statements, certain_statements, slip_statements
+from entroslip import band_statements, deterministic_statements, slip_statements
 from entroslip.evidence import (
     NoEvidence,
     Verdict,
@@ -155,7 +155,7 @@ def test_peaks_of_percentile(height, verdict):
 )
 def test_order_of_oscillators(slip, verdict):
     cases = [certain(LOW, slip), certain(HIGH)]
-    assert certain_statements.order_of_oscillators(results_of(cases)).verdict == verdict
+    assert deterministic_statements.order_of_oscillators(results_of(cases)).verdict == verdict
 
 
 @pytest.mark.parametrize(
@@ -167,14 +167,14 @@ def test_peaks_without_uncertainty(low, high, verdict):
         certain(LOW, ln_psd=in_band + bumps(STUCK_HZ, low)),
         certain(HIGH, ln_psd=bumps(STUCK_HZ, high)),
     ]
-    assert certain_statements.peaks_without_uncertainty(results_of(cases)).verdict == verdict
+    assert deterministic_statements.peaks_without_uncertainty(results_of(cases)).verdict == verdict
 
 
 @pytest.mark.parametrize(("last", "verdict"), [(0.99, YES), (0.7, NO), (0.95, OPEN)])
 def test_sweep(last, verdict):
     ends = zip((0.1, 1.0, 10.0, 100.0), (0.01, 0.2, 0.6, last), strict=True)
     cases = [certain(variance, np.full(5, slip)) for variance, slip in ends]
-    assert certain_statements.sweep(results_of(cases)).verdict == verdict
+    assert deterministic_statements.sweep(results_of(cases)).verdict == verdict
 
 
 def test_all_statements_in_their_order():
@@ -186,13 +186,13 @@ def test_too_few_samples_or_cases_are_not_judged():
     few = friction_study(n_samples=19)
     assert paper_study(few) is None
     with pytest.raises(NoEvidence):
-        certain_statements.sweep(few)
+        deterministic_statements.sweep(few)
     few.cases.pop()
     assert {statement.number for statement in assess([few])} == {"6a", "7"}
     with pytest.raises(NoEvidence):
-        certain_statements.peaks_without_uncertainty(results_of([certain(LOW)]))
+        deterministic_statements.peaks_without_uncertainty(results_of([certain(LOW)]))
     with pytest.raises(NoEvidence):
-        certain_statements.order_of_oscillators(results_of([certain(LOW)]))
+        deterministic_statements.order_of_oscillators(results_of([certain(LOW)]))
 
 
 def test_intervals_and_p_values_of_a_normal_error():
