@@ -17,7 +17,7 @@ FULLY = 0.05  # a slider that slips (or sticks) less than that is fully stuck (o
 GONE = float(np.log(1.1))  # a peak that rises less
 
 
-def order_of_oscillators(results: Results) -> Statement:
+def order_of_joints(results: Results) -> Statement:
     """Slip fractions along the chain, friction certain (Table 2)."""
     cases = [case for case in results.deterministic if case.variance in LEVELS]
     if {case.variance for case in cases} != set(LEVELS) or len(cases) != len(LEVELS):
@@ -26,11 +26,11 @@ def order_of_oscillators(results: Results) -> Statement:
     for case in cases:
         slip, error = slip_with_error(case)
         for i in range(case.n_dof - 1):
-            text = f"{case.variance:g}: oscillator {i + 2} less {i + 1}"
+            text = f"{case.variance:g}: joint {i + 2} less {i + 1}"
             both = float(np.hypot(error[i], error[i + 1]))
             findings.append(claim_range(text, float(slip[i + 1] - slip[i]), both, above=0.0))
     return Statement(
-        "6a", "The time in slip falls monotonically from the driven oscillator to the one at the"
+        "6a", "The time in slip falls monotonically from the driven joint to the one at the"
         " wall, at both variances.", "Sec. 3, Table 2",
         "each neighbouring pair; errors of the time average",
         tuple(findings), all_hold(findings),
@@ -57,14 +57,14 @@ def peaks_without_uncertainty(results: Results) -> Statement:
     for i in range(stuck.size):
         gain = float(share[HIGH][0][i] - share[LOW][0][i])
         both = float(np.hypot(share[HIGH][1][i], share[LOW][1][i]))
-        text = f"gain of the share out of band, oscillator {i + 1}"
+        text = f"gain of the share out of band, joint {i + 1}"
         findings.append(claim_range(text, gain, both, above=0.0))
     return Statement(
         "7", f"Clear peaks stand at the stuck frequencies at {LOW:g}; at {HIGH:g} they are gone,"
         " and energy has moved out of the band of these frequencies.", "Sec. 3, Fig. 8",
         "mean of ln psd within 0.03 Hz of the stuck frequencies above that out to 0.09 Hz, over"
-        " modes and oscillators: positive, then below 10 %; share of power out of band larger for"
-        " each oscillator; errors of the Welch estimate", tuple(findings), all_hold(findings),
+        " modes and joints: positive, then below 10 %; share of power out of band larger for"
+        " each joint; errors of the Welch estimate", tuple(findings), all_hold(findings),
     )  # fmt: skip
 
 
@@ -77,7 +77,7 @@ def sweep(results: Results) -> Statement:
     findings = []
     for i in range(cases[0].n_dof):
         (first, error), (last, last_error) = ((s[i], e[i]) for s, e in (slips[0], slips[-1]))
-        name = f"oscillator {i + 1} at {{:g}}"
+        name = f"joint {i + 1} at {{:g}}"
         findings += [
             claim_range(name.format(cases[0].variance), float(first), float(error), below=FULLY),
             claim_range(
@@ -112,4 +112,4 @@ def slip_with_error(case: Case) -> tuple[NDArray[np.float64], NDArray[np.float64
     return slip, error
 
 
-ALL = (order_of_oscillators, peaks_without_uncertainty, sweep)
+ALL = (order_of_joints, peaks_without_uncertainty, sweep)

@@ -8,7 +8,7 @@ import numpy as np
 import xarray as xr
 from matplotlib.axes import Axes
 from matplotlib.patheffects import withStroke
-from matplotlib.ticker import FuncFormatter
+from matplotlib.ticker import FuncFormatter, MaxNLocator
 from numpy.typing import NDArray
 
 from . import style
@@ -41,13 +41,13 @@ def length_name(case: Case) -> str:
 
 
 def plot_spectra(axes: Axes, case: Case, results: Results) -> None:
-    """Fig. 8: power spectral densities of the oscillators in one sample."""
+    """Fig. 8: power spectral densities of the masses in one sample."""
     spectrum = case.data["psd"].isel(sample=0)
     drawn = style.some_of(case.n_dof)
     for dof in drawn:
         axes.semilogy(
             spectrum["frequency"], spectrum.isel(dof=dof - 1),
-            label=f"oscillator {dof}", **style.line_of_dof(dof, case.n_dof),
+            label=f"mass {dof}", **style.line_of_dof(dof, case.n_dof),
         )  # fmt: skip
     _mark_chain(axes, results)
     _frame_spectrum(axes, spectrum["frequency"].values, spectrum.values, results)
@@ -83,7 +83,7 @@ def band_ratio_interval(case: Case) -> tuple[NDArray[np.float64], NDArray[np.flo
 
 
 def plot_slip_scatter(axes: Axes, cases: Sequence[Case], is_paper: bool = False) -> None:
-    """Fig. 9: scatter of the time in slip over its mean, a mark per oscillator, 95 % intervals."""
+    """Fig. 9: scatter of the time in slip over its mean, a mark per joint, 95 % intervals."""
     if is_paper:
         low, high = (PERCENT * edge for edge in ABOUT_03)
         axes.axvspan(low, high, color="0.94", zorder=0, label="the paper's 30 %, as tested")
@@ -105,7 +105,7 @@ def plot_slip_scatter(axes: Axes, cases: Sequence[Case], is_paper: bool = False)
 def plot_band(
     axes: Axes, cases: Sequence[Case], dof: int, results: Results, framed: Sequence[Case] = ()
 ) -> None:
-    """Fig. 10: mean (thick) and outer percentiles (thin) of the spectra of one oscillator.
+    """Fig. 10: mean (thick) and outer percentiles (thin) of the spectra of one mass.
 
     Shaded: 95 % intervals of the percentiles, Monte Carlo and force record together. The range of
     the axes is that of the cases `framed` too, which other panels draw.
@@ -184,7 +184,7 @@ def _name_curves(axes: Axes, alike: Sequence[xr.Dataset], last: float) -> None:
 
 
 def _number(axes: Axes, x: NDArray[np.float64], y: NDArray[np.float64], look: style.Look) -> None:
-    """The oscillators' numbers at their marks, as many as can be told apart."""
+    """The joints' numbers at their marks, as many as can be told apart."""
     for dof in style.some_of(x.size, _MOST_NUMBERED):
         axes.annotate(
             str(dof), (x[dof - 1], y[dof - 1]), (4, 3), textcoords="offset points", fontsize=6.5,
@@ -216,8 +216,22 @@ def plot_band_ratio(axes: Axes, cases: Sequence[Case]) -> None:
     )
 
 
+def plot_slip_along(axes: Axes, cases: Sequence[Case]) -> None:
+    """Mean time in slip along the structure, joint by joint, a line per case, 95 % intervals."""
+    for rank, case in enumerate(cases):
+        mean = PERCENT * case.data["slip_mean"].values
+        name = f"{length_name(case)}, std {case.std:g}, {variance_name(case.variance)}"
+        axes.errorbar(
+            np.arange(1, mean.size + 1), mean, yerr=PERCENT * WIDTH * slip_mean_error(case),
+            label=name, elinewidth=0.8, **style.of_rank(rank, len(cases)),
+        )  # fmt: skip
+    axes.xaxis.set_major_locator(MaxNLocator(integer=True))
+    axes.set(xlabel="joint", ylabel=_SLIP_AXIS, ylim=(0, None))
+    axes.legend()
+
+
 def plot_sweep(axes: Axes, cases: Sequence[Case]) -> None:
-    """Time in slip of each oscillator over the variance of the force, 95 % intervals."""
+    """Time in slip of each joint over the variance of the force, 95 % intervals."""
     cases = sorted(cases, key=lambda case: case.variance)
     variance = [case.variance for case in cases]
     slips = [slip_with_error(case) for case in cases]
@@ -225,7 +239,7 @@ def plot_sweep(axes: Axes, cases: Sequence[Case]) -> None:
         axes.errorbar(
             variance, [PERCENT * slip[dof - 1] for slip, _ in slips],
             yerr=[PERCENT * WIDTH * error[dof - 1] for _, error in slips],
-            label=f"oscillator {dof}", elinewidth=0.8, **style.of_dof(dof, cases[0].n_dof),
+            label=f"joint {dof}", elinewidth=0.8, **style.of_dof(dof, cases[0].n_dof),
         )  # fmt: skip
     for edge in (FULLY, 1.0 - FULLY):
         axes.axhline(PERCENT * edge, color="0.6", linewidth=0.8, linestyle=":", zorder=0)
@@ -235,7 +249,7 @@ def plot_sweep(axes: Axes, cases: Sequence[Case]) -> None:
 
 
 def plot_sweep_spectra(axes: Axes, cases: Sequence[Case], results: Results) -> None:
-    """Spectra of the first oscillator over the variance of the force, from stuck to slipping."""
+    """Spectra of the first mass over the variance of the force, from stuck to slipping."""
     cases = sorted(cases, key=lambda case: case.variance)
     chosen = [cases[i - 1] for i in style.some_of(len(cases), 6)]
     values = []
@@ -263,14 +277,15 @@ def _short_tick(value: float, _: int) -> str:
 
 
 def _by_length(cases: Sequence[Case]) -> list[tuple[Case, style.Look, str]]:
-    """Cases with their look: colour and mark by length, filled at the largest excitation."""
+    """Cases with their look: colour and mark by length, the fuller the larger the excitation."""
     lengths = [case.correlation_length for case in cases]
     variances = sorted({case.variance for case in cases})
     rows = []
     for case in cases:
         look = style.of_length(case.correlation_length, lengths) | {"linestyle": "none"}
-        if case.variance != variances[-1]:
-            look["markerfacecolor"] = "none"
+        filled = (variances.index(case.variance) + 1) / len(variances)
+        share = filled if filled == 1.0 else filled - 1.0 / len(variances)
+        look["markerfacecolor"] = (look["color"], share)  # the smallest excitation open
         name = LEVELS.get(case.variance, variance_name(case.variance))
         rows.append((case, look, f"{length_name(case)}, {name}"))
     return rows

@@ -47,13 +47,13 @@ def growth_of_scatter(study: Study) -> Statement:
     return Statement(
         "1b", f"Raising the std of the friction coefficients {bound:.2f}-fold raises that of the"
         " time in slip by less.", "Sec. 3, on Fig. 9",
-        f"ln of the ratio, averaged over oscillators and cases, below ln {bound:.2f}; {RESAMPLED}",
+        f"ln of the ratio, averaged over joints and cases, below ln {bound:.2f}; {RESAMPLED}",
         (finding,), all_hold([finding]),
     )  # fmt: skip
 
 
 def order_of_scatter(study: Study) -> Statement:
-    """Mean over oscillators and variances of ln s, between correlation lengths."""
+    """Mean over joints and variances of ln s, between correlation lengths."""
     findings = [
         claim_range_of_draws(
             f"ln s(L = {more:g}) - ln s(L = {less:g})",
@@ -66,7 +66,7 @@ def order_of_scatter(study: Study) -> Statement:
     return Statement(
         "2", "At std 0.10 the time in slip scatters typically more for L0 = 1 than for 3, and more"
         " for 3 than for 0.3.", "Sec. 3, on Fig. 9(b)",
-        f"both differences, averaged over oscillators and variances, positive; {RESAMPLED}",
+        f"both differences, averaged over joints and variances, positive; {RESAMPLED}",
         tuple(findings), all_hold(findings),
     )  # fmt: skip
 

@@ -9,6 +9,7 @@ import numpy as np
 
 from . import band_statements, deterministic_statements, slip_statements
 from .evidence import NoEvidence, Statement
+from .paper import is_paper_study
 from .results import Results
 from .study import paper_study
 
@@ -16,7 +17,7 @@ from .study import paper_study
 def assess(files: Sequence[Results]) -> list[Statement]:
     """Every statement that these results files have data for; the first file with it decides."""
     found: dict[str, Statement] = {}
-    for results in files:
+    for results in filter(is_paper_study, files):
         for test in _tests(results):
             try:
                 with np.errstate(divide="ignore", invalid="ignore"):

@@ -44,7 +44,7 @@ def figures_of(results: Results, processes: Mapping[str, xr.Dataset]) -> Iterato
     shown = [name for name in _ERRORS if float(data[name].max()) > 0.0]
     yield Figure(
         "tradeoff", "Error and cost of the settings",
-        "Numerical error, the largest over cases and oscillators, against the event method at"
+        "Numerical error, the largest over cases and joints, against the event method at"
         f" tolerance 1e-12 on the same samples ({int(data.attrs['n_steps'])} steps); processor time"
         " of one step of one sample. Points of a line differ in halvings or tolerance; bars are"
         " standard errors. The ring is the scene's own setting; nothing lies below and left of the"
@@ -59,7 +59,7 @@ def figures_of(results: Results, processes: Mapping[str, xr.Dataset]) -> Iterato
         "tradeoff_orders", "What the order of a process changes",
         "Change of what is published from the highest order of each process, on"
         f" {int(changes.attrs['n_samples'])} samples with the random numbers and the force in"
-        " common, the largest over levels of force and oscillators; bars are standard errors. The"
+        " common, the largest over levels of force and joints; bars are standard errors. The"
         " ring is the scene's own order.",
         SECTIONS[-1],
         tuple(
@@ -155,7 +155,7 @@ def tables_of(results: Results) -> Iterator[Table]:
         "tradeoff", "Settings that no other beats in cost and error",
         ("method", "dt [s]", "halvings", "tolerance", "slip [points]", "mean spectrum [%]",
          "band ratio [%]", "ns per sample-step", "march [s of a processor]", ""),
-        rows, "Numerical errors, the largest over cases and oscillators; standard errors in"
+        rows, "Numerical errors, the largest over cases and joints; standard errors in"
         " brackets, in units of the last digits.",
     )  # fmt: skip
     parts = _part(results, "parts")
@@ -191,7 +191,7 @@ def tables_of(results: Results) -> Iterator[Table]:
              "mean slip [points]", "its std [points]", "band ratio [%]", ""),
             [_variant_row(changes.isel(variant=i)) for i in range(changes.sizes["variant"])],
             "Against the highest order or the longest fit, random numbers and force in common; the"
-            " largest over levels of force and oscillators, with its standard error.",
+            " largest over levels of force and joints, with its standard error.",
         )  # fmt: skip
 
 

@@ -99,7 +99,7 @@ def test_table_2_says_what_agrees():
     ours, error = np.array([7.4, 8.0, 12.9]), np.array([0.1, 0.1, 0.1])
     assert beside_paper(ours, error, (7, 8, 13)).startswith("all agree")
     said = beside_paper(ours, error, (7, 8, 17))
-    assert "oscillator 3 lies 4.1 points below (standard error 0.1)" in said
+    assert "joint 3 lies 4.1 points below (standard error 0.1)" in said
 
 
 def test_the_chain_is_drawn_with_its_force():

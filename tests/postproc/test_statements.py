@@ -153,9 +153,9 @@ def test_peaks_of_percentile(height, verdict):
         ((0.1, 0.1, 0.3, 0.4, 0.5), OPEN),
     ],
 )
-def test_order_of_oscillators(slip, verdict):
+def test_order_of_joints(slip, verdict):
     cases = [certain(LOW, slip), certain(HIGH)]
-    assert deterministic_statements.order_of_oscillators(results_of(cases)).verdict == verdict
+    assert deterministic_statements.order_of_joints(results_of(cases)).verdict == verdict
 
 
 @pytest.mark.parametrize(
@@ -192,7 +192,7 @@ def test_too_few_samples_or_cases_are_not_judged():
     with pytest.raises(NoEvidence):
         deterministic_statements.peaks_without_uncertainty(results_of([certain(LOW)]))
     with pytest.raises(NoEvidence):
-        deterministic_statements.order_of_oscillators(results_of([certain(LOW)]))
+        deterministic_statements.order_of_joints(results_of([certain(LOW)]))
 
 
 def test_intervals_and_p_values_of_a_normal_error():
