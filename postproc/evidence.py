@@ -107,6 +107,15 @@ def claim_difference(text: str, estimate: float, error: float, negligible: float
     )  # fmt: skip
 
 
+def claim_larger(text: str, estimate: float, error: float, negligible: float) -> Finding:
+    """The claim of a difference above zero that is seen: against it one surely below negligible."""
+    clear = _tail(estimate, error) if estimate >= negligible else max(0.5, _tail(estimate, error))
+    return Finding(
+        text, estimate, estimate - WIDTH * error, estimate + WIDTH * error,
+        p_for=clear, p_against=_tail(negligible - estimate, error),
+    )  # fmt: skip
+
+
 def all_hold(findings: Sequence[Finding]) -> Judgement:
     """Intersection-union test for the claim; one finding against it, Bonferroni, ends it."""
     _require(findings)

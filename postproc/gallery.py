@@ -78,7 +78,8 @@ def of_certain_friction(results: Results) -> Iterator[Figure]:
             " mostly stick, power stands in the band of the stuck natural frequencies; where they"
             " mostly slip it has moved out of it. Slip softens the chain, so that its peaks lie"
             f" below the stuck frequencies. {_welch(case)} The bar at the lower left shows it.",
-            _STUDY, (partial(figures.plot_spectra, case=case, results=results),), ("7",),
+            _STUDY, (partial(figures.plot_spectra, case=case, results=results),),
+            ("7a", "7b", "7c"),
         )  # fmt: skip
 
 
@@ -103,7 +104,7 @@ def of_drawn_friction(results: Results) -> Iterator[Figure]:
             " intervals, of the mean with Monte Carlo and time average together. To look for: where"
             " the marks stand highest, and whether the lengths differ.",
             _STUDY, (partial(figures.plot_slip_scatter, cases=cases, is_paper=is_paper),),
-            ("1a", "1b", "2"),
+            ("1a", "1b", "2a", "2b"),
         )  # fmt: skip
     banded = [case for case in random if case.has("psd_mean", "psd_percentiles")]
     for letter, (cases, dof) in _lettered(

@@ -74,8 +74,10 @@ def _positive(
     positive = [p for p in solved if process_figures.is_positive(p)]
     if not positive:
         return
-    kinds = sorted({_kind(p) for p in positive}, key=lambda kind: -kind[1])  # L0 = 3 as the paper
-    twins = {_kind(p): p for p in regressive}
+    kinds = sorted(
+        {process_figures.kind_of(p) for p in positive}, key=lambda kind: -kind[1]
+    )  # L0 = 3 as the paper
+    twins = {process_figures.kind_of(p): p for p in regressive}
     if not set(kinds) <= set(twins):
         yield Figure(
             "positive", "Autocovariances of positive processes",
@@ -84,16 +86,13 @@ def _positive(
         )  # fmt: skip
         return
     for kind in kinds:
-        own = [p for p in positive if _kind(p) == kind]
-        not_drawn = [p for p in refused if process_figures.is_positive(p) and _kind(p) == kind]
+        own = [p for p in positive if process_figures.kind_of(p) == kind]
+        not_drawn = [
+            p
+            for p in refused
+            if process_figures.is_positive(p) and process_figures.kind_of(p) == kind
+        ]
         yield _beside_free(twins[kind], own, not_drawn, is_first=kind == kinds[0])
-
-
-def _kind(process: xr.Dataset) -> tuple[str, float, int]:
-    return (
-        str(process.attrs["correlation"]), float(process.attrs["correlation_length"]),
-        int(process.attrs["order"]),
-    )  # fmt: skip
 
 
 def _beside_free(
@@ -109,7 +108,7 @@ def _beside_free(
         f" Not drawn, mean {p.attrs['mean']:g} ({p.attrs['sampler']}): {p.attrs['reason']}."
         for p in refused
     )
-    definition, length, order = _kind(free)
+    definition, length, order = process_figures.kind_of(free)
     return Figure(
         "fig_06" if is_first else f"fig_06_{length:g}",
         f"Fig. 6. Positive processes and the one without sign constraint, {definition} ="

@@ -1,4 +1,4 @@
-"""What the paper says of its friction study (Sec. 3 and 4), each statement put to a stated test."""
+"""What the paper says, each statement put to a stated test."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from functools import partial
 
 import numpy as np
 
-from . import band_statements, deterministic_statements, slip_statements
+from . import band_statements, deterministic_statements, process_statements, slip_statements
 from .evidence import NoEvidence, Statement
 from .paper import is_paper_study
 from .results import Results
@@ -36,4 +36,5 @@ def _tests(results: Results) -> Iterator[Callable[[], Statement]]:
             yield from (partial(test, study) for test in band_statements.ALL)
             if study.has_certain_spectra:
                 yield partial(band_statements.peaks_of_percentile, study)
-    yield from (partial(test, results) for test in deterministic_statements.ALL)
+    for test in (*deterministic_statements.ALL, *process_statements.ALL):
+        yield partial(test, results)

@@ -146,7 +146,7 @@ def test_bars_hold_monte_carlo_and_the_finite_march():
     )
     np.testing.assert_allclose(figures.slip_mean_error(case), 0.05)
     np.testing.assert_allclose(figures.band_ratio_interval(case)[0], 2.0 * np.exp(-0.3))
-    case.data["band_ratio_time_error"] = ("dof", [2.0 * 0.4 / 1.96])
+    case.data["band_ratio_time_error"] = ("dof", [2.0 * 0.4 / 1.959964])
     low, high = figures.band_ratio_interval(case)
     np.testing.assert_allclose([low[0], high[0]], 2.0 * np.exp([-0.5, 0.5]))
 
