@@ -10,6 +10,9 @@ SLIP_PERCENT = {  # Table 2, by variance of the excitation
     3.7: (7, 8, 12, 22, 37),
     41.1: (36, 45, 52, 59, 65),
 }
+WHITE_NOISE = "(1 + ln 2π)/2 = 1.4189385"  # Eq. 42, a point, at std 1
+ORDER_OF_FIG_4 = 6  # "L0 = 0.3 and L1 at most 1 leads to M = 6"
+PEAK_MEAN = "about 30"  # [%], of the scatter of the time in slip
 STDS = (0.067, 0.10)  # of the friction coefficients
 LENGTHS = (0.3, 1.0, 3.0)  # L0 of the friction coefficients
 LEVELS = {3.7: "low", 41.1: "high"}  # the paper's names of its two variances
