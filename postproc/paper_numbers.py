@@ -92,3 +92,29 @@ def _judged(statements: Sequence[Statement]) -> Iterator[Row]:
                 error = (finding.high - finding.low) / (2.0 * WIDTH)
                 ours = value_with_error(100.0 * finding.estimate, 100.0 * error)
                 yield "Fig. 9", f"{finding.text} [%]", PEAK_MEAN, ours
+
+
+def table_correlations(results: Results) -> Table | None:
+    """Correlation of the friction of two joints, by how far apart they are, for each length."""
+    if results.chain is None or not is_paper_study(results) or not results.random:
+        return None
+    apart = range(1, results.chain.sizes["mode"])
+    rows: dict[float, tuple[str, ...]] = {}
+    for name in sorted({case.process for case in results.random}):
+        process = results.processes.get(name)
+        if process is None or "autocovariance" not in process:
+            continue
+        curve = process["autocovariance"].values
+        length = process_figures.length_of(process)
+        cells = (f"{curve[lag] / curve[0]:.3f}" for lag in apart)
+        rows.setdefault(length, (f"L0 = {length:g}", str(process.attrs["order"]), *cells))
+    if len(rows) < 2:
+        return None
+    note = (
+        "The chain sees these lags alone. What a longer L0 adds lies mostly beyond its last joint:"
+        " at the paper's orders the correlations of L0 = 1 and L0 = 3 are nearly alike, so the"
+        " length can have little effect on slip and spectra."
+    )
+    header = ("process", "order", *(f"{lag} joints apart" for lag in apart))
+    title = "Correlation of the friction along the chain"
+    return Table("correlations", title, header, [rows[length] for length in sorted(rows)], note)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from entroslip.paper_numbers import table_numbers
+from entroslip.paper_numbers import table_correlations, table_numbers
 from entroslip.results import Results
 from entroslip.statements import assess
 from entroslip.tables import table_slip
@@ -51,3 +51,14 @@ def test_table_2_has_the_means_at_random_friction_beside_it():
     rows = {row[0]: row[1:] for row in table_slip(study).rows}
     cells = rows[f"variance {LOW:g}, mean at random friction, std 0.067"]
     assert cells[0] == "5.0(17)"  # 3/sqrt(3) points, of three lengths
+
+
+def test_the_chain_sees_few_lags():
+    """Correlations at 1 to 4 joints apart, once a length; none without several lengths."""
+    study = friction_study(n_samples=30)
+    lengths = {case.process: case.correlation_length for case in study.random}
+    study.processes.update({name: process(length, 5) for name, length in lengths.items()})
+    table = table_correlations(study)
+    assert [row[0] for row in table.rows] == ["L0 = 0.3", "L0 = 1", "L0 = 3"]
+    assert table.rows[0][2:] == ("0.500", "0.250", "0.125", "0.062")
+    assert table_correlations(friction_study(n_samples=30)) is None
