@@ -15,6 +15,7 @@ from .figure import Ranges
 from .gallery import make_figures
 from .output import InputError, Parser, exit_code, make_folder, say
 from .paper import AXES
+from .paper_numbers import table_correlations, table_numbers
 from .report import write_report
 from .results import Results, find_damage, open_results
 from .statements import assess
@@ -35,7 +36,9 @@ def main(arguments: list[str] | None = None) -> int:
         files = [open_results(path) for path in options.results]
         make_folder(options.out)
         try:
-            say(compare(*files, options.out) if is_comparison else _draw(files, options))
+            say(
+                compare(files[0], files[1], options.out) if is_comparison else _draw(files, options)
+            )
         except OSError:
             damages = _damages(options.results)
             if not damages:
@@ -48,6 +51,9 @@ def main(arguments: list[str] | None = None) -> int:
 def _draw(files: list[Results], options: argparse.Namespace) -> str:
     """What was drawn. Datasets are read as they are needed: a damaged one shows here."""
     statements, tables = assess(files), make_tables(files)
+    correlations = next(filter(None, map(table_correlations, files)), None)
+    of_paper = (table_numbers(files, statements), correlations)
+    tables = [*(table for table in of_paper if table is not None), *tables]
     judged = [table_statements(statements)] if statements else []
     for table in [*tables, *judged]:
         table.write_csv(options.out)

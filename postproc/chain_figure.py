@@ -79,7 +79,7 @@ def _jenkins(axes: Axes, centre: float) -> None:
     axes.text(centre + 0.3, -1.45, "$k_2$")
     axes.plot([centre, centre], [-2.35, -2.9], color=_INK, linewidth=1.2)
     axes.add_patch(Rectangle((centre - 0.4, -3.5), 0.8, 0.6, facecolor="1.0", edgecolor=_INK))
-    axes.text(centre, -3.2, r"$\mu_S, \mu_D$", ha="center", va="center", fontsize=7.5)
+    axes.text(centre, -3.2, r"$\mu$", ha="center", va="center", fontsize=9)
     axes.plot([centre - 0.4, centre + 0.4], [-3.56, -3.56], color=_INK, linewidth=2.4)
     axes.annotate(
         "", (centre - 0.32, -2.9), (centre - 0.32, -2.3), arrowprops={"arrowstyle": "->", "lw": 0.9}

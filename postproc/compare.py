@@ -14,6 +14,7 @@ from pathlib import Path
 
 import numpy as np
 from matplotlib.axes import Axes
+from matplotlib.ticker import MaxNLocator
 from numpy.typing import NDArray
 
 from .figure import Figure
@@ -114,7 +115,8 @@ def std_change(before: Values, after: Values, is_paired: bool) -> Change:
         )
         for values, spread in zip((before, after), spreads, strict=True)
     ]  # fmt: skip
-    return _change(*spreads, *influences, is_paired)
+    (first, second), (early, late) = spreads, influences
+    return _change(first, second, early, late, is_paired)
 
 
 def _change(
@@ -143,8 +145,8 @@ def _changes(pair: Pair) -> Iterator[tuple[str, float, Change]]:
     spectra = pair.samples("psd")
     if spectra is not None:
         step = float(np.diff(pair.before.data["frequency"].values[:2])[0])
-        power = [values.sum(axis=1) * step for values in spectra]
-        yield "pseudo-variance [m²]", 1.0, mean_change(*power, pair.is_paired)
+        first, second = (values.sum(axis=1) * step for values in spectra)
+        yield "pseudo-variance [m²]", 1.0, mean_change(first, second, pair.is_paired)
 
 
 def change_table(before: Results, after: Results, pairs: Sequence[Pair]) -> Table:
@@ -214,7 +216,7 @@ def _draw_slip(pairs: Sequence[Pair], axes: Axes) -> None:
         axes.errorbar(place, 100.0 * change.change, yerr=bars, capsize=2, label=pair.label, **look)
     axes.axhline(0.0, color="0.4", linewidth=0.8)
     axes.set(xlabel="joint", ylabel="change of the mean time in slip [points of %]")
-    axes.xaxis.get_major_locator().set_params(integer=True)
+    axes.xaxis.set_major_locator(MaxNLocator(integer=True))
     axes.legend()
 
 
@@ -231,7 +233,8 @@ def _draw_spectra(pair: Pair, axes: Axes) -> None:
         first, second = (values[:, :kept, dof - 1] for values in (before, after))
         means = first.mean(axis=0), second.mean(axis=0)
         per_sample = [values / mean for values, mean in zip((first, second), means, strict=True)]
-        change = _change(np.log(means[0]), np.log(means[1]), *per_sample, pair.is_paired)
+        one, other = per_sample
+        change = _change(np.log(means[0]), np.log(means[1]), one, other, pair.is_paired)
         look = line_of_dof(dof, n_dof)
         axes.plot(frequency[:kept], np.exp(change.change), label=f"dof {dof}", **look)
         reach = _NORMAL_95 * change.error

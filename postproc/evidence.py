@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 LEVEL = 0.025  # of each one-sided test: together those of a 95 % interval
-_WIDTH = 1.959964  # standard errors to the ends of a 95 % interval
+WIDTH = 1.959964  # standard errors to the ends of a 95 % interval
 
 
 class NoEvidence(Exception):
@@ -68,7 +68,7 @@ def claim_range(
 ) -> Finding:
     """The claim above < number < below, of an estimate with a normal error."""
     return Finding(
-        text, estimate, estimate - _WIDTH * error, estimate + _WIDTH * error,
+        text, estimate, estimate - WIDTH * error, estimate + WIDTH * error,
         p_for=max(_tail(estimate - above, error), _tail(below - estimate, error)),
         p_against=min(_tail(above - estimate, error), _tail(estimate - below, error)),
     )  # fmt: skip
@@ -101,9 +101,18 @@ def claim_range_by_quantiles(
 def claim_difference(text: str, estimate: float, error: float, negligible: float) -> Finding:
     """The claim of a difference, whichever its sign; against it speaks one surely negligible."""
     return Finding(
-        text, estimate, estimate - _WIDTH * error, estimate + _WIDTH * error,
+        text, estimate, estimate - WIDTH * error, estimate + WIDTH * error,
         p_for=min(1.0, 2.0 * _tail(abs(estimate), error)),
         p_against=_tail(negligible - abs(estimate), error),
+    )  # fmt: skip
+
+
+def claim_larger(text: str, estimate: float, error: float, negligible: float) -> Finding:
+    """The claim of a difference above zero that is seen: against it one surely below negligible."""
+    clear = _tail(estimate, error) if estimate >= negligible else max(0.5, _tail(estimate, error))
+    return Finding(
+        text, estimate, estimate - WIDTH * error, estimate + WIDTH * error,
+        p_for=clear, p_against=_tail(negligible - estimate, error),
     )  # fmt: skip
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from io import BytesIO
@@ -32,6 +33,13 @@ class Figure:
     panels: tuple[Callable[[Axes], None], ...]
     statements: tuple[str, ...] = ()  # numbers of the paper's statements that it shows
     height: float = _PANEL  # of a panel, in inches
+
+    def outside_the_paper(self) -> Figure:
+        """The same without the paper's number and statements."""
+        caption = re.sub(r" \(the paper:[^)]*\)", "", self.caption)
+        told = [s for s in re.split(r"(?<=\.) (?=[A-Z])", caption) if "paper" not in s.lower()]
+        title = re.sub(r"^Fig\. \w+\. ", "", self.title)
+        return replace(self, title=title, caption=" ".join(told), statements=())
 
     def renamed(self, ending: str) -> Figure:
         """The same under another name, where two files have the same figure."""

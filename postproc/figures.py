@@ -8,19 +8,23 @@ import numpy as np
 import xarray as xr
 from matplotlib.axes import Axes
 from matplotlib.patheffects import withStroke
-from matplotlib.ticker import FuncFormatter
+from matplotlib.ticker import FuncFormatter, MaxNLocator
 from numpy.typing import NDArray
 
 from . import style
-from .certain_statements import FULLY, slip_with_error
+from .deterministic_statements import FULLY, slip_with_error
+from .evidence import WIDTH
 from .paper import LEVELS
+from .peaks import scatter_of_ln_psd
 from .results import Case, Results
 from .slip_statements import ABOUT_03
 
+PERCENT = 100.0  # of a fraction of time
 _BEYOND_STUCK = 1.6  # drawn of a spectrum: to this multiple of the highest stuck frequency
 _DECADES = 7.0  # drawn of a spectrum
 _MOST_MODES = 20  # marked; more would hide the curves
-_SLIP_AXIS = "mean fraction of time in slip"
+_MOST_NUMBERED = 6  # marks of a case
+_SLIP_AXIS = "mean time in slip [%]"
 
 
 def variance_name(variance: float) -> str:
@@ -31,21 +35,40 @@ def variance_name(variance: float) -> str:
     return f"variance {variance:g}" + (f" ({name})" if name else "")
 
 
+def length_name(case: Case) -> str:
+    """'$L_0$ = 1'"""
+    return f"${case.definition[0]}_{case.definition[1]}$ = {case.correlation_length:g}"
+
+
 def plot_spectra(axes: Axes, case: Case, results: Results) -> None:
-    """Fig. 8: power spectral densities of the oscillators in one sample."""
+    """Fig. 8: power spectral densities of the masses in one sample."""
     spectrum = case.data["psd"].isel(sample=0)
     drawn = style.some_of(case.n_dof)
     for dof in drawn:
         axes.semilogy(
             spectrum["frequency"], spectrum.isel(dof=dof - 1),
-            label=f"oscillator {dof}", **style.line_of_dof(dof, case.n_dof),
+            label=f"mass {dof}", **style.line_of_dof(dof, case.n_dof),
         )  # fmt: skip
     _mark_chain(axes, results)
     _frame_spectrum(axes, spectrum["frequency"].values, spectrum.values, results)
+    _mark_scatter(axes, case)
+
+
+def _mark_scatter(axes: Axes, case: Case) -> None:
+    """A bar in the corner: how far one bin scatters with the force record."""
+    factor = float(np.exp(scatter_of_ln_psd(case.data)))
+    inverse = axes.transData.inverted()
+    x, y = inverse.transform(axes.transAxes.transform((0.03, 0.06)))
+    axes.errorbar(
+        x, y, yerr=[[y * (1.0 - 1.0 / factor)], [y * (factor - 1.0)]], color="0.2", capsize=2.5,
+    )  # fmt: skip
+    axes.annotate(
+        "a bin, ± 1 s.e.", (x, y), (6, 0), textcoords="offset points", va="center", fontsize=8,
+    )  # fmt: skip
 
 
 def slip_mean_error(case: Case) -> NDArray[np.float64]:
-    """Of the mean time in slip: Monte Carlo and time average together."""
+    """Standard error of the mean time in slip: Monte Carlo and time average together."""
     error = case.data["slip_mean_error"].values
     return np.hypot(error, case.data.get("slip_mean_time_error", 0.0 * error))
 
@@ -55,33 +78,39 @@ def band_ratio_interval(case: Case) -> tuple[NDArray[np.float64], NDArray[np.flo
     ratio = case.data["band_ratio"].values
     spread = np.log(case.data["band_ratio_high"].values / ratio)
     if case.has("band_ratio_time_error"):
-        spread = np.hypot(spread, 1.96 * case.data["band_ratio_time_error"].values / ratio)
+        spread = np.hypot(spread, WIDTH * case.data["band_ratio_time_error"].values / ratio)
     return ratio * np.exp(-spread), ratio * np.exp(spread)
 
 
-def plot_slip_scatter(axes: Axes, cases: Sequence[Case]) -> None:
-    """Fig. 9: scatter of the time in slip over its mean, a mark per oscillator, bars one s.e."""
-    axes.axvspan(*ABOUT_03, color="0.94", zorder=0, label="a mean of about 0.3")
+def plot_slip_scatter(axes: Axes, cases: Sequence[Case], is_paper: bool = False) -> None:
+    """Fig. 9: scatter of the time in slip over its mean, a mark per joint, 95 % intervals."""
+    if is_paper:
+        low, high = (PERCENT * edge for edge in ABOUT_03)
+        axes.axvspan(low, high, color="0.94", zorder=0, label="the paper's 30 %, as tested")
     for case, look, label in _by_length(cases):
+        mean, scatter = (PERCENT * case.data[name].values for name in ("slip_mean", "slip_std"))
         axes.errorbar(
-            case.data["slip_mean"], case.data["slip_std"],
-            xerr=slip_mean_error(case), yerr=case.data["slip_std_error"],
+            mean, scatter, xerr=PERCENT * WIDTH * slip_mean_error(case),
+            yerr=PERCENT * WIDTH * case.data["slip_std_error"],
             label=label, elinewidth=0.8, **look,
         )  # fmt: skip
+        _number(axes, mean, scatter, look)
     axes.set(
-        xlabel=_SLIP_AXIS, ylabel="standard deviation over samples", xlim=(0, None), ylim=(0, None)
-    )
+        xlabel=_SLIP_AXIS, ylabel="standard deviation over samples [%]",
+        xlim=(0, None), ylim=(0, None),
+    )  # fmt: skip
     axes.legend(ncols=2)
 
 
-def plot_band(axes: Axes, cases: Sequence[Case], dof: int, results: Results) -> None:
-    """Fig. 10: mean (thick) and outer percentiles (thin) of the spectra of one oscillator.
+def plot_band(
+    axes: Axes, cases: Sequence[Case], dof: int, results: Results, framed: Sequence[Case] = ()
+) -> None:
+    """Fig. 10: mean (thick) and outer percentiles (thin) of the spectra of one mass.
 
-    Shaded: 95 % intervals of the percentiles. Several variances in one panel stand apart as sets
-    of curves, the larger one higher, each named.
+    Shaded: 95 % intervals of the percentiles, Monte Carlo and force record together. The range of
+    the axes is that of the cases `framed` too, which other panels draw.
     """
     lengths = sorted({case.correlation_length for case in cases})
-    values = []
     for case in cases:
         colour = style.of_length(case.correlation_length, lengths)["color"]
         line = style.dashes(lengths.index(case.correlation_length))
@@ -89,29 +118,43 @@ def plot_band(axes: Axes, cases: Sequence[Case], dof: int, results: Results) -> 
         frequency = one["frequency"].values
         axes.semilogy(
             frequency, one["psd_mean"], color=colour, linestyle=line, linewidth=1.5,
-            label=f"$L$ = {case.correlation_length:g}",
+            label=length_name(case),
         )  # fmt: skip
         for outer in (0, -1):
             edge = one["psd_percentiles"].values[outer]
             axes.semilogy(frequency, edge, color=colour, linestyle=line, linewidth=0.8)
             if case.has("psd_percentiles_low", "psd_percentiles_high"):
-                low, high = (one[f"psd_percentiles_{end}"].values[outer] for end in ("low", "high"))
+                low, high = percentile_interval(case, dof, outer)
                 axes.fill_between(frequency, low, high, alpha=0.15, linewidth=0, color=colour)
-            values.append(edge)
-    variances = sorted({case.variance for case in cases})
-    for variance in variances:
-        level = "" if len(variances) == 1 else LEVELS.get(variance, f"{variance:g} N²")
-        alike = [case.data.isel(dof=dof - 1) for case in cases if case.variance == variance]
-        _name_curves(axes, alike, level, _last_shown(frequency, results))
-    _mark_chain(axes, results, stuck=False)
+    values = [
+        case.data["psd_percentiles"].isel(dof=dof - 1).values[[0, -1]] for case in framed or cases
+    ]
+    alike = [case.data.isel(dof=dof - 1) for case in cases]
+    _name_curves(axes, alike, _last_shown(frequency, results))
+    _mark_chain(axes, results)
     _frame_spectrum(axes, frequency, np.stack(values), results)
-    handles, labels = axes.get_legend_handles_labels()
-    unique = dict(zip(labels, handles, strict=True))
-    axes.legend(list(unique.values()), list(unique.keys()))
 
 
-def _name_curves(axes: Axes, alike: Sequence[xr.Dataset], level: str, last: float) -> None:
-    """Says at the curves what they are: the mean, the percentiles, or all of a level."""
+def percentile_interval(
+    case: Case, dof: int, outer: int
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """The 95 % interval of a percentile at each frequency: Monte Carlo and force record together.
+
+    The scatter of a bin with the record, `psd_time_error` of ln psd, is added in squares.
+    """
+    one = case.data.isel(dof=dof - 1)
+    middle = one["psd_percentiles"].values[outer]
+    record = WIDTH * scatter_of_ln_psd(case.data)
+    ends = []
+    for end, sign in (("low", -1.0), ("high", 1.0)):
+        with np.errstate(divide="ignore", invalid="ignore"):
+            spread = np.log(one[f"psd_percentiles_{end}"].values[outer] / middle)
+        ends.append(middle * np.exp(sign * np.hypot(np.nan_to_num(spread), record)))
+    return ends[0], ends[1]
+
+
+def _name_curves(axes: Axes, alike: Sequence[xr.Dataset], last: float) -> None:
+    """Says at the curves what they are: the mean, the percentiles."""
     frequency = alike[0]["frequency"].values
     low, mean, high = (
         np.stack([curve.values for curve in curves])
@@ -125,15 +168,13 @@ def _name_curves(axes: Axes, alike: Sequence[xr.Dataset], level: str, last: floa
     if not shown.size:
         return
     apart = high[:, shown].min(axis=0) / low[:, shown].max(axis=0)
-    wide, narrow = shown[np.argmax(apart)], shown[np.argmin(apart)]
+    wide = shown[np.argmax(apart)]
     first, final = alike[0]["percentile"].values[[0, -1]]
     names = [
         (f"{first:g} %", wide, low[:, wide].min(), "top"),
         ("mean", wide, mean[:, wide].max(), "bottom"),
         (f"{final:g} %", wide, high[:, wide].max(), "bottom"),
     ]
-    if level:
-        names = [(level, narrow, high[:, narrow].max(), "bottom")]
     for text, at, value, side in names:
         axes.annotate(
             text, (frequency[at], value), (0, 3 if side == "bottom" else -3),
@@ -142,16 +183,27 @@ def _name_curves(axes: Axes, alike: Sequence[xr.Dataset], level: str, last: floa
         )  # fmt: skip
 
 
+def _number(axes: Axes, x: NDArray[np.float64], y: NDArray[np.float64], look: style.Look) -> None:
+    """The joints' numbers at their marks, as many as can be told apart."""
+    for dof in style.some_of(x.size, _MOST_NUMBERED):
+        axes.annotate(
+            str(dof), (x[dof - 1], y[dof - 1]), (4, 3), textcoords="offset points", fontsize=6.5,
+            color=look["color"],
+        )  # fmt: skip
+
+
 def plot_band_ratio(axes: Axes, cases: Sequence[Case]) -> None:
     """Fig. 11: ratio of the outer percentiles' pseudo-variances over the mean time in slip."""
     for case, look, label in _by_length(cases):
         ratio = case.data["band_ratio"].values
         low, high = band_ratio_interval(case)
+        mean = PERCENT * case.data["slip_mean"].values
         axes.errorbar(
-            case.data["slip_mean"], ratio, xerr=slip_mean_error(case),
+            mean, ratio, xerr=PERCENT * WIDTH * slip_mean_error(case),
             yerr=np.clip([ratio - low, high - ratio], 0.0, None),
             label=label, elinewidth=0.8, **look,
         )  # fmt: skip
+        _number(axes, mean, ratio, look)
     first, last = cases[0].data["percentile"].values[[0, -1]]
     axes.set_yscale("log")
     for ticks in (axes.yaxis.set_major_formatter, axes.yaxis.set_minor_formatter):
@@ -164,27 +216,40 @@ def plot_band_ratio(axes: Axes, cases: Sequence[Case]) -> None:
     )
 
 
+def plot_slip_along(axes: Axes, cases: Sequence[Case]) -> None:
+    """Mean time in slip along the structure, joint by joint, a line per case, 95 % intervals."""
+    for rank, case in enumerate(cases):
+        mean = PERCENT * case.data["slip_mean"].values
+        name = f"{length_name(case)}, std {case.std:g}, {variance_name(case.variance)}"
+        axes.errorbar(
+            np.arange(1, mean.size + 1), mean, yerr=PERCENT * WIDTH * slip_mean_error(case),
+            label=name, elinewidth=0.8, **style.of_rank(rank, len(cases)),
+        )  # fmt: skip
+    axes.xaxis.set_major_locator(MaxNLocator(integer=True))
+    axes.set(xlabel="joint", ylabel=_SLIP_AXIS, ylim=(0, None))
+    axes.legend()
+
+
 def plot_sweep(axes: Axes, cases: Sequence[Case]) -> None:
-    """Time in slip of each oscillator over the variance of the force, bars two standard errors."""
+    """Time in slip of each joint over the variance of the force, 95 % intervals."""
     cases = sorted(cases, key=lambda case: case.variance)
     variance = [case.variance for case in cases]
     slips = [slip_with_error(case) for case in cases]
     for joint in style.some_of(cases[0].n_joints):
         axes.errorbar(
-            variance, [slip[joint - 1] for slip, _ in slips],
-            yerr=[2.0 * error[joint - 1] for _, error in slips],
-            label=f"oscillator {joint}", elinewidth=0.8,
-            **style.of_dof(joint, cases[0].n_joints),
+            variance, [PERCENT * slip[joint - 1] for slip, _ in slips],
+            yerr=[PERCENT * WIDTH * error[joint - 1] for _, error in slips],
+            label=f"joint {joint}", elinewidth=0.8, **style.of_dof(joint, cases[0].n_joints),
         )  # fmt: skip
     for edge in (FULLY, 1.0 - FULLY):
-        axes.axhline(edge, color="0.6", linewidth=0.8, linestyle=":", zorder=0)
+        axes.axhline(PERCENT * edge, color="0.6", linewidth=0.8, linestyle=":", zorder=0)
     axes.set_xscale("log")
-    axes.set(xlabel="variance of the force [N²]", ylabel="fraction of time in slip", ylim=(0, 1))
+    axes.set(xlabel="variance of the force [N²]", ylabel="time in slip [%]", ylim=(0, 100))
     axes.legend()
 
 
 def plot_sweep_spectra(axes: Axes, cases: Sequence[Case], results: Results) -> None:
-    """Spectra of the first oscillator over the variance of the force, from stuck to slipping."""
+    """Spectra of the first mass over the variance of the force, from stuck to slipping."""
     cases = sorted(cases, key=lambda case: case.variance)
     chosen = [cases[i - 1] for i in style.some_of(len(cases), 6)]
     values = []
@@ -198,11 +263,10 @@ def plot_sweep_spectra(axes: Axes, cases: Sequence[Case], results: Results) -> N
     axes.set_ylabel("power spectral density / variance [m²/(N² Hz)]")
 
 
-def _mark_chain(axes: Axes, results: Results, stuck: bool = True) -> None:
+def _mark_chain(axes: Axes, results: Results) -> None:
     chain = results.structure
     if chain is not None and chain.sizes["mode"] <= _MOST_MODES:
-        if stuck:
-            style.mark_frequencies(axes, chain["frequencies_stuck"].values, "modes, stuck", "-")
+        style.mark_frequencies(axes, chain["frequencies_stuck"].values, "modes, stuck", "-")
         style.mark_frequencies(axes, chain["frequencies_slip"].values, "modes, slipping", ":")
 
 
@@ -213,16 +277,17 @@ def _short_tick(value: float, _: int) -> str:
 
 
 def _by_length(cases: Sequence[Case]) -> list[tuple[Case, style.Look, str]]:
-    """Cases with their look: colour and mark by length, filled at the largest excitation."""
+    """Cases with their look: colour and mark by length, the fuller the larger the excitation."""
     lengths = [case.correlation_length for case in cases]
     variances = sorted({case.variance for case in cases})
     rows = []
     for case in cases:
         look = style.of_length(case.correlation_length, lengths) | {"linestyle": "none"}
-        if case.variance != variances[-1]:
-            look["markerfacecolor"] = "none"
+        filled = (variances.index(case.variance) + 1) / len(variances)
+        share = filled if filled == 1.0 else filled - 1.0 / len(variances)
+        look["markerfacecolor"] = (look["color"], share)  # the smallest excitation open
         name = LEVELS.get(case.variance, variance_name(case.variance))
-        rows.append((case, look, f"$L$ = {case.correlation_length:g}, {name}"))
+        rows.append((case, look, f"{length_name(case)}, {name}"))
     return rows
 
 

@@ -4,155 +4,37 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
 from functools import partial
+from itertools import chain
 from typing import TypeVar
 
 import numpy as np
 import xarray as xr
 
-from . import chain_figure, figures, process_figures, response_figures, tradeoff
+from . import chain_figure, figures, process_gallery, response_figures, style, tradeoff
 from .figure import SECTIONS, Figure
+from .paper import is_paper_study
 from .peaks import scatter_of_ln_psd
 from .results import Case, Results
 
 _Item = TypeVar("_Item")
-_PROCESSES, _CHAIN, _STUDY, _RESPONSES, _ = SECTIONS
-_MOST_SPECTRA = 4  # cases with friction certain; more are a sweep
+_, _CHAIN, _STUDY, _RESPONSES, _ = SECTIONS
+_MOST_LINES, _MOST_LEVELS = 6, 3  # in one figure
+_MOST_SPECTRA = 4  # cases with deterministic friction; more are a sweep
 
 
 def make_figures(files: Sequence[Results]) -> list[Figure]:
     """Those of every file, in the paper's order; later files' twins carry the file's name."""
     found: dict[str, Figure] = {}
     for results in files:
-        for figure in (figure for source in SOURCES for figure in source(results)):
+        of_tradeoff = tradeoff.figures_of(results, _processes_of_scene(results, files))
+        for figure in chain(*(source(results) for source in SOURCES), of_tradeoff):
+            own = figure if is_paper_study(results) else figure.outside_the_paper()
             twin = found.get(figure.name)
             if twin is not None and twin.section == _CHAIN and twin.caption == figure.caption:
                 continue  # the same drawing
-            kept = figure.renamed(results.stem) if twin is not None else figure
+            kept = own.renamed(results.stem) if twin is not None else own
             found[kept.name] = kept
     return sorted(found.values(), key=lambda figure: (SECTIONS.index(figure.section), figure.name))
-
-
-def of_processes(results: Results) -> Iterator[Figure]:
-    """Figs. 1 to 6, of processes that a scene without chain solved."""
-    if results.structure is not None:
-        return
-    solved = [p for p in results.processes.values() if p.attrs["status"] == "solved"]
-    free = [p for p in solved if not process_figures.is_positive(p)]
-    asked = [p for p in free if int(p.attrs["order"]) > 0]
-    regressive = [p for p in asked if p.attrs["method"] == "autoregressive"]
-    for number, method, family in (
-        (1, "direct method", [p for p in asked if p.attrs["method"] == "direct"]),
-        (2, "autoregressive", regressive),
-    ):
-        for name, length, panel in _length_panels(family):
-            yield Figure(
-                f"fig_{number:02d}{name}",
-                f"Fig. {number}{name[0]}. Autocovariance, {method}, {length}",
-                "At lags up to the order the values fall as the order grows, towards white noise:"
-                " flat in the lag where L0 is imposed, growing with it where L1 is."
-                " Without errors: both methods are exact to 1e-8.",
-                _PROCESSES, (partial(process_figures.plot_autocovariances, processes=panel),),
-            )  # fmt: skip
-    if len({process_figures.order_of(p) for p in regressive}) > 1:
-        yield Figure(
-            "fig_03", "Fig. 3. Entropy over the order",
-            "The order needed to come near white noise rises with the correlation length, and is"
-            " higher where L0 is imposed (full lines) than where L1 is (dashed).",
-            _PROCESSES, (partial(process_figures.plot_entropies, processes=regressive),),
-        )  # fmt: skip
-        yield Figure(
-            "fig_04", "Fig. 4. The correlation length that was not imposed",
-            "With L0 imposed (full lines) L1 grows with the order; with L1 imposed (dashed) L0"
-            " falls. Infinite sums. The largest order with L0 = 0.3 and L1 at most 1 is 5; the"
-            " paper reads 6 off its figure, where L1 is 1.03.",
-            _PROCESSES, (partial(process_figures.plot_achieved_lengths, processes=regressive),),
-        )  # fmt: skip
-    chosen = [p for p in free if int(p.attrs["order"]) == 0]
-    if chosen:
-        yield Figure(
-            "fig_05", "Fig. 5. One length imposed, the other bounded",
-            "The bound picks the order: with L0 imposed the largest that keeps L1 below it, with L1"
-            " imposed the largest that keeps L0 above it.",
-            _PROCESSES, (partial(process_figures.plot_chosen_orders, processes=chosen),),
-        )  # fmt: skip
-    refused = [p for p in results.processes.values() if p.attrs["status"] == "infeasible"]
-    yield from _positive(solved, asked, refused)
-    for name, process in results.processes.items():
-        if "realizations" in process:
-            yield Figure(
-                f"realizations_{name}", f"Realizations of process {name}",
-                "The first of the realizations that the scene asked for, and the mean.",
-                _PROCESSES, (partial(process_figures.plot_realizations, process=process),),
-            )  # fmt: skip
-
-
-def _positive(
-    solved: list[xr.Dataset], free: list[xr.Dataset], refused: list[xr.Dataset]
-) -> Iterator[Figure]:
-    """Fig. 6: positive processes of each length and order, beside the free one; others alone."""
-    positive = [p for p in solved if process_figures.is_positive(p)]
-    if not positive:
-        return
-    kinds = sorted({_kind(p) for p in positive})
-    alone = [p for p in positive if not any(_kind(q) == _kind(p) for q in free)]
-    if alone:
-        yield Figure(
-            "positive", "Autocovariances of positive processes",
-            f"Over the variance, {_how_many(len(alone), process_figures.MOST_CURVES)}.",
-            _PROCESSES, (partial(process_figures.plot_each, processes=alone),),
-        )  # fmt: skip
-    for kind in kinds:
-        alike = [p for p in positive if _kind(p) == kind]
-        twins = [p for p in free if _kind(p) == kind]
-        if twins:
-            missing = [p for p in refused if process_figures.is_positive(p) and _kind(p) == kind]
-            yield _figure_6(twins[0], alike, missing, is_only=len(kinds) == 1)
-
-
-def _kind(process: xr.Dataset) -> tuple[str, str, float, int]:
-    asked = process.attrs
-    return (
-        str(asked["method"]), str(asked["correlation"]), float(asked["correlation_length"]),
-        int(asked["order"]),
-    )  # fmt: skip
-
-
-def _figure_6(
-    free: xr.Dataset, positive: list[xr.Dataset], refused: list[xr.Dataset], *, is_only: bool
-) -> Figure:
-    method, correlation, length, order = _kind(free)
-    largest = "; ".join(
-        f"{_largest(process_figures.difference_from_free(p, free)):.2g} at mean"
-        f" {p.attrs['mean']:g} ({p.attrs['sampler']})"
-        for p in positive
-    )
-    missing = "".join(
-        f" Not drawn, mean {p.attrs['mean']:g} ({p.attrs['sampler']}): {p.attrs['reason']}."
-        for p in refused
-    )
-    both = [free, *positive]
-    return Figure(
-        "fig_06" if is_only else f"fig_06_{method}_{correlation}_{length:g}_{order}",
-        "Fig. 6. Positive processes and the one without sign constraint"
-        + ("" if is_only else f", {method}, {correlation} = {length:g}, order {order}"),
-        "Autocovariances of positive processes, by the sequential law (marks) and the exact one"
-        " (dashed), beside that of the process without sign constraint; below, the differences with"
-        " bars of two standard errors, the scatter of fits from other random numbers among them."
-        " The paper finds them very close; the largest differences here:"
-        f" {largest}.{missing}", _PROCESSES,
-        (
-            partial(process_figures.plot_positive, processes=both),
-            partial(process_figures.plot_positive_difference, processes=both),
-        ), height=3.6,
-    )  # fmt: skip
-
-
-def _how_many(count: int, most: int) -> str:
-    return "all that were solved" if count <= most else f"{most} of the {count} that were solved"
-
-
-def _largest(difference: xr.Dataset) -> float:
-    return float(abs(difference["value"]).max())
 
 
 def of_chain(results: Results) -> Iterator[Figure]:
@@ -162,7 +44,7 @@ def of_chain(results: Results) -> Iterator[Figure]:
         forced = int(np.argmax(np.abs(results.structure["load"].values[0]))) + 1
         yield Figure(
             "fig_07", "Fig. 7. The chain with its Jenkins elements",
-            f"{n_dof} oscillators. Springs k1 join neighbours and the first mass to the wall; each"
+            f"{n_dof} masses. Springs k1 join neighbours and the first mass to the wall; each"
             " mass holds to the ground by a spring k2 in series with a slider that the load N"
             f" presses down; the force acts on mass {forced}; the far side of the last is free.",
             _CHAIN, (partial(chain_figure.plot_chain, n_dof=n_dof, forced=forced),), height=2.6,
@@ -176,14 +58,14 @@ def of_certain_friction(results: Results) -> Iterator[Figure]:
     if len(cases) > _MOST_SPECTRA:
         yield Figure(
             "sweep", "From stuck to slipping",
-            "Time in slip over the variance of the force, friction certain, bars of two standard"
-            " errors of the time average; dotted: what counts as fully stuck and fully slipping.",
+            "Time in slip over the variance of the force, deterministic friction; bars: 95 %"
+            " intervals of the time average; dotted: what counts as fully stuck and slipping.",
             _STUDY, (partial(figures.plot_sweep, cases=cases),), ("8",),
         )  # fmt: skip
         if spectra:
             yield Figure(
                 "sweep_spectra", "Spectra from stuck to slipping",
-                "Oscillator 1, over the variance of the force: peaks at the stuck frequencies (full"
+                "Mass 1, over the variance of the force: peaks at the stuck frequencies (full"
                 " lines) broaden, vanish, and return at those of the slipping chain (dotted).",
                 _STUDY,
                 (partial(figures.plot_sweep_spectra, cases=spectra, results=results),), ("8",),
@@ -193,36 +75,60 @@ def of_certain_friction(results: Results) -> Iterator[Figure]:
         name = figures.variance_name(case.variance)
         yield Figure(
             f"fig_08{letter}", f"Fig. 8{letter}. Spectra without uncertainty, {name}",
-            "Power spectral densities of the displacements, friction certain. Where the sliders"
+            "Power spectral densities of the displacements, deterministic friction. Where joints"
             " mostly stick, power stands in the band of the stuck natural frequencies; where they"
-            f" mostly slip it has moved out of it. {_welch(case)}",
-            _STUDY, (partial(figures.plot_spectra, case=case, results=results),), ("7",),
+            " mostly slip it has moved out of it. Slip softens the chain, so that its peaks lie"
+            f" below the stuck frequencies. {_welch(case)} The bar at the lower left shows it.",
+            _STUDY, (partial(figures.plot_spectra, case=case, results=results),),
+            ("7a", "7b", "7c"),
         )  # fmt: skip
 
 
 def of_drawn_friction(results: Results) -> Iterator[Figure]:
     """Figs. 9 to 11, of a campaign."""
+    is_paper = is_paper_study(results)
     random = [case for case in results.random if case.n_samples > 1]
     scattered = [case for case in random if case.has("slip_mean", "slip_std")]
+    if scattered and not is_paper:
+        yield Figure(
+            "along_slip", "Time in slip along the structure",
+            "Mean over samples of the time that each joint slips; bars are 95 % intervals, Monte"
+            " Carlo and time average together.",
+            _STUDY,
+            (partial(figures.plot_slip_along, cases=_some(scattered, _MOST_LINES)),),
+        )  # fmt: skip
     for letter, std, cases in _by_std(scattered):
         yield Figure(
             f"fig_09{letter}", f"Fig. 9{letter}. Scatter of the time in slip, friction std {std:g}",
-            "Standard deviation over samples of the fraction of time in slip, over its mean; a mark"
-            " per oscillator, filled at the largest excitation; bars of one standard error. To look"
-            " for: where the marks stand highest, and whether the lengths differ.",
-            _STUDY, (partial(figures.plot_slip_scatter, cases=cases),), ("1a", "1b", "2"),
+            "Standard deviation over samples of the time in slip, over its mean; a mark"
+            " per joint with its number, the fuller the larger the excitation; bars are 95 %"
+            " intervals, of the mean with Monte Carlo and time average together. To look for: where"
+            " the marks stand highest, and whether the lengths differ.",
+            _STUDY, (partial(figures.plot_slip_scatter, cases=cases, is_paper=is_paper),),
+            ("1a", "1b", "2a", "2b"),
         )  # fmt: skip
     banded = [case for case in random if case.has("psd_mean", "psd_percentiles")]
-    for letter, (cases, dof) in _lettered(_band_panels(banded)):
-        levels = ", ".join(figures.variance_name(v) for v in sorted({c.variance for c in cases}))
+    for letter, (cases, dof) in _lettered(
+        _band_panels(banded, None if is_paper else _forced(results))
+    ):
+        variances = sorted({case.variance for case in cases})
+        levels = ", ".join(figures.variance_name(v) for v in variances)
+        shown = _some(variances, _MOST_LEVELS)
+        panels = [[c for c in cases if c.variance == v] for v in shown]
+        below = " One panel a level, from the smallest above." if len(panels) > 1 else ""
         yield Figure(
-            f"fig_10{letter}", f"Fig. 10{letter}. Band of uncertainty, oscillator {dof}, {levels}",
+            f"fig_10{letter}", f"Fig. 10{letter}. Band of uncertainty, mass {dof}, {levels}",
             "Mean spectrum (thick) between the outer percentiles over samples (thin; shaded: their"
-            f" 95 % intervals), friction std {cases[0].std:g}, for each correlation length; dotted:"
-            " natural frequencies with every slider slipping. To look for: how far the percentiles"
-            " lie apart, where the mean lies between them, and peaks of the upper one at the dotted"
-            f" lines. {_welch(cases[0])}",
-            _STUDY, (partial(figures.plot_band, cases=cases, dof=dof, results=results),),
+            " 95 % intervals, Monte Carlo and force record together), friction std"
+            f" {cases[0].std:g}, for each correlation length; lines: natural frequencies with all"
+            " joints stuck (full) and slipping (dotted). To look for: how far the percentiles lie"
+            " apart, where the mean lies between them, and peaks of the upper one at the dotted"
+            f" lines.{below} {_welch(cases[0])}",
+            _STUDY,
+            tuple(
+                partial(figures.plot_band, cases=own, dof=dof, results=results, framed=cases)
+                for own in panels
+            ),
             ("5a", "5b", "6b", "9"),
         )  # fmt: skip
     ratios = [case for case in banded if case.has("band_ratio", "band_ratio_low", "slip_mean")]
@@ -232,10 +138,10 @@ def of_drawn_friction(results: Results) -> Iterator[Figure]:
             f"fig_11{letter}",
             f"Fig. 11{letter}. Width of the band of uncertainty, friction std {std:g}",
             "Ratio of the pseudo-variances (Eq. 46) of the outer percentiles, over the mean"
-            " fraction of time in slip; a mark per oscillator, filled at the largest excitation;"
+            " time in slip; a mark per joint with its number, the fuller the larger the excitation;"
             " 95 % intervals, Monte Carlo (bootstrap over samples) and time average together. To"
-            " look for: a fall with the time in slip, and"
-            " whether the lengths differ where that is long.",
+            " look for: a fall with the time in slip, and whether the lengths differ where it is"
+            " long.",
             _STUDY, (partial(figures.plot_band_ratio, cases=cases),),
             ("3a", "3b", "4a", "4b", "4c"),
         )  # fmt: skip
@@ -244,7 +150,10 @@ def of_drawn_friction(results: Results) -> Iterator[Figure]:
 def of_responses(results: Results) -> Iterator[Figure]:
     """Histories, and a transition enlarged; the spectra of a sample that stands alone."""
     for case in results.cases:
-        name = f"case {case.name[1:].lstrip('0')}, {figures.variance_name(case.variance)}"
+        name = (
+            f"{results.title}, case {case.name[1:].lstrip('0')},"
+            f" {figures.variance_name(case.variance)}"
+        )
         if case.has("psd") and case.n_samples == 1 and not case.is_deterministic:
             yield Figure(
                 f"spectra_{case.name}", f"Spectra of one sample, {name}",
@@ -266,7 +175,7 @@ def _transition(chain: xr.Dataset, case: Case, name: str) -> Iterator[Figure]:
     episode = response_figures.find_episode(case)
     if episode is not None:
         yield Figure(
-            f"transition_{case.name}", f"One slip, oscillator {episode.dof}, {name}",
+            f"transition_{case.name}", f"One slip, joint {episode.dof}, {name}",
             "Above, a slip from start to end: the force in the slider stays at its limit until the"
             " mass turns. Below, its end at full resolution: the transition is located inside a"
             " time step.",
@@ -281,9 +190,15 @@ def _transition(chain: xr.Dataset, case: Case, name: str) -> Iterator[Figure]:
 
 # Each yields the figures that a file has data for.
 SOURCES: tuple[Callable[[Results], Iterator[Figure]], ...] = (
-    of_processes, of_chain, of_certain_friction, of_drawn_friction, of_responses,
-    tradeoff.figures_of,
+    process_gallery.of_processes, of_chain, of_certain_friction, of_drawn_friction, of_responses,
 )  # fmt: skip
+
+
+def _processes_of_scene(results: Results, files: Sequence[Results]) -> dict[str, xr.Dataset]:
+    """The processes of the scene, of whichever file of it has them."""
+    scene = results.attrs.get("scene")
+    alike = (other.processes for other in files if other.attrs.get("scene") == scene)
+    return next((processes for processes in alike if processes), {})
 
 
 def _welch(case: Case) -> str:
@@ -296,25 +211,15 @@ def _welch(case: Case) -> str:
     )
 
 
-def _length_panels(processes: list[xr.Dataset]) -> Iterator[tuple[str, str, list[xr.Dataset]]]:
-    """Panel a: L0, b: L1, for the smallest length; the other lengths carry theirs in the name."""
-    lengths = sorted({process_figures.length_of(p) for p in processes})
-    for length in lengths:
-        for letter, definition in (("a", "L0"), ("b", "L1")):
-            panel = [
-                p for p in processes
-                if p.attrs["correlation"] == definition
-                and process_figures.length_of(p) == length
-            ]  # fmt: skip
-            if panel:
-                suffix = "" if length == lengths[0] else f"_{length:g}"
-                yield letter + suffix, f"{definition} = {length:g}", panel
-
-
 def _lettered(items: Sequence[_Item]) -> Iterator[tuple[str, _Item]]:
     """(a, first), (b, second), ..., (z, ...), (aa, ...)."""
     for i, item in enumerate(items):
         yield ("" if i < 26 else chr(96 + i // 26)) + chr(97 + i % 26), item
+
+
+def _some(items: Sequence[_Item], most: int) -> list[_Item]:
+    """All, or as many as can be told apart, first and last with them."""
+    return [items[i - 1] for i in style.some_of(len(items), most)]
 
 
 def _by_std(cases: list[Case]) -> Iterator[tuple[str, float, list[Case]]]:
@@ -322,12 +227,24 @@ def _by_std(cases: list[Case]) -> Iterator[tuple[str, float, list[Case]]]:
         yield letter, std, [case for case in cases if case.std == std]
 
 
-def _band_panels(cases: list[Case]) -> list[tuple[list[Case], int]]:
-    """The paper's panels at the largest std: dof 1 at each variance, the last at all of them."""
+def _forced(results: Results) -> int | None:
+    """The forced mass, where the file tells it."""
+    if results.structure is None:
+        return None
+    return int(np.argmax(np.abs(results.structure["load"].values[0]))) + 1
+
+
+def _band_panels(cases: list[Case], forced: int | None) -> list[tuple[list[Case], int]]:
+    """Cases and mass of each figure at the largest std.
+
+    The paper's: mass 1 at each variance, the last at all of them; or the forced mass at all.
+    """
     if not cases:
         return []
     std = max(case.std for case in cases)
     chosen = [case for case in cases if case.std == std]
+    if forced is not None:
+        return [(chosen, forced)]
     variances = sorted({case.variance for case in chosen})
     panels = [([c for c in chosen if c.variance == variance], 1) for variance in variances]
     return [*panels, (chosen, cases[0].n_dof)]

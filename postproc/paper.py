@@ -2,12 +2,19 @@
 
 from __future__ import annotations
 
+import numpy as np
+
+from .results import Results
+
 STUCK_HZ = (1.15, 1.31, 1.53, 1.75, 1.90)  # Table 1
 SLIP_HZ = (0.23, 0.66, 1.04, 1.34, 1.53)  # Table 1
 SLIP_PERCENT = {  # Table 2, by variance of the excitation
     3.7: (7, 8, 12, 22, 37),
     41.1: (36, 45, 52, 59, 65),
 }
+WHITE_NOISE = "(1 + ln 2π)/2 = 1.4189385"  # Eq. 42, a point, at std 1
+ORDER_OF_FIG_4 = 6  # "L0 = 0.3 and L1 at most 1 leads to M = 6"
+PEAK_MEAN = "about 30"  # [%], of the scatter of the time in slip
 STDS = (0.067, 0.10)  # of the friction coefficients
 LENGTHS = (0.3, 1.0, 3.0)  # L0 of the friction coefficients
 LEVELS = {3.7: "low", 41.1: "high"}  # the paper's names of its two variances
@@ -18,6 +25,22 @@ def is_paper_chain(n_dof: int, frequencies_stuck: list[float]) -> bool:
     return n_dof == len(STUCK_HZ) and all(
         abs(ours - theirs) <= 0.006
         for ours, theirs in zip(frequencies_stuck, STUCK_HZ, strict=True)
+    )
+
+
+def is_paper_study(results: Results) -> bool:
+    """True if the paper's figures, tables and statements speak of this file.
+
+    Of a chain: the paper's, with the force on the last mass; of processes alone: Sec. 2's.
+    """
+    if results.structure is None:
+        lengths = {float(p.attrs["correlation_length"]) for p in results.processes.values()}
+        stds = {float(p.attrs["std"]) for p in results.processes.values()}
+        return lengths <= set(LENGTHS) and stds == {1.0}
+    n_dof = results.structure.sizes["mode"]
+    forced = int(np.argmax(np.abs(results.structure["load"].values[0]))) + 1
+    return forced == n_dof and is_paper_chain(
+        n_dof, results.structure["frequencies_stuck"].values.tolist()
     )
 
 
@@ -57,7 +80,7 @@ OBSERVATIONS = (
 AXES = {
     "fig_03": (0.0, 20.0, 1.0, 1.45),
     "fig_08": (0.0, 2.5, 1.0e-7, 1.0e1),
-    "fig_09": (0.0, 0.8, 0.0, 0.25),
+    "fig_09": (0.0, 80.0, 0.0, 25.0),
     "fig_10": (0.0, 2.5, 1.0e-7, 1.0e1),
-    "fig_11": (0.0, 0.8, 1.0, 50.0),
+    "fig_11": (0.0, 80.0, 1.0, 50.0),
 }

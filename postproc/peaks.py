@@ -3,14 +3,17 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 import xarray as xr
 from numpy.typing import NDArray
 
-from .evidence import NoEvidence
+from .evidence import Finding, NoEvidence, claim_range
 
 CORE, FLANK = 0.03, 0.09  # Hz from the frequency: the peak itself, and what it stands out from
+_SEARCHED = 0.08  # of a frequency, around it, for the maximum that is nearest
+_SMOOTHED = 5  # bins
 _NEIGHBOURS = (1.0, 4.0 / 9.0, 1.0 / 36.0)  # correlation of bins 0, 1, 2 apart, Hann window
 
 
@@ -26,6 +29,40 @@ def prominence_weights(
             raise NoEvidence(f"the spectrum is too coarse for a peak at {peak:g} Hz")
         weights += core / core.sum() - flank / flank.sum()
     return weights / len(peaks)
+
+
+def local_maximum(
+    frequency: NDArray[np.float64], ln_psd: NDArray[np.float64], peak: float, scatter: float
+) -> Finding:
+    """The claim of a local maximum: the mean near the peak lies above those of both flanks.
+
+    The number is the smaller rise; against the claim speaks one that is surely negative.
+    """
+    rises = []
+    for side in (-1.0, 1.0):
+        distance = side * (frequency - peak)
+        core, flank = np.abs(distance) <= CORE, (distance > CORE) & (distance <= FLANK)
+        if not (core.any() and flank.any()):
+            raise NoEvidence(f"the spectrum is too coarse for a peak at {peak:g} Hz")
+        weights = core / core.sum() - flank / flank.sum()
+        error = error_of_sum(weights, scatter)
+        rises.append(claim_range("", float(weights @ ln_psd), error, above=0.0))
+    least = min(rises, key=lambda rise: rise.estimate)
+    p_for = max(rise.p_for for rise in rises)
+    p_against = min(1.0, 2.0 * min(rise.p_against for rise in rises))
+    return replace(least, p_for=p_for, p_against=p_against)
+
+
+def nearest_maximum(
+    frequency: NDArray[np.float64], ln_psd: NDArray[np.float64], peak: float
+) -> float | None:
+    """The frequency [Hz] of the maximum of smoothed ln psd that lies nearest a peak."""
+    smooth = np.convolve(ln_psd, np.ones(_SMOOTHED) / _SMOOTHED, mode="same")
+    highest = [
+        float(frequency[k]) for k in np.flatnonzero(np.abs(frequency / peak - 1.0) <= _SEARCHED)
+        if smooth[k] == smooth[max(k - _SMOOTHED, 0) : k + _SMOOTHED + 1].max()
+    ]  # fmt: skip
+    return min(highest, key=lambda hertz: abs(hertz - peak), default=None)
 
 
 def scatter_of_ln_psd(data: xr.Dataset) -> float:

@@ -18,7 +18,8 @@ _TOLD_APART = {
     "correlation": "", "correlation_length": "$L$ = ", "order": "order ", "mean": "mean ",
     "std": "std ", "sampler": "",
 }  # fmt: skip
-_ZERO = 1.0e-12  # of an autocovariance, relative to the variance
+_ZERO = 1.0e-9  # of an autocovariance, relative to the variance: exact to 1e-8 and better
+_PALE = 0.3  # what no equation constrains
 
 
 def order_of(process: xr.Dataset) -> int:
@@ -31,6 +32,11 @@ def length_of(process: xr.Dataset) -> float:
     return float(process.attrs["correlation_length"])
 
 
+def kind_of(process: xr.Dataset) -> tuple[str, float, int]:
+    """What a positive process shares with the one that it stands beside in Fig. 6."""
+    return str(process.attrs["correlation"]), length_of(process), int(process.attrs["order"])
+
+
 def is_positive(process: xr.Dataset) -> bool:
     """Whether its values may not be negative."""
     return bool(int(process.attrs["positive"]))
@@ -39,7 +45,8 @@ def is_positive(process: xr.Dataset) -> bool:
 def plot_autocovariances(axes: Axes, processes: Sequence[xr.Dataset]) -> None:
     """Figs. 1 and 2: size of the autocovariance over the lag, a curve per order.
 
-    Open marks where it is negative.
+    Open marks where it is negative; lags at which it is zero are named. The direct method (Eq. 11)
+    constrains lags up to m_max alone: those beyond are pale.
     """
     orders = sorted({order_of(process) for process in processes})
     if len(orders) > MOST_CURVES:
@@ -51,14 +58,26 @@ def plot_autocovariances(axes: Axes, processes: Sequence[xr.Dataset]) -> None:
         curve = process["autocovariance"].isel(lag=slice(0, LONGEST_LAG + 1))
         size = abs(curve).where(abs(curve) > _ZERO * curve[0])
         look = style.of_rank(orders.index(order), len(orders))
-        axes.semilogy(size["lag"], size, label=f"{order}", **look)
-        below = size.where(curve < 0)
+        is_direct = process.attrs["method"] == "direct"
+        own = size.isel(lag=slice(0, order + 1)) if is_direct else size
+        axes.semilogy(own["lag"], own, label=f"{order}{_zeros(size)}", **look)
+        if is_direct:
+            beyond = size.isel(lag=slice(order, None))
+            axes.semilogy(beyond["lag"], beyond, **look | {"marker": "none", "alpha": _PALE})
+        below = own.where(curve < 0)
         axes.semilogy(below["lag"], below, **look | {"linestyle": "none", "markerfacecolor": "w"})
     name = "$m_{max}$" if processes[0].attrs["method"] == "direct" else "order"
     _frame_lags(axes)
     if any((process["autocovariance"] < 0).any() for process in processes):
         axes.set_ylabel("size of the autocovariance")
+        axes.plot([], [], "o", color="0.3", markerfacecolor="w", label="negative")
     axes.legend(title=name, ncols=2)
+
+
+def _zeros(size: xr.DataArray) -> str:
+    """' (0 at lags 1, 2)' of a curve that vanishes there; nothing of others."""
+    lags = [str(int(lag)) for lag in size["lag"][np.isnan(size.values)]]
+    return f" (0 at lag{'s' if len(lags) > 1 else ''} {', '.join(lags)})" if lags else ""
 
 
 def plot_entropies(axes: Axes, processes: Sequence[xr.Dataset]) -> None:
@@ -95,8 +114,9 @@ def plot_chosen_orders(axes: Axes, processes: Sequence[xr.Dataset]) -> None:
         order = "$m_{max}$" if process.attrs["method"] == "direct" else "order"
         label = f"{_imposed(process)}{bounds}: {order} {order_of(process)}"
         look = style.of_length(length_of(process), lengths)
-        line = "-" if process.attrs["correlation"] == "L0" else "--"
-        axes.plot(curve["lag"], curve, label=label, linestyle=line, **look)
+        if process.attrs["correlation"] == "L1":
+            look |= {"linestyle": "--", "markerfacecolor": "w"}
+        axes.semilogy(curve["lag"], abs(curve), label=label, **look)
     _frame_lags(axes)
     axes.legend()
 
@@ -176,7 +196,9 @@ def _look_of_law(process: xr.Dataset, means: Sequence[float]) -> tuple[str, styl
     if not is_positive(process):
         return "without sign constraint", {"color": "0.2"}
     mean, law = float(process.attrs["mean"]), str(process.attrs["sampler"])
-    look = style.of_rank(means.index(mean), max(len(means), 2)) | {"markersize": 5}
+    rank = means.index(mean)
+    look = style.of_rank(rank, max(len(means), 2))
+    look |= {"markersize": 9 - 4 * min(rank, 1), "markerfacecolor": "none"}  # one inside the other
     look |= {"linestyle": "none"} if law == "sequential" else {"linestyle": "--", "marker": "x"}
     return f"positive, mean {mean:g}, {law}", look
 

@@ -11,7 +11,7 @@ from pathlib import Path
 from .evidence import Statement, Verdict
 from .figure import SECTIONS, Figure
 from .output import write_file
-from .paper import OBSERVATIONS
+from .paper import OBSERVATIONS, is_paper_study
 from .results import Results
 from .table import Table
 
@@ -20,6 +20,12 @@ _CLASSES = {
     Verdict.REFUTED: "refuted",
     Verdict.UNDECIDED: "undecided",
 }
+# Chapters of a report on a structure of one's own: results, then what they rest on.
+_ENGINEER = (
+    "How much the joints slip", "The friction study", "Responses", "The chain", "Tables",
+    "Processes", "Accuracy and cost", "Every process and case", "The paper's statements",
+    "What ran",
+)  # fmt: skip
 _SMALLEST_P = 1.0e-4  # shown: errors are not known to be normal further out
 _READING = (
     "Each statement is put to a stated test; no verdict is given by eye. Confirmed: every number"
@@ -39,17 +45,23 @@ def write_report(
 ) -> None:
     """Write the page; figures come with the PNG that was saved of them."""
     title = escape(files[0].title if len(files) == 1 else f"Results of {len(files)} files")
+    is_paper = any(is_paper_study(results) for results in files)
+    first = [] if is_paper else [table for table in tables if table.is_result]
+    others = [table for table in tables if table not in first]
     chapters = [
+        ("results", "How much the joints slip", "".join(map(_table, first))),
         ("findings", "The paper's statements", _findings(statements)),
-        ("tables", "Tables", "".join(_table(t) for t in tables if not t.is_detail)),
+        ("tables", "Tables", "".join(_table(t) for t in others if not t.is_detail)),
         *(
             (f"section-{i}", name, _figures(figures, name, statements))
             for i, name in enumerate(SECTIONS)
         ),
-        ("details", "Every process and case", "".join(_table(t) for t in tables if t.is_detail)),
+        ("details", "Every process and case", "".join(_table(t) for t in others if t.is_detail)),
         ("scenes", "What ran", _scenes(files)),
     ]
     chapters = [chapter for chapter in chapters if chapter[2]]
+    if not is_paper:
+        chapters.sort(key=lambda chapter: _ENGINEER.index(chapter[1]))
     style = resources.files(__package__).joinpath("report.css").read_text(encoding="utf-8")
     parts = [
         "<!doctype html>",

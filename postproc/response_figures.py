@@ -20,7 +20,7 @@ _FINER = 8  # points of a curve between two time steps enlarged
 
 @dataclass(frozen=True)
 class Episode:
-    """A slip of one oscillator, from its start to the stick that ends it."""
+    """A slip of one joint, from its start to the stick that ends it."""
 
     dof: int  # counts from 1
     start: float
@@ -35,7 +35,7 @@ def plot_history(axes: Axes, case: Case) -> None:
     for dof in style.some_of(case.n_dof, 5):
         axes.plot(
             time[first:], case.data["displacement"].isel(sample=0, dof=dof - 1).values[first:],
-            label=f"oscillator {dof}", **style.line_of_dof(dof, case.n_dof) | {"linewidth": 1.0},
+            label=f"mass {dof}", **style.line_of_dof(dof, case.n_dof) | {"linewidth": 1.0},
         )  # fmt: skip
     axes.set(xlabel="time [s]", ylabel="displacement [m]", xlim=(time[first], time[-1]))
     axes.legend(ncols=3)

@@ -31,6 +31,7 @@ class Case:
     name: str  # c001
     data: xr.Dataset  # read from the file as it is used
     audit: xr.Dataset | None = None  # its samples that the reference repeated, where it was asked
+    definition: str = "L0"  # of the correlation length imposed on its process, Eq. 8 or 9
 
     def __repr__(self) -> str:
         """Short: what it is a case of."""
@@ -227,15 +228,20 @@ def _read(path: Path) -> Results:
         with view(group) as data:
             return data.load()
 
+    processes = {name: load(f"process/{name}") for name in groups.get("process", [])}
+
     def case_of(name: str) -> Case:
         group = f"campaign/{name}"
         audit = _on_all_dofs(view(f"{group}/audit")) if name in audited else None
-        return Case(name, _on_all_dofs(view(group)), audit)
+        data = _on_all_dofs(view(group))
+        process = processes.get(str(data.attrs.get("process")))
+        definition = "L0" if process is None else str(process.attrs.get("correlation", "L0"))
+        return Case(name, data, audit, definition)
 
     return Results(
         path=path,
         attrs=attrs,
-        processes={name: load(f"process/{name}") for name in groups.get("process", [])},
+        processes=processes,
         structure=load("structure") if "structure" in alone else None,
         cases=[case_of(name) for name in groups.get("campaign", [])],
         tradeoff=load("tradeoff") if "tradeoff" in alone else None,

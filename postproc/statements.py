@@ -1,4 +1,4 @@
-"""What the paper says of its friction study (Sec. 3 and 4), each statement put to a stated test."""
+"""What the paper says, each statement put to a stated test."""
 
 from __future__ import annotations
 
@@ -7,8 +7,9 @@ from functools import partial
 
 import numpy as np
 
-from . import band_statements, certain_statements, slip_statements
+from . import band_statements, deterministic_statements, process_statements, slip_statements
 from .evidence import NoEvidence, Statement
+from .paper import is_paper_study
 from .results import Results
 from .study import paper_study
 
@@ -16,7 +17,7 @@ from .study import paper_study
 def assess(files: Sequence[Results]) -> list[Statement]:
     """Every statement that these results files have data for; the first file with it decides."""
     found: dict[str, Statement] = {}
-    for results in files:
+    for results in filter(is_paper_study, files):
         for test in _tests(results):
             try:
                 with np.errstate(divide="ignore", invalid="ignore"):
@@ -35,4 +36,5 @@ def _tests(results: Results) -> Iterator[Callable[[], Statement]]:
             yield from (partial(test, study) for test in band_statements.ALL)
             if study.has_certain_spectra:
                 yield partial(band_statements.peaks_of_percentile, study)
-    yield from (partial(test, results) for test in certain_statements.ALL)
+    for test in (*deterministic_statements.ALL, *process_statements.ALL):
+        yield partial(test, results)

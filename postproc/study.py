@@ -146,7 +146,7 @@ def paper_study(results: Results, n_draws: int = 400) -> Study | None:
 
 
 def pooled(draws: Sequence[Draws]) -> NDArray[np.float64]:
-    """Mean over cases and oscillators."""
+    """Mean over cases and joints."""
     return np.mean(draws, axis=(0, 2))
 
 

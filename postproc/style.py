@@ -52,7 +52,7 @@ def apply_style(*others: str) -> None:
 
 
 def of_dof(dof: int, n_dof: int) -> Look:
-    """Colour, mark and dashes of oscillator `dof`, which counts from 1."""
+    """Colour, mark and dashes of mass or joint `dof`, which counts from 1."""
     index = (dof - 1) % len(_MARKS)
     if n_dof <= len(_COLOURS):
         colour: Any = _COLOURS[index]

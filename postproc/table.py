@@ -27,6 +27,7 @@ class Table:
     rows: Sequence[tuple[str, ...]]
     note: str = ""
     is_detail: bool = False  # for the end of the report
+    is_result: bool = False  # for the beginning of a report on a structure of one's own
 
     def write_csv(self, folder: Path) -> Path:
         """The same cells, comma separated."""

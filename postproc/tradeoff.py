@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from functools import partial
 
 import h5py
@@ -21,10 +21,10 @@ _ERRORS = {
     "slip": "error of a slip fraction [points of %]",
     "band_ratio": "relative error of the band ratio",
 }
-_CHANGES = {
-    "slip_mean": "change of the mean slip [points of %]",
-    "slip_std": "change of its standard deviation [points]",
-    "band_ratio": "relative change of the band ratio",
+_CHANGES = {  # from the highest order
+    "slip_mean": "mean slip [points of %]",
+    "slip_std": "std of slip [points of %]",
+    "band_ratio": "band ratio, relative",
 }
 _PARTS = {"discretisation": "discretisation", "time average": "time", "Monte Carlo": "samples"}
 _PUBLISHED = (
@@ -36,7 +36,7 @@ _PUBLISHED = (
 )
 
 
-def figures_of(results: Results) -> Iterator[Figure]:
+def figures_of(results: Results, processes: Mapping[str, xr.Dataset]) -> Iterator[Figure]:
     """Error over cost, of slip fractions and of band ratios; what orders of processes change."""
     data = _settings(results)
     if data is None:
@@ -44,7 +44,7 @@ def figures_of(results: Results) -> Iterator[Figure]:
     shown = [name for name in _ERRORS if float(data[name].max()) > 0.0]
     yield Figure(
         "tradeoff", "Error and cost of the settings",
-        "Numerical error, the largest over cases and oscillators, against the event method at"
+        "Numerical error, the largest over cases and joints, against the event method at"
         f" tolerance 1e-12 on the same samples ({int(data.attrs['n_steps'])} steps); processor time"
         " of one step of one sample. Points of a line differ in halvings or tolerance; bars are"
         " standard errors. The ring is the scene's own setting; nothing lies below and left of the"
@@ -59,14 +59,32 @@ def figures_of(results: Results) -> Iterator[Figure]:
         "tradeoff_orders", "What the order of a process changes",
         "Change of what is published from the highest order of each process, on"
         f" {int(changes.attrs['n_samples'])} samples with the random numbers and the force in"
-        " common, the largest over levels of force and oscillators; bars are standard errors. The"
+        " common, the largest over levels of force and joints; bars are standard errors. The"
         " ring is the scene's own order.",
         SECTIONS[-1],
-        tuple(partial(plot_change_over_order, data=changes, name=name) for name in _CHANGES),
+        tuple(
+            partial(plot_change_over_order, data=changes, name=name, names=_names(processes))
+            for name in _CHANGES
+        ),
+        height=3.0,
     )  # fmt: skip
 
 
-def plot_change_over_order(axes: Axes, data: xr.Dataset, name: str) -> None:
+def _names(processes: Mapping[str, xr.Dataset]) -> dict[int, str]:
+    """'$L_0$ = 0.3, std 0.1' of each process, by its number."""
+    names = {}
+    for name, process in processes.items():
+        of = process.attrs
+        definition = str(of["correlation"])
+        names[int(name[1:])] = (
+            f"${definition[0]}_{definition[1]}$ = {of['correlation_length']:g}, std {of['std']:g}"
+        )
+    return names
+
+
+def plot_change_over_order(
+    axes: Axes, data: xr.Dataset, name: str, names: Mapping[int, str]
+) -> None:
     """A line per process."""
     compared = (data["is_of_fit"].values == 0) & (data["is_reference"].values == 0)
     numbers = np.unique(data["process"].values[compared])
@@ -74,12 +92,12 @@ def plot_change_over_order(axes: Axes, data: xr.Dataset, name: str) -> None:
         rows = data.isel(variant=np.flatnonzero(compared & (data["process"].values == number)))
         axes.errorbar(
             rows["order"], np.abs(rows[name]), yerr=rows[f"{name}_error"], elinewidth=0.7,
-            label=f"p{number:03d}", **style.of_rank(rank, len(numbers)),
+            label=names.get(int(number), f"p{number:03d}"), **style.of_rank(rank, len(numbers)),
         )  # fmt: skip
         own = rows.isel(variant=np.flatnonzero(rows["is_own"].values == 1))
         axes.plot(own["order"], np.abs(own[name]), "o", markersize=11, markerfacecolor="none",
                   markeredgecolor="#D55E00", linestyle="none")  # fmt: skip
-    axes.set(xlabel="order M, or m_max", ylabel=_CHANGES[name], xscale="log")
+    axes.set(xlabel="order $M$, or $m_{max}$", ylabel=_CHANGES[name], xscale="log")
     orders = np.unique(data["order"].values[compared])
     axes.set_xticks(orders, [str(order) for order in orders])
     axes.set_xticks([], minor=True)
@@ -137,7 +155,7 @@ def tables_of(results: Results) -> Iterator[Table]:
         "tradeoff", "Settings that no other beats in cost and error",
         ("method", "dt [s]", "halvings", "tolerance", "slip [points]", "mean spectrum [%]",
          "band ratio [%]", "ns per sample-step", "march [s of a processor]", ""),
-        rows, "Numerical errors, the largest over cases and oscillators; standard errors in"
+        rows, "Numerical errors, the largest over cases and joints; standard errors in"
         " brackets, in units of the last digits.",
     )  # fmt: skip
     parts = _part(results, "parts")
@@ -173,7 +191,7 @@ def tables_of(results: Results) -> Iterator[Table]:
              "mean slip [points]", "its std [points]", "band ratio [%]", ""),
             [_variant_row(changes.isel(variant=i)) for i in range(changes.sizes["variant"])],
             "Against the highest order or the longest fit, random numbers and force in common; the"
-            " largest over levels of force and oscillators, with its standard error.",
+            " largest over levels of force and joints, with its standard error.",
         )  # fmt: skip
 
 

@@ -44,7 +44,7 @@ summary = xr.Dataset(
 print(summary.to_dataframe().round(4))
 
 # %% Correlation over samples of the friction at each slider with the slip of each oscillator.
-friction = case.data["friction"].rename(dof="slider")
+friction = case.data["friction"].rename(joint="slider")
 correlation = xr.corr(friction, slip, dim="sample")
 print("correlation of friction (rows) and time in slip (columns):")
 print(correlation.to_pandas().round(2))
@@ -53,10 +53,10 @@ print(correlation.to_pandas().round(2))
 mpl.use("Agg")
 apply_style()
 picture, (left, right) = plt.subplots(1, 2, figsize=(10.0, 4.2))
-for dof in range(1, case.n_dof + 1):
-    look = of_dof(dof, case.n_dof) | {"linestyle": "none"}
-    one = case.data.sel(dof=dof)
-    left.plot(one["friction"], one["slip_fraction"], label=f"oscillator {dof}", **look)
+for joint in range(1, case.n_joints + 1):
+    look = of_dof(joint, case.n_joints) | {"linestyle": "none"}
+    one = case.data.sel(joint=joint)
+    left.plot(one["friction"], one["slip_fraction"], label=f"joint {joint}", **look)
 left.set(xlabel="friction coefficient of its slider", ylabel="fraction of time in slip")
 left.legend()
 figures.plot_slip_scatter(right, [c for c in results.random if c.std == case.std])

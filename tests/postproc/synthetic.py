@@ -91,3 +91,18 @@ def friction_study(
                         correlation_length=length, variance=variance)
             )  # fmt: skip
     return results_of(cases)
+
+
+def process(length, order, curve=None, **changed):
+    """A process of Sec. 2 with its autocovariance at 31 lags."""
+    lags = np.arange(31)
+    curve = 0.5**lags if curve is None else curve
+    attrs = {"correlation": "L0", "correlation_length": length, "order": order, "mean": 0.0,
+             "std": 1.0, "method": "direct", "positive": 0, "sampler": "sequential",
+             "status": "solved"} | changed  # fmt: skip
+    data = {
+        "autocovariance": ("lag", curve), "autocovariance_error": ("lag", 1e-4 + 0.0 * curve),
+        "a": ("order", np.ones(order)), "L0": length, "L1": length, "entropy": 1.3,
+        "entropy_bound": 1.4189,
+    }  # fmt: skip
+    return xr.Dataset(data, {"lag": lags}, attrs)

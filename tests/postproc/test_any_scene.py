@@ -46,7 +46,7 @@ SCENES = {
     "one oscillator": (
         PROCESS + "&chain n_dof = 1 /\n" + FORCE + SHORT + CAMPAIGN
         + "&output segment_length = 256 /\n",
-        {"fig_07", "fig_09a", "fig_10a", "fig_10b", "fig_11a"},
+        {"fig_07", "fig_09a", "fig_10a", "fig_11a", "along_slip"},
     ),
     "200 oscillators": (
         "&chain n_dof = 200 friction = 0.2 /\n" + FORCE

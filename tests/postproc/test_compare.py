@@ -19,7 +19,7 @@ from tests.conftest import SMALL_SCENE
 def design(slip, seed=7, variance=3.7):
     """A file of one case with these slip fractions (sample, joint)."""
     data = xr.Dataset(
-        {"slip_fraction": (("sample", "dof"), slip)},
+        {"slip_fraction": (("sample", "joint"), slip)},
         attrs={"process": "p001", "std": 0.1, "correlation_length": 1.0, "variance": variance},
     )
     return Results(Path("d.h5"), {"seed": seed, "title": "d"}, {}, None, [Case("c001", data)])

@@ -99,7 +99,7 @@ def test_table_2_says_what_agrees():
     ours, error = np.array([7.4, 8.0, 12.9]), np.array([0.1, 0.1, 0.1])
     assert beside_paper(ours, error, (7, 8, 13)).startswith("all agree")
     said = beside_paper(ours, error, (7, 8, 17))
-    assert "oscillator 3 lies 4.1 points below (standard error 0.1)" in said
+    assert "joint 3 lies 4.1 points below (standard error 0.1)" in said
 
 
 def test_the_chain_is_drawn_with_its_force():
@@ -129,7 +129,7 @@ def test_figure_functions_draw_on_the_axes_they_are_given(results_file):
     picture, (left, right) = plt.subplots(1, 2)
     figures.plot_slip_scatter(left, results.random)
     figures.plot_band_ratio(right, results.random)
-    assert left.get_xlabel() == right.get_xlabel() == "mean fraction of time in slip"
+    assert left.get_xlabel() == right.get_xlabel() == "mean time in slip [%]"
     plt.close(picture)
 
 
@@ -137,8 +137,8 @@ def test_bars_hold_monte_carlo_and_the_finite_march():
     case = case_of("c001", "p001", np.full((2, 1), 0.3), np.ones((2, FREQUENCY.size, 1)))
     case.data.update(
         {
-            "slip_mean_error": ("dof", [0.03]),
-            "slip_mean_time_error": ("dof", [0.04]),
+            "slip_mean_error": ("joint", [0.03]),
+            "slip_mean_time_error": ("joint", [0.04]),
             "band_ratio": ("dof", [2.0]),
             "band_ratio_low": ("dof", [2.0 * np.exp(-0.3)]),
             "band_ratio_high": ("dof", [2.0 * np.exp(0.3)]),
@@ -146,7 +146,7 @@ def test_bars_hold_monte_carlo_and_the_finite_march():
     )
     np.testing.assert_allclose(figures.slip_mean_error(case), 0.05)
     np.testing.assert_allclose(figures.band_ratio_interval(case)[0], 2.0 * np.exp(-0.3))
-    case.data["band_ratio_time_error"] = ("dof", [2.0 * 0.4 / 1.96])
+    case.data["band_ratio_time_error"] = ("dof", [2.0 * 0.4 / 1.959964])
     low, high = figures.band_ratio_interval(case)
     np.testing.assert_allclose([low[0], high[0]], 2.0 * np.exp([-0.5, 0.5]))
 

@@ -45,5 +45,5 @@ def test_a_tradeoff_is_drawn(tradeoff_file):
 
 def test_other_files_have_none(results_file):
     results = open_results(results_file)
-    assert not list(tradeoff.figures_of(results))
+    assert not list(tradeoff.figures_of(results, {}))
     assert not list(tradeoff.tables_of(results))

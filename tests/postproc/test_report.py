@@ -9,6 +9,7 @@ import subprocess
 import matplotlib.pyplot as plt
 import pytest
 
+from entroslip.__main__ import main
 from entroslip.figure import Figure
 from entroslip.report import write_report
 from entroslip.statements import assess
@@ -91,3 +92,28 @@ def test_it_opens_in_a_browser(drawn, page, tmp_path):
             assert len(said) == page.count("<img ")
             assert all("image true true" in line for line in said)
     assert plt.imread(shot).std() > 0.01
+
+
+OWN = """\
+&scene title = 'bracket' /
+&process correlation_length = 1.0 order = 2 mean = 0.3 std = 0.1 /
+&chain n_dof = 4 mass = 2.0, 1.0, 1.0, 1.0 /
+&excitation variance = 3.7, 41.1 dof = 2 /
+&integration method = 'event' n_steps = 2000 /
+&campaign n_samples = 4 deterministic = .true. /
+&output segment_length = 256 /
+"""
+
+
+def test_a_report_on_ones_own_structure_opens_with_its_results(results_of_scene, tmp_path):
+    """How much the joints slip, then figures, then processes; nothing of the paper's."""
+    assert main([str(results_of_scene(OWN)), "--out", str(tmp_path)]) == 0
+    page = (tmp_path / "report.html").read_text().split("</style>")[1]
+    chapters = re.findall(r"<h2>([^<]+)</h2>", page)
+    assert chapters[:2] == ["How much the joints slip", "The friction study"]
+    first = page.split("<h2>")[1]
+    assert "Mean time in slip of the joints [%]" in first
+    assert "Time in slip, deterministic friction [%]" in first
+    assert not re.search(r"paper|Fig\. \d|Table \d|oscillator|confirmed", page)
+    assert {"along_slip.png", "joints.csv"} <= {path.name for path in tmp_path.iterdir()}
+    assert not (tmp_path / "statements.csv").exists()

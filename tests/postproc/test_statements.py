@@ -5,13 +5,14 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from entroslip import band_statements, certain_statements, slip_statements
+from entroslip import band_statements, deterministic_statements, slip_statements
 from entroslip.evidence import (
     NoEvidence,
     Verdict,
     all_hold,
     any_holds,
     claim_difference,
+    claim_larger,
     claim_range,
     claim_range_by_quantiles,
 )
@@ -67,6 +68,17 @@ def test_order_of_scatter(by_length, verdict):
         return 0.1 * factor[length] + 0 * mean
 
     assert verdict_of(slip_statements.order_of_scatter, scatter=scatter) == verdict
+
+
+@pytest.mark.parametrize(
+    ("longest", "n_samples", "verdict"), [(1.0, 1000, YES), (1.3, 1000, NO), (1.0, 40, OPEN)]
+)
+def test_no_consistent_effect_of_the_length(longest, n_samples, verdict):
+    def scatter(std, length, mean):
+        return 0.1 * (longest if length == 3.0 else 1.0) + 0 * mean
+
+    judge = slip_statements.no_consistent_effect
+    assert verdict_of(judge, scatter=scatter, n_samples=n_samples) == verdict
 
 
 @pytest.mark.parametrize(("sign", "verdict"), [(-1, YES), (1, NO), (0, OPEN)])
@@ -153,46 +165,71 @@ def test_peaks_of_percentile(height, verdict):
         ((0.1, 0.1, 0.3, 0.4, 0.5), OPEN),
     ],
 )
-def test_order_of_oscillators(slip, verdict):
+def test_order_of_joints(slip, verdict):
     cases = [certain(LOW, slip), certain(HIGH)]
-    assert certain_statements.order_of_oscillators(results_of(cases)).verdict == verdict
+    assert deterministic_statements.order_of_joints(results_of(cases)).verdict == verdict
 
 
-@pytest.mark.parametrize(
-    ("low", "high", "verdict"), [(1.0, 0.0, YES), (1.0, 1.0, NO), (0.03, 0.0, OPEN)]
-)
-def test_peaks_without_uncertainty(low, high, verdict):
+def fig_8(low=0.0, high=0.0, at=STUCK_HZ):
     in_band = 2.0 * (abs(FREQUENCY - np.mean(STUCK_HZ)) < 0.6)
-    cases = [
-        certain(LOW, ln_psd=in_band + bumps(STUCK_HZ, low)),
-        certain(HIGH, ln_psd=bumps(STUCK_HZ, high)),
-    ]
-    assert certain_statements.peaks_without_uncertainty(results_of(cases)).verdict == verdict
+    cases = [certain(LOW, ln_psd=in_band + low), certain(HIGH, ln_psd=high)]
+    return results_of(cases)
+
+
+def test_peaks_at_the_stuck_frequencies():
+    """As worded: at each of them; not 4 % below, where the report says they are."""
+    judge = deterministic_statements.peaks_at_low_level
+    assert judge(fig_8(bumps(STUCK_HZ, 1.0))).verdict == YES
+    assert judge(fig_8(bumps(STUCK_HZ, 0.05))).verdict == OPEN
+    shifted = judge(fig_8(bumps(np.array(STUCK_HZ) * 0.96, 1.0)))
+    assert shifted.verdict == NO
+    assert "mass 1: nearest maximum 1.10 Hz, -4 %" in shifted.findings[0].text
+    assert judge(fig_8(bumps(STUCK_HZ[1:], 1.0) + 4.0 * FREQUENCY)).verdict == NO  # one missing
+
+
+@pytest.mark.parametrize(("high", "verdict"), [(0.0, YES), (1.0, NO)])
+def test_peaks_are_gone_at_the_high_level(high, verdict):
+    results = fig_8(bumps(STUCK_HZ, 1.0), bumps(STUCK_HZ, high))
+    assert deterministic_statements.peaks_at_high_level(results).verdict == verdict
+
+
+@pytest.mark.parametrize(("high", "verdict"), [(0.5, YES), (0.0, OPEN), (-0.5, NO)])
+def test_weak_peaks_at_slip_frequencies(high, verdict):
+    results = fig_8(0.0, bumps(SLIP_HZ[:3], high))
+    assert deterministic_statements.weak_peaks_of_slip(results).verdict == verdict
 
 
 @pytest.mark.parametrize(("last", "verdict"), [(0.99, YES), (0.7, NO), (0.95, OPEN)])
 def test_sweep(last, verdict):
     ends = zip((0.1, 1.0, 10.0, 100.0), (0.01, 0.2, 0.6, last), strict=True)
     cases = [certain(variance, np.full(5, slip)) for variance, slip in ends]
-    assert certain_statements.sweep(results_of(cases)).verdict == verdict
+    assert deterministic_statements.sweep(results_of(cases)).verdict == verdict
 
 
 def test_all_statements_in_their_order():
     numbers = [statement.number for statement in assess([friction_study(n_samples=20)])]
-    assert " ".join(numbers) == "1a 1b 2 3a 3b 4a 4b 4c 5a 5b 6a 6b 7 9"
+    assert " ".join(numbers) == "1a 1b 2a 2b 3a 3b 4a 4b 4c 5a 5b 6a 6b 7a 7b 7c 9"
 
 
 def test_too_few_samples_or_cases_are_not_judged():
     few = friction_study(n_samples=19)
     assert paper_study(few) is None
     with pytest.raises(NoEvidence):
-        certain_statements.sweep(few)
+        deterministic_statements.sweep(few)
     few.cases.pop()
-    assert {statement.number for statement in assess([few])} == {"6a", "7"}
+    assert {statement.number for statement in assess([few])} == {"6a", "7a", "7b", "7c"}
     with pytest.raises(NoEvidence):
-        certain_statements.peaks_without_uncertainty(results_of([certain(LOW)]))
+        deterministic_statements.peaks_at_low_level(results_of([certain(LOW)]))
     with pytest.raises(NoEvidence):
-        certain_statements.order_of_oscillators(results_of([certain(LOW)]))
+        deterministic_statements.order_of_joints(results_of([certain(LOW)]))
+
+
+def test_a_claim_of_more_can_come_out_against():
+    """Surely negligible or reversed; surely positive, yet negligible, is no confirmation."""
+    assert all_hold([claim_larger("x", 0.2, 0.05, 0.1)]).verdict == YES
+    assert all_hold([claim_larger("x", 0.05, 0.001, 0.1)]).verdict == NO
+    assert all_hold([claim_larger("x", -0.3, 0.1, 0.1)]).verdict == NO
+    assert all_hold([claim_larger("x", 0.05, 0.05, 0.1)]).verdict == OPEN
 
 
 def test_intervals_and_p_values_of_a_normal_error():

@@ -1,0 +1,120 @@
+"""Every number that the paper prints beside ours, in one table."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+
+from . import process_figures
+from .deterministic_statements import slip_with_error
+from .evidence import WIDTH, Statement
+from .paper import (
+    ORDER_OF_FIG_4,
+    PEAK_MEAN,
+    SLIP_HZ,
+    SLIP_PERCENT,
+    STUCK_HZ,
+    WHITE_NOISE,
+    is_paper_study,
+)
+from .results import Results
+from .table import Table, value_with_error
+
+Row = tuple[str, str, str, str]  # where in the paper, what, the paper's, ours
+
+
+def table_numbers(files: Sequence[Results], statements: Sequence[Statement]) -> Table | None:
+    """The paper's number and ours with its error; the first file that has one decides."""
+    rows: dict[tuple[str, str], Row] = {}
+    for results in filter(is_paper_study, files):
+        for row in (*_frequencies(results), *_slips(results), *_processes(results)):
+            rows.setdefault(row[:2], row)
+    for row in _judged(statements):
+        rows.setdefault(row[:2], row)
+    if not rows:
+        return None
+    note = (
+        "Standard errors in brackets, in units of the last digits; without brackets: exact to the"
+        " digits shown."
+    )
+    header = ("in the paper", "number", "the paper's", "ours")
+    return Table("numbers", "The paper's numbers", header, sorted(rows.values()), note)
+
+
+def _frequencies(results: Results) -> Iterator[Row]:
+    if results.structure is None:
+        return
+    for name, dataset, paper in (
+        ("stuck", "frequencies_stuck", STUCK_HZ), ("slipping", "frequencies_slip", SLIP_HZ),
+    ):  # fmt: skip
+        for mode, (theirs, ours) in enumerate(
+            zip(paper, results.structure[dataset].values, strict=True), start=1
+        ):
+            yield "Table 1", f"{name}, mode {mode} [Hz]", f"{theirs:.2f}", f"{ours:.5f}"
+
+
+def _slips(results: Results) -> Iterator[Row]:
+    for case in results.deterministic:
+        if case.variance not in SLIP_PERCENT or not case.has("slip_fraction"):
+            continue
+        slip, error = slip_with_error(case)
+        for joint, theirs in enumerate(SLIP_PERCENT[case.variance], start=1):
+            ours = value_with_error(100.0 * slip[joint - 1], 100.0 * error[joint - 1])
+            yield (
+                "Table 2", f"variance {case.variance:g}, joint {joint}: time in slip [%]",
+                str(theirs), ours,
+            )  # fmt: skip
+
+
+def _processes(results: Results) -> Iterator[Row]:
+    if results.structure is not None:
+        return
+    solved = [p for p in results.processes.values() if p.attrs["status"] == "solved"]
+    free = [p for p in solved if not process_figures.is_positive(p)]
+    if free:
+        bound = float(free[0]["entropy_bound"])
+        yield "Eq. 42", "entropy of white noise, std 1 [nat a point]", WHITE_NOISE, f"{bound:.7f}"
+    orders = [
+        process_figures.order_of(p) for p in free
+        if p.attrs["method"] == "autoregressive" and p.attrs["correlation"] == "L0"
+        and process_figures.length_of(p) == 0.3 and int(p.attrs["order"]) > 0
+        and float(p["L1"]) <= 1.0
+    ]  # fmt: skip
+    if orders:
+        name = "largest order with L0 = 0.3 and L1 at most 1"
+        yield "Fig. 4", name, str(ORDER_OF_FIG_4), str(max(orders))
+
+
+def _judged(statements: Sequence[Statement]) -> Iterator[Row]:
+    """The mean time in slip at which its scatter peaks."""
+    for statement in statements:
+        if statement.number == "1a":
+            for finding in statement.findings:
+                error = (finding.high - finding.low) / (2.0 * WIDTH)
+                ours = value_with_error(100.0 * finding.estimate, 100.0 * error)
+                yield "Fig. 9", f"{finding.text} [%]", PEAK_MEAN, ours
+
+
+def table_correlations(results: Results) -> Table | None:
+    """Correlation of the friction of two joints, by how far apart they are, for each length."""
+    if results.structure is None or not is_paper_study(results) or not results.random:
+        return None
+    apart = range(1, results.structure.sizes["mode"])
+    rows: dict[float, tuple[str, ...]] = {}
+    for name in sorted({case.process for case in results.random}):
+        process = results.processes.get(name)
+        if process is None or "autocovariance" not in process:
+            continue
+        curve = process["autocovariance"].values
+        length = process_figures.length_of(process)
+        cells = (f"{curve[lag] / curve[0]:.3f}" for lag in apart)
+        rows.setdefault(length, (f"L0 = {length:g}", str(process.attrs["order"]), *cells))
+    if len(rows) < 2:
+        return None
+    note = (
+        "The chain sees these lags alone. What a longer L0 adds lies mostly beyond its last joint:"
+        " at the paper's orders the correlations of L0 = 1 and L0 = 3 are nearly alike, so the"
+        " length can have little effect on slip and spectra."
+    )
+    header = ("process", "order", *(f"{lag} joints apart" for lag in apart))
+    title = "Correlation of the friction along the chain"
+    return Table("correlations", title, header, [rows[length] for length in sorted(rows)], note)

@@ -1,0 +1,173 @@
+"""Which figures of processes (Sec. 2) results files have data for, each with what to see in it."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Iterator
+from functools import partial
+
+import xarray as xr
+
+from . import process_figures
+from .figure import SECTIONS, Figure
+from .results import Results
+
+_PROCESSES = SECTIONS[0]
+
+
+def of_processes(results: Results) -> Iterator[Figure]:
+    """Figs. 1 to 6, of processes that a scene without chain solved."""
+    if results.structure is not None:
+        return
+    solved = [p for p in results.processes.values() if p.attrs["status"] == "solved"]
+    free = [p for p in solved if not process_figures.is_positive(p)]
+    asked = [p for p in free if int(p.attrs["order"]) > 0]
+    regressive = [p for p in asked if p.attrs["method"] == "autoregressive"]
+    for number, method, family in (
+        (1, "direct method", [p for p in asked if p.attrs["method"] == "direct"]),
+        (2, "autoregressive", regressive),
+    ):
+        for name, length, panel in _length_panels(family):
+            yield Figure(
+                f"fig_{number:02d}{name}",
+                f"Fig. {number}{name[0]}. Autocovariance, {method}, {length}",
+                _shape_of_covariances(panel),
+                _PROCESSES, (partial(process_figures.plot_autocovariances, processes=panel),),
+            )  # fmt: skip
+    if len({process_figures.order_of(p) for p in regressive}) > 1:
+        yield Figure(
+            "fig_03", "Fig. 3. Entropy over the order",
+            "The order needed to come near white noise rises with the correlation length, and is"
+            " higher where L0 is imposed (full lines) than where L1 is (dashed).",
+            _PROCESSES, (partial(process_figures.plot_entropies, processes=regressive),),
+        )  # fmt: skip
+        yield Figure(
+            "fig_04", "Fig. 4. The correlation length that was not imposed",
+            "With L0 imposed (full lines) L1 grows with the order; with L1 imposed (dashed) L0"
+            " falls. Infinite sums. The paper reads off its figure that 6 is the largest order with"
+            " L0 = 0.3 and L1 at most 1; it is 5 here, at 6 L1 is 1.03.",
+            _PROCESSES, (partial(process_figures.plot_achieved_lengths, processes=regressive),),
+        )  # fmt: skip
+    chosen = [p for p in free if int(p.attrs["order"]) == 0]
+    if chosen:
+        yield Figure(
+            "fig_05", "Fig. 5. One length imposed, the other bounded",
+            "The bound picks the order: with L0 imposed the largest that keeps L1 below it, with L1"
+            " imposed the largest that keeps L0 above it.",
+            _PROCESSES, (partial(process_figures.plot_chosen_orders, processes=chosen),),
+        )  # fmt: skip
+    refused = [p for p in results.processes.values() if p.attrs["status"] == "infeasible"]
+    yield from _positive(solved, regressive, refused)
+    for name, process in results.processes.items():
+        if "realizations" in process:
+            yield Figure(
+                f"realizations_{name}", f"Realizations of process {name}",
+                "The first of the realizations that the scene asked for, and the mean.",
+                _PROCESSES, (partial(process_figures.plot_realizations, process=process),),
+            )  # fmt: skip
+
+
+def _positive(
+    solved: list[xr.Dataset], regressive: list[xr.Dataset], refused: list[xr.Dataset]
+) -> Iterator[Figure]:
+    """Fig. 6: positive processes of one length and order, beside the free one; else all alone."""
+    positive = [p for p in solved if process_figures.is_positive(p)]
+    if not positive:
+        return
+    kinds = sorted(
+        {process_figures.kind_of(p) for p in positive}, key=lambda kind: -kind[1]
+    )  # L0 = 3 as the paper
+    twins = {process_figures.kind_of(p): p for p in regressive}
+    if not set(kinds) <= set(twins):
+        yield Figure(
+            "positive", "Autocovariances of positive processes",
+            f"Over the variance, {_how_many(len(positive), process_figures.MOST_CURVES)}.",
+            _PROCESSES, (partial(process_figures.plot_each, processes=positive),),
+        )  # fmt: skip
+        return
+    for kind in kinds:
+        own = [p for p in positive if process_figures.kind_of(p) == kind]
+        not_drawn = [
+            p
+            for p in refused
+            if process_figures.is_positive(p) and process_figures.kind_of(p) == kind
+        ]
+        yield _beside_free(twins[kind], own, not_drawn, is_first=kind == kinds[0])
+
+
+def _beside_free(
+    free: xr.Dataset, positive: list[xr.Dataset], refused: list[xr.Dataset], is_first: bool
+) -> Figure:
+    """Fig. 6 of one length and order."""
+    largest = "; ".join(
+        f"{_largest(process_figures.difference_from_free(p, free)):.2g} at mean"
+        f" {p.attrs['mean']:g} ({p.attrs['sampler']})"
+        for p in positive
+    )
+    missing = "".join(
+        f" Not drawn, mean {p.attrs['mean']:g} ({p.attrs['sampler']}): {p.attrs['reason']}."
+        for p in refused
+    )
+    definition, length, order = process_figures.kind_of(free)
+    return Figure(
+        "fig_06" if is_first else f"fig_06_{length:g}",
+        f"Fig. 6. Positive processes and the one without sign constraint, {definition} ="
+        f" {length:g}, order {order}",
+        "Autocovariances of positive processes, by the sequential law (open marks) and the exact"
+        " one (dashed), beside that of the process without sign constraint; below, the differences"
+        " with bars of two standard errors, the scatter of fits from other random numbers among"
+        f" them. The paper finds them very close. The largest differences: {largest}.{missing}",
+        _PROCESSES,
+        (
+            partial(process_figures.plot_positive, processes=[free, *positive]),
+            partial(process_figures.plot_positive_difference, processes=[free, *positive]),
+        ), height=3.6,
+    )  # fmt: skip
+
+
+def _shape_of_covariances(panel: list[xr.Dataset]) -> str:
+    """What the curves of one length do with the order and with the lag, in numbers."""
+    ordered = sorted(panel, key=process_figures.order_of)
+    orders = [process_figures.order_of(process) for process in ordered]
+    sizes = [
+        abs(process["autocovariance"].values[1 : order + 1])
+        for process, order in zip(ordered, orders, strict=True)
+    ]
+    name = "m_max" if panel[0].attrs["method"] == "direct" else "order"
+    said = (
+        f"The largest value beyond lag 0 goes from {sizes[0].max():.3g} at {name} {orders[0]} to"
+        f" {sizes[-1].max():.3g} at {name} {orders[-1]}, where lag 1 has {sizes[-1][0]:.3g} and lag"
+        f" {orders[-1]} {sizes[-1][-1]:.3g} (the paper:"
+        f" {'constant' if panel[0].attrs['correlation'] == 'L0' else 'linear'} in the lag up to"
+        f" {'m_max' if name == 'm_max' else 'M'}). Exact to 1e-8."
+    )
+    if name == "m_max":
+        said += " Pale: lags beyond m_max, which Eq. 11 does not constrain."
+    if any((process["autocovariance"] < 0).any() for process in panel):
+        said += " Open marks: negative values."
+    return said
+
+
+def _how_many(count: int, most: int) -> str:
+    return "all that were solved" if count <= most else f"{most} of the {count} that were solved"
+
+
+def _largest(difference: xr.Dataset) -> float:
+    return float(abs(difference["value"]).max())
+
+
+def _length_panels(processes: list[xr.Dataset]) -> Iterator[tuple[str, str, list[xr.Dataset]]]:
+    """Panel a: L0, b: L1, for the smallest length; the other lengths carry theirs in the name."""
+    lengths = sorted({process_figures.length_of(p) for p in processes})
+    asked = Counter(int(p.attrs["order"]) for p in processes)
+    for length in lengths:
+        for letter, definition in (("a", "L0"), ("b", "L1")):
+            panel = [
+                p for p in processes
+                if p.attrs["correlation"] == definition
+                and process_figures.length_of(p) == length
+                and (len(lengths) == 1 or asked[int(p.attrs["order"])] > 1)  # as its siblings have
+            ]  # fmt: skip
+            if panel:
+                suffix = "" if length == lengths[0] else f"_{length:g}"
+                yield letter + suffix, f"{definition} = {length:g}", panel

@@ -1,0 +1,123 @@
+"""What figures show and say: no curve left out, units and errors named, nothing that misleads."""
+
+from __future__ import annotations
+
+import matplotlib.pyplot as plt
+import numpy as np
+import pytest
+import xarray as xr
+
+from entroslip import figures, process_figures, tradeoff
+from entroslip.figure import Figure
+from entroslip.gallery import make_figures
+from entroslip.paper import AXES
+from entroslip.results import Results
+from tests.postproc.synthetic import FREQUENCY, case_of, process
+
+
+@pytest.fixture
+def axes():
+    picture, axes = plt.subplots()
+    yield axes
+    plt.close(picture)
+
+
+def drawn(axes):
+    return [text.get_text() for text in axes.get_legend().get_texts()]
+
+
+def figures_of(*processes):
+    named = {f"p{i + 1:03d}": p for i, p in enumerate(processes)}
+    results = Results(path=None, attrs={"title": "x"}, processes=named, chain=None, cases=[])
+    return {figure.name: figure for figure in make_figures([results])}
+
+
+def test_zeros_and_signs_of_an_autocovariance_are_named(axes):
+    curve = 0.5 ** np.arange(31)
+    curve[[1, 2]], curve[4] = 0.0, -curve[4]
+    process_figures.plot_autocovariances(axes, [process(3.0, 6, curve), process(3.0, 8)])
+    assert drawn(axes) == ["6 (0 at lags 1, 2)", "8", "negative"]
+
+
+def test_lags_that_the_direct_method_leaves_free_are_pale(axes):
+    process_figures.plot_autocovariances(axes, [process(1.0, 4)])
+    pale = [line for line in axes.lines if line.get_alpha() and line.get_alpha() < 0.5]
+    assert [list(line.get_xdata()) for line in pale] == [list(range(4, 21))]
+
+
+def test_captions_of_covariances_are_measured():
+    """And orders that only one of the lengths has are left out."""
+    family = [process(length, order) for length in (0.3, 1.0) for order in (2, 4)]
+    found = figures_of(*family, process(1.0, 12))
+    caption = found["fig_01a_1"].caption
+    assert "goes from 0.5 at m_max 2 to 0.5 at m_max 4, where lag 1 has 0.5 and lag 4 0.0625" in (
+        caption
+    )
+    assert "constant in the lag" in caption
+
+
+def test_chosen_orders_are_drawn_on_a_logarithmic_axis(axes):
+    lengths = [process(1.0, 4, method="autoregressive", correlation=name) for name in ("L0", "L1")]
+    process_figures.plot_chosen_orders(axes, lengths)
+    assert axes.get_yscale() == "log"
+    assert [line.get_markerfacecolor() for line in axes.lines][1] == "w"
+
+
+def test_positive_processes_of_every_length_are_drawn():
+    """Each beside the free one of its length; the marks of two means stand one in the other."""
+    family = [process(length, 10, method="autoregressive") for length in (0.3, 1.0, 3.0)]
+    family += [
+        process(length, 10, method="autoregressive", positive=1, mean=mean)
+        for length in (0.3, 1.0, 3.0) for mean in (2.0, 3.0)
+    ]  # fmt: skip
+    found = figures_of(*family)
+    assert {"fig_06", "fig_06_0.3", "fig_06_1"} <= set(found)
+    assert "L0 = 3, order 10" in found["fig_06"].title
+    picture, axes = plt.subplots()
+    process_figures.plot_positive(axes, [family[0], *family[3:5]])
+    sizes = [line.get_markersize() for line in axes.lines[1:]]
+    assert sizes[0] > 1.5 * sizes[1]
+    plt.close(picture)
+
+
+def test_orders_of_a_tradeoff_are_named_by_their_processes(axes):
+    data = xr.Dataset({
+        name: ("variant", values) for name, values in (
+            ("is_of_fit", [0, 0]), ("is_reference", [0, 0]), ("process", [2, 2]), ("order", [1, 2]),
+            ("slip_mean", [0.2, 0.1]), ("slip_mean_error", [0.1, 0.1]), ("is_own", [0, 1]),
+        )
+    })  # fmt: skip
+    tradeoff.plot_change_over_order(axes, data, "slip_mean", {2: "$L_0$ = 1, std 0.1"})
+    assert drawn(axes) == ["$L_0$ = 1, std 0.1"]
+
+
+def test_bands_hold_the_scatter_of_the_record():
+    """Monte Carlo alone is less than what one record leaves in a bin."""
+    case = case_of("c001", "p001", np.full((2, 1), 0.3), np.ones((2, FREQUENCY.size, 1)))
+    flat = np.ones((2, FREQUENCY.size, 1))
+    for name, factor in (("", 1.0), ("_low", np.exp(-0.3)), ("_high", np.exp(0.3))):
+        case.data[f"psd_percentiles{name}"] = (("percentile", "frequency", "dof"), factor * flat)
+    case.data.attrs["psd_time_error"] = 0.4 / 1.959964
+    low, high = figures.percentile_interval(case, dof=1, outer=0)
+    np.testing.assert_allclose(low, np.exp(-0.5), rtol=1e-6)
+    np.testing.assert_allclose(high, np.exp(0.5), rtol=1e-6)
+
+
+def test_a_scatter_names_lengths_and_oscillators(axes):
+    case = case_of("c001", "p001", np.full((2, 3), 0.3), np.ones((2, FREQUENCY.size, 3)))
+    for name in ("slip_mean", "slip_std", "slip_mean_error", "slip_std_error"):
+        case.data[name] = ("joint", np.array([0.1, 0.2, 0.3]))
+    figures.plot_slip_scatter(axes, [case])
+    assert {"1", "2", "3"} <= {text.get_text() for text in axes.texts}
+    assert drawn(axes)[0].startswith("$L_0$ = ")
+    assert axes.get_xlabel().endswith("[%]")
+    assert axes.get_ylabel().endswith("[%]")
+    assert AXES["fig_09"][1] == 80.0
+
+
+def test_a_figure_outside_the_paper_says_nothing_of_it():
+    caption = "It falls to 3 (the paper: constant in the lag). The paper finds 2. To look for: a."
+    figure = Figure("fig_09a", "Fig. 9a. Scatter", caption, "Processes", (), ("1a",))
+    own = figure.outside_the_paper()
+    assert (own.title, own.statements) == ("Scatter", ())
+    assert own.caption == "It falls to 3. To look for: a."

@@ -1,0 +1,64 @@
+"""The paper's numbers stand beside ours, each once, and nobody else's."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from entroslip.paper_numbers import table_correlations, table_numbers
+from entroslip.results import Results
+from entroslip.statements import assess
+from entroslip.tables import table_slip
+from tests.postproc.synthetic import LOW, friction_study, process
+
+
+def processes():
+    """L0 = 0.3 at orders 4, 5 and 6, where L1 passes 1."""
+    named = {
+        f"p{order}": process(0.3, order, method="autoregressive").assign(
+            L1=1.03 - 0.1 * (6 - order)
+        )
+        for order in (4, 5, 6)
+    }
+    return Results(path=None, attrs={}, processes=named, chain=None, cases=[])
+
+
+def test_every_number_of_the_paper_is_there_once():
+    study = friction_study(n_samples=30)
+    files = [study, processes()]
+    table = table_numbers([*files, study], assess(files))
+    places = [row[0] for row in table.rows]
+    assert {place: places.count(place) for place in set(places)} == {
+        "Table 1": 10, "Table 2": 10, "Eq. 42": 1, "Fig. 4": 1, "Fig. 9": 2,
+    }  # fmt: skip
+    of = {row[:2]: row[2:] for row in table.rows}
+    assert of["Fig. 4", "largest order with L0 = 0.3 and L1 at most 1"] == ("6", "5")
+    theirs, ours = of["Table 2", "variance 3.7, joint 5: time in slip [%]"]
+    assert theirs == "37"
+    assert ours == "35.00(45)"  # p (1 - p) sqrt(2/5000)
+
+
+def test_a_structure_of_ones_own_has_no_such_table():
+    study = friction_study(n_samples=30)
+    study.structure["frequencies_stuck"] = study.structure["frequencies_stuck"] * 1.1
+    assert table_numbers([study], assess([study])) is None
+
+
+def test_table_2_has_the_means_at_random_friction_beside_it():
+    study = friction_study(n_samples=30)
+    for case in study.random:
+        case.data["slip_mean"] = case.data["slip_fraction"].mean("sample")
+        case.data["slip_mean_error"] = ("joint", np.full(5, 0.03))
+    rows = {row[0]: row[1:] for row in table_slip(study).rows}
+    cells = rows[f"variance {LOW:g}, mean at random friction, std 0.067"]
+    assert cells[0] == "5.0(17)"  # 3/sqrt(3) points, of three lengths
+
+
+def test_the_chain_sees_few_lags():
+    """Correlations at 1 to 4 joints apart, once a length; none without several lengths."""
+    study = friction_study(n_samples=30)
+    lengths = {case.process: case.correlation_length for case in study.random}
+    study.processes.update({name: process(length, 5) for name, length in lengths.items()})
+    table = table_correlations(study)
+    assert [row[0] for row in table.rows] == ["L0 = 0.3", "L0 = 1", "L0 = 3"]
+    assert table.rows[0][2:] == ("0.500", "0.250", "0.125", "0.062")
+    assert table_correlations(friction_study(n_samples=30)) is None
