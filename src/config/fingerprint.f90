@@ -49,7 +49,8 @@ contains
          end do
       end do
       if (scene%has_structure) &
-         text = text//'hash of the structure''s files = '//to_text(scene%structure_label)//new_line('a')
+         text = text//'hash of the structure''s files = '//to_text(scene%structure_label)// &
+                new_line('a')
       if (scene%has_structure .and. scene%runs_deterministic()) then
          do i = 1, scene%structure%n_joints
             text = text//'friction of joint '//to_text(i)//' = '// &

@@ -150,7 +150,8 @@ contains
          if (plan%output%transitions) of_sample = of_sample + 3*of_transition*transitions*n_steps
          if (plan%excitation%per_sample) of_sample = of_sample + word*n_steps
       end associate
-      bytes = record_memory(plan) + memory_of_matrices(plan) + min(block_width(plan), maxval(plan%cases%n_samples))*of_sample
+      bytes = record_memory(plan) + memory_of_matrices(plan) &
+              + min(block_width(plan), maxval(plan%cases%n_samples))*of_sample
    end function memory_of_march
 
    !> Matrices of the structure and of the method, all full: 8 of them, and Newmark's of each step.

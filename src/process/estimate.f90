@@ -286,8 +286,8 @@ contains
       badness = (size(values, 1) - 1)*log(variance) + ln_det + log(ones)
    end subroutine weigh_candidate
 
-   !> The innovations L^-1 x of standardized values, S = L L': uncorrelated, of variance 1, where the
-   !> process explains the values.
+   !> The innovations L^-1 x of standardized values, S = L L': uncorrelated, of variance 1, where
+   !> the process explains the values.
    subroutine whiten(pieces, correlation, x, error)
       type(piece_type), intent(in) :: pieces(:)
       real(wp), intent(in) :: correlation(0:)   !! K(m)/K(0)

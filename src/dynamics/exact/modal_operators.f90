@@ -68,7 +68,7 @@ contains
       real(wp), intent(in) :: tolerance
       type(modal_operators), intent(out) :: operators
       type(error_type), allocatable, intent(out) :: error
-      real(wp), allocatable :: eigenvalues(:), read(:, :), damping(:, :), omega(:), moved(:, :, :)
+      real(wp), allocatable :: eigenvalues(:), gain(:, :), damping(:, :), omega(:), moved(:, :, :)
       logical :: all_stuck(structure%n_joints)
       real(wp), parameter :: two_pi = 8.0_wp*atan(1.0_wp)
       integer :: r
@@ -80,14 +80,14 @@ contains
       omega = two_pi*structure%frequencies_stuck   ! zero where rounding hides it
       operators%n_modes = structure%n_dof
       operators%n_joints = structure%n_joints
-      read = matmul(transpose(structure%direction), operators%shape)
-      operators%n_parts = count_parts(structure%joint_stiffness, read, dt*omega, dt, tolerance)
+      gain = matmul(transpose(structure%direction), operators%shape)
+      operators%n_parts = count_parts(structure%joint_stiffness, gain, dt*omega, dt, tolerance)
       operators%h = dt/operators%n_parts
       operators%direction = structure%direction
       operators%momentum = matmul(structure%mass, operators%shape)
       operators%load = operators%h**2*matmul(transpose(operators%shape), structure%load)
       operators%slider_push = operators%h**2*transpose(spread(structure%joint_stiffness, 2, &
-                                                              structure%n_dof)*read)
+                                                              structure%n_dof)*gain)
       if (size(structure%damping_ratio) > 0) then
          allocate (damping(structure%n_dof, structure%n_dof), source=0.0_wp)
          do r = 1, structure%n_dof
@@ -98,9 +98,9 @@ contains
                                       matmul(structure%damping, operators%shape))
       end if
       operators%decouples = is_diagonal(damping)
-      call choose_terms(structure%joint_stiffness, read, operators%h*omega, damping, tolerance, &
+      call choose_terms(structure%joint_stiffness, gain, operators%h*omega, damping, tolerance, &
                         operators)
-      operators%read = pack_matrix(read)
+      operators%read = pack_matrix(gain)
       operators%push = pack_matrix(operators%slider_push)
       operators%shape_rows = pack_matrix(operators%shape)
       if (operators%decouples) then
@@ -108,7 +108,7 @@ contains
       else
          call put_propagator(operators%h*omega, damping, operators, moved)
       end if
-      call put_answers(read, moved, operators)
+      call put_answers(gain, moved, operators)
    end subroutine new_modal_operators
 
    !> True if the coupling of modes is below rounding.
@@ -277,24 +277,24 @@ contains
    !> displacement after a unit impulse. H is taken as Y_0 s + Y_1 s^2/2 + Y_2 s^3/6, its
    !> least-squares fit on [0, 1] from its moments, so power e of a slider adds Y_d e!/k! to power k
    !> = e + d + 2 of a path (M5).
-   pure subroutine put_answers(read, moved, operators)
-      real(wp), intent(in) :: read(:, :)      !! G (joint, mode)
+   pure subroutine put_answers(gain, moved, operators)
+      real(wp), intent(in) :: gain(:, :)      !! G (joint, mode)
       real(wp), intent(in) :: moved(:, :, :)  !! integrals of E(s) s^p S (mode, joint, p), p = 1 ..
       type(modal_operators), intent(inout) :: operators
       !> of the normal equations 1/(i + j + 1)
       real(wp), parameter :: inverse(3, 3) = reshape([300.0_wp, -900.0_wp, 630.0_wp, -900.0_wp, &
                                                       2880.0_wp, -2100.0_wp, 630.0_wp, -2100.0_wp, &
                                                       1575.0_wp], [3, 3])
-      real(wp) :: answer(size(read, 1), padded_rows(size(read, 1))*n_markov)
+      real(wp) :: answer(size(gain, 1), padded_rows(size(gain, 1))*n_markov)
       integer :: d, e, k, m, mp
 
-      m = size(read, 1)
+      m = size(gain, 1)
       mp = padded_rows(m)
       allocate (operators%markov(m, m, 0:n_markov - 1), source=0.0_wp)
       do d = 0, n_markov - 1
          do k = 1, n_markov
             operators%markov(:, :, d) = operators%markov(:, :, d) + inverse(d + 1, k)* &
-                                        gamma(real(d + 2, wp))*matmul(read, moved(:, :, k))
+                                        gamma(real(d + 2, wp))*matmul(gain, moved(:, :, k))
          end do
       end do
       do k = 3, path_degree

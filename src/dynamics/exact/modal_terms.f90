@@ -29,14 +29,14 @@ contains
    !> A mode of rate rho = omega h leaves the polynomial through its values by 2.7e-6 rho^6 of its
    !> amplitude. The answers of joints to sliders, kappa = h^2 W' M^-1 W k, are cut off at
    !> kappa^3/5040 of their velocity; the fit of their kernel gains 20.
-   pure integer function count_parts(joint_stiffness, read, rate, dt, tolerance) result(n_parts)
-      real(wp), intent(in) :: joint_stiffness(:), read(:, :)   !! k [N/m]; G (joint, mode)
+   pure integer function count_parts(joint_stiffness, gain, rate, dt, tolerance) result(n_parts)
+      real(wp), intent(in) :: joint_stiffness(:), gain(:, :)   !! k [N/m]; G (joint, mode)
       real(wp), intent(in) :: rate(:)                          !! omega dt (mode)
       real(wp), intent(in) :: dt, tolerance
       real(wp) :: error, kappa, share(size(rate))
 
-      share = shares(read, rate)
-      kappa = dt**2*compliance(joint_stiffness, read, rate, 0)
+      share = shares(gain, rate)
+      kappa = dt**2*compliance(joint_stiffness, gain, rate, 0)
       n_parts = 1
       do
          error = maxval(share*min(rate/n_parts, quintic_error*(rate/n_parts)**6)) &
@@ -48,35 +48,35 @@ contains
 
    !> Share of each mode in the paths of joints, at most 1; amplitudes beyond omega dt = 1 fall as
    !> omega^-2.
-   pure function shares(read, rate) result(share)
-      real(wp), intent(in) :: read(:, :), rate(:)
+   pure function shares(gain, rate) result(share)
+      real(wp), intent(in) :: gain(:, :), rate(:)
       real(wp) :: share(size(rate))
       integer :: r
 
       share = 0.0_wp
-      if (size(read, 1) == 0) return
+      if (size(gain, 1) == 0) return
       do r = 1, size(rate)
-         share(r) = maxval(abs(read(:, r))/max(maxval(abs(read), 2), tiny(1.0_wp))) &
+         share(r) = maxval(abs(gain(:, r))/max(maxval(abs(gain), 2), tiny(1.0_wp))) &
                     /max(1.0_wp, rate(r))**2
       end do
    end function shares
 
    !> Largest row sum of |G rate^power G'| k [1/s^2]: size of W' M^-1 W k, or with powers of the
    !> stiffness in between.
-   pure real(wp) function compliance(joint_stiffness, read, rate, power)
-      real(wp), intent(in) :: joint_stiffness(:), read(:, :), rate(:)
+   pure real(wp) function compliance(joint_stiffness, gain, rate, power)
+      real(wp), intent(in) :: joint_stiffness(:), gain(:, :), rate(:)
       integer, intent(in) :: power
 
       compliance = 0.0_wp
-      if (size(read, 1) == 0) return
-      compliance = maxval(matmul(abs(matmul(read*spread(rate**power, 1, size(read, 1)), &
-                                            transpose(read))), joint_stiffness))
+      if (size(gain, 1) == 0) return
+      compliance = maxval(matmul(abs(matmul(gain*spread(rate**power, 1, size(gain, 1)), &
+                                            transpose(gain))), joint_stiffness))
    end function compliance
 
    !> Leaves out what the tolerance does not need (M8): the velocity at half the part, integrals of
    !> the sliders' motion, terms of the answers.
-   pure subroutine choose_terms(joint_stiffness, read, rate, damping, tolerance, terms)
-      real(wp), intent(in) :: joint_stiffness(:), read(:, :)
+   pure subroutine choose_terms(joint_stiffness, gain, rate, damping, tolerance, terms)
+      real(wp), intent(in) :: joint_stiffness(:), gain(:, :)
       real(wp), intent(in) :: rate(:)          !! omega h (mode)
       real(wp), intent(in) :: damping(:, :)    !! C^ (mode, mode)
       real(wp), intent(in) :: tolerance
@@ -86,12 +86,12 @@ contains
       real(wp) :: answer(0:n_markov - 1), kernel(0:4), memory, path(5), share(size(rate))
       integer :: d, k
 
-      share = shares(read, rate*terms%n_parts)
+      share = shares(gain, rate*terms%n_parts)
       do k = 1, 5
          path(k) = maxval(share*rate**k)   ! derivatives of the paths
       end do
       do k = 0, 4, 2
-         kernel(k) = terms%h**2*compliance(joint_stiffness, read, rate, k)
+         kernel(k) = terms%h**2*compliance(joint_stiffness, gain, rate, k)
       end do
       associate (decay => maxval(sum(abs(damping), 1)))
          answer = [kernel(0), kernel(0)*decay, kernel(2) + kernel(0)*decay**2]
