@@ -1,18 +1,16 @@
 !> One part of a step of 32 samples without transitions: the powers of all paths, their ends, and
 !> the joints whose guards may have a zero on the way.
 !>
-!> Sums over the columns of C^ stay in registers: 3 rows by 4 vectors of samples. Loops over lanes
-!> have constant length, each one or two vector operations. All data begins at multiples of 64
-!> bytes.
+!> Loops over lanes have constant length. All data begins at multiples of 64 bytes.
 module dynamics_exact_free_steps
    use core_kinds, only: long, wp
    use dynamics_exact_joint_paths, only: joint_paths, layer_reach, layer_side, layer_slider, width
-   use dynamics_exact_series, only: damping_type, rows_together, series_type, spring_type
+   use dynamics_exact_powers, only: next_power
+   use dynamics_exact_series, only: series_type
    implicit none(type, external)
    private
    public :: expand_block, finish_part, follow_links
 
-   integer, parameter :: lanes = 4, vectors = 4, groups = width/(lanes*vectors)
    integer, private :: b   ! of the constructor that follows
    integer(long), parameter :: bit(width) = [(shiftl(1_long, b), b=0, width - 1)]
    !> Guards within this share of the reach count as suspect (5)
@@ -57,112 +55,6 @@ contains
       call next_power(top, series%springs, series%damping(k), -1.0_wp/((k + 1)*(k + 2)), &
                       x(1, 1, now), x(1, 1, next), stiffness, x(1, 1, k + 2))
    end subroutine step_power
-
-   !> x_(k+2) = -(K^ x_k + (k + 1) C^ x_(k+1))/((k + 1)(k + 2)) of the dofs, three rows at a time.
-   subroutine next_power(top, springs, damping, scale, x0, x1, stiffness, x2)
-      integer, intent(in) :: top
-      type(spring_type), intent(in) :: springs
-      type(damping_type), intent(in) :: damping
-      real(wp), intent(in) :: scale   !! -1/((k + 1)(k + 2))
-      real(wp), intent(in), dimension(lanes, vectors, groups, top) :: x0, x1, stiffness
-      real(wp), intent(inout) :: x2(lanes, vectors, groups, top)
-      real(wp), dimension(lanes) :: a1, a2, a3, a4, b1, b2, b3, b4, c1, c2, c3, c4
-      real(wp) :: d1, d2, d3, d4
-      integer :: e, g, i, j, l, q
-
-      do q = 1, size(damping%first) - 1
-         do g = 1, groups
-            i = rows_together*(q - 1) + 1
-            do l = 1, lanes
-               a1(l) = stiffness(l, 1, g, i)*x0(l, 1, g, i)
-               a2(l) = stiffness(l, 2, g, i)*x0(l, 2, g, i)
-               a3(l) = stiffness(l, 3, g, i)*x0(l, 3, g, i)
-               a4(l) = stiffness(l, 4, g, i)*x0(l, 4, g, i)
-            end do
-            do e = springs%first(i), springs%first(i + 1) - 1
-               j = springs%column(e)
-               do l = 1, lanes
-                  a1(l) = a1(l) + springs%value(e)*x0(l, 1, g, j)
-                  a2(l) = a2(l) + springs%value(e)*x0(l, 2, g, j)
-                  a3(l) = a3(l) + springs%value(e)*x0(l, 3, g, j)
-                  a4(l) = a4(l) + springs%value(e)*x0(l, 4, g, j)
-               end do
-            end do
-            i = i + 1
-            do l = 1, lanes
-               b1(l) = stiffness(l, 1, g, i)*x0(l, 1, g, i)
-               b2(l) = stiffness(l, 2, g, i)*x0(l, 2, g, i)
-               b3(l) = stiffness(l, 3, g, i)*x0(l, 3, g, i)
-               b4(l) = stiffness(l, 4, g, i)*x0(l, 4, g, i)
-            end do
-            do e = springs%first(i), springs%first(i + 1) - 1
-               j = springs%column(e)
-               do l = 1, lanes
-                  b1(l) = b1(l) + springs%value(e)*x0(l, 1, g, j)
-                  b2(l) = b2(l) + springs%value(e)*x0(l, 2, g, j)
-                  b3(l) = b3(l) + springs%value(e)*x0(l, 3, g, j)
-                  b4(l) = b4(l) + springs%value(e)*x0(l, 4, g, j)
-               end do
-            end do
-            i = i + 1
-            do l = 1, lanes
-               c1(l) = stiffness(l, 1, g, i)*x0(l, 1, g, i)
-               c2(l) = stiffness(l, 2, g, i)*x0(l, 2, g, i)
-               c3(l) = stiffness(l, 3, g, i)*x0(l, 3, g, i)
-               c4(l) = stiffness(l, 4, g, i)*x0(l, 4, g, i)
-            end do
-            do e = springs%first(i), springs%first(i + 1) - 1
-               j = springs%column(e)
-               do l = 1, lanes
-                  c1(l) = c1(l) + springs%value(e)*x0(l, 1, g, j)
-                  c2(l) = c2(l) + springs%value(e)*x0(l, 2, g, j)
-                  c3(l) = c3(l) + springs%value(e)*x0(l, 3, g, j)
-                  c4(l) = c4(l) + springs%value(e)*x0(l, 4, g, j)
-               end do
-            end do
-            do l = 1, lanes
-               a1(l) = scale*a1(l); a2(l) = scale*a2(l); a3(l) = scale*a3(l); a4(l) = scale*a4(l)
-               b1(l) = scale*b1(l); b2(l) = scale*b2(l); b3(l) = scale*b3(l); b4(l) = scale*b4(l)
-               c1(l) = scale*c1(l); c2(l) = scale*c2(l); c3(l) = scale*c3(l); c4(l) = scale*c4(l)
-            end do
-            do e = damping%first(q), damping%first(q + 1) - 1
-               j = damping%column(e)
-               do l = 1, lanes
-                  d1 = x1(l, 1, g, j)
-                  d2 = x1(l, 2, g, j)
-                  d3 = x1(l, 3, g, j)
-                  d4 = x1(l, 4, g, j)
-                  a1(l) = a1(l) + damping%value(1, e)*d1
-                  a2(l) = a2(l) + damping%value(1, e)*d2
-                  a3(l) = a3(l) + damping%value(1, e)*d3
-                  a4(l) = a4(l) + damping%value(1, e)*d4
-                  b1(l) = b1(l) + damping%value(2, e)*d1
-                  b2(l) = b2(l) + damping%value(2, e)*d2
-                  b3(l) = b3(l) + damping%value(2, e)*d3
-                  b4(l) = b4(l) + damping%value(2, e)*d4
-                  c1(l) = c1(l) + damping%value(3, e)*d1
-                  c2(l) = c2(l) + damping%value(3, e)*d2
-                  c3(l) = c3(l) + damping%value(3, e)*d3
-                  c4(l) = c4(l) + damping%value(3, e)*d4
-               end do
-            end do
-            do l = 1, lanes
-               x2(l, 1, g, i - 2) = a1(l)
-               x2(l, 2, g, i - 2) = a2(l)
-               x2(l, 3, g, i - 2) = a3(l)
-               x2(l, 4, g, i - 2) = a4(l)
-               x2(l, 1, g, i - 1) = b1(l)
-               x2(l, 2, g, i - 1) = b2(l)
-               x2(l, 3, g, i - 1) = b3(l)
-               x2(l, 4, g, i - 1) = b4(l)
-               x2(l, 1, g, i) = c1(l)
-               x2(l, 2, g, i) = c2(l)
-               x2(l, 3, g, i) = c3(l)
-               x2(l, 4, g, i) = c4(l)
-            end do
-         end do
-      end do
-   end subroutine next_power
 
    !> Adds the forces of the links to x_(k+2) of the dofs that they join.
    subroutine push_links(series, k, paths)
