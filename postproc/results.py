@@ -209,7 +209,7 @@ def _read(path: Path) -> Results:
     with h5py.File(path) as file:
         attrs = {name: _text(value) for name, value in file.attrs.items()}
         groups = {kind: sorted(file[kind]) for kind in ("process", "campaign") if kind in file}
-        alone = {kind for kind in ("chain", "tradeoff") if kind in file}
+        alone = {kind for kind in ("structure", "tradeoff") if kind in file}
         audited = {name for name in groups.get("campaign", []) if "audit" in file["campaign"][name]}
     if attrs.get("program") != "entroslip":
         raise ResultsError(f"{path}: not a results file of entroslip")

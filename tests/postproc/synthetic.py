@@ -43,7 +43,11 @@ def case_of(name, process, slip, psd, starts=5000, n_segments=400, **attrs):
 def results_of(cases):
     """A file that holds these cases of the paper's chain."""
     chain = xr.Dataset(
-        {"frequencies_stuck": ("mode", list(STUCK_HZ)), "frequencies_slip": ("mode", list(SLIP_HZ))}
+        {
+            "frequencies_stuck": ("mode", list(STUCK_HZ)),
+            "frequencies_slip": ("mode", list(SLIP_HZ)),
+            "load": (("force", "dof"), np.eye(5)[4:]),
+        }
     )
     return Results(Path("synthetic.h5"), {"title": "synthetic"}, {}, chain, cases)
 

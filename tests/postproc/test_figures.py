@@ -28,7 +28,7 @@ def drawn(axes):
 
 def figures_of(*processes):
     named = {f"p{i + 1:03d}": p for i, p in enumerate(processes)}
-    results = Results(path=None, attrs={"title": "x"}, processes=named, chain=None, cases=[])
+    results = Results(path=None, attrs={"title": "x"}, processes=named, structure=None, cases=[])
     return {figure.name: figure for figure in make_figures([results])}
 
 

@@ -19,7 +19,7 @@ def processes():
         )
         for order in (4, 5, 6)
     }
-    return Results(path=None, attrs={}, processes=named, chain=None, cases=[])
+    return Results(path=None, attrs={}, processes=named, structure=None, cases=[])
 
 
 def test_every_number_of_the_paper_is_there_once():

@@ -63,7 +63,7 @@ def test_a_logger_s_file_is_a_force_file(entroslip, tmp_path):
     assert entroslip("check", "s.nml").returncode == 0
     done = entroslip("check", "s.nml", "--set", "integration%dt=0.0101")
     assert done.returncode == 2
-    assert "log.txt:13: 0.1100 4 # value 11: the time must be 0.1111, 11 times" in done.stderr
+    assert "log.txt:13: time = 0.11: must be 0.1111, 11 times integration%dt" in done.stderr
 
 
 def test_all_mistakes_in_one_pass(entroslip, tmp_path):
@@ -78,7 +78,7 @@ def test_all_mistakes_in_one_pass(entroslip, tmp_path):
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
-        ((), "no command; there are run, check, tradeoff, replay, template"),
+        ((), "no command; there are run, check, tradeoff, replay, estimate, template"),
         (("rnu", "x.nml"), "unknown command rnu, did you mean run?"),
         (("run",), "run needs a scene: entroslip run SCENE"),
         (("run", "absent.nml"), "absent.nml: no such file"),

@@ -29,7 +29,7 @@ def test_a_finished_scene_has_nothing_to_do(entroslip, small_scene, tmp_path):
 def test_results_open_labelled(entroslip, small_scene, tmp_path):
     assert entroslip("run", small_scene, "--output", "r.h5").returncode == 0
     with xr.open_dataset(tmp_path / "r.h5", group="campaign/c003", engine="h5netcdf") as case:
-        assert case["slip_fraction"].dims == ("sample", "dof")
+        assert case["slip_fraction"].dims == ("sample", "joint")
         assert case["psd"].dims == ("sample", "frequency", "dof")
         assert case["psd_percentiles"].dims == ("percentile", "frequency", "dof")
         assert case["psd"].attrs["units"] == "m^2/Hz"
