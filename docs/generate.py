@@ -57,6 +57,7 @@ TRADEOFF = {"": MOTION.format(quantity=", 'spectrum'")}
 
 # attributes have no long_name of their own; one that is not explained here stops the generator
 ATTRIBUTES = {
+    "n_zero_modes": "rigid motions that no spring holds, with all joints stuck",
     "command": "of entroslip that wrote it: run, replay or tradeoff",
     "architecture": "instruction set and compiler that the samples depend on",
     "band_ratio": "largest relative numerical error of a band ratio",
@@ -227,7 +228,7 @@ def results_page(program: Path) -> str:
     motions = results_of(program, "run", MOTIONS)
     audits = results_of(program, "run", AUDITS)
     tradeoff = results_of(program, "tradeoff", TRADEOFF)
-    chosen = {name: (motions[name], MOTIONS) for name in ("/", "/chain", "/campaign/cNNN")}
+    chosen = {name: (motions[name], MOTIONS) for name in ("/", "/structure", "/campaign/cNNN")}
     chosen["/process/pNNN"] = processes["/process/pNNN"], PROCESSES
     chosen["/campaign/cNNN/audit"] = audits["/campaign/cNNN/audit"], AUDITS
     chosen |= {

@@ -182,7 +182,6 @@ contains
    subroutine check_together(line, error)
       type(command_line), intent(in) :: line
       type(error_type), allocatable, intent(out) :: error
-      character(len(commands)) :: usage
       integer :: i
 
       if (.not. allocated(line%command)) then
@@ -198,11 +197,11 @@ contains
       end do
       if (line%command == 'template') then
          if (allocated(line%scene)) call raise(error, exit_bad_input, 'template takes no scene')
+      else if (.not. allocated(line%scene) .and. line%command == 'estimate') then
+         call raise(error, exit_bad_input, 'estimate needs data: entroslip estimate DATA')
       else if (.not. allocated(line%scene)) then
-         usage = commands(maxloc(merge(1, 0, names_in(commands) == line%command), 1))
-         call raise(error, exit_bad_input, line%command//' needs '// &
-                    trim(merge('data   ', 'a scene', line%command == 'estimate'))// &
-                    ': entroslip '//trim(usage(:text_column - 1)))
+         call raise(error, exit_bad_input, line%command//' needs a scene: entroslip '// &
+                    line%command//' SCENE')
       else if (line%command == 'replay' .and. (line%case_number == 0 .or. line%sample == 0)) then
          call raise(error, exit_bad_input, 'replay needs --case and --sample')
       else if (line%is_shared .and. line%is_fresh) then
