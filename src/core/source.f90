@@ -4,7 +4,7 @@ module core_source
    use core_text, only: to_text
    implicit none(type, external)
    private
-   public :: source_type, byte_order_mark, find_beside, new_source, read_source, try_file
+   public :: source_type, byte_order_mark, find_beside, new_source, read_source
 
    integer, parameter :: line_feed = 10
    !> Some editors begin UTF-8 text with it.

@@ -24,6 +24,7 @@ module dynamics_newmark_frame
 
 contains
 
+   !> Prepares what Newmark's scheme needs of a structure; fails where M cannot be inverted.
    subroutine new_newmark_frame(structure, frame, error)
       type(structure_type), intent(in) :: structure
       type(newmark_frame), intent(out) :: frame
