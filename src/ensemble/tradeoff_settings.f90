@@ -156,8 +156,8 @@ contains
          tries = real(setting%parts, wp)/setting%stride &
                  + transitions*(1.0_wp + 2.0_wp*setting%max_halvings)
          nanoseconds = tries*merge(18.0_wp, 15.0_wp*n, plan%structure%n_dof <= longest_tabulated)
-      else   ! a degree more for every one or two powers of ten of the tolerance
-         nanoseconds = parts()*2.2_wp*n*(1.0_wp - 0.05_wp*(6.0_wp + log10(setting%tolerance))) &
+      else   ! 20 ns a mass measured on AVX2; a degree more for every one or two powers of ten
+         nanoseconds = parts()*20.0_wp*n*(1.0_wp - 0.05_wp*(6.0_wp + log10(setting%tolerance))) &
                        + 60.0_wp*transitions
       end if
       nanoseconds = nanoseconds + at_any_rate
