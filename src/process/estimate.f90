@@ -256,7 +256,7 @@ contains
       type(error_type), allocatable, intent(out) :: error
       real(wp), allocatable :: s(:, :), solved(:, :)
       real(wp) :: ones, ln_det, products(size(mean)), squares(size(mean)), origin
-      integer :: i, j, k, n
+      integer :: i, k, n
 
       n = size(values, 2)
       origin = values(1, 1)   ! near the mean: squares keep their digits
@@ -266,10 +266,8 @@ contains
       squares = 0.0_wp
       do i = 1, size(pieces)
          associate (point => pieces(i)%point, y => values(pieces(i)%row, :) - origin)
-            allocate (s(size(point), size(point)), solved(size(point), n + 1))
-            do j = 1, size(point)
-               s(:, j) = correlation(abs(point - point(j)))
-            end do
+            s = correlation_matrix(point, correlation)
+            allocate (solved(size(point), n + 1))
             solved(:, :n) = y
             solved(:, n + 1) = 1.0_wp
             call solve_positive_definite(s, solved, error)   ! leaves its Cholesky factor in s
@@ -286,6 +284,18 @@ contains
       badness = (size(values, 1) - 1)*log(variance) + ln_det + log(ones)
    end subroutine weigh_candidate
 
+   !> S (point, point): correlations of the process at the points of a piece.
+   pure function correlation_matrix(point, correlation) result(s)
+      integer, intent(in) :: point(:)
+      real(wp), intent(in) :: correlation(0:)   !! K(m)/K(0)
+      real(wp) :: s(size(point), size(point))
+      integer :: j
+
+      do j = 1, size(point)
+         s(:, j) = correlation(abs(point - point(j)))
+      end do
+   end function correlation_matrix
+
    !> The innovations L^-1 x of standardized values, S = L L': uncorrelated, of variance 1, where
    !> the process explains the values.
    subroutine whiten(pieces, correlation, x, error)
@@ -298,10 +308,8 @@ contains
 
       do i = 1, size(pieces)
          associate (point => pieces(i)%point, row => pieces(i)%row)
-            allocate (s(size(point), size(point)), solved(size(point), 1), source=0.0_wp)
-            do j = 1, size(point)
-               s(:, j) = correlation(abs(point - point(j)))
-            end do
+            s = correlation_matrix(point, correlation)
+            allocate (solved(size(point), 1), source=0.0_wp)
             call solve_positive_definite(s, solved, error)   ! leaves its Cholesky factor in s
             if (allocated(error)) return
             do j = 1, size(point)
