@@ -64,10 +64,11 @@ contains
    subroutine verify(store)
       type(shard_store), intent(in) :: store
       type(shard_type), allocatable :: shards(:)
-      type(process_model_type) :: models(60)
+      type(process_model_type), allocatable :: models(:)
       logical :: is_kept(60)
       integer :: i
 
+      allocate (models(60))
       call list_shards(store, shards, error)
       if (allocated(error)) return
       do i = 1, size(shards)
