@@ -59,6 +59,15 @@ def processes_of(token: str) -> list[int]:
     return found
 
 
+def is_gone(pid: int) -> bool:
+    """Its files are closed and its locks given back; its environment goes long before."""
+    try:
+        state = Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()[0]
+    except OSError:
+        return True
+    return state in "ZX"
+
+
 @dataclass
 class Run:
     """One run under way, alone (n_ranks = 0) or under mpirun."""
@@ -68,6 +77,7 @@ class Run:
     folder: Path
     environment: dict[str, str]
     n_ranks: int = 0
+    signalled: set[int] = field(default_factory=set)  # its processes when it was
     token: str = field(default_factory=lambda: f"{os.getpid()}-{time.monotonic_ns()}")
 
     def __post_init__(self) -> None:
@@ -86,6 +96,7 @@ class Run:
         return [pid for pid in processes_of(self.token) if pid != self.process.pid]
 
     def signal(self, number: int, pids: list[int]) -> None:
+        self.signalled.update(processes_of(self.token))
         for pid in pids:
             try:
                 os.kill(pid, number)
@@ -96,7 +107,7 @@ class Run:
         """Exit code and output, when the last process of the run is gone."""
         output, errors = self.process.communicate(timeout=timeout)
         limit = time.monotonic() + timeout
-        while processes_of(self.token):
+        while processes_of(self.token) or not all(map(is_gone, self.signalled)):
             assert time.monotonic() < limit, f"processes of a dead run live on: {self.arguments}"
             time.sleep(0.01)
         return self.process.returncode, output, errors
