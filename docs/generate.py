@@ -22,11 +22,11 @@ MARKER = "<!-- generated below this line by docs/generate.py -->\n"
 PLUMBING = {"DIMENSION_LIST", "REFERENCE_LIST", "CLASS", "NAME", "units", "long_name", "contents"}
 
 MOTION = """\
-&process correlation_length = 0.3 order = 1 mean = 0.2 std = 0.02 /
+&process correlation_length = 0.3 order = 1 mean = 0.2 std = 0.02, 0.03 /
 &chain n_dof = 2 /
 &excitation variance = 41.1 /
 &integration method = 'event' n_steps = 1200 /
-&campaign n_samples = 3 /
+&campaign n_samples = 20 /
 &output quantities = 'slip'{quantity} segment_length = 128 /
 """
 PROCESS = "&process correlation_length = 0.3 order = 2 mean = 1.0 std = 0.3 {values} /\n"
@@ -70,6 +70,7 @@ ATTRIBUTES = {
     "created": "UTC, when the file was finished",
     "detrending": "what is taken off a segment before its transform",
     "direct_seconds": "CPU time of the direct method, beside `inversion_seconds`",
+    "estimator": "'pooled', 'regression' or 'plain': of the statistics in this group",
     "every": "every how many steps a displacement enters the spectra",
     "fingerprint": "of all in the scene that changes a sample",
     "flags": "of the compiler",
@@ -96,6 +97,8 @@ ATTRIBUTES = {
     "branch_asked": "as in the scene",
     "sign_of_first_lag": "of K(1)",
     "overrides": "the --set options",
+    "plain_reason": "why the estimates are plain sampling's",
+    "pooled_with": "cases whose samples the regression used too",
     "positive": "1: no negative values",
     "process": "pNNN, or none: friction as given",
     "program": "entroslip",
@@ -229,6 +232,10 @@ def results_page(program: Path) -> str:
     audits = results_of(program, "run", AUDITS)
     tradeoff = results_of(program, "tradeoff", TRADEOFF)
     chosen = {name: (motions[name], MOTIONS) for name in ("/", "/structure", "/campaign/cNNN")}
+    chosen |= {
+        f"/campaign/cNNN/{name}": (motions[f"/campaign/cNNN/{name}"], MOTIONS)
+        for name in ("plain", "error_ratio")
+    }
     chosen["/process/pNNN"] = processes["/process/pNNN"], PROCESSES
     chosen["/campaign/cNNN/audit"] = audits["/campaign/cNNN/audit"], AUDITS
     chosen |= {

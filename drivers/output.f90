@@ -10,6 +10,7 @@ module driver_output
    use driver_command_line, only: command_line
    use driver_provenance, only: identity_of
    use ensemble_plan, only: plan_type
+   use ensemble_pooling, only: estimators_of
    use ensemble_runner, only: block_width
    use ensemble_statistical, only: needs_more_samples
    use ensemble_study, only: block_range
@@ -181,8 +182,8 @@ contains
       call inspect_results(output%path, output%store%identity, n_samples, error)
       if (allocated(error) .or. .not. allocated(n_samples)) return
       output%is_complete = all(n_samples(:size(plan%cases)) >= plan%cases%n_samples)
-      if (output%is_complete .and. plan%accuracy%sample_until_met) &
-         call find_unmet(plan, output, error)
+      if (output%is_complete .and. plan%has_structure) &
+         call find_unmet(plan, n_samples, output, error)
       if (allocated(error)) return
       if (output%is_complete) then
          call remove_covered(output%store, output%lock, n_samples, error)
@@ -193,20 +194,27 @@ contains
       end if
    end subroutine take_up_results
 
-   !> A results file is not complete while a case in it needs more samples for the scene's target.
-   subroutine find_unmet(plan, output, error)
+   !> A results file is not complete while a case in it needs more samples for the scene's target,
+   !> or has estimates of another kind than are wanted now.
+   subroutine find_unmet(plan, n_samples, output, error)
       type(plan_type), intent(in) :: plan
+      integer, intent(in) :: n_samples(:)   !! (case) in the file
       type(output_type), intent(inout) :: output
       type(error_type), allocatable, intent(out) :: error
       type(case_errors), allocatable :: errors(:)
+      character(12) :: wanted(size(plan%cases))
       integer :: i
 
       call read_errors(output%path, count(plan%cases%audits == 0), plan%structure%n_joints, &
                        errors, error)
       if (allocated(error)) return
+      wanted = estimators_of(plan)
       do i = 1, size(errors)
-         if (needs_more_samples(errors(i)%statistics, plan%accuracy%target_statistical)) &
+         if (plan%accuracy%sample_until_met .and. &
+             needs_more_samples(errors(i)%statistics, plan%accuracy%target_statistical)) &
             output%is_complete = .false.
+         if (errors(i)%estimator /= '' .and. errors(i)%estimator /= wanted(i) .and. &
+             n_samples(i) == plan%cases(i)%n_samples) output%is_complete = .false.
       end do
    end subroutine find_unmet
 

@@ -9,17 +9,20 @@ module driver_results
    use driver_deadline, only: seconds_so_far
    use driver_output, only: output_type
    use driver_provenance, only: provenance_of
+   use driver_regression, only: find_estimates, share_list
    use driver_statistics, only: find_slip_statistics, open_spectra, spectra_task
    use ensemble_audit, only: audit_of
+   use ensemble_estimates, only: case_estimates
    use ensemble_plan, only: plan_type
    use ensemble_results, only: case_statistics
    use ensemble_runner, only: runner_type
    use io_case_results, only: begin_case, finish_case
+   use io_case_statistics, only: write_estimates
    use io_gathering, only: shards_of
    use io_group, only: group_type
    use io_process_results, only: write_process
    use io_results, only: begin_results, results_writer
-   use io_shards, only: list_shards, named_shard, remove_covered, shard_type
+   use io_shards, only: list_shards, remove_covered, shard_type
    use io_store, only: shard_store
    use parallel_world, only: world_type
    use process_model, only: process_model_type, request_label
@@ -48,7 +51,7 @@ contains
       if (world%any_true(allocated(error))) return
       if (world%is_root()) call write_processes(plan, models, writer, error)
       if (.not. world%any_true(allocated(error)) .and. plan%has_structure) &
-         call write_cases(world, plan, runner, output, writer, error)
+         call write_cases(world, plan, models, runner, output, writer, error)
       if (world%any_true(allocated(error))) then
          if (world%is_root()) call writer%abandon()
       else if (world%is_root()) then
@@ -74,18 +77,21 @@ contains
    end subroutine write_processes
 
    !> The chain, then case by case. While the root writes the long data of a case and begins the
-   !> next one, the other ranks are at the spectra of that. Collective.
-   subroutine write_cases(world, plan, runner, output, writer, error)
+   !> next one, the other ranks are at the spectra of that. Then the best estimates of all cases,
+   !> which use samples of several. Collective.
+   subroutine write_cases(world, plan, models, runner, output, writer, error)
       type(world_type), intent(in) :: world
       type(plan_type), intent(in) :: plan
+      type(process_model_type), intent(in) :: models(:)
       type(runner_type), intent(in) :: runner
       type(output_type), intent(in) :: output
       type(results_writer), intent(in) :: writer
       type(error_type), allocatable, intent(out) :: error
       type(shard_type), allocatable :: shards(:)
       type(spectra_task) :: tasks(0:1)   ! in turn
-      type(case_statistics) :: statistics
-      type(group_type) :: group
+      type(case_statistics) :: statistics(size(plan%cases))
+      type(case_estimates) :: estimates(size(plan%cases))
+      type(group_type) :: groups(size(plan%cases))
       integer, allocatable :: numbers(:)
       integer :: i, k
 
@@ -100,16 +106,26 @@ contains
                      plan%cases%n_samples > 0 .and. plan%cases%audits == 0)
       if (size(numbers) > 0) call open_task(1)
       do k = 1, size(numbers)
-         associate (task => tasks(modulo(k, 2)))
+         associate (task => tasks(modulo(k, 2)), number => numbers(k))
             if (world%is_root() .and. .not. allocated(error)) &
-               call begin(plan, task, runner, output%store, writer, group, statistics, error)
+               call begin(plan, task, runner, output%store, writer, groups(number), &
+                          statistics(number), error)
             call task%take_parts(output%store, error)
-            call task%close(world, statistics)
+            call task%close(world, statistics(number))
             if (world%any_true(allocated(error))) return
             if (k < size(numbers)) call open_task(k + 1)
-            if (world%is_root()) call finish(plan, task, runner, output%store, shards, statistics, &
-                                             writer, group, error)
+            if (world%is_root()) call finish(plan, task, runner, output%store, shards, writer, &
+                                             groups(number), error)
          end associate
+      end do
+      if (world%any_true(allocated(error))) return
+      call find_estimates(world, plan, models, output%store, shards, &
+                          kept_frequencies(plan, runner), statistics, estimates, error)
+      if (allocated(error) .or. .not. world%is_root()) return
+      do k = 1, size(numbers)
+         call write_estimates(groups(numbers(k)), plan, statistics(numbers(k)), &
+                              estimates(numbers(k)), error)
+         if (allocated(error)) return
       end do
 
    contains
@@ -126,27 +142,15 @@ contains
 
    end subroutine write_cases
 
-   !> The root's list becomes everybody's: other machines may not see new files at once.
-   subroutine share_list(world, store, shards)
-      type(world_type), intent(in) :: world
-      type(shard_store), intent(in) :: store
-      type(shard_type), allocatable, intent(inout) :: shards(:)
-      integer, allocatable :: cases(:), first(:), n(:)
-      integer :: i
+   !> Frequencies of the spectra; none without them.
+   pure function kept_frequencies(plan, runner) result(frequency)
+      type(plan_type), intent(in) :: plan
+      type(runner_type), intent(in) :: runner
+      real(wp), allocatable :: frequency(:)
 
-      cases = shards%case_number
-      first = shards%first_sample
-      n = shards%n_samples
-      call world%broadcast(cases)
-      call world%broadcast(first)
-      call world%broadcast(n)
-      if (world%is_root()) return
-      deallocate (shards)
-      allocate (shards(size(cases)))
-      do i = 1, size(cases)
-         shards(i) = named_shard(store, cases(i), first(i), n(i))
-      end do
-   end subroutine share_list
+      allocate (frequency(0))
+      if (plan%output%spectrum) frequency = runner%layout%frequency
+   end function kept_frequencies
 
    !> One case up to its spectra: its group, its samples' small data, and their statistics.
    subroutine begin(plan, task, runner, store, writer, group, statistics, error)
@@ -175,21 +179,19 @@ contains
       end associate
    end subroutine begin
 
-   !> The rest of a case: its statistics, long data and audit.
-   subroutine finish(plan, task, runner, store, shards, statistics, writer, group, error)
+   !> The rest of a case's samples: their long data, and their audit.
+   subroutine finish(plan, task, runner, store, shards, writer, group, error)
       type(plan_type), intent(in) :: plan
       type(spectra_task), intent(in) :: task
       type(runner_type), intent(in) :: runner
       type(shard_store), intent(in) :: store
       type(shard_type), intent(in) :: shards(:)   !! of all cases
-      type(case_statistics), intent(in) :: statistics
       type(results_writer), intent(in) :: writer
       type(group_type), intent(inout) :: group
       type(error_type), allocatable, intent(out) :: error
       integer :: audit
 
-      call finish_case(group, plan, task%number, runner%layout, statistics, store, task%shards, &
-                       error)
+      call finish_case(group, plan, task%number, runner%layout, store, task%shards, error)
       if (allocated(error)) return
       audit = audit_of(plan, task%number)
       if (audit > 0) call finish_audit(plan, audit, runner%layout, store, shards, writer, error)

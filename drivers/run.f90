@@ -166,7 +166,7 @@ contains
          call march_campaign(world, models, runner, output, error)
          call output%stop_on(world, error)
          call end_if_asked(world, output)
-         call take_more(world, batch, runner%plan, output, has_more, error)
+         call take_more(world, models, batch, runner%plan, output, has_more, error)
          call output%stop_on(world, error)
       end do
    end subroutine march_until_met

@@ -113,6 +113,7 @@ contains
       type(group_type), intent(inout), optional :: group
       type(block_result) :: samples
       type(moments_type) :: slip(plan%structure%n_joints)
+      type(band_collector) :: percentiles   ! as at a single frequency
       type(span_collector) :: spans
       real(wp), allocatable :: errors(:, :)   ! (dof, sample) of slip fractions
       integer, allocatable :: first(:)
@@ -121,6 +122,9 @@ contains
 
       has_series = plan%output%slip .and. count_spans(plan%integration) >= fewest_spans
       first = sample_groups(plan%cases(number)%n_samples)
+      if (plan%cases(number)%n_samples > 1) &
+         call start_bands(plan%cases(number)%n_samples, size(slip), [0.0_wp, 1.0_wp], &
+                          plan%output%percentiles, plan%seed, 1, percentiles)
       do g = 1, size(first) - 1
          call attend_to_others()
          call read_samples(store, shards, number, first(g), first(g + 1) - 1, samples, error)
@@ -128,12 +132,18 @@ contains
          do dof = 1, size(slip)
             call slip(dof)%add(samples%slip_fraction(dof, :))
          end do
+         if (plan%cases(number)%n_samples > 1) &
+            call percentiles%add(1, 1, g, reshape(samples%slip_fraction, &
+                                                  [size(slip), 1, samples%n_samples]))
          if (has_series) call take_series(shards, samples, spans, errors, error)
          if (allocated(error)) return
          if (present(group)) call put_samples(group, samples, errors)
       end do
       if (plan%cases(number)%n_samples < 2) return
       call slip_statistics(slip, statistics)
+      call percentiles%percentiles_at(1, statistics%slip_percentiles, &
+                                      statistics%slip_percentiles_low, &
+                                      statistics%slip_percentiles_high)
       if (.not. has_series) return
       call spans%finish(statistics)
       if (plan%excitation%per_sample) statistics%slip_mean_time_error = 0.0_wp   ! samples lower it

@@ -5,8 +5,10 @@ module driver_verdict
    use core_kinds, only: long, wp
    use core_text, only: to_text
    use driver_output, only: output_type
+   use driver_regression, only: find_estimates, share_list
    use driver_statistics, only: find_slip_statistics
    use ensemble_audit, only: add_audits
+   use ensemble_estimates, only: case_estimates
    use ensemble_plan, only: plan_type
    use ensemble_results, only: case_statistics
    use ensemble_statistical, only: find_need, needs_more_samples, statistical_error
@@ -14,6 +16,7 @@ module driver_verdict
    use io_gathering, only: shards_of
    use io_shards, only: list_shards, shard_type
    use parallel_world, only: world_type
+   use process_model, only: process_model_type
    implicit none(type, external)
    private
    public :: judge, take_more, tell_errors
@@ -137,20 +140,23 @@ contains
    !> After a batch of samples, where the scene samples until its target is met: the cases that have
    !> not met it and can by samples get more, in whole batches. Each decision follows from the first
    !> samples alone, so it is the same whenever and on however many ranks it is made. Collective.
-   subroutine take_more(world, batch, plan, output, has_more, error)
+   subroutine take_more(world, models, batch, plan, output, has_more, error)
       type(world_type), intent(in) :: world
+      type(process_model_type), intent(in) :: models(:)
       integer, intent(in) :: batch   !! samples
       type(plan_type), intent(inout) :: plan
       type(output_type), intent(inout) :: output
       logical, intent(out) :: has_more
       type(error_type), allocatable, intent(out) :: error
+      type(case_estimates) :: estimates(size(plan%cases))
       integer, allocatable :: n_samples(:)
 
       has_more = .false.
       if (.not. plan%accuracy%sample_until_met) return
+      call estimate_slip(world, plan, models, output, estimates, error)
+      if (world%any_true(allocated(error))) return
       n_samples = plan%cases%n_samples
-      if (world%is_root()) call decide(plan, batch, output, n_samples, error)
-      if (allocated(error)) n_samples = plan%cases%n_samples
+      if (world%is_root()) call decide(plan, batch, estimates, n_samples)
       call world%broadcast(n_samples)
       has_more = any(n_samples > plan%cases%n_samples)
       if (.not. has_more) return
@@ -159,29 +165,49 @@ contains
       call output%look_again(world, plan, error)
    end subroutine take_more
 
-   !> The samples that each case goes on to.
-   subroutine decide(plan, batch, output, n_samples, error)
+   !> Best estimates of the slip fractions from the samples that are there. Collective.
+   subroutine estimate_slip(world, plan, models, output, estimates, error)
+      type(world_type), intent(in) :: world
       type(plan_type), intent(in) :: plan
-      integer, intent(in) :: batch
+      type(process_model_type), intent(in) :: models(:)
       type(output_type), intent(in) :: output
-      integer, intent(inout) :: n_samples(:)   !! (case)
+      type(case_estimates), intent(out) :: estimates(:)   !! (case); on the root
       type(error_type), allocatable, intent(out) :: error
       type(shard_type), allocatable :: shards(:)
-      type(case_statistics) :: statistics
+      type(case_statistics) :: statistics(size(plan%cases))
+      integer :: i
+
+      allocate (shards(0))
+      if (world%is_root()) then
+         call list_shards(output%store, shards, error)
+         do i = 1, size(plan%cases)
+            if (allocated(error)) exit
+            if (plan%cases(i)%audits > 0 .or. plan%cases(i)%process == 0) cycle
+            call find_slip_statistics(plan, i, output%store, &
+                                      shards_of(shards, i, plan%cases(i)%n_samples), &
+                                      statistics(i), error)
+         end do
+      end if
+      if (world%any_true(allocated(error))) return
+      call share_list(world, output%store, shards)
+      call find_estimates(world, plan, models, output%store, shards, [real(wp) ::], statistics, &
+                          estimates, error)
+   end subroutine estimate_slip
+
+   !> The samples that each case goes on to.
+   subroutine decide(plan, batch, estimates, n_samples)
+      type(plan_type), intent(in) :: plan
+      integer, intent(in) :: batch
+      type(case_estimates), intent(in) :: estimates(:)   !! (case)
+      integer, intent(inout) :: n_samples(:)             !! (case)
       integer(long) :: n, n_steps
       integer :: i, n_batches
 
-      call list_shards(output%store, shards, error)
-      if (allocated(error)) return
       associate (wanted => plan%accuracy%target_statistical)
          do i = 1, size(plan%cases)
             if (plan%cases(i)%audits > 0 .or. plan%cases(i)%process == 0) cycle
-            statistics = case_statistics()
-            call find_slip_statistics(plan, i, output%store, shards_of(shards, i, n_samples(i)), &
-                                      statistics, error)
-            if (allocated(error)) return
-            if (.not. needs_more_samples(statistics, wanted)) cycle
-            call find_need(statistics, wanted, plan%integration%n_steps, n, n_steps)
+            if (.not. needs_more_samples(estimates(i)%best, wanted)) cycle
+            call find_need(estimates(i)%best, wanted, plan%integration%n_steps, n, n_steps)
             ! half of what seems to be needed: an error that came out too large wastes nothing
             n_batches = n_samples(i)/batch
             n_batches = max(n_batches + 1, int(min(n/2/batch, 10_long*n_batches)))

@@ -1,6 +1,6 @@
 !> &campaign: how many samples, and how long they may take.
 module config_campaign
-   use config_entries, only: about, entry_type, not_negative, visitor_type
+   use config_entries, only: about, choice_length, entry_type, not_negative, visitor_type
    use core_kinds, only: wp
    implicit none(type, external)
    private
@@ -10,6 +10,7 @@ module config_campaign
    type :: campaign_group
       integer :: n_samples = 100
       logical :: deterministic = .false.
+      character(choice_length) :: estimator = 'pooled'
       real(wp) :: walltime = 0.0_wp
    contains
       procedure :: visit
@@ -30,6 +31,11 @@ contains
                     'else process%mean', &
                     shapes_samples=.false.)
       call visitor%visit(self%deterministic, entry)
+      entry = about('estimator', &
+                    'of statistics over the friction: regression over all cases of one force, '// &
+                    'regression over each case, or sample statistics alone', &
+                    shapes_samples=.false., choices='pooled regression plain')
+      call visitor%visit(self%estimator, entry)
       entry = about('walltime', 'stop at a sample boundary after that long; 0: no limit', 'min', &
                     not_negative(), shapes_samples=.false.)
       call visitor%visit(self%walltime, entry)

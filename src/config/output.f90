@@ -34,8 +34,8 @@ contains
                     rule=not_negative(), &
                     used=self%keeps('spectrum') .or. self%keeps('history'))
       call visitor%visit(self%dofs, entry, default=[0])
-      entry = about('percentiles', 'of the spectra over samples, ascending', '%', &
-                    inside(0.0_wp, 100.0_wp), shapes_samples=.false., used=self%keeps('spectrum'))
+      entry = about('percentiles', 'of slip fractions and spectra, ascending', '%', &
+                    inside(0.0_wp, 100.0_wp), shapes_samples=.false.)
       call visitor%visit(self%percentiles, entry, default=[5.0_wp, 95.0_wp])
       entry = about('segment_length', &
                     'of the spectra: steps of a Welch segment, or all there are', &

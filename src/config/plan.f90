@@ -37,6 +37,7 @@ contains
          plan%n_points = scene%processes(1)%n_points
          plan%n_realizations = scene%processes(1)%n_realizations
       end if
+      plan%estimator = scene%campaign%estimator
       plan%walltime = scene%campaign%walltime
       plan%accuracy = accuracy_settings(scene%accuracy%target_slip_points, &
                                         scene%accuracy%target_band_ratio, &

@@ -26,9 +26,10 @@ module ensemble_bands
    use numerics_sorting, only: sort_order
    use numerics_spectrum, only: last_of_ranges
    use numerics_statistics, only: error_of_mean
+   use statistics_order, only: at_rank, interval_rank
    implicit none(type, external)
    private
-   public :: band_collector, start_bands, at_rank, largest_group, sample_groups
+   public :: band_collector, start_bands, largest_group, sample_groups
 
    integer, parameter :: largest_group = 2**14    !! samples sorted together
    integer, parameter :: n_replicates = 400       !! of the bootstrap: intervals scatter by 5 %
@@ -57,6 +58,7 @@ module ensemble_bands
       procedure :: add
       procedure :: finish
       procedure :: first_of_power
+      procedure :: percentiles_at
    end type band_collector
 
 contains
@@ -157,6 +159,20 @@ contains
 
       first_of_power = 1 + n_batches*count(self%last_of_range < frequency)
    end function first_of_power
+
+   !> Percentiles at one frequency and the ends of their intervals, from what all groups have added.
+   pure subroutine percentiles_at(self, frequency, value, low, high)
+      class(band_collector), intent(in) :: self
+      integer, intent(in) :: frequency
+      !> (dof, percentile)
+      real(wp), allocatable, intent(out) :: value(:, :), low(:, :), high(:, :)
+
+      associate (at => self%at_frequency(:, frequency, n_moments + 1:), np => self%n_percentiles)
+         value = at(:, :np)
+         low = at(:, np + 1:2*np)
+         high = at(:, 2*np + 1:)
+      end associate
+   end subroutine percentiles_at
 
    !> One frequency of one dof in the batches of the march.
    pure subroutine add_power(self, part, dof, weight, density, order, power, rank, percentile)
@@ -298,16 +314,6 @@ contains
       error = sqrt(squares/(self%n_drawn - 1))/(size(replicate)/self%n_drawn)
    end function error_over_groups
 
-   !> Value at a rank that may lie between two order statistics.
-   pure function at_rank(sorted, rank) result(value)
-      real(wp), intent(in) :: sorted(:), rank
-      real(wp) :: value
-      integer :: below
-
-      below = min(int(rank), size(sorted) - 1)
-      value = sorted(below) + (rank - below)*(sorted(below + 1) - sorted(below))
-   end function at_rank
-
    !> The same of samples drawn again, all replicates side by side: sample order(i) stands
    !> times(b, order(i)) times in replicate b. Counts from the nearer end, a few steps for an outer
    !> percentile.
@@ -367,27 +373,5 @@ contains
          end do
       end do
    end subroutine draw_again
-
-   !> Rank of the order statistic that ends the 95 % interval of the quantile at probability p: the
-   !> number of samples below it is binomial. Too few samples for a bound: the extreme sample.
-   pure function interval_rank(n, p, is_upper) result(rank)
-      integer, intent(in) :: n
-      real(wp), intent(in) :: p
-      logical, intent(in) :: is_upper
-      integer :: rank
-      real(wp) :: cumulated, level, logarithm
-      integer :: k
-
-      level = merge(0.975_wp, 0.025_wp, is_upper)
-      cumulated = 0.0_wp
-      do k = 0, n
-         logarithm = log_gamma(n + 1.0_wp) - log_gamma(k + 1.0_wp) - log_gamma(n - k + 1.0_wp) &
-                     + k*log(p) + (n - k)*log(1.0_wp - p)
-         cumulated = cumulated + exp(logarithm)
-         if (cumulated > level) exit
-      end do
-      rank = merge(k + 1, k, is_upper)
-      rank = max(1, min(rank, n))
-   end function interval_rank
 
 end module ensemble_bands

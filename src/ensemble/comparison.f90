@@ -9,9 +9,9 @@
 !> rough, as it is not consistent for one quantile; integrals over many frequencies smooth it.
 module ensemble_comparison
    use core_kinds, only: wp
-   use ensemble_bands, only: at_rank
    use numerics_sorting, only: sort_order
    use numerics_statistics, only: mean, standard_deviation
+   use statistics_order, only: at_rank
    implicit none(type, external)
    private
    public :: numerical_error, spectrum_comparison, compare_slip, compare_spectra

@@ -44,6 +44,9 @@ module ensemble_results
       integer :: n_samples = 0
       real(wp), allocatable :: slip_mean(:), slip_std(:)               !! (joint)
       real(wp), allocatable :: slip_mean_error(:), slip_std_error(:)   !! (joint)
+      real(wp), allocatable :: slip_percentiles(:, :)            !! (joint, percentile)
+      real(wp), allocatable :: slip_percentiles_low(:, :)        !! lower end of the interval
+      real(wp), allocatable :: slip_percentiles_high(:, :)       !! upper end
       !> (joint) of what the samples have in common, for a march of finite length
       real(wp), allocatable :: slip_mean_time_error(:)
       real(wp), allocatable :: slip_std_time_part(:)     !! (joint) standard deviation it adds

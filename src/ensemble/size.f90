@@ -6,6 +6,7 @@ module ensemble_size
    use ensemble_audit, only: add_audits, kept_of
    use ensemble_bands, only: largest_group
    use ensemble_plan, only: kept_dofs, output_settings, plan_type
+   use ensemble_pooling, only: case_pool, find_points, find_pools, plan_draws, reason_for_plain
    use ensemble_runner, only: block_width
    use ensemble_time_average, only: count_spans, fewest_spans
    use numerics_correlated, only: n_batches
@@ -64,22 +65,20 @@ contains
       kept = kept_of(plan, number)
       n_steps = plan%integration%n_steps + 1.0_wp
       of_sample = word*(1 + 8*plan%structure%n_joints)
-      once = word*12*(plan%structure%n_dof + plan%structure%n_joints)
-      n_datasets = 18
+      once = word*(plan%structure%n_dof + plan%structure%n_joints)
+      n_datasets = 14
+      if (plan%cases(number)%n_samples > 1 .and. plan%cases(number)%audits == 0) &
+         call add_statistics(plan, number, every, once, n_datasets)
       if (kept%slip) of_sample = of_sample + &
                                  word*plan%structure%n_joints*(1 + count_spans(plan%integration))
       if (kept%energy) of_sample = of_sample + word*5
       if (kept%energy) n_datasets = n_datasets + 5
-      associate (n_kept => size(kept_dofs(plan)), n_percentiles => size(kept%percentiles), &
-                 n => plan%cases(number)%n_samples)
+      associate (n_kept => size(kept_dofs(plan)), n => plan%cases(number)%n_samples)
          if (kept%spectrum) then
             of_sample = of_sample + word*n_kept*(n_frequencies(plan, every) &
                                                  + n_powers(plan, every))
-            n_datasets = n_datasets + 18
+            n_datasets = n_datasets + 9
             once = once + word*n_frequencies(plan, every)
-            if (n > 1 .and. plan%cases(number)%audits == 0) &
-               once = once + word*n_kept*(n_frequencies(plan, every)*(2 + 3*n_percentiles) &
-                                          + 8*(2 + n_percentiles))
          end if
          if (kept%history) then
             of_sample = of_sample + 2*word*n_kept*n_steps
@@ -94,6 +93,37 @@ contains
          bytes = n*of_sample*1.01_wp + once + n_datasets*of_dataset   ! chunks cut evenly: 1 %
       end associate
    end function size_of_case
+
+   !> Statistics over the samples of a case; beside those of a regression, plain ones and ratios.
+   pure subroutine add_statistics(plan, number, every, bytes, n_datasets)
+      type(plan_type), intent(in) :: plan
+      integer, intent(in) :: number, every
+      real(wp), intent(inout) :: bytes
+      integer, intent(inout) :: n_datasets
+      integer, allocatable :: points(:), joints(:)
+      integer :: n_bands, n_values, nf
+
+      associate (nj => plan%structure%n_joints, np => size(plan%output%percentiles))
+         n_values = nj*(4 + 3*np)
+         n_datasets = n_datasets + 9
+         bytes = bytes + word*2*nj
+         n_bands = 0
+         nf = n_frequencies(plan, every)
+         if (plan%output%spectrum) then
+            n_bands = size(kept_dofs(plan))*(nf*(2 + 3*np) + 6 + 2*np)
+            n_datasets = n_datasets + 15
+            bytes = bytes + word*size(kept_dofs(plan))*(2 + np)
+         end if
+         bytes = bytes + word*(n_values + n_bands)
+         if (len(reason_for_plain(plan, number)) > 0) return
+         call find_points(plan%structure, points, joints)
+         bytes = bytes + word*(n_values + n_bands + nj*(2 + np + 2*size(points)))
+         n_datasets = n_datasets + 15
+         if (.not. plan%output%spectrum) return
+         bytes = bytes + word*size(kept_dofs(plan))*(nf*(1 + np) + 2 + np)
+         n_datasets = n_datasets + 17
+      end associate
+   end subroutine add_statistics
 
    !> Frequencies of a spectrum.
    pure integer function n_frequencies(plan, every)
@@ -130,7 +160,8 @@ contains
       n_samples = maxval(plan%cases%n_samples)
       bytes = bytes + 4*n_samples*size(plan%cases) &
               + of_shard*size(plan%cases)*(1 + n_samples/block_width(plan)) &
-              + max(memory_of_march(plan, every, transitions), memory_of_statistics(plan, every))
+              + max(memory_of_march(plan, every, transitions), memory_of_statistics(plan, every), &
+                    memory_of_regression(plan, every))
    end function memory_of_rank
 
    !> The force as it is drawn (or in a file, prepared, and in the march) and a block of samples.
@@ -198,6 +229,41 @@ contains
                  + 4.0_wp*n_group*replicates
       end associate
    end function memory_of_statistics
+
+   !> Draws of the laws of a pool; outputs, fits and predictions of one dof; the statistics of all
+   !> cases with those of plain sampling.
+   pure function memory_of_regression(plan, every) result(bytes)
+      type(plan_type), intent(in) :: plan
+      integer, intent(in) :: every
+      real(wp) :: bytes
+      integer, parameter :: kept_draws = 2**15, points = 2048, features = 160, together = 128
+      type(case_pool), allocatable :: pools(:)
+      real(wp) :: of_dof, of_draws, of_law
+      integer :: n, n_draws, nf, p, stride
+
+      bytes = 0.0_wp
+      pools = find_pools(plan)
+      nf = 0
+      if (plan%output%spectrum) nf = n_frequencies(plan, every)
+      do p = 1, size(pools)
+         n = sum(pools(p)%n_fitted)
+         associate (d => plan%structure%n_points, request => plan%processes(plan%cases(pools(p)% &
+                                                                            cases(1))%process))
+            call plan_draws(d, request%sampler == 'exact', request%correlation_length, n_draws, &
+                            stride)
+            of_draws = real(n_draws, wp)*(stride + 3*d)
+            of_law = real(min(n_draws, kept_draws), wp)*d*size(pools(p)%cases)
+         end associate
+         of_dof = 0.0_wp
+         if (nf > 0) of_dof = real(nf, wp)*(4*n + 2*min(features, n)) &
+                              + real(points, wp)*(2*features + n + 4*together)
+         bytes = max(bytes, word*(of_law + max(of_draws, of_dof)))
+      end do
+      associate (np => size(plan%output%percentiles))
+         if (size(pools) > 0) bytes = bytes + word*nf*size(kept_dofs(plan))*size(plan%cases) &
+                                      *(8 + 11*np)
+      end associate
+   end function memory_of_regression
 
    !> An error where the march cannot have the memory that it takes at least: none of it is used
    !> yet, but the system says whether it would be given.

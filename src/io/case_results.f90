@@ -1,12 +1,12 @@
-!> One case of a campaign as a group of the results file: its axes, statistics and attributes. What
-!> each sample handed back is io_case_samples'.
+!> One case of a campaign as a group of the results file: its axes and attributes. What each sample
+!> handed back is io_case_samples', statistics are io_case_statistics'.
 module io_case_results
    use core_error, only: error_type
    use core_kinds, only: wp
    use ensemble_plan, only: plan_type
-   use ensemble_results, only: case_statistics, spectrum_layout
+   use ensemble_results, only: spectrum_layout
    use ensemble_time_average, only: count_spans
-   use io_case_samples, only: batch_frequencies, kept_axis, make_samples, write_dofs, write_long
+   use io_case_samples, only: batch_frequencies, make_samples, write_dofs, write_long
    use io_group, only: counted, group_type, new_group
    use io_hdf5, only: label_type
    use io_process_results, only: process_name
@@ -17,9 +17,6 @@ module io_case_results
    implicit none(type, external)
    private
    public :: begin_case, case_group, finish_case, write_frequency
-
-   character(*), parameter :: not_lowered = &
-                              ' that more samples do not lower: the march is finite'
 
 contains
 
@@ -70,25 +67,23 @@ contains
          call group%put('span', counted(count_spans(plan%integration)), &
                         label_type('1', 'equal span of the time that is measured', 'span'))
       end if
-      if (plan%output%spectrum) call write_spectrum_axes(group, plan, layout, folded_share)
+      call group%put('percentile', plan%output%percentiles, &
+                     label_type('%', 'percentile over samples', 'percentile'))
+      if (plan%output%spectrum) call write_spectrum_axes(group, layout, folded_share)
       if (plan%output%history) call write_history_axes(group, plan, force)
       call make_samples(group, plan, plan%output, plan%cases(number)%n_samples)
    end subroutine begin_case
 
-   !> Statistics, and what is long taken from the shards; takes the first error of all.
-   subroutine finish_case(group, plan, number, layout, statistics, store, shards, error)
+   !> What is long, from the shards; takes the first error of all.
+   subroutine finish_case(group, plan, number, layout, store, shards, error)
       type(group_type), intent(inout) :: group
       type(plan_type), intent(in) :: plan
       integer, intent(in) :: number
       type(spectrum_layout), intent(in) :: layout
-      type(case_statistics), intent(in) :: statistics
       type(shard_store), intent(in) :: store
       type(shard_type), intent(in) :: shards(:)   !! of the case, as shards_of has them
       type(error_type), allocatable, intent(out) :: error
 
-      call write_slip_statistics(group, statistics)
-      call write_time_averages(group, statistics)
-      call write_bands(group, kept_axis(plan), statistics)
       call write_long(group, plan, plan%output, layout, plan%cases(number)%n_samples, store, shards)
       call group%take_error(error)
    end subroutine finish_case
@@ -109,46 +104,12 @@ contains
       end associate
    end subroutine write_attributes
 
-   subroutine write_slip_statistics(group, statistics)
+   subroutine write_spectrum_axes(group, layout, folded_share)
       type(group_type), intent(inout) :: group
-      type(case_statistics), intent(in) :: statistics
-
-      if (.not. allocated(statistics%slip_mean)) return
-      call group%attribute('slip_mean_error_method', 'standard deviation over root of n_samples')
-      call group%attribute('slip_std_error_method', 'fourth central moment, any law')
-      call group%put_allocated('slip_mean', statistics%slip_mean, &
-                               label_type('1', 'mean over samples of slip_fraction', 'joint'))
-      call group%put_allocated('slip_mean_error', statistics%slip_mean_error, &
-                               label_type('1', 'standard error of slip_mean', 'joint'))
-      call group%put_allocated('slip_std', statistics%slip_std, &
-                               label_type('1', 'standard deviation over samples of slip_fraction', &
-                                          'joint'))
-      call group%put_allocated('slip_std_error', statistics%slip_std_error, &
-                               label_type('1', 'standard error of slip_std', 'joint'))
-   end subroutine write_slip_statistics
-
-   !> What the autocovariance of the slip series tells of errors.
-   subroutine write_time_averages(group, statistics)
-      type(group_type), intent(inout) :: group
-      type(case_statistics), intent(in) :: statistics
-
-      if (.not. allocated(statistics%slip_mean_time_error)) return
-      call group%put('slip_mean_time_error', statistics%slip_mean_time_error, &
-                     label_type('1', 'standard error of slip_mean'//not_lowered, 'joint'))
-      call group%put_allocated('slip_std_time_part', statistics%slip_std_time_part, &
-                               label_type('1', 'part of slip_std that the finite march adds', &
-                                          'joint'))
-   end subroutine write_time_averages
-
-   subroutine write_spectrum_axes(group, plan, layout, folded_share)
-      type(group_type), intent(inout) :: group
-      type(plan_type), intent(in) :: plan
       type(spectrum_layout), intent(in) :: layout
       real(wp), intent(in), contiguous :: folded_share(:)   !! (dof)
 
       call write_frequency(group, layout)
-      call group%put('percentile', plan%output%percentiles, &
-                     label_type('%', 'percentile over samples', 'percentile'))
       call group%attribute('window', 'periodic Hann')
       call group%attribute('detrending', 'mean of each segment')
       call group%attribute('segment_length', layout%segment_length)
@@ -177,76 +138,6 @@ contains
 
       call group%put('frequency', layout%frequency, label_type('Hz', 'frequency', 'frequency'))
    end subroutine write_frequency
-
-   subroutine write_bands(group, dof, statistics)
-      type(group_type), intent(inout) :: group
-      character(*), intent(in) :: dof   !! the axis
-      type(case_statistics), intent(in) :: statistics
-      ! gfortran does not free text that is joined inside of a structure constructor
-      character(:), allocatable :: spectrum_axes, percentile_spectrum_axes, percentile_axes
-
-      if (.not. allocated(statistics%psd_mean)) return
-      spectrum_axes = 'frequency '//dof
-      percentile_spectrum_axes = 'percentile frequency '//dof
-      percentile_axes = 'percentile '//dof
-      call group%attribute('psd_percentiles_interval_method', 'order statistics, binomial, 95 %')
-      call group%attribute('band_ratio_interval_method', &
-                           'bootstrap over samples, of the logarithm, 95 %')
-      call group%attribute('pseudo_variance_percentiles_error_method', 'bootstrap over samples')
-      call group%put_allocated('psd_mean', statistics%psd_mean, &
-                               label_type('m^2/Hz', 'mean over samples of psd', spectrum_axes))
-      call group%put_allocated('psd_mean_error', statistics%psd_mean_error, &
-                               label_type('m^2/Hz', 'standard error of psd_mean', &
-                                          spectrum_axes))
-      call group%put_allocated('psd_percentiles', statistics%psd_percentiles, &
-                               label_type('m^2/Hz', 'percentiles over samples of psd', &
-                                          percentile_spectrum_axes))
-      call group%put_allocated('psd_percentiles_low', statistics%psd_percentiles_low, &
-                               label_type('m^2/Hz', 'lower end of the 95 % interval', &
-                                          percentile_spectrum_axes))
-      call group%put_allocated('psd_percentiles_high', statistics%psd_percentiles_high, &
-                               label_type('m^2/Hz', 'upper end of the 95 % interval', &
-                                          percentile_spectrum_axes))
-      call group%put_allocated('pseudo_variance_mean', statistics%pseudo_variance_mean, &
-                               label_type('m^2', 'integral of psd_mean over frequency, Eq. (46)', &
-                                          dof))
-      call group%put_allocated('pseudo_variance_mean_error', &
-                               statistics%pseudo_variance_mean_error, &
-                               label_type('m^2', 'standard error of pseudo_variance_mean', dof))
-      call group%put_allocated('pseudo_variance_percentiles', &
-                               statistics%pseudo_variance_percentiles, &
-                               label_type('m^2', 'integral of each percentile, Eq. (46)', &
-                                          percentile_axes))
-      call group%put_allocated('pseudo_variance_percentiles_error', &
-                               statistics%pseudo_variance_percentiles_error, &
-                               label_type('m^2', 'standard error of pseudo_variance_percentiles', &
-                                          percentile_axes))
-      call group%put_allocated('band_ratio', statistics%band_ratio, &
-                               label_type('1', &
-                                          'pseudo-variance of the last over the first percentile', &
-                                          dof))
-      call group%put_allocated('band_ratio_low', statistics%band_ratio_low, &
-                               label_type('1', 'lower end of the 95 % interval of band_ratio', &
-                                          dof))
-      call group%put_allocated('band_ratio_high', statistics%band_ratio_high, &
-                               label_type('1', 'upper end of the 95 % interval of band_ratio', &
-                                          dof))
-      call group%put_allocated('band_ratio_bias', statistics%band_ratio_bias, &
-                               label_type('1', 'relative bias of band_ratio, by bootstrap', dof))
-      if (.not. allocated(statistics%band_ratio_time_error)) return
-      call group%attribute('band_ratio_time_error_method', &
-                           'scatter of consecutive batches of the march')
-      call group%put_allocated('pseudo_variance_mean_time_error', &
-                               statistics%pseudo_variance_mean_time_error, &
-                               label_type('m^2', 'standard error of pseudo_variance_mean'// &
-                                          not_lowered, dof))
-      call group%put_allocated('pseudo_variance_percentiles_time_error', &
-                               statistics%pseudo_variance_percentiles_time_error, &
-                               label_type('m^2', 'standard error of pseudo_variance_percentiles'// &
-                                          not_lowered, percentile_axes))
-      call group%put_allocated('band_ratio_time_error', statistics%band_ratio_time_error, &
-                               label_type('1', 'standard error of band_ratio'//not_lowered, dof))
-   end subroutine write_bands
 
    subroutine write_history_axes(group, plan, force)
       type(group_type), intent(inout) :: group

@@ -4,7 +4,7 @@ module io_error_results
    use core_kinds, only: long, wp
    use ensemble_results, only: case_statistics
    use io_case_results, only: case_group
-   use io_hdf5, only: hdf5_file, open_hdf5, read_attribute, read_dataset, read_extent
+   use io_hdf5, only: has_attribute, hdf5_file, open_hdf5, read_attribute, read_dataset, read_extent
    implicit none(type, external)
    private
    public :: case_errors, read_errors
@@ -12,6 +12,7 @@ module io_error_results
    !> Of one case. Of the statistics only errors of slip fractions are there, where they are known.
    type :: case_errors
       type(case_statistics) :: statistics
+      character(:), allocatable :: estimator   !! of the statistics; empty without statistics
       integer :: n_audited = 0
       real(wp) :: slip_points = 0.0_wp   !! numerical error found by the audit [points]
       real(wp) :: band_ratio = 0.0_wp    !! the same, relative
@@ -35,6 +36,8 @@ contains
       allocate (errors(n_cases))
       do i = 1, n_cases
          call read_statistics(file, case_group(i, n_cases), n_joints, errors(i)%statistics, error)
+         if (.not. allocated(error)) call read_estimator(file, case_group(i, n_cases), &
+                                                         errors(i)%estimator, error)
          if (.not. allocated(error)) &
             call read_audit(file, case_group(i + n_cases, n_cases), errors(i), error)
          if (allocated(error)) exit
@@ -61,6 +64,17 @@ contains
       call read_dataset(file, group//'/slip_mean_time_error', statistics%slip_mean_time_error, &
                         error)
    end subroutine read_statistics
+
+   subroutine read_estimator(file, group, estimator, error)
+      type(hdf5_file), intent(in) :: file
+      character(*), intent(in) :: group
+      character(:), allocatable, intent(out) :: estimator
+      type(error_type), allocatable, intent(out) :: error
+
+      estimator = ''
+      if (has_attribute(file, group, 'estimator')) &
+         call read_attribute(file, group, 'estimator', estimator, error)
+   end subroutine read_estimator
 
    subroutine read_audit(file, group, errors, error)
       type(hdf5_file), intent(in) :: file

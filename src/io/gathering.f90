@@ -12,8 +12,8 @@ module io_gathering
    use numerics_sorting, only: sort_order
    implicit none(type, external)
    private
-   public :: count_transitions, finished_samples, read_band, read_samples, read_slip_series, &
-             shards_of
+   public :: count_transitions, finished_samples, read_band, read_density, read_samples, &
+             read_slip_series, shards_of
 
 contains
 
@@ -182,6 +182,35 @@ contains
          deallocate (part)
       end do
    end subroutine read_band
+
+   !> Spectra of one dof, of samples 1, 2, ...
+   subroutine read_density(store, shards, case_number, dof, density, error)
+      type(shard_store), intent(in) :: store
+      type(shard_type), intent(in) :: shards(:)   !! of one case, as shards_of has them
+      integer, intent(in) :: case_number
+      integer, intent(in) :: dof                  !! its place among those whose spectra are kept
+      real(wp), intent(out) :: density(:, :)      !! (sample, frequency) [m^2/Hz]
+      type(error_type), allocatable, intent(out) :: error
+      type(hdf5_file) :: file
+      real(wp), allocatable :: part(:, :, :)
+      integer :: before, i, n, place
+
+      call require_all(store, shards, case_number, 1, size(density, 1), error)
+      if (allocated(error)) return
+      do i = 1, size(shards)
+         call common_samples(shards(i), 1, size(density, 1), before, n)
+         if (n < 1) cycle
+         call open_hdf5(shards(i)%path, file, error)
+         if (allocated(error)) return
+         allocate (part(1, size(density, 2), n))
+         call read_part(file, '/psd', [dof, 1, before + 1], part, error)
+         call file%abandon()
+         if (allocated(error)) return
+         place = shards(i)%first_sample + before
+         density(place:place + n - 1, :) = transpose(part(1, :, :))
+         deallocate (part)
+      end do
+   end subroutine read_density
 
    !> Which samples of a shard are among first..last: n of them, behind some others.
    pure subroutine common_samples(shard, first, last, before, n)

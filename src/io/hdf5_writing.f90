@@ -190,7 +190,8 @@ contains
       call attach_axes(file, path, label%axes, error)
    end subroutine describe
 
-   !> Joins each axis of a dataset to the scale of that name in the same group.
+   !> Joins each axis of a dataset to the scale of that name in the same group, or in the group
+   !> above.
    subroutine attach_axes(file, path, axes, error)
       type(hdf5_file), intent(in) :: file
       character(*), intent(in) :: path, axes
@@ -198,7 +199,7 @@ contains
       type(outcome_type) :: outcome
       integer(hid_t) :: dataset, scale
       character(len(axes)) :: names(len(axes) + 1)   ! more than enough
-      integer :: i, n_axes, slash, status
+      integer :: above, i, n_axes, slash, status
 
       slash = index(path, '/', back=.true.)
       call split(axes, names, n_axes)
@@ -210,7 +211,10 @@ contains
          n_axes = 0
       end if
       do i = 1, n_axes
-         call h5dopen_f(file%id, path(:slash)//trim(names(i)), scale, status)
+         above = slash
+         if (.not. file%has(path(:slash)//trim(names(i)))) &
+            above = index(path(:slash - 1), '/', back=.true.)
+         call h5dopen_f(file%id, path(:above)//trim(names(i)), scale, status)
          call outcome%note(status)
          call h5dsattach_scale_f(dataset, scale, i, status)   ! counted as Python counts
          call outcome%note(status)

@@ -10,9 +10,9 @@ module numerics_lapack
    use core_text, only: to_text
    implicit none(type, external)
    private
-   public :: find_eigenvalues, invert_matrix, lapack_version, solve_linear_system, &
+   public :: find_eigenvalues, invert_matrix, lapack_version, multiply, solve_linear_system, &
       solve_positive_definite
-   public :: solve_symmetric_eigenproblem
+   public :: find_symmetric_eigenvectors, solve_symmetric_eigenproblem
 
    !> The call by which each threaded BLAS takes its number of threads; a reference BLAS has none.
    character(*), parameter :: thread_setters(*) = [character(28) :: &
@@ -50,6 +50,24 @@ module numerics_lapack
          real(wp), intent(out) :: w(*)
          integer, intent(out) :: info
       end subroutine dsygv
+
+      subroutine dsyevd(jobz, uplo, n, a, lda, w, work, lwork, iwork, liwork, info)
+         import :: wp
+         character, intent(in) :: jobz, uplo
+         integer, intent(in) :: n, lda, lwork, liwork
+         real(wp), intent(inout) :: a(lda, *), work(*)
+         real(wp), intent(out) :: w(*)
+         integer, intent(inout) :: iwork(*)
+         integer, intent(out) :: info
+      end subroutine dsyevd
+
+      subroutine dgemm(transa, transb, m, n, k, alpha, a, lda, b, ldb, beta, c, ldc)
+         import :: wp
+         character, intent(in) :: transa, transb
+         integer, intent(in) :: m, n, k, lda, ldb, ldc
+         real(wp), intent(in) :: alpha, beta, a(lda, *), b(ldb, *)
+         real(wp), intent(inout) :: c(ldc, *)
+      end subroutine dgemm
 
       subroutine dgeev(jobvl, jobvr, n, a, lda, wr, wi, vl, ldvl, vr, ldvr, work, lwork, info)
          import :: wp
@@ -138,6 +156,38 @@ contains
       if (info /= 0) call raise(error, exit_no_solution, 'symmetric eigenproblem of order '// &
                                 to_text(n)//': LAPACK dsygv returned '//to_text(info))
    end subroutine solve_symmetric_eigenproblem
+
+   !> All eigenvalues of a symmetric matrix; its eigenvectors, of length 1, take its place.
+   subroutine find_symmetric_eigenvectors(a, eigenvalues, error)
+      real(wp), intent(inout), contiguous :: a(:, :)   !! (n, n); then (n, eigenvalue)
+      real(wp), intent(out) :: eigenvalues(:)          !! (n), ascending
+      type(error_type), allocatable, intent(out) :: error
+      real(wp), allocatable :: work(:)
+      integer, allocatable :: integer_work(:)
+      integer :: info, n
+
+      n = size(a, 1)
+      allocate (work(1 + 6*n + 2*n**2), integer_work(3 + 5*n))   ! as LAPACK asks
+      call use_one_thread()
+      call dsyevd('V', 'L', n, a, n, eigenvalues, work, size(work), integer_work, &
+                  size(integer_work), info)
+      if (info /= 0) call raise(error, exit_no_solution, 'eigenvectors of a matrix of order '// &
+                                to_text(n)//': LAPACK dsyevd returned '//to_text(info))
+   end subroutine find_symmetric_eigenvectors
+
+   !> C = A B, or A' B.
+   subroutine multiply(a, b, c, transposes_a)
+      real(wp), intent(in), contiguous :: a(:, :), b(:, :)
+      real(wp), intent(out), contiguous :: c(:, :)
+      logical, intent(in), optional :: transposes_a
+      character :: form
+
+      form = 'N'
+      if (present(transposes_a)) form = merge('T', 'N', transposes_a)
+      call use_one_thread()
+      call dgemm(form, 'N', size(c, 1), size(c, 2), size(b, 1), 1.0_wp, a, size(a, 1), &
+                 b, size(b, 1), 0.0_wp, c, size(c, 1))
+   end subroutine multiply
 
    !> All eigenvalues of a general matrix, in LAPACK's order. Fails where an element is not finite.
    subroutine find_eigenvalues(a, eigenvalues, error)

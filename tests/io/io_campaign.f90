@@ -7,11 +7,13 @@ module io_campaign
    use structure_chain, only: build_chain
    use ensemble_audit, only: add_audits
    use ensemble_comparison, only: compare_slip, compare_spectra, numerical_error
+   use ensemble_estimates, only: case_estimates
    use ensemble_plan, only: plan_type
    use ensemble_results, only: block_result, case_statistics, spectrum_layout
    use io_audit_results, only: write_audit
    use io_case_results, only: begin_case, finish_case
    use io_case_samples, only: put_samples
+   use io_case_statistics, only: write_estimates
    use io_files, only: make_folder, process_id
    use io_gathering, only: read_samples, shards_of
    use io_group, only: group_type
@@ -253,6 +255,7 @@ contains
       type(plan_type) :: plan
       type(block_result) :: samples
       type(group_type) :: group
+      type(case_estimates) :: estimates
       real(wp), allocatable :: no_errors(:, :)
       real(wp) :: force(n_steps + 1, 1)
       integer :: dof, i
@@ -268,7 +271,11 @@ contains
          call read_samples(store, ours, i, 1, plan%cases(i)%n_samples, samples, error)
          if (allocated(error)) exit
          call put_samples(group, samples, no_errors)
-         call finish_case(group, plan, i, made_layout(), made_statistics(), store, ours, error)
+         call finish_case(group, plan, i, made_layout(), store, ours, error)
+         if (allocated(error)) exit
+         estimates%best = made_statistics()
+         estimates%reason = ''
+         call write_estimates(group, plan, estimates%best, estimates, error)
       end do
       if (.not. present(has_audit) .or. allocated(error)) return
       plan%accuracy%audit = 0.6_wp

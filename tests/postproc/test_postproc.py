@@ -354,7 +354,7 @@ def test_draws_agree_with_the_program(results_of_scene):
 
     text = "&process correlation_length = 0.3 order = 2 mean = 0.2 std = 0.067 /\n&chain /\n"
     text += "&excitation variance = 3.7 /\n&integration method = 'event' n_steps = 4000 /\n"
-    text += "&campaign n_samples = 30 /\n&output segment_length = 1024 /\n"
+    text += "&campaign n_samples = 30 estimator = 'plain' /\n&output segment_length = 1024 /\n"
     case = open_results(results_of_scene(text)).cases[0]
     key = (0.067, 0.3, 3.7)
     study = Study({key: case}, {}, np.ones(5), np.ones(5), n_draws=50)

@@ -29,12 +29,11 @@ def scene(tmp_path):
 
 def standard_errors(case: h5py.Group) -> float:
     """In points, largest over dofs; records differ, so the scatter over samples holds all."""
-    slip = 100 * case["slip_fraction"][()]
-    return float((slip.std(axis=0, ddof=1) / np.sqrt(len(slip))).max())
+    return float(100 * case["slip_mean_error"][()].max())
 
 
 def test_sampling_goes_on_until_the_target_is_met(entroslip, scene, tmp_path):
-    """Met at the end, not a batch before; the same on three ranks and when taken up again."""
+    """Met at the end, by fewer samples than plain ones; the same on three ranks, taken up again."""
     done = entroslip("run", scene, "--output", "a.h5")
     assert done.returncode == 0, done.stderr
     with h5py.File(tmp_path / "a.h5") as file:
@@ -44,8 +43,9 @@ def test_sampling_goes_on_until_the_target_is_met(entroslip, scene, tmp_path):
             reached.append(case.attrs["n_samples"])
             assert reached[-1] % 8 == 0
             assert standard_errors(case) <= 0.6
-            slip = 100 * case["slip_fraction"][: reached[-1] - 8]
-            assert (slip.std(axis=0, ddof=1) / np.sqrt(len(slip))).max() > 0.6
+            assert reached[-1] > 8
+            if case.attrs["estimator"] != "plain":
+                assert standard_errors(case["plain"]) > standard_errors(case)
             assert case["audit"].attrs["n_samples"] == max(2, np.ceil(reached[-1] / 10))
         assert reached[0] != reached[1]
     assert "nothing to do" in entroslip("run", scene, "--output", "a.h5").stdout

@@ -1,0 +1,370 @@
+!> The best estimates of all cases: regressions over pools of cases, shared out over the ranks, a
+!> joint or a dof at a time.
+module driver_regression
+   use core_error, only: error_type
+   use core_kinds, only: long, wp
+   use core_random, only: label_of, new_stream, stream_type
+   use ensemble_estimates, only: case_estimates
+   use ensemble_plan, only: kept_dofs, plan_type
+   use ensemble_pooling, only: case_pool, estimators_of, find_points, find_pools, &
+                               plan_draws, reason_for_plain
+   use ensemble_results, only: block_result, case_statistics
+   use io_gathering, only: read_density, read_samples, shards_of
+   use io_shards, only: named_shard, shard_type
+   use io_store, only: shard_store
+   use parallel_work, only: new_counter, work_counter
+   use parallel_world, only: attend_to_others, world_type
+   use process_model, only: process_model_type, request_label
+   use process_positive, only: draw_points
+   use statistics_pool, only: new_pool, pool_type
+   use statistics_scalars, only: estimate_scalar, scalar_from, scalar_plain, scalar_type, &
+                                 scalar_values
+   use statistics_spectra, only: estimate_spectrum, spectrum_from, spectrum_plain, spectrum_type, &
+                                 spectrum_values
+   implicit none(type, external)
+   private
+   public :: find_estimates, share_list
+
+   real(wp), parameter :: share_of_windows = 0.8_wp   !! independent draws in a window
+
+   !> What the tasks of all pools read and fill.
+   type :: workshop_type
+      type(case_pool), allocatable :: pools(:)
+      type(case_statistics), allocatable :: plain(:)   !! (case) means, deviations and percentiles
+      integer :: n_joints = 0
+      integer, allocatable :: points(:), takers(:)     !! of the process; a joint that takes each
+      integer, allocatable :: dofs(:)                  !! whose spectra are there
+      real(wp) :: step = 0.0_wp                        !! between frequencies [Hz]
+      real(wp), allocatable :: share_below(:)          !! (percentile)
+      real(wp), allocatable :: scalars(:, :, :)        !! (number, joint, case) as scalar_values
+      real(wp), allocatable :: spectra(:, :, :)        !! (number, dof, case) as spectrum_values
+      integer :: at_hand = 0                           !! the pool of the next three
+      type(pool_type) :: pool
+      integer, allocatable :: drawn(:, :)              !! (process and samples fitted, case) of it
+      real(wp), allocatable :: slip_fraction(:, :)     !! (joint, sample)
+   end type workshop_type
+
+contains
+
+   !> Every case gets estimates: of a pool's regression, or plain ones. Collective.
+   subroutine find_estimates(world, plan, models, store, shards, frequency, statistics, estimates, &
+                             error)
+      type(world_type), intent(in) :: world
+      type(plan_type), intent(in) :: plan
+      type(process_model_type), intent(in) :: models(:)
+      type(shard_store), intent(in) :: store
+      type(shard_type), intent(in) :: shards(:)             !! of all cases
+      real(wp), intent(in) :: frequency(:)                  !! [Hz]; empty: no spectra
+      type(case_statistics), intent(in) :: statistics(:)    !! (case) plain; on the root
+      type(case_estimates), intent(out) :: estimates(:)     !! (case); on the root
+      type(error_type), allocatable, intent(out) :: error
+      type(workshop_type) :: workshop
+      type(work_counter) :: counter
+      integer :: c, n_tasks, p, task
+
+      estimates%estimator = estimators_of(plan)
+      do c = 1, size(estimates)
+         estimates(c)%best = statistics(c)
+         estimates(c)%reason = reason_for_plain(plan, c)
+      end do
+      workshop%pools = find_pools(plan)
+      if (size(workshop%pools) == 0) return
+      call open_workshop(world, plan, frequency, statistics, workshop)
+      n_tasks = workshop%n_joints + size(workshop%dofs)
+      call new_counter(world, int(n_tasks*size(workshop%pools), long), counter)
+      do
+         if (allocated(error)) call counter%request_stop()
+         task = int(counter%next())
+         if (task == 0) exit
+         call attend_to_others()
+         call do_task(plan, models, store, shards, (task - 1)/n_tasks + 1, &
+                      modulo(task - 1, n_tasks) + 1, workshop, error)
+      end do
+      call counter%close()
+      if (world%any_true(allocated(error))) return
+      call world%add_up(size(workshop%scalars), workshop%scalars)
+      call world%add_up(size(workshop%spectra), workshop%spectra)
+      if (.not. world%is_root()) return
+      do p = 1, size(workshop%pools)
+         do c = 1, size(workshop%pools(p)%cases)
+            call take_estimates(workshop, p, c, estimates(workshop%pools(p)%cases(c)))
+         end do
+      end do
+   end subroutine find_estimates
+
+   !> The root's list becomes everybody's: other machines may not see new files at once.
+   subroutine share_list(world, store, shards)
+      type(world_type), intent(in) :: world
+      type(shard_store), intent(in) :: store
+      type(shard_type), allocatable, intent(inout) :: shards(:)
+      integer, allocatable :: cases(:), first(:), n(:)
+      integer :: i
+
+      cases = shards%case_number
+      first = shards%first_sample
+      n = shards%n_samples
+      call world%broadcast(cases)
+      call world%broadcast(first)
+      call world%broadcast(n)
+      if (world%is_root()) return
+      deallocate (shards)
+      allocate (shards(size(cases)))
+      do i = 1, size(cases)
+         shards(i) = named_shard(store, cases(i), first(i), n(i))
+      end do
+   end subroutine share_list
+
+   !> What all ranks need; collective.
+   subroutine open_workshop(world, plan, frequency, statistics, workshop)
+      type(world_type), intent(in) :: world
+      type(plan_type), intent(in) :: plan
+      real(wp), intent(in) :: frequency(:)
+      type(case_statistics), intent(in) :: statistics(:)
+      type(workshop_type), intent(inout) :: workshop
+      integer :: c, i, n_cases, n_percentiles, p
+
+      n_cases = size(plan%cases)
+      n_percentiles = size(plan%output%percentiles)
+      workshop%share_below = plan%output%percentiles/100.0_wp
+      workshop%n_joints = plan%structure%n_joints
+      call find_points(plan%structure, workshop%points, workshop%takers)
+      allocate (workshop%dofs(0))
+      if (size(frequency) > 1) then
+         workshop%dofs = kept_dofs(plan)
+         workshop%step = frequency(2) - frequency(1)
+      end if
+      associate (nj => workshop%n_joints, nd => size(workshop%dofs), nf => size(frequency), &
+                 np => n_percentiles)
+         allocate (workshop%scalars(6 + 4*np + 2*size(workshop%points), nj, n_cases), source=0.0_wp)
+         allocate (workshop%spectra(7 + 3*np + (3 + 4*np)*nf, nd, n_cases), source=0.0_wp)
+         allocate (workshop%plain(n_cases))
+         do p = 1, size(workshop%pools)
+            do i = 1, size(workshop%pools(p)%cases)
+               c = workshop%pools(p)%cases(i)
+               workshop%plain(c) = statistics(c)
+               call share_row(workshop%plain(c)%slip_mean, nj)
+               call share_row(workshop%plain(c)%slip_std, nj)
+               call share_table(workshop%plain(c)%slip_percentiles, [nj, np])
+               if (nd == 0) cycle
+               call share_table(workshop%plain(c)%psd_mean, [nd, nf])
+               call share_cube(workshop%plain(c)%psd_percentiles, [nd, nf, np])
+            end do
+         end do
+      end associate
+
+   contains
+
+      subroutine share_row(values, n)
+         real(wp), allocatable, intent(inout) :: values(:)
+         integer, intent(in) :: n
+
+         if (.not. allocated(values)) allocate (values(n))
+         call world%broadcast(values)
+      end subroutine share_row
+
+      subroutine share_table(values, extent)
+         real(wp), allocatable, intent(inout) :: values(:, :)
+         integer, intent(in) :: extent(2)
+         real(wp), allocatable :: row(:)
+
+         allocate (row(product(extent)))
+         if (allocated(values)) row = reshape(values, [size(values)])
+         call world%broadcast(row)
+         values = reshape(row, extent)
+      end subroutine share_table
+
+      subroutine share_cube(values, extent)
+         real(wp), allocatable, intent(inout) :: values(:, :, :)
+         integer, intent(in) :: extent(3)
+         real(wp), allocatable :: row(:)
+
+         allocate (row(product(extent)))
+         if (allocated(values)) row = reshape(values, [size(values)])
+         call world%broadcast(row)
+         values = reshape(row, extent)
+      end subroutine share_cube
+
+   end subroutine open_workshop
+
+   !> The slip fractions of one joint, or the spectra of one dof, for all cases of a pool.
+   subroutine do_task(plan, models, store, shards, number, part, workshop, error)
+      type(plan_type), intent(in) :: plan
+      type(process_model_type), intent(in) :: models(:)
+      type(shard_store), intent(in) :: store
+      type(shard_type), intent(in) :: shards(:)
+      integer, intent(in) :: number   !! of the pool
+      integer, intent(in) :: part     !! a joint, or behind all joints a dof
+      type(workshop_type), intent(inout) :: workshop
+      type(error_type), allocatable, intent(inout) :: error
+
+      if (workshop%at_hand /= number) then
+         call gather_pool(plan, models, store, shards, number, workshop, error)
+         if (allocated(error)) return
+      end if
+      if (part <= workshop%n_joints) then
+         call estimate_joint(workshop, part, error)
+      else
+         call estimate_dof(store, shards, part - workshop%n_joints, workshop, error)
+      end if
+   end subroutine do_task
+
+   !> The samples of a pool that the regression uses, and draws of each case's law. Under another
+   !> force the same processes have the same friction values.
+   subroutine gather_pool(plan, models, store, shards, number, workshop, error)
+      type(plan_type), intent(in) :: plan
+      type(process_model_type), intent(in) :: models(:)
+      type(shard_store), intent(in) :: store
+      type(shard_type), intent(in) :: shards(:)
+      integer, intent(in) :: number   !! of the pool
+      type(workshop_type), intent(inout) :: workshop
+      type(error_type), allocatable, intent(out) :: error
+      real(wp), allocatable :: friction(:, :), draws(:, :)
+      type(block_result) :: samples
+      integer, allocatable :: first(:), wanted(:, :)
+      integer :: i
+
+      associate (members => workshop%pools(number))
+         first = [1, (1 + sum(members%n_fitted(:i)), i=1, size(members%cases))]
+         wanted = reshape([plan%cases(members%cases)%process, members%n_fitted], &
+                          [2, size(members%cases)], order=[2, 1])
+         if (allocated(workshop%slip_fraction)) deallocate (workshop%slip_fraction)
+         allocate (friction(first(size(first)) - 1, size(workshop%points)))
+         allocate (workshop%slip_fraction(workshop%n_joints, size(friction, 1)))
+         do i = 1, size(members%cases)
+            call read_samples(store, shards_of(shards, members%cases(i), members%n_fitted(i)), &
+                              members%cases(i), 1, members%n_fitted(i), samples, error)
+            if (allocated(error)) return
+            friction(first(i):first(i + 1) - 1, :) = transpose(samples%friction(workshop%takers, :))
+            workshop%slip_fraction(:, first(i):first(i + 1) - 1) = samples%slip_fraction
+         end do
+         workshop%at_hand = number
+         if (allocated(workshop%drawn)) then
+            if (size(workshop%drawn) == size(wanted)) then
+               if (all(workshop%drawn == wanted)) then
+                  workshop%pool%n_samples = plan%cases(members%cases)%n_samples
+                  return
+               end if
+            end if
+         end if
+         call new_pool(friction, first, plan%cases(members%cases)%n_samples, workshop%pool)
+         do i = 1, size(members%cases)
+            call attend_to_others()
+            associate (model => models(wanted(1, i)))
+               call draw_law(plan%seed, model, workshop%points, draws)
+               call workshop%pool%add_law(i, draws, share_of_windows*size(draws, 1))
+            end associate
+         end do
+         workshop%drawn = wanted
+      end associate
+   end subroutine gather_pool
+
+   !> Windows of one long realization, or each from a stream of its own.
+   subroutine draw_law(seed, model, points, draws)
+      integer(long), intent(in) :: seed
+      type(process_model_type), intent(in) :: model
+      integer, intent(in) :: points(:)                    !! of the process, ascending
+      real(wp), allocatable, intent(out) :: draws(:, :)   !! (draw, point)
+      type(stream_type) :: stream
+      real(wp), allocatable :: values(:)
+      integer(long) :: label
+      integer :: i, n, stride
+
+      label = label_of(request_label(model%request), label_of('law'))
+      call plan_draws(points(size(points)), model%request%sampler == 'exact', model%l0, n, stride)
+      allocate (draws(n, size(points)))
+      if (stride == 0) then
+         allocate (values(points(size(points))))
+         do i = 1, n
+            stream = new_stream(seed, label, i)
+            call draw_points(model, stream, values)
+            draws(i, :) = values(points)
+         end do
+      else
+         allocate (values(stride*n))
+         stream = new_stream(seed, label, 0)
+         call draw_points(model, stream, values)
+         do i = 1, n
+            draws(i, :) = values((i - 1)*stride + points)
+         end do
+      end if
+   end subroutine draw_law
+
+   subroutine estimate_joint(workshop, joint, error)
+      type(workshop_type), intent(inout) :: workshop
+      integer, intent(in) :: joint
+      type(error_type), allocatable, intent(out) :: error
+      type(scalar_plain), allocatable :: plain(:)
+      type(scalar_type), allocatable :: estimates(:)
+      integer :: i
+
+      associate (cases => workshop%pools(workshop%at_hand)%cases)
+         allocate (plain(size(cases)), estimates(size(cases)))
+         do i = 1, size(cases)   ! gfortran confuses the components in an array constructor
+            plain(i)%mean = workshop%plain(cases(i))%slip_mean(joint)
+            plain(i)%deviation = workshop%plain(cases(i))%slip_std(joint)
+            plain(i)%percentile = workshop%plain(cases(i))%slip_percentiles(joint, :)
+         end do
+         call estimate_scalar(workshop%pool, workshop%slip_fraction(joint, :), .true., &
+                              workshop%share_below, plain, estimates, error)
+         if (allocated(error)) return
+         do i = 1, size(cases)
+            workshop%scalars(:, joint, cases(i)) = scalar_values(estimates(i))
+         end do
+      end associate
+   end subroutine estimate_joint
+
+   subroutine estimate_dof(store, shards, dof, workshop, error)
+      type(shard_store), intent(in) :: store
+      type(shard_type), intent(in) :: shards(:)
+      integer, intent(in) :: dof   !! its place among those whose spectra are kept
+      type(workshop_type), intent(inout) :: workshop
+      type(error_type), allocatable, intent(out) :: error
+      type(spectrum_plain), allocatable :: plain(:)
+      type(spectrum_type), allocatable :: estimates(:)
+      real(wp), allocatable :: density(:, :)   ! (sample, frequency)
+      integer :: i
+
+      associate (cases => workshop%pools(workshop%at_hand)%cases, &
+                 n_fitted => workshop%pools(workshop%at_hand)%n_fitted, pool => workshop%pool)
+         allocate (density(size(pool%x, 1), size(workshop%plain(cases(1))%psd_mean, 2)))
+         do i = 1, size(cases)
+            call read_density(store, shards_of(shards, cases(i), n_fitted(i)), cases(i), dof, &
+                              density(pool%first(i):pool%first(i + 1) - 1, :), error)
+            if (allocated(error)) return
+         end do
+         allocate (plain(size(cases)), estimates(size(cases)))
+         do i = 1, size(cases)
+            plain(i)%mean = workshop%plain(cases(i))%psd_mean(dof, :)
+            plain(i)%percentile = workshop%plain(cases(i))%psd_percentiles(dof, :, :)
+         end do
+         call estimate_spectrum(pool, density, workshop%step, workshop%share_below, plain, &
+                                estimates, error)
+         if (allocated(error)) return
+         do i = 1, size(cases)
+            workshop%spectra(:, dof, cases(i)) = spectrum_values(estimates(i))
+         end do
+      end associate
+   end subroutine estimate_dof
+
+   !> From the numbers of all ranks.
+   subroutine take_estimates(workshop, p, place, estimates)
+      type(workshop_type), intent(in) :: workshop
+      integer, intent(in) :: p, place   !! the pool, and the case's place in it
+      type(case_estimates), intent(inout) :: estimates
+      integer :: dof, joint
+
+      associate (cases => workshop%pools(p)%cases, np => size(workshop%share_below))
+         estimates%pooled_with = pack(cases, cases /= cases(place))
+         call estimates%start(workshop%points)
+         do joint = 1, workshop%n_joints
+            call estimates%take_scalar(joint, &
+                                     scalar_from(workshop%scalars(:, joint, cases(place)), np))
+         end do
+         do dof = 1, size(workshop%dofs)
+            call estimates%take_spectrum(dof, &
+                                       spectrum_from(workshop%spectra(:, dof, cases(place)), np))
+         end do
+      end associate
+   end subroutine take_estimates
+
+end module driver_regression

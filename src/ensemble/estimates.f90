@@ -1,0 +1,100 @@
+!> The best estimates of a case: those of a regression where there is one, else plain sampling's.
+module ensemble_estimates
+   use core_kinds, only: wp
+   use ensemble_results, only: case_statistics
+   use statistics_scalars, only: scalar_type
+   use statistics_spectra, only: spectrum_type
+   implicit none(type, external)
+   private
+   public :: case_estimates
+
+   !> Estimates of one case with how they came about.
+   type :: case_estimates
+      character(12) :: estimator = 'plain'      !! 'pooled', 'regression' or 'plain'
+      character(:), allocatable :: reason       !! why plain; empty: it is not
+      integer, allocatable :: pooled_with(:)    !! the other cases whose samples were used
+      type(case_statistics) :: best
+      !> standard errors of plain sampling over those of the estimates, by their names
+      type(case_statistics) :: error_ratio
+      integer, allocatable :: friction_points(:)         !! of the process, of the sensitivities
+      real(wp), allocatable :: sensitivity(:, :)         !! (friction point, joint) of the variance
+      real(wp), allocatable :: sensitivity_error(:, :)   !! (friction point, joint)
+   contains
+      procedure :: start
+      procedure :: take_scalar
+      procedure :: take_spectrum
+   end type case_estimates
+
+contains
+
+   !> Room for the estimates of a regression in the place of plain ones.
+   pure subroutine start(self, friction_points)
+      class(case_estimates), intent(inout) :: self
+      integer, intent(in) :: friction_points(:)   !! of the process, ascending
+
+      associate (best => self%best, ratio => self%error_ratio)
+         self%friction_points = friction_points
+         allocate (self%sensitivity(size(friction_points), size(best%slip_mean)))
+         allocate (self%sensitivity_error, mold=self%sensitivity)
+         ratio%slip_mean = best%slip_mean
+         ratio%slip_std = best%slip_std
+         ratio%slip_percentiles = best%slip_percentiles
+         if (.not. allocated(best%psd_mean)) return
+         ratio%psd_mean = best%psd_mean
+         ratio%psd_percentiles = best%psd_percentiles
+         ratio%pseudo_variance_mean = best%pseudo_variance_mean
+         ratio%pseudo_variance_percentiles = best%pseudo_variance_percentiles
+         ratio%band_ratio = best%band_ratio
+      end associate
+   end subroutine start
+
+   !> Slip fractions of a joint.
+   pure subroutine take_scalar(self, joint, scalar)
+      class(case_estimates), intent(inout) :: self
+      integer, intent(in) :: joint
+      type(scalar_type), intent(in) :: scalar
+
+      associate (best => self%best, ratio => self%error_ratio)
+         best%slip_mean(joint) = scalar%mean
+         best%slip_mean_error(joint) = scalar%mean_error
+         best%slip_std(joint) = scalar%deviation
+         best%slip_std_error(joint) = scalar%deviation_error
+         best%slip_percentiles(joint, :) = scalar%percentile
+         best%slip_percentiles_low(joint, :) = scalar%low
+         best%slip_percentiles_high(joint, :) = scalar%high
+         ratio%slip_mean(joint) = scalar%mean_ratio
+         ratio%slip_std(joint) = scalar%deviation_ratio
+         ratio%slip_percentiles(joint, :) = scalar%percentile_ratio
+      end associate
+      self%sensitivity(:, joint) = scalar%sensitivity
+      self%sensitivity_error(:, joint) = scalar%sensitivity_error
+   end subroutine take_scalar
+
+   !> Spectra of a dof.
+   pure subroutine take_spectrum(self, dof, spectrum)
+      class(case_estimates), intent(inout) :: self
+      integer, intent(in) :: dof
+      type(spectrum_type), intent(in) :: spectrum
+
+      associate (best => self%best, ratio => self%error_ratio)
+         best%psd_mean(dof, :) = spectrum%mean
+         best%psd_mean_error(dof, :) = spectrum%mean_error
+         best%psd_percentiles(dof, :, :) = spectrum%percentile
+         best%psd_percentiles_low(dof, :, :) = spectrum%low
+         best%psd_percentiles_high(dof, :, :) = spectrum%high
+         best%pseudo_variance_mean(dof) = spectrum%variance_mean
+         best%pseudo_variance_mean_error(dof) = spectrum%variance_mean_error
+         best%pseudo_variance_percentiles(dof, :) = spectrum%variance
+         best%pseudo_variance_percentiles_error(dof, :) = spectrum%variance_error
+         best%band_ratio(dof) = spectrum%ratio
+         best%band_ratio_low(dof) = spectrum%ratio_low
+         best%band_ratio_high(dof) = spectrum%ratio_high
+         ratio%psd_mean(dof, :) = spectrum%mean_ratio
+         ratio%psd_percentiles(dof, :, :) = spectrum%percentile_ratio
+         ratio%pseudo_variance_mean(dof) = spectrum%variance_mean_ratio
+         ratio%pseudo_variance_percentiles(dof, :) = spectrum%variance_ratio
+         ratio%band_ratio(dof) = spectrum%ratio_ratio
+      end associate
+   end subroutine take_spectrum
+
+end module ensemble_estimates

@@ -1,0 +1,149 @@
+!> Estimates that know what each sample contributes to their error, and how two of them are joined.
+!>
+!> Leaving sample i out moves an estimate by its influence; the standard error is the root of the
+!> sum of squares of the influences and of the bias allowed for. It is stated such that 1.96 of it
+!> hold 95 %: with few samples carrying it, its Student factor for sum(i^2)^2/sum(i^4) degrees of
+!> freedom is in it.
+module statistics_estimates
+   use core_kinds, only: wp
+   use numerics_sorting, only: sort_order
+   use statistics_order, only: at_rank
+   implicit none(type, external)
+   private
+   public :: estimates_type, plain_mean, plain_deviation, plain_percentile, blend, stated_error
+
+   real(wp), parameter :: normal_point = 1.959964_wp   !! two-sided 95 %
+   real(wp), parameter :: fewest_freedoms = 3.0_wp     !! of Student's law
+
+   !> Several outputs estimated from the same samples.
+   type :: estimates_type
+      real(wp), allocatable :: value(:)          !! (output)
+      real(wp), allocatable :: influence(:, :)   !! (sample, output)
+      real(wp), allocatable :: bias(:)           !! (output) allowance, signed
+   end type estimates_type
+
+contains
+
+   !> Mean over samples.
+   pure function plain_mean(y) result(plain)
+      real(wp), intent(in) :: y(:, :)   !! (sample, output)
+      type(estimates_type) :: plain
+      integer :: o
+
+      plain = blank_estimates(size(y, 1), size(y, 2))
+      do o = 1, size(y, 2)
+         plain%value(o) = sum(y(:, o))/size(y, 1)
+         plain%influence(:, o) = (y(:, o) - plain%value(o))/size(y, 1)
+      end do
+   end function plain_mean
+
+   !> Standard deviation, n - 1 in the denominator.
+   pure function plain_deviation(y) result(plain)
+      real(wp), intent(in) :: y(:, :)   !! (sample, output), two samples or more
+      type(estimates_type) :: plain
+      real(wp) :: square(size(y, 1)), variance
+      integer :: o
+
+      plain = blank_estimates(size(y, 1), size(y, 2))
+      do o = 1, size(y, 2)
+         square = (y(:, o) - sum(y(:, o))/size(y, 1))**2
+         variance = sum(square)/(size(y, 1) - 1)
+         if (.not. variance > 0.0_wp) cycle
+         plain%value(o) = sqrt(variance)
+         plain%influence(:, o) = (square - sum(square)/size(y, 1)) &
+                                 /(2.0_wp*plain%value(o)*(size(y, 1) - 1))
+      end do
+   end function plain_deviation
+
+   !> Percentile between order statistics (Hyndman and Fan, type 7). The density comes from those
+   !> one binomial standard deviation of the rank to both sides.
+   pure function plain_percentile(y, p) result(plain)
+      real(wp), intent(in) :: y(:, :)   !! (sample, output)
+      real(wp), intent(in) :: p         !! share of the law below
+      type(estimates_type) :: plain
+      real(wp) :: sorted(size(y, 1)), rank, reach, low, high, slope
+      integer :: n, o
+
+      n = size(y, 1)
+      plain = blank_estimates(n, size(y, 2))
+      rank = 1.0_wp + p*(n - 1)
+      reach = sqrt(p*(1.0_wp - p)*n)
+      low = max(rank - reach, 1.0_wp)
+      high = min(rank + reach, real(n, wp))
+      do o = 1, size(y, 2)
+         sorted = y(sort_order(y(:, o)), o)
+         plain%value(o) = at_rank(sorted, rank)
+         slope = (at_rank(sorted, high) - at_rank(sorted, low))/(high - low)
+         plain%influence(:, o) = slope*merge(p - 1.0_wp, p, y(:, o) <= plain%value(o))
+         plain%influence(:, o) = plain%influence(:, o) - sum(plain%influence(:, o))/n
+      end do
+   end function plain_percentile
+
+   pure function blank_estimates(n, n_out) result(blank)
+      integer, intent(in) :: n, n_out
+      type(estimates_type) :: blank
+
+      allocate (blank%value(n_out), blank%bias(n_out), source=0.0_wp)
+      allocate (blank%influence(n, n_out), source=0.0_wp)
+   end function blank_estimates
+
+   !> The share of plain sampling with the least variance, and at least `least`; all of it where
+   !> plain sampling has no error. Both are estimates of the same samples, correlated as their
+   !> influences are; plain sampling may have further ones behind.
+   pure subroutine blend(surrogate, plain, least, both, share)
+      type(estimates_type), intent(in) :: surrogate, plain
+      real(wp), intent(in) :: least(:)               !! (output) share of plain
+      type(estimates_type), intent(out) :: both
+      real(wp), intent(out) :: share(:)              !! (output) of plain
+      real(wp) :: ours, theirs, common
+      integer :: o
+
+      both = blank_estimates(size(plain%influence, 1), size(plain%value))
+      do o = 1, size(plain%value)
+         associate (n => size(surrogate%influence, 1), phi => surrogate%influence(:, o), &
+                    psi => plain%influence(:, o))
+            ours = sum(phi**2) + surrogate%bias(o)**2
+            theirs = sum(psi**2)
+            common = sum(phi*psi(:n))
+            share(o) = 1.0_wp
+            if (theirs > 0.0_wp) share(o) = &
+               max(least(o), min(1.0_wp, max(0.0_wp, (ours - common) &
+                                             /max(ours + theirs - 2.0_wp*common, tiny(ours)))))
+            both%influence(:, o) = share(o)*psi
+            both%influence(:n, o) = both%influence(:n, o) + (1.0_wp - share(o))*phi
+         end associate
+      end do
+      both%value = (1.0_wp - share)*surrogate%value + share*plain%value
+      both%bias = (1.0_wp - share)*surrogate%bias
+   end subroutine blend
+
+   !> Standard error of one output.
+   pure function stated_error(influence, bias, n_samples) result(error)
+      real(wp), intent(in) :: influence(:)   !! (sample)
+      real(wp), intent(in) :: bias
+      integer, intent(in) :: n_samples       !! of the case
+      real(wp) :: error
+      real(wp) :: square, fourth, factor
+
+      square = sum(influence**2)
+      error = abs(bias)
+      if (.not. square > 0.0_wp) return
+      fourth = sum((influence/sqrt(square))**4)
+      factor = student_point(1.0_wp/fourth)/normal_point
+      error = hypot(factor*sqrt(square*n_samples/(n_samples - 1.0_wp)), bias)
+   end function stated_error
+
+   !> Two-sided 95 % point of Student's law, by the expansion of Cornish and Fisher to 1/v^3
+   !> (Abramowitz and Stegun 26.7.5): 3 % low at v = 3.
+   pure real(wp) function student_point(freedoms)
+      real(wp), intent(in) :: freedoms
+      real(wp) :: v
+
+      v = max(freedoms, fewest_freedoms)
+      associate (z => normal_point)
+         student_point = z + (z**3 + z)/(4*v) + (5*z**5 + 16*z**3 + 3*z)/(96*v**2) &
+                         + (3*z**7 + 19*z**5 + 17*z**3 - 15*z)/(384*v**3)
+      end associate
+   end function student_point
+
+end module statistics_estimates

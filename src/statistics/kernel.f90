@@ -1,0 +1,86 @@
+!> Covariance of the response at two points of the friction law, up to a factor.
+!>
+!> Inputs x_j are standardised; their weights w_j are scaled to a sum of squares of 5. The kernel
+!> has a linear part, a part that adds functions of single inputs, and a part that joins all of
+!> them: k(x, x') = 10 sum q_j x_j x'_j + 1/2 sum q_j m(|x_j - x'_j|/l) + 1/2 m(|w (x - x')|/l), q_j
+!> = w_j^2/5, m(r) = (1 + s + s^2/3) exp(-s), s = sqrt(5) r (Matern 5/2).
+module statistics_kernel
+   use core_kinds, only: wp
+   use numerics_lapack, only: multiply
+   implicit none(type, external)
+   private
+   public :: kernel_type, kernel_rows, new_kernel
+
+   real(wp), parameter :: sum_of_squares = 5.0_wp   !! of the weights
+   real(wp), parameter :: linear = 10.0_wp, additive = 0.5_wp, joint = 0.5_wp   !! shares
+   real(wp), parameter :: smallest = 1.0e-3_wp      !! q_j of an additive part that is not left out
+
+   !> A kernel of given weights and length.
+   type :: kernel_type
+      real(wp), allocatable :: weight(:)   !! (input)
+      real(wp) :: length = 1.0_wp          !! l
+   end type kernel_type
+
+contains
+
+   !> A kernel with weights in given proportions.
+   pure function new_kernel(proportion, length) result(kernel)
+      real(wp), intent(in) :: proportion(:)   !! (input)
+      real(wp), intent(in) :: length
+      type(kernel_type) :: kernel
+
+      kernel%weight = proportion*sqrt(sum_of_squares/sum(proportion**2))
+      kernel%length = length
+   end function new_kernel
+
+   !> k(x, x') for all pairs.
+   subroutine kernel_rows(kernel, x, x_prime, rows)
+      type(kernel_type), intent(in) :: kernel
+      real(wp), intent(in), contiguous :: x(:, :)         !! (point, input)
+      real(wp), intent(in), contiguous :: x_prime(:, :)   !! (sample, input)
+      real(wp), intent(out), contiguous :: rows(:, :)     !! (point, sample)
+      real(wp) :: a(size(x, 1), size(x, 2)), b(size(x, 2), size(x_prime, 1))
+      real(wp) :: grown(size(x, 1), size(x, 2)), square(size(x, 1)), of_product(size(x, 1))
+      real(wp) :: rate, share, square_prime
+      integer :: i, j
+
+      rate = sqrt(5.0_wp)/kernel%length
+      do j = 1, size(x, 2)
+         a(:, j) = kernel%weight(j)*x(:, j)
+         b(j, :) = kernel%weight(j)*x_prime(:, j)
+      end do
+      square = sum(a**2, 2)
+      grown = exp(rate*x)
+      call multiply(a, b, rows)
+      do i = 1, size(x_prime, 1)
+         square_prime = sum(b(:, i)**2)
+         of_product = sqrt(max(square + square_prime - 2.0_wp*rows(:, i), 0.0_wp))*rate
+         of_product = (1.0_wp + of_product + of_product**2/3.0_wp)*exp(-of_product)
+         rows(:, i) = linear/sum_of_squares*rows(:, i) + joint*of_product
+         do j = 1, size(x, 2)
+            share = kernel%weight(j)**2/sum_of_squares
+            if (share < smallest) cycle
+            call add_function_of_one(additive*share, x(:, j), grown(:, j), x_prime(i, j), &
+                                     exp(rate*x_prime(i, j)), rate, rows(:, i))
+         end do
+      end do
+   end subroutine kernel_rows
+
+   !> One input's part: exp(-rate |x - x'|) is the smaller one of the ratios of the exponentials.
+   pure subroutine add_function_of_one(share, x, grown, x_prime, grown_prime, rate, row)
+      real(wp), intent(in) :: share
+      real(wp), intent(in) :: x(:), grown(:)         !! (point), exp(rate x)
+      real(wp), intent(in) :: x_prime, grown_prime
+      real(wp), intent(in) :: rate
+      real(wp), intent(inout) :: row(:)
+      real(wp) :: ratio, s
+      integer :: m
+
+      do m = 1, size(x)
+         ratio = grown(m)/grown_prime
+         s = rate*abs(x(m) - x_prime)
+         row(m) = row(m) + share*(1.0_wp + s + s**2/3.0_wp)*min(ratio, 1.0_wp/ratio)
+      end do
+   end subroutine add_function_of_one
+
+end module statistics_kernel

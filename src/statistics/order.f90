@@ -1,0 +1,42 @@
+!> Values at ranks between order statistics, and the ranks that an interval of a percentile ends at.
+module statistics_order
+   use core_kinds, only: wp
+   implicit none(type, external)
+   private
+   public :: at_rank, interval_rank
+
+contains
+
+   !> Value at a rank that may lie between two order statistics.
+   pure function at_rank(sorted, rank) result(value)
+      real(wp), intent(in) :: sorted(:), rank
+      real(wp) :: value
+      integer :: below
+
+      below = min(int(rank), size(sorted) - 1)
+      value = sorted(below) + (rank - below)*(sorted(below + 1) - sorted(below))
+   end function at_rank
+
+   !> Rank of the order statistic that ends the 95 % interval of the quantile at probability p: the
+   !> number of samples below it is binomial. Too few samples for a bound: the extreme sample.
+   pure function interval_rank(n, p, is_upper) result(rank)
+      integer, intent(in) :: n
+      real(wp), intent(in) :: p
+      logical, intent(in) :: is_upper
+      integer :: rank
+      real(wp) :: cumulated, level, logarithm
+      integer :: k
+
+      level = merge(0.975_wp, 0.025_wp, is_upper)
+      cumulated = 0.0_wp
+      do k = 0, n
+         logarithm = log_gamma(n + 1.0_wp) - log_gamma(k + 1.0_wp) - log_gamma(n - k + 1.0_wp) &
+                     + k*log(p) + (n - k)*log(1.0_wp - p)
+         cumulated = cumulated + exp(logarithm)
+         if (cumulated > level) exit
+      end do
+      rank = merge(k + 1, k, is_upper)
+      rank = max(1, min(rank, n))
+   end function interval_rank
+
+end module statistics_order

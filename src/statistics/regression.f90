@@ -1,0 +1,219 @@
+!> Statistics of a response over a friction law, from a fit to few samples and many points of the
+!> law.
+!>
+!> Every estimate knows what leaving out a sample does to it. Leaving out sample i is replacing y_i
+!> by its leave-one-out prediction, so G(x) changes by c_i(x) e_i, c_i(x) = 1/n + sum_k V_ik s_k
+!> phi_k(x): the influence of sample i on a mean of G is e_i times the same mean of c_i. The
+!> formulas are derived and measured in docs/accuracy.md.
+module statistics_regression
+   use core_kinds, only: wp
+   use numerics_lapack, only: multiply
+   use numerics_sorting, only: sort_order
+   use statistics_estimates, only: estimates_type
+   use statistics_law, only: law_type
+   use statistics_percentiles, only: find_quantile
+   use statistics_surrogate, only: features_of, fit_type, surrogate_type
+   implicit none(type, external)
+   private
+   public :: view_type, view_law, law_mean, law_deviation, law_percentile, law_mean_of_exponential
+
+   real(wp), parameter :: window = 0.01_wp         !! of ranks about a percentile
+   real(wp), parameter :: share_of_near = 0.08_wp  !! of a case's samples, on either side
+   integer, parameter :: least_near = 4
+   integer, parameter :: most_in_window = 24       !! points whose features are averaged
+
+   !> A law as a surrogate sees it, and which of the samples were drawn from it.
+   type :: view_type
+      real(wp), allocatable :: feature(:, :)    !! (point, feature)
+      real(wp), allocatable :: by_point(:, :)   !! (feature, point)
+      real(wp), allocatable :: weight(:)        !! (point)
+      integer :: first = 0, last = 0            !! samples of the law
+   end type view_type
+
+contains
+
+   !> The features of a surrogate at the points of a law.
+   subroutine view_law(surrogate, law, first, last, view)
+      type(surrogate_type), intent(in) :: surrogate
+      type(law_type), intent(in) :: law
+      integer, intent(in) :: first, last
+      type(view_type), intent(out) :: view
+
+      call features_of(surrogate, law%x, view%feature)
+      view%by_point = transpose(view%feature)
+      view%weight = law%weight
+      view%first = first
+      view%last = last
+   end subroutine view_law
+
+   !> Mean of G.
+   subroutine law_mean(surrogate, fit, view, estimate)
+      type(surrogate_type), intent(in) :: surrogate
+      type(fit_type), intent(in) :: fit
+      type(view_type), intent(in) :: view
+      type(estimates_type), intent(out) :: estimate
+      real(wp) :: average(size(view%feature, 2), size(fit%mean))
+      integer :: o
+
+      average(:, 1) = matmul(view%weight, view%feature)
+      do o = size(fit%mean), 1, -1
+         average(:, o) = average(:, 1)
+      end do
+      estimate%value = fit%mean + matmul(average(:, 1), fit%coefficient)
+      allocate (estimate%bias(size(fit%mean)), source=0.0_wp)
+      call find_influence(surrogate, fit, average, 1.0_wp, estimate%influence)
+   end subroutine law_mean
+
+   !> e_i (constant/n + sum_k V_ik s_k average_k).
+   subroutine find_influence(surrogate, fit, average, constant, influence)
+      type(surrogate_type), intent(in) :: surrogate
+      type(fit_type), intent(in) :: fit
+      real(wp), intent(in) :: average(:, :)    !! (feature, output) of phi
+      real(wp), intent(in) :: constant         !! the same average of 1
+      real(wp), allocatable, intent(out) :: influence(:, :)   !! (sample, output)
+      real(wp) :: shrunk(size(average, 1), size(average, 2))
+
+      allocate (influence(size(fit%residual, 1), size(average, 2)))
+      shrunk = fit%shrink*average
+      call multiply(surrogate%feature, shrunk, influence)
+      influence = fit%residual*(influence + constant/size(influence, 1))
+   end subroutine find_influence
+
+   !> Standard deviation: that of G and of the case's own residuals; half of what they add is
+   !> allowed for as bias.
+   subroutine law_deviation(surrogate, fit, view, values, estimate)
+      type(surrogate_type), intent(in) :: surrogate
+      type(fit_type), intent(in) :: fit
+      type(view_type), intent(in) :: view
+      real(wp), intent(in) :: values(:, :)    !! (point, output) G
+      type(estimates_type), intent(out) :: estimate
+      real(wp) :: covariance(size(view%feature, 2), size(values, 2))
+      real(wp) :: of_values(size(values, 2)), of_residuals(size(values, 2))
+      real(wp) :: centred(size(values, 1)), residual(view%last - view%first + 1)
+      integer :: o
+
+      do o = 1, size(values, 2)
+         centred = view%weight*(values(:, o) - dot_product(view%weight, values(:, o)))
+         of_values(o) = dot_product(centred, values(:, o))
+         covariance(:, o) = matmul(centred, view%feature)
+      end do
+      call find_influence(surrogate, fit, covariance, 0.0_wp, estimate%influence)
+      allocate (estimate%value(size(values, 2)), estimate%bias(size(values, 2)))
+      do o = 1, size(values, 2)
+         residual = fit%residual(view%first:view%last, o)
+         residual = (residual - sum(residual)/size(residual))**2
+         of_residuals(o) = sum(residual)/size(residual)
+         estimate%value(o) = sqrt(max(of_values(o) + of_residuals(o), tiny(1.0_wp)))
+         estimate%bias(o) = 0.5_wp*(estimate%value(o) - sqrt(max(of_values(o), 0.0_wp)))
+         associate (own => estimate%influence(view%first:view%last, o))
+            own = own + 0.5_wp*(residual - of_residuals(o))/size(residual)
+         end associate
+         estimate%influence(:, o) = estimate%influence(:, o)/estimate%value(o)
+      end do
+   end subroutine law_deviation
+
+   !> Percentile: half way between that of G and that of G plus residuals of samples predicted near
+   !> it; half of their difference is allowed for as bias.
+   subroutine law_percentile(surrogate, fit, view, values, p, estimate)
+      type(surrogate_type), intent(in) :: surrogate
+      type(fit_type), intent(in) :: fit
+      type(view_type), intent(in) :: view
+      real(wp), intent(in) :: values(:, :)    !! (point, output) G
+      real(wp), intent(in) :: p               !! share of the law below
+      type(estimates_type), intent(out) :: estimate
+      real(wp) :: average(size(view%feature, 2), size(values, 2)), smeared(size(values, 1))
+      integer :: near(2*half_of_near(view), size(values, 2)), m, o
+      real(wp) :: residual(size(near, 1)), bare, full
+      integer, allocatable :: around(:)
+
+      allocate (estimate%value(size(values, 2)), estimate%bias(size(values, 2)))
+      do o = 1, size(values, 2)
+         call find_quantile(values(:, o), view%weight, p, window, bare, around)
+         average(:, o) = mean_of_some(view%by_point, around)
+         near(:, o) = samples_near(fit%predicted(:, o), bare, size(near, 1))
+         associate (own => fit%residual(view%first:view%last, o))
+            residual = fit%residual(near(:, o), o) - sum(own)/size(own)
+         end associate
+         smeared = [(values(m, o) + residual(1 + modulo(m - 1, size(residual))), &
+                     m=1, size(smeared))]
+         call find_quantile(smeared, view%weight, p, 0.0_wp, full, around)
+         estimate%value(o) = 0.5_wp*(bare + full)
+         estimate%bias(o) = 0.5_wp*(full - bare)
+      end do
+      call find_influence(surrogate, fit, average, 1.0_wp, estimate%influence)
+      do o = 1, size(values, 2)
+         residual = fit%residual(near(:, o), o)
+         residual = (residual - sum(residual)/size(residual))/(2*size(residual))
+         estimate%influence(near(:, o), o) = estimate%influence(near(:, o), o) + residual
+      end do
+   end subroutine law_percentile
+
+   pure integer function half_of_near(view)
+      type(view_type), intent(in) :: view
+
+      half_of_near = max(least_near, nint(share_of_near*(view%last - view%first + 1)))
+   end function half_of_near
+
+   !> Mean of columns, of as many as matter.
+   pure function mean_of_some(columns, places) result(mean)
+      real(wp), intent(in) :: columns(:, :)
+      integer, intent(in) :: places(:)
+      real(wp) :: mean(size(columns, 1))
+      integer :: i, n
+
+      n = min(size(places), most_in_window)
+      mean = 0.0_wp
+      do i = 1, n
+         mean = mean + columns(:, places(1 + ((i - 1)*size(places))/n))
+      end do
+      mean = mean/n
+   end function mean_of_some
+
+   !> The samples whose predictions are next in rank to a value, as many on either side.
+   pure function samples_near(predicted, value, n_near) result(near)
+      real(wp), intent(in) :: predicted(:)   !! (sample)
+      real(wp), intent(in) :: value
+      integer, intent(in) :: n_near
+      integer :: near(n_near)
+      integer :: order(size(predicted)), before
+
+      order = sort_order(predicted)
+      before = count(predicted < value) - n_near/2
+      before = max(0, min(before, size(predicted) - n_near))
+      near = order(before + 1:before + n_near)
+   end function samples_near
+
+   !> Mean of y = exp(output): between the mean of exp(G) and the ratio estimate from it, with half
+   !> of their difference as bias.
+   subroutine law_mean_of_exponential(surrogate, fit, view, values, y, estimate)
+      type(surrogate_type), intent(in) :: surrogate
+      type(fit_type), intent(in) :: fit
+      type(view_type), intent(in) :: view
+      real(wp), intent(in) :: values(:, :)    !! (point, output) G
+      real(wp), intent(in) :: y(:, :)         !! (own sample, output)
+      type(estimates_type), intent(out) :: estimate
+      real(wp), allocatable :: weighted(:, :), average(:, :)
+      real(wp) :: mean, ratio
+      integer :: o
+
+      allocate (weighted, source=values)
+      allocate (average(size(view%feature, 2), size(values, 2)))
+      allocate (estimate%value(size(values, 2)), estimate%bias(size(values, 2)))
+      do o = 1, size(values, 2)
+         weighted(:, o) = view%weight*exp(values(:, o))
+         mean = sum(weighted(:, o))
+         weighted(:, o) = weighted(:, o)/mean
+         ratio = sum(y(:, o))/sum(exp(fit%predicted(view%first:view%last, o)))
+         estimate%value(o) = mean*sqrt(ratio)
+         estimate%bias(o) = 0.5_wp*mean*(ratio - 1.0_wp)
+      end do
+      call multiply(view%feature, weighted, average, transposes_a=.true.)
+      call find_influence(surrogate, fit, average, 1.0_wp, estimate%influence)
+      do o = 1, size(values, 2)
+         associate (mean => estimate%value(o))   ! of order one apart from mean of exp(G)
+            estimate%influence(:, o) = estimate%influence(:, o)*mean
+         end associate
+      end do
+   end subroutine law_mean_of_exponential
+
+end module statistics_regression

@@ -1,0 +1,96 @@
+!> Which friction value the scatter of a response is due to.
+!>
+!> S_j = Cov(f_j(x_j), G)/Var y, f_j the parts of an additive cubic fit of G over the law (ANCOVA):
+!> with correlated inputs they add up to what single inputs explain.
+module statistics_sensitivity
+   use core_error, only: error_type
+   use core_kinds, only: wp
+   use numerics_lapack, only: multiply, solve_positive_definite
+   use statistics_estimates, only: estimates_type, stated_error
+   use statistics_law, only: law_type
+   use statistics_regression, only: view_type
+   use statistics_surrogate, only: fit_type, surrogate_type
+   implicit none(type, external)
+   private
+   public :: find_sensitivity
+
+   integer, parameter :: degree = 3
+
+contains
+
+   !> With u = A'W G, b = (A'W A)^-1 u: Cov(f_j, G) = sum of u b over the polynomials of input j,
+   !> and what leaving out a sample does to u is that to the coefficients of the features.
+   subroutine find_sensitivity(surrogate, fit, view, law, values, deviation, share, share_error, &
+                               error)
+      type(surrogate_type), intent(in) :: surrogate
+      type(fit_type), intent(in) :: fit                !! of one output
+      type(view_type), intent(in) :: view
+      type(law_type), intent(in) :: law
+      real(wp), intent(in) :: values(:)                !! (point) G
+      type(estimates_type), intent(in) :: deviation    !! of the output, by law_deviation
+      real(wp), allocatable, intent(out) :: share(:), share_error(:)   !! (input)
+      type(error_type), allocatable, intent(out) :: error
+      real(wp), allocatable :: a(:, :), weighted(:, :), square(:, :), both(:, :)
+      real(wp), allocatable :: to_u(:, :), change(:, :), step(:), functional(:)
+      real(wp) :: variance
+      integer :: d, i, j, k, n_terms
+
+      d = size(law%x, 2)
+      n_terms = degree*d
+      allocate (a(size(values), n_terms), square(n_terms, n_terms), both(n_terms, 2))
+      do j = 1, d
+         do k = 1, degree
+            a(:, degree*(j - 1) + k) = law%x(:, j)**k
+         end do
+      end do
+      allocate (weighted, mold=a)
+      do k = 1, n_terms
+         a(:, k) = a(:, k) - dot_product(law%weight, a(:, k))
+         weighted(:, k) = law%weight*a(:, k)
+      end do
+      call multiply(a, weighted, square, transposes_a=.true.)
+      do k = 1, n_terms
+         square(k, k) = square(k, k)*(1.0_wp + 1.0e-10_wp)   ! inputs may depend on each other
+      end do
+      both(:, 1) = matmul(values, weighted)
+      both(:, 2) = both(:, 1)
+      allocate (to_u(n_terms, size(view%feature, 2)))
+      call multiply(weighted, view%feature, to_u, transposes_a=.true.)
+      change = to_u
+      call solve_both(square, both(:, 2:2), change, error)
+      if (allocated(error)) return
+      variance = deviation%value(1)**2
+      allocate (share(d), share_error(d), step(size(fit%residual, 1)))
+      do j = 1, d
+         i = degree*(j - 1)
+         associate (u => both(i + 1:i + degree, 1), b => both(i + 1:i + degree, 2))
+            share(j) = dot_product(u, b)/variance
+            functional = fit%shrink(:, 1)*(matmul(b, to_u(i + 1:i + degree, :)) &
+                                           + matmul(u, change(i + 1:i + degree, :)))
+         end associate
+         do i = 1, size(step)
+            step(i) = fit%residual(i, 1)*dot_product(surrogate%feature(i, :), functional)/variance &
+                      - 2.0_wp*share(j)*deviation%influence(i, 1)/deviation%value(1)
+         end do
+         share_error(j) = stated_error(step, 0.0_wp, size(step))
+      end do
+   end subroutine find_sensitivity
+
+   !> Solutions for a vector and for several columns.
+   subroutine solve_both(square, vector, columns, error)
+      real(wp), intent(inout), contiguous :: square(:, :)
+      real(wp), intent(inout) :: vector(:, :)
+      real(wp), intent(inout) :: columns(:, :)
+      type(error_type), allocatable, intent(out) :: error
+      real(wp), allocatable :: joined(:, :)
+
+      allocate (joined(size(columns, 1), size(columns, 2) + 1))
+      joined(:, 1) = vector(:, 1)
+      joined(:, 2:) = columns
+      call solve_positive_definite(square, joined, error)
+      if (allocated(error)) return
+      vector(:, 1) = joined(:, 1)
+      columns = joined(:, 2:)
+   end subroutine solve_both
+
+end module statistics_sensitivity

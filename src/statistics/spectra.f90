@@ -1,0 +1,314 @@
+!> Best estimates of the spectra of a case: mean and percentiles over the friction law at each
+!> frequency, their pseudo-variances, Eq. (46), and the ratio of the outer percentiles'.
+module statistics_spectra
+   use core_error, only: error_type
+   use core_kinds, only: wp
+   use statistics_estimates, only: blend, estimates_type, plain_mean, plain_percentile, stated_error
+   use statistics_law, only: choose_points, error_share, law_type, of_means, of_percentiles
+   use statistics_pool, only: among_all, pool_type, residual_share
+   use statistics_regression, only: law_mean_of_exponential, law_percentile, view_law, view_type
+   use statistics_surrogate, only: fit_outputs, fit_type, learn_kernel, predict, surrogate_type
+   implicit none(type, external)
+   private
+   public :: spectrum_plain, spectrum_type, estimate_spectrum, spectrum_from, spectrum_values
+
+   integer, parameter :: n_points = 2048      !! of a law
+   integer, parameter :: together = 128       !! frequencies
+   integer, parameter :: every = 8            !! frequency chooses the kernel
+   real(wp), parameter :: two_sided = 1.959964_wp
+   real(wp), parameter :: least_density = 1.0e-290_wp   !! its logarithm is finite
+
+   !> Plain statistics over all samples of a case.
+   type :: spectrum_plain
+      real(wp), allocatable :: mean(:), percentile(:, :)   !! (frequency), (frequency, percentile)
+   end type spectrum_plain
+
+   !> Errors are standard errors, low and high the ends of 95 % intervals; ratios are the errors of
+   !> plain sampling over those of the estimates.
+   type :: spectrum_type
+      real(wp), allocatable :: mean(:), mean_error(:), mean_ratio(:)            !! (frequency)
+      real(wp), allocatable :: percentile(:, :), low(:, :), high(:, :)          !! (frequency, p)
+      real(wp), allocatable :: percentile_ratio(:, :)
+      real(wp) :: variance_mean = 0.0_wp, variance_mean_error = 0.0_wp, variance_mean_ratio = 1.0_wp
+      real(wp), allocatable :: variance(:), variance_error(:), variance_ratio(:)   !! (percentile)
+      real(wp) :: ratio = 0.0_wp, ratio_low = 0.0_wp, ratio_high = 0.0_wp, ratio_ratio = 1.0_wp
+   end type spectrum_type
+
+   !> An integral over frequency, in the making.
+   type :: integral_type
+      real(wp) :: value = 0.0_wp, bias = 0.0_wp
+      real(wp), allocatable :: influence(:), plain_influence(:)   !! (sample)
+   end type integral_type
+
+contains
+
+   !> Of every case of a pool.
+   subroutine estimate_spectrum(pool, density, step, share_below, plain, estimates, error)
+      type(pool_type), intent(in) :: pool
+      real(wp), intent(in) :: density(:, :)        !! (sample, frequency)
+      real(wp), intent(in) :: step                 !! between frequencies [Hz]
+      real(wp), intent(in) :: share_below(:)       !! (percentile)
+      type(spectrum_plain), intent(in) :: plain(:) !! (case)
+      type(spectrum_type), intent(out) :: estimates(:)   !! (case)
+      type(error_type), allocatable, intent(out) :: error
+      real(wp), allocatable :: outputs(:, :)
+      type(surrogate_type) :: surrogate
+      type(fit_type), allocatable :: fits(:)
+      type(law_type) :: law
+      type(view_type) :: view
+      integer :: first, k, last, number
+
+      outputs = log(max(density, least_density))
+      call learn_kernel(pool%x, outputs(:, 1::every), surrogate, error)
+      if (allocated(error)) return
+      allocate (fits((size(outputs, 2) - 1)/together + 1))
+      do k = 1, size(fits)
+         call ends_of(k, first, last)
+         call fit_outputs(surrogate, outputs(:, first:last), fits(k))
+      end do
+      do number = 1, size(plain)
+         call choose_points(pool%draws(number), surrogate%direction, n_points, law, error)
+         if (allocated(error)) return
+         call view_law(surrogate, law, pool%first(number), pool%first(number + 1) - 1, view)
+         call estimate_case(number, estimates(number))
+      end do
+
+   contains
+
+      pure subroutine ends_of(k, first, last)
+         integer, intent(in) :: k
+         integer, intent(out) :: first, last
+
+         first = (k - 1)*together + 1
+         last = min(k*together, size(outputs, 2))
+      end subroutine ends_of
+
+      subroutine estimate_case(number, best)
+         integer, intent(in) :: number
+         type(spectrum_type), intent(inout) :: best
+         type(integral_type) :: of_mean, of_percentile(size(share_below))
+         real(wp), allocatable :: values(:, :)
+         integer :: first, k, last, p
+
+         call make_room(best, size(outputs, 2), size(share_below))
+         do k = 1, size(fits)
+            call ends_of(k, first, last)
+            allocate (values(size(law%weight), last - first + 1))
+            call predict(fits(k), view%feature, values)
+            call estimate_means(number, k, first, values, best, of_mean)
+            do p = 1, size(share_below)
+               call estimate_percentiles(number, k, first, p, values, best, of_percentile(p))
+            end do
+            deallocate (values)
+         end do
+         call close_integral(number, of_means, of_mean, best%variance_mean, &
+                             best%variance_mean_error, best%variance_mean_ratio)
+         do p = 1, size(share_below)
+            call close_integral(number, of_percentiles, of_percentile(p), best%variance(p), &
+                                best%variance_error(p), best%variance_ratio(p))
+         end do
+         call find_ratio(number, of_percentile(1), of_percentile(size(share_below)), best)
+      end subroutine estimate_case
+
+      subroutine estimate_means(number, k, first, values, best, integral)
+         integer, intent(in) :: number, k, first
+         real(wp), intent(in) :: values(:, :)
+         type(spectrum_type), intent(inout) :: best
+         type(integral_type), intent(inout) :: integral
+         type(estimates_type) :: ours, theirs, both
+         real(wp) :: share(size(values, 2))
+         integer :: f, o
+
+         associate (own => density(view%first:view%last, first:first + size(values, 2) - 1))
+            call law_mean_of_exponential(surrogate, fits(k), view, values, own, ours)
+            theirs = among_all(pool, number, plain_mean(own), &
+                               plain(number)%mean(first:first + size(values, 2) - 1))
+         end associate
+         call blend(ours, theirs, [(0.0_wp, o=1, size(share))], both, share)
+         do o = 1, size(values, 2)
+            f = first + o - 1
+            best%mean(f) = both%value(o)
+            call state_error(number, of_means, both%influence(:, o), both%bias(o), &
+                             theirs%influence(:, o), best%mean_error(f), best%mean_ratio(f))
+         end do
+         call add_to(integral, both, theirs, [(step, o=1, size(values, 2))], &
+                     [(step, o=1, size(values, 2))])
+         integral%value = integral%value + step*sum(both%value)
+      end subroutine estimate_means
+
+      subroutine estimate_percentiles(number, k, first, p, values, best, integral)
+         integer, intent(in) :: number, k, first, p
+         real(wp), intent(in) :: values(:, :)
+         type(spectrum_type), intent(inout) :: best
+         type(integral_type), intent(inout) :: integral
+         type(estimates_type) :: ours, theirs, both
+         real(wp) :: share(size(values, 2)), reach
+         integer :: f, o
+
+         call law_percentile(surrogate, fits(k), view, values, share_below(p), ours)
+         associate (own => outputs(view%first:view%last, first:first + size(values, 2) - 1))
+            theirs = among_all(pool, number, plain_percentile(own, share_below(p)), &
+                               log(max(plain(number)%percentile(first:first + size(values, 2) - 1, &
+                                                                p), least_density)))
+         end associate
+         call blend(ours, theirs, share_of_residuals(k, first), both, share)
+         do o = 1, size(values, 2)
+            f = first + o - 1
+            call state_error(number, of_percentiles, both%influence(:, o), both%bias(o), &
+                             theirs%influence(:, o), reach, best%percentile_ratio(f, p))
+            best%percentile(f, p) = exp(both%value(o))
+            best%low(f, p) = exp(both%value(o) - two_sided*reach)
+            best%high(f, p) = exp(both%value(o) + two_sided*reach)
+         end do
+         call add_to(integral, both, theirs, step*exp(both%value), step*exp(theirs%value))
+         integral%value = integral%value + step*sum(exp(both%value))
+      end subroutine estimate_percentiles
+
+      pure function share_of_residuals(k, first) result(share)
+         integer, intent(in) :: k, first
+         real(wp) :: share(size(fits(k)%mean))
+
+         share = residual_share(fits(k)%residual(view%first:view%last, :), &
+                                outputs(view%first:view%last, first:first + size(share) - 1))
+      end function share_of_residuals
+
+      !> That of the regression and of the points of the law, and how much larger plain sampling's
+      !> is.
+      pure subroutine state_error(number, efficiency, influence, bias, of_plain, stated, ratio)
+         integer, intent(in) :: number
+         real(wp), intent(in) :: efficiency, influence(:), bias, of_plain(:)
+         real(wp), intent(out) :: stated, ratio
+         real(wp) :: plain
+
+         associate (n => pool%n_samples(number))
+            plain = stated_error(of_plain, 0.0_wp, n)
+            stated = hypot(stated_error(influence, bias, n), plain*error_share(law, efficiency, n))
+         end associate
+         ratio = 1.0_wp
+         if (stated > 0.0_wp) ratio = plain/stated
+      end subroutine state_error
+
+      !> The value of an integral, its error and ratio.
+      pure subroutine close_integral(number, efficiency, integral, value, stated, ratio)
+         integer, intent(in) :: number
+         real(wp), intent(in) :: efficiency
+         type(integral_type), intent(in) :: integral
+         real(wp), intent(out) :: value, stated, ratio
+
+         value = integral%value
+         call state_error(number, efficiency, integral%influence, integral%bias, &
+                          integral%plain_influence, stated, ratio)
+      end subroutine close_integral
+
+      !> The last percentile's integral over the first one's; errors are those of its logarithm.
+      pure subroutine find_ratio(number, bottom, top, best)
+         integer, intent(in) :: number
+         type(integral_type), intent(in) :: bottom, top
+         type(spectrum_type), intent(inout) :: best
+         real(wp) :: stated
+
+         call state_error(number, of_percentiles, &
+                          top%influence/top%value - bottom%influence/bottom%value, &
+                          top%bias/top%value - bottom%bias/bottom%value, &
+                          top%plain_influence/top%value - bottom%plain_influence/bottom%value, &
+                          stated, best%ratio_ratio)
+         best%ratio = top%value/bottom%value
+         best%ratio_low = best%ratio*exp(-two_sided*stated)
+         best%ratio_high = best%ratio*exp(two_sided*stated)
+      end subroutine find_ratio
+
+   end subroutine estimate_spectrum
+
+   pure subroutine make_room(best, n_frequencies, n_percentiles)
+      type(spectrum_type), intent(inout) :: best
+      integer, intent(in) :: n_frequencies, n_percentiles
+
+      allocate (best%mean(n_frequencies), best%mean_error(n_frequencies), &
+                best%mean_ratio(n_frequencies))
+      allocate (best%percentile(n_frequencies, n_percentiles))
+      allocate (best%low, best%high, best%percentile_ratio, mold=best%percentile)
+      allocate (best%variance(n_percentiles), best%variance_error(n_percentiles), &
+                best%variance_ratio(n_percentiles))
+   end subroutine make_room
+
+   !> Grows by some frequencies.
+   subroutine add_to(integral, both, plain, slope, plain_slope)
+      type(integral_type), intent(inout) :: integral
+      type(estimates_type), intent(in) :: both, plain
+      real(wp), intent(in) :: slope(:), plain_slope(:)   !! (output) of the integral
+
+      if (.not. allocated(integral%influence)) then
+         allocate (integral%influence(size(both%influence, 1)), source=0.0_wp)
+         allocate (integral%plain_influence(size(both%influence, 1)), source=0.0_wp)
+      end if
+      integral%bias = integral%bias + dot_product(slope, both%bias)
+      integral%influence = integral%influence + matmul(both%influence, slope)
+      integral%plain_influence = integral%plain_influence + matmul(plain%influence, plain_slope)
+   end subroutine add_to
+
+   !> All of an estimate as numbers, to travel between ranks.
+   pure function spectrum_values(estimate) result(values)
+      type(spectrum_type), intent(in) :: estimate
+      real(wp), allocatable :: values(:)
+
+      associate (it => estimate)
+         values = [it%variance_mean, it%variance_mean_error, it%variance_mean_ratio, it%ratio, &
+                   it%ratio_low, it%ratio_high, it%ratio_ratio, it%variance, it%variance_error, &
+                   it%variance_ratio, it%mean, it%mean_error, it%mean_ratio, &
+                   reshape(it%percentile, [size(it%percentile)]), &
+                   reshape(it%low, [size(it%low)]), reshape(it%high, [size(it%high)]), &
+                   reshape(it%percentile_ratio, [size(it%percentile_ratio)])]
+      end associate
+   end function spectrum_values
+
+   !> The estimate that numbers are those of.
+   function spectrum_from(values, n_percentiles) result(estimate)
+      real(wp), intent(in) :: values(:)
+      integer, intent(in) :: n_percentiles
+      type(spectrum_type) :: estimate
+      integer :: nf, next
+
+      associate (it => estimate, np => n_percentiles)
+         nf = (size(values) - 7 - 3*np)/(3 + 4*np)
+         call make_room(it, nf, np)
+         it%variance_mean = values(1)
+         it%variance_mean_error = values(2)
+         it%variance_mean_ratio = values(3)
+         it%ratio = values(4)
+         it%ratio_low = values(5)
+         it%ratio_high = values(6)
+         it%ratio_ratio = values(7)
+         next = 8
+         call take(it%variance)
+         call take(it%variance_error)
+         call take(it%variance_ratio)
+         call take(it%mean)
+         call take(it%mean_error)
+         call take(it%mean_ratio)
+         call take_table(it%percentile)
+         call take_table(it%low)
+         call take_table(it%high)
+         call take_table(it%percentile_ratio)
+      end associate
+
+   contains
+
+      subroutine take(taken)
+         real(wp), intent(out) :: taken(:)
+
+         taken = values(next:next + size(taken) - 1)
+         next = next + size(taken)
+      end subroutine take
+
+      subroutine take_table(taken)
+         real(wp), intent(out) :: taken(:, :)
+         integer :: p
+
+         do p = 1, size(taken, 2)
+            call take(taken(:, p))
+         end do
+      end subroutine take_table
+
+   end function spectrum_from
+
+end module statistics_spectra
