@@ -1,4 +1,4 @@
-!> What the audit of a case tells of its numerical error.
+!> Numerical error of a case, as its audit states it.
 module driver_audit
    use core_error, only: error_type
    use core_kinds, only: wp

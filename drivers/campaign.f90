@@ -1,4 +1,4 @@
-!> What the commands have in common: from the command line to a plan, and when a run cannot go on.
+!> Steps that the commands share: from the command line to a plan, and the end of a failed run.
 module driver_campaign
    use config_force_file, only: check_force, force_label
    use config_plan, only: build_plan, scene_name
@@ -52,8 +52,8 @@ contains
                                               scene%excitation%per_sample), complaints)
    end subroutine read_records
 
-   !> What --output says, or the scene's name in the current directory with an ending; the target of
-   !> a symbolic link.
+   !> Path of the output: --output, or the scene's name in the current folder with an ending; of a
+   !> symbolic link its target.
    subroutine find_output(line, ending, path, error)
       type(command_line), intent(in) :: line
       character(*), intent(in) :: ending   !! '.h5', '_c007_s0042.h5'

@@ -63,7 +63,7 @@ contains
       call stop_world(exit_done)
    end subroutine check
 
-   !> What a sample-step costs, with spectra of as many steps as they will have.
+   !> Measures the cost of a sample-step, with spectra of as many steps as they will have.
    subroutine measure(plan, force, every, cost, error)
       type(plan_type), intent(in) :: plan
       real(wp), intent(in) :: force(0:, :)
@@ -77,7 +77,7 @@ contains
          call measure_cost(plan, force, every, cost, error)
    end subroutine measure
 
-   !> Whether anything slips in the march that was timed: where nothing does, no step is halved.
+   !> Note on transitions in the march that was timed: where nothing slips, no step is halved.
    function transitions_text(cost) result(text)
       type(cost_type), intent(in) :: cost
       character(:), allocatable :: text

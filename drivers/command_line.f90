@@ -1,4 +1,4 @@
-!> What the user typed: a command, a scene, options.
+!> Command line: a command, a scene, options.
 module driver_command_line
    use core_spelling, only: nearest_name
    use core_error, only: error_type, exit_bad_input, raise
@@ -7,7 +7,7 @@ module driver_command_line
    private
    public :: command_line, read_command_line, help_text
 
-   !> What there is, one row each: the name, what follows it, and from `text_column` what it does.
+   !> Commands, one row each: name, arguments, and from `text_column` its purpose.
    character(*), parameter :: commands(*) = [character(76) :: &
       'run SCENE       all that the scene asks for; continues an interrupted run', &
       'check SCENE     read and validate; what would run, its cost and memory', &
@@ -178,7 +178,7 @@ contains
       end if
    end subroutine refuse_command
 
-   !> What a command cannot do without, or does not take.
+   !> Refuses options that a command does not take, and commands without what they need.
    subroutine check_together(line, error)
       type(command_line), intent(in) :: line
       type(error_type), allocatable, intent(out) :: error
@@ -210,7 +210,7 @@ contains
       end if
    end subroutine check_together
 
-   !> Whether the command is in a list of names.
+   !> True if the command is in a list of names.
    pure logical function is_taker(command, names)
       character(*), intent(in) :: command, names
 

@@ -15,8 +15,8 @@ module driver_estimate
    private
    public :: estimate
 
-   integer(long), parameter :: seed = 1_long              !! of the realizations behind the errors
-   real(wp), parameter :: rejected = 0.05_wp, surely_rejected = 0.01_wp   !! p of a misfit
+   integer(long), parameter :: seed = 1_long              !! of the realizations for errors
+   real(wp), parameter :: rejected = 0.05_wp, surely_rejected = 0.01_wp   !! p-values of a misfit
    character(*), parameter :: lf = new_line('a')
 
 contains
@@ -41,7 +41,7 @@ contains
       call stop_world(exit_done)
    end subroutine estimate
 
-   !> What was found on the screen; the group behind it, or in the file that was asked for.
+   !> Prints what was found, then the group, or writes the group into the file that was asked for.
    subroutine hand_out(line, found, error)
       type(command_line), intent(in) :: line
       type(process_estimate_type), intent(in) :: found

@@ -21,7 +21,7 @@ module driver_processes
    private
    public :: solve_processes
 
-   !> What a rank takes at a time: a process, or a part of its search for signs.
+   !> Unit of work of a rank: a process, or a part of its search for signs.
    type :: share_type
       integer :: process = 0
       integer :: part = 1, n_parts = 1
@@ -113,7 +113,7 @@ contains
       if (allocated(error)) resolved = request
    end function resolved_search
 
-   !> What this rank has fitted, as the model of every process that waits for it; kept at once.
+   !> Hands a fitted model to every process that waits for it, and keeps it at once.
    subroutine hand_out(world, plan, fit, is_waiting, models, owner, error, output)
       type(world_type), intent(in) :: world
       type(plan_type), intent(in) :: plan
@@ -135,7 +135,7 @@ contains
       end do
    end subroutine hand_out
 
-   !> What an earlier run left, read by the root, for all to leave out. Collective.
+   !> Reads the processes of an earlier run on the root, for all ranks to leave out. Collective.
    subroutine take_kept(world, output, models, owner, error)
       type(world_type), intent(in) :: world
       type(output_type), intent(in) :: output
@@ -153,7 +153,7 @@ contains
       owner = known
    end subroutine take_kept
 
-   !> Of the fits chosen, whole ones first, the longest in front: those of high order, and of these
+   !> Order of the fits: whole ones first, the longest in front: those of high order, and of these
    !> the ones near the limit of std/mean; then the parts.
    function all_shares(requests, is_chosen) result(shares)
       type(process_request), intent(in) :: requests(:)
@@ -205,7 +205,7 @@ contains
       type(world_type), intent(in) :: world
       type(process_request), intent(in) :: request
       type(process_request), intent(in) :: resolved   !! the same, its order chosen
-      type(search_result), intent(in) :: search       !! of this rank
+      type(search_result), intent(in) :: search       !! result of this rank
       type(process_model_type), intent(out) :: model
       type(search_result) :: found, merged
       real(wp), allocatable :: numbers(:)

@@ -71,7 +71,7 @@ contains
       call stop_world(exit_done)
    end subroutine replay
 
-   !> That case and sample are there to be replayed.
+   !> Refuses a case or a sample that the campaign does not have.
    subroutine check_choice(line, plan, error)
       type(command_line), intent(in) :: line
       type(plan_type), intent(in) :: plan

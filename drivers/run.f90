@@ -93,7 +93,7 @@ contains
       call stop_world(exit_done)
    end subroutine run
 
-   !> That there is something to share.
+   !> Refuses --share for a scene without samples.
    subroutine check_share(line, plan, error)
       type(command_line), intent(in) :: line
       type(plan_type), intent(in) :: plan
@@ -233,7 +233,7 @@ contains
       call stop_world(exit_stopped)
    end subroutine end_if_asked
 
-   !> What was done, how long it took, and how far it can be trusted. Collective.
+   !> Prints what was done, how long it took, and its errors. Collective.
    subroutine conclude(world, plan, output)
       type(world_type), intent(in) :: world
       type(plan_type), intent(in) :: plan
@@ -251,7 +251,7 @@ contains
          call output%say('samples beyond these stay in '//output%store%folder)
    end subroutine conclude
 
-   !> What was done, in a line.
+   !> One line on what was done.
    pure function summary(plan, output) result(text)
       type(plan_type), intent(in) :: plan
       type(output_type), intent(in) :: output

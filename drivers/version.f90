@@ -1,4 +1,4 @@
-!> What `entroslip --version` says.
+!> Text of `entroslip --version`.
 module driver_version
    implicit none(type, external)
    private

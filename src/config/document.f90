@@ -14,14 +14,14 @@ module config_document
    !> One `&group ... /`.
    type :: block_type
       character(:), allocatable :: name   !! lower case
-      type(token_type) :: place           !! of its &name
+      type(token_type) :: place           !! place of its &name
    end type block_type
 
    !> `name = values`, `name(lower:upper) = values`.
    type :: assignment_type
       integer :: block = 0
       character(32) :: name = ''          !! lower case; a longer one is cut, and no name of ours
-      type(token_type) :: place           !! of the name
+      type(token_type) :: place           !! place of the name
       integer :: lower = 0, upper = 0     !! 0: the whole list
       integer :: first_value = 1, last_value = 0   !! into document%tokens
    end type assignment_type
@@ -144,7 +144,7 @@ contains
       end associate
    end function values_text
 
-   !> What to say where a value may be half of 0,2; else nothing.
+   !> Hint where a value may be half of 0,2; else empty.
    pure function comma_hint(self, slot) result(hint)
       class(document_type), intent(in) :: self
       integer, intent(in) :: slot   !! into self%tokens
@@ -188,8 +188,8 @@ contains
       end associate
    end subroutine complain
 
-   !> What to say of a word that holds a blank of another kind, which looks like the plain one; of a
-   !> text in quotes nothing.
+   !> Hint for a word with a blank of another kind, which looks like the plain one; empty for a
+   !> text in quotes.
    pure function blank_hint(word) result(hint)
       character(*), intent(in) :: word
       character(:), allocatable :: hint

@@ -1,4 +1,4 @@
-!> What the table of a group says of each of its values, and who may visit such a table.
+!> Entries of a group's table, one a value, and the visitors of such a table.
 !>
 !> Reading with defaults, checking, the template, the scene reference and the fingerprint all walk
 !> the same tables: each group lists its entries once, in its procedure `visit`.
@@ -224,7 +224,7 @@ contains
       if (self%excludes_upper) admits = admits .and. value < self%upper
    end function admits
 
-   !> What follows `must be`: `positive`, `from 1 to 200`; empty where every number will do.
+   !> Text after `must be`: `positive`, `from 1 to 200`; empty where every number will do.
    pure function rule_text(self) result(text)
       class(rule_type), intent(in) :: self
       character(:), allocatable :: text

@@ -1,4 +1,4 @@
-!> What of a scene changes a sample, as one text and its hash; shards and results are named by it.
+!> Fingerprint of a scene: hash of the values that change a sample; it names shards and results.
 module config_fingerprint
    use config_groups, only: group_names, scene_type
    use config_lister, only: lister_type

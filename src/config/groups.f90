@@ -38,7 +38,7 @@ module config_groups
                  has_excitation = .false., &
                  has_integration = .false., has_campaign = .false., has_accuracy = .false., &
                  has_output = .false.
-      logical :: friction_is_mean = .false.        !! of deterministic cases: process%mean
+      logical :: friction_is_mean = .false.        !! deterministic cases take process%mean
       type(structure_type) :: structure            !! that of &structure
       integer(long) :: structure_label = 0         !! fingerprint of what its files hold
       character(:), allocatable :: force_path      !! where excitation%file was found
@@ -58,7 +58,7 @@ module config_groups
 
 contains
 
-   !> What a group is about, for the template and the reference.
+   !> Subject of a group, for the template and the reference.
    pure function group_doc(group) result(text)
       character(*), intent(in) :: group
       character(:), allocatable :: text

@@ -16,7 +16,7 @@ module config_measured
    public :: read_measured
 
    integer, parameter :: longest_record = 100000   !! values on one line
-   integer, parameter :: most_bytes = 100000000    !! of the file
+   integer, parameter :: most_bytes = 100000000    !! size of the file
 
 contains
 

@@ -1,4 +1,4 @@
-!> What a scene asks for becomes a plan: processes to fit, cases in the order of their numbers.
+!> Plan of a scene: processes to fit, cases in the order of their numbers.
 module config_plan
    use config_groups, only: scene_type
    use config_integration, only: fewest_measured
@@ -213,7 +213,7 @@ contains
                                      j=1, size(variances)), i=1, size(plan%processes))]
    end subroutine plan_cases
 
-   !> That of its file, without folder and ending.
+   !> Name of a scene: that of its file, without folder and ending.
    pure function scene_name(path) result(name)
       character(*), intent(in) :: path
       character(:), allocatable :: name

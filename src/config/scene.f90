@@ -163,7 +163,7 @@ contains
       if (n > 1) scene%chain%n_dof = min(n, most_masses)
    end subroutine count_masses
 
-   !> What is given and has no effect beside what else is given, or is not.
+   !> Notes values that are given and have no effect beside the others.
    subroutine note_unused(reader, scene)
       type(reader_type), intent(in) :: reader
       type(scene_type), intent(inout) :: scene

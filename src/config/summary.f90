@@ -18,7 +18,7 @@ module config_summary
    public :: summary_text
 
    character(*), parameter :: line_feed = new_line('a')
-   integer, parameter :: max_rows = 40   !! of a table
+   integer, parameter :: max_rows = 40   !! rows of a table
 
 contains
 
@@ -30,7 +30,7 @@ contains
       real(wp), intent(in) :: nanoseconds   !! cost of a sample-step; 0: not known
       integer, intent(in) :: n_ranks
       integer, intent(in) :: every          !! every k-th step enters the spectra
-      real(wp), intent(in) :: transitions   !! of a sample in a step
+      real(wp), intent(in) :: transitions   !! transitions of a sample in a step
       !> (process) whether it has a solution, as far as that is known before the fit, or why not
       type(process_model_type), intent(in), optional :: foreseen(:)
       real(wp), intent(in), optional :: audit_nanoseconds   !! of a sample-step that is repeated
@@ -68,7 +68,7 @@ contains
                          ' is above '//brief(unusual)//': 1 % of critical is 0.01')
    end function damping_note
 
-   !> What the plan does, or what it leaves out.
+   !> Parts that the plan does, or leaves out.
    pure function parts(plan, wanted) result(names)
       type(plan_type), intent(in) :: plan
       logical, intent(in) :: wanted
@@ -346,7 +346,7 @@ contains
       text = labelled('resolution', text)
    end function resolution_text
 
-   !> Whether samples will be repeated to find their numerical error.
+   !> True if samples are repeated to find their numerical error.
    pure logical function repeats(plan)
       type(plan_type), intent(in) :: plan
 
@@ -356,7 +356,7 @@ contains
       end associate
    end function repeats
 
-   !> What is repeated, and how.
+   !> Line on the samples that are repeated, and how.
    pure function audit_text(plan, n_ranks, nanoseconds) result(text)
       type(plan_type), intent(in) :: plan
       integer, intent(in) :: n_ranks
@@ -374,7 +374,7 @@ contains
       if (present(nanoseconds)) text = text//': '//work_text(audited, n_ranks, nanoseconds)
    end function audit_text
 
-   !> Whether a fit takes seconds, not milliseconds.
+   !> True if a fit takes seconds, not milliseconds.
    elemental logical function is_fitted_to_values(request)
       type(process_request), intent(in) :: request
 

@@ -63,7 +63,7 @@ contains
       end do
    end function scene_reference
 
-   !> What must be given has the paper's values.
+   !> Gives the paper's values to all that must be given.
    subroutine example(scene)
       type(scene_type), intent(out) :: scene
 

@@ -31,7 +31,7 @@ module config_tokens
       integer :: source = 1     !! 1: the scene file, 2: the --set options
       integer :: line = 1
       integer :: first = 1, last = 0
-      integer :: start = 1      !! of r*value, where that stands before it, else first
+      integer :: start = 1      !! start of r*value where that stands before it, else first
       integer :: repeat = 1     !! r of r*value
    end type token_type
 

@@ -1,4 +1,4 @@
-!> What is wrong with a scene and its files: all of it, in the order of lines, each with a caret.
+!> Complaints about a scene and its files, all of them, in the order of lines, each with a caret.
 module core_complaints
    use core_source, only: source_type
    use core_text, only: to_text

@@ -78,7 +78,7 @@ contains
       if (status /= 0) rule = 'must be a number'
    end subroutine parse_real
 
-   !> What follows the mantissa: nothing, or a letter and a whole number.
+   !> Parses what follows the mantissa: nothing, or a letter and a whole number.
    pure subroutine parse_exponent(text, exponent, rule)
       character(*), intent(in) :: text
       integer, intent(out) :: exponent

@@ -46,7 +46,7 @@ contains
 
    !> The system's words for one of its error numbers.
    function system_text(number) result(text)
-      integer(c_int), intent(in) :: number   !! of `system_error`
+      integer(c_int), intent(in) :: number   !! as `system_error` gives it
       character(:), allocatable :: text
 
       text = text_at(c_strerror(number))
@@ -54,7 +54,7 @@ contains
 
    !> Raises exit_file with a message and the system's words for one of its error numbers.
    subroutine raise_system(number, message, error)
-      integer(c_int), intent(in) :: number   !! of `system_error`
+      integer(c_int), intent(in) :: number   !! as `system_error` gives it
       character(*), intent(in) :: message
       type(error_type), allocatable, intent(out) :: error
 

@@ -9,7 +9,7 @@ module numerics_constrained_maximum
    private
    public :: objective_type, search_result, maximize, solve_along, step_to_maximum
 
-   !> What is maximized; extended by whoever owns the function.
+   !> Function to be maximized; extended by whoever owns it.
    !>
    !> A state is all that an evaluation tells: first the constraints, zero where satisfied, then
    !> whatever `gain` needs. Some functions are known by their differences only.
@@ -29,7 +29,7 @@ module numerics_constrained_maximum
          logical, intent(out) :: is_inside
       end subroutine evaluate_objective
 
-      !> What the function gains from one state to another.
+      !> Gain of the function from one state to another.
       pure real(wp) function gain_of_objective(from, to)
          import :: wp
          real(wp), intent(in) :: from(:), to(:)
@@ -59,8 +59,8 @@ contains
       class(objective_type), intent(inout) :: objective
       real(wp), intent(inout) :: point(:)
       integer, intent(in) :: n_constraints
-      real(wp), intent(in) :: step          !! of the differences
-      real(wp), intent(in) :: tolerance     !! on constraints and on the Lagrangian's gradient
+      real(wp), intent(in) :: step          !! step of finite differences
+      real(wp), intent(in) :: tolerance     !! for constraints and on the Lagrangian's gradient
       integer, intent(in) :: max_iterations
       type(search_result), intent(out) :: found
       real(wp), intent(in), optional :: metric(:, :)   !! to begin with; the unit matrix when absent

@@ -11,11 +11,11 @@ module numerics_correlated
    private
    public :: autocovariance_of, error_of_average, error_of_batches
 
-   integer, parameter, public :: n_batches = 8   !! of a march: their scatter is known to 27 %
+   integer, parameter, public :: n_batches = 8   !! parts of a march; scatter within 1/sqrt(2*7)
 
 contains
 
-   !> Of a series about its own mean; lags 0..n/2 - 1, beyond which there is nothing but noise.
+   !> Autocovariance of a series about its own mean, lags 0..n/2 - 1; beyond, noise prevails.
    pure function autocovariance_of(series) result(autocovariance)
       real(wp), intent(in) :: series(:)
       real(wp) :: autocovariance(0:max(size(series)/2 - 1, 0))

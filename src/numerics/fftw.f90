@@ -18,7 +18,7 @@ module numerics_fftw
       end subroutine c_free
    end interface
 
-   !> What both directions own. Aligned, freed with the variable; not to be copied by assignment.
+   !> Plan and arrays of either direction. Aligned, freed with the variable; never copy it.
    !> Where a component has them as components, its owner's finalizer releases them: gfortran 12
    !> skips theirs there.
    type, abstract :: real_fft

@@ -21,10 +21,10 @@ module numerics_nlopt
    public :: minimization_problem, minimization_settings, minimization_outcome, minimize
    public :: nlopt_library
 
-   !> What is to be minimized. Extend it with the problem's own data.
+   !> Function to be minimized. Extend it with the problem's own data.
    type, abstract :: minimization_problem
-      integer :: n_equalities = 0     !! of the form c(x) = 0
-      integer :: n_inequalities = 0   !! of the form c(x) <= 0
+      integer :: n_equalities = 0     !! constraints c(x) = 0
+      integer :: n_inequalities = 0   !! constraints c(x) <= 0
    contains
       procedure(objective_interface), deferred :: objective
       procedure :: equalities => no_constraints
@@ -50,7 +50,7 @@ module numerics_nlopt
       real(wp) :: initial_step = 0.0_wp               !! without gradients; 0: NLopt's choice
       real(wp) :: relative_change_f = 1.0e-12_wp      !! stops when f changes by less
       real(wp) :: relative_change_x = 1.0e-12_wp
-      real(wp) :: constraint_tolerance = 1.0e-10_wp   !! what counts as satisfied
+      real(wp) :: constraint_tolerance = 1.0e-10_wp   !! |c(x)| up to it is satisfied
       integer :: max_evaluations = 1000
    end type minimization_settings
 
@@ -62,11 +62,11 @@ module numerics_nlopt
       logical :: is_feasible = .false.        !! violation within the settings' tolerance
       logical :: is_converged = .false.       !! NLopt stopped by a tolerance on f or x
       integer :: code = 0                     !! NLopt's return code
-      character(:), allocatable :: meaning    !! of the code
+      character(:), allocatable :: meaning    !! text of the code
       integer :: n_evaluations = 0
    end type minimization_outcome
 
-   !> What travels through NLopt's void pointer.
+   !> Data behind NLopt's void pointer.
    type :: traveller
       class(minimization_problem), pointer :: problem => null()
       type(c_ptr) :: optimizer = c_null_ptr

@@ -9,9 +9,9 @@ module numerics_root_search
    type :: root_search
       private
       real(wp) :: step = 1.0_wp
-      real(wp), public :: low = -huge(1.0_wp), high = huge(1.0_wp)   !! what encloses the root
+      real(wp), public :: low = -huge(1.0_wp), high = huge(1.0_wp)   !! bounds of the root
       real(wp) :: low_value = -huge(1.0_wp), high_value = huge(1.0_wp)
-      integer :: side = 0                                            !! of the last value
+      integer :: side = 0                                            !! side of the last value
    contains
       procedure :: advance
       procedure :: is_enclosed

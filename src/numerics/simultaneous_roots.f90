@@ -93,7 +93,7 @@ contains
       complex(wp), intent(in) :: z(:)
       complex(wp), allocatable, intent(out) :: value(:), slope(:)
       logical, intent(inout) :: is_rounding(:)
-      integer, intent(in) :: places(:)                        !! of z's elements in `is_rounding`
+      integer, intent(in) :: places(:)                        !! elements of z in `is_rounding`
       real(wp), dimension(size(z)) :: x, y, r, p, q, dp, dq, bound
       real(wp) :: next
       integer :: i, k

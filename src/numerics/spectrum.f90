@@ -15,7 +15,7 @@ module numerics_spectrum
    private
    public :: welch_type, count_segments, can_follow_power, error_of_density, last_of_ranges
 
-   real(wp), parameter :: growth = 1.5_wp   !! of a range of frequencies from the one before
+   real(wp), parameter :: growth = 1.5_wp   !! width of a range of frequencies over the one before
 
    !> Spectra of many records of the same length, which come in pieces of any length.
    type :: welch_type
@@ -52,7 +52,7 @@ contains
       if (n >= length) segments = 1 + (n - length)/(length - overlap)
    end function count_segments
 
-   !> Whether so many segments make batches that say something: of two or more each.
+   !> True if so many segments fill batches of two or more each, which their scatter needs.
    pure logical function can_follow_power(n_segments)
       integer, intent(in) :: n_segments
 
@@ -159,7 +159,7 @@ contains
       end_of_batch = batch*self%n_expected/n_batches
    end function end_of_batch
 
-   !> What has come up to here, range by range.
+   !> Ends a batch: the power that came in it, range by range.
    subroutine end_batch(self)
       class(welch_type), intent(inout) :: self
       real(wp) :: squares(size(self%power, 1))
@@ -233,7 +233,7 @@ contains
       end do
    end subroutine finish
 
-   !> Of one record, from its power in so many segments.
+   !> Spectral densities of one record, from its power in so many segments.
    pure function densities(self, power, n_segments) result(psd)
       class(welch_type), intent(in) :: self
       real(wp), intent(in) :: power(0:)

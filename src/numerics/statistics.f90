@@ -5,7 +5,7 @@ module numerics_statistics
    private
    public :: mean, standard_deviation, error_of_mean, error_of_deviation, moments_type
 
-   !> What mean, scatter and their errors need of values that come in groups, as many as there are.
+   !> Sums for mean, scatter and their errors, of values that come in groups of any size.
    type :: moments_type
       integer :: n = 0
       real(wp) :: mean = 0.0_wp
@@ -27,7 +27,7 @@ contains
       average = sum(values)/size(values)
    end function mean
 
-   !> Of the law the values come from (n - 1 in the denominator); needs two values.
+   !> Standard deviation of the law the values come from (n - 1 in the denominator); n >= 2.
    pure function standard_deviation(values) result(deviation)
       real(wp), intent(in) :: values(:)
       real(wp) :: deviation

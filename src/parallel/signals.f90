@@ -47,7 +47,7 @@ contains
       previous = c_signal(sigxfsz, transfer(ignore, previous))
    end subroutine catch_stop_signals
 
-   !> Whether a signal has asked this rank to stop.
+   !> True if a signal has asked this rank to stop.
    function stop_requested() result(is_requested)
       logical :: is_requested
 

@@ -86,7 +86,7 @@ contains
       call MPI_Iprobe(MPI_ANY_SOURCE, MPI_ANY_TAG, MPI_COMM_WORLD, unused, MPI_STATUS_IGNORE)
    end subroutine attend_to_others
 
-   !> Whether a launcher (mpirun, or a batch system's own) started this process.
+   !> True if a launcher (mpirun, or a batch system's own) started this process.
    function was_launched()
       logical :: was_launched
       character(*), parameter :: sign(*) = [character(20) :: 'OMPI_COMM_WORLD_SIZE', 'PMIX_RANK', &
@@ -181,7 +181,7 @@ contains
       if (self%n_ranks > 1) call MPI_Barrier(self%comm)
    end subroutine wait_for_all
 
-   !> Whether it is so on any rank; collective.
+   !> True if `value` is true on any rank; collective.
    function any_true(self, value) result(is_true)
       class(world_type), intent(in) :: self
       logical, intent(in) :: value
@@ -223,7 +223,7 @@ contains
       end if
    end function maximum_real
 
-   !> What one rank (the root, unless `from` says otherwise) knows becomes known to all; collective.
+   !> Sends a value from one rank (the root, or `from`) to all; collective.
    !> Allocatable values take its shape.
    subroutine broadcast_integer(self, value, from)
       class(world_type), intent(in) :: self

@@ -11,7 +11,7 @@ module structure_files
    private
    public :: read_structure, structure_paths
 
-   integer, parameter :: most_points = 100000   !! of a friction process
+   integer, parameter :: most_points = 100000   !! points of a friction process
    integer, parameter :: most_forces = 100
 
    !> Where the parts of a structure lie; '': there is no such file.

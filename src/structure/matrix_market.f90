@@ -23,8 +23,8 @@ module structure_matrix_market
       integer :: line = 0                !! read last
       logical :: is_coordinate = .false., is_symmetric = .false., is_integer = .false.
       integer :: n_rows = 0, n_columns = 0
-      integer :: n_entries = 0           !! that the file must hold
-      character(:), allocatable :: rule  !! that the file breaks; what it is about stands before
+      integer :: n_entries = 0           !! entries that the file must hold
+      character(:), allocatable :: rule  !! rule that the file breaks, its subject first
    end type reader_type
 
 contains

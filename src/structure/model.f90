@@ -13,8 +13,8 @@ module structure_model
    public :: damping_type, part_names, structure_type
    public :: build_structure
 
-   real(wp), parameter :: least_share = 1.0e-10_wp   !! of the largest eigenvalue; less is a zero
-   real(wp), parameter :: rounding = 1.0e-12_wp      !! of the largest entry, between equal ones
+   real(wp), parameter :: least_share = 1.0e-10_wp   !! times the largest eigenvalue: zero
+   real(wp), parameter :: rounding = 1.0e-12_wp      !! times the largest entry: equal
    real(wp), parameter :: two_pi = 8.0_wp*atan(1.0_wp)
 
    !> One structure. Matrices are full; has_lumped_mass says that M is diagonal.
@@ -48,7 +48,7 @@ module structure_model
       real(wp), allocatable :: ratio(:)          !! one, or one per mode; of critical
    end type damping_type
 
-   !> What messages call the parts of a structure: the files that they come from.
+   !> Names of a structure's parts in messages: the files that they come from.
    type :: part_names
       character(:), allocatable :: mass, stiffness, damping
    end type part_names
@@ -223,7 +223,7 @@ contains
       real(wp), allocatable, intent(out) :: frequencies(:), modes(:, :)
       integer, intent(out) :: n_zero
       type(error_type), allocatable, intent(out) :: error
-      character(*), intent(in), optional :: name            !! of K, with the joints stuck
+      character(*), intent(in), optional :: name            !! name of K, with the joints stuck
       real(wp), allocatable :: eigenvalues(:)
       real(wp) :: energy, terms
       integer :: r

@@ -76,6 +76,7 @@ contains
       plan%cases%variance = [3.7_wp, 41.1_wp]
       plan%integration%n_steps = n_steps
       plan%integration%dt = 0.01_wp
+      plan%integration%method = 'event'
       plan%output%slip = .true.
       plan%output%spectrum = .true.
       plan%output%energy = .true.

@@ -207,7 +207,7 @@ contains
       type(block_state), intent(inout) :: state
       integer :: i, l, w
 
-      if (.not. allocated(state%velocity_step)) allocate (state%velocity_step, mold=state%velocity)
+      if (.not. allocated(state%velocity_step)) state%velocity_step = state%velocity*self%h
       associate (x => self%paths%x, layer => self%paths%layer)
          do l = 1, self%paths%n_samples
             w = self%paths%first_sample + l - 1
