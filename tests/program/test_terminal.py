@@ -29,7 +29,9 @@ def test_errors_are_coloured_on_a_terminal_only(program, entroslip):
 
 
 def test_a_complaint_begins_with_its_place(entroslip, tmp_path):
-    (tmp_path / "bad.nml").write_text("&chain mass = -1.0 /\n&excitation variance = 1.0 /\n")
+    (tmp_path / "bad.nml").write_text(
+        "&chain mass = -1.0 friction = 0.2 /\n&excitation variance = 1.0 /\n"
+    )
     first, line, caret = entroslip("check", "bad.nml").stderr.splitlines()
     assert first.startswith("bad.nml:1: ")
     assert line.index("-1.0") == caret.index("^")

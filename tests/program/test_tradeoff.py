@@ -45,9 +45,9 @@ def test_a_scene_gets_its_tradeoff(entroslip, small_scene, tmp_path):
         own = data.isel(setting=int(np.flatnonzero(data["is_own"])[0]))
         assert int(own["max_halvings"]) == 6
         assert int(own["method"]) == 0
-        # the exact method's error is far below that of the scheme at the same step
+        # the exact method at its loosest, 1e-3, is far below the scheme at the same step
         exact = data["slip"][(data["method"] == 1) & (data["dt"] == float(own["dt"]))]
-        assert float(exact.max()) < 1e-3 * float(own["slip"])
+        assert float(exact.max()) < 1e-2 * float(own["slip"])
         front = data["slip"][data["is_on_front"] == 1]
         assert float(front.min()) == float(data["slip"].min())
     with h5py.File(path) as file:
