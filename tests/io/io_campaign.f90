@@ -77,6 +77,7 @@ contains
       plan%integration%n_steps = n_steps
       plan%integration%dt = 0.01_wp
       plan%integration%method = 'event'
+      plan%friction_from = 'chain%friction'
       plan%output%slip = .true.
       plan%output%spectrum = .true.
       plan%output%energy = .true.
