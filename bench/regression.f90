@@ -14,7 +14,7 @@ program regression
    use numerics_sorting, only: sort_order
    use statistics_estimates, only: estimates_type, plain_percentile
    use statistics_pool, only: new_pool, pool_type
-   use statistics_scalars, only: estimate_scalar, scalar_plain, scalar_type
+   use statistics_scalars, only: estimate_scalars, scalar_plain, scalar_type
    use statistics_spectra, only: estimate_spectrum, spectrum_plain, spectrum_type
    implicit none(type, external)
    real(wp), parameter :: share_below(2) = [0.05_wp, 0.95_wp]
@@ -174,26 +174,26 @@ contains
    subroutine estimate_joint(pool, j, chosen)
       type(pool_type), intent(in) :: pool
       integer, intent(in) :: j, chosen(:, :)
-      type(scalar_plain) :: plain(n_cases)
-      type(scalar_type) :: estimates(n_cases)
+      type(scalar_plain) :: plain(1, n_cases)
+      type(scalar_type) :: estimates(1, n_cases)
       type(error_type), allocatable :: error
-      real(wp) :: y(n*n_cases)
+      real(wp) :: y(n*n_cases, 1)
       integer :: c, p
 
       do c = 1, n_cases
-         y((c - 1)*n + 1:c*n) = cases(c)%slip(j, chosen(:, c))
-         plain(c) = plain_of(cases(c)%slip(j, chosen(:, c)))
+         y((c - 1)*n + 1:c*n, 1) = cases(c)%slip(j, chosen(:, c))
+         plain(1, c) = plain_of(cases(c)%slip(j, chosen(:, c)))
       end do
-      call estimate_scalar(pool, y, .true., share_below, plain, estimates, error)
+      call estimate_scalars(pool, y, [.true.], share_below, plain, estimates, error)
       call check(error)
       do c = 1, n_cases
-         associate (truth => slip_truth(j, c), ours => estimates(c), score => slip_score(:, j, c))
-            call take(score(1), truth%mean, plain(c)%mean, ours%mean, ours%mean_error, &
+         associate (truth => slip_truth(j, c), ours => estimates(1, c), score => slip_score(:, j, c))
+            call take(score(1), truth%mean, plain(1, c)%mean, ours%mean, ours%mean_error, &
                       ours%mean_ratio)
-            call take(score(2), truth%deviation, plain(c)%deviation, ours%deviation, &
+            call take(score(2), truth%deviation, plain(1, c)%deviation, ours%deviation, &
                       ours%deviation_error, ours%deviation_ratio)
             do p = 1, 2
-               call take(score(2 + p), angle(truth%percentile(p)), angle(plain(c)%percentile(p)), &
+               call take(score(2 + p), angle(truth%percentile(p)), angle(plain(1, c)%percentile(p)), &
                          angle(ours%percentile(p)), (angle(ours%high(p)) - angle(ours%low(p)))/ &
                          (2*1.96_wp), ours%percentile_ratio(p))
             end do

@@ -64,10 +64,10 @@ contains
       real(wp) :: error, more, seconds
 
       statistics%n_samples = maxval(plan%cases%n_samples)
-      statistics%slip_mean_error = [0.01_wp*parts%samples%slip]
+      statistics%slip%mean_error = [0.01_wp*parts%samples%slip]
       statistics%slip_mean_time_error = [0.01_wp*parts%time%slip]
       if (plan%excitation%per_sample) then   ! samples lower both
-         statistics%slip_mean_error = 0.01_wp*hypot(parts%samples%slip, parts%time%slip)
+         statistics%slip%mean_error = 0.01_wp*hypot(parts%samples%slip, parts%time%slip)
          statistics%slip_mean_time_error = 0.0_wp
       end if
       associate (how => plan%integration, wanted => plan%accuracy%target_statistical)

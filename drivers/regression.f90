@@ -4,11 +4,11 @@ module driver_regression
    use core_error, only: error_type
    use core_kinds, only: long, wp
    use core_random, only: label_of, new_stream, stream_type
-   use ensemble_estimates, only: case_estimates
+   use ensemble_estimates, only: case_estimates, n_quantities
    use ensemble_plan, only: kept_dofs, plan_type
    use ensemble_pooling, only: case_pool, estimators_of, find_points, find_pools, &
                                plan_draws, reason_for_plain
-   use ensemble_results, only: block_result, case_statistics
+   use ensemble_results, only: block_result, case_statistics, joint_statistics
    use io_gathering, only: read_density, read_samples, shards_of
    use io_shards, only: named_shard, shard_type
    use io_store, only: shard_store
@@ -17,7 +17,7 @@ module driver_regression
    use process_model, only: process_model_type, request_label
    use process_positive, only: draw_points
    use statistics_pool, only: new_pool, pool_type
-   use statistics_scalars, only: estimate_scalar, scalar_from, scalar_plain, scalar_type, &
+   use statistics_scalars, only: estimate_scalars, scalar_from, scalar_plain, scalar_type, &
                                  scalar_values
    use statistics_spectra, only: estimate_spectrum, spectrum_from, spectrum_plain, spectrum_type, &
                                  spectrum_values
@@ -36,12 +36,13 @@ module driver_regression
       integer, allocatable :: dofs(:)                  !! whose spectra are there
       real(wp) :: step = 0.0_wp                        !! between frequencies [Hz]
       real(wp), allocatable :: share_below(:)          !! (percentile)
-      real(wp), allocatable :: scalars(:, :, :)        !! (number, joint, case) as scalar_values
+      !> (value, quantity, joint, case) as scalar_values; quantities as in by_quantity
+      real(wp), allocatable :: scalars(:, :, :, :)
       real(wp), allocatable :: spectra(:, :, :)        !! (number, dof, case) as spectrum_values
       integer :: at_hand = 0                           !! the pool of the next three
       type(pool_type) :: pool
       integer, allocatable :: drawn(:, :)              !! (process and samples fitted, case) of it
-      real(wp), allocatable :: slip_fraction(:, :)     !! (joint, sample)
+      real(wp), allocatable :: responses(:, :, :)      !! (sample, quantity, joint)
    end type workshop_type
 
 contains
@@ -135,16 +136,17 @@ contains
       end if
       associate (nj => workshop%n_joints, nd => size(workshop%dofs), nf => size(frequency), &
                  np => n_percentiles)
-         allocate (workshop%scalars(6 + 4*np + 2*size(workshop%points), nj, n_cases), source=0.0_wp)
+         allocate (workshop%scalars(6 + 4*np + 2*size(workshop%points), n_quantities, nj, n_cases), &
+                   source=0.0_wp)
          allocate (workshop%spectra(7 + 3*np + (3 + 4*np)*nf, nd, n_cases), source=0.0_wp)
          allocate (workshop%plain(n_cases))
          do p = 1, size(workshop%pools)
             do i = 1, size(workshop%pools(p)%cases)
                c = workshop%pools(p)%cases(i)
                workshop%plain(c) = statistics(c)
-               call share_row(workshop%plain(c)%slip_mean, nj)
-               call share_row(workshop%plain(c)%slip_std, nj)
-               call share_table(workshop%plain(c)%slip_percentiles, [nj, np])
+               call share_joints(workshop%plain(c)%slip, [nj, np])
+               call share_joints(workshop%plain(c)%slip_distance, [nj, np])
+               call share_joints(workshop%plain(c)%dissipation, [nj, np])
                if (nd == 0) cycle
                call share_table(workshop%plain(c)%psd_mean, [nd, nf])
                call share_cube(workshop%plain(c)%psd_percentiles, [nd, nf, np])
@@ -153,6 +155,15 @@ contains
       end associate
 
    contains
+
+      subroutine share_joints(plain, extent)
+         type(joint_statistics), intent(inout) :: plain
+         integer, intent(in) :: extent(2)
+
+         call share_row(plain%mean, extent(1))
+         call share_row(plain%std, extent(1))
+         call share_table(plain%percentiles, extent)
+      end subroutine share_joints
 
       subroutine share_row(values, n)
          real(wp), allocatable, intent(inout) :: values(:)
@@ -186,7 +197,7 @@ contains
 
    end subroutine open_workshop
 
-   !> The slip fractions of one joint, or the spectra of one dof, for all cases of a pool.
+   !> The quantities of one joint, or the spectra of one dof, for all cases of a pool.
    subroutine do_task(plan, models, store, shards, number, part, workshop, error)
       type(plan_type), intent(in) :: plan
       type(process_model_type), intent(in) :: models(:)
@@ -227,15 +238,19 @@ contains
          first = [1, (1 + sum(members%n_fitted(:i)), i=1, size(members%cases))]
          wanted = reshape([plan%cases(members%cases)%process, members%n_fitted], &
                           [2, size(members%cases)], order=[2, 1])
-         if (allocated(workshop%slip_fraction)) deallocate (workshop%slip_fraction)
+         if (allocated(workshop%responses)) deallocate (workshop%responses)
          allocate (friction(first(size(first)) - 1, size(workshop%points)))
-         allocate (workshop%slip_fraction(workshop%n_joints, size(friction, 1)))
+         allocate (workshop%responses(size(friction, 1), n_quantities, workshop%n_joints))
          do i = 1, size(members%cases)
             call read_samples(store, shards_of(shards, members%cases(i), members%n_fitted(i)), &
                               members%cases(i), 1, members%n_fitted(i), samples, error)
             if (allocated(error)) return
             friction(first(i):first(i + 1) - 1, :) = transpose(samples%friction(workshop%takers, :))
-            workshop%slip_fraction(:, first(i):first(i + 1) - 1) = samples%slip_fraction
+            associate (ours => workshop%responses(first(i):first(i + 1) - 1, :, :))
+               ours(:, 1, :) = transpose(samples%slip_fraction)
+               ours(:, 2, :) = transpose(samples%slip_distance)
+               ours(:, 3, :) = transpose(samples%dissipation)
+            end associate
          end do
          workshop%at_hand = number
          if (allocated(workshop%drawn)) then
@@ -293,24 +308,39 @@ contains
       type(workshop_type), intent(inout) :: workshop
       integer, intent(in) :: joint
       type(error_type), allocatable, intent(out) :: error
-      type(scalar_plain), allocatable :: plain(:)
-      type(scalar_type), allocatable :: estimates(:)
-      integer :: i
+      type(scalar_plain), allocatable :: plain(:, :)
+      type(scalar_type), allocatable :: estimates(:, :)
+      integer :: i, q
 
       associate (cases => workshop%pools(workshop%at_hand)%cases)
-         allocate (plain(size(cases)), estimates(size(cases)))
-         do i = 1, size(cases)   ! gfortran confuses the components in an array constructor
-            plain(i)%mean = workshop%plain(cases(i))%slip_mean(joint)
-            plain(i)%deviation = workshop%plain(cases(i))%slip_std(joint)
-            plain(i)%percentile = workshop%plain(cases(i))%slip_percentiles(joint, :)
+         allocate (plain(n_quantities, size(cases)), estimates(n_quantities, size(cases)))
+         do i = 1, size(cases)
+            plain(1, i) = plain_of(workshop%plain(cases(i))%slip)
+            plain(2, i) = plain_of(workshop%plain(cases(i))%slip_distance)
+            plain(3, i) = plain_of(workshop%plain(cases(i))%dissipation)
          end do
-         call estimate_scalar(workshop%pool, workshop%slip_fraction(joint, :), .true., &
-                              workshop%share_below, plain, estimates, error)
+         call estimate_scalars(workshop%pool, workshop%responses(:, :, joint), &
+                               [.true., .false., .false.], workshop%share_below, plain, estimates, &
+                               error)
          if (allocated(error)) return
          do i = 1, size(cases)
-            workshop%scalars(:, joint, cases(i)) = scalar_values(estimates(i))
+            do q = 1, n_quantities
+               workshop%scalars(:, q, joint, cases(i)) = scalar_values(estimates(q, i))
+            end do
          end do
       end associate
+
+   contains
+
+      pure function plain_of(statistics) result(plain)
+         type(joint_statistics), intent(in) :: statistics
+         type(scalar_plain) :: plain
+
+         plain%mean = statistics%mean(joint)
+         plain%deviation = statistics%std(joint)
+         plain%percentile = statistics%percentiles(joint, :)
+      end function plain_of
+
    end subroutine estimate_joint
 
    subroutine estimate_dof(store, shards, dof, workshop, error)
@@ -351,14 +381,16 @@ contains
       type(workshop_type), intent(in) :: workshop
       integer, intent(in) :: p, place   !! the pool, and the case's place in it
       type(case_estimates), intent(inout) :: estimates
-      integer :: dof, joint
+      integer :: dof, joint, q
 
       associate (cases => workshop%pools(p)%cases, np => size(workshop%share_below))
          estimates%pooled_with = pack(cases, cases /= cases(place))
          call estimates%start(workshop%points)
          do joint = 1, workshop%n_joints
-            call estimates%take_scalar(joint, &
-                                     scalar_from(workshop%scalars(:, joint, cases(place)), np))
+            do q = 1, n_quantities
+               call estimates%take_scalar(q, joint, &
+                                   scalar_from(workshop%scalars(:, q, joint, cases(place)), np))
+            end do
          end do
          do dof = 1, size(workshop%dofs)
             call estimates%take_spectrum(dof, &

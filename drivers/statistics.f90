@@ -3,9 +3,9 @@ module driver_statistics
    use core_error, only: error_type
    use core_kinds, only: long, wp
    use ensemble_bands, only: band_collector, sample_groups, start_bands
+   use ensemble_joint_statistics, only: joint_collector, start_joints
    use ensemble_plan, only: kept_dofs, plan_type
    use ensemble_results, only: block_result, case_statistics, spectrum_layout
-   use ensemble_study, only: slip_statistics
    use ensemble_time_average, only: count_spans, fewest_spans, span_collector
    use io_blocks, only: frequencies_together
    use io_case_samples, only: put_samples
@@ -14,7 +14,6 @@ module driver_statistics
    use io_shards, only: shard_type
    use io_store, only: shard_store
    use numerics_correlated, only: n_batches
-   use numerics_statistics, only: moments_type
    use parallel_work, only: new_counter, work_counter
    use parallel_world, only: attend_to_others, world_type
    implicit none(type, external)
@@ -101,7 +100,7 @@ contains
       end associate
    end subroutine close_spectra
 
-   !> Of the slip fractions of one case, group by group of its samples; on the way the samples'
+   !> Of what the joints of one case did, group by group of its samples; on the way the samples'
    !> small data are written, where there is a group of a results file.
    subroutine find_slip_statistics(plan, number, store, shards, statistics, error, group)
       type(plan_type), intent(in) :: plan
@@ -112,41 +111,51 @@ contains
       type(error_type), allocatable, intent(out) :: error
       type(group_type), intent(inout), optional :: group
       type(block_result) :: samples
-      type(moments_type) :: slip(plan%structure%n_joints)
-      type(band_collector) :: percentiles   ! as at a single frequency
+      type(joint_collector) :: slip, slip_distance, dissipation
       type(span_collector) :: spans
       real(wp), allocatable :: errors(:, :)   ! (dof, sample) of slip fractions
       integer, allocatable :: first(:)
-      integer :: dof, g
+      integer :: g
       logical :: has_series
 
       has_series = plan%output%slip .and. count_spans(plan%integration) >= fewest_spans
       first = sample_groups(plan%cases(number)%n_samples)
-      if (plan%cases(number)%n_samples > 1) &
-         call start_bands(plan%cases(number)%n_samples, size(slip), [0.0_wp, 1.0_wp], &
-                          plan%output%percentiles, plan%seed, 1, percentiles)
+      if (plan%cases(number)%n_samples > 1) then
+         call start(slip)
+         call start(slip_distance)
+         call start(dissipation)
+      end if
       do g = 1, size(first) - 1
          call attend_to_others()
          call read_samples(store, shards, number, first(g), first(g + 1) - 1, samples, error)
          if (allocated(error)) return
-         do dof = 1, size(slip)
-            call slip(dof)%add(samples%slip_fraction(dof, :))
-         end do
-         if (plan%cases(number)%n_samples > 1) &
-            call percentiles%add(1, 1, g, reshape(samples%slip_fraction, &
-                                                  [size(slip), 1, samples%n_samples]))
+         if (plan%cases(number)%n_samples > 1) then
+            call slip%add(g, samples%slip_fraction)
+            call slip_distance%add(g, samples%slip_distance)
+            call dissipation%add(g, samples%dissipation)
+         end if
          if (has_series) call take_series(shards, samples, spans, errors, error)
          if (allocated(error)) return
          if (present(group)) call put_samples(group, samples, errors)
       end do
       if (plan%cases(number)%n_samples < 2) return
-      call slip_statistics(slip, statistics)
-      call percentiles%percentiles_at(1, statistics%slip_percentiles, &
-                                      statistics%slip_percentiles_low, &
-                                      statistics%slip_percentiles_high)
+      statistics%n_samples = plan%cases(number)%n_samples
+      call slip%finish(statistics%slip)
+      call slip_distance%finish(statistics%slip_distance)
+      call dissipation%finish(statistics%dissipation)
       if (.not. has_series) return
       call spans%finish(statistics)
       if (plan%excitation%per_sample) statistics%slip_mean_time_error = 0.0_wp   ! samples lower it
+
+   contains
+
+      subroutine start(collector)
+         type(joint_collector), intent(out) :: collector
+
+         call start_joints(plan%cases(number)%n_samples, plan%structure%n_joints, &
+                           plan%output%percentiles, plan%seed, collector)
+      end subroutine start
+
    end subroutine find_slip_statistics
 
    !> The slip series of some samples, shard by shard, and the errors they tell.

@@ -63,7 +63,7 @@ contains
       if (allocated(error)) return
       statistical = 0.0_wp
       do i = 1, size(errors)
-         if (allocated(errors(i)%statistics%slip_mean_error)) &
+         if (allocated(errors(i)%statistics%slip%mean_error)) &
             statistical = max(statistical, statistical_error(errors(i)%statistics))
       end do
       if (statistical > 0.0_wp .and. statistical < huge(1.0_wp)) &

@@ -1,12 +1,14 @@
 !> The best estimates of a case: those of a regression where there is one, else plain sampling's.
 module ensemble_estimates
    use core_kinds, only: wp
-   use ensemble_results, only: case_statistics
+   use ensemble_results, only: case_statistics, joint_statistics
    use statistics_scalars, only: scalar_type
    use statistics_spectra, only: spectrum_type
    implicit none(type, external)
    private
-   public :: case_estimates
+   public :: case_estimates, n_quantities
+
+   integer, parameter :: n_quantities = 3   !! of a joint: slip fraction, slip distance, dissipation
 
    !> Estimates of one case with how they came about.
    type :: case_estimates
@@ -34,11 +36,11 @@ contains
 
       associate (best => self%best, ratio => self%error_ratio)
          self%friction_points = friction_points
-         allocate (self%sensitivity(size(friction_points), size(best%slip_mean)))
+         allocate (self%sensitivity(size(friction_points), size(best%slip%mean)))
          allocate (self%sensitivity_error, mold=self%sensitivity)
-         ratio%slip_mean = best%slip_mean
-         ratio%slip_std = best%slip_std
-         ratio%slip_percentiles = best%slip_percentiles
+         ratio%slip = best%slip
+         ratio%slip_distance = best%slip_distance
+         ratio%dissipation = best%dissipation
          if (.not. allocated(best%psd_mean)) return
          ratio%psd_mean = best%psd_mean
          ratio%psd_percentiles = best%psd_percentiles
@@ -48,27 +50,43 @@ contains
       end associate
    end subroutine start
 
-   !> Slip fractions of a joint.
-   pure subroutine take_scalar(self, joint, scalar)
+   !> A quantity of a joint.
+   pure subroutine take_scalar(self, quantity, joint, scalar)
       class(case_estimates), intent(inout) :: self
+      integer, intent(in) :: quantity   !! 1: slip fraction, 2: slip distance, 3: dissipation
       integer, intent(in) :: joint
       type(scalar_type), intent(in) :: scalar
 
       associate (best => self%best, ratio => self%error_ratio)
-         best%slip_mean(joint) = scalar%mean
-         best%slip_mean_error(joint) = scalar%mean_error
-         best%slip_std(joint) = scalar%deviation
-         best%slip_std_error(joint) = scalar%deviation_error
-         best%slip_percentiles(joint, :) = scalar%percentile
-         best%slip_percentiles_low(joint, :) = scalar%low
-         best%slip_percentiles_high(joint, :) = scalar%high
-         ratio%slip_mean(joint) = scalar%mean_ratio
-         ratio%slip_std(joint) = scalar%deviation_ratio
-         ratio%slip_percentiles(joint, :) = scalar%percentile_ratio
+         select case (quantity)
+          case (1)
+            call replace(joint, scalar, best%slip, ratio%slip)
+            self%sensitivity(:, joint) = scalar%sensitivity
+            self%sensitivity_error(:, joint) = scalar%sensitivity_error
+          case (2)
+            call replace(joint, scalar, best%slip_distance, ratio%slip_distance)
+          case (3)
+            call replace(joint, scalar, best%dissipation, ratio%dissipation)
+         end select
       end associate
-      self%sensitivity(:, joint) = scalar%sensitivity
-      self%sensitivity_error(:, joint) = scalar%sensitivity_error
    end subroutine take_scalar
+
+   pure subroutine replace(joint, scalar, best, ratio)
+      integer, intent(in) :: joint
+      type(scalar_type), intent(in) :: scalar
+      type(joint_statistics), intent(inout) :: best, ratio
+
+      best%mean(joint) = scalar%mean
+      best%mean_error(joint) = scalar%mean_error
+      best%std(joint) = scalar%deviation
+      best%std_error(joint) = scalar%deviation_error
+      best%percentiles(joint, :) = scalar%percentile
+      best%low(joint, :) = scalar%low
+      best%high(joint, :) = scalar%high
+      ratio%mean(joint) = scalar%mean_ratio
+      ratio%std(joint) = scalar%deviation_ratio
+      ratio%percentiles(joint, :) = scalar%percentile_ratio
+   end subroutine replace
 
    !> Spectra of a dof.
    pure subroutine take_spectrum(self, dof, spectrum)

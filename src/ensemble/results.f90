@@ -5,7 +5,7 @@ module ensemble_results
    use dynamics_response, only: transition_list
    implicit none(type, external)
    private
-   public :: block_result, case_statistics, spectrum_layout
+   public :: block_result, case_statistics, joint_statistics, spectrum_layout
 
    !> How spectra were formed; the same for every sample of a campaign.
    type :: spectrum_layout
@@ -39,14 +39,20 @@ module ensemble_results
       type(transition_list), allocatable :: transitions(:)   !! (sample)
    end type block_result
 
+   !> Statistics of one number per sample and joint, with standard errors and 95 % intervals.
+   type :: joint_statistics
+      real(wp), allocatable :: mean(:), std(:)               !! (joint)
+      real(wp), allocatable :: mean_error(:), std_error(:)   !! (joint)
+      real(wp), allocatable :: percentiles(:, :)             !! (joint, percentile)
+      real(wp), allocatable :: low(:, :), high(:, :)         !! ends of the intervals
+   end type joint_statistics
+
    !> Statistics over the samples of one case. Errors are standard errors, intervals are of 95 %.
    type :: case_statistics
       integer :: n_samples = 0
-      real(wp), allocatable :: slip_mean(:), slip_std(:)               !! (joint)
-      real(wp), allocatable :: slip_mean_error(:), slip_std_error(:)   !! (joint)
-      real(wp), allocatable :: slip_percentiles(:, :)            !! (joint, percentile)
-      real(wp), allocatable :: slip_percentiles_low(:, :)        !! lower end of the interval
-      real(wp), allocatable :: slip_percentiles_high(:, :)       !! upper end
+      type(joint_statistics) :: slip            !! of slip fractions
+      type(joint_statistics) :: slip_distance   !! [m]
+      type(joint_statistics) :: dissipation     !! [J]
       !> (joint) of what the samples have in common, for a march of finite length
       real(wp), allocatable :: slip_mean_time_error(:)
       real(wp), allocatable :: slip_std_time_part(:)     !! (joint) standard deviation it adds

@@ -5,6 +5,7 @@ module ensemble_size
    use core_text, only: to_text
    use ensemble_audit, only: add_audits, kept_of
    use ensemble_bands, only: largest_group
+   use ensemble_estimates, only: n_quantities
    use ensemble_plan, only: kept_dofs, output_settings, plan_type
    use ensemble_pooling, only: case_pool, find_points, find_pools, plan_draws, reason_for_plain
    use ensemble_runner, only: block_width
@@ -104,8 +105,8 @@ contains
       integer :: n_bands, n_values, nf
 
       associate (nj => plan%structure%n_joints, np => size(plan%output%percentiles))
-         n_values = nj*(4 + 3*np)
-         n_datasets = n_datasets + 9
+         n_values = n_quantities*nj*(4 + 3*np)
+         n_datasets = n_datasets + 2 + 7*n_quantities
          bytes = bytes + word*2*nj
          n_bands = 0
          nf = n_frequencies(plan, every)
@@ -117,8 +118,9 @@ contains
          bytes = bytes + word*(n_values + n_bands)
          if (len(reason_for_plain(plan, number)) > 0) return
          call find_points(plan%structure, points, joints)
-         bytes = bytes + word*(n_values + n_bands + nj*(2 + np + 2*size(points)))
-         n_datasets = n_datasets + 15
+         bytes = bytes + word*(n_values + n_bands + nj*(n_quantities*(2 + np) &
+                                                          + 2*size(points)))
+         n_datasets = n_datasets + 5 + 10*n_quantities
          if (.not. plan%output%spectrum) return
          bytes = bytes + word*size(kept_dofs(plan))*(nf*(1 + np) + 2 + np)
          n_datasets = n_datasets + 17

@@ -23,7 +23,7 @@ contains
 
       error = huge(1.0_wp)
       if (.not. allocated(statistics%slip_mean_time_error)) return
-      error = points*maxval(hypot(statistics%slip_mean_error, statistics%slip_mean_time_error))
+      error = points*maxval(hypot(statistics%slip%mean_error, statistics%slip_mean_time_error))
    end function statistical_error
 
    !> Whether the error is above the target and more samples alone can bring it there.
@@ -46,9 +46,9 @@ contains
       integer, intent(in) :: n_steps          !! of the march that the statistics are of
       integer(long), intent(out) :: samples_needed, steps_needed
       real(wp), parameter :: share = 0.5_wp   ! of the variance, that the record may take
-      real(wp) :: friction(size(statistics%slip_mean_error)), record(size(friction))
+      real(wp) :: friction(size(statistics%slip%mean_error)), record(size(friction))
 
-      friction = (points*statistics%slip_mean_error/target)**2
+      friction = (points*statistics%slip%mean_error/target)**2
       record = (points*statistics%slip_mean_time_error/target)**2
       steps_needed = n_steps
       if (maxval(record) > share) &

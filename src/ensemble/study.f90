@@ -3,14 +3,12 @@ module ensemble_study
    use core_kinds, only: wp
    use core_random, only: new_stream, stream_type
    use ensemble_plan, only: plan_type
-   use ensemble_results, only: case_statistics
    use ensemble_runner, only: block_width
-   use numerics_statistics, only: moments_type
    use process_model, only: process_model_type, request_label
    use process_positive, only: draw_points
    implicit none(type, external)
    private
-   public :: block_range, open_blocks, draw_friction, slip_statistics
+   public :: block_range, open_blocks, draw_friction
 
    !> Consecutive samples of a case.
    type :: block_range
@@ -77,17 +75,5 @@ contains
          end do
       end associate
    end subroutine draw_friction
-
-   !> Mean and scatter over samples of the fraction of time in slip; needs two samples.
-   pure subroutine slip_statistics(slip_fraction, statistics)
-      type(moments_type), intent(in) :: slip_fraction(:)   !! (joint)
-      type(case_statistics), intent(inout) :: statistics
-
-      statistics%n_samples = slip_fraction(1)%n
-      statistics%slip_mean = slip_fraction%mean
-      statistics%slip_std = slip_fraction%standard_deviation()
-      statistics%slip_mean_error = slip_fraction%error_of_mean()
-      statistics%slip_std_error = slip_fraction%error_of_deviation()
-   end subroutine slip_statistics
 
 end module ensemble_study

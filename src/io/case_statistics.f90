@@ -6,10 +6,11 @@ module io_case_statistics
    use core_text, only: to_text
    use ensemble_estimates, only: case_estimates
    use ensemble_plan, only: plan_type
-   use ensemble_results, only: case_statistics
+   use ensemble_results, only: case_statistics, joint_statistics
    use io_case_samples, only: kept_axis
    use io_group, only: group_type, new_group
    use io_hdf5, only: label_type
+   use numerics_sorting, only: sort_order
    implicit none(type, external)
    private
    public :: write_estimates
@@ -32,13 +33,11 @@ contains
 
       call write_statistics(group, plan, estimates%best, estimates%estimator /= 'plain')
       call write_time_errors(group, plan, plain)
-      if (allocated(plain%slip_mean)) then
+      if (allocated(plain%slip%mean)) then
          call group%attribute('estimator', trim(estimates%estimator))
          if (len(estimates%reason) > 0) call group%attribute('plain_reason', estimates%reason)
       end if
       if (estimates%estimator /= 'plain') then
-         if (size(estimates%pooled_with) > 0) &
-            call group%attribute('pooled_with', names_of(estimates%pooled_with))
          call group%put('friction_point', estimates%friction_points, &
                         label_type('1', 'point of the process, of the friction of one joint or '// &
                                    'more', 'friction_point'))
@@ -57,9 +56,62 @@ contains
             call write_ratios(beside, plan, estimates%error_ratio)
             call beside%take_error(group%error)
          end if
+         call say_estimators(group, estimates)
       end if
       call group%take_error(error)
    end subroutine write_estimates
+
+   !> Of each best estimate: how it came about and what that gains.
+   subroutine say_estimators(group, estimates)
+      type(group_type), intent(inout) :: group
+      type(case_estimates), intent(in) :: estimates
+
+      associate (ratio => estimates%error_ratio)
+         call say_of_joints('slip', ratio%slip)
+         call say_of_joints('slip_distance', ratio%slip_distance)
+         call say_of_joints('dissipation', ratio%dissipation)
+         if (.not. allocated(ratio%psd_mean)) return
+         call say('psd_mean', [ratio%psd_mean])
+         call say('psd_percentiles', [ratio%psd_percentiles])
+         call say('pseudo_variance_mean', ratio%pseudo_variance_mean)
+         call say('pseudo_variance_percentiles', [ratio%pseudo_variance_percentiles])
+         call say('band_ratio', ratio%band_ratio)
+      end associate
+
+   contains
+
+      subroutine say_of_joints(name, ratio)
+         character(*), intent(in) :: name
+         type(joint_statistics), intent(in) :: ratio
+
+         call say(name//'_mean', ratio%mean)
+         call say(name//'_std', ratio%std)
+         call say(name//'_percentiles', [ratio%percentiles])
+      end subroutine say_of_joints
+
+      subroutine say(name, ratio)
+         character(*), intent(in) :: name
+         real(wp), intent(in) :: ratio(:)
+         type(group_type) :: dataset
+         integer :: order(size(ratio))
+
+         if (allocated(group%error)) return
+         dataset = group
+         dataset%path = group%path//'/'//name
+         order = sort_order(ratio)
+         call dataset%attribute('error_ratio', ratio(order((size(order) + 1)/2)))
+         if (maxval(ratio) > 1.0_wp) then
+            call dataset%attribute('estimator', trim(estimates%estimator))
+            if (size(estimates%pooled_with) > 0) &
+               call dataset%attribute('pooled_with', names_of(estimates%pooled_with))
+         else
+            call dataset%attribute('estimator', 'plain')
+            call dataset%attribute('plain_reason', 'the regression explains too little')
+         end if
+         call dataset%take_error(group%error)
+      end subroutine say
+
+   end subroutine say_estimators
 
    !> 'c001 c003'
    pure function names_of(cases) result(names)
@@ -76,25 +128,21 @@ contains
       names = names(2:)
    end function names_of
 
-   !> Slip fractions, then bands.
+   !> Quantities of joints, then bands.
    subroutine write_statistics(group, plan, statistics, is_regression)
       type(group_type), intent(inout) :: group
       type(plan_type), intent(in) :: plan
       type(case_statistics), intent(in) :: statistics
       logical, intent(in) :: is_regression
 
-      if (.not. allocated(statistics%slip_mean)) return
+      if (.not. allocated(statistics%slip%mean)) return
       call write_methods(group, is_regression, allocated(statistics%psd_mean))
-      call put_values(group, plan, statistics)
-      call group%put_allocated('slip_mean_error', statistics%slip_mean_error, &
-                     label_type('1', 'standard error of slip_mean', 'joint'))
-      call group%put_allocated('slip_std_error', statistics%slip_std_error, &
-                     label_type('1', 'standard error of slip_std', 'joint'))
-      call group%put_allocated('slip_percentiles_low', statistics%slip_percentiles_low, &
-                     label_type('1', 'lower end of the 95 % interval', 'percentile joint'))
-      call group%put_allocated('slip_percentiles_high', statistics%slip_percentiles_high, &
-                     label_type('1', 'upper end of the 95 % interval', 'percentile joint'))
-      if (allocated(statistics%psd_mean)) call write_band_errors(group, kept_axis(plan), statistics)
+      call put_joints(group, 'slip', '1', 'slip_fraction', statistics%slip)
+      call put_joints(group, 'slip_distance', 'm', 'slip_distance', statistics%slip_distance)
+      call put_joints(group, 'dissipation', 'J', 'dissipation', statistics%dissipation)
+      if (.not. allocated(statistics%psd_mean)) return
+      call put_bands(group, kept_axis(plan), statistics)
+      call put_band_errors(group, kept_axis(plan), statistics)
    end subroutine write_statistics
 
    subroutine write_methods(group, is_regression, has_bands)
@@ -123,22 +171,40 @@ contains
 
    end subroutine write_methods
 
-   !> What the statistics are, without their errors.
-   subroutine put_values(group, plan, statistics)
+   !> A quantity of the joints with its errors.
+   subroutine put_joints(group, name, units, quantity, statistics)
       type(group_type), intent(inout) :: group
-      type(plan_type), intent(in) :: plan
-      type(case_statistics), intent(in) :: statistics
+      character(*), intent(in) :: name, units
+      character(*), intent(in) :: quantity   !! dataset of the samples
+      type(joint_statistics), intent(in) :: statistics
       ! gfortran does not free text that is joined inside of a structure constructor
-      character(:), allocatable :: dof, spectrum_axes, percentile_spectrum_axes, percentile_axes
+      character(:), allocatable :: meaning
 
-      call group%put_allocated('slip_mean', statistics%slip_mean, &
-                     label_type('1', 'mean of slip_fraction', 'joint'))
-      call group%put_allocated('slip_std', statistics%slip_std, &
-                     label_type('1', 'standard deviation of slip_fraction', 'joint'))
-      call group%put_allocated('slip_percentiles', statistics%slip_percentiles, &
-                     label_type('1', 'percentiles of slip_fraction', 'percentile joint'))
-      if (.not. allocated(statistics%psd_mean)) return
-      dof = kept_axis(plan)
+      meaning = 'mean of '//quantity
+      call group%put_allocated(name//'_mean', statistics%mean, label_type(units, meaning, 'joint'))
+      meaning = 'standard error of '//name//'_mean'
+      call group%put_allocated(name//'_mean_error', statistics%mean_error, &
+                     label_type(units, meaning, 'joint'))
+      meaning = 'standard deviation of '//quantity
+      call group%put_allocated(name//'_std', statistics%std, label_type(units, meaning, 'joint'))
+      meaning = 'standard error of '//name//'_std'
+      call group%put_allocated(name//'_std_error', statistics%std_error, label_type(units, meaning, 'joint'))
+      meaning = 'percentiles of '//quantity
+      call group%put_allocated(name//'_percentiles', statistics%percentiles, &
+                     label_type(units, meaning, 'percentile joint'))
+      call group%put_allocated(name//'_percentiles_low', statistics%low, &
+                     label_type(units, 'lower end of the 95 % interval', 'percentile joint'))
+      call group%put_allocated(name//'_percentiles_high', statistics%high, &
+                     label_type(units, 'upper end of the 95 % interval', 'percentile joint'))
+   end subroutine put_joints
+
+   !> What the bands are, without their errors.
+   subroutine put_bands(group, dof, statistics)
+      type(group_type), intent(inout) :: group
+      character(*), intent(in) :: dof   !! the axis
+      type(case_statistics), intent(in) :: statistics
+      character(:), allocatable :: spectrum_axes, percentile_spectrum_axes, percentile_axes
+
       spectrum_axes = 'frequency '//dof
       percentile_spectrum_axes = 'percentile frequency '//dof
       percentile_axes = 'percentile '//dof
@@ -154,9 +220,9 @@ contains
                                           percentile_axes))
       call group%put_allocated('band_ratio', statistics%band_ratio, &
                      label_type('1', 'pseudo-variance of the last over the first percentile', dof))
-   end subroutine put_values
+   end subroutine put_bands
 
-   subroutine write_band_errors(group, dof, statistics)
+   subroutine put_band_errors(group, dof, statistics)
       type(group_type), intent(inout) :: group
       character(*), intent(in) :: dof   !! the axis
       type(case_statistics), intent(in) :: statistics
@@ -186,7 +252,7 @@ contains
                      label_type('1', 'upper end of the 95 % interval of band_ratio', dof))
       call group%put_allocated('band_ratio_bias', statistics%band_ratio_bias, &
                                label_type('1', 'relative bias of band_ratio, by bootstrap', dof))
-   end subroutine write_band_errors
+   end subroutine put_band_errors
 
    !> What the march adds to errors, whatever the estimator: its length is finite.
    subroutine write_time_errors(group, plan, statistics)
@@ -230,10 +296,9 @@ contains
       spectrum_axes = 'frequency '//dof
       percentile_spectrum_axes = 'percentile frequency '//dof
       percentile_axes = 'percentile '//dof
-      call group%put('slip_mean', ratio%slip_mean, label_type('1', meaning, 'joint'))
-      call group%put('slip_std', ratio%slip_std, label_type('1', meaning, 'joint'))
-      call group%put('slip_percentiles', ratio%slip_percentiles, &
-                     label_type('1', meaning, 'percentile joint'))
+      call put_of_joints('slip', ratio%slip)
+      call put_of_joints('slip_distance', ratio%slip_distance)
+      call put_of_joints('dissipation', ratio%dissipation)
       if (.not. allocated(ratio%psd_mean)) return
       call group%put('psd_mean', ratio%psd_mean, label_type('1', meaning, spectrum_axes))
       call group%put('psd_percentiles', ratio%psd_percentiles, &
@@ -243,6 +308,19 @@ contains
       call group%put('pseudo_variance_percentiles', ratio%pseudo_variance_percentiles, &
                      label_type('1', meaning, percentile_axes))
       call group%put('band_ratio', ratio%band_ratio, label_type('1', meaning, dof))
+
+   contains
+
+      subroutine put_of_joints(name, of)
+         character(*), intent(in) :: name
+         type(joint_statistics), intent(in) :: of
+
+         call group%put(name//'_mean', of%mean, label_type('1', meaning, 'joint'))
+         call group%put(name//'_std', of%std, label_type('1', meaning, 'joint'))
+         call group%put(name//'_percentiles', of%percentiles, &
+                        label_type('1', meaning, 'percentile joint'))
+      end subroutine put_of_joints
+
    end subroutine write_ratios
 
 end module io_case_statistics

@@ -55,8 +55,8 @@ contains
       call read_attribute(file, group, 'n_samples', statistics%n_samples, error)
       if (allocated(error)) return
       if (file%has(group//'/slip_mean_error')) then
-         allocate (statistics%slip_mean_error(n_joints))
-         call read_dataset(file, group//'/slip_mean_error', statistics%slip_mean_error, error)
+         allocate (statistics%slip%mean_error(n_joints))
+         call read_dataset(file, group//'/slip_mean_error', statistics%slip%mean_error, error)
       end if
       if (allocated(error)) return
       if (.not. file%has(group//'/slip_mean_time_error')) return

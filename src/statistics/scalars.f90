@@ -1,5 +1,5 @@
-!> Best estimates of the statistics of one number per sample: a slip fraction, a slip distance, a
-!> dissipation, an amplitude.
+!> Best estimates of the statistics of numbers of the samples: slip fractions, slip distances,
+!> dissipations, amplitudes.
 module statistics_scalars
    use core_error, only: error_type
    use core_kinds, only: wp
@@ -12,11 +12,12 @@ module statistics_scalars
    use statistics_surrogate, only: fit_outputs, fit_type, learn_kernel, predict, surrogate_type
    implicit none(type, external)
    private
-   public :: scalar_plain, scalar_type, estimate_scalar, scalar_from, scalar_values
+   public :: scalar_plain, scalar_type, estimate_scalars, scalar_from, scalar_values
 
    integer, parameter :: n_points = 4096   !! of a law
    real(wp), parameter :: two_sided = 1.959964_wp
-   integer, parameter :: raw = 1, angle = 2   !! outputs that are fitted
+   real(wp), parameter :: right_angle = 2.0_wp*atan(1.0_wp)
+   integer, parameter :: raw = 1, bent = 2   !! outputs that are fitted
 
    !> Plain statistics over all samples of a case.
    type :: scalar_plain
@@ -35,93 +36,102 @@ module statistics_scalars
 
 contains
 
-   !> Of every case of a pool. A fraction is fitted by its angle asin(sqrt(y)) too, for percentiles.
-   subroutine estimate_scalar(pool, y, is_fraction, share_below, plain, estimates, error)
+   !> Several numbers of the samples, of every case of a pool: amounts, none negative, and fractions.
+   !> For percentiles the root of an amount is fitted, and the angle asin(sqrt(y)) of a fraction.
+   subroutine estimate_scalars(pool, y, is_fraction, share_below, plain, estimates, error)
       type(pool_type), intent(in) :: pool
-      real(wp), intent(in) :: y(:)                 !! (sample)
-      logical, intent(in) :: is_fraction           !! all are between 0 and 1
-      real(wp), intent(in) :: share_below(:)       !! (percentile)
-      type(scalar_plain), intent(in) :: plain(:)   !! (case)
-      type(scalar_type), intent(out) :: estimates(:)   !! (case)
+      real(wp), intent(in) :: y(:, :)                 !! (sample, number)
+      logical, intent(in) :: is_fraction(:)           !! (number)
+      real(wp), intent(in) :: share_below(:)          !! (percentile)
+      type(scalar_plain), intent(in) :: plain(:, :)   !! (number, case)
+      type(scalar_type), intent(out) :: estimates(:, :)   !! (number, case)
       type(error_type), allocatable, intent(out) :: error
-      real(wp) :: outputs(size(y), 2)
+      real(wp) :: outputs(size(y, 1), 2, size(y, 2))   ! (sample, raw or bent, number)
       type(surrogate_type) :: surrogate
-      type(fit_type) :: fits(2)
+      type(fit_type) :: fits(2, size(y, 2))
       type(law_type) :: law
       type(view_type) :: view
-      integer :: number
+      integer :: case_number, kind, number
 
-      outputs(:, raw) = y
-      outputs(:, angle) = y
-      if (is_fraction) outputs(:, angle) = asin(sqrt(y))
-      call learn_kernel(pool%x, outputs, surrogate, error)
+      outputs(:, raw, :) = y
+      do number = 1, size(y, 2)
+         outputs(:, bent, number) = bend(y(:, number), is_fraction(number))
+      end do
+      call learn_kernel(pool%x, reshape(outputs, [size(y, 1), 2*size(y, 2)]), surrogate, error)
       if (allocated(error)) return
-      call fit_outputs(surrogate, outputs(:, raw:raw), fits(raw))
-      call fit_outputs(surrogate, outputs(:, angle:angle), fits(angle))
-      do number = 1, size(plain)
-         call choose_points(pool%draws(number), surrogate%direction, n_points, law, error)
+      do number = 1, size(y, 2)
+         do kind = raw, bent
+            call fit_outputs(surrogate, outputs(:, kind:kind, number), fits(kind, number))
+         end do
+      end do
+      do case_number = 1, size(plain, 2)
+         call choose_points(pool%draws(case_number), surrogate%direction, n_points, law, error)
          if (allocated(error)) return
-         call view_law(surrogate, law, pool%first(number), pool%first(number + 1) - 1, view)
-         call estimate_case(number)
+         call view_law(surrogate, law, pool%first(case_number), pool%first(case_number + 1) - 1, view)
+         do number = 1, size(y, 2)
+            call estimate_one(case_number, number, estimates(number, case_number))
+            if (allocated(error)) return
+         end do
       end do
 
    contains
 
-      subroutine estimate_case(number)
-         integer, intent(in) :: number
+      subroutine estimate_one(case_number, number, best)
+         integer, intent(in) :: case_number, number
+         type(scalar_type), intent(inout) :: best
          type(estimates_type) :: ours, theirs, both
          real(wp) :: values(size(law%weight), 1), least(1), share(1)
          integer :: p
 
-         associate (own => outputs(view%first:view%last, :), best => estimates(number), &
-                    residual => fits(raw)%residual(view%first:view%last, :), &
-                    n => pool%n_samples(number))
-            call predict(fits(raw), view%feature, values)
-            call law_mean(surrogate, fits(raw), view, ours)
-            theirs = among_all(pool, number, plain_mean(own(:, :1)), [plain(number)%mean])
+         associate (own => outputs(view%first:view%last, raw:raw, number), &
+                    n => pool%n_samples(case_number), sampled => plain(number, case_number))
+            call predict(fits(raw, number), view%feature, values)
+            call law_mean(surrogate, fits(raw, number), view, ours)
+            theirs = among_all(pool, case_number, plain_mean(own), [sampled%mean])
             call blend(ours, theirs, [0.0_wp], both, share)
             best%mean = both%value(1)
             call state_error(both, theirs, of_means, n, best%mean_error, best%mean_ratio)
 
-            least = residual_share(residual, own(:, :1))
-            call law_deviation(surrogate, fits(raw), view, values, ours)
-            theirs = among_all(pool, number, plain_deviation(own(:, :1)), [plain(number)%deviation])
-            call find_sensitivity(surrogate, fits(raw), view, law, values(:, 1), ours, &
+            least = residual_share(fits(raw, number)%residual(view%first:view%last, :), own)
+            call law_deviation(surrogate, fits(raw, number), view, values, ours)
+            theirs = among_all(pool, case_number, plain_deviation(own), [sampled%deviation])
+            call find_sensitivity(surrogate, fits(raw, number), view, law, values(:, 1), ours, &
                                   best%sensitivity, best%sensitivity_error, error)
             if (allocated(error)) return
             call blend(ours, theirs, least, both, share)
             best%deviation = both%value(1)
             call state_error(both, theirs, of_means, n, best%deviation_error, best%deviation_ratio)
-
-            allocate (best%percentile(size(share_below)), best%low(size(share_below)), &
-                      best%high(size(share_below)), best%percentile_ratio(size(share_below)))
-            call predict(fits(angle), view%feature, values)
-            if (is_fraction) values = max(0.0_wp, min(values, 2.0_wp*atan(1.0_wp)))
-            least = residual_share(fits(angle)%residual(view%first:view%last, :), own(:, 2:))
-            do p = 1, size(share_below)
-               call estimate_percentile(number, p, values, least, best)
-            end do
          end associate
-      end subroutine estimate_case
+         allocate (best%percentile(size(share_below)))
+         allocate (best%low, best%high, best%percentile_ratio, mold=best%percentile)
+         call predict(fits(bent, number), view%feature, values)
+         values = max(0.0_wp, values)
+         if (is_fraction(number)) values = min(values, right_angle)
+         do p = 1, size(share_below)
+            call estimate_percentile(case_number, number, p, values, best)
+         end do
+      end subroutine estimate_one
 
-      subroutine estimate_percentile(number, p, values, least, best)
-         integer, intent(in) :: number, p
-         real(wp), intent(in) :: values(:, :), least(:)
+      subroutine estimate_percentile(case_number, number, p, values, best)
+         integer, intent(in) :: case_number, number, p
+         real(wp), intent(in) :: values(:, :)
          type(scalar_type), intent(inout) :: best
          type(estimates_type) :: ours, theirs, both
-         real(wp) :: share(1), at_plain, reach
+         real(wp) :: share(1), least(1), reach
 
-         at_plain = plain(number)%percentile(p)
-         if (is_fraction) at_plain = asin(sqrt(at_plain))
-         call law_percentile(surrogate, fits(angle), view, values, share_below(p), ours)
-         theirs = among_all(pool, number, plain_percentile(outputs(view%first:view%last, 2:), &
-                                                           share_below(p)), [at_plain])
+         associate (own => outputs(view%first:view%last, bent:bent, number), &
+                    at_plain => bend(plain(number, case_number)%percentile(p:p), &
+                                     is_fraction(number)))
+            least = residual_share(fits(bent, number)%residual(view%first:view%last, :), own)
+            call law_percentile(surrogate, fits(bent, number), view, values, share_below(p), ours)
+            theirs = among_all(pool, case_number, plain_percentile(own, share_below(p)), at_plain)
+         end associate
          call blend(ours, theirs, least, both, share)
-         call state_error(both, theirs, of_percentiles_along, pool%n_samples(number), reach, &
+         call state_error(both, theirs, of_percentiles_along, pool%n_samples(case_number), reach, &
                           best%percentile_ratio(p))
-         best%percentile(p) = back(both%value(1))
-         best%low(p) = back(both%value(1) - two_sided*reach)
-         best%high(p) = back(both%value(1) + two_sided*reach)
+         best%percentile(p) = unbend(both%value(1), is_fraction(number))
+         best%low(p) = unbend(both%value(1) - two_sided*reach, is_fraction(number))
+         best%high(p) = unbend(both%value(1) + two_sided*reach, is_fraction(number))
       end subroutine estimate_percentile
 
       !> That of the regression and of the points of the law, and how much larger plain sampling's
@@ -140,14 +150,26 @@ contains
          if (stated > 0.0_wp) ratio = of_plain/stated
       end subroutine state_error
 
-      pure real(wp) function back(value)
-         real(wp), intent(in) :: value
+   end subroutine estimate_scalars
 
-         back = value
-         if (is_fraction) back = sin(max(0.0_wp, min(value, 2.0_wp*atan(1.0_wp))))**2
-      end function back
+   !> The angle of a fraction, the root of an amount.
+   elemental real(wp) function bend(value, is_fraction)
+      real(wp), intent(in) :: value
+      logical, intent(in) :: is_fraction
 
-   end subroutine estimate_scalar
+      bend = sqrt(value)
+      if (is_fraction) bend = asin(min(bend, 1.0_wp))
+   end function bend
+
+   !> What was bent.
+   elemental real(wp) function unbend(value, is_fraction)
+      real(wp), intent(in) :: value
+      logical, intent(in) :: is_fraction
+
+      unbend = max(0.0_wp, value)
+      if (is_fraction) unbend = sin(min(unbend, right_angle))
+      unbend = unbend**2
+   end function unbend
 
    !> All of an estimate as numbers, to travel between ranks.
    pure function scalar_values(estimate) result(values)

@@ -159,11 +159,11 @@ contains
       integer :: d
 
       statistics%n_samples = n_samples
-      statistics%slip_mean = [(0.1_wp*d, d=1, n_dof)]
-      statistics%slip_std = 0.1_wp*statistics%slip_mean
-      statistics%slip_mean_error = 0.01_wp*statistics%slip_mean
-      statistics%slip_std_error = 0.01_wp*statistics%slip_std
-      statistics%slip_mean_time_error = 0.02_wp*statistics%slip_mean
+      statistics%slip%mean = [(0.1_wp*d, d=1, n_dof)]
+      statistics%slip%std = 0.1_wp*statistics%slip%mean
+      statistics%slip%mean_error = 0.01_wp*statistics%slip%mean
+      statistics%slip%std_error = 0.01_wp*statistics%slip%std
+      statistics%slip_mean_time_error = 0.02_wp*statistics%slip%mean
       allocate (statistics%psd_mean(n_dof, n_frequencies), source=1.5_wp)
       allocate (statistics%psd_percentiles(n_dof, n_frequencies, 2), source=2.5_wp)
       allocate (statistics%pseudo_variance_percentiles(n_dof, 2), source=3.5_wp)
