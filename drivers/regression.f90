@@ -136,8 +136,8 @@ contains
       end if
       associate (nj => workshop%n_joints, nd => size(workshop%dofs), nf => size(frequency), &
                  np => n_percentiles)
-         allocate (workshop%scalars(6 + 4*np + 2*size(workshop%points), n_quantities, nj, n_cases), &
-                   source=0.0_wp)
+         allocate (workshop%scalars(6 + 4*np + 2*size(workshop%points), n_quantities, nj, &
+                                    n_cases), source=0.0_wp)
          allocate (workshop%spectra(7 + 3*np + (3 + 4*np)*nf, nd, n_cases), source=0.0_wp)
          allocate (workshop%plain(n_cases))
          do p = 1, size(workshop%pools)

@@ -188,7 +188,8 @@ contains
       meaning = 'standard deviation of '//quantity
       call group%put_allocated(name//'_std', statistics%std, label_type(units, meaning, 'joint'))
       meaning = 'standard error of '//name//'_std'
-      call group%put_allocated(name//'_std_error', statistics%std_error, label_type(units, meaning, 'joint'))
+      call group%put_allocated(name//'_std_error', statistics%std_error, &
+                     label_type(units, meaning, 'joint'))
       meaning = 'percentiles of '//quantity
       call group%put_allocated(name//'_percentiles', statistics%percentiles, &
                      label_type(units, meaning, 'percentile joint'))

@@ -36,7 +36,7 @@ module statistics_scalars
 
 contains
 
-   !> Several numbers of the samples, of every case of a pool: amounts, none negative, and fractions.
+   !> Several numbers of the samples, of every case of a pool: amounts and fractions, none negative.
    !> For percentiles the root of an amount is fitted, and the angle asin(sqrt(y)) of a fraction.
    subroutine estimate_scalars(pool, y, is_fraction, share_below, plain, estimates, error)
       type(pool_type), intent(in) :: pool
@@ -67,7 +67,8 @@ contains
       do case_number = 1, size(plain, 2)
          call choose_points(pool%draws(case_number), surrogate%direction, n_points, law, error)
          if (allocated(error)) return
-         call view_law(surrogate, law, pool%first(case_number), pool%first(case_number + 1) - 1, view)
+         call view_law(surrogate, law, pool%first(case_number), &
+                       pool%first(case_number + 1) - 1, view)
          do number = 1, size(y, 2)
             call estimate_one(case_number, number, estimates(number, case_number))
             if (allocated(error)) return
@@ -90,7 +91,7 @@ contains
             theirs = among_all(pool, case_number, plain_mean(own), [sampled%mean])
             call blend(ours, theirs, [0.0_wp], both, share)
             best%mean = both%value(1)
-            call state_error(both, theirs, of_means, n, best%mean_error, best%mean_ratio)
+            call state_error(both, theirs, share, of_means, n, best%mean_error, best%mean_ratio)
 
             least = residual_share(fits(raw, number)%residual(view%first:view%last, :), own)
             call law_deviation(surrogate, fits(raw, number), view, values, ours)
@@ -100,7 +101,8 @@ contains
             if (allocated(error)) return
             call blend(ours, theirs, least, both, share)
             best%deviation = both%value(1)
-            call state_error(both, theirs, of_means, n, best%deviation_error, best%deviation_ratio)
+            call state_error(both, theirs, share, of_means, n, best%deviation_error, &
+                             best%deviation_ratio)
          end associate
          allocate (best%percentile(size(share_below)))
          allocate (best%low, best%high, best%percentile_ratio, mold=best%percentile)
@@ -127,17 +129,18 @@ contains
             theirs = among_all(pool, case_number, plain_percentile(own, share_below(p)), at_plain)
          end associate
          call blend(ours, theirs, least, both, share)
-         call state_error(both, theirs, of_percentiles_along, pool%n_samples(case_number), reach, &
-                          best%percentile_ratio(p))
+         call state_error(both, theirs, share, of_percentiles_along, pool%n_samples(case_number), &
+                          reach, best%percentile_ratio(p))
          best%percentile(p) = unbend(both%value(1), is_fraction(number))
          best%low(p) = unbend(both%value(1) - two_sided*reach, is_fraction(number))
          best%high(p) = unbend(both%value(1) + two_sided*reach, is_fraction(number))
       end subroutine estimate_percentile
 
-      !> That of the regression and of the points of the law, and how much larger plain sampling's
-      !> is.
-      pure subroutine state_error(both, theirs, efficiency, n_samples, stated, ratio)
+      !> That of the regression, and of the points of the law for its share of the estimate; and
+      !> how much larger plain sampling's is.
+      pure subroutine state_error(both, theirs, share, efficiency, n_samples, stated, ratio)
          type(estimates_type), intent(in) :: both, theirs
+         real(wp), intent(in) :: share(1)     !! of plain sampling
          real(wp), intent(in) :: efficiency
          integer, intent(in) :: n_samples
          real(wp), intent(out) :: stated, ratio
@@ -145,7 +148,7 @@ contains
 
          of_plain = stated_error(theirs%influence(:, 1), 0.0_wp, n_samples)
          stated = hypot(stated_error(both%influence(:, 1), both%bias(1), n_samples), &
-                        of_plain*error_share(law, efficiency, n_samples))
+                        (1.0_wp - share(1))*of_plain*error_share(law, efficiency, n_samples))
          ratio = 1.0_wp
          if (stated > 0.0_wp) ratio = of_plain/stated
       end subroutine state_error

@@ -1,5 +1,8 @@
 !> Best estimates of the spectra of a case: mean and percentiles over the friction law at each
 !> frequency, their pseudo-variances, Eq. (46), and the ratio of the outer percentiles'.
+!>
+!> Frequencies above those that hold all but 1e-4 of the power are left to plain sampling:
+!> there is nothing to gain there, the fit would be to leakage and rounding, and they are most.
 module statistics_spectra
    use core_error, only: error_type
    use core_kinds, only: wp
@@ -14,7 +17,8 @@ module statistics_spectra
 
    integer, parameter :: n_points = 2048      !! of a law
    integer, parameter :: together = 128       !! frequencies
-   integer, parameter :: every = 8            !! frequency chooses the kernel
+   integer, parameter :: choosing = 24        !! frequencies choose the kernel, or a few more
+   real(wp), parameter :: share_above = 1.0e-4_wp   !! of the power, left to plain sampling
    real(wp), parameter :: two_sided = 1.959964_wp
    real(wp), parameter :: least_density = 1.0e-290_wp   !! its logarithm is finite
 
@@ -56,15 +60,20 @@ contains
       type(fit_type), allocatable :: fits(:)
       type(law_type) :: law
       type(view_type) :: view
-      integer :: first, k, last, number
+      integer, allocatable :: starts(:)   ! of parts of the frequencies, those with a fit first
+      integer :: k, n_powerful, number
 
       outputs = log(max(density, least_density))
-      call learn_kernel(pool%x, outputs(:, 1::every), surrogate, error)
+      n_powerful = maxval([(last_powerful(plain(number)%mean), number=1, size(plain))])
+      call learn_kernel(pool%x, outputs(:, 1:n_powerful:max(1, n_powerful/choosing)), surrogate, &
+                        error)
       if (allocated(error)) return
-      allocate (fits((size(outputs, 2) - 1)/together + 1))
+      allocate (fits((n_powerful - 1)/together + 1))
+      starts = [[(1 + (k - 1)*together, k=1, size(fits))], &
+                [(k, k=n_powerful + 1, size(outputs, 2), together)], size(outputs, 2) + 1]
       do k = 1, size(fits)
-         call ends_of(k, first, last)
-         call fit_outputs(surrogate, outputs(:, first:last), fits(k))
+         call fit_outputs(surrogate, outputs(:, starts(k):starts(k + 1) - 1), &
+                          fits(k))
       end do
       do number = 1, size(plain)
          call choose_points(pool%draws(number), surrogate%direction, n_points, law, error)
@@ -75,29 +84,20 @@ contains
 
    contains
 
-      pure subroutine ends_of(k, first, last)
-         integer, intent(in) :: k
-         integer, intent(out) :: first, last
-
-         first = (k - 1)*together + 1
-         last = min(k*together, size(outputs, 2))
-      end subroutine ends_of
-
       subroutine estimate_case(number, best)
          integer, intent(in) :: number
          type(spectrum_type), intent(inout) :: best
          type(integral_type) :: of_mean, of_percentile(size(share_below))
          real(wp), allocatable :: values(:, :)
-         integer :: first, k, last, p
+         integer :: k, p
 
          call make_room(best, size(outputs, 2), size(share_below))
-         do k = 1, size(fits)
-            call ends_of(k, first, last)
-            allocate (values(size(law%weight), last - first + 1))
-            call predict(fits(k), view%feature, values)
-            call estimate_means(number, k, first, values, best, of_mean)
+         do k = 1, size(starts) - 1
+            allocate (values(size(law%weight), starts(k + 1) - starts(k)))
+            if (k <= size(fits)) call predict(fits(k), view%feature, values)
+            call estimate_means(number, k, values, best, of_mean)
             do p = 1, size(share_below)
-               call estimate_percentiles(number, k, first, p, values, best, of_percentile(p))
+               call estimate_percentiles(number, k, p, values, best, of_percentile(p))
             end do
             deallocate (values)
          end do
@@ -110,8 +110,8 @@ contains
          call find_ratio(number, of_percentile(1), of_percentile(size(share_below)), best)
       end subroutine estimate_case
 
-      subroutine estimate_means(number, k, first, values, best, integral)
-         integer, intent(in) :: number, k, first
+      subroutine estimate_means(number, k, values, best, integral)
+         integer, intent(in) :: number, k
          real(wp), intent(in) :: values(:, :)
          type(spectrum_type), intent(inout) :: best
          type(integral_type), intent(inout) :: integral
@@ -119,25 +119,31 @@ contains
          real(wp) :: share(size(values, 2))
          integer :: f, o
 
-         associate (own => density(view%first:view%last, first:first + size(values, 2) - 1))
-            call law_mean_of_exponential(surrogate, fits(k), view, values, own, ours)
-            theirs = among_all(pool, number, plain_mean(own), &
-                               plain(number)%mean(first:first + size(values, 2) - 1))
+         associate (first => starts(k), last => starts(k + 1) - 1)
+            associate (own => density(view%first:view%last, first:last))
+               theirs = among_all(pool, number, plain_mean(own), plain(number)%mean(first:last))
+               both = theirs
+               share = 1.0_wp
+               if (k <= size(fits)) then
+                  call law_mean_of_exponential(surrogate, fits(k), view, values, own, ours)
+                  call blend(ours, theirs, [(0.0_wp, o=1, size(share))], both, share)
+               end if
+            end associate
          end associate
-         call blend(ours, theirs, [(0.0_wp, o=1, size(share))], both, share)
          do o = 1, size(values, 2)
-            f = first + o - 1
+            f = starts(k) + o - 1
             best%mean(f) = both%value(o)
             call state_error(number, of_means, both%influence(:, o), both%bias(o), &
-                             theirs%influence(:, o), best%mean_error(f), best%mean_ratio(f))
+                             theirs%influence(:, o), 1.0_wp - share(o), best%mean_error(f), &
+                             best%mean_ratio(f))
          end do
          call add_to(integral, both, theirs, [(step, o=1, size(values, 2))], &
                      [(step, o=1, size(values, 2))])
          integral%value = integral%value + step*sum(both%value)
       end subroutine estimate_means
 
-      subroutine estimate_percentiles(number, k, first, p, values, best, integral)
-         integer, intent(in) :: number, k, first, p
+      subroutine estimate_percentiles(number, k, p, values, best, integral)
+         integer, intent(in) :: number, k, p
          real(wp), intent(in) :: values(:, :)
          type(spectrum_type), intent(inout) :: best
          type(integral_type), intent(inout) :: integral
@@ -145,17 +151,25 @@ contains
          real(wp) :: share(size(values, 2)), reach
          integer :: f, o
 
-         call law_percentile(surrogate, fits(k), view, values, share_below(p), ours)
-         associate (own => outputs(view%first:view%last, first:first + size(values, 2) - 1))
-            theirs = among_all(pool, number, plain_percentile(own, share_below(p)), &
-                               log(max(plain(number)%percentile(first:first + size(values, 2) - 1, &
-                                                                p), least_density)))
+         associate (first => starts(k), last => starts(k + 1) - 1)
+            associate (own => outputs(view%first:view%last, first:last))
+               theirs = among_all(pool, number, plain_percentile(own, share_below(p)), &
+                                  log(max(plain(number)%percentile(first:last, p), least_density)))
+               both = theirs
+               share = 1.0_wp
+               if (k <= size(fits)) then
+                  call law_percentile(surrogate, fits(k), view, values, share_below(p), ours)
+                  call blend(ours, theirs, &
+                             residual_share(fits(k)%residual(view%first:view%last, :), own), both, &
+                             share)
+               end if
+            end associate
          end associate
-         call blend(ours, theirs, share_of_residuals(k, first), both, share)
          do o = 1, size(values, 2)
-            f = first + o - 1
+            f = starts(k) + o - 1
             call state_error(number, of_percentiles, both%influence(:, o), both%bias(o), &
-                             theirs%influence(:, o), reach, best%percentile_ratio(f, p))
+                             theirs%influence(:, o), 1.0_wp - share(o), reach, &
+                             best%percentile_ratio(f, p))
             best%percentile(f, p) = exp(both%value(o))
             best%low(f, p) = exp(both%value(o) - two_sided*reach)
             best%high(f, p) = exp(both%value(o) + two_sided*reach)
@@ -164,25 +178,20 @@ contains
          integral%value = integral%value + step*sum(exp(both%value))
       end subroutine estimate_percentiles
 
-      pure function share_of_residuals(k, first) result(share)
-         integer, intent(in) :: k, first
-         real(wp) :: share(size(fits(k)%mean))
-
-         share = residual_share(fits(k)%residual(view%first:view%last, :), &
-                                outputs(view%first:view%last, first:first + size(share) - 1))
-      end function share_of_residuals
-
-      !> That of the regression and of the points of the law, and how much larger plain sampling's
-      !> is.
-      pure subroutine state_error(number, efficiency, influence, bias, of_plain, stated, ratio)
+      !> That of the regression, and of the points of the law for its share of the estimate; and
+      !> how much larger plain sampling's is.
+      pure subroutine state_error(number, efficiency, influence, bias, of_plain, share, stated, &
+                                  ratio)
          integer, intent(in) :: number
          real(wp), intent(in) :: efficiency, influence(:), bias, of_plain(:)
+         real(wp), intent(in) :: share   !! of the regression
          real(wp), intent(out) :: stated, ratio
          real(wp) :: plain
 
          associate (n => pool%n_samples(number))
             plain = stated_error(of_plain, 0.0_wp, n)
-            stated = hypot(stated_error(influence, bias, n), plain*error_share(law, efficiency, n))
+            stated = hypot(stated_error(influence, bias, n), &
+                           share*plain*error_share(law, efficiency, n))
          end associate
          ratio = 1.0_wp
          if (stated > 0.0_wp) ratio = plain/stated
@@ -197,7 +206,7 @@ contains
 
          value = integral%value
          call state_error(number, efficiency, integral%influence, integral%bias, &
-                          integral%plain_influence, stated, ratio)
+                          integral%plain_influence, 1.0_wp, stated, ratio)
       end subroutine close_integral
 
       !> The last percentile's integral over the first one's; errors are those of its logarithm.
@@ -211,13 +220,26 @@ contains
                           top%influence/top%value - bottom%influence/bottom%value, &
                           top%bias/top%value - bottom%bias/bottom%value, &
                           top%plain_influence/top%value - bottom%plain_influence/bottom%value, &
-                          stated, best%ratio_ratio)
+                          1.0_wp, stated, best%ratio_ratio)
          best%ratio = top%value/bottom%value
          best%ratio_low = best%ratio*exp(-two_sided*stated)
          best%ratio_high = best%ratio*exp(two_sided*stated)
       end subroutine find_ratio
 
    end subroutine estimate_spectrum
+
+   !> The frequency above which there is 1e-4 of the power.
+   pure integer function last_powerful(mean)
+      real(wp), intent(in) :: mean(:)   !! (frequency)
+      real(wp) :: above, total
+
+      total = sum(mean)
+      above = 0.0_wp
+      do last_powerful = size(mean), 2, -1
+         above = above + mean(last_powerful)
+         if (above > share_above*total) exit
+      end do
+   end function last_powerful
 
    pure subroutine make_room(best, n_frequencies, n_percentiles)
       type(spectrum_type), intent(inout) :: best
