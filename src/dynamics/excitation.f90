@@ -4,7 +4,8 @@ module dynamics_excitation
    use core_kinds, only: wp
    use core_random, only: stream_type
    use core_text, only: to_text
-   use numerics_fftw, only: good_fft_length, inverse_fft
+   use numerics_fftw, only: good_fft_length
+   use numerics_synthesis, only: sum_lines
    implicit none(type, external)
    private
    public :: band_limited_force
@@ -27,8 +28,8 @@ contains
       type(stream_type), intent(inout) :: stream
       real(wp), intent(out) :: force(:)              !! (step) values dt apart
       type(error_type), allocatable, intent(out) :: error
-      type(inverse_fft) :: synthesis
       real(wp), allocatable :: normal(:)
+      complex(wp), allocatable :: line(:)
       real(wp) :: spacing, scale
       integer :: first, last, n, k
 
@@ -41,20 +42,18 @@ contains
 
       allocate (normal(2*(last - first + 1)))
       call stream%normals(normal)
-      call synthesis%prepare(n)
-      synthesis%spectrum = 0.0_wp
+      allocate (line(first:last))
       do k = first, last
          scale = sqrt(share_of_line(k, spacing, band))
          associate (z => normal(2*(k - first) + 1:2*(k - first) + 2))
             if (k == 0 .or. 2*k == n) then
-               synthesis%spectrum(k) = scale*z(1)
+               line(k) = scale*z(1)
             else
-               synthesis%spectrum(k) = 0.5_wp*scale*cmplx(z(1), -z(2), wp)
+               line(k) = 0.5_wp*scale*cmplx(z(1), -z(2), wp)
             end if
          end associate
       end do
-      call synthesis%execute()
-      force = synthesis%signal(0:size(force) - 1)
+      call sum_lines(n, first, line, force)
    end subroutine band_limited_force
 
    !> The share of the band that line k stands for.

@@ -1,0 +1,75 @@
+!> Signals of few lines in a long spectrum.
+!>
+!> Only lines up to `last` of a period of n values are not zero. With n = P m and m > 2 last, the
+!> values p, p + P, p + 2 P, ... of phase p are an inverse transform of length m of the lines turned
+!> by exp(2 pi i k p/n): P short transforms, which stay in the cache, take the place of a long one.
+module numerics_synthesis
+   use core_kinds, only: wp
+   use numerics_fftw, only: inverse_fft
+   implicit none(type, external)
+   private
+   public :: sum_lines
+
+   integer, parameter :: most_phases = 64   !! each turn adds a rounding
+   integer, parameter :: together = 8       !! phases that are stored side by side
+   real(wp), parameter :: two_pi = 8.0_wp*atan(1.0_wp)
+
+contains
+
+   !> The first values of signal(j) = sum over k of line(k) exp(2 pi i j k/n) + its conjugate; of
+   !> lines 0 and n/2 the real part alone, once.
+   subroutine sum_lines(n, first, line, signal)
+      integer, intent(in) :: n                    !! values of a period
+      integer, intent(in) :: first                !! 0 or more; the last one at most n/2
+      complex(wp), intent(in) :: line(first:)
+      real(wp), intent(out) :: signal(0:)         !! at most n values
+      type(inverse_fft) :: transform
+      complex(wp), allocatable :: turned(:), turn(:)   ! (first:last)
+      real(wp), allocatable :: part(:, :)              ! (phase, value of it)
+      integer :: i, k, last, n_phases, p, place, values, width
+
+      last = ubound(line, 1)
+      n_phases = count_phases(n, last)
+      values = n/n_phases
+      call transform%prepare(values)
+      if (n_phases == 1) then
+         transform%spectrum = 0.0_wp
+         transform%spectrum(first:last) = line
+         call transform%execute()
+         signal = transform%signal(0:size(signal) - 1)
+         return
+      end if
+      allocate (turned(first:last), turn(first:last))
+      allocate (part(min(together, n_phases), 0:values - 1))
+      do k = first, last
+         turned(k) = line(k)
+         turn(k) = cmplx(cos(two_pi*k/n), sin(two_pi*k/n), wp)
+      end do
+      do p = 0, n_phases - 1, together
+         width = min(together, n_phases - p)
+         do i = 1, width
+            transform%spectrum = 0.0_wp
+            transform%spectrum(first:last) = turned
+            call transform%execute()
+            part(i, :) = transform%signal
+            turned = turned*turn
+         end do
+         do k = 0, values - 1
+            place = p + n_phases*k
+            if (place >= size(signal)) exit
+            i = min(width, size(signal) - place)
+            signal(place:place + i - 1) = part(:i, k)
+         end do
+      end do
+   end subroutine sum_lines
+
+   !> The largest divisor of n that leaves each phase more than two values a line; at least 1.
+   pure integer function count_phases(n, last)
+      integer, intent(in) :: n, last
+
+      do count_phases = min(most_phases, n), 2, -1
+         if (modulo(n, count_phases) == 0 .and. n/count_phases > 2*last) exit
+      end do
+   end function count_phases
+
+end module numerics_synthesis
