@@ -9,7 +9,7 @@ import numpy as np
 import xarray as xr
 from numpy.typing import NDArray
 
-from . import tradeoff
+from . import sensitivity, tradeoff
 from .deterministic_statements import slip_with_error
 from .evidence import Statement
 from .paper import SLIP_HZ, SLIP_PERCENT, STDS, STUCK_HZ, is_paper_study
@@ -101,7 +101,7 @@ def of_cases(results: Results) -> Iterator[Table]:
 
 # Each yields the tables that a file has data for.
 SOURCES: tuple[Callable[[Results], Iterator[Table]], ...] = (
-    of_chain, of_processes, of_cases, tradeoff.tables_of,
+    of_chain, of_processes, of_cases, sensitivity.tables_of, tradeoff.tables_of,
 )  # fmt: skip
 
 

@@ -337,17 +337,6 @@ def test_its_types_agree():
     assert done.returncode == 0, done.stdout
 
 
-def test_the_worked_example_runs(results_file, tmp_path):
-    done = subprocess.run(
-        [sys.executable, "-m", "entroslip.examples.friction_and_slip", results_file,
-         "--out", tmp_path / "x.png"],
-        cwd=ROOT, capture_output=True, text=True, check=False,
-    )  # fmt: skip
-    assert done.returncode == 0, done.stderr
-    assert "correlation of friction" in done.stdout
-    assert plt.imread(tmp_path / "x.png").std() > 0.01
-
-
 def test_draws_agree_with_the_program(results_of_scene):
     """The bootstrap's own statistic is the file's, but for power beyond the kept frequencies."""
     from entroslip.study import Study

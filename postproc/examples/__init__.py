@@ -1,1 +1,0 @@
-"""Worked examples, to be read and changed."""
