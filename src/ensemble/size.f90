@@ -238,7 +238,7 @@ contains
       type(plan_type), intent(in) :: plan
       integer, intent(in) :: every
       real(wp) :: bytes
-      integer, parameter :: kept_draws = 2**15, points = 2048, features = 160, together = 128
+      integer, parameter :: kept_draws = 2**15, points = 4096, features = 160, together = 128
       type(case_pool), allocatable :: pools(:)
       real(wp) :: of_dof, of_draws, of_law
       integer :: n, n_draws, nf, p, stride

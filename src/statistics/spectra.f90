@@ -15,7 +15,7 @@ module statistics_spectra
    private
    public :: spectrum_plain, spectrum_type, estimate_spectrum, spectrum_from, spectrum_values
 
-   integer, parameter :: n_points = 2048      !! of a law
+   integer, parameter :: n_points = 4096      !! of a law
    integer, parameter :: together = 128       !! frequencies
    integer, parameter :: choosing = 24        !! frequencies choose the kernel, or a few more
    real(wp), parameter :: share_above = 1.0e-4_wp   !! of the power, left to plain sampling
