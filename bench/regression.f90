@@ -187,15 +187,17 @@ contains
       call estimate_scalars(pool, y, [.true.], share_below, plain, estimates, error)
       call check(error)
       do c = 1, n_cases
-         associate (truth => slip_truth(j, c), ours => estimates(1, c), score => slip_score(:, j, c))
+         associate (truth => slip_truth(j, c), ours => estimates(1, c), &
+                    score => slip_score(:, j, c))
             call take(score(1), truth%mean, plain(1, c)%mean, ours%mean, ours%mean_error, &
                       ours%mean_ratio)
             call take(score(2), truth%deviation, plain(1, c)%deviation, ours%deviation, &
                       ours%deviation_error, ours%deviation_ratio)
             do p = 1, 2
-               call take(score(2 + p), angle(truth%percentile(p)), angle(plain(1, c)%percentile(p)), &
-                         angle(ours%percentile(p)), (angle(ours%high(p)) - angle(ours%low(p)))/ &
-                         (2*1.96_wp), ours%percentile_ratio(p))
+               call take(score(2 + p), angle(truth%percentile(p)), &
+                         angle(plain(1, c)%percentile(p)), angle(ours%percentile(p)), &
+                         (angle(ours%high(p)) - angle(ours%low(p)))/(2*1.96_wp), &
+                         ours%percentile_ratio(p))
             end do
          end associate
       end do

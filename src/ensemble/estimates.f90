@@ -59,13 +59,13 @@ contains
 
       associate (best => self%best, ratio => self%error_ratio)
          select case (quantity)
-          case (1)
+         case (1)
             call replace(joint, scalar, best%slip, ratio%slip)
             self%sensitivity(:, joint) = scalar%sensitivity
             self%sensitivity_error(:, joint) = scalar%sensitivity_error
-          case (2)
+         case (2)
             call replace(joint, scalar, best%slip_distance, ratio%slip_distance)
-          case (3)
+         case (3)
             call replace(joint, scalar, best%dissipation, ratio%dissipation)
          end select
       end associate

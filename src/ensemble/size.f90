@@ -199,15 +199,20 @@ contains
          bytes = bytes*(1.0_wp + plan%integration%max_halvings/8.0_wp)
    end function memory_of_matrices
 
-   !> The record while it is drawn: itself, the transform's two buffers and its work. A file's is
-   !> kept as often.
+   !> The record while it is drawn: itself, and of the transforms a part that falls with the highest
+   !> line (numerics_synthesis); as it is marched. A file's is kept twice more.
    pure function record_memory(plan) result(bytes)
       type(plan_type), intent(in) :: plan
       real(wp) :: bytes
+      real(wp) :: copies
 
-      bytes = (3 + plan%structure%n_forces)*word*(plan%integration%n_steps + 1.0_wp)
-      if (plan%excitation%kind == 'file' .and. plan%excitation%per_sample) &
-         bytes = 2*word*(plan%integration%n_steps + 1.0_wp)*maxval(plan%cases%n_samples)
+      associate (how => plan%excitation)
+         copies = 2.0_wp
+         if (how%kind == 'band_limited') copies = min(2.0_wp, 6*how%band(2)*plan%integration%dt)
+         bytes = (1 + copies + plan%structure%n_forces)*word*(plan%integration%n_steps + 1.0_wp)
+         if (how%kind == 'file' .and. how%per_sample) &
+            bytes = 2*word*(plan%integration%n_steps + 1.0_wp)*maxval(plan%cases%n_samples)
+      end associate
    end function record_memory
 
    !> Bands of two cases at once, and the spectra of a group of samples at some frequencies.
