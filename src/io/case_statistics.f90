@@ -56,40 +56,40 @@ contains
             call write_ratios(beside, plan, estimates%error_ratio)
             call beside%take_error(group%error)
          end if
-         call say_estimators(group, estimates)
+         call describe_estimators(group, estimates)
       end if
       call group%take_error(error)
    end subroutine write_estimates
 
    !> Of each best estimate: how it came about and what that gains.
-   subroutine say_estimators(group, estimates)
+   subroutine describe_estimators(group, estimates)
       type(group_type), intent(inout) :: group
       type(case_estimates), intent(in) :: estimates
 
       associate (ratio => estimates%error_ratio)
-         call say_of_joints('slip', ratio%slip)
-         call say_of_joints('slip_distance', ratio%slip_distance)
-         call say_of_joints('dissipation', ratio%dissipation)
+         call describe_joints('slip', ratio%slip)
+         call describe_joints('slip_distance', ratio%slip_distance)
+         call describe_joints('dissipation', ratio%dissipation)
          if (.not. allocated(ratio%psd_mean)) return
-         call say('psd_mean', [ratio%psd_mean])
-         call say('psd_percentiles', [ratio%psd_percentiles])
-         call say('pseudo_variance_mean', ratio%pseudo_variance_mean)
-         call say('pseudo_variance_percentiles', [ratio%pseudo_variance_percentiles])
-         call say('band_ratio', ratio%band_ratio)
+         call describe('psd_mean', [ratio%psd_mean])
+         call describe('psd_percentiles', [ratio%psd_percentiles])
+         call describe('pseudo_variance_mean', ratio%pseudo_variance_mean)
+         call describe('pseudo_variance_percentiles', [ratio%pseudo_variance_percentiles])
+         call describe('band_ratio', ratio%band_ratio)
       end associate
 
    contains
 
-      subroutine say_of_joints(name, ratio)
+      subroutine describe_joints(name, ratio)
          character(*), intent(in) :: name
          type(joint_statistics), intent(in) :: ratio
 
-         call say(name//'_mean', ratio%mean)
-         call say(name//'_std', ratio%std)
-         call say(name//'_percentiles', [ratio%percentiles])
-      end subroutine say_of_joints
+         call describe(name//'_mean', ratio%mean)
+         call describe(name//'_std', ratio%std)
+         call describe(name//'_percentiles', [ratio%percentiles])
+      end subroutine describe_joints
 
-      subroutine say(name, ratio)
+      subroutine describe(name, ratio)
          character(*), intent(in) :: name
          real(wp), intent(in) :: ratio(:)
          type(group_type) :: dataset
@@ -109,9 +109,9 @@ contains
             call dataset%attribute('plain_reason', 'the regression explains too little')
          end if
          call dataset%take_error(group%error)
-      end subroutine say
+      end subroutine describe
 
-   end subroutine say_estimators
+   end subroutine describe_estimators
 
    !> 'c001 c003'
    pure function names_of(cases) result(names)
