@@ -1,15 +1,16 @@
 !> The linear system that the exact march rests on: how the motion of 32 samples goes on over one
 !> part of a step while no joint changes its regime, and how it answers to one that does.
 module dynamics_exact_base_system
-   use core_error, only: error_type
+   use core_error, only: error_type, exit_no_solution, raise
    use core_kinds, only: wp
+   use core_text, only: to_text
    use dynamics_exact_joint_paths, only: joint_paths
    use dynamics_exact_transitions, only: transition_group
    use dynamics_response, only: block_state
    use structure_model, only: structure_type
    implicit none(type, external)
    private
-   public :: base_system
+   public :: base_system, raise_too_many
 
    !> A form of the equations of motion, for parts of length h.
    type, abstract :: base_system
@@ -22,7 +23,6 @@ module dynamics_exact_base_system
       procedure(take), deferred :: take
       procedure(give), deferred :: give
       procedure(run_part), deferred :: run_part
-      procedure(respond), deferred :: respond
       procedure(correct), deferred :: correct
       procedure(redo), deferred :: redo
       procedure(go_on), deferred :: go_on
@@ -60,13 +60,6 @@ module dynamics_exact_base_system
          integer, intent(inout) :: list(:)
          integer, intent(out) :: found
       end subroutine run_part
-
-      !> Fills group%response: what each joint's change of regime adds to its own path.
-      subroutine respond(self, group)
-         import :: base_system, transition_group
-         class(base_system), intent(in) :: self
-         type(transition_group), intent(inout) :: group
-      end subroutine respond
 
       !> Adds the effect of transition `entry` of the group to the ends of its sample.
       subroutine correct(self, group, entry)
@@ -109,5 +102,20 @@ module dynamics_exact_base_system
          real(wp), intent(inout) :: work(:, :)   !! (lane, input viscous) [J]
       end subroutine add_works
    end interface
+
+contains
+
+   !> Says that a joint has switched too often in one part.
+   pure subroutine raise_too_many(base, joint, lane, begin, error)
+      class(base_system), intent(in) :: base
+      integer, intent(in) :: joint, lane
+      real(wp), intent(in) :: begin   !! of the part [parts]
+      type(error_type), allocatable, intent(out) :: error
+
+      call raise(error, exit_no_solution, 'joint '//to_text(joint)//' of sample '// &
+                 to_text(base%paths%first_sample + lane - 1)//' of its block: more than '// &
+                 to_text(base%max_transitions)//' transitions in the step that ends at t = '// &
+                 to_text((begin + 1.0_wp)*base%h))
+   end subroutine raise_too_many
 
 end module dynamics_exact_base_system

@@ -3,10 +3,10 @@
 module dynamics_exact_block_march
    use core_error, only: error_type
    use core_kinds, only: long, wp
-   use dynamics_exact_base_system, only: base_system
+   use dynamics_exact_base_system, only: base_system, raise_too_many
    use dynamics_exact_joint_paths, only: width
-   use dynamics_exact_transitions, only: group_size, involved, judge, locate, plain, &
-                                         transition_group
+   use dynamics_exact_transitions, only: clear, examine, find_next, gather, group_size, involved, plain, &
+                                         take_answer, transition_group
    use dynamics_joint, only: dissipate, start_slip, stick
    use dynamics_response, only: block_state
    use structure_model, only: structure_type
@@ -105,8 +105,9 @@ contains
       end do
    end subroutine march_part
 
-   !> Judges all suspects first; then samples without involved suspects are corrected, the others
-   !> marched again. What is done to a sample depends on that sample alone.
+   !> Judges all suspects first; then samples with involved joints that are not local are marched
+   !> again, of the others each joint by itself. What is done to a sample depends on that sample
+   !> alone.
    subroutine make_transitions(base, found, begin, state, room, error)
       class(base_system), intent(inout) :: base
       integer, intent(in) :: found
@@ -115,7 +116,7 @@ contains
       type(march_room), intent(inout) :: room
       type(error_type), allocatable, intent(out) :: error
       type(transition_group), allocatable :: more(:)
-      integer :: e, first, g, l, n_groups, sample
+      integer :: e, first, g, l, n_groups
 
       n_groups = (found + group_size - 1)/group_size
       if (n_groups > size(room%groups)) then
@@ -125,13 +126,11 @@ contains
       do g = 1, n_groups
          associate (group => room%groups(g))
             first = group_size*(g - 1) + 1
-            call locate(base%paths, room%list(first:min(found, first + group_size - 1)), group)
-            call base%respond(group)
-            call judge(base%paths%degree, group)
+            call examine(base%paths, room%list(first:min(found, first + group_size - 1)), group)
             do e = 1, group%n
-               if (group%verdict(e) == involved) room%is_involved(group%lane(e)) = .true.
+               if (group%verdict(e) == clear) cycle
                ! only a march anew has the works of the pieces between transitions
-               if (group%verdict(e) == plain .and. state%keeps_ledger) &
+               if (state%keeps_ledger .or. .not. base%paths%is_local(group%joint(e))) &
                   room%is_involved(group%lane(e)) = .true.
             end do
          end associate
@@ -139,19 +138,13 @@ contains
       do g = 1, n_groups
          associate (group => room%groups(g))
             do e = 1, group%n
-               l = group%lane(e)
-               if (group%verdict(e) /= plain .or. room%is_involved(l)) cycle
-               sample = base%paths%first_sample + l - 1
-               associate (j => group%joint(e), time => (begin + group%time(e))*base%h, &
-                          place => group%path(e, 0), way => nint(group%way(e)))
-                  call base%correct(group, e)
-                  call base%paths%switch(l, j, way, place)
-                  if (abs(group%side(e)) > 0.0_wp) then
-                     call stick(state, j, sample, time, place)
-                  else
-                     call start_slip(state, j, sample, time, place, way)
-                  end if
-               end associate
+               if (room%is_involved(group%lane(e))) cycle
+               if (group%verdict(e) == plain) then
+                  call make_transition(base, group, e, begin, state)
+               else if (group%verdict(e) == involved) then
+                  call follow_joint(base, room%list(group_size*(g - 1) + e), begin, state, error)
+                  if (allocated(error)) return
+               end if
             end do
          end associate
       end do
@@ -161,6 +154,50 @@ contains
          if (allocated(error)) return
       end do
    end subroutine make_transitions
+
+   !> Enters one transition into the ends of the part, the regimes and the account.
+   subroutine make_transition(base, group, entry, begin, state)
+      class(base_system), intent(inout) :: base
+      type(transition_group), intent(in) :: group
+      integer, intent(in) :: entry
+      real(wp), intent(in) :: begin   !! [parts]
+      type(block_state), intent(inout) :: state
+      integer :: sample, way
+
+      sample = base%paths%first_sample + group%lane(entry) - 1
+      way = nint(group%way(entry))
+      associate (j => group%joint(entry), time => (begin + group%time(entry))*base%h, &
+                 place => group%place(entry))
+         call base%correct(group, entry)
+         call base%paths%switch(group%lane(entry), j, way, place)
+         if (abs(group%side(entry)) > 0.0_wp) then
+            call stick(state, j, sample, time, place)
+         else
+            call start_slip(state, j, sample, time, place, way)
+         end if
+      end associate
+   end subroutine make_transition
+
+   !> All transitions of a local joint in the part, one after another.
+   subroutine follow_joint(base, suspect, begin, state, error)
+      class(base_system), intent(inout) :: base
+      integer, intent(in) :: suspect   !! as the list has it
+      real(wp), intent(in) :: begin    !! [parts]
+      type(block_state), intent(inout) :: state
+      type(error_type), allocatable, intent(out) :: error
+      type(transition_group) :: one
+      logical :: is_found
+      integer :: round
+
+      call gather(base%paths, [suspect], one)
+      do round = 0, base%max_transitions
+         call find_next(base%paths%degree, one, is_found)
+         if (.not. is_found) return
+         call make_transition(base, one, 1, begin, state)
+         call take_answer(base%paths, one)
+      end do
+      call raise_too_many(base, one%joint(1), one%lane(1), begin, error)
+   end subroutine follow_joint
 
    !> Enters the works of a part into the ledgers of the samples that have not been marched again.
    subroutine keep_ledger(base, room, state)

@@ -4,7 +4,8 @@
 !> Loops over lanes have constant length. All data begins at multiples of 64 bytes.
 module dynamics_exact_free_steps
    use core_kinds, only: long, wp
-   use dynamics_exact_joint_paths, only: joint_paths, layer_reach, layer_side, layer_slider, width
+   use dynamics_exact_joint_paths, only: joint_paths, layer_hold, layer_lift, layer_side, &
+                                         layer_slider, width
    use dynamics_exact_powers, only: next_power
    use dynamics_exact_series, only: series_type
    implicit none(type, external)
@@ -13,151 +14,174 @@ module dynamics_exact_free_steps
 
    integer, private :: b   ! of the constructor that follows
    integer(long), parameter :: bit(width) = [(shiftl(1_long, b), b=0, width - 1)]
-   !> Guards within this share of the reach count as suspect (5)
-   real(wp), parameter :: margin = 1.0e-6_wp
 
 contains
 
    !> Powers 2 .. P of all rows.
    subroutine expand_block(series, push, paths)
       type(series_type), intent(in) :: series
-      real(wp), intent(in) :: push(:, :, 0:)   !! (lane, loaded dof, power) force now and its rise
+      !> (lane, loaded dof, power) force now and its rise
+      real(wp), intent(in), contiguous :: push(:, :, 0:)
       type(joint_paths), intent(inout) :: paths
-      integer :: i, k
+      integer :: k
 
       do k = 0, series%degree - 2
-         call step_power(size(paths%x, 2), series, k, paths%layer(k), paths%layer(k + 1), &
-                         ubound(paths%x, 3), paths%x, paths%stiffness)
-         associate (x => paths%x)
-            if (k == 0) x(:, :series%n_dof, 2) = x(:, :series%n_dof, 2) &
-                                                 + 0.5_wp*paths%pull(:, :series%n_dof)
-            if (series%n_links > 0) call push_links(series, k, paths)
-            if (k <= 1) then
-               do i = 1, size(series%loaded)
-                  associate (dof => series%loaded(i))
-                     x(:, dof, k + 2) = x(:, dof, k + 2) &
-                                        + (1.0_wp/((k + 1)*(k + 2)))*push(:, i, k)
-                  end associate
-               end do
-            end if
-            call follow_links(series, x(:, :, k + 2))
-         end associate
+         call add_power(size(paths%x, 2), series, k, paths%layer(k:k + 2), ubound(paths%x, 3), push, &
+                        paths%stiffness, paths%pull, paths%x)
       end do
    end subroutine expand_block
 
-   !> Gives layers of one array to next_power as arrays of their own, which do not overlap.
-   subroutine step_power(top, series, k, now, next, last, x, stiffness)
-      integer, intent(in) :: top, k, now, next, last   !! rows; power; layers
+   !> Power k + 2 of all rows. Layers of one array become arrays of their own, which do not overlap.
+   subroutine add_power(top, series, k, layer, last, push, stiffness, pull, x)
+      integer, intent(in) :: top, k, layer(0:2), last   !! rows; power; layers of k ..; last layer
       type(series_type), intent(in) :: series
+      real(wp), intent(in) :: push(width, size(series%loaded), 0:1)
+      real(wp), intent(in), dimension(width, top) :: stiffness, pull
       real(wp), intent(inout) :: x(width, top, 0:last)
-      real(wp), intent(in) :: stiffness(width, top)
+      real(wp) :: scale
+      integer :: i, l
 
-      call next_power(top, series%springs, series%damping(k), -1.0_wp/((k + 1)*(k + 2)), &
-                      x(1, 1, now), x(1, 1, next), stiffness, x(1, 1, k + 2))
-   end subroutine step_power
+      scale = 1.0_wp/((k + 1)*(k + 2))
+      call next_power(top, series%springs, series%damping(k), -scale, x(1, 1, layer(0)), &
+                      x(1, 1, layer(1)), stiffness, x(1, 1, layer(2)))
+      if (k == 0) then
+         do i = 1, series%n_dof
+            do l = 1, width
+               x(l, i, 2) = x(l, i, 2) + scale*pull(l, i)
+            end do
+         end do
+      end if
+      if (series%n_links > 0) call push_links(top, series, k, x(1, 1, layer(0)), stiffness, pull, &
+                                              x(1, 1, layer(2)))
+      if (k <= 1) then
+         do i = 1, size(series%loaded)
+            associate (dof => series%loaded(i))
+               do l = 1, width
+                  x(l, dof, k + 2) = x(l, dof, k + 2) + scale*push(l, i, k)
+               end do
+            end associate
+         end do
+      end if
+      if (series%n_links > 0) call follow_links(top, series, x(1, 1, layer(2)))
+   end subroutine add_power
 
    !> Adds the forces of the links to x_(k+2) of the dofs that they join.
-   subroutine push_links(series, k, paths)
+   subroutine push_links(top, series, k, x0, stiffness, pull, x2)
+      integer, intent(in) :: top, k
       type(series_type), intent(in) :: series
-      integer, intent(in) :: k
-      type(joint_paths), intent(inout) :: paths
-      real(wp) :: force(width)
-      integer :: e, g, row
+      real(wp), intent(in), dimension(width, top) :: x0, stiffness, pull
+      real(wp), intent(inout) :: x2(width, top)
+      real(wp) :: force(width), pulls
+      integer :: e, g, l, row
 
+      pulls = merge(1.0_wp, 0.0_wp, k == 0)
       do g = 1, series%n_links
-         row = series%n_padded + g
-         force = paths%stiffness(:, row)*paths%x(:, row, paths%layer(k))
-         if (k == 0) force = force - paths%pull(:, row)
-         force = force*(1.0_wp/((k + 1)*(k + 2)))
+         row = series%n_dof + g
+         do l = 1, width
+            force(l) = (stiffness(l, row)*x0(l, row) - pulls*pull(l, row)) &
+                       *(1.0_wp/((k + 1)*(k + 2)))
+         end do
          do e = series%first_end(g), series%first_end(g + 1) - 1
-            associate (x => paths%x(:, series%end_dof(e), k + 2))
-               x = x - series%mobility(e)*force
+            associate (dof => series%end_dof(e))
+               do l = 1, width
+                  x2(l, dof) = x2(l, dof) - series%mobility(e)*force(l)
+               end do
             end associate
          end do
       end do
    end subroutine push_links
 
    !> Paths of the links from those of the dofs, one power.
-   subroutine follow_links(series, x)
+   subroutine follow_links(top, series, x)
+      integer, intent(in) :: top   !! rows
       type(series_type), intent(in) :: series
-      real(wp), intent(inout), contiguous :: x(:, :)   !! (lane, row)
+      real(wp), intent(inout) :: x(width, top)
       real(wp) :: path(width)
-      integer :: e, g
+      integer :: e, g, l
 
       do g = 1, series%n_links
          path = 0.0_wp
          do e = series%first_end(g), series%first_end(g + 1) - 1
-            path = path + series%direction(e)*x(:, series%end_dof(e))
+            do l = 1, width
+               path(l) = path(l) + series%direction(e)*x(l, series%end_dof(e))
+            end do
          end do
-         x(:, series%n_padded + g) = path
+         do l = 1, width
+            x(l, series%n_dof + g) = path(l)
+         end do
       end do
    end subroutine follow_links
 
    !> Ends of all paths, and a list of the suspects: joints whose guards may have a zero, as
    !> 32 (joint - 1) + lane.
-   !>
-   !> A path leaves its chord by at most max |x''|/8 <= sum k (k - 1)/8 |x_k|, a velocity by sum k
-   !> (k - 1)(k - 2)/8 |x_k| (3); the guards of the chords have their least values at its ends.
    subroutine finish_part(paths, list, found)
       type(joint_paths), intent(inout) :: paths
       integer, intent(inout) :: list(:)
       integer, intent(out) :: found
-      real(wp), dimension(width) :: bend, path, turn, velocity
-      real(wp) :: clear_of_limit, clear_of_zero, least, offset, reach, side
+
+      associate (x => paths%x, start => paths%layer, finish => paths%finish)
+         call finish_rows(size(x, 2), paths%degree, paths, x(:, :, start(0)), x(:, :, start(1)), &
+                          x(:, :, 2:paths%degree), x(:, :, finish(0):finish(1)), list, found)
+      end associate
+   end subroutine finish_part
+
+   !> A path leaves its chord by at most max |x''|/8 <= sum k (k - 1)/8 |x_k|, a velocity by sum k
+   !> (k - 1)(k - 2)/8 |x_k| (3); the guards of the chords have their least values at its ends.
+   subroutine finish_rows(top, degree, paths, x0, x1, x, finish, list, found)
+      integer, intent(in) :: top, degree
+      type(joint_paths), intent(in) :: paths
+      real(wp), intent(in), dimension(width, top) :: x0, x1
+      real(wp), intent(in) :: x(width, top, 2:degree)
+      real(wp), intent(inout) :: finish(width, top, 0:1)
+      integer, intent(inout) :: list(:)
+      integer, intent(out) :: found
+      real(wp) :: more(width, 3)   ! of powers beyond 6: end, its velocity, turn
+      real(wp) :: offset, path, turn, velocity
       integer(long) :: word
       integer :: e, i, j, k, l
 
       found = 0
-      associate (x => paths%x, regime => paths%regime, start => paths%layer(0), &
-                 speed => paths%layer(1))
-         do i = 1, paths%n_rows
-            do l = 1, width
-               path(l) = x(l, i, 5) + x(l, i, 6)
-               velocity(l) = 5.0_wp*x(l, i, 5) + 6.0_wp*x(l, i, 6)
-               bend(l) = 2.5_wp*abs(x(l, i, 5)) + 3.75_wp*abs(x(l, i, 6))
-               turn(l) = 7.5_wp*abs(x(l, i, 5)) + 15.0_wp*abs(x(l, i, 6))
-            end do
-            do k = 7, paths%degree
+      more = 0.0_wp
+      do e = 1, paths%first(paths%n_rows + 1) - 1
+         i = paths%joint_row(e)
+         j = paths%joint(e)
+         if (degree > 6) then
+            more = 0.0_wp
+            do k = 7, degree
                do l = 1, width
-                  path(l) = path(l) + x(l, i, k)
-                  velocity(l) = velocity(l) + k*x(l, i, k)
-                  bend(l) = bend(l) + 0.125_wp*k*(k - 1)*abs(x(l, i, k))
-                  turn(l) = turn(l) + 0.125_wp*k*(k - 1)*(k - 2)*abs(x(l, i, k))
+                  more(l, 1) = more(l, 1) + x(l, i, k)
+                  more(l, 2) = more(l, 2) + k*x(l, i, k)
+                  more(l, 3) = more(l, 3) + (0.125_wp*k*(k - 1)*(k - 2))*abs(x(l, i, k))
                end do
             end do
-            do l = 1, width
-               path(l) = x(l, i, 2) + (x(l, i, 3) + (x(l, i, 4) + path(l)))
-               path(l) = x(l, i, start) + (x(l, i, speed) + path(l))
-               velocity(l) = 3.0_wp*x(l, i, 3) + (4.0_wp*x(l, i, 4) + velocity(l))
-               velocity(l) = x(l, i, speed) + (2.0_wp*x(l, i, 2) + velocity(l))
-               bend(l) = 0.75_wp*abs(x(l, i, 3)) + (1.5_wp*abs(x(l, i, 4)) + bend(l))
-               bend(l) = 0.25_wp*abs(x(l, i, 2)) + bend(l)
-               turn(l) = 0.75_wp*abs(x(l, i, 3)) + (3.0_wp*abs(x(l, i, 4)) + turn(l))
-            end do
-            do e = paths%first(i), paths%first(i + 1) - 1
-               j = paths%joint(e)
-               word = 0
-               do l = 1, width
-                  side = regime(l, j, layer_side)
-                  reach = regime(l, j, layer_reach)
-                  offset = max(abs(x(l, i, start) - regime(l, j, layer_slider)), &
-                               abs(path(l) - regime(l, j, layer_slider)))
-                  clear_of_limit = reach*(1.0_wp - margin) - offset - bend(l)
-                  clear_of_zero = min(side*x(l, i, speed), side*velocity(l)) - turn(l) &
-                                  - margin*reach
-                  least = merge(clear_of_zero, clear_of_limit, abs(side) > 0.0_wp)
-                  word = ior(word, merge(bit(l), 0_long, least < 0.0_wp))
-               end do
-               do while (word /= 0_long)
-                  found = found + 1
-                  list(found) = width*(j - 1) + trailz(word) + 1
-                  word = iand(word, word - 1_long)
-               end do
-            end do
-            x(:, i, paths%finish(0)) = path
-            x(:, i, paths%finish(1)) = velocity
+         end if
+         word = 0
+         do l = 1, width
+            path = x(l, i, 5) + (x(l, i, 6) + more(l, 1))
+            velocity = 5.0_wp*x(l, i, 5) + (6.0_wp*x(l, i, 6) + more(l, 2))
+            turn = 7.5_wp*abs(x(l, i, 5)) + (15.0_wp*abs(x(l, i, 6)) + more(l, 3))
+            path = x(l, i, 2) + (x(l, i, 3) + (x(l, i, 4) + path))
+            path = x0(l, i) + (x1(l, i) + path)
+            velocity = 3.0_wp*x(l, i, 3) + (4.0_wp*x(l, i, 4) + velocity)
+            velocity = x1(l, i) + (2.0_wp*x(l, i, 2) + velocity)
+            turn = 0.75_wp*abs(x(l, i, 3)) + (3.0_wp*abs(x(l, i, 4)) + turn)
+            finish(l, i, 0) = path
+            finish(l, i, 1) = velocity
+            associate (regime => paths%regime)
+               offset = max(abs(x0(l, i) - regime(l, j, layer_slider)), &
+                            abs(path - regime(l, j, layer_slider)))
+               offset = regime(l, j, layer_hold) - offset - 0.25_wp*abs(x(l, i, 2))
+               velocity = min(regime(l, j, layer_side)*x1(l, i), &
+                              regime(l, j, layer_side)*velocity) + regime(l, j, layer_lift)
+            end associate
+            word = ior(word, merge(bit(l), 0_long, min(offset, velocity) - turn < 0.0_wp))
          end do
-      end associate
-   end subroutine finish_part
+         do while (word /= 0_long)
+            found = found + 1
+            list(found) = width*(j - 1) + trailz(word) + 1
+            word = iand(word, word - 1_long)
+         end do
+      end do
+   end subroutine finish_rows
 
 end module dynamics_exact_free_steps

@@ -8,12 +8,15 @@ module dynamics_exact_joint_paths
    use dynamics_response, only: block_state
    implicit none(type, external)
    private
-   public :: joint_paths, width, layer_slider, layer_reach, layer_side, layer_spring
+   public :: joint_paths, width, layer_slider, layer_reach, layer_side, layer_spring, layer_hold, layer_lift
 
    integer, parameter :: width = 32   !! samples side by side
-   integer, parameter :: layer_slider = 1, layer_reach = 2, layer_side = 3, layer_spring = 4
+   integer, parameter :: layer_slider = 1, layer_reach = 2, layer_side = 3, layer_spring = 4, &
+                         layer_hold = 5, layer_lift = 6
    !> Reach of a joint that is never watched, as it has no friction or its lane no sample [m]
    real(wp), parameter :: boundless = 1.0e150_wp
+   !> Guards within this share of the reach count as suspect (5)
+   real(wp), parameter :: margin = 1.0e-6_wp
 
    !> Row r of x holds a path, x_0 + x_1 t + ... + x_P t^P with t from 0 to 1: power k in layer
    !> layer(k). Its end x(1), x'(1) goes to the layers finish(0:1), which the next part starts from.
@@ -23,12 +26,16 @@ module dynamics_exact_joint_paths
       integer :: first_sample = 1  !! of the block; it marches in lane 1
       integer, allocatable :: row(:)            !! (joint)
       integer, allocatable :: first(:)          !! (row + 1) of its joints in `joint`
-      integer, allocatable :: joint(:)          !! (entry) joints by rows
+      integer, allocatable :: joint(:)          !! (entry) joints by rows; none for a row without
+      integer, allocatable :: joint_row(:)      !! (entry)
+      logical, allocatable :: is_local(:)       !! (joint) answered by its own row (8)
+      real(wp), allocatable :: damping(:)       !! (row) C^_ii of a row that answers so
       integer, allocatable :: layer(:)          !! (0:degree)
       integer :: finish(0:1) = 0
       real(wp), pointer, contiguous :: x(:, :, :) => null()          !! (lane, row, layer)
       !> (lane, joint, layer): z, mu N/k [m]; direction of slip, 0 stuck; weight of the spring in
-      !> its row's equation, 0 without friction
+      !> its row's equation, 0 without friction; what finish_part adds to the guards, see `watch`.
+      !> The last joint is none: it is never suspect
       real(wp), pointer, contiguous :: regime(:, :, :) => null()
       real(wp), pointer, contiguous :: stiffness(:, :) => null()     !! (lane, row) of stuck joints
       real(wp), pointer, contiguous :: pull(:, :) => null()          !! (lane, row) force at x = 0
@@ -43,6 +50,7 @@ module dynamics_exact_joint_paths
       procedure :: hand_back
       procedure :: switch
       procedure, private :: set_row
+      procedure, private :: watch
    end type joint_paths
 
 contains
@@ -62,7 +70,10 @@ contains
       self%row = row
       self%base = base
       self%spring = spring
-      allocate (self%first(self%n_rows + 1), self%joint(self%n_joints))
+      self%is_local = spread(.false., 1, self%n_joints)
+      self%damping = spread(0.0_wp, 1, self%n_rows)
+      allocate (self%first(self%n_rows + 1))
+      allocate (self%joint(self%n_rows + self%n_joints), self%joint_row(self%n_rows + self%n_joints))
       used = 0
       do rows = 1, self%n_rows
          self%first(rows) = used + 1
@@ -71,6 +82,11 @@ contains
             used = used + 1
             self%joint(used) = j
          end do
+         if (used < self%first(rows)) then
+            used = used + 1
+            self%joint(used) = self%n_joints + 1
+         end if
+         self%joint_row(self%first(rows):used) = rows
       end do
       self%first(self%n_rows + 1) = used + 1
       allocate (self%layer(0:degree))
@@ -78,7 +94,7 @@ contains
       self%finish = [degree + 1, degree + 2]
 
       rows = self%n_rows + merge(1, 0, modulo(self%n_rows, 2) == 0)   ! layers not 4096 bytes apart
-      associate (many => rows*(degree + 5) + 4*max(1, self%n_joints))
+      associate (many => rows*(degree + 5) + 6*(self%n_joints + 1))
          allocate (self%memory(width*many + 8), source=0.0_wp)
       end associate
       begin = first_aligned(self%memory)
@@ -89,7 +105,7 @@ contains
       begin = begin + width*rows
       call c_f_pointer(c_loc(self%memory(begin)), self%pull, [width, rows])
       begin = begin + width*rows
-      call c_f_pointer(c_loc(self%memory(begin)), self%regime, [width, self%n_joints, 4])
+      call c_f_pointer(c_loc(self%memory(begin)), self%regime, [width, self%n_joints + 1, 6])
    end subroutine start
 
    !> Gives the memory back; the next march starts anew.
@@ -97,7 +113,7 @@ contains
       class(joint_paths), intent(inout) :: self
 
       if (associated(self%memory)) deallocate (self%memory)
-      if (allocated(self%layer)) deallocate (self%first, self%joint, self%layer)
+      if (allocated(self%layer)) deallocate (self%first, self%joint, self%joint_row, self%layer)
    end subroutine free
 
    !> The end of a part becomes the start of the next one.
@@ -129,6 +145,11 @@ contains
                                                  boundless)
             self%regime(l, j, layer_side) = state%direction(j, w)
             self%regime(l, j, layer_spring) = self%spring(j)
+         end do
+      end do
+      do j = 1, self%n_joints + 1
+         do l = 1, width
+            call self%watch(l, j)
          end do
       end do
       do j = 1, self%n_rows
@@ -178,8 +199,25 @@ contains
             side = direction
          end if
       end associate
+      call self%watch(lane, joint)
       call self%set_row(lane, self%row(joint))
    end subroutine switch
+
+   !> Sets what the two guards start from, so that the one that does not count is never the least.
+   pure subroutine watch(self, lane, joint)
+      class(joint_paths), intent(inout) :: self
+      integer, intent(in) :: lane, joint
+
+      associate (regime => self%regime(lane, joint, :))
+         if (abs(regime(layer_side)) > 0.0_wp) then
+            regime(layer_hold) = boundless
+            regime(layer_lift) = -margin*regime(layer_reach)
+         else
+            regime(layer_hold) = (1.0_wp - margin)*regime(layer_reach)
+            regime(layer_lift) = boundless
+         end if
+      end associate
+   end subroutine watch
 
    !> Sums over the joints of a row, formed anew so that no rounding gathers.
    pure subroutine set_row(self, lane, row)

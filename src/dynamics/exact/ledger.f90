@@ -5,7 +5,7 @@
 module dynamics_exact_ledger
    use core_kinds, only: wp
    use dynamics_exact_joint_paths, only: joint_paths, width
-   use dynamics_exact_series, only: rows_together, series_type
+   use dynamics_exact_series, only: series_type
    use numerics_quadrature, only: gauss_legendre
    implicit none(type, external)
    private
@@ -37,10 +37,9 @@ contains
          if ((2.0_wp*series%rate)**(2*n)*gamma(n + 1.0_wp)**4 <= &
              1.0e-3_wp*tolerance*(2*n + 1)*gamma(2*n + 1.0_wp)**3) exit
       end do
-      allocate (ledger%node(n), ledger%weight(n), ledger%mass(series%n_padded))
+      allocate (ledger%node(n), ledger%weight(n), ledger%mass(series%n_dof))
       call gauss_legendre(0.0_wp, 1.0_wp, ledger%node, ledger%weight)
-      ledger%mass = 0.0_wp
-      ledger%mass(:series%n_dof) = mass/series%h**2
+      ledger%mass = mass/series%h**2
    end function new_ledger
 
    !> Works of all lanes over one part without transitions.
@@ -50,8 +49,8 @@ contains
       real(wp), intent(in) :: push(:, :, 0:)      !! (lane, loaded dof, power) [m]
       type(joint_paths), intent(in) :: paths
       real(wp), intent(inout) :: work(:, :)       !! (lane, input viscous)
-      real(wp) :: velocity(width, series%n_padded), sums(width, rows_together), power(width)
-      integer :: e, g, i, k, l, q, r
+      real(wp) :: velocity(width, series%n_dof), sums(width), power(width)
+      integer :: e, g, i, k, l
 
       associate (x => paths%x, layer => paths%layer)
          do i = 1, size(series%loaded)
@@ -71,23 +70,16 @@ contains
                   end do
                end do
             end do
-            velocity(:, series%n_dof + 1:) = 0.0_wp
             power = 0.0_wp
             associate (damping => series%damping(0))
-               do q = 1, size(damping%first) - 1
+               do i = 1, series%n_dof
                   sums = 0.0_wp
-                  do e = damping%first(q), damping%first(q + 1) - 1
-                     do r = 1, rows_together
-                        do l = 1, width
-                           sums(l, r) = sums(l, r) &
-                                        + damping%value(r, e)*velocity(l, damping%column(e))
-                        end do
+                  do e = damping%start(i), damping%start(i + 1) - 1
+                     do l = 1, width
+                        sums(l) = sums(l) + damping%value(e)*velocity(l, damping%column(e))
                      end do
                   end do
-                  do r = 1, rows_together
-                     i = rows_together*(q - 1) + r
-                     power = power - (2.0_wp*self%mass(i))*velocity(:, i)*sums(:, r)
-                  end do
+                  power = power - (2.0_wp*self%mass(i))*velocity(:, i)*sums
                end do
             end associate
             work(:, 2) = work(:, 2) + self%weight(g)*power
@@ -103,8 +95,8 @@ contains
       real(wp), intent(in) :: x(:, 0:)         !! (row, power) about the beginning of the piece
       real(wp), intent(in) :: span             !! [parts]
       real(wp), intent(inout) :: work(:)       !! input, viscous
-      real(wp) :: velocity(series%n_padded), sums(rows_together)
-      integer :: e, g, i, k, q
+      real(wp) :: velocity(series%n_dof)
+      integer :: g, i, k
 
       do i = 1, size(series%loaded)
          do k = 1, series%degree
@@ -115,21 +107,12 @@ contains
       do g = 1, size(self%node)
          velocity = 0.0_wp
          do k = series%degree, 1, -1
-            velocity = velocity*(self%node(g)*span) + k*x(:series%n_padded, k)
+            velocity = velocity*(self%node(g)*span) + k*x(:series%n_dof, k)
          end do
-         associate (damping => series%damping(0))
-            do q = 1, size(damping%first) - 1
-               sums = 0.0_wp
-               do e = damping%first(q), damping%first(q + 1) - 1
-                  sums = sums + damping%value(:, e)*velocity(damping%column(e))
-               end do
-               i = rows_together*(q - 1)
-               associate (m => self%mass(i + 1:i + rows_together), &
-                          v => velocity(i + 1:i + rows_together))
-                  work(2) = work(2) - 2.0_wp*span*self%weight(g)*sum(m*v*sums)
-               end associate
-            end do
-         end associate
+         do i = 1, series%n_dof
+            work(2) = work(2) - 2.0_wp*span*self%weight(g)*self%mass(i)*velocity(i) &
+                      *series%damping(0)%row_times(i, velocity)
+         end do
       end do
    end subroutine add_piece
 

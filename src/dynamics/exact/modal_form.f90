@@ -7,10 +7,9 @@
 !> paths of its joints alone (dynamics_exact_modal_lane).
 module dynamics_exact_modal_form
    use, intrinsic :: iso_c_binding, only: c_f_pointer, c_loc
-   use core_error, only: error_type, exit_no_solution, raise
+   use core_error, only: error_type
    use core_kinds, only: wp
-   use core_text, only: to_text
-   use dynamics_exact_base_system, only: base_system
+   use dynamics_exact_base_system, only: base_system, raise_too_many
    use dynamics_exact_free_steps, only: finish_part
    use dynamics_exact_guard_zeros, only: no_crossing
    use dynamics_exact_joint_paths, only: layer_reach, layer_side, layer_slider, layer_spring, width
@@ -48,7 +47,6 @@ module dynamics_exact_modal_form
       procedure :: take
       procedure :: give
       procedure :: run_part
-      procedure :: respond
       procedure :: correct
       procedure :: redo
       procedure :: go_on
@@ -255,16 +253,7 @@ contains
       end do
    end subroutine propagate
 
-   !> Joints act on each other, so every transition is left to `redo`.
-   subroutine respond(self, group)
-      class(modal_form), intent(in) :: self
-      type(transition_group), intent(inout) :: group
-
-      group%response(:, 3:self%paths%degree) = 0.0_wp
-      group%has_response = .false.
-   end subroutine respond
-
-   !> Never called, as no transition is plain.
+   !> Never called: joints act on each other, so no joint is local.
    subroutine correct(self, group, entry)
       class(modal_form), intent(inout) :: self
       type(transition_group), intent(in) :: group
@@ -308,11 +297,7 @@ contains
             call switch_joints(paths)
          end do
          if (round > self%max_transitions) then
-            call raise(error, exit_no_solution, 'joint '//to_text(minloc(paths%crossing, 1))// &
-                       ' of sample '//to_text(self%paths%first_sample + lane - 1)// &
-                       ' of its block: more than '//to_text(self%max_transitions)// &
-                       ' transitions in the step that ends at t = '// &
-                       to_text((begin + 1.0_wp)*self%h))
+            call raise_too_many(self, minloc(paths%crossing, 1), lane, begin, error)
             return
          end if
          do j = 1, m

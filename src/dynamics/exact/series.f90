@@ -6,40 +6,26 @@
 !> matter for the low degrees only. Numbers in brackets are the formulas of docs/exact_march.md.
 module dynamics_exact_series
    use core_kinds, only: wp
+   use numerics_sparse, only: sparse_matrix, sparse_of
    use structure_model, only: structure_type
    implicit none(type, external)
    private
-   public :: series_type, damping_type, spring_type, new_series
-   public :: fastest_rate, longest_part, most_degree, rows_together
+   public :: series_type, new_series
+   public :: fastest_rate, form_matrices, longest_part, most_degree, without_diagonal
 
-   integer, parameter :: rows_together = 3   !! rows of C^ whose sums stay in registers
    integer, parameter :: most_degree = 24
    real(wp), parameter :: longest_part = 1.0_wp   !! fastest rate times h, at most (4)
    real(wp), parameter :: memory = 2000.0_wp      !! steps for which the error of one lives on (1)
 
-   !> -C^/(k + 2) of one degree, by triples of rows: entries first(q) .. first(q+1) - 1 of triple q.
-   type :: damping_type
-      integer, allocatable :: first(:)      !! (triple + 1)
-      integer, allocatable :: column(:)     !! (entry)
-      real(wp), allocatable :: value(:, :)  !! (row of the triple, entry)
-   end type damping_type
-
-   !> K^ without its diagonal, by rows: entries first(i) .. first(i+1) - 1 of row i.
-   type :: spring_type
-      integer, allocatable :: first(:)      !! (padded row + 1)
-      integer, allocatable :: column(:)     !! (entry)
-      real(wp), allocatable :: value(:)     !! (entry)
-   end type spring_type
-
-   !> Rows are the dofs, padded to whole triples, and the links: the directions w of joints that do
+   !> Rows are the dofs and the links: the directions w of joints that do
    !> not hold one dof to the ground. The path of a link is w.x.
    type :: series_type
-      integer :: n_dof = 0, n_padded = 0, n_links = 0, n_rows = 0
+      integer :: n_dof = 0, n_links = 0, n_rows = 0
       integer :: degree = 0
       real(wp) :: h = 0.0_wp                            !! [s]
       real(wp) :: rate = 0.0_wp                         !! fastest rate times h
-      type(damping_type), allocatable :: damping(:)     !! (0:degree-2)
-      type(spring_type) :: springs
+      type(sparse_matrix), allocatable :: damping(:)    !! (0:degree-2) -C^/(k + 2), thinned (2)
+      type(sparse_matrix) :: springs                    !! K^ without its diagonal
       real(wp), allocatable :: diagonal(:)              !! (row) K^_ii; 0 for a link
       integer, allocatable :: first_end(:)              !! (link + 1) its entries of w
       integer, allocatable :: end_dof(:)                !! (entry)
@@ -63,7 +49,7 @@ contains
       integer :: k
 
       work = 20.0_wp*self%n_rows + (self%degree - 1.0_wp)* &   ! guards; springs, links
-             (size(self%springs%value) + 2*self%n_padded + 2*size(self%end_dof))
+             (size(self%springs%value) + 2*self%n_dof + 2*size(self%end_dof))
       do k = 0, self%degree - 2
          work = work + size(self%damping(k)%value)
       end do
@@ -78,13 +64,15 @@ contains
       type(series_type), intent(out) :: series
       real(wp) :: error          ! of one part, half the tolerance after its memory
       real(wp) :: motion, load   ! x_(k+1) over x_1 in free motion; over x_2 of a load from rest
+      real(wp), allocatable :: damping(:, :), stiffness(:, :)   ! C^, K^ without joints
       integer :: k
 
       series%n_dof = structure%n_dof
-      series%n_padded = rows_together*((structure%n_dof + rows_together - 1)/rows_together)
       series%h = dt/parts
-      call put_springs(structure, series)
+      call form_matrices(structure, series%h, damping, stiffness)
+      series%springs = sparse_of(without_diagonal(stiffness))
       call put_joints(structure, series)
+      series%diagonal(:structure%n_dof) = [(stiffness(k, k), k=1, structure%n_dof)]
       call put_loads(structure, series)
       series%rate = series%h*fastest_rate(structure)
       error = 0.5_wp*tolerance/(parts*memory*max(count_levels(series), 5))
@@ -96,8 +84,9 @@ contains
          if (k > 0) motion = motion*series%rate/(k + 1)
          if (k == 2) load = load/3.0_wp
          if (k > 2) load = load*series%rate/(k + 1)
-         call put_damping(structure, series%h, k, min(5.0_wp*error/motion, 0.5_wp*tolerance/load), &
-                          series%damping(k))
+         associate (least => min(5.0_wp*error/motion, 0.5_wp*tolerance/load))
+            series%damping(k) = sparse_of(merge(-damping/(k + 2), 0.0_wp, abs(damping) > least))
+         end associate
       end do
    end subroutine new_series
 
@@ -155,7 +144,7 @@ contains
          do i = 1, series%n_dof
             associate (springs => series%springs)
                if (is_front(i)) &
-                  is_next(springs%column(springs%first(i):springs%first(i + 1) - 1)) = .true.
+                  is_next(springs%column(springs%start(i):springs%start(i + 1) - 1)) = .true.
             end associate
          end do
          do g = 1, series%n_links
@@ -169,64 +158,32 @@ contains
       end do
    end function count_levels
 
-   !> Entries of -C^/(k + 2) above a threshold (2).
-   pure subroutine put_damping(structure, h, k, threshold, damping)
+   !> C^ = h M^-1 C and K^ = h^2 M^-1 K without joints.
+   pure subroutine form_matrices(structure, h, damping, stiffness)
       type(structure_type), intent(in) :: structure
-      real(wp), intent(in) :: h, threshold
-      integer, intent(in) :: k
-      type(damping_type), intent(out) :: damping
-      real(wp) :: triple(rows_together, structure%n_dof)
-      integer :: i, j, n, pass, q, r, triples
+      real(wp), intent(in) :: h   !! [s]
+      real(wp), allocatable, intent(out) :: damping(:, :), stiffness(:, :)   !! (dof, dof)
+      real(wp) :: mass(structure%n_dof)
+      integer :: j
 
-      n = structure%n_dof
-      triples = (n + rows_together - 1)/rows_together
-      allocate (damping%first(triples + 1))
-      damping%first(1) = 1
-      do pass = 1, 2   ! count, then fill
-         do q = 1, triples
-            triple = 0.0_wp
-            do r = 1, rows_together
-               i = rows_together*(q - 1) + r
-               if (i <= n) triple(r, :) = h*structure%damping(i, :)/structure%mass(i, i)
-            end do
-            where (abs(triple) <= threshold) triple = 0.0_wp
-            damping%first(q + 1) = damping%first(q)
-            do j = 1, n
-               if (.not. any(abs(triple(:, j)) > 0.0_wp)) cycle
-               if (pass == 2) then
-                  damping%column(damping%first(q + 1)) = j
-                  damping%value(:, damping%first(q + 1)) = -triple(:, j)/(k + 2)
-               end if
-               damping%first(q + 1) = damping%first(q + 1) + 1
-            end do
-         end do
-         if (pass == 1) allocate (damping%column(damping%first(triples + 1) - 1), &
-                                  damping%value(rows_together, damping%first(triples + 1) - 1))
+      mass = structure%lumped_mass()
+      allocate (damping, stiffness, mold=structure%damping)
+      do j = 1, structure%n_dof
+         damping(:, j) = h*structure%damping(:, j)/mass
+         stiffness(:, j) = h**2*structure%stiffness(:, j)/mass
       end do
-   end subroutine put_damping
+   end subroutine form_matrices
 
-   pure subroutine put_springs(structure, series)
-      type(structure_type), intent(in) :: structure
-      type(series_type), intent(inout) :: series
-      integer :: i, j, n, used
+   pure function without_diagonal(matrix) result(rest)
+      real(wp), intent(in) :: matrix(:, :)
+      real(wp) :: rest(size(matrix, 1), size(matrix, 2))
+      integer :: i
 
-      n = structure%n_dof
-      allocate (series%springs%first(series%n_padded + 1))
-      used = count(abs(structure%stiffness) > 0.0_wp)
-      allocate (series%springs%column(used), series%springs%value(used))
-      used = 0
-      do i = 1, series%n_padded
-         series%springs%first(i) = used + 1
-         if (i > n) cycle
-         do j = 1, n
-            if (i == j .or. .not. abs(structure%stiffness(i, j)) > 0.0_wp) cycle
-            used = used + 1
-            series%springs%column(used) = j
-            series%springs%value(used) = series%h**2*structure%stiffness(i, j)/structure%mass(i, i)
-         end do
+      rest = matrix
+      do i = 1, size(matrix, 1)
+         rest(i, i) = 0.0_wp
       end do
-      series%springs%first(series%n_padded + 1) = used + 1
-   end subroutine put_springs
+   end function without_diagonal
 
    !> A joint that holds one dof to the ground watches the path of that dof; all others need links,
    !> one for each direction.
@@ -254,10 +211,10 @@ contains
                bearer(k) = j
                used = used + count(abs(w) > 0.0_wp)
             end if
-            series%row(j) = series%n_padded + k
+            series%row(j) = series%n_dof + k
          end associate
       end do
-      series%n_rows = series%n_padded + series%n_links
+      series%n_rows = series%n_dof + series%n_links
       allocate (series%first_end(series%n_links + 1), series%end_dof(used), &
                 series%direction(used), series%mobility(used))
       used = 0
@@ -278,9 +235,6 @@ contains
          if (i <= n) series%spring(j) = series%spring(j)/structure%mass(i, i)
       end do
       allocate (series%diagonal(series%n_rows), source=0.0_wp)
-      do i = 1, n
-         series%diagonal(i) = series%h**2*structure%stiffness(i, i)/structure%mass(i, i)
-      end do
    end subroutine put_joints
 
    pure subroutine put_loads(structure, series)
@@ -304,8 +258,8 @@ contains
       real(wp), intent(in) :: pull(:)        !! (row) force of the joints at x = 0
       real(wp), intent(in) :: push(:, 0:)    !! (loaded dof, power) force now and its rise
       real(wp), intent(inout) :: x(:, 0:)    !! (row, power)
-      real(wp) :: force, sums(rows_together)
-      integer :: e, g, i, k, q
+      real(wp) :: force
+      integer :: e, g, i, k
 
       call self%follow_links(x(:, 0))
       call self%follow_links(x(:, 1))
@@ -313,13 +267,10 @@ contains
          do i = 1, self%n_dof
             force = stiffness(i)*x(i, k)
             if (k == 0) force = force - pull(i)
-            do e = self%springs%first(i), self%springs%first(i + 1) - 1
-               force = force + self%springs%value(e)*x(self%springs%column(e), k)
-            end do
-            x(i, k + 2) = force
+            x(i, k + 2) = force + self%springs%row_times(i, x(:, k))
          end do
          do g = 1, self%n_links
-            associate (row => self%n_padded + g)
+            associate (row => self%n_dof + g)
                force = stiffness(row)*x(row, k)
                if (k == 0) force = force - pull(row)
             end associate
@@ -328,17 +279,10 @@ contains
             end do
          end do
          if (k <= 1) x(self%loaded, k + 2) = x(self%loaded, k + 2) - push(:, k)
-         associate (damping => self%damping(k))
-            do q = 1, self%n_padded/rows_together
-               sums = 0.0_wp
-               do e = damping%first(q), damping%first(q + 1) - 1
-                  sums = sums + damping%value(:, e)*x(damping%column(e), k + 1)
-               end do
-               associate (y => x(rows_together*(q - 1) + 1:rows_together*q, k + 2))
-                  y = sums - y*(1.0_wp/((k + 1)*(k + 2)))
-               end associate
-            end do
-         end associate
+         do i = 1, self%n_dof
+            x(i, k + 2) = self%damping(k)%row_times(i, x(:, k + 1)) &
+                          - x(i, k + 2)*(1.0_wp/((k + 1)*(k + 2)))
+         end do
          call self%follow_links(x(:, k + 2))
       end do
    end subroutine expand
@@ -351,7 +295,7 @@ contains
 
       do g = 1, self%n_links
          associate (first => self%first_end(g), last => self%first_end(g + 1) - 1)
-            x(self%n_padded + g) = dot_product(self%direction(first:last), &
+            x(self%n_dof + g) = dot_product(self%direction(first:last), &
                                                x(self%end_dof(first:last)))
          end associate
       end do

@@ -5,16 +5,15 @@
 !> sums over that series. Joints for which this is not exact enough, links among them, are left to
 !> `redo`, which begins the series of the whole sample anew.
 module dynamics_exact_series_form
-   use core_error, only: error_type, exit_no_solution, raise
+   use core_error, only: error_type
    use core_kinds, only: wp
-   use core_text, only: to_text
-   use dynamics_exact_base_system, only: base_system
+   use dynamics_exact_base_system, only: base_system, raise_too_many
    use dynamics_exact_free_steps, only: expand_block, finish_part, follow_links
    use dynamics_exact_guard_zeros, only: first_transition, no_crossing
    use dynamics_exact_joint_paths, only: layer_reach, layer_side, layer_slider, width
    use dynamics_exact_ledger, only: ledger_type, new_ledger
-   use dynamics_exact_series, only: new_series, series_type
-   use dynamics_exact_transitions, only: group_size, transition_group
+   use dynamics_exact_series, only: form_matrices, new_series, series_type, without_diagonal
+   use dynamics_exact_transitions, only: transition_group
    use dynamics_joint, only: slip_direction, start_slip, stick
    use dynamics_response, only: block_state
    use structure_model, only: structure_type
@@ -38,7 +37,6 @@ module dynamics_exact_series_form
       procedure :: take
       procedure :: give
       procedure :: run_part
-      procedure :: respond
       procedure :: correct
       procedure :: redo
       procedure :: go_on
@@ -70,31 +68,23 @@ contains
       real(wp), intent(in) :: h, tolerance
       type(series_form), intent(inout) :: form
       real(wp), parameter :: share = 1.0e-4_wp   !! of the tolerance, for one entry
-      real(wp) :: damping, largest, spring
-      integer :: i, j, n, pass, used
+      real(wp), allocatable :: damping(:, :), spring(:, :)   ! C^, K^ without joints
+      logical :: matters(structure%n_dof)
+      integer :: i, j
 
-      n = structure%n_dof
-      allocate (form%first_near(n + 1), form%own_damping(n))
-      do pass = 1, 2
-         used = 0
-         do j = 1, n
-            form%first_near(j) = used + 1
-            form%own_damping(j) = h*structure%damping(j, j)/structure%mass(j, j)
-            largest = sum(form%series%spring, form%series%row == j)
-            do i = 1, n
-               damping = h*structure%damping(i, j)/structure%mass(i, i)
-               spring = h**2*structure%stiffness(i, j)/structure%mass(i, i)
-               if (i == j .or. largest*max(abs(damping)/24.0_wp, abs(spring)/120.0_wp) <= &
-                   share*tolerance) cycle
-               used = used + 1
-               if (pass == 1) cycle
-               form%near(used) = i
-               form%near_damping(used) = damping
-               form%near_spring(used) = spring
-            end do
-         end do
-         form%first_near(n + 1) = used + 1
-         if (pass == 1) allocate (form%near(used), form%near_damping(used), form%near_spring(used))
+      call form_matrices(structure, h, damping, spring)
+      form%own_damping = [(damping(j, j), j=1, structure%n_dof)]
+      damping = without_diagonal(damping)
+      spring = without_diagonal(spring)
+      allocate (form%near(0), form%near_damping(0), form%near_spring(0))
+      form%first_near = [1]
+      do j = 1, structure%n_dof
+         matters = sum(form%series%spring, form%series%row == j) &
+                   *max(abs(damping(:, j))/24.0_wp, abs(spring(:, j))/120.0_wp) > share*tolerance
+         form%near = [form%near, pack([(i, i=1, structure%n_dof)], matters)]
+         form%near_damping = [form%near_damping, pack(damping(:, j), matters)]
+         form%near_spring = [form%near_spring, pack(spring(:, j), matters)]
+         form%first_near = [form%first_near, size(form%near) + 1]
       end do
    end subroutine find_near
 
@@ -172,6 +162,8 @@ contains
 
       call self%paths%start(self%series%degree, self%series%diagonal, self%series%row, &
                             self%series%spring)
+      self%paths%is_local = self%is_local
+      self%paths%damping(:self%series%n_dof) = self%own_damping
       self%push = spread(spread(spread(0.0_wp, 1, width), 2, size(self%series%loaded)), 3, 2)
    end subroutine begin
 
@@ -196,8 +188,8 @@ contains
                   x(l, i, layer(1)) = state%velocity_step(i, w)
             end do
          end do
-         call follow_links(self%series, x(:, :, layer(0)))
-         call follow_links(self%series, x(:, :, layer(1)))
+         call follow_links(size(x, 2), self%series, x(:, :, layer(0)))
+         call follow_links(size(x, 2), self%series, x(:, :, layer(1)))
       end associate
    end subroutine take
 
@@ -241,56 +233,6 @@ contains
       call expand_block(self%series, self%push, self%paths)
       call finish_part(self%paths, list, found)
    end subroutine run_part
-
-   !> d_m of (6), and the ends of the sums over it that the dofs around need.
-   subroutine respond(self, group)
-      class(series_form), intent(in) :: self
-      type(transition_group), intent(inout) :: group
-      real(wp), dimension(group_size) :: alpha, beta, power, r
-      integer :: e, k, row
-
-      do e = 1, group_size
-         row = self%paths%row(group%joint(e))
-         alpha(e) = self%own_damping(min(row, self%series%n_dof))
-         beta(e) = self%paths%stiffness(group%lane(e), row) - group%jump(e)
-         r(e) = 1.0_wp - group%time(e)
-         group%response(e, 3) = group%jump(e)*group%path(e, 1)*(1.0_wp/6.0_wp)
-         group%response(e, 4) = group%jump(e)*group%path(e, 2)*(1.0_wp/12.0_wp) &
-                                - alpha(e)*group%response(e, 3)*0.25_wp
-      end do
-      do k = 5, self%series%degree
-         do e = 1, group_size
-            group%response(e, k) = (group%jump(e)*group%path(e, k - 2) &
-                                    - beta(e)*group%response(e, k - 2))*(1.0_wp/(k*(k - 1))) &
-                                   - alpha(e)*group%response(e, k - 1)*(1.0_wp/k)
-         end do
-      end do
-      group%ends = 0.0_wp
-      power = r**2
-      do k = 3, self%series%degree
-         do e = 1, group_size
-            group%ends(e, 2) = group%ends(e, 2) + k*group%response(e, k)*power(e)
-            power(e) = power(e)*r(e)
-            group%ends(e, 1) = group%ends(e, 1) + group%response(e, k)*power(e)
-         end do
-         if (k < self%series%degree) then
-            do e = 1, group_size
-               group%ends(e, 4) = group%ends(e, 4) + group%response(e, k)*power(e)
-               group%ends(e, 3) = group%ends(e, 3) &
-                                  + group%response(e, k)*power(e)*r(e)*(1.0_wp/(k + 1))
-            end do
-         end if
-         if (k < self%series%degree - 1) then
-            do e = 1, group_size
-               group%ends(e, 6) = group%ends(e, 6) &
-                                  + group%response(e, k)*power(e)*r(e)*(1.0_wp/(k + 1))
-               group%ends(e, 5) = group%ends(e, 5) &
-                                  + group%response(e, k)*power(e)*r(e)**2*(1.0_wp/((k + 1)*(k + 2)))
-            end do
-         end if
-      end do
-      group%has_response = self%is_local(group%joint)
-   end subroutine respond
 
    !> (7)
    subroutine correct(self, group, entry)
@@ -349,10 +291,7 @@ contains
          call switch_joints()
       end do
       if (round > self%max_transitions) then
-         call raise(error, exit_no_solution, 'joint '//to_text(minloc(crossing, 1))// &
-                    ' of sample '//to_text(self%paths%first_sample + lane - 1)// &
-                    ' of its block: more than '//to_text(self%max_transitions)// &
-                    ' transitions in the step that ends at t = '//to_text((begin + 1.0_wp)*self%h))
+         call raise_too_many(self, minloc(crossing, 1), lane, begin, error)
          return
       end if
       self%paths%x(lane, :self%series%n_rows, self%paths%finish(0)) = x(:, 0)
@@ -439,8 +378,11 @@ contains
       class(series_form), intent(inout) :: self
 
       call self%paths%exchange_ends()
-      call follow_links(self%series, self%paths%x(:, :, self%paths%layer(0)))
-      call follow_links(self%series, self%paths%x(:, :, self%paths%layer(1)))
+      if (self%series%n_links == 0) return
+      associate (x => self%paths%x, layer => self%paths%layer)
+         call follow_links(size(x, 2), self%series, x(:, :, layer(0)))
+         call follow_links(size(x, 2), self%series, x(:, :, layer(1)))
+      end associate
    end subroutine go_on
 
    !> See base_system.

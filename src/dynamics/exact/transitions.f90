@@ -1,213 +1,344 @@
-!> Transitions of eight suspects at a time: which of them have one, when, and whether it is plain.
+!> Transitions of eight suspects at a time: which of them have one, when, whether it is plain, and
+!> what it adds to the end of the part.
 !>
 !> A suspect is clear if its guard has no zero in the part. It has one plain transition if its guard
 !> falls or is concave all the way and is negative at the end, and the new guard keeps clear of
 !> zero. Everything else is involved: that sample is marched again one transition after another.
-!> Conditions are numbers, positive where they hold, so that loops over the group are vector
-!> operations.
+!> Conditions are numbers, positive where they hold, so that the loop over the group is one of
+!> vector operations. Numbers in brackets are the formulas of docs/exact_march.md.
 module dynamics_exact_transitions
    use core_kinds, only: wp
+   use dynamics_exact_guard_zeros, only: first_transition, no_crossing
    use dynamics_exact_joint_paths, only: joint_paths, layer_reach, layer_side, layer_slider, &
                                          layer_spring, width
    use dynamics_exact_series, only: most_degree
    implicit none(type, external)
    private
-   public :: transition_group, locate, judge, group_size, plain, involved
+   public :: transition_group, examine, find_next, gather, take_answer
+   public :: group_size, clear, plain, involved
 
    integer, parameter :: group_size = 8
    integer, parameter :: clear = 0, plain = 1, involved = 2   !! verdicts
 
-   !> Suspects 1 .. n of a group; the other entries repeat the last one.
+   !> Suspects 1 .. n of a group; the other entries repeat the last one. Innermost loops
+   !> run over the group, so that they are vector operations.
    type :: transition_group
       integer :: n = 0
       integer :: lane(group_size), joint(group_size), verdict(group_size)
-      logical :: has_response(group_size)   !! False: the base system can only `redo` that joint
       real(wp), dimension(group_size) :: time       !! tau, from the start of the part [parts]
       real(wp), dimension(group_size) :: side       !! direction of the slip that ends; 0: it starts
       real(wp), dimension(group_size) :: way        !! direction of the slip that starts or ends
-      real(wp), dimension(group_size) :: reach      !! mu N/k [m]
-      !> weight of the spring in its row's equation that the new regime adds to the right-hand side
-      real(wp), dimension(group_size) :: jump
-      !> path before the transition in powers of t - tau; velocity 0 where it sticks
-      real(wp) :: path(group_size, 0:most_degree)
-      !> what the new regime adds to it, powers 3 .. P (6): the base system fills it
-      real(wp) :: response(group_size, 3:most_degree)
-      real(wp) :: ends(group_size, 6)   !! of the response, for the base system
-      real(wp), dimension(group_size), private :: is_plain, is_clear   !! where positive
+      real(wp), dimension(group_size) :: place      !! w.x at the transition [m]
+      !> what the transition adds to the end of the joint's path and velocity (6), and the sums A
+      !> and B for those around it and for their velocities (7)
+      real(wp) :: ends(group_size, 6)
+      ! of the joint and its row, before the transition
+      real(wp), dimension(group_size), private :: slider, reach, spring, damping, stiffness
+      real(wp), dimension(group_size), private :: is_clear, is_plain   ! where positive
+      real(wp), private :: path(group_size, 0:most_degree)     ! from tau on, after shift_path
+      real(wp), private :: answer(group_size, 3:most_degree)   ! d of (6)
    end type transition_group
 
 contains
 
-   !> Looks for the zero of the guard of each suspect of the list.
-   pure subroutine locate(paths, list, group)
+   !> Judges the suspects of a list.
+   pure subroutine examine(paths, list, group)
       type(joint_paths), intent(in) :: paths
       integer, intent(in) :: list(:)   !! at most eight; see finish_part
       type(transition_group), intent(inout) :: group
-      real(wp) :: c(group_size, 0:most_degree), slider(group_size), spring(group_size)
-      integer :: e, k, row
+
+      call gather(paths, list, group)
+      call find_zero(paths%degree, group)
+      call shift_path(paths%degree, group%time, group)
+      call respond(paths%degree, group)
+      call judge(paths%degree, group)
+   end subroutine examine
+
+   !> The next transition of the first suspect after the time of the group, one after another, with
+   !> its answer.
+   pure subroutine find_next(degree, group, is_found)
+      integer, intent(in) :: degree
+      type(transition_group), intent(inout) :: group
+      logical, intent(out) :: is_found
+      real(wp) :: span
+
+      span = first_transition(group%path(1, :degree), group%side(1), group%slider(1), &
+                              group%reach(1), 1.0_wp - group%time(1))
+      is_found = span < no_crossing
+      if (.not. is_found) return
+      group%time = group%time(1) + span
+      call shift_path(degree, spread(span, 1, group_size), group)
+      call respond(degree, group)
+   end subroutine find_next
+
+   !> After its transition the first suspect goes on by its answer, from its limit where it stuck.
+   pure subroutine take_answer(paths, group)
+      type(joint_paths), intent(in) :: paths
+      type(transition_group), intent(inout) :: group
+
+      call take_regimes(paths, group)
+      group%path(:, 3:paths%degree) = group%path(:, 3:paths%degree) &
+                                      + group%answer(:, 3:paths%degree)
+      if (abs(group%side(1)) > 0.0_wp) return
+      group%path(:, 0) = group%slider + group%way*group%reach
+   end subroutine take_answer
+
+   !> Lanes, joints, paths and regimes of the suspects.
+   pure subroutine gather(paths, list, group)
+      type(joint_paths), intent(in) :: paths
+      integer, intent(in) :: list(:)
+      type(transition_group), intent(inout) :: group
+      integer :: e
 
       group%n = size(list)
       do e = 1, group_size
-         associate (entry => list(min(e, size(list))) - 1)
-            group%lane(e) = 1 + iand(entry, width - 1)
-            group%joint(e) = 1 + entry/width
+         group%lane(e) = 1 + iand(list(min(e, group%n)) - 1, width - 1)
+         group%joint(e) = 1 + (list(min(e, group%n)) - 1)/width
+      end do
+      call take_paths(size(paths%x, 2), ubound(paths%x, 3), paths, paths%x, group)
+      call take_regimes(paths, group)
+      group%time = 0.0_wp
+   end subroutine gather
+
+   pure subroutine take_paths(top, last, paths, x, group)
+      integer, intent(in) :: top, last   !! rows; layers
+      type(joint_paths), intent(in) :: paths
+      real(wp), intent(in) :: x(width, top, 0:last)
+      type(transition_group), intent(inout) :: group
+      integer :: e, k
+
+      do e = 1, group_size
+         associate (l => group%lane(e), row => paths%row(group%joint(e)))
+            group%path(e, 0) = x(l, row, paths%layer(0))
+            group%path(e, 1) = x(l, row, paths%layer(1))
+            do k = 2, paths%degree
+               group%path(e, k) = x(l, row, k)
+            end do
          end associate
+      end do
+   end subroutine take_paths
+
+   pure subroutine take_regimes(paths, group)
+      type(joint_paths), intent(in) :: paths
+      type(transition_group), intent(inout) :: group
+      integer :: e, row
+
+      do e = 1, group_size
          associate (l => group%lane(e), j => group%joint(e))
             row = paths%row(j)
-            do k = 0, paths%degree
-               c(e, k) = paths%x(l, row, paths%layer(k))
-            end do
-            slider(e) = paths%regime(l, j, layer_slider)
+            group%slider(e) = paths%regime(l, j, layer_slider)
             group%reach(e) = paths%regime(l, j, layer_reach)
             group%side(e) = paths%regime(l, j, layer_side)
-            spring(e) = paths%regime(l, j, layer_spring)
+            group%spring(e) = paths%regime(l, j, layer_spring)
+            group%damping(e) = paths%damping(row)
+            group%stiffness(e) = paths%stiffness(l, row)
          end associate
       end do
-      call find_zero(paths%degree, c, slider, group)
-      do e = 1, group_size
-         group%jump(e) = merge(-spring(e), spring(e), abs(group%side(e)) > 0.0_wp)
-      end do
-      call shift(paths%degree, c, group)
-   end subroutine locate
+   end subroutine take_regimes
 
    !> Zero of the guard: that of its parabola, then three steps of Newton.
-   pure subroutine find_zero(degree, c, slider, group)
+   pure subroutine find_zero(degree, group)
       integer, intent(in) :: degree
-      real(wp), intent(in) :: c(group_size, 0:most_degree), slider(group_size)
       type(transition_group), intent(inout) :: group
       real(wp), parameter :: last_step = 1.0e-7_wp   ! its square is below rounding
       real(wp) :: g(group_size, 0:most_degree)
       real(wp), dimension(group_size) :: bend, fall, finish, rest, sense, slope, step, t, value
-      real(wp) :: least, other, moving, turn
+      real(wp) :: least, moving, other, turn
       integer :: e, k, newton
 
-      ! the guard: velocity along the slip, or distance to the limit that is nearer at the end
-      value = c(:, degree)
-      slope = degree*c(:, degree)
-      do k = degree - 1, 1, -1
-         do e = 1, group_size
-            value(e) = value(e) + c(e, k)
-            slope(e) = slope(e) + k*c(e, k)
-         end do
-      end do
-      do e = 1, group_size
-         moving = abs(group%side(e))
-         value(e) = value(e) + (c(e, 0) - slider(e))
-         sense(e) = merge(group%side(e), sign(1.0_wp, value(e)), moving > 0.0_wp)
-         finish(e) = merge(sense(e)*slope(e), group%reach(e) - sense(e)*value(e), moving > 0.0_wp)
-         g(e, 0) = merge(sense(e)*c(e, 1), group%reach(e) - sense(e)*(c(e, 0) - slider(e)), &
-                         moving > 0.0_wp)
-         g(e, degree) = merge(0.0_wp, -sense(e)*c(e, degree), moving > 0.0_wp)
-      end do
-      do k = 1, degree - 1
-         do e = 1, group_size
-            g(e, k) = sense(e)*merge((k + 1)*c(e, k + 1), -c(e, k), abs(group%side(e)) > 0.0_wp)
-         end do
-      end do
-      rest = 0.0_wp
-      fall = 0.0_wp
-      bend = 0.0_wp
-      do k = 3, degree
-         do e = 1, group_size
-            rest(e) = rest(e) + abs(g(e, k))
-            fall(e) = fall(e) + k*abs(g(e, k))
-            bend(e) = bend(e) + k*(k - 1)*abs(g(e, k))
-         end do
-      end do
-      do e = 1, group_size
-         moving = abs(group%side(e))
-         ! least values over the part: the parabola's, less the absolute values of the higher powers
-         turn = min(max(-g(e, 1)/merge(2.0_wp*g(e, 2), 1.0_wp, g(e, 2) > 1.0e-100_wp), 0.0_wp), &
-                    1.0_wp)
-         least = min(g(e, 0), g(e, 0) + turn*(g(e, 1) + turn*g(e, 2))) - rest(e)
-         least = min(least, g(e, 0) + g(e, 1) + g(e, 2) - rest(e))
-         turn = min(max(-g(e, 1)/merge(2.0_wp*g(e, 2), -1.0_wp, g(e, 2) < -1.0e-100_wp), 0.0_wp), &
-                    1.0_wp)
-         other = max(g(e, 0), g(e, 0) + g(e, 1) + g(e, 2), &
-                     g(e, 0) + turn*(g(e, 1) + turn*g(e, 2)))
-         other = merge(1.0_wp, 2.0_wp*group%reach(e) - other - rest(e), moving > 0.0_wp)
-         group%is_clear(e) = min(least, other)
-         group%is_plain(e) = min(-finish(e), g(e, 0), other, &
-                                 max(-(g(e, 1) + max(2.0_wp*g(e, 2), 0.0_wp) + fall(e)), &
-                                     -(2.0_wp*g(e, 2) + bend(e))))
-         step(e) = sqrt(max(g(e, 1)**2 - 4.0_wp*g(e, 2)*g(e, 0), 0.0_wp)) - g(e, 1)
-         t(e) = 2.0_wp*g(e, 0)/merge(step(e), 1.0_wp, step(e) > 0.0_wp)
-         t(e) = min(max(t(e), 0.0_wp), 1.0_wp)
-      end do
-      do newton = 1, 3
-         value = g(:, degree)
-         slope = 0.0_wp
-         do k = degree - 1, 0, -1
+      associate (c => group%path, side => group%side, reach => group%reach)
+         ! the guard: velocity along the slip, or distance to the limit that is nearer at the end
+         value = c(:, degree)
+         slope = degree*c(:, degree)
+         do k = degree - 1, 1, -1
+            !$omp simd
             do e = 1, group_size
-               slope(e) = slope(e)*t(e) + value(e)
-               value(e) = value(e)*t(e) + g(e, k)
+               value(e) = value(e) + c(e, k)
+               slope(e) = slope(e) + k*c(e, k)
             end do
          end do
+         !$omp simd
          do e = 1, group_size
-            step(e) = value(e)/merge(slope(e), -1.0_wp, abs(slope(e)) > tiny(1.0_wp))
-            step(e) = min(max(step(e), -1.0_wp), 1.0_wp)
-            t(e) = t(e) - step(e)
+            moving = abs(side(e))
+            value(e) = value(e) + (c(e, 0) - group%slider(e))
+            sense(e) = merge(side(e), sign(1.0_wp, value(e)), moving > 0.0_wp)
+            finish(e) = merge(sense(e)*slope(e), reach(e) - sense(e)*value(e), moving > 0.0_wp)
+            g(e, 0) = merge(sense(e)*c(e, 1), reach(e) - sense(e)*(c(e, 0) - group%slider(e)), &
+                            moving > 0.0_wp)
+            g(e, degree) = merge(0.0_wp, -sense(e)*c(e, degree), moving > 0.0_wp)
+            rest(e) = 0.0_wp
+            fall(e) = 0.0_wp
+            bend(e) = 0.0_wp
          end do
-      end do
-      do e = 1, group_size
-         group%is_plain(e) = min(group%is_plain(e), last_step - abs(step(e)), t(e), 1.0_wp - t(e))
-         group%time(e) = merge(t(e), 0.5_wp, group%is_plain(e) > 0.0_wp)
-      end do
+         do k = 1, degree - 1
+            !$omp simd
+            do e = 1, group_size
+               g(e, k) = sense(e)*merge((k + 1)*c(e, k + 1), -c(e, k), abs(side(e)) > 0.0_wp)
+            end do
+         end do
+         do k = 3, degree
+            !$omp simd
+            do e = 1, group_size
+               rest(e) = rest(e) + abs(g(e, k))
+               fall(e) = fall(e) + k*abs(g(e, k))
+               bend(e) = bend(e) + (k*(k - 1))*abs(g(e, k))
+            end do
+         end do
+
+         ! least values over the part: the parabola's, less the absolute values of the higher powers
+         !$omp simd
+         do e = 1, group_size
+            moving = abs(side(e))
+            turn = -g(e, 1)/merge(2.0_wp*g(e, 2), 1.0_wp, g(e, 2) > 1.0e-100_wp)
+            turn = min(max(turn, 0.0_wp), 1.0_wp)
+            least = min(g(e, 0), g(e, 0) + turn*(g(e, 1) + turn*g(e, 2)))
+            least = min(least, g(e, 0) + (g(e, 1) + g(e, 2))) - rest(e)
+            turn = -g(e, 1)/merge(2.0_wp*g(e, 2), -1.0_wp, g(e, 2) < -1.0e-100_wp)
+            turn = min(max(turn, 0.0_wp), 1.0_wp)
+            other = max(g(e, 0), g(e, 0) + turn*(g(e, 1) + turn*g(e, 2)))
+            other = max(other, g(e, 0) + (g(e, 1) + g(e, 2))) + rest(e)
+            other = merge(1.0_wp, 2.0_wp*reach(e) - other, moving > 0.0_wp)
+            group%is_clear(e) = min(least, other)
+            fall(e) = -(g(e, 1) + max(2.0_wp*g(e, 2), 0.0_wp) + fall(e))
+            bend(e) = -(2.0_wp*g(e, 2) + bend(e))
+            group%is_plain(e) = min(min(-finish(e), g(e, 0)), min(other, max(fall(e), bend(e))))
+            turn = sqrt(max(g(e, 1)**2 - 4.0_wp*g(e, 2)*g(e, 0), 0.0_wp)) - g(e, 1)
+            turn = 2.0_wp*g(e, 0)/merge(turn, 1.0_wp, turn > 0.0_wp)
+            t(e) = min(max(turn, 0.0_wp), 1.0_wp)
+         end do
+         do newton = 1, 3
+            value = g(:, degree)
+            slope = 0.0_wp
+            do k = degree - 1, 0, -1
+               !$omp simd
+               do e = 1, group_size
+                  slope(e) = slope(e)*t(e) + value(e)
+                  value(e) = value(e)*t(e) + g(e, k)
+               end do
+            end do
+            !$omp simd
+            do e = 1, group_size
+               step(e) = value(e)/merge(slope(e), -1.0_wp, abs(slope(e)) > tiny(1.0_wp))
+               step(e) = min(max(step(e), -1.0_wp), 1.0_wp)
+               t(e) = t(e) - step(e)
+            end do
+         end do
+         !$omp simd
+         do e = 1, group_size
+            group%is_plain(e) = min(min(group%is_plain(e), last_step - abs(step(e))), &
+                                    min(t(e), 1.0_wp - t(e)))
+            group%time(e) = merge(t(e), 0.5_wp, group%is_plain(e) > 0.0_wp)
+         end do
+      end associate
    end subroutine find_zero
 
-   !> Path about the transition.
-   pure subroutine shift(degree, c, group)
+   !> Path about the transition; at rest where it sticks.
+   pure subroutine shift_path(degree, span, group)
       integer, intent(in) :: degree
-      real(wp), intent(in) :: c(group_size, 0:most_degree)
+      real(wp), intent(in) :: span(group_size)   !! [parts]
       type(transition_group), intent(inout) :: group
       integer :: e, k, m
 
-      group%path(:, 0:degree) = c(:, 0:degree)
       do m = 0, degree - 1
          do k = degree - 1, m, -1
+            !$omp simd
             do e = 1, group_size
-               group%path(e, k) = group%path(e, k) + group%time(e)*group%path(e, k + 1)
+               group%path(e, k) = group%path(e, k) + span(e)*group%path(e, k + 1)
             end do
          end do
       end do
+      !$omp simd
       do e = 1, group_size
-         group%way(e) = merge(group%side(e), merge(1.0_wp, -1.0_wp, group%path(e, 1) >= 0.0_wp), &
-                              abs(group%side(e)) > 0.0_wp)
-         group%path(e, 1) = merge(0.0_wp, group%path(e, 1), abs(group%side(e)) > 0.0_wp)
+         associate (moving => abs(group%side(e)))
+            group%way(e) = merge(1.0_wp, -1.0_wp, group%path(e, 1) >= 0.0_wp)
+            group%way(e) = merge(group%side(e), group%way(e), moving > 0.0_wp)
+            group%path(e, 1) = merge(0.0_wp, group%path(e, 1), moving > 0.0_wp)
+            group%place(e) = group%path(e, 0)
+         end associate
       end do
-   end subroutine shift
+   end subroutine shift_path
 
-   !> Verdicts, once the response is known: the new guard must keep clear of zero to the end. A slip
-   !> goes on; a joint that has stuck goes inwards, and not as far as its other limit.
+   !> The answer of the joint (6), and what it adds to the ends of all (7).
+   pure subroutine respond(degree, group)
+      integer, intent(in) :: degree
+      type(transition_group), intent(inout) :: group
+      real(wp), dimension(group_size) :: jump, power, r
+      integer :: e, k
+
+      associate (c => group%path, d => group%answer)
+         !$omp simd
+         do e = 1, group_size
+            r(e) = 1.0_wp - group%time(e)
+            power(e) = r(e)**2
+            jump(e) = merge(-group%spring(e), group%spring(e), abs(group%side(e)) > 0.0_wp)
+            d(e, 3) = jump(e)*c(e, 1)*(1.0_wp/6.0_wp)
+            d(e, 4) = jump(e)*c(e, 2)*(1.0_wp/12.0_wp) - group%damping(e)*d(e, 3)*0.25_wp
+         end do
+         do k = 5, degree
+            !$omp simd
+            do e = 1, group_size
+               d(e, k) = (jump(e)*c(e, k - 2) - (group%stiffness(e) - jump(e))*d(e, k - 2)) &
+                         *(1.0_wp/(k*(k - 1))) - group%damping(e)*d(e, k - 1)*(1.0_wp/k)
+            end do
+         end do
+         group%ends = 0.0_wp
+         do k = 3, degree
+            !$omp simd
+            do e = 1, group_size
+               group%ends(e, 2) = group%ends(e, 2) + k*(d(e, k)*power(e))
+               power(e) = power(e)*r(e)
+               group%ends(e, 1) = group%ends(e, 1) + d(e, k)*power(e)
+            end do
+            if (k == degree) cycle
+            !$omp simd
+            do e = 1, group_size
+               group%ends(e, 4) = group%ends(e, 4) + d(e, k)*power(e)
+               group%ends(e, 3) = group%ends(e, 3) + d(e, k)*power(e)*r(e)*(1.0_wp/(k + 1))
+            end do
+            if (k == degree - 1) cycle
+            !$omp simd
+            do e = 1, group_size
+               group%ends(e, 6) = group%ends(e, 6) + d(e, k)*power(e)*r(e)*(1.0_wp/(k + 1))
+               group%ends(e, 5) = group%ends(e, 5) &
+                                  + d(e, k)*power(e)*r(e)**2*(1.0_wp/((k + 1)*(k + 2)))
+            end do
+         end do
+      end associate
+   end subroutine respond
+
+   !> Verdicts: the new guard must keep clear of zero to the end. A slip goes on; a joint that has
+   !> stuck goes inwards, and not as far as its other limit.
    pure subroutine judge(degree, group)
       integer, intent(in) :: degree
       type(transition_group), intent(inout) :: group
-      real(wp), dimension(group_size) :: power, tail, turn
+      real(wp), dimension(group_size) :: power, r, tail, turn, verdict
       real(wp) :: inwards, onwards
       integer :: e, k
 
-      power = 1.0_wp - group%time
-      tail = 0.0_wp
-      turn = 0.0_wp
-      do k = 3, degree
-         do e = 1, group_size
-            tail(e) = tail(e) + power(e)*abs(group%path(e, k) + group%response(e, k))
-            turn(e) = turn(e) + power(e)*(1.0_wp - group%time(e))*k &
-                      *abs(group%path(e, k) + group%response(e, k))
-            power(e) = power(e)*(1.0_wp - group%time(e))
+      associate (c => group%path)
+         r = 1.0_wp - group%time
+         power = r
+         tail = 0.0_wp
+         turn = 0.0_wp
+         do k = 3, degree
+            !$omp simd
+            do e = 1, group_size
+               tail(e) = tail(e) + power(e)*abs(c(e, k) + group%answer(e, k))
+               power(e) = power(e)*r(e)
+               turn(e) = turn(e) + k*power(e)*abs(c(e, k) + group%answer(e, k))
+            end do
          end do
-      end do
-      do e = 1, group_size
-         inwards = min(-group%way(e)*group%path(e, 2), &
-                       2.0_wp*group%reach(e) - abs(group%path(e, 2))) - tail(e)
-         onwards = group%way(e)*group%path(e, 1) - turn(e) &
-                   + min(0.0_wp, 2.0_wp*group%way(e)*group%path(e, 2)*(1.0_wp - group%time(e)))
-         group%is_plain(e) = min(group%is_plain(e), merge(inwards, onwards, &
-                                                          abs(group%side(e)) > 0.0_wp))
-         group%verdict(e) = merge(clear, merge(plain, involved, group%is_plain(e) > 0.0_wp), &
-                                  group%is_clear(e) > 0.0_wp)
-      end do
-      where (group%verdict == plain .and. .not. group%has_response) group%verdict = involved
+         !$omp simd
+         do e = 1, group_size
+            inwards = min(-group%way(e)*c(e, 2), 2.0_wp*group%reach(e) - abs(c(e, 2))) - tail(e)
+            onwards = group%way(e)*c(e, 1) - turn(e) &
+                      + min(0.0_wp, 2.0_wp*group%way(e)*c(e, 2)*r(e))
+            inwards = min(group%is_plain(e), merge(inwards, onwards, abs(group%side(e)) > 0.0_wp))
+            verdict(e) = merge(real(plain, wp), real(involved, wp), inwards > 0.0_wp)
+            verdict(e) = merge(real(clear, wp), verdict(e), group%is_clear(e) > 0.0_wp)
+         end do
+      end associate
+      group%verdict = nint(verdict)
    end subroutine judge
 
 end module dynamics_exact_transitions
