@@ -95,7 +95,7 @@ contains
       type(series_form), intent(inout) :: form
       real(wp), intent(in) :: tolerance
       !> an error at a transition counts less than one in every step
-      real(wp), parameter :: share = 2.0e-2_wp
+      real(wp), parameter :: share = 0.2_wp
       real(wp), parameter :: most_shift = 1.0e-7_wp   !! a tenth of the margin of guards (5)
       real(wp) :: error, shift
       integer :: i, j
@@ -107,7 +107,7 @@ contains
          if (any(form%series%end_dof == i)) cycle
          call compare_answers(form, i, form%series%spring(j), error, shift)
          form%is_local(j) = error <= share*tolerance .and. shift <= most_shift .and. &
-                            shift*maxval(form%series%spring)/6.0_wp <= 2.5_wp*share*tolerance
+                            shift*maxval(form%series%spring)/6.0_wp <= share*tolerance
       end do
    end subroutine find_local
 

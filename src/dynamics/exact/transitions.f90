@@ -48,11 +48,27 @@ contains
       type(transition_group), intent(inout) :: group
 
       call gather(paths, list, group)
-      call find_zero(paths%degree, group)
-      call shift_path(paths%degree, group%time, group)
-      call respond(paths%degree, group)
-      call judge(paths%degree, group)
+      select case (paths%degree)   ! a constant degree makes loops over powers straight
+      case (6)
+         call solve(6, group)
+      case (7)
+         call solve(7, group)
+      case (8)
+         call solve(8, group)
+      case default
+         call solve(paths%degree, group)
+      end select
    end subroutine examine
+
+   pure subroutine solve(degree, group)
+      integer, value :: degree
+      type(transition_group), intent(inout) :: group
+
+      call find_zero(degree, group)
+      call shift_path(degree, group%time, group)
+      call respond(degree, group)
+      call judge(degree, group)
+   end subroutine solve
 
    !> The next transition of the first suspect after the time of the group, one after another, with
    !> its answer.
@@ -138,7 +154,7 @@ contains
 
    !> Zero of the guard: that of its parabola, then three steps of Newton.
    pure subroutine find_zero(degree, group)
-      integer, intent(in) :: degree
+      integer, value :: degree
       type(transition_group), intent(inout) :: group
       real(wp), parameter :: last_step = 1.0e-7_wp   ! its square is below rounding
       real(wp) :: g(group_size, 0:most_degree)
@@ -234,7 +250,7 @@ contains
 
    !> Path about the transition; at rest where it sticks.
    pure subroutine shift_path(degree, span, group)
-      integer, intent(in) :: degree
+      integer, value :: degree
       real(wp), intent(in) :: span(group_size)   !! [parts]
       type(transition_group), intent(inout) :: group
       integer :: e, k, m
@@ -260,7 +276,7 @@ contains
 
    !> The answer of the joint (6), and what it adds to the ends of all (7).
    pure subroutine respond(degree, group)
-      integer, intent(in) :: degree
+      integer, value :: degree
       type(transition_group), intent(inout) :: group
       real(wp), dimension(group_size) :: jump, power, r
       integer :: e, k
@@ -309,7 +325,7 @@ contains
    !> Verdicts: the new guard must keep clear of zero to the end. A slip goes on; a joint that has
    !> stuck goes inwards, and not as far as its other limit.
    pure subroutine judge(degree, group)
-      integer, intent(in) :: degree
+      integer, value :: degree
       type(transition_group), intent(inout) :: group
       real(wp), dimension(group_size) :: power, r, tail, turn, verdict
       real(wp) :: inwards, onwards
