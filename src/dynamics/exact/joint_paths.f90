@@ -29,7 +29,7 @@ module dynamics_exact_joint_paths
       integer, allocatable :: joint(:)          !! (entry) joints by rows; none for a row without
       integer, allocatable :: joint_row(:)      !! (entry)
       logical, allocatable :: is_local(:)       !! (joint) answered by its own row (8)
-      real(wp), allocatable :: damping(:)       !! (row) C^_ii of a row that answers so
+      real(wp), allocatable :: own(:, :)        !! (1:4, row) of a row that answers so (7)
       integer, allocatable :: layer(:)          !! (0:degree)
       integer :: finish(0:1) = 0
       real(wp), pointer, contiguous :: x(:, :, :) => null()          !! (lane, row, layer)
@@ -71,7 +71,7 @@ contains
       self%base = base
       self%spring = spring
       self%is_local = spread(.false., 1, self%n_joints)
-      self%damping = spread(0.0_wp, 1, self%n_rows)
+      self%own = spread(spread(0.0_wp, 1, 4), 2, self%n_rows)
       allocate (self%first(self%n_rows + 1))
       allocate (self%joint(self%n_rows + self%n_joints), self%joint_row(self%n_rows + self%n_joints))
       used = 0

@@ -13,6 +13,11 @@ module dynamics_exact_modal_lane
    private
    public :: lane_paths
 
+   !> 0! .. 10!
+   real(wp), parameter :: factorial(0:10) = [1.0_wp, 1.0_wp, 2.0_wp, 6.0_wp, 24.0_wp, 120.0_wp, &
+                                             720.0_wp, 5040.0_wp, 40320.0_wp, 362880.0_wp, &
+                                             3628800.0_wp]
+
    !> Joints of one sample; time runs from the last transition, in parts.
    type :: lane_paths
       real(wp), allocatable :: path(:, :)      !! (joint, power from 0)
@@ -47,29 +52,35 @@ contains
    !> the bounds (3), are not looked at.
    subroutine find_crossings(self)
       class(lane_paths), intent(inout) :: self
-      real(wp), dimension(size(self%side)) :: bend, finish, speed, turn
-      real(wp) :: power
+      real(wp) :: bend, finish, least(size(self%side)), rest, speed, turn, weight(path_degree, 4)
       real(wp), parameter :: margin = 1.0e-6_wp   !! as (5)
       integer :: j, k
 
-      finish = self%path(:, 0)
-      speed = 0.0_wp
-      bend = 0.0_wp
-      turn = 0.0_wp
-      power = 1.0_wp
       do k = 1, path_degree
-         speed = speed + k*power*self%path(:, k)
-         turn = turn + 0.125_wp*k*(k - 1)*(k - 2)*power*abs(self%path(:, k))
-         power = power*self%left
-         finish = finish + power*self%path(:, k)
-         bend = bend + 0.125_wp*k*(k - 1)*power*abs(self%path(:, k))
+         weight(k, 1) = self%left**k
+         weight(k, 2) = k*self%left**(k - 1)
+         weight(k, 3) = 0.125_wp*k*(k - 1)*weight(k, 1)
+         weight(k, 4) = 0.125_wp*k*(k - 1)*(k - 2)*self%left**(k - 1)
       end do
-      bend = self%reach*(1.0_wp - margin) - bend - max(abs(self%path(:, 0) - self%slider), &
-                                                       abs(finish - self%slider))
-      turn = min(self%side*self%path(:, 1), self%side*speed) - turn - margin*self%reach
+      do j = 1, size(self%side)
+         finish = self%path(j, 0)
+         speed = 0.0_wp
+         bend = 0.0_wp
+         turn = 0.0_wp
+         do k = 1, path_degree
+            finish = finish + weight(k, 1)*self%path(j, k)
+            speed = speed + weight(k, 2)*self%path(j, k)
+            bend = bend + weight(k, 3)*abs(self%path(j, k))
+            turn = turn + weight(k, 4)*abs(self%path(j, k))
+         end do
+         rest = max(abs(self%path(j, 0) - self%slider(j)), abs(finish - self%slider(j)))
+         bend = self%reach(j)*(1.0_wp - margin) - bend - rest
+         turn = min(self%side(j)*self%path(j, 1), self%side(j)*speed) - turn - margin*self%reach(j)
+         least(j) = merge(turn, bend, abs(self%side(j)) > 0.0_wp)
+      end do
       do j = 1, size(self%side)
          self%crossing(j) = no_crossing
-         if (merge(turn(j), bend(j), abs(self%side(j)) > 0.0_wp) > 0.0_wp) cycle
+         if (least(j) > 0.0_wp) cycle
          self%crossing(j) = first_transition(self%path(j, :), self%side(j), self%slider(j), &
                                              self%reach(j), self%left)
       end do
@@ -98,8 +109,8 @@ contains
       integer, intent(in) :: i
       real(wp), intent(in) :: way   !! +1 or -1
       real(wp) :: motion(size(self%side), path_degree)   ! what moves otherwise than before
-      real(wp) :: answer(size(self%side))
-      integer :: d, e, j, k
+      real(wp) :: share
+      integer :: d, e, j, k, u
 
       motion = 0.0_wp
       if (abs(self%side(i)) > 0.0_wp) then
@@ -114,43 +125,39 @@ contains
          self%follows(i) = 1.0_wp
       end if
       do k = 3, path_degree
-         answer = 0.0_wp
-         do e = max(1, k - 1 - n_markov), k - 2
+         do e = max(operators%first_power(k), k - 1 - n_markov), k - 2
             d = k - 2 - e
             do j = 1, size(self%side)
                if (e < 3 .and. j /= i) cycle   ! the others answer from power 3 on
                if (.not. abs(motion(j, e)) > 0.0_wp) cycle
-               answer = answer + operators%markov(:, j, d)*(motion(j, e)*rank_ratio(e, k))
+               share = motion(j, e)*(factorial(e)/factorial(k))
+               do u = 1, size(self%side)
+                  self%path(u, k) = self%path(u, k) + operators%markov(u, j, d)*share
+                  motion(u, k) = motion(u, k) + self%follows(u)*(operators%markov(u, j, d)*share)
+               end do
             end do
          end do
-         self%path(:, k) = self%path(:, k) + answer
-         motion(:, k) = motion(:, k) + self%follows*answer
       end do
       call self%add_moments(motion)
    end subroutine switch_slider
-
-   !> e!/k!
-   elemental real(wp) function rank_ratio(e, k)
-      integer, intent(in) :: e, k
-      integer :: i
-
-      rank_ratio = 1.0_wp
-      do i = e + 1, k
-         rank_ratio = rank_ratio/i
-      end do
-   end function rank_ratio
 
    !> Adds a motion of the sliders from now on to their integrals at the end of the part: I_s of t^k
    !> is k!/(k + s)! t^(k + s).
    subroutine add_moments(self, motion)
       class(lane_paths), intent(inout) :: self
-      real(wp), intent(in) :: motion(:, :)   !! (joint, power from 1)
-      integer :: k, s
+      real(wp), intent(in), contiguous :: motion(:, :)   !! (joint, power from 1)
+      real(wp) :: share(path_degree)
+      integer :: j, k, s
 
       do s = 0, ubound(self%moments, 2)
          do k = 1, path_degree
-            self%moments(:, s) = self%moments(:, s) &
-                                 + motion(:, k)*(rank_ratio(k, k + s)*self%left**(k + s))
+            share(k) = factorial(k)/factorial(k + s)*self%left**(k + s)
+         end do
+         do j = 1, size(motion, 1)
+            self%moments(j, s) = self%moments(j, s) &
+                                 + (((motion(j, 1)*share(1) + motion(j, 2)*share(2)) &
+                                     + (motion(j, 3)*share(3) + motion(j, 4)*share(4))) &
+                                    + (motion(j, 5)*share(5) + motion(j, 6)*share(6)))
          end do
       end do
    end subroutine add_moments

@@ -9,7 +9,7 @@ module dynamics_exact_modal_terms
    integer, parameter :: path_degree = 6   !! of the paths of joints
    integer, parameter :: n_markov = 3      !! terms of the answer of a joint to a slider
    integer, parameter :: most_parts = 4096
-   real(wp), parameter :: safety = 30.0_wp           !! of the estimates (M7), (M8)
+   real(wp), parameter :: safety = 2.0_wp           !! of the estimates (M7), (M8)
    real(wp), parameter :: quintic_error = 2.7e-6_wp  !! max t^2 (t - 1/2)^2 (t - 1)^2/6!
 
    !> Parts and terms.
@@ -81,7 +81,7 @@ contains
       real(wp), intent(in) :: damping(:, :)    !! C^ (mode, mode)
       real(wp), intent(in) :: tolerance
       class(modal_terms), intent(inout) :: terms
-      real(wp), parameter :: steps = 2000.0_wp   ! for which the error of a part lives on, see (1)
+      real(wp), parameter :: steps = 30.0_wp   ! for which the error of a part lives on, see (1)
       real(wp), parameter :: quartic_error = 7.5e-5_wp
       real(wp) :: answer(0:n_markov - 1), kernel(0:4), memory, path(5), share(size(rate))
       integer :: d, k

@@ -15,9 +15,15 @@ module dynamics_exact_transitions
    implicit none(type, external)
    private
    public :: transition_group, examine, find_next, gather, take_answer
-   public :: group_size, clear, plain, involved
+   public :: group_size, n_near, clear, plain, involved, fall
 
    integer, parameter :: group_size = 8
+   integer, parameter :: n_near = 4   !! powers by which others follow a joint (7)
+   integer, private :: k_, s_   ! of the constructor that follows
+   !> k!/(k + s)!
+   real(wp), parameter :: fall(most_degree, 0:n_near) = reshape( &
+                          [((gamma(k_ + 1.0_wp)/gamma(k_ + s_ + 1.0_wp), k_=1, most_degree), &
+                            s_=0, n_near)], [most_degree, n_near + 1])
    integer, parameter :: clear = 0, plain = 1, involved = 2   !! verdicts
 
    !> Suspects 1 .. n of a group; the other entries repeat the last one. Innermost loops
@@ -29,11 +35,12 @@ module dynamics_exact_transitions
       real(wp), dimension(group_size) :: side       !! direction of the slip that ends; 0: it starts
       real(wp), dimension(group_size) :: way        !! direction of the slip that starts or ends
       real(wp), dimension(group_size) :: place      !! w.x at the transition [m]
-      !> what the transition adds to the end of the joint's path and velocity (6), and the sums A
-      !> and B for those around it and for their velocities (7)
-      real(wp) :: ends(group_size, 6)
+      !> what the transition adds to the end of the joint's path and velocity (6), and the sums A_1
+      !> .. A_4 for those around it and for their velocities (7)
+      real(wp) :: ends(group_size, 2 + 2*n_near)
       ! of the joint and its row, before the transition
-      real(wp), dimension(group_size), private :: slider, reach, spring, damping, stiffness
+      real(wp), dimension(group_size), private :: slider, reach, spring, stiffness
+      real(wp), private :: own(group_size, n_near)
       real(wp), dimension(group_size), private :: is_clear, is_plain   ! where positive
       real(wp), private :: path(group_size, 0:most_degree)     ! from tau on, after shift_path
       real(wp), private :: answer(group_size, 3:most_degree)   ! d of (6)
@@ -146,7 +153,7 @@ contains
             group%reach(e) = paths%regime(l, j, layer_reach)
             group%side(e) = paths%regime(l, j, layer_side)
             group%spring(e) = paths%regime(l, j, layer_spring)
-            group%damping(e) = paths%damping(row)
+            group%own(e, :) = paths%own(:, row)
             group%stiffness(e) = paths%stiffness(l, row)
          end associate
       end do
@@ -278,8 +285,8 @@ contains
    pure subroutine respond(degree, group)
       integer, value :: degree
       type(transition_group), intent(inout) :: group
-      real(wp), dimension(group_size) :: jump, power, r
-      integer :: e, k
+      real(wp), dimension(group_size) :: first, jump, power, r
+      integer :: e, k, s
 
       associate (c => group%path, d => group%answer)
          !$omp simd
@@ -287,17 +294,23 @@ contains
             r(e) = 1.0_wp - group%time(e)
             power(e) = r(e)**2
             jump(e) = merge(-group%spring(e), group%spring(e), abs(group%side(e)) > 0.0_wp)
+            group%own(e, 2) = group%own(e, 2) - (group%stiffness(e) - jump(e))
             d(e, 3) = jump(e)*c(e, 1)*(1.0_wp/6.0_wp)
-            d(e, 4) = jump(e)*c(e, 2)*(1.0_wp/12.0_wp) - group%damping(e)*d(e, 3)*0.25_wp
+            group%ends(e, 1) = 0.0_wp
+            group%ends(e, 2) = 0.0_wp
          end do
-         do k = 5, degree
+         do k = 4, degree
             !$omp simd
             do e = 1, group_size
-               d(e, k) = (jump(e)*c(e, k - 2) - (group%stiffness(e) - jump(e))*d(e, k - 2)) &
-                         *(1.0_wp/(k*(k - 1))) - group%damping(e)*d(e, k - 1)*(1.0_wp/k)
+               d(e, k) = jump(e)*c(e, k - 2)*(1.0_wp/(k*(k - 1)))
+            end do
+            do s = 1, min(n_near, degree - 4, k - 3)   ! the rest is below the error of the degree
+               !$omp simd
+               do e = 1, group_size
+                  d(e, k) = d(e, k) + group%own(e, s)*d(e, k - s)*fall(k - s, s)
+               end do
             end do
          end do
-         group%ends = 0.0_wp
          do k = 3, degree
             !$omp simd
             do e = 1, group_size
@@ -305,18 +318,23 @@ contains
                power(e) = power(e)*r(e)
                group%ends(e, 1) = group%ends(e, 1) + d(e, k)*power(e)
             end do
-            if (k == degree) cycle
+         end do
+         group%ends(:, 3:) = 0.0_wp
+         first = r**2
+         do s = 1, min(n_near, degree - 4)
             !$omp simd
             do e = 1, group_size
-               group%ends(e, 4) = group%ends(e, 4) + d(e, k)*power(e)
-               group%ends(e, 3) = group%ends(e, 3) + d(e, k)*power(e)*r(e)*(1.0_wp/(k + 1))
+               first(e) = first(e)*r(e)
+               power(e) = first(e)
             end do
-            if (k == degree - 1) cycle
-            !$omp simd
-            do e = 1, group_size
-               group%ends(e, 6) = group%ends(e, 6) + d(e, k)*power(e)*r(e)*(1.0_wp/(k + 1))
-               group%ends(e, 5) = group%ends(e, 5) &
-                                  + d(e, k)*power(e)*r(e)**2*(1.0_wp/((k + 1)*(k + 2)))
+            do k = 3, degree - s
+               !$omp simd
+               do e = 1, group_size
+                  group%ends(e, 2*s + 2) = group%ends(e, 2*s + 2) &
+                                           + d(e, k)*power(e)*fall(k, s - 1)
+                  power(e) = power(e)*r(e)
+                  group%ends(e, 2*s + 1) = group%ends(e, 2*s + 1) + d(e, k)*power(e)*fall(k, s)
+               end do
             end do
          end do
       end associate
