@@ -15,7 +15,7 @@ program bench_dynamics
    use core_random, only: label_of, new_stream, stream_type
    use core_text, only: to_text
    use structure_chain, only: build_chain
-   use structure_model, only: structure_type
+   use structure_model, only: build_structure, damping_type, part_names, structure_type
    use dynamics_exact_march, only: exact_march, new_exact_march
    use dynamics_newmark, only: new_newmark, newmark_marcher
    use dynamics_response, only: block_state, marcher_type, start_block
@@ -39,6 +39,10 @@ program bench_dynamics
    call compare('p2_high')
    print '(a)', '# event method at 1e-6: dofs ns_per_sample_step transitions_per_sample_step'
    call lengthen('event', [1, 2, 3, 5, 8, 9, 10, 20, 50, 100, 200, 1000])
+print '(a)', '# event method at 1e-6, mass matrix not diagonal: dofs joints ns_per_sample_step '// &
+      'transitions_per_sample_step'
+   call march_dense(50, 20, 600)
+   call march_dense(200, 50, 200)
    print '(a)', '# newmark, 15 halvings: dofs ns_per_sample_step transitions_per_sample_step'
    print '(a)', '# up to 8 dofs by tables; beyond, each of some 26 tries per transition is a'
    print '(a)', '# product with what counts of the inverse of the stuck chain: n times its width'
@@ -222,6 +226,62 @@ contains
       end do
    end subroutine lengthen
 
+   !> Cost of a chain in general coordinates, x = T y with T close to one: dense M and K, m joints in
+   !> general directions. The forces of the second case.
+   subroutine march_dense(n, m, n_steps)
+      integer, intent(in) :: n, m, n_steps
+      type(exact_march) :: event
+      type(structure_type) :: chain, structure
+      type(damping_type) :: damping
+      type(part_names) :: names
+      type(error_type), allocatable :: error
+      type(block_state) :: state
+      type(stream_type) :: stream
+      real(wp), allocatable :: force(:, :), x(:, :)
+      real(wp) :: nanoseconds, normal(n*n), t(n, n)
+      integer :: i
+
+      stream = new_stream(7_long, label_of('dense'), 0)
+      call stream%normals(normal)
+      t = 0.1_wp/sqrt(real(n, wp))*reshape(normal, [n, n])
+      do i = 1, n
+         t(i, i) = t(i, i) + 1.0_wp
+      end do
+      chain = equal_chain(n)
+      structure%mass = symmetric(matmul(transpose(t), matmul(chain%mass, t)))
+      structure%stiffness = symmetric(matmul(transpose(t), matmul(chain%stiffness, t)))
+      structure%load = matmul(transpose(t), chain%load)
+      associate (held => [(n - nint((i - 1)*real(n, wp)/m), i=1, m)])
+         structure%direction = transpose(t(held, :))
+         structure%joint_stiffness = chain%joint_stiffness(held)
+         structure%normal_load = chain%normal_load(held)
+      end associate
+      structure%joint_friction = spread(0.2_wp, 1, m)
+      structure%friction_point = [(i, i=1, m)]
+      damping%ratio = [0.005_wp]
+      names%mass = 'M'
+      names%stiffness = 'K'
+      names%damping = 'C'
+      call build_structure(damping, names, structure, error)
+      if (allocated(error)) error stop error%message
+      call new_exact_march(structure, dt, 1.0e-6_wp, event, error)
+      if (allocated(error)) error stop error%message
+      call read_force('p2_high', 1, force)
+      call time_march(event, structure, force(:n_steps, :), stride, state, x, nanoseconds)
+      print '(2i5, f10.1, f9.4)', n, m, nanoseconds, &
+         real(sum(state%slip_starts + state%stick_starts), wp)/(real(n_steps, wp)*n_samples)
+
+   contains
+
+      pure function symmetric(a) result(b)
+         real(wp), intent(in) :: a(:, :)
+         real(wp) :: b(size(a, 1), size(a, 2))
+
+         b = 0.5_wp*(a + transpose(a))
+      end function symmetric
+
+   end subroutine march_dense
+
    !> CPU time per sample-step, and the history of sample 1 (record, dof).
    subroutine time_march(marcher, chain, force, every, state, x, nanoseconds)
       class(marcher_type), intent(inout) :: marcher
@@ -237,7 +297,7 @@ contains
       real(wp) :: begin, end
       integer :: done, first, last, piece, repetition
 
-      allocate (x(ubound(force, 1)/every, chain%n_dof), friction(chain%n_dof, n_samples))
+      allocate (x(ubound(force, 1)/every, chain%n_dof), friction(chain%n_joints, n_samples))
       allocate (records(records_per_piece, chain%n_dof, n_samples))
       call draw_friction(friction)
       allocate (best(0:(ubound(force, 1) - 1)/(records_per_piece*every)), source=huge(1.0_wp))

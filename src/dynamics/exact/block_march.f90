@@ -15,11 +15,13 @@ module dynamics_exact_block_march
    public :: march_block
 
    integer, parameter :: records_together = 32
+   integer, parameter :: most_seen = 8   !! of the joints that switch in one part of one sample
 
    !> Suspects of a part, its groups of transitions, and records that are not yet handed on.
    type :: march_room
       integer, allocatable :: list(:)
       logical :: is_involved(width)                        !! marched again, by `redo`
+      integer :: n_seen(width), seen(most_seen, width)     !! rows that switch in the part, see (9)
       type(transition_group), allocatable :: groups(:)
       !> Joints without friction: their way counts from part to part
       integer, allocatable :: sliding(:, :)                !! (lane joint, entry)
@@ -89,6 +91,7 @@ contains
 
       call base%run_part(push, room%list, found)
       room%is_involved = .false.
+      room%n_seen = 0
       if (found > 0) call make_transitions(base, found, begin, state, room, error)
       if (allocated(error)) return
       if (state%keeps_ledger) call keep_ledger(base, room, state)
@@ -129,9 +132,14 @@ contains
             call examine(base%paths, room%list(first:min(found, first + group_size - 1)), group)
             do e = 1, group%n
                if (group%verdict(e) == clear) cycle
+               l = group%lane(e)
                ! only a march anew has the works of the pieces between transitions
-               if (state%keeps_ledger .or. .not. base%paths%is_local(group%joint(e))) &
-                  room%is_involved(group%lane(e)) = .true.
+               if (state%keeps_ledger .or. .not. base%paths%is_local(group%joint(e))) then
+                  room%is_involved(l) = .true.
+               else if (size(base%paths%moved) > 0) then
+                  call note_joint(base, group%joint(e), room%seen(:, l), room%n_seen(l), &
+                                  room%is_involved(l))
+               end if
             end do
          end associate
       end do
@@ -154,6 +162,27 @@ contains
          if (allocated(error)) return
       end do
    end subroutine make_transitions
+
+   !> Whether a joint moves one that switches in the same part of its sample too much (9).
+   pure subroutine note_joint(base, joint, seen, n_seen, is_involved)
+      class(base_system), intent(in) :: base
+      integer, intent(in) :: joint
+      integer, intent(inout) :: seen(:), n_seen   !! rows of the joints before this one
+      logical, intent(inout) :: is_involved
+      integer :: s
+
+      associate (moved => base%paths%moved, first => base%paths%first_moved)
+         do s = 1, n_seen
+            if (any(moved(first(joint):first(joint + 1) - 1) == seen(s))) is_involved = .true.
+         end do
+      end associate
+      if (n_seen == size(seen)) then
+         is_involved = .true.
+      else
+         n_seen = n_seen + 1
+         seen(n_seen) = base%paths%row(joint)
+      end if
+   end subroutine note_joint
 
    !> Enters one transition into the ends of the part, the regimes and the account.
    subroutine make_transition(base, group, entry, begin, state)

@@ -26,7 +26,7 @@ contains
       integer :: k
 
       do k = 0, series%degree - 2
-         call add_power(size(paths%x, 2), series, k, paths%layer(k:k + 2), ubound(paths%x, 3), push, &
+       call add_power(size(paths%x, 2), series, k, paths%layer(k:k + 2), ubound(paths%x, 3), push, &
                         paths%stiffness, paths%pull, paths%x)
       end do
    end subroutine expand_block

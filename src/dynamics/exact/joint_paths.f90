@@ -29,6 +29,8 @@ module dynamics_exact_joint_paths
       integer, allocatable :: joint(:)          !! (entry) joints by rows; none for a row without
       integer, allocatable :: joint_row(:)      !! (entry)
       logical, allocatable :: is_local(:)       !! (joint) answered by its own row (8)
+      !> (joint + 1), (entry): rows whose joints must not switch in one part with this one (9)
+      integer, allocatable :: first_moved(:), moved(:)
       real(wp), allocatable :: own(:, :)        !! (1:4, row) of a row that answers so (7)
       integer, allocatable :: layer(:)          !! (0:degree)
       integer :: finish(0:1) = 0
@@ -73,7 +75,7 @@ contains
       self%is_local = spread(.false., 1, self%n_joints)
       self%own = spread(spread(0.0_wp, 1, 4), 2, self%n_rows)
       allocate (self%first(self%n_rows + 1))
-      allocate (self%joint(self%n_rows + self%n_joints), self%joint_row(self%n_rows + self%n_joints))
+     allocate (self%joint(self%n_rows + self%n_joints), self%joint_row(self%n_rows + self%n_joints))
       used = 0
       do rows = 1, self%n_rows
          self%first(rows) = used + 1

@@ -147,13 +147,13 @@ contains
          call find_exponential(a, b, max(n_markov, last), half, full)
          associate (to => operators%rotation(:, r))
             to(9:12) = [half%value(1, 1), half%value(1, 2)/scale, half%moment(1, 1, 0), &
-                       0.5_wp*half%moment(1, 1, 0) - half%moment(1, 1, 1)]
+                        0.5_wp*half%moment(1, 1, 0) - half%moment(1, 1, 1)]
             to(13:16) = [half%value(2, 1)*scale, half%value(2, 2), half%moment(2, 1, 0)*scale, &
-                       (0.5_wp*half%moment(2, 1, 0) - half%moment(2, 1, 1))*scale]
+                         (0.5_wp*half%moment(2, 1, 0) - half%moment(2, 1, 1))*scale]
             to(1:4) = [full%value(1, 1), full%value(1, 2)/scale, full%moment(1, 1, 0), &
-                        full%moment(1, 1, 0) - full%moment(1, 1, 1)]
+                       full%moment(1, 1, 0) - full%moment(1, 1, 1)]
             to(5:8) = [full%value(2, 1)*scale, full%value(2, 2), full%moment(2, 1, 0)*scale, &
-                         (full%moment(2, 1, 0) - full%moment(2, 1, 1))*scale]
+                       (full%moment(2, 1, 0) - full%moment(2, 1, 1))*scale]
          end associate
          do k = 1, n_markov
             moved(r, :, k) = full%moment(1, 1, k)*operators%slider_push(r, :)

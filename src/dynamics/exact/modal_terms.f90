@@ -9,7 +9,8 @@ module dynamics_exact_modal_terms
    integer, parameter :: path_degree = 6   !! of the paths of joints
    integer, parameter :: n_markov = 3      !! terms of the answer of a joint to a slider
    integer, parameter :: most_parts = 4096
-   real(wp), parameter :: safety = 2.0_wp           !! of the estimates (M7), (M8)
+   real(wp), parameter :: safety = 30.0_wp           !! of the estimate (M7)
+   real(wp), parameter :: term_safety = 4.0_wp       !! of the estimates (M8)
    real(wp), parameter :: quintic_error = 2.7e-6_wp  !! max t^2 (t - 1/2)^2 (t - 1)^2/6!
 
    !> Parts and terms.
@@ -97,7 +98,7 @@ contains
          answer = [kernel(0), kernel(0)*decay, kernel(2) + kernel(0)*decay**2]
       end associate
       terms%n_reads = 4
-      if (safety*quartic_error*path(5) <= 0.5_wp*tolerance) terms%n_reads = 3
+      if (term_safety*quartic_error*path(5) <= 0.5_wp*tolerance) terms%n_reads = 3
       memory = steps*terms%n_parts
       terms%n_moments = 4
       if (memory*(kernel(2)*path(3) + kernel(4)*path(2))*1.0e-5_wp <= 0.2_wp*tolerance) &
@@ -106,7 +107,7 @@ contains
       do k = 3, path_degree
          terms%first_power(k) = k - 1
          do d = 0, min(n_markov - 1, k - 3)
-            if (safety*answer(d)*path(k - 2 - d)/gamma(real(k + 1, wp)) > 0.2_wp*tolerance) &
+            if (term_safety*answer(d)*path(k - 2 - d)/gamma(real(k + 1, wp)) > 0.2_wp*tolerance) &
                terms%first_power(k) = k - 2 - d
          end do
       end do

@@ -296,7 +296,7 @@ contains
       do g = 1, self%n_links
          associate (first => self%first_end(g), last => self%first_end(g + 1) - 1)
             x(self%n_dof + g) = dot_product(self%direction(first:last), &
-                                               x(self%end_dof(first:last)))
+                                            x(self%end_dof(first:last)))
          end associate
       end do
    end subroutine follow_links

@@ -11,9 +11,10 @@ module dynamics_exact_series_form
    use dynamics_exact_free_steps, only: expand_block, finish_part, follow_links
    use dynamics_exact_guard_zeros, only: first_transition, no_crossing
    use dynamics_exact_joint_paths, only: layer_reach, layer_side, layer_slider, width
+   use dynamics_exact_local_answers, only: local_answers, new_local_answers
    use dynamics_exact_ledger, only: ledger_type, new_ledger
-   use dynamics_exact_series, only: form_matrices, new_series, series_type, without_diagonal
-   use dynamics_exact_transitions, only: fall, n_near, transition_group
+   use dynamics_exact_series, only: new_series, series_type
+   use dynamics_exact_transitions, only: transition_group
    use dynamics_joint, only: slip_direction, start_slip, stick
    use dynamics_response, only: block_state
    use structure_model, only: structure_type
@@ -25,13 +26,8 @@ module dynamics_exact_series_form
    type, extends(base_system) :: series_form
       type(series_type) :: series
       type(ledger_type) :: ledger
-      logical, allocatable :: is_local(:)           !! (joint)
+      type(local_answers) :: answers
       real(wp), allocatable :: push(:, :, :)        !! (lane, loaded dof, value and rise)
-      ! what a dof does to those around it, see find_near
-      integer, allocatable :: first_near(:)         !! (dof + 1)
-      integer, allocatable :: near(:)               !! (entry) dof
-      real(wp), allocatable :: near_value(:, :)     !! (1:4, entry)
-      real(wp), allocatable :: own(:, :)            !! (1:4, dof) the same of the dof itself
    contains
       procedure :: begin
       procedure :: take
@@ -53,120 +49,13 @@ contains
       integer, intent(in) :: parts        !! of a step
       real(wp), intent(in) :: tolerance
       type(series_form), intent(out) :: form
-      real(wp), allocatable :: damping(:, :), stiffness(:, :)   ! C^, K^
-      integer :: i, j, k
 
       form%h = dt/parts
       form%n_forces = structure%n_forces
       call new_series(structure, dt, parts, tolerance, form%series)
       form%ledger = new_ledger(form%series, structure%lumped_mass(), tolerance)
-      call form_matrices(structure, form%h, damping, stiffness)
-      do k = 1, 2
-         do j = 1, structure%n_joints
-            i = form%series%row(j)
-            if (i <= structure%n_dof) stiffness(i, i) = stiffness(i, i) + 0.5_wp*form%series%spring(j)
-         end do
-         if (k == 1) call find_near(damping, stiffness, tolerance, form)
-      end do
-      call find_local(damping, stiffness, tolerance, form)
+      call new_local_answers(structure, form%series, tolerance, form%answers)
    end subroutine new_series_form
-
-   !> Columns of N_1 .. N_4, which say how the dofs around one follow it (7): -C^, C^ C~ - K^,
-   !> C^ K~ + K^ C~, K^ K~; C~ and K~ are without diagonals.
-   subroutine find_near(damping, stiffness, tolerance, form)
-      real(wp), intent(in), dimension(:, :) :: damping, stiffness   !! C^, K^ with half the joints
-      real(wp), intent(in) :: tolerance
-      type(series_form), intent(inout) :: form
-      real(wp), parameter :: share = 1.0e-4_wp   !! of the tolerance, for one entry
-      !> of the answer's first power, in the velocity at the end of a part
-      real(wp), parameter :: part(n_near) = [24.0_wp, 120.0_wp, 720.0_wp, 5040.0_wp]/4.0_wp
-      real(wp) :: column(size(damping, 1), n_near)
-      real(wp), allocatable, dimension(:, :) :: off_damping, off_stiffness
-      logical :: matters(size(damping, 1))
-      integer :: i, j
-
-      off_damping = without_diagonal(damping)
-      off_stiffness = without_diagonal(stiffness)
-      allocate (form%near(0), form%near_value(n_near, 0), form%own(n_near, size(damping, 1)))
-      form%first_near = [1]
-      do j = 1, size(damping, 1)
-         column(:, 1) = -damping(:, j)
-         column(:, 2) = matmul(damping, off_damping(:, j)) - stiffness(:, j)
-         column(:, 3) = matmul(damping, off_stiffness(:, j)) + matmul(stiffness, off_damping(:, j))
-         column(:, 4) = matmul(stiffness, off_stiffness(:, j))
-         form%own(:, j) = column(j, :)
-         form%own(2, j) = form%own(2, j) + stiffness(j, j)   ! which depends on the regime
-         column(j, :) = 0.0_wp
-         matters = sum(form%series%spring, form%series%row == j) &
-                   *maxval(abs(column)/spread(part, 1, size(column, 1)), 2) > share*tolerance
-         form%near = [form%near, pack([(i, i=1, size(matters))], matters)]
-         form%near_value = reshape([form%near_value, &
-                                    pack(transpose(column), spread(matters, 1, n_near))], &
-                                   [n_near, size(form%near)])
-         form%first_near = [form%first_near, size(form%near) + 1]
-      end do
-   end subroutine find_near
-
-   !> Which joints may be answered locally: only those of one dof that no other joint holds, where
-   !> the answer to a transition at the start of a part differs from the true one by little, and
-   !> does not move the paths of other joints by more than they may be wrong within the part (8).
-   subroutine find_local(damping, stiffness, tolerance, form)
-      real(wp), intent(in), dimension(:, :) :: damping, stiffness   !! C^, K^ with stuck joints
-      real(wp), intent(in) :: tolerance
-      type(series_form), intent(inout) :: form
-      real(wp), parameter :: share = 5.0e-2_wp        !! of the tolerance, for one transition
-      real(wp), parameter :: most_shift = 1.0e-7_wp   !! a tenth of the margin of guards (5)
-      real(wp) :: error, shift
-      integer :: i, j
-
-      allocate (form%is_local(size(form%series%row)), source=.false.)
-      do j = 1, size(form%series%row)
-         i = form%series%row(j)
-         if (i > form%series%n_dof .or. count(form%series%row == i) > 1) cycle
-         if (any(form%series%end_dof == i)) cycle
-         call compare_answers(form, damping, stiffness, i, form%series%spring(j), error, shift)
-         form%is_local(j) = error <= share*tolerance .and. shift <= most_shift .and. &
-                            shift*maxval(form%series%spring)/6.0_wp <= 2.0_wp*share*tolerance
-      end do
-   end subroutine find_local
-
-   !> Answers of a dof to the path t + t^2 of its joint: the largest error of the local one at the
-   !> end of the part, against the series of all dofs, and the largest displacement of another dof.
-   pure subroutine compare_answers(form, damping, stiffness, dof, spring, error, shift)
-      type(series_form), intent(in) :: form
-      real(wp), intent(in), dimension(:, :) :: damping, stiffness   !! C^, K^ with stuck joints
-      integer, intent(in) :: dof
-      real(wp), intent(in) :: spring
-      real(wp), intent(out) :: error, shift
-      real(wp), parameter :: negligible = 1.0e-18_wp
-      real(wp), dimension(form%series%n_dof, 1:form%series%degree) :: d, local
-      real(wp) :: follow
-      integer :: e, i, k, s
-
-      d = 0.0_wp
-      local = 0.0_wp
-      do k = 3, form%series%degree
-         if (k <= 4) d(dof, k) = spring/(k*(k - 1))
-         do i = 1, form%series%n_dof
-            if (max(abs(d(i, k - 1)), abs(d(i, k - 2))) < negligible) cycle
-            d(:, k) = d(:, k) - damping(:, i)*(d(i, k - 1)/k) &
-                      - stiffness(:, i)*(d(i, k - 2)/(k*(k - 1)))
-         end do
-         if (k <= 4) local(dof, k) = spring/(k*(k - 1))
-         local(dof, k) = local(dof, k) - stiffness(dof, dof)*local(dof, k - 2)/(k*(k - 1))
-         do s = 1, min(n_near, form%series%degree - 4, k - 3)
-            follow = local(dof, k - s)*fall(k - s, s)
-            local(dof, k) = local(dof, k) + form%own(s, dof)*follow
-            do e = form%first_near(dof), form%first_near(dof + 1) - 1
-               local(form%near(e), k) = local(form%near(e), k) + form%near_value(s, e)*follow
-            end do
-         end do
-      end do
-      error = max(maxval(abs(sum(d - local, 2))), &
-                  maxval(abs(matmul(d - local, [(real(k, wp), k=1, form%series%degree)]))))
-      d(dof, :) = 0.0_wp
-      shift = maxval(abs(sum(d, 2)))
-   end subroutine compare_answers
 
    !> See base_system.
    subroutine begin(self)
@@ -174,8 +63,10 @@ contains
 
       call self%paths%start(self%series%degree, self%series%diagonal, self%series%row, &
                             self%series%spring)
-      self%paths%is_local = self%is_local
-      self%paths%own(:, :self%series%n_dof) = self%own
+      self%paths%is_local = self%answers%is_local
+      self%paths%first_moved = self%answers%first_moved
+      self%paths%moved = self%answers%moved
+      self%paths%own(:, :self%series%n_dof) = self%answers%own
       self%push = spread(spread(spread(0.0_wp, 1, width), 2, size(self%series%loaded)), 3, 2)
    end subroutine begin
 
@@ -258,9 +149,9 @@ contains
          row = self%paths%row(group%joint(entry))
          x(l, row, finish(0)) = x(l, row, finish(0)) + ends(1)
          x(l, row, finish(1)) = x(l, row, finish(1)) + ends(2)
-         do e = self%first_near(row), self%first_near(row + 1) - 1
-            associate (place => x(l, self%near(e), finish(0)), &
-                       speed => x(l, self%near(e), finish(1)), weight => self%near_value(:, e))
+         do e = self%answers%first(row), self%answers%first(row + 1) - 1
+            associate (place => x(l, self%answers%dof(e), finish(0)), &
+                  speed => x(l, self%answers%dof(e), finish(1)), weight => self%answers%value(:, e))
                place = place + ((weight(1)*ends(3) + weight(2)*ends(5)) &
                                 + (weight(3)*ends(7) + weight(4)*ends(9)))
                speed = speed + ((weight(1)*ends(4) + weight(2)*ends(6)) &
