@@ -226,8 +226,8 @@ contains
       end do
    end subroutine lengthen
 
-   !> Cost of a chain in general coordinates, x = T y with T close to one: dense M and K, m joints in
-   !> general directions. The forces of the second case.
+   !> Cost of a chain in general coordinates, x = T y with T close to one: M and K are dense, m joints
+   !> act in general directions. The forces of the second case.
    subroutine march_dense(n, m, n_steps)
       integer, intent(in) :: n, m, n_steps
       type(exact_march) :: event

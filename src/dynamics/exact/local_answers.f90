@@ -1,5 +1,5 @@
-!> Answers of the dofs around a joint to its transitions, by sums over the series of its own dof (7),
-!> and which joints they are exact enough for (8); see docs/exact_march.md.
+!> Answers of the dofs around a joint to its transitions, by sums over the series of its own dof
+!> (7), and which joints they are exact enough for (8); see docs/exact_march.md.
 module dynamics_exact_local_answers
    use core_kinds, only: wp
    use dynamics_exact_series, only: form_matrices, series_type, without_diagonal

@@ -10,7 +10,7 @@ module dynamics_exact_modal_terms
    integer, parameter :: n_markov = 3      !! terms of the answer of a joint to a slider
    integer, parameter :: most_parts = 4096
    real(wp), parameter :: safety = 30.0_wp           !! of the estimate (M7)
-   real(wp), parameter :: term_safety = 4.0_wp       !! of the estimates (M8)
+   real(wp), parameter :: term_safety = 10.0_wp      !! of the estimates (M8)
    real(wp), parameter :: quintic_error = 2.7e-6_wp  !! max t^2 (t - 1/2)^2 (t - 1)^2/6!
 
    !> Parts and terms.
