@@ -226,7 +226,7 @@ contains
       end do
    end subroutine lengthen
 
-   !> Cost of a chain in general coordinates, x = T y with T close to one: M and K are dense, m joints
+   !> Cost of a chain in general coordinates, x = T y with T close to one: M and K are dense, joints
    !> act in general directions. The forces of the second case.
    subroutine march_dense(n, m, n_steps)
       integer, intent(in) :: n, m, n_steps

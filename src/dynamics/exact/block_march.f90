@@ -5,8 +5,8 @@ module dynamics_exact_block_march
    use core_kinds, only: long, wp
    use dynamics_exact_base_system, only: base_system, raise_too_many
    use dynamics_exact_joint_paths, only: width
-   use dynamics_exact_transitions, only: clear, examine, find_next, gather, group_size, involved, plain, &
-                                         take_answer, transition_group
+   use dynamics_exact_transitions, only: clear, examine, find_next, gather, group_size, involved, &
+                                         plain, take_answer, transition_group
    use dynamics_joint, only: dissipate, start_slip, stick
    use dynamics_response, only: block_state
    use structure_model, only: structure_type

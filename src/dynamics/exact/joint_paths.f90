@@ -8,7 +8,8 @@ module dynamics_exact_joint_paths
    use dynamics_response, only: block_state
    implicit none(type, external)
    private
-   public :: joint_paths, width, layer_slider, layer_reach, layer_side, layer_spring, layer_hold, layer_lift
+   public :: joint_paths, width
+   public :: layer_slider, layer_reach, layer_side, layer_spring, layer_hold, layer_lift
 
    integer, parameter :: width = 32   !! samples side by side
    integer, parameter :: layer_slider = 1, layer_reach = 2, layer_side = 3, layer_spring = 4, &

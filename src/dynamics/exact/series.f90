@@ -174,8 +174,9 @@ contains
       end do
    end subroutine form_matrices
 
+   !> A square matrix with zeros on its diagonal.
    pure function without_diagonal(matrix) result(rest)
-      real(wp), intent(in) :: matrix(:, :)
+      real(wp), intent(in) :: matrix(:, :)   !! (row, column)
       real(wp) :: rest(size(matrix, 1), size(matrix, 2))
       integer :: i
 
