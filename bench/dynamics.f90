@@ -270,17 +270,14 @@ contains
       call time_march(event, structure, force(:n_steps, :), stride, state, x, nanoseconds)
       print '(2i5, f10.1, f9.4)', n, m, nanoseconds, &
          real(sum(state%slip_starts + state%stick_starts), wp)/(real(n_steps, wp)*n_samples)
-
-   contains
-
-      pure function symmetric(a) result(b)
-         real(wp), intent(in) :: a(:, :)
-         real(wp) :: b(size(a, 1), size(a, 2))
-
-         b = 0.5_wp*(a + transpose(a))
-      end function symmetric
-
    end subroutine march_dense
+
+   pure function symmetric(a) result(b)
+      real(wp), intent(in) :: a(:, :)
+      real(wp) :: b(size(a, 1), size(a, 2))
+
+      b = 0.5_wp*(a + transpose(a))
+   end function symmetric
 
    !> CPU time per sample-step, and the history of sample 1 (record, dof).
    subroutine time_march(marcher, chain, force, every, state, x, nanoseconds)
