@@ -2,7 +2,7 @@
 program bench_process_ar
    use core_error, only: error_type
    use core_kinds, only: long, wp
-   use process_ar_fit, only: fit_ar
+   use process_autoregressive_fit, only: fit_ar
    use process_fit, only: fit_process
    use process_model, only: process_model_type, process_request
    implicit none(type, external)

@@ -9,12 +9,12 @@ program bench_process_direct
    use core_kinds, only: wp
    use process_correlation, only: constraint_weights
    use process_direct_check, only: check_by_inversion
-   use process_length_constraint, only: length_constraint, new_constraint
-   use process_maxent_direct, only: fit_direct, search_direct
+   use process_direct_constraint, only: length_constraint, new_constraint
+   use process_direct_fit, only: fit_direct, search_direct
+   use process_direct_reciprocal_symbol, only: reciprocal_workspace
+   use process_direct_sign_search, only: search_result
+   use process_direct_sign_sequence, only: sequence_solution, solve_sequence
    use process_model, only: inversion_check, process_model_type, process_request
-   use process_reciprocal_symbol, only: reciprocal_workspace
-   use process_sign_search, only: search_result
-   use process_sign_sequence, only: sequence_solution, solve_sequence
    implicit none(type, external)
 
    integer, parameter :: half_widths(3) = [50, 200, 600]

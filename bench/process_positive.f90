@@ -3,13 +3,13 @@
 program bench_process_positive
    use core_kinds, only: long, wp
    use core_random, only: label_of, new_stream, stream_type
-   use process_ar_model, only: coefficients_of
+   use process_autoregressive_model, only: coefficients_of
    use process_fit, only: fit_process
    use process_model, only: process_model_type, process_request
    use process_positive_exact, only: sample_exact, sweeps_to_forget
    use process_positive_moments, only: batch_averages, new_batches
    use process_positive_sequential, only: sample_sequential
-   use process_truncated_normal, only: lanes
+   use process_positive_truncated_normal, only: lanes
    implicit none(type, external)
    integer, parameter :: orders(4) = [1, 5, 10, 30], lags(2) = [10, 100]
    real(wp), parameter :: lengths(3) = [0.3_wp, 1.0_wp, 3.0_wp], stds(2) = [0.067_wp, 0.10_wp]

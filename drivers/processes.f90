@@ -11,12 +11,12 @@ module driver_processes
    use parallel_work, only: new_counter, work_counter
    use parallel_world, only: world_type
    use process_direct_check, only: check_by_inversion
+   use process_direct_fit, only: count_parts, search_direct
+   use process_direct_sign_search, only: add_search, search_result
    use process_fit, only: fit_from_search, fit_process, resolve_order
-   use process_maxent_direct, only: count_parts, search_direct
    use process_model, only: process_model_type, process_request
    use process_packing, only: pack_model, pack_search, unpack_model, unpack_search
    use process_scaling, only: carry_over, first_of_fit, unit_request
-   use process_sign_search, only: add_search, search_result
    implicit none(type, external)
    private
    public :: solve_processes

@@ -15,7 +15,7 @@ module driver_regression
    use parallel_work, only: new_counter, work_counter
    use parallel_world, only: attend_to_others, world_type
    use process_model, only: process_model_type, request_label
-   use process_positive, only: draw_points
+   use process_realization, only: draw_points
    use statistics_pool, only: new_pool, pool_type
    use statistics_scalars, only: estimate_scalars, scalar_from, scalar_plain, scalar_type, &
                                  scalar_values

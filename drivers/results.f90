@@ -26,7 +26,7 @@ module driver_results
    use io_store, only: shard_store
    use parallel_world, only: world_type
    use process_model, only: process_model_type, request_label
-   use process_positive, only: draw_points
+   use process_realization, only: draw_points
    implicit none(type, external)
    private
    public :: write_results

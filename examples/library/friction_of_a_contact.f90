@@ -9,7 +9,7 @@ program friction_of_a_contact
    use dynamics_joint, only: jenkins_force
    use process_fit, only: fit_process
    use process_model, only: process_model_type, process_request, request_label
-   use process_positive, only: draw_points
+   use process_realization, only: draw_points
    implicit none(type, external)
    integer, parameter :: n_contacts = 400, n_sliders = 20, n_steps = 8
    integer(long), parameter :: seed = 2016

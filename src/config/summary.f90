@@ -2,15 +2,14 @@
 module config_summary
    use config_fingerprint, only: fingerprint
    use config_groups, only: scene_type
-   use config_phrases, only: brief, counted, duration, joined, labelled, numbered, padded, &
-                             size_text
+   use config_phrases, only: brief, counted, duration, joined, labelled, numbered, padded, size_text
    use core_kinds, only: wp
    use core_text, only: to_text
    use ensemble_audit, only: add_audits, reference_for
    use ensemble_plan, only: integration_settings, plan_type
    use ensemble_size, only: memory_of_rank, results_size
    use process_model, only: branch_note, process_model_type, process_request
-   use process_positive, only: way_of_drawing, way_type
+   use process_realization, only: way_of_drawing, way_type
    use process_scaling, only: first_of_fit
    use structure_model, only: structure_type
    implicit none(type, external)

@@ -5,7 +5,7 @@ module ensemble_study
    use ensemble_plan, only: plan_type
    use ensemble_runner, only: block_width
    use process_model, only: process_model_type, request_label
-   use process_positive, only: draw_points
+   use process_realization, only: draw_points
    implicit none(type, external)
    private
    public :: block_range, open_blocks, draw_friction

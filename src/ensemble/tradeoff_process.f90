@@ -5,8 +5,8 @@ module ensemble_tradeoff_process
    use core_error, only: error_type
    use core_kinds, only: wp
    use ensemble_plan, only: plan_type
-   use process_ar_fit, only: fit_ar
-   use process_maxent_direct, only: fit_direct
+   use process_autoregressive_fit, only: fit_ar
+   use process_direct_fit, only: fit_direct
    use process_model, only: process_model_type, process_request
    implicit none(type, external)
    private

@@ -1,6 +1,6 @@
 !> Correlation lengths of a discrete stationary process (Sec. 2.1), cut at the last lag supplied.
 !>
-!> The infinite sums of an autoregressive process are in `process_ar_model`.
+!> The infinite sums of an autoregressive process are in `process_autoregressive_model`.
 module process_correlation
    use core_kinds, only: wp
    implicit none(type, external)

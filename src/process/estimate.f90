@@ -19,12 +19,12 @@ module process_estimate
    use numerics_lapack, only: solve_positive_definite
    use numerics_sorting, only: sort_order
    use numerics_statistics, only: standard_deviation
-   use process_ar_fit, only: optimal_reflection
-   use process_ar_model, only: autocovariance_of
-   use process_ar_sums, only: correlation_sums, sum_correlation
+   use process_autoregressive_fit, only: optimal_reflection
+   use process_autoregressive_model, only: autocovariance_of
+   use process_autoregressive_sums, only: correlation_sums, sum_correlation
    use process_fit, only: fit_process
    use process_model, only: process_model_type, process_request
-   use process_positive, only: draw_points
+   use process_realization, only: draw_points
    implicit none(type, external)
    private
    public :: measured_record, process_estimate_type, estimate_process

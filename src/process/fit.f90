@@ -3,17 +3,17 @@ module process_fit
    use core_error, only: error_type, exit_bad_input, exit_no_solution, raise
    use core_kinds, only: long, wp
    use core_text, only: to_text
-   use process_ar_fit, only: fit_ar
-   use process_ar_search, only: ar_rival, find_rival
+   use process_autoregressive_fit, only: fit_ar
+   use process_autoregressive_search, only: ar_rival, find_rival
+   use process_direct_fit, only: conclude_direct, fit_direct
    use process_direct_limits, only: certainly_feasible_m_max
    use process_direct_refusal, only: find_complaint
+   use process_direct_sign_search, only: search_result
    use process_gaussian, only: burn_in_length, widest_margin
-   use process_maxent_direct, only: conclude_direct, fit_direct
    use process_model, only: process_model_type, process_request
    use process_order, only: choose_order
    use process_positive_fit, only: fit_positive, foresee_positive
    use process_scaling, only: carry_over, unit_request
-   use process_sign_search, only: search_result
    implicit none(type, external)
    private
    public :: fit_process, fit_from_search, foresee_process, resolve_order

@@ -10,9 +10,9 @@ module process_gaussian
    use core_kinds, only: wp
    use core_random, only: stream_type
    use numerics_toeplitz, only: banded_cholesky, factor_banded_toeplitz
-   use process_ar_model, only: innovation_std, reflection_of, step_up
+   use process_autoregressive_model, only: innovation_std, reflection_of, step_up
+   use process_autoregressive_spectral_factor, only: symbol_of_process
    use process_model, only: process_model_type
-   use process_spectral_factor, only: symbol_of_process
    implicit none(type, external)
    private
    public :: draw_as_requested, draw_gaussian, burn_in_length, widest_margin

@@ -14,9 +14,9 @@ module process_order
    use core_error, only: error_type, exit_bad_input, exit_no_solution, raise
    use core_kinds, only: wp
    use core_text, only: to_text
-   use process_ar_fit, only: fit_ar
+   use process_autoregressive_fit, only: fit_ar
+   use process_direct_fit, only: fit_direct
    use process_direct_limits, only: certainly_infeasible_m_max
-   use process_maxent_direct, only: fit_direct
    use process_model, only: process_model_type, process_request
    implicit none(type, external)
    private

@@ -2,9 +2,9 @@
 !> other ranks.
 module process_packing
    use core_kinds, only: long, wp
+   use process_direct_sign_search, only: search_result
+   use process_direct_sign_sequence, only: sequence_solution
    use process_model, only: process_model_type, process_solution
-   use process_sign_search, only: search_result
-   use process_sign_sequence, only: sequence_solution
    implicit none(type, external)
    private
    public :: pack_model, unpack_model, pack_search, unpack_search

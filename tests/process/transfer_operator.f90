@@ -8,7 +8,7 @@
 module transfer_operator_checks
    use core_kinds, only: wp
    use numerics_quadrature, only: gauss_legendre
-   use process_truncated_normal, only: hazard_ratio, log_acceptance
+   use process_positive_truncated_normal, only: hazard_ratio, log_acceptance
    implicit none(type, external)
    private
    public :: transfer_operator, new_operator, find_stationary_law

@@ -1,0 +1,306 @@
+!> The autoregressive process of given order, std and correlation length with the largest entropy
+!> (Sec. 2.3).
+!>
+!> In terms of the reflection coefficients the entropy is ln std + 0.5 sum ln(1 - kappa^2) plus a
+!> constant, and where K(m) >= 0 at every lag both infinite lengths are closed forms of the
+!> v_m = ln(R_M/R_m) of `process_autoregressive_sums`:
+!>    L0 = (exp(v_0) - 1)/2,      L1 = sum_(m<M) sinh(v_m)/(1 + exp(-v_0)).
+!> For L0 all kappa are then equal at the maximum. For L1 the optimality conditions are solved by
+!> Newton's method along a path of targets that starts where they are linear. That K(m) >= 0 holds
+!> is checked on the result; that no process of changing sign does better is what
+!> `process_autoregressive_search` looks for.
+module process_autoregressive_fit
+   use core_error, only: error_type, exit_bad_input, exit_no_solution, raise
+   use core_kinds, only: wp
+   use core_text, only: to_text
+   use numerics_elementary, only: log_one_plus
+   use numerics_lapack, only: solve_linear_system
+   use process_autoregressive_gradient, only: length_gradient
+   use process_autoregressive_model, only: autocovariance_of, coefficients_of, find_poles, &
+      innovation_std, reflection_of
+   use process_autoregressive_sums, only: correlation_sums, log_spectral_ratios, sum_correlation
+   use process_correlation, only: correlation_length_l0, correlation_length_l1
+   use process_entropy, only: gaussian_entropy, white_noise_entropy
+   use process_model, only: process_model_type
+   implicit none(type, external)
+   private
+   public :: fit_ar, describe_ar, optimal_reflection, optimal_curvature
+
+   real(wp), parameter :: length_tolerance = 1.0e-10_wp      !! relative, of the length reached
+   real(wp), parameter :: optimality_tolerance = 1.0e-8_wp   !! relative, of its conditions
+   real(wp), parameter :: longest = 1.0e6_wp                 !! [lags]
+   integer, parameter :: max_stored_lags = 4096
+
+contains
+
+   !> Fits and describes. Fails for bad numbers and where no maximum could be proved.
+   subroutine fit_ar(correlation, correlation_length, order, std, model, error)
+      character(*), intent(in) :: correlation        !! 'L0' Eq. (8) or 'L1' Eq. (9), to infinity
+      real(wp), intent(in) :: correlation_length     !! [lags], not negative
+      integer, intent(in) :: order                   !! M >= 1
+      real(wp), intent(in) :: std                    !! sigma_X [unit of X]
+      type(process_model_type), intent(out) :: model
+      type(error_type), allocatable, intent(out) :: error
+      type(correlation_sums) :: sums
+      real(wp), allocatable :: kappa(:)
+      real(wp) :: reached
+
+      if (.not. (std > 0.0_wp .and. std <= huge(1.0_wp))) then
+         call raise(error, exit_bad_input, 'std = '//to_text(std)//': must be finite and positive')
+         return
+      end if
+      call optimal_reflection(correlation, correlation_length, order, kappa, error)
+      if (allocated(error)) return
+      call sum_correlation(kappa, sums, error)
+      if (allocated(error)) return
+      call describe(kappa, coefficients_of(kappa), innovation_std(kappa, std), sums, model, error)
+      if (allocated(error)) return
+      reached = merge(sums%l0, sums%l1, correlation == 'L0')
+      model%optimality = max(optimality_residual(correlation, kappa, sums), &
+                             abs(reached - correlation_length)/ &
+                             max(correlation_length, tiny(1.0_wp)))
+      model%is_solved = sums%is_nonnegative .and. model%optimality <= optimality_tolerance .and. &
+                        abs(reached - correlation_length) <= length_tolerance*correlation_length
+      if (.not. model%is_solved) then
+         call raise(error, exit_no_solution, 'autoregressive process of order '// &
+                    to_text(order)//' with '//correlation//' = '//to_text(correlation_length)// &
+                    ': the search ended at '//correlation//' = '//to_text(reached)// &
+                    ' with optimality residual '//to_text(model%optimality))
+      end if
+   end subroutine fit_ar
+
+   !> Everything that follows from a_q and b0: poles, autocovariance, both lengths, entropy.
+   subroutine describe_ar(a, b0, model, error, known_sums)
+      real(wp), intent(in) :: a(:)   !! a_q, q = 1..order; stationary
+      real(wp), intent(in) :: b0     !! [unit of X]
+      type(process_model_type), intent(out) :: model
+      type(error_type), allocatable, intent(out) :: error
+      type(correlation_sums), intent(in), optional :: known_sums   !! else they are computed
+      type(correlation_sums) :: sums
+      real(wp) :: kappa(size(a))
+
+      kappa = reflection_of(a)
+      if (present(known_sums)) then
+         sums = known_sums
+      else
+         call sum_correlation(kappa, sums, error)
+         if (allocated(error)) return
+      end if
+      call describe(kappa, a, b0, sums, model, error)
+   end subroutine describe_ar
+
+   !> The same where the reflection coefficients and the sums are known.
+   subroutine describe(kappa, a, b0, sums, model, error)
+      real(wp), intent(in) :: kappa(:), a(:), b0
+      type(correlation_sums), intent(in) :: sums
+      type(process_model_type), intent(out) :: model
+      type(error_type), allocatable, intent(out) :: error
+      real(wp), parameter :: smallest_stored = 1.0e-6_wp   !! of K(m)/K(0)
+      integer :: n_lags
+
+      call find_poles(a, model%poles, error)
+      if (allocated(error)) return
+      model%order = size(a)
+      model%a = a
+      model%b0 = b0
+      model%std = b0/innovation_std(kappa, 1.0_wp)
+      n_lags = size(a)
+      if (any(abs(model%poles) > 0.0_wp)) &
+         n_lags = max(n_lags, ceiling(min(real(max_stored_lags, wp), &
+                                          log(smallest_stored)/log(abs(model%poles(1))))))
+      allocate (model%autocovariance(0:n_lags), model%autocovariance_error(0:n_lags), source=0.0_wp)
+      model%autocovariance(:) = model%std**2*autocovariance_of(kappa, n_lags)
+      model%l0 = sums%l0
+      model%l1 = sums%l1
+      model%l0_cut = correlation_length_l0(model%autocovariance(:size(a)))
+      model%l1_cut = correlation_length_l1(model%autocovariance(:size(a)))
+      model%entropy = gaussian_entropy(b0)
+      model%entropy_bound = white_noise_entropy(model%std)
+   end subroutine describe
+
+   !> Reflection coefficients of the maximum; none is positive, so K(1) >= 0. That the length is
+   !! reached is for `fit_ar` to check.
+   subroutine optimal_reflection(correlation, correlation_length, order, kappa, error)
+      character(*), intent(in) :: correlation
+      real(wp), intent(in) :: correlation_length
+      integer, intent(in) :: order
+      real(wp), allocatable, intent(out) :: kappa(:)
+      type(error_type), allocatable, intent(out) :: error
+
+      if (.not. (correlation_length >= 0.0_wp .and. correlation_length <= longest)) then
+         call raise(error, exit_bad_input, 'correlation_length = '//to_text(correlation_length)// &
+                    ': must not be negative, and at most '//to_text(longest)// &
+                    ': poles come too near the unit circle')
+         return
+      end if
+      if (order < 1) then
+         call raise(error, exit_bad_input, 'order = '//to_text(order)//': must be at least 1')
+         return
+      end if
+      allocate (kappa(order), source=0.0_wp)
+      if (.not. correlation_length > 0.0_wp) return   ! white noise
+      select case (correlation)
+      case ('L0')
+         kappa = -tanh(log_one_plus(2.0_wp*correlation_length)/(2*order))
+      case ('L1')
+         call follow_targets(correlation_length, kappa)
+      case default
+         call raise(error, exit_bad_input, &
+                    "correlation = '"//correlation//"': must be 'L0' or 'L1'")
+      end select
+   end subroutine optimal_reflection
+
+   !> L1: Newton's method from the weak limit, where kappa_m is proportional to m, to the target.
+   subroutine follow_targets(target, kappa)
+      real(wp), intent(in) :: target             !! L1 [lags]
+      real(wp), intent(out) :: kappa(:)          !! of the last target on the path that was solved
+      real(wp), parameter :: widest_step = 4.0_wp      !! ratio of two targets
+      real(wp), parameter :: narrowest_step = 1.01_wp
+      real(wp) :: reached, step, v(0:size(kappa)), trial(0:size(kappa)), wanted
+      logical :: is_converged
+      integer :: m, order
+
+      order = size(kappa)
+      reached = min(target, 0.1_wp*(2*order + 1)/6)   ! v_0 = 0.1: nearly linear still
+      v(:order - 1) = [(3*reached/(order*(order + 1.0_wp)*(0.5_wp + order))* &
+                        (order*(order + 1.0_wp) - m*(m + 1.0_wp)), m=0, order - 1)]
+      v(order) = 2.0_wp*v(0)/(order*(order + 1.0_wp))   ! the multiplier: half of kappa_1
+      wanted = reached
+      step = widest_step
+      do
+         trial = v
+         call solve_optimality(wanted, trial, is_converged)
+         if (is_converged) then
+            v = trial
+            reached = wanted
+            if (.not. reached < target) exit
+         else
+            step = sqrt(step)
+            if (step < narrowest_step) exit
+         end if
+         wanted = min(step*reached, target)
+      end do
+      kappa(:order - 1) = -tanh(0.5_wp*(v(:order - 2) - v(1:order - 1)))
+      kappa(order) = -tanh(0.5_wp*v(order - 1))
+   end subroutine follow_targets
+
+   !> Newton's method on the optimality conditions of L1 at one target.
+   subroutine solve_optimality(target, unknowns, is_converged)
+      real(wp), intent(in) :: target
+      real(wp), intent(inout) :: unknowns(:)   !! v_m, m = 0..order-1, and the multiplier nu
+      logical, intent(out) :: is_converged
+      integer, parameter :: max_steps = 20
+      type(error_type), allocatable :: error
+      real(wp) :: jacobian(size(unknowns), size(unknowns)), residual(size(unknowns))
+      real(wp), allocatable :: change(:)
+      logical :: is_close
+      integer :: step
+
+      is_converged = .false.
+      is_close = .false.
+      do step = 1, max_steps
+         call optimality_conditions(target, unknowns, residual, jacobian)
+         if (.not. all(abs(residual) < huge(1.0_wp))) return
+         call solve_linear_system(jacobian, residual, change, error)
+         if (allocated(error)) return
+         unknowns = unknowns - change
+         is_converged = is_close   ! quadratic convergence: one step more reaches rounding
+         if (is_converged) exit
+         is_close = maxval(abs(change)) <= 1.0e-7_wp*maxval(abs(unknowns))
+         if (maxval(abs(unknowns)) > 0.25_wp*log(huge(1.0_wp))) return
+      end do
+      is_converged = is_converged .and. all(unknowns > 0.0_wp)
+   end subroutine solve_optimality
+
+   !> Gradient of - sum ln cosh((v_(m-1) - v_m)/2) + nu (sum sinh v_m - L (1 + exp(-v_0))) in v and
+   !! nu, and its Jacobian.
+   pure subroutine optimality_conditions(target, unknowns, residual, jacobian)
+      real(wp), intent(in) :: target
+      real(wp), intent(in) :: unknowns(0:)
+      real(wp), intent(out) :: residual(0:)
+      real(wp), intent(out) :: jacobian(0:, 0:)
+      real(wp) :: curvature, nu, slope
+      integer :: m, order
+
+      order = ubound(unknowns, 1)
+      nu = unknowns(order)
+      jacobian = 0.0_wp
+      associate (v => unknowns(:order - 1))
+         residual(:order - 1) = nu*cosh(v)
+         residual(0) = residual(0) + nu*target*exp(-v(1))
+         residual(order) = sum(sinh(v)) - target*(1.0_wp + exp(-v(1)))
+         jacobian(:order - 1, order) = cosh(v)
+         jacobian(0, order) = jacobian(0, order) + target*exp(-v(1))
+         jacobian(order, :order - 1) = jacobian(:order - 1, order)
+         do m = 0, order - 1
+            jacobian(m, m) = nu*sinh(v(m + 1))
+         end do
+         jacobian(0, 0) = jacobian(0, 0) - nu*target*exp(-v(1))
+      end associate
+      do m = 1, order   ! the term with v_(m-1) - v_m; v_order = 0
+         slope = 0.5_wp*unknowns(m - 1)
+         if (m < order) slope = slope - 0.5_wp*unknowns(m)
+         curvature = 0.25_wp/cosh(slope)**2
+         slope = 0.5_wp*tanh(slope)
+         residual(m - 1) = residual(m - 1) - slope
+         jacobian(m - 1, m - 1) = jacobian(m - 1, m - 1) - curvature
+         if (m == order) exit
+         residual(m) = residual(m) + slope
+         jacobian(m, m) = jacobian(m, m) - curvature
+         jacobian(m - 1, m) = curvature
+         jacobian(m, m - 1) = curvature
+      end do
+   end subroutine optimality_conditions
+
+   !> Hessian in atanh(kappa), with the sign of a minimum, of the entropy less the length times its
+   !! multiplier, at the maximum.
+   pure function optimal_curvature(correlation, correlation_length, kappa) result(curvature)
+      character(*), intent(in) :: correlation
+      real(wp), intent(in) :: correlation_length
+      real(wp), intent(in) :: kappa(:)   !! of `optimal_reflection`
+      real(wp) :: curvature(size(kappa), size(kappa))
+      real(wp), dimension(0:size(kappa)) :: log_r, rest, slope, unknowns
+      real(wp) :: jacobian(0:size(kappa), 0:size(kappa)), turn(size(kappa), size(kappa))
+      integer :: j, order
+
+      order = size(kappa)
+      curvature = 0.0_wp
+      if (correlation == 'L0') then   ! a sum of the variables is held
+         do j = 1, order
+            curvature(j, j) = (1.0_wp - kappa(j))*(1.0_wp + kappa(j))
+         end do
+         return
+      end if
+      log_r = log_spectral_ratios(kappa)
+      unknowns = log_r(order) - log_r
+      call optimality_conditions(correlation_length, unknowns, rest, jacobian)   ! nu = 0
+      unknowns(order) = 1.0_wp
+      call optimality_conditions(correlation_length, unknowns, slope, jacobian)
+      slope = slope - rest
+      unknowns(order) = -dot_product(slope(:order - 1), rest(:order - 1)) &
+                        /dot_product(slope(:order - 1), slope(:order - 1))
+      call optimality_conditions(correlation_length, unknowns, rest, jacobian)
+      turn = 0.0_wp   ! d v_m/d atanh(kappa_j)
+      do j = 1, order
+         turn(:j, j) = -2.0_wp
+      end do
+      curvature = -matmul(transpose(turn), matmul(jacobian(:order - 1, :order - 1), turn))
+   end function optimal_curvature
+
+   !> What is left of the entropy's gradient in atanh(kappa), which is -kappa, when its part along
+   !! the gradient of the length is taken away: largest component, relative to the largest of all.
+   pure function optimality_residual(correlation, kappa, sums) result(residual)
+      character(*), intent(in) :: correlation
+      real(wp), intent(in) :: kappa(:)
+      type(correlation_sums), intent(in) :: sums   !! of this very process
+      real(wp) :: residual
+      real(wp) :: slope(size(kappa))
+
+      residual = 0.0_wp
+      if (.not. any(abs(kappa) > 0.0_wp)) return
+      slope = length_gradient(correlation, kappa, sums)
+      slope = slope*(dot_product(kappa, slope)/dot_product(slope, slope))
+      residual = maxval(abs(kappa - slope))/maxval(abs(kappa))
+   end function optimality_residual
+
+end module process_autoregressive_fit

@@ -1,0 +1,95 @@
+!> Autoregressive processes: coefficients, reflection coefficients, autocovariance, poles (Sec.
+!> 2.3).
+!>
+!> Eq. (39): z_n = b0 w_n - sum a_q z_(n-q). The reflection coefficient kappa_m is the last
+!> coefficient of the best predictor of order m; all in (-1, 1) is the same as all poles inside the
+!> unit circle.
+module process_autoregressive_model
+   use core_error, only: error_type
+   use core_kinds, only: wp
+   use numerics_roots, only: find_polynomial_roots
+   implicit none(type, external)
+   private
+   public :: coefficients_of, reflection_of, innovation_std, step_up, autocovariance_of, find_poles
+
+contains
+
+   !> a_q from the reflection coefficients, upwards through the orders (Levinson).
+   pure function coefficients_of(kappa) result(a)
+      real(wp), intent(in) :: kappa(:)   !! kappa_m, m = 1..order
+      real(wp) :: a(size(kappa))         !! a_q, q = 1..order
+      integer :: m
+
+      do m = 1, size(kappa)
+         call step_up(a, m, kappa(m))
+      end do
+   end function coefficients_of
+
+   !> The best predictor of one order more (Levinson).
+   pure subroutine step_up(a, order, kappa)
+      real(wp), intent(inout) :: a(:)   !! its first order - 1 entries in, order out
+      integer, intent(in) :: order      !! the new one
+      real(wp), intent(in) :: kappa     !! its reflection coefficient
+
+      a(:order - 1) = a(:order - 1) + kappa*a(order - 1:1:-1)
+      a(order) = kappa
+   end subroutine step_up
+
+   !> Reflection coefficients from a_q, downwards. The first that is not inside (-1, 1) ends it: the
+   !! process is not stationary, and the lower ones stay zero.
+   pure function reflection_of(a) result(kappa)
+      real(wp), intent(in) :: a(:)
+      real(wp) :: kappa(size(a))
+      real(wp) :: lower(size(a))
+      integer :: m
+
+      lower = a
+      kappa = 0.0_wp
+      do m = size(a), 1, -1
+         kappa(m) = lower(m)
+         if (.not. abs(kappa(m)) < 1.0_wp) return
+         lower(:m - 1) = (lower(:m - 1) - kappa(m)*lower(m - 1:1:-1))/(1.0_wp - kappa(m)**2)
+      end do
+   end function reflection_of
+
+   !> b0 of the process with standard deviation `std`: b0^2 = std^2 prod(1 - kappa^2).
+   pure function innovation_std(kappa, std) result(b0)
+      real(wp), intent(in) :: kappa(:)
+      real(wp), intent(in) :: std   !! sigma_Z
+      real(wp) :: b0
+
+      b0 = std*sqrt(product((1.0_wp - kappa)*(1.0_wp + kappa)))
+   end function innovation_std
+
+   !> K(m)/K(0), m = 0..n_lags, from reflection coefficients: Eq. (41) solved order by order.
+   pure function autocovariance_of(kappa, n_lags) result(correlation)
+      real(wp), intent(in) :: kappa(:)
+      integer, intent(in) :: n_lags
+      real(wp) :: correlation(0:n_lags)
+      real(wp) :: a(size(kappa)), error_variance
+      integer :: m, order
+
+      order = size(kappa)
+      correlation(0) = 1.0_wp
+      error_variance = 1.0_wp
+      do m = 1, min(order, n_lags)
+         correlation(m) = -kappa(m)*error_variance &
+                          - dot_product(a(:m - 1), correlation(m - 1:1:-1))
+         call step_up(a, m, kappa(m))
+         error_variance = error_variance*(1.0_wp - kappa(m)**2)
+      end do
+      do m = order + 1, n_lags
+         correlation(m) = -dot_product(a, correlation(m - 1:m - order:-1))
+      end do
+   end function autocovariance_of
+
+   !> Poles of Eq. (40), by descending modulus.
+   subroutine find_poles(a, poles, error)
+      real(wp), intent(in) :: a(:)
+      complex(wp), allocatable, intent(out) :: poles(:)   !! (order)
+      type(error_type), allocatable, intent(out) :: error
+
+      call find_polynomial_roots(a, poles, error)
+   end subroutine find_poles
+
+end module process_autoregressive_model

@@ -1,0 +1,137 @@
+!> Local maxima of the entropy among autoregressive processes with K(m) of any signs (Sec. 2.3).
+!>
+!> `process_autoregressive_fit` knows the maximum among processes with K(m) >= 0. Here nothing is
+!> assumed: the
+!> infinite sums of |K(m)| are the constraint, and NLopt searches in atanh(kappa) from starts of
+!> random signs. It meets many inferior maxima; a better process would refute the fit.
+module process_autoregressive_search
+   use core_error, only: error_type
+   use core_kinds, only: long, wp
+   use core_random, only: label_of, new_stream, stream_type
+   use numerics_elementary, only: log_cosh
+   use numerics_nlopt, only: minimization_outcome, minimization_problem, minimization_settings, &
+      minimize
+   use process_autoregressive_gradient, only: length_gradient
+   use process_autoregressive_model, only: innovation_std
+   use process_autoregressive_sums, only: correlation_sums, sum_correlation
+   use process_entropy, only: gaussian_entropy
+   implicit none(type, external)
+   private
+   public :: ar_rival, find_rival
+
+   !> Where one search ended.
+   type :: ar_rival
+      real(wp), allocatable :: kappa(:)    !! (order)
+      real(wp) :: entropy = -huge(1.0_wp)  !! per point, of unit std [nat]
+      logical :: is_feasible = .false.     !! its length is the wanted one
+   end type ar_rival
+
+   !> Minus the entropy under the length wanted; x = atanh(kappa).
+   type, extends(minimization_problem) :: length_problem
+      character(2) :: correlation = 'L0'
+      real(wp) :: length = 0.0_wp
+      real(wp) :: scale = 1.0_wp   !! brings the entropy lost to order 1 for the search
+   contains
+      procedure :: objective => entropy_lost
+      procedure :: equalities => length_defect
+   end type length_problem
+
+   real(wp), parameter :: farthest = 8.0_wp             !! atanh(kappa): kappa = 1 - 2e-7
+   real(wp), parameter :: out_of_reach = 1.0e3_wp       !! ln of a length that cannot be summed
+   integer, parameter :: least_reach = 2000             !! lags worth summing at any length
+   real(wp), parameter :: reach_per_length = 200.0_wp   !! and at great ones
+
+contains
+
+   !> One search, from the start that belongs to (seed, trial).
+   subroutine find_rival(correlation, length, order, seed, trial, rival, error)
+      character(*), intent(in) :: correlation   !! 'L0' or 'L1'
+      real(wp), intent(in) :: length            !! [lags], positive
+      integer, intent(in) :: order
+      integer(long), intent(in) :: seed
+      integer, intent(in) :: trial              !! counts from 1
+      type(ar_rival), intent(out) :: rival
+      type(error_type), allocatable, intent(out) :: error
+      type(length_problem) :: problem
+      type(minimization_settings) :: settings
+      type(minimization_outcome) :: outcome
+      real(wp) :: start(order)
+      integer :: i
+
+      problem%n_equalities = 1
+      problem%correlation = correlation
+      problem%length = length
+      settings%max_evaluations = 300
+      settings%constraint_tolerance = 1.0e-9_wp
+      settings%lower = [(-farthest, i=1, order)]
+      settings%upper = -settings%lower
+      start = start_of(problem, order, seed, trial)
+      problem%scale = 1.0_wp/sum(log_cosh(start))
+      call minimize(problem, settings, start, outcome, error)
+      if (allocated(error)) return
+      rival%kappa = tanh(outcome%x)
+      rival%entropy = gaussian_entropy(innovation_std(rival%kappa, 1.0_wp))
+      rival%is_feasible = outcome%is_feasible
+   end subroutine find_rival
+
+   !> Random signs and sizes, scaled until the length is about the wanted one.
+   function start_of(problem, order, seed, trial) result(x)
+      type(length_problem), intent(inout) :: problem
+      integer, intent(in) :: order, trial
+      integer(long), intent(in) :: seed
+      real(wp) :: x(order)
+      integer, parameter :: n_bisections = 12
+      real(wp), parameter :: largest = 3.0_wp   ! kappa = 0.995
+      type(stream_type) :: stream
+      real(wp) :: defect(1), direction(order), high, low
+      integer :: i
+
+      stream = new_stream(seed, label_of('rival'), trial)
+      call stream%normals(direction)
+      direction = direction/maxval(abs(direction))
+      low = 0.0_wp
+      high = largest
+      do i = 1, n_bisections
+         x = 0.5_wp*(low + high)*direction
+         call problem%equalities(x, defect)
+         if (defect(1) > 0.0_wp) then
+            high = 0.5_wp*(low + high)
+         else
+            low = 0.5_wp*(low + high)
+         end if
+      end do
+   end function start_of
+
+   !> - 0.5 sum ln(1 - kappa^2), scaled.
+   subroutine entropy_lost(self, x, value, gradient)
+      class(length_problem), intent(inout) :: self
+      real(wp), intent(in) :: x(:)
+      real(wp), intent(out) :: value
+      real(wp), optional, intent(out) :: gradient(:)
+
+      value = self%scale*sum(log_cosh(x))
+      if (present(gradient)) gradient = self%scale*tanh(x)
+   end subroutine entropy_lost
+
+   !> ln of the length over the wanted one.
+   subroutine length_defect(self, x, values, jacobian)
+      class(length_problem), intent(inout) :: self
+      real(wp), intent(in) :: x(:)
+      real(wp), intent(out) :: values(:)
+      real(wp), optional, intent(out) :: jacobian(:, :)
+      type(correlation_sums) :: sums
+      type(error_type), allocatable :: error
+      real(wp) :: length
+
+      values = out_of_reach
+      if (present(jacobian)) jacobian = 0.0_wp
+      call sum_correlation(tanh(x), sums, error, &
+                           most_lags=least_reach + int(reach_per_length*self%length))
+      if (allocated(error)) return
+      length = max(merge(sums%l0, sums%l1, self%correlation == 'L0'), tiny(1.0_wp))
+      values = log(length/self%length)
+      if (.not. present(jacobian)) return
+      jacobian(:, 1) = length_gradient(self%correlation, tanh(x), sums)/length
+   end subroutine length_defect
+
+end module process_autoregressive_search

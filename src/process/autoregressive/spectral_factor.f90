@@ -1,0 +1,120 @@
+!> Spectral factorization: the autoregressive process whose spectrum is the reciprocal of a banded
+!> symbol.
+!>
+!> A symbol is g(t) = g_0 + 2 sum g_m cos(mt), m = 1..order, positive for all t. It is
+!> |B(exp(it))|^2 with B(z) = (1 + sum a_q z^-q)/b0 and all zeros of B inside the unit circle.
+!> Nothing here depends on how near to the circle they lie, and nothing is sampled: this is the way
+!> where no FFT is long enough.
+module process_autoregressive_spectral_factor
+   use core_kinds, only: wp
+   use process_autoregressive_model, only: autocovariance_of, innovation_std, reflection_of
+   implicit none(type, external)
+   private
+   public :: factor_symbol, change_of_factor, symbol_of_process, reciprocal_of_process
+   public :: autocorrelation
+
+contains
+
+   !> Newton's method for B (Wilson, 1969): from any stable start it converges for every positive
+   !! symbol.
+   !!
+   !! `a` and `b0` are the start and the result. Where the symbol is not positive, or so nearly zero
+   !! that double precision cannot tell, `is_positive` comes back false and `a`, `b0` mean nothing.
+   pure subroutine factor_symbol(symbol, a, b0, is_positive)
+      real(wp), intent(in) :: symbol(0:)   !! g_m, m = 0..order
+      real(wp), intent(inout) :: a(:)      !! a_q, q = 1..order; all zero is a start
+      real(wp), intent(inout) :: b0        !! positive; 1/sqrt(g_0) goes with a = 0
+      logical, intent(out) :: is_positive
+      integer, parameter :: max_iterations = 80   ! one per halving of the nearest zero's distance
+      real(wp) :: factor(0:size(a)), defect(0:size(a)), error, last_error, rounding
+      real(wp) :: reciprocal(0:2*size(a))
+      integer :: iteration
+      logical :: is_last
+
+      rounding = 4*epsilon(1.0_wp)*symbol(0)
+      factor = [1.0_wp, a]/b0
+      last_error = huge(1.0_wp)
+      is_last = .false.
+      do iteration = 1, max_iterations
+         defect = symbol - autocorrelation(factor)
+         error = maxval(abs(defect))
+         ! at the end rounding alone is left, and moves up and down; one more step then gives
+         ! small coefficients their digits too
+         is_positive = is_last
+         is_last = error <= rounding .or. &
+                   error <= 1.0e3_wp*rounding .and. error >= 0.5_wp*last_error
+         if (is_positive .or. .not. error < huge(1.0_wp)) exit
+         last_error = error
+         call reciprocal_of_process(factor(1:)/factor(0), 1.0_wp/factor(0), reciprocal, is_positive)
+         if (.not. is_positive) exit
+         is_positive = .false.
+         factor = factor + change_of_factor(factor, reciprocal, defect)
+         if (.not. factor(0) > 0.0_wp) exit
+      end do
+      if (.not. is_positive) return
+      a = factor(1:)/factor(0)
+      b0 = 1.0_wp/factor(0)
+      is_positive = all(abs(reflection_of(a)) < 1.0_wp)
+   end subroutine factor_symbol
+
+   !> The first-order change of B, (0:order), that a change of its symbol makes: B times the causal
+   !! half of change/|B|^2.
+   pure function change_of_factor(factor, reciprocal, change) result(step)
+      real(wp), intent(in) :: factor(0:)       !! B = [1, a]/b0
+      real(wp), intent(in) :: reciprocal(0:)   !! coefficients of 1/|B|^2, to twice the order
+      real(wp), intent(in) :: change(0:)       !! of the symbol, (0:order)
+      real(wp) :: step(0:ubound(factor, 1))
+      real(wp) :: both_sides(-ubound(reciprocal, 1):ubound(reciprocal, 1)), ratio(0:ubound(factor, &
+            1))
+      integer :: j, order
+
+      order = ubound(factor, 1)
+      both_sides(0:) = reciprocal
+      both_sides(:-1) = reciprocal(ubound(reciprocal, 1):1:-1)
+      ratio = change(0)*reciprocal(:order)
+      do j = 1, order
+         if (abs(change(j)) > 0.0_wp) &
+            ratio = ratio + change(j)*(both_sides(-j:order - j) + both_sides(j:order + j))
+      end do
+      ratio(0) = 0.5_wp*ratio(0)
+      step = 0.0_wp
+      do j = 0, order
+         step(j:) = step(j:) + ratio(j)*factor(:order - j)
+      end do
+   end function change_of_factor
+
+   !> g_m, m = 0..order, of a process: its spectrum's reciprocal.
+   pure function symbol_of_process(a, b0) result(symbol)
+      real(wp), intent(in) :: a(:), b0
+      real(wp) :: symbol(0:size(a))
+
+      symbol = autocorrelation([1.0_wp, a])/b0**2
+   end function symbol_of_process
+
+   !> sum_q B_q B_(q+m), m = 0..order: the symbol |B|^2.
+   pure function autocorrelation(factor) result(symbol)
+      real(wp), intent(in) :: factor(0:)
+      real(wp) :: symbol(0:ubound(factor, 1))
+      integer :: j, order
+
+      order = ubound(factor, 1)
+      symbol = 0.0_wp
+      do j = 0, order
+         symbol(:order - j) = symbol(:order - j) + factor(j)*factor(j:)
+      end do
+   end function autocorrelation
+
+   !> Fourier coefficients of 1/g: the autocovariance of the process, to any lag.
+   pure subroutine reciprocal_of_process(a, b0, reciprocal, is_stable)
+      real(wp), intent(in) :: a(:), b0
+      real(wp), intent(out) :: reciprocal(0:)
+      logical, intent(out) :: is_stable   !! false: poles outside the circle, nothing computed
+      real(wp) :: kappa(size(a))
+
+      kappa = reflection_of(a)
+      is_stable = all(abs(kappa) < 1.0_wp)
+      if (is_stable) reciprocal = (b0/innovation_std(kappa, 1.0_wp))**2* &
+                                  autocovariance_of(kappa, ubound(reciprocal, 1))
+   end subroutine reciprocal_of_process
+
+end module process_autoregressive_spectral_factor

@@ -1,0 +1,208 @@
+!> Both correlation lengths of an autoregressive process, summed to infinity: Eqs. (8), (9), (41).
+!>
+!> The signed sums are closed forms in the reflection coefficients. With R_0 = 1 and
+!>    R_m = R_(m-1) (1 - kappa_m)/(1 + kappa_m),
+!>    1 + 2 sum rho(m) = R_M,    2 sum m rho(m) = R_M sum_(m<M) sinh(ln R_M - ln R_m):
+!> the step-up recursion of the predictor, and its derivative, taken at frequency 0. Where one
+!> positive pole outlives all others only finitely many lags are negative, and only they are left to
+!> add. Otherwise the moduli are summed until Cauchy's estimate bounds what is left.
+module process_autoregressive_sums
+   use core_error, only: error_type, exit_no_solution, raise
+   use core_kinds, only: wp
+   use core_text, only: to_text
+   use numerics_elementary, only: exp_minus_one
+   use process_autoregressive_model, only: coefficients_of, find_poles, innovation_std, step_up
+   implicit none(type, external)
+   private
+   public :: correlation_sums, sum_correlation, log_spectral_ratios, mirror
+
+   !> Infinite sums of one process.
+   type :: correlation_sums
+      real(wp) :: l0 = 0.0_wp                 !! Eq. (8) [lags]
+      real(wp) :: l1 = 0.0_wp                 !! Eq. (9) [lags]
+      logical :: is_nonnegative = .false.     !! K(m) >= 0 at every lag, or its mirror image is
+      logical :: is_mirrored = .false.        !! (-1)^m K(m) was summed instead
+      logical :: is_closed = .false.          !! closed forms; n_lags: negative ones
+      integer :: n_lags = 0                   !! lags that were marched through one by one
+   end type correlation_sums
+
+   real(wp), parameter :: remainder = 1.0e-18_wp     !! of sum m |rho(m)|, left out at most
+   integer, parameter :: max_lags = 20000000
+   integer, parameter :: n_radii = 31                !! circles tried for Cauchy's estimate
+
+contains
+
+   !> Sums |K(m)| and m |K(m)| over all lags, K(0) = 1. Fails where poles lie so near the circle,
+   !! without one real pole outliving the others, that more than `most_lags` count.
+   subroutine sum_correlation(kappa, sums, error, most_lags)
+      real(wp), intent(in) :: kappa(:)   !! all inside (-1, 1)
+      type(correlation_sums), intent(out) :: sums
+      type(error_type), allocatable, intent(out) :: error
+      integer, optional, intent(in) :: most_lags   !! `max_lags` when absent: some seconds
+      complex(wp), allocatable :: poles(:)
+      real(wp) :: folded(size(kappa)), n_certain, n_negligible
+      integer :: limit, order
+
+      limit = max_lags
+      if (present(most_lags)) limit = most_lags
+      order = size(kappa)
+      do while (order > 0)   ! a vanishing last coefficient is a lower order
+         if (abs(kappa(order)) > 0.0_wp) exit
+         order = order - 1
+      end do
+      sums%is_nonnegative = .true.
+      if (order == 0) return
+      folded = kappa
+      call find_poles(coefficients_of(folded(:order)), poles, error)
+      if (allocated(error)) return
+      if (poles(1)%re < 0.0_wp .and. .not. abs(poles(1)%im) > 0.0_wp) then
+         sums%is_mirrored = .true.   ! it has the same sums
+         folded = mirror(kappa)
+         poles = -poles
+      end if
+      n_certain = first_lag_of_one_sign(folded(:order), poles)
+      n_negligible = first_negligible_lag(folded(:order), poles)
+      sums%is_closed = n_certain <= n_negligible
+      if (.not. min(n_certain, n_negligible) < limit) then
+         call raise(error, exit_no_solution, 'correlation length of an autoregressive process '// &
+                    'of order '//to_text(order)//' with largest pole '//to_text(abs(poles(1)))// &
+                    ': more than '//to_text(limit)//' lags count')
+         return
+      end if
+      sums%n_lags = ceiling(min(n_certain, n_negligible))
+      call march(folded(:order), sums)
+   end subroutine sum_correlation
+
+   !> Reflection coefficients of the process with (-1)^m K(m).
+   pure function mirror(kappa) result(mirrored)
+      real(wp), intent(in) :: kappa(:)
+      real(wp) :: mirrored(size(kappa))
+
+      mirrored = kappa
+      mirrored(1::2) = -kappa(1::2)
+   end function mirror
+
+   !> ln R_m, m = 0..order: R_m is the spectral density at frequency 0 over the variance, order m.
+   pure function log_spectral_ratios(kappa) result(log_r)
+      real(wp), intent(in) :: kappa(:)
+      real(wp) :: log_r(0:size(kappa))
+      integer :: m
+
+      log_r(0) = 0.0_wp
+      do m = 1, size(kappa)
+         log_r(m) = log_r(m - 1) - 2.0_wp*atanh(kappa(m))
+      end do
+   end function log_spectral_ratios
+
+   !> Goes through the lags one by one: all moduli, or the negative ones beside the closed forms.
+   pure subroutine march(kappa, sums)
+      real(wp), intent(in) :: kappa(:)
+      type(correlation_sums), intent(inout) :: sums   !! n_lags and is_closed are set
+      real(wp) :: a(size(kappa)), rho(0:size(kappa)), log_r(0:size(kappa))
+      real(wp) :: negative, negative_moment, positive, positive_moment, variance
+      real(wp) :: mirrored   ! what of (-1)^m K(m) is negative
+      integer :: m, order
+
+      order = size(kappa)
+      rho = 0.0_wp   ! rho(q) stands q lags back
+      rho(1) = 1.0_wp
+      a = 0.0_wp
+      variance = 1.0_wp
+      positive = 0.0_wp
+      positive_moment = 0.0_wp
+      negative = 0.0_wp
+      negative_moment = 0.0_wp
+      mirrored = 0.0_wp
+      do m = 1, max(sums%n_lags, order)
+         if (m <= order) then
+            rho(0) = -kappa(m)*variance - dot_product(a(:m - 1), rho(1:m - 1))
+            call step_up(a, m, kappa(m))
+            variance = variance*(1.0_wp - kappa(m)**2)
+         else
+            rho(0) = -dot_product(a, rho(1:order))
+         end if
+         if (rho(0) < 0.0_wp) then
+            negative = negative - rho(0)
+            negative_moment = negative_moment - m*rho(0)
+         else
+            positive = positive + rho(0)
+            positive_moment = positive_moment + m*rho(0)
+         end if
+         if (rho(0) < 0.0_wp .neqv. modulo(m, 2) == 1) mirrored = mirrored + abs(rho(0))
+         rho(1:) = rho(:order - 1)
+      end do
+      if (sums%is_closed) then
+         log_r = log_spectral_ratios(kappa)
+         positive = 0.5_wp*exp_minus_one(log_r(order)) + negative
+         positive_moment = 0.5_wp*exp(log_r(order))*sum(sinh(log_r(order) - log_r(:order - 1))) &
+                           + negative_moment
+      end if
+      sums%l0 = positive + negative
+      sums%l1 = (positive_moment + negative_moment)/(1.0_wp + sums%l0)
+      ! rounding leaves signs to lags that are zero
+      if (.not. sums%is_closed) negative = min(negative, mirrored)
+      sums%is_nonnegative = negative <= 100*epsilon(1.0_wp)*sums%l0
+   end subroutine march
+
+   !> A lag from which K > 0 for sure: the residue of the largest pole, when it is real and
+   !! positive, against Cauchy's estimate of all the others on a circle between it and them. Huge
+   !! when there is none.
+   pure function first_lag_of_one_sign(kappa, poles) result(lag)
+      real(wp), intent(in) :: kappa(:)
+      complex(wp), intent(in) :: poles(:)   !! by descending modulus
+      real(wp) :: lag
+      real(wp) :: inner, largest, log_residue, radius
+      integer :: i
+
+      lag = huge(1.0_wp)
+      largest = poles(1)%re
+      if (abs(poles(1)%im) > 0.0_wp .or. largest <= 0.0_wp .or. largest >= 1.0_wp) return
+      inner = 1.0e-8_wp*largest
+      if (size(poles) > 1) inner = max(inner, abs(poles(2)))
+      if (.not. inner < largest) return
+      log_residue = 2.0_wp*log(innovation_std(kappa, 1.0_wp)) &
+                    - sum(log(abs(1.0_wp - poles(2:)/largest))) &
+                    - sum(log(abs(1.0_wp - poles*largest)))
+      do i = 1, n_radii
+         radius = inner*(largest/inner)**(i/(n_radii + 1.0_wp))
+         if (.not. (radius > inner .and. radius < largest)) cycle
+         lag = min(lag, (log_bound(kappa, poles, radius) - log_residue)/log(largest/radius))
+      end do
+      lag = max(lag, 0.0_wp)
+   end function first_lag_of_one_sign
+
+   !> A lag from which the sum of m |rho(m)| is below `remainder`. Huge when poles touch the circle.
+   pure function first_negligible_lag(kappa, poles) result(lag)
+      real(wp), intent(in) :: kappa(:)
+      complex(wp), intent(in) :: poles(:)
+      real(wp) :: lag
+      real(wp) :: bound, n, radius
+      integer :: i, pass
+
+      lag = huge(1.0_wp)
+      if (.not. abs(poles(1)) < 1.0_wp) return
+      do i = 1, n_radii
+         radius = abs(poles(1))**(i/(n_radii + 1.0_wp))
+         if (.not. (radius > abs(poles(1)) .and. radius < 1.0_wp)) cycle
+         bound = log_bound(kappa, poles, radius) - log(remainder)
+         n = 0.0_wp
+         do pass = 1, 4   ! sum_(m>=n) m r^m = r^n (n/(1-r) + r/(1-r)^2); the logarithm moves little
+            n = (bound + log(n/(1.0_wp - radius) + radius/(1.0_wp - radius)**2))/(-log(radius))
+            n = max(n, 0.0_wp)
+         end do
+         lag = min(lag, n)
+      end do
+   end function first_negligible_lag
+
+   !> ln of a bound of |b0^2/(A(1/z) A(z))| on |z| = radius: |rho(m)| (without the poles outside, if
+   !! any) stays below it times radius**m.
+   pure function log_bound(kappa, poles, radius) result(bound)
+      real(wp), intent(in) :: kappa(:), radius
+      complex(wp), intent(in) :: poles(:)
+      real(wp) :: bound
+
+      bound = 2.0_wp*log(innovation_std(kappa, 1.0_wp)) &
+              - sum(log(abs(1.0_wp - abs(poles)/radius))) - sum(log(1.0_wp - abs(poles)*radius))
+   end function log_bound
+
+end module process_autoregressive_sums

@@ -1,0 +1,368 @@
+!> The direct method (Sec. 2.2): the process whose inverse covariance is a banded Toeplitz matrix,
+!> with the signs that make its entropy largest. It is an autoregressive process of order m_max, Eq.
+!> (39).
+!>
+!> Both correlation lengths are cut at m_max here, Eq. (11); the infinite sums of the result are
+!> larger.
+module process_direct_fit
+   use core_error, only: error_type
+   use core_kinds, only: long, wp
+   use process_autoregressive_fit, only: describe_ar
+   use process_autoregressive_model, only: autocovariance_of, innovation_std, reflection_of
+   use process_autoregressive_spectral_factor, only: factor_symbol, symbol_of_process
+   use process_autoregressive_sums, only: correlation_sums
+   use process_correlation, only: constraint_weights, correlation_length
+   use process_direct_constraint, only: length_constraint, new_constraint
+   use process_direct_limits, only: certainly_infeasible_m_max
+   use process_direct_reciprocal_symbol, only: reciprocal_workspace
+   use process_direct_refusal, only: find_complaint, reason_of_failure, reason_of_inaccuracy
+   use process_direct_sign_search, only: count_sequences, is_all_plus_best, limit_of_entropy, &
+      search_all_signs, search_result, search_structured
+   use process_direct_sign_sequence, only: sequence_solution
+   use process_direct_sums, only: sum_direct_correlation
+   use process_entropy, only: gaussian_entropy
+   use process_model, only: process_model_type, process_request, process_solution
+   implicit none(type, external)
+   private
+   public :: fit_direct, count_parts, search_direct, conclude_direct
+   public :: direct_symbol, equivalent_process
+
+   character(*), parameter :: every_sequence = 'all sequences'
+   real(wp), parameter :: optimality_tolerance = 1.0e-8_wp
+
+contains
+
+   !> Solves the request; `model%is_solved` tells whether, `model%reason` why not.
+   subroutine fit_direct(request, model)
+      type(process_request), intent(in) :: request
+      type(process_model_type), intent(out) :: model
+      type(length_constraint) :: constraint
+      type(reciprocal_workspace) :: workspace
+      type(search_result) :: search
+      logical :: is_certain
+
+      model%request = request
+      call find_complaint(request, model%reason)
+      if (allocated(model%reason)) return
+      if (.not. request%correlation_length > 0.0_wp) then
+         call describe(request, white_noise(request%order), model)
+         model%entropy_ceiling = model%entropy
+         return
+      end if
+      if (is_hopeless(request)) then
+         model%reason = reason_of_failure(request, is_certain=.true.)
+         return
+      end if
+      if (request%all_signs) then
+         call search_direct(request, 1, 1, .true., search)
+         call conclude_direct(request, search, model)
+         return
+      end if
+      constraint = constraint_of(request)
+      call workspace%prepare(request%order)
+      call search_as_affordable(constraint, workspace, search, is_certain, model%search)
+      call describe_winner(request, search, is_certain, model)
+      if (is_certain .or. .not. model%is_solved) return
+      call limit_of_entropy(constraint, workspace, model%entropy_ceiling)
+      model%entropy_ceiling = model%entropy_ceiling + log(request%std)
+   end subroutine fit_direct
+
+   !> How many parts a request's search is best cut into; 1: it is not worth sharing.
+   function count_parts(request) result(n)
+      type(process_request), intent(in) :: request
+      integer :: n
+      integer, parameter :: part_size = 1024   ! sequences: some 0.05 s
+      character(:), allocatable :: complaint
+
+      n = 1
+      if (request%method /= 'direct' .or. request%positive .or. .not. request%all_signs) return
+      call find_complaint(request, complaint)
+      if (allocated(complaint) .or. .not. request%correlation_length > 0.0_wp) return
+      if (is_hopeless(request)) return
+      n = int(max(1_long, count_sequences(constraint_of(request))/part_size))
+   end function count_parts
+
+   !> The process from the search of all sequences, whole or joined from its parts. While some are
+   !! missing the model stays unsolved, without a reason.
+   subroutine conclude_direct(request, search, model)
+      type(process_request), intent(in) :: request
+      type(search_result), intent(in) :: search
+      type(process_model_type), intent(inout) :: model
+
+      model%request = request
+      if (search%n_examined < count_sequences(constraint_of(request))) return
+      model%search = every_sequence
+      call describe_winner(request, search, .true., model)
+   end subroutine conclude_direct
+
+   !> The best solution of a search, and the list of them; a reason where there is none.
+   subroutine describe_winner(request, search, is_certain, model)
+      type(process_request), intent(in) :: request
+      type(search_result), intent(in) :: search
+      logical, intent(in) :: is_certain   !! no sequence has more entropy
+      type(process_model_type), intent(inout) :: model
+
+      if (size(search%solutions) == 0) then
+         model%reason = reason_of_failure(request, is_certain)
+         return
+      end if
+      model%n_examined = int(search%n_examined)
+      model%n_consistent = int(search%n_consistent)
+      call describe(request, search%solutions(1), model)
+      call list_solutions(request, search%solutions, model)
+      model%entropy_ceiling = model%entropy
+   end subroutine describe_winner
+
+   !> Part `part` of `n_parts` of the certificate that no sign sequence has more entropy: to be
+   !! shared out, and joined by `add_search`. With `is_listing` every sequence is solved; else
+   !! the hopeless ones are excluded.
+   subroutine search_direct(request, part, n_parts, is_listing, result)
+      type(process_request), intent(in) :: request
+      integer, intent(in) :: part, n_parts   !! part = 1..n_parts
+      logical, intent(in) :: is_listing
+      type(search_result), intent(out) :: result
+      type(length_constraint) :: constraint
+      type(reciprocal_workspace) :: workspace
+      type(sequence_solution) :: best
+
+      constraint = constraint_of(request)
+      call workspace%prepare(request%order)
+      if (.not. is_listing) call search_structured(constraint, workspace, best)
+      if (best%is_feasible) then
+         call search_all_signs(constraint, part, n_parts, workspace, result, best)
+      else
+         call search_all_signs(constraint, part, n_parts, workspace, result)
+      end if
+   end subroutine search_direct
+
+   !> All sequences where they are few; else likely ones, with a proof where there is one.
+   subroutine search_as_affordable(constraint, workspace, search, is_certain, how)
+      type(length_constraint), intent(in) :: constraint
+      type(reciprocal_workspace), intent(inout) :: workspace
+      type(search_result), intent(out) :: search
+      logical, intent(out) :: is_certain                 !! no sequence has more entropy
+      character(:), allocatable, intent(out) :: how
+      integer(long), parameter :: most_sequences = 2048   ! solved in a fraction of a second
+      integer(long), parameter :: cheaper = 8             ! when many are excluded by the bound
+      type(sequence_solution) :: best
+      integer(long) :: affordable
+
+      affordable = most_sequences/(1 + size(constraint%penalized)/4)
+      is_certain = count_sequences(constraint) <= affordable
+      if (is_certain) then
+         call search_all_signs(constraint, 1, 1, workspace, search)
+         how = every_sequence
+         return
+      end if
+      call search_structured(constraint, workspace, best)
+      is_certain = is_all_plus_best(constraint)
+      if (best%is_feasible .and. .not. is_certain .and. &
+          count_sequences(constraint) <= cheaper*affordable) then
+         call search_all_signs(constraint, 1, 1, workspace, search, best)
+         is_certain = .true.
+         how = 'all sequences, some excluded by a bound'
+      else
+         how = 'structured'
+         if (is_certain) how = 'all plus'
+         search%n_examined = 1
+         allocate (search%solutions(0))
+         if (best%is_feasible) search%solutions = [best]
+      end if
+   end subroutine search_as_affordable
+
+   !> Whether no signs can give the length.
+   pure function is_hopeless(request)
+      type(process_request), intent(in) :: request
+      logical :: is_hopeless
+
+      is_hopeless = request%order <= certainly_infeasible_m_max(request%correlation, &
+                                                                request%correlation_length)
+   end function is_hopeless
+
+   pure function constraint_of(request) result(constraint)
+      type(process_request), intent(in) :: request
+      type(length_constraint) :: constraint
+
+      constraint = new_constraint(constraint_weights(request%correlation, &
+                                                     request%correlation_length, request%order))
+   end function constraint_of
+
+   !> Fills the model from one solution, in the unit of X, and checks it anew from a_q and b0 alone.
+   subroutine describe(request, found, model)
+      type(process_request), intent(in) :: request
+      type(sequence_solution), intent(in) :: found   !! sigma_X = 1
+      type(process_model_type), intent(inout) :: model
+      type(process_model_type) :: described
+      type(sequence_solution) :: solution
+      type(correlation_sums) :: sums
+      type(error_type), allocatable :: error
+      real(wp), allocatable :: a(:)
+      real(wp) :: b0
+      logical :: is_positive
+
+      solution = mirrored(found)
+      if (allocated(solution%factor)) then
+         a = solution%factor(1:)/solution%factor(0)
+         is_positive = .true.
+      else
+         call equivalent_process(direct_symbol(request%correlation, request%correlation_length, &
+                                               solution%delta, 0.5_wp, solution%s), &
+                                 a, b0, is_positive)
+      end if
+      if (is_positive) then
+         b0 = request%std*innovation_std(reflection_of(a), 1.0_wp)
+         call sum_direct_correlation(a, are_all_positive(request, solution%s), sums, error)
+         if (.not. allocated(error)) call describe_ar(a, b0, described, error, sums)
+         if (allocated(error)) model%reason = error%message
+      else
+         model%reason = 'the symbol is too near to zero to be factored'
+      end if
+      if (allocated(model%reason)) return
+      described%request = request
+      described%search = model%search
+      described%n_examined = model%n_examined
+      described%n_consistent = model%n_consistent
+      described%mu = request%mean
+      described%mean = request%mean
+      described%signs = integer_signs(solution%s)
+      described%delta = solution%delta
+      described%lambda_3 = solution%lambda_3/request%std**2
+      described%optimality = residual(request, solution, a)
+      ! those of the solution are right to rounding, where rounding of the a_q moves what they give
+      described%entropy = solution%entropy + log(request%std)
+      described%autocovariance(:request%order) = request%std**2*solution%correlation
+      described%l0_cut = correlation_length('L0', solution%correlation)
+      described%l1_cut = correlation_length('L1', solution%correlation)
+      described%is_solved = described%optimality <= optimality_tolerance
+      if (.not. described%is_solved) &
+         described%reason = reason_of_inaccuracy(request, described%optimality)
+      model = described
+   end subroutine describe
+
+   pure function are_all_positive(request, s) result(is_so)
+      type(process_request), intent(in) :: request
+      real(wp), intent(in) :: s(:)
+      logical :: is_so
+
+      is_so = all(s > 0.0_wp) .and. &
+              (request%correlation == 'L0' .or. request%correlation_length <= 1.0_wp)
+   end function are_all_positive
+
+   !> Entries of the matrix G of Eqs. (23), (28), (30): G_n(n+m) = g_m, and its symbol's
+   !! coefficients. (Eq. (30) as printed lacks a factor 2 before delta a_0.)
+   pure function direct_symbol(correlation, length, delta, lambda_3, s) result(symbol)
+      character(*), intent(in) :: correlation    !! 'L0' or 'L1'
+      real(wp), intent(in) :: length             !! [lags]
+      real(wp), intent(in) :: delta, lambda_3
+      real(wp), intent(in) :: s(:)               !! s_m, m = 1..m_max; inside (-1, 1) where K(m) = 0
+      real(wp) :: symbol(0:size(s))
+      real(wp) :: weights(0:size(s))
+
+      weights = constraint_weights(correlation, length, size(s))
+      symbol(0) = 2.0_wp*lambda_3*(1.0_wp + delta*weights(0))
+      symbol(1:) = lambda_3*delta*weights(1:)*s
+   end function direct_symbol
+
+   !> The autoregressive process of Eq. (39) whose inverse covariance has the given symbol.
+   pure subroutine equivalent_process(symbol, a, b0, is_positive)
+      real(wp), intent(in) :: symbol(0:)            !! g_m, m = 0..m_max
+      real(wp), allocatable, intent(out) :: a(:)    !! (m_max)
+      real(wp), intent(out) :: b0
+      logical, intent(out) :: is_positive           !! false: g has no such process
+
+      allocate (a(ubound(symbol, 1)), source=0.0_wp)
+      b0 = 1.0_wp
+      is_positive = symbol(0) > 0.0_wp
+      if (.not. is_positive) return
+      b0 = 1.0_wp/sqrt(symbol(0))
+      call factor_symbol(symbol, a, b0, is_positive)
+   end subroutine equivalent_process
+
+   !> Largest violation of: the length, lambda_3 = 1/(2 sigma^2), and g_m = delta a_m s_m/2 with s_m
+   !! = sgn K(m), or anywhere between where K(m) = 0. The last one relative to g_0. Everything from
+   !! the a_q.
+   pure function residual(request, solution, a) result(largest)
+      type(process_request), intent(in) :: request
+      type(sequence_solution), intent(in) :: solution
+      real(wp), intent(in) :: a(:)
+      real(wp) :: largest
+      real(wp), parameter :: zero = 1.0e-9_wp   ! of K(m)/K(0)
+      real(wp) :: kappa(size(a)), rho(0:size(a)), signs(size(a))
+      real(wp) :: symbol(0:size(a)), wanted(0:size(a))
+
+      kappa = reflection_of(a)
+      rho = autocovariance_of(kappa, size(a))
+      symbol = symbol_of_process(a, innovation_std(kappa, 1.0_wp))
+      signs = merge(max(-1.0_wp, min(1.0_wp, solution%s)), sign(1.0_wp, rho(1:)), &
+                    abs(rho(1:)) <= zero)
+      associate (length => request%correlation_length, definition => request%correlation)
+         wanted = direct_symbol(definition, length, solution%delta, 0.5_wp, signs)
+         largest = max(maxval(abs(symbol - wanted))/symbol(0), &
+                       abs(2.0_wp*solution%lambda_3 - 1.0_wp), &
+                       abs(correlation_length(definition, rho) - length)/max(length, tiny(length)))
+      end associate
+   end function residual
+
+   !> K(m) and (-1)^m K(m) are one solution: the one whose first odd lag that is not zero is
+   !! positive.
+   pure function mirrored(solution) result(turned)
+      type(sequence_solution), intent(in) :: solution
+      type(sequence_solution) :: turned
+      real(wp), parameter :: zero = 1.0e-9_wp
+      integer :: m
+
+      turned = solution
+      do m = 1, size(solution%s), 2
+         if (solution%correlation(m) > zero) return
+         if (solution%correlation(m) < -zero) exit
+      end do
+      if (m > size(solution%s)) return
+      do m = 1, size(solution%s), 2
+         turned%s(m) = -solution%s(m)
+         turned%correlation(m) = -solution%correlation(m)
+      end do
+   end function mirrored
+
+   !> 0 where K(m) = 0 is held by an s_m between the signs.
+   elemental function integer_signs(s) result(signs)
+      real(wp), intent(in) :: s
+      integer :: signs
+
+      signs = merge(nint(sign(1.0_wp, s)), 0, abs(s) > 1.0_wp - 1.0e-9_wp)
+   end function integer_signs
+
+   pure subroutine list_solutions(request, found, model)
+      type(process_request), intent(in) :: request
+      type(sequence_solution), intent(in) :: found(:)
+      type(process_model_type), intent(inout) :: model
+      type(sequence_solution) :: solution
+      integer :: i
+
+      if (allocated(model%solutions)) deallocate (model%solutions)
+      allocate (model%solutions(size(found)))
+      do i = 1, size(found)
+         associate (listed => model%solutions(i))
+            solution = mirrored(found(i))
+            listed%signs = integer_signs(solution%s)
+            listed%delta = solution%delta
+            listed%lambda_3 = solution%lambda_3/request%std**2
+            listed%entropy = solution%entropy + log(request%std)
+         end associate
+      end do
+   end subroutine list_solutions
+
+   !> The solution for length zero.
+   pure function white_noise(m_max) result(solution)
+      integer, intent(in) :: m_max
+      type(sequence_solution) :: solution
+
+      solution%is_feasible = .true.
+      solution%is_consistent = .true.
+      allocate (solution%s(m_max), source=1.0_wp)
+      allocate (solution%correlation(0:m_max), source=0.0_wp)
+      solution%correlation(0) = 1.0_wp
+      solution%lambda_3 = 0.5_wp
+      solution%entropy = gaussian_entropy(1.0_wp)
+   end function white_noise
+
+end module process_direct_fit

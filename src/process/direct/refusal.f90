@@ -1,0 +1,105 @@
+!> What is wrong with a request to the direct method, and which m_max would do (Sec. 2.2).
+module process_direct_refusal
+   use core_kinds, only: long, wp
+   use core_text, only: to_text
+   use process_correlation, only: constraint_weights
+   use process_direct_constraint, only: new_constraint
+   use process_direct_limits, only: certainly_feasible_m_max, certainly_infeasible_m_max, &
+      smallest_feasible_m_max
+   use process_direct_sign_search, only: count_sequences
+   use process_model, only: process_request
+   implicit none(type, external)
+   private
+   public :: find_complaint, reason_of_failure, reason_of_inaccuracy
+
+contains
+
+   !> Bad numbers; unallocated: none.
+   subroutine find_complaint(request, complaint)
+      type(process_request), intent(in) :: request
+      character(:), allocatable, intent(out) :: complaint
+
+      if (request%correlation /= 'L0' .and. request%correlation /= 'L1') then
+         complaint = "correlation = '"//request%correlation//"': must be 'L0' or 'L1'"
+      else if (request%order < 1) then
+         complaint = 'order = '//to_text(request%order)// &
+            ': m_max of the direct method must be at least 1'
+      else if (.not. (request%correlation_length >= 0.0_wp .and. &
+                      request%correlation_length <= huge(1.0_wp))) then
+         complaint = 'correlation_length = '//to_text(request%correlation_length)// &
+            ': must be finite and not negative'
+      else if (.not. (request%std > 0.0_wp .and. request%std <= huge(1.0_wp))) then
+         complaint = 'std = '//to_text(request%std)//': must be finite and positive'
+      else if (request%all_signs) then
+         call find_too_many_sequences(request, complaint)
+      end if
+   end subroutine find_complaint
+
+   subroutine find_too_many_sequences(request, complaint)
+      type(process_request), intent(in) :: request
+      character(:), allocatable, intent(inout) :: complaint
+      integer(long), parameter :: most = 2_long**30   ! half a day of one core
+      integer(long) :: n
+
+      n = count_sequences(new_constraint(constraint_weights(request%correlation, &
+                                                            request%correlation_length, &
+                                                            request%order)))
+      if (n > most) complaint = named(request)//': all_signs = .true. would solve '// &
+         to_text(n)//' sequences of signs: must be at most '//to_text(most)
+   end subroutine find_too_many_sequences
+
+   !> No solution was found.
+   function reason_of_failure(request, is_certain) result(reason)
+      type(process_request), intent(in) :: request
+      logical, intent(in) :: is_certain   !! every sequence was examined
+      character(:), allocatable :: reason
+
+      if (request%order >= certainly_feasible_m_max(request%correlation, &
+                                                    request%correlation_length)) then
+         reason = named(request)//': too near the limit for double precision; a larger m_max '// &
+                  'is farther from it'
+      else if (is_certain) then
+         reason = named(request)//': no process has this; '//advice(request)
+      else
+         reason = named(request)//': no process was found that has this; '//advice(request)
+      end if
+   end function reason_of_failure
+
+   !> A solution was found, and double precision cannot hold it.
+   pure function reason_of_inaccuracy(request, residual) result(reason)
+      type(process_request), intent(in) :: request
+      real(wp), intent(in) :: residual   !! of the optimality conditions
+      character(:), allocatable :: reason
+
+      reason = named(request)//': the optimality conditions are met to '//to_text(residual)// &
+               ' only, too near the limit for double precision; a larger m_max is farther from it'
+   end function reason_of_inaccuracy
+
+   pure function named(request) result(name)
+      type(process_request), intent(in) :: request
+      character(:), allocatable :: name
+
+      name = 'direct method, '//request%correlation//' = '//to_text(request%correlation_length)// &
+             ' cut at m_max = '//to_text(request%order)
+   end function named
+
+   !> The smallest m_max that is feasible, as far as it is known.
+   function advice(request) result(text)
+      type(process_request), intent(in) :: request
+      character(:), allocatable :: text
+      integer :: m_max
+      logical :: is_smallest
+
+      call smallest_feasible_m_max(request%correlation, request%correlation_length, m_max, &
+                                   is_smallest)
+      if (is_smallest) then
+         text = 'the smallest m_max that is feasible is '//to_text(m_max)
+      else
+         m_max = certainly_feasible_m_max(request%correlation, request%correlation_length)
+         text = 'm_max = '//to_text(m_max)//' is feasible, and none below '// &
+                to_text(certainly_infeasible_m_max(request%correlation, &
+                                                   request%correlation_length) + 1)//' is'
+      end if
+   end function advice
+
+end module process_direct_refusal

@@ -1,0 +1,265 @@
+!> Which signs s_m make the entropy largest (Sec. 2.2).
+!>
+!> Only lags with a_m < 0 have signs to be searched. Changing K(m) into (-1)^m K(m) changes neither
+!> entropy nor length, so the sign of the first odd one of them is held at +.
+!>
+!> Where a_m <= 0 for all m >= 1 (L0, and L1 <= 1) all plus is the best sequence, provably. With ln
+!> g = ln c + ln(1 - q/c), c = 1 + delta a_0, q = -delta sum a_m s_m cos(mt), the mean of q^k is a
+!> sum of products of signs with positive factors: no signs give more than all plus. So, power by
+!> power of the logarithm, no signs give a smaller mean of ln g at the delta of the all-plus
+!> solution, and by that mean their entropy is bounded.
+module process_direct_sign_search
+   use core_kinds, only: long, wp
+   use numerics_sorting, only: sort_order
+   use process_direct_constraint, only: length_constraint, new_constraint
+   use process_direct_reciprocal_symbol, only: reciprocal_workspace
+   use process_direct_sequence_bound, only: sequence_bound
+   use process_direct_sign_sequence, only: sequence_solution, solve_sequence
+   implicit none(type, external)
+   private
+   public :: search_result, count_sequences, search_all_signs, add_search, search_structured, &
+             is_all_plus_best, limit_of_entropy
+
+   !> What a search, or a part of one, has found.
+   type :: search_result
+      integer(long) :: n_examined = 0     !! sequences
+      integer(long) :: n_excluded = 0     !! of them: by an upper bound of their entropy
+      integer(long) :: n_consistent = 0   !! of them: solutions whose K(m) have the signs s_m
+      real(wp) :: seconds = 0.0_wp        !! of CPU time, where the caller keeps it
+      type(sequence_solution), allocatable :: solutions(:)   !! consistent, by descending entropy
+   end type search_result
+
+   integer, parameter :: max_listed = 100   !! solutions kept of a search
+
+contains
+
+   !> Sequences that differ by more than the mirror.
+   pure function count_sequences(constraint) result(n)
+      type(length_constraint), intent(in) :: constraint
+      integer(long) :: n
+
+      n = shiftl(1_long, min(size(searched_positions(constraint)), 62))
+   end function count_sequences
+
+   !> Whether theory says that all plus wins.
+   pure function is_all_plus_best(constraint) result(is_best)
+      type(length_constraint), intent(in) :: constraint
+      logical :: is_best
+
+      is_best = size(constraint%penalized) == 0
+   end function is_all_plus_best
+
+   !> Part `part` of `n_parts` of all sequences; the parts differ in the leading signs.
+   !!
+   !! Without `known`, every sequence is solved. With it, those that have certainly less entropy
+   !! than this solution are left out.
+   subroutine search_all_signs(constraint, part, n_parts, workspace, result, known)
+      type(length_constraint), intent(in) :: constraint
+      integer, intent(in) :: part, n_parts                     !! part = 1..n_parts
+      type(reciprocal_workspace), intent(inout) :: workspace   !! prepared for m_max
+      type(search_result), intent(out) :: result
+      type(sequence_solution), intent(in), optional :: known
+      type(sequence_solution), allocatable :: found(:)
+      type(sequence_solution) :: solution
+      type(sequence_bound) :: bound
+      integer, allocatable :: positions(:)
+      integer :: signs(size(constraint%rewarded))
+      integer(long) :: first, index, longer, n
+
+      n = count_sequences(constraint)
+      positions = searched_positions(constraint)
+      if (present(known)) call bound%prepare(constraint, known)
+      allocate (found(0))
+      longer = modulo(n, int(n_parts, long))   ! parts that have one sequence more
+      first = n/n_parts*(part - 1) + min(int(part - 1, long), longer)
+      do index = first, first + n/n_parts - merge(0, 1, part <= longer)
+         signs = signs_of(constraint, positions, index)
+         result%n_examined = result%n_examined + 1
+         if (present(known)) then
+            if (bound%excludes(signs)) then
+               result%n_excluded = result%n_excluded + 1
+               cycle
+            end if
+         end if
+         call solve_sequence(constraint, signs, workspace, solution)
+         if (.not. (solution%is_feasible .and. solution%is_consistent)) cycle
+         result%n_consistent = result%n_consistent + 1
+         solution%number = index
+         found = [found, solution]
+         if (size(found) >= 2*max_listed) call sort_and_cut(found)
+      end do
+      call sort_and_cut(found)
+      call move_alloc(found, result%solutions)
+   end subroutine search_all_signs
+
+   !> Joins what a part has found to the rest: the same in whatever order that is done.
+   subroutine add_search(part, total)
+      type(search_result), intent(in) :: part       !! as it came from a search, or empty
+      type(search_result), intent(inout) :: total   !! at first as it is declared
+
+      total%n_examined = total%n_examined + part%n_examined
+      total%n_excluded = total%n_excluded + part%n_excluded
+      total%n_consistent = total%n_consistent + part%n_consistent
+      total%seconds = total%seconds + part%seconds
+      if (.not. allocated(total%solutions)) allocate (total%solutions(0))
+      if (allocated(part%solutions)) total%solutions = [total%solutions, part%solutions]
+      call sort_and_cut(total%solutions)
+   end subroutine add_search
+
+   !> A few sequences that are likely to win, each improved until it is consistent, the best one
+   !! then sign by sign and, where there are few, pair by pair.
+   !!
+   !! All plus wins where m_max is large beside L1. Nearer to the limit the winners are sequences
+   !! whose sum of cosines is flat: quadratic phases, and all plus with the last sign turned. Where
+   !! signs are very many, seconds are spent on those starts alone that have won there.
+   subroutine search_structured(constraint, workspace, best)
+      type(length_constraint), intent(in) :: constraint
+      type(reciprocal_workspace), intent(inout) :: workspace   !! prepared for m_max
+      type(sequence_solution), intent(out) :: best             !! not feasible: none was found
+      integer, parameter :: few = 16, many = 48, very_many = 200
+      type(sequence_solution) :: solution
+      integer :: signs(size(constraint%rewarded)), i, n, n_rates, max_passes
+      logical :: is_large
+
+      n = size(constraint%rewarded)
+      if (n == 0) return
+      is_large = n > very_many
+      max_passes = merge(2, 50, is_large)
+      n_rates = merge(4, 12, is_large)
+      signs = 1
+      call make_consistent(constraint, signs, max_passes, workspace, best)
+      if (is_all_plus_best(constraint)) return
+      if (constraint%m_max > 4*size(constraint%penalized) .and. best%is_feasible) return
+      do i = merge(1, 0, is_large), n_rates
+         signs = quadratic_phases(n, 3.0_wp*i/n_rates)
+         if (i == 0) signs(n) = -1
+         call make_consistent(constraint, signs, max_passes, workspace, solution)
+         call take_better(solution, best)
+         if (is_large) cycle
+         call make_consistent(constraint, -signs, max_passes, workspace, solution)
+         call take_better(solution, best)
+      end do
+      if (best%is_feasible .and. n <= many) call turn_signs(constraint, n <= few, workspace, best)
+   end subroutine search_structured
+
+   !> The mean of ln g without the penalized lags bounds the entropy of every sequence, by the
+   !! argument above.
+   subroutine limit_of_entropy(constraint, workspace, entropy)
+      type(length_constraint), intent(in) :: constraint
+      type(reciprocal_workspace), intent(inout) :: workspace
+      real(wp), intent(out) :: entropy   !! minus huge: no sequence has a solution
+      type(length_constraint) :: relaxed
+      type(sequence_solution) :: solution
+      integer :: i
+
+      relaxed = new_constraint([constraint%weights(0), min(constraint%weights(1:), 0.0_wp)])
+      call solve_sequence(relaxed, [(1, i=1, size(relaxed%rewarded))], workspace, solution)
+      entropy = merge(solution%entropy, -huge(1.0_wp), solution%is_feasible)
+   end subroutine limit_of_entropy
+
+   !> Takes over the signs of K(m) until they stay. That only raises the entropy: with the new signs
+   !! the old solution has more than the wanted length.
+   subroutine make_consistent(constraint, signs, max_passes, workspace, solution)
+      type(length_constraint), intent(in) :: constraint
+      integer, intent(in) :: signs(:)   !! start
+      integer, intent(in) :: max_passes
+      type(reciprocal_workspace), intent(inout) :: workspace
+      type(sequence_solution), intent(out) :: solution
+      integer :: now(size(signs)), pass
+
+      now = signs
+      do pass = 1, max_passes
+         call solve_sequence(constraint, now, workspace, solution)
+         if (.not. solution%is_feasible) return
+         if (solution%is_consistent) exit
+         now = merge(-1, 1, solution%correlation(constraint%rewarded) < 0.0_wp)
+      end do
+      solution%is_feasible = solution%is_consistent
+   end subroutine make_consistent
+
+   !> Local search: turns signs, or pairs of them too, as long as that helps.
+   subroutine turn_signs(constraint, in_pairs, workspace, best)
+      type(length_constraint), intent(in) :: constraint
+      logical, intent(in) :: in_pairs
+      type(reciprocal_workspace), intent(inout) :: workspace
+      type(sequence_solution), intent(inout) :: best
+      integer, parameter :: max_passes = 50
+      type(sequence_solution) :: solution
+      integer :: signs(size(constraint%rewarded)), i, j
+      real(wp) :: before
+
+      do
+         before = best%entropy
+         do i = 1, size(signs)
+            do j = i, merge(size(signs), i, in_pairs)
+               signs = nint(best%s(constraint%rewarded))
+               signs(i) = -signs(i)
+               if (j > i) signs(j) = -signs(j)
+               call make_consistent(constraint, signs, max_passes, workspace, solution)
+               call take_better(solution, best)
+            end do
+         end do
+         if (.not. best%entropy > before) exit
+      end do
+   end subroutine turn_signs
+
+   pure subroutine take_better(solution, best)
+      type(sequence_solution), intent(in) :: solution
+      type(sequence_solution), intent(inout) :: best
+      real(wp), parameter :: rounding = 1.0e-11_wp   ! nat
+
+      if (.not. (solution%is_feasible .and. solution%is_consistent)) return
+      if (best%is_feasible .and. best%is_consistent) then
+         if (.not. solution%entropy > best%entropy + rounding) return
+      end if
+      best = solution
+   end subroutine take_better
+
+   !> Signs of cos(rate pi k^2/n), k = 0..n-1.
+   pure function quadratic_phases(n, rate) result(signs)
+      integer, intent(in) :: n
+      real(wp), intent(in) :: rate
+      integer :: signs(n)
+      real(wp), parameter :: pi = 4.0_wp*atan(1.0_wp)
+      integer :: k
+
+      signs = [(merge(1, -1, cos(rate*pi*real(k, wp)**2/n) >= 0.0_wp), k=0, n - 1)]
+   end function quadratic_phases
+
+   !> Positions among the rewarded lags whose sign is not fixed by the mirror.
+   pure function searched_positions(constraint) result(positions)
+      type(length_constraint), intent(in) :: constraint
+      integer, allocatable :: positions(:)
+      integer :: first_odd, i
+
+      first_odd = findloc(modulo(constraint%rewarded, 2), 1, dim=1)
+      positions = [(i, i=1, size(constraint%rewarded))]
+      positions = pack(positions, positions /= first_odd)
+   end function searched_positions
+
+   !> Sequence number `index`, 0..count_sequences - 1; 0 is all plus, and the leading signs change
+   !! last.
+   pure function signs_of(constraint, positions, index) result(signs)
+      type(length_constraint), intent(in) :: constraint
+      integer, intent(in) :: positions(:)
+      integer(long), intent(in) :: index
+      integer :: signs(size(constraint%rewarded))
+      integer :: bit
+
+      signs = 1
+      do bit = 0, size(positions) - 1
+         if (btest(index, bit)) signs(positions(size(positions) - bit)) = -1
+      end do
+   end function signs_of
+
+   !> By descending entropy, equal ones by their numbers; only the best are kept.
+   pure subroutine sort_and_cut(solutions)
+      type(sequence_solution), allocatable, intent(inout) :: solutions(:)
+      integer, allocatable :: order(:)
+
+      order = sort_order(real(solutions%number, wp))
+      order = order(sort_order(-solutions(order)%entropy))
+      solutions = solutions(order(:min(size(order), max_listed)))
+   end subroutine sort_and_cut
+
+end module process_direct_sign_search

@@ -1,0 +1,237 @@
+!> The maximum of the entropy for one sequence of signs (Sec. 2.2), for sigma_X = 1.
+!>
+!> With g(t) = 1 + sum a_m x_m cos(mt), x_0 = delta, x_m = delta s_m, let K(m) be the Fourier
+!> coefficients of 1/g and D the mean of ln g. Eq. (11) says that D, which is concave, has its
+!> maximum along delta: a sequence has at most one solution, and 0.5 (1 + ln 2 pi - D) is an upper
+!> bound of the entropy for every x. Lags with a_m > 0 (m < L1) push K(m) towards zero and can hold
+!> it there: x_m is then an unknown of its own, -delta <= x_m <= delta. There is no solution where g
+!> stays positive for every delta.
+module process_direct_sign_sequence
+   use core_error, only: error_type
+   use core_kinds, only: long, wp
+   use numerics_lapack, only: solve_linear_system
+   use process_direct_climb, only: begin_climb, climb_state, evaluate_climb, steepest, &
+      touching_multiplier, weak_multiplier
+   use process_direct_constraint, only: length_constraint
+   use process_direct_interior_point, only: hold_at_zero
+   use process_direct_reciprocal_symbol, only: reciprocal_workspace
+   use process_direct_touching_symbol, only: solve_touching
+   use process_entropy, only: white_noise_entropy
+   implicit none(type, external)
+   private
+   public :: sequence_solution, solve_sequence
+
+   !> The largest entropy for given signs of the rewarded lags; K(0) = 1.
+   type :: sequence_solution
+      logical :: is_feasible = .false.         !! all else holds only then
+      logical :: is_consistent = .false.       !! K(m) has the sign s_m
+      real(wp), allocatable :: s(:)            !! s_m, m = 1..m_max; inside (-1, 1) where K(m) = 0
+      real(wp) :: delta = 0.0_wp               !! lambda_2/lambda_3
+      real(wp) :: lambda_3 = 0.0_wp            !! 0.5 at every solution
+      real(wp), allocatable :: correlation(:)  !! K(m)/K(0), m = 0..m_max
+      real(wp) :: entropy = 0.0_wp             !! per point [nat]
+      integer(long) :: number = 0              !! among the sequences of a search
+      real(wp), allocatable :: factor(:)       !! B, 0..m_max, where s and delta do not hold it
+   end type sequence_solution
+
+   real(wp), parameter :: sign_rounding = 1.0e-12_wp   !! of K(m)/K(0)
+   real(wp), parameter :: end_game = 1.0e-9_wp         !! Newton's decrement: D is nearly quadratic
+   integer, parameter :: max_steps = 200
+   integer, parameter :: max_halvings = 50
+
+contains
+
+   !> Solves for given signs of the rewarded lags. The workspace must be prepared for m_max.
+   subroutine solve_sequence(constraint, signs, workspace, solution)
+      type(length_constraint), intent(in) :: constraint
+      integer, intent(in) :: signs(:)   !! +1 or -1, one per rewarded lag
+      type(reciprocal_workspace), intent(inout) :: workspace
+      type(sequence_solution), intent(out) :: solution
+      integer, parameter :: max_passes = 8
+      logical :: is_free(constraint%m_max), was_free(constraint%m_max)
+      real(wp) :: s(constraint%m_max), delta
+      integer :: pass
+
+      s = 1.0_wp   ! also where a_m = 0, and the sign does not matter
+      s(constraint%rewarded) = signs
+      is_free = .false.
+      delta = 0.0_wp
+      call workspace%restart()
+      if (size(constraint%penalized) == 0 .or. all(signs > 0)) then
+         ! all signs plus, far from the limits: nothing is held at zero
+         call solve_active_set(constraint, s, is_free, delta, workspace, solution)
+         if (all(signs > 0)) call approach_touch(constraint, solution)
+         if (size(constraint%penalized) == 0 .or. .not. solution%is_feasible) return
+         if (all(solution%correlation(constraint%penalized) >= 0.0_wp)) return
+      end if
+      call hold_at_zero(constraint, s, is_free, delta, workspace)
+      solution%is_feasible = delta > 0.0_wp
+      do pass = 1, max_passes
+         if (.not. solution%is_feasible) return
+         call solve_active_set(constraint, s, is_free, delta, workspace, solution)
+         if (.not. solution%is_feasible) return
+         was_free = is_free
+         s = solution%s
+         is_free = is_free .and. abs(s) <= 1.0_wp
+         associate (low => constraint%penalized)
+            is_free(low) = is_free(low) .or. &
+                           .not. was_free(low) .and. &
+                              s(low)*solution%correlation(low) < -sign_rounding
+         end associate
+         if (all(is_free .eqv. was_free)) return
+         where (.not. is_free) s = sign(1.0_wp, s)
+         delta = 0.0_wp
+      end do
+      solution%is_feasible = .false.
+   end subroutine solve_sequence
+
+   !> Newton's method on delta and on x_m of the free lags, the other signs given.
+   subroutine solve_active_set(constraint, s, is_free, delta, workspace, solution)
+      type(length_constraint), intent(in) :: constraint
+      real(wp), intent(in) :: s(:)           !! (m_max) the start where free
+      logical, intent(in) :: is_free(:)      !! (m_max) K(m) = 0 is wanted there
+      real(wp), intent(in) :: delta          !! start; 0: none
+      type(reciprocal_workspace), intent(inout) :: workspace
+      type(sequence_solution), intent(out) :: solution
+      type(climb_state) :: state
+      real(wp) :: decrement, last_decrement, limit
+      real(wp), allocatable :: step(:)
+      integer :: iteration
+      logical :: is_done, is_higher
+
+      call begin_climb(constraint, s, is_free, state)
+      limit = huge(1.0_wp)
+      if (size(state%free) == 0) then
+         limit = touching_multiplier(state%along, workspace)
+         if (.not. limit < steepest/constraint%weights(0)) return
+      end if
+      if (delta > 0.0_wp) then
+         state%x = delta*[1.0_wp, s]
+      else
+         state%x(0) = min(weak_multiplier(state%along), 0.75_wp*limit)
+         state%x(1:) = state%x(0)*state%s
+      end if
+      call evaluate_climb(constraint, workspace, state)
+      last_decrement = huge(1.0_wp)
+      do iteration = 1, max_steps
+         if (.not. state%value%is_positive) return
+         call find_step(state, limit, step, decrement)
+         is_done = decrement <= 1.0e-22_wp .or. &   ! rounding is left, or not even that
+                   decrement <= end_game .and. decrement > 0.25_wp*last_decrement
+         last_decrement = decrement
+         call take_step(constraint, workspace, step, decrement, state, is_higher)
+         if (.not. is_higher) return
+         if (is_done) exit
+      end do
+      if (is_done) call describe(constraint, state, solution)
+   end subroutine solve_active_set
+
+   !> All plus, once more where g(0) is lost in the rounding of g_0.
+   subroutine approach_touch(constraint, solution)
+      type(length_constraint), intent(in) :: constraint
+      type(sequence_solution), intent(inout) :: solution
+      real(wp), parameter :: lost = 1.0e-4_wp
+      real(wp) :: delta, factor(0:constraint%m_max), k(0:constraint%m_max)
+      logical :: is_solved
+
+      associate (weights => constraint%weights, touch => sum(constraint%weights))
+         if (.not. touch < 0.0_wp) return
+         if (solution%is_feasible .and. 1.0_wp + solution%delta*touch > &
+             lost*(1.0_wp + solution%delta*weights(0))) return
+         call solve_touching(weights, delta, factor, k, is_solved)
+      end associate
+      if (.not. (is_solved .and. all(k > 0.0_wp))) return
+      if (.not. solution%is_feasible) &
+         allocate (solution%s(constraint%m_max), solution%correlation(0:constraint%m_max), &
+                   source=1.0_wp)
+      solution%is_feasible = .true.
+      solution%is_consistent = .true.
+      solution%delta = delta
+      solution%lambda_3 = 0.5_wp*k(0)
+      solution%correlation(:) = k/k(0)
+      solution%entropy = white_noise_entropy(1.0_wp) - log(factor(0))
+      allocate (solution%factor(0:constraint%m_max))
+      solution%factor(:) = factor
+   end subroutine approach_touch
+
+   !> Newton's step; the decrement is twice the rise of D that it promises.
+   subroutine find_step(state, limit, step, decrement)
+      type(climb_state), intent(in) :: state
+      real(wp), intent(in) :: limit   !! of delta, where nothing but delta moves
+      real(wp), allocatable, intent(out) :: step(:)   !! (size(free) + 1)
+      real(wp), intent(out) :: decrement
+      type(error_type), allocatable :: error
+      real(wp) :: growth, slope, y
+
+      if (size(state%free) > 0) then
+         call solve_linear_system(state%value%curvature, state%value%gradient, step, error)
+         if (allocated(error)) step = 0.0_wp*state%value%gradient
+         decrement = dot_product(step, state%value%gradient)
+         return
+      end if
+      step = [state%value%gradient(0)/state%value%curvature(0, 0)]
+      decrement = step(1)*state%value%gradient(0)
+      if (.not. (limit < huge(1.0_wp) .and. state%x(0) < limit .and. decrement > end_game)) return
+      ! D' (1 + a_0 delta) is nearly linear in y = (1 - delta/limit)**(-1/2), all the way to the
+      ! limit
+      y = 1.0_wp/sqrt(1.0_wp - state%x(0)/limit)
+      growth = 1.0_wp + state%along(0)*state%x(0)
+      slope = (state%value%curvature(0, 0)*growth - &
+               state%along(0)*state%value%gradient(0))*2.0_wp*limit/y**3
+      if (.not. slope > 0.0_wp) return
+      y = max(y + state%value%gradient(0)*growth/slope, 0.5_wp*(1.0_wp + y))
+      step = limit*(1.0_wp - 1.0_wp/y**2) - state%x(0)
+   end subroutine find_step
+
+   !> Goes along the step as far as D rises; not at all (`is_higher` false) where it does not.
+   subroutine take_step(constraint, workspace, step, decrement, state, is_higher)
+      type(length_constraint), intent(in) :: constraint
+      type(reciprocal_workspace), intent(inout) :: workspace
+      real(wp), intent(in) :: step(0:)
+      real(wp), intent(in) :: decrement
+      type(climb_state), intent(inout) :: state
+      logical, intent(out) :: is_higher
+      real(wp) :: direction(0:constraint%m_max), start(0:constraint%m_max), height, length
+      integer :: i
+
+      direction = step(0)*[1.0_wp, state%s]
+      direction(state%free) = step(1:)
+      start = state%x
+      height = state%value%log_mean
+      length = 1.0_wp
+      do i = 0, max_halvings
+         state%x = start + length*direction
+         is_higher = .false.
+         if (state%x(0) > 0.0_wp) then
+            call evaluate_climb(constraint, workspace, state)
+            if (state%value%is_positive) &
+               is_higher = state%value%log_mean >= height + 1.0e-4_wp*length*decrement .or. &
+                  decrement <= end_game
+         end if
+         if (is_higher) return
+         length = 0.5_wp*length
+      end do
+   end subroutine take_step
+
+   pure subroutine describe(constraint, state, solution)
+      type(length_constraint), intent(in) :: constraint
+      type(climb_state), intent(in) :: state
+      type(sequence_solution), intent(inout) :: solution
+
+      associate (k => state%value%reciprocal)
+         solution%is_feasible = .true.
+         solution%delta = state%x(0)
+         solution%lambda_3 = 0.5_wp*k(0)
+         solution%s = state%s
+         solution%s(state%free) = state%x(state%free)/state%x(0)
+         where (.not. abs(constraint%weights(1:)) > 0.0_wp) solution%s = sign(1.0_wp, k(1:))
+         allocate (solution%correlation(0:constraint%m_max))
+         solution%correlation(:) = k/k(0)
+         solution%entropy = white_noise_entropy(1.0_wp) - 0.5_wp*state%value%log_mean
+         associate (lags => constraint%rewarded)
+            solution%is_consistent = all(solution%s(lags)*k(lags) >= -sign_rounding*k(0))
+         end associate
+      end associate
+   end subroutine describe
+
+end module process_direct_sign_sequence

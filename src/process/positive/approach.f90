@@ -1,0 +1,250 @@
+!> The way to a positive process of higher order, on simulated values: first the shape of the
+!> unconstrained optimum, then every coefficient free.
+!>
+!> The same random numbers at every trial make of the averages a smooth problem.
+module process_positive_approach
+   use core_error, only: error_type, exit_no_solution, raise
+   use core_kinds, only: long, wp
+   use core_random, only: label_of, new_stream, stream_type
+   use core_text, only: to_text
+   use numerics_constrained_maximum, only: maximize, search_result
+   use numerics_lapack, only: solve_positive_definite
+   use process_autoregressive_fit, only: optimal_curvature
+   use process_autoregressive_model, only: coefficients_of, reflection_of
+   use process_model, only: process_request
+   use process_positive_law, only: n_constraints, positive_law
+   use process_positive_limit, only: follow_family
+   use process_positive_moments, only: estimate_autocovariance
+   use process_positive_preparation, only: prepare_law
+   use process_positive_refinement, only: refine, shape_spread
+   use process_positive_signs, only: require_signs
+   implicit none(type, external)
+   private
+   public :: approach, end_of_family, find_shape
+
+   integer, parameter :: quick_steps = 128     !! of a batch on the way to a first solution
+   integer, parameter :: limit_steps = 1024    !! of a batch where std/mean may end
+   integer, parameter :: shape_steps = 128     !! of a batch while the shape is sought
+   real(wp), parameter :: farthest = 0.7_wp    !! ln factor, without following the family
+   real(wp), parameter :: close_enough = 1.0e-5_wp  !! relative, of ratio and length on the way
+   !> gradient of the entropy left: wanted, accepted, and over its largest component
+   real(wp), parameter :: wanted = 1.0e-4_wp, acceptable = 1.0e-3_wp, stationary = 0.02_wp
+   integer, parameter :: max_iterations = 60        !! of the search for the shape
+
+contains
+
+   !> The unconstrained optimum of another length that has the targets under the law, on few
+   !> simulated values: `point` is (ln factor, coordinate). Fails where that family ends before.
+   subroutine approach(request, seed, law, point, found, error, most_effort, passed_limit)
+      type(process_request), intent(in) :: request
+      integer(long), intent(in) :: seed
+      class(positive_law), allocatable, intent(out) :: law
+      real(wp), allocatable, intent(out) :: point(:)
+      type(search_result), intent(out) :: found
+      type(error_type), allocatable, intent(out) :: error
+      real(wp), intent(in), optional :: most_effort   !! see `positive_law`
+      !> std/mean at which the family ends, where a far branch goes on beyond it; else 0
+      real(wp), intent(out), optional :: passed_limit
+      real(wp), allocatable :: kappa(:), state(:)
+      real(wp) :: centre, coordinate, far_point(2), limit
+      logical :: is_inside, is_reached
+      type(search_result) :: far
+
+      if (present(passed_limit)) passed_limit = 0.0_wp
+      call prepare_law(request, request%sampler, stream_of(seed), law, kappa, error)
+      if (allocated(error)) return
+      if (present(most_effort)) law%most_effort = most_effort
+      law%shape = atanh(kappa)
+      centre = law%centre
+      coordinate = asinh(law%coordinate)
+      point = [0.0_wp, coordinate]
+      law%n_steps = quick_steps
+      call law%settle(law%companion)
+      call maximize(law, point, n_constraints, 1.0e-4_wp, close_enough, 12, found)
+      ! far from the unconstrained optimum another branch may have the targets too: it is taken only
+      ! where the family that is followed from there ends before them
+      if (found%violation > close_enough .or. point(1) > farthest) then
+         far = found
+         far_point = point
+         point = [0.0_wp, coordinate]
+         law%n_steps = limit_steps
+         call follow_family(law, point, limit, is_reached)
+         if (is_reached) then
+            call maximize(law, point, n_constraints, 1.0e-4_wp, close_enough, 20, found)
+         else if (far%violation <= close_enough) then
+            point = far_point
+            found = far
+            if (present(passed_limit)) passed_limit = limit
+            law%centre = centre   ! where the family's end has left it, chains begin far off
+            law%n_steps = quick_steps
+            call law%evaluate(point, state, is_inside)
+         else if (.not. law%is_exhausted()) then
+            call raise(error, exit_no_solution, law%name(size(kappa))//reason_of_end(limit))
+            return
+         end if
+      end if
+      found%is_converged = found%violation <= close_enough
+      call require_converged(law, found, size(kappa), error)
+   end subroutine approach
+
+   !> Why a family does not have the wanted ratio.
+   pure function reason_of_end(limit) result(reason)
+      real(wp), intent(in) :: limit   !! the largest std/mean met, less its error; 0: none
+      character(:), allocatable :: reason
+
+      if (limit > 0.0_wp) then
+         reason = ': '//end_of_family(limit)//', where mu runs away to minus infinity'
+      else
+         reason = ': nothing was found with the shape of the unconstrained optimum'
+      end if
+   end function reason_of_end
+
+   !> For messages.
+   pure function end_of_family(limit) result(statement)
+      real(wp), intent(in) :: limit   !! of std/mean
+      character(:), allocatable :: statement
+
+      statement = 'with the shape of the unconstrained optimum std/mean ends at '// &
+                  to_text(floor(1.0e3_wp*limit)/1.0e3_wp)
+   end function end_of_family
+
+   !> Every coefficient free. The direct method's form is that of the maximum already.
+   subroutine find_shape(law, point, found, error, spread)
+      class(positive_law), intent(inout) :: law
+      real(wp), allocatable, intent(inout) :: point(:)
+      type(search_result), intent(inout) :: found
+      type(error_type), allocatable, intent(out) :: error
+      type(shape_spread), intent(out), optional :: spread   !! wanted where the shape is to be used
+      logical :: is_near
+
+      law%n_steps = shape_steps
+      if (allocated(law%symbol)) return
+      is_near = point(1) <= farthest
+      law%factor = merge(exp(point(1)), 1.0_wp, is_near)
+      point = [exp(point(1))/law%factor*law%shape, point(2)]
+      deallocate (law%shape)
+      call free_shape(law, is_near, point, found, error, spread)
+      if (.not. allocated(error)) call require_converged(law, found, size(point) - 1, error)
+   end subroutine find_shape
+
+   !> Every coefficient free. Where correlation is so weak that the entropy does not feel its shape
+   !> above the noise of the sample, the shape of the unconstrained optimum is kept, with the
+   !> residual it leaves.
+   subroutine free_shape(law, is_near, point, found, error, spread)
+      class(positive_law), intent(inout) :: law
+      logical, intent(in) :: is_near   !! the unconstrained optimum, whose curvature is then taken
+      real(wp), intent(inout) :: point(:)
+      type(search_result), intent(out) :: found
+      type(error_type), allocatable, intent(out) :: error
+      type(shape_spread), intent(out), optional :: spread
+      real(wp), parameter :: weak = 0.02_wp, feeble = 0.001_wp   !! largest reflection coefficient
+      real(wp), allocatable :: autocovariance(:), metric(:, :), standard_error(:)
+      real(wp) :: family(size(point)), step, strength
+      integer :: order
+      logical :: is_free
+
+      order = size(point) - 1
+      family = point
+      call law%settle(coefficients_of(tanh(law%factor*point(:order))))
+      strength = maxval(abs(tanh(point(:order))))
+      step = min(1.0e-5_wp, 0.01_wp*strength)
+      is_free = strength > feeble
+      if (is_free) then
+         if (is_near) metric = metric_of(law)
+         call maximize(law, point, n_constraints, step, min(acceptable, stationary*strength), &
+                       max_iterations, found, metric)
+      end if
+      if (is_free .and. found%is_converged) then
+         call estimate_autocovariance(law%batches, law%companion_autocovariance, order, &
+                                      autocovariance, standard_error)
+         if (strength > weak) call require_signs(law, autocovariance, standard_error, error)
+         if (allocated(error)) return
+         call come_closer(law, step, min(wanted, stationary*strength), point, found)
+      end if
+      if (is_free .and. strength <= weak) then
+         call estimate_autocovariance(law%batches, law%companion_autocovariance, order, &
+                                      autocovariance, standard_error)
+         associate (companion => law%companion_autocovariance(0:order))
+            is_free = found%is_converged .and. &
+                      all(autocovariance*sign(1.0_wp, companion) > -4.0_wp*standard_error)
+         end associate
+      end if
+      if (.not. is_free) then
+         point = family
+         call maximize(law, point, n_constraints, step, huge(1.0_wp), 1, found)
+      else if (found%is_converged .and. present(spread)) then
+         call refine(law, step, point, found, spread)
+      end if
+   end subroutine free_shape
+
+   !> Goes on from an acceptable solution to a better one, if there is one within reach.
+   subroutine come_closer(law, step, tolerance, point, found)
+      class(positive_law), intent(inout) :: law
+      real(wp), intent(in) :: step, tolerance   !! see `maximize`
+      real(wp), intent(inout) :: point(:)
+      type(search_result), intent(inout) :: found
+      type(search_result) :: closer
+      real(wp), allocatable :: state(:)
+      real(wp) :: trial(size(point))
+      logical :: is_inside
+
+      trial = point
+      call maximize(law, trial, n_constraints, step, tolerance, max_iterations, closer, &
+                    found%metric)
+      if (max(closer%violation, closer%residual) <= max(found%violation, found%residual)) then
+         point = trial
+         found = closer
+         found%is_converged = .true.
+      else
+         call law%evaluate(point, state, is_inside)
+      end if
+   end subroutine come_closer
+
+   !> Inverse curvature of the unconstrained problem at its optimum, to begin the search with.
+   function metric_of(law) result(metric)
+      class(positive_law), intent(in) :: law
+      real(wp), allocatable :: metric(:, :)   !! (variable, variable)
+      type(error_type), allocatable :: error
+      real(wp), dimension(size(law%companion)) :: along
+      real(wp), allocatable :: curvature(:, :)
+      integer :: i, n
+
+      n = size(along)
+      along = reflection_of(law%companion)
+      curvature = optimal_curvature(law%correlation, law%wanted_length, along)
+      ! along the constraint's gradient a maximum need not be one
+      along = along/norm2(along)
+      curvature = curvature + spread(along, 1, n)*spread(along, 2, n)*maxval(abs(curvature))
+      allocate (metric(n + 1, n + 1), source=0.0_wp)
+      do i = 1, n + 1
+         metric(i, i) = 1.0_wp
+      end do
+      call solve_positive_definite(curvature, metric(:n, :n), error)
+   end function metric_of
+
+   subroutine require_converged(law, found, order, error)
+      class(positive_law), intent(in) :: law
+      type(search_result), intent(in) :: found
+      integer, intent(in) :: order
+      type(error_type), allocatable, intent(out) :: error
+
+      if (found%is_converged) return
+      if (law%is_exhausted()) then
+         call raise(error, exit_no_solution, law%name(order)//': the search was given up after '// &
+                    to_text(nint(1.0e-6_wp*law%effort))//' million simulated values, its bound')
+      else
+         call raise(error, exit_no_solution, law%name(order)//': the search ended '// &
+                    to_text(found%violation)//' (relative) from its targets, with '// &
+                    to_text(found%residual)//' of the gradient left')
+      end if
+   end subroutine require_converged
+
+   !> The simulated values are the same in every fit of a seed.
+   pure function stream_of(seed) result(stream)
+      integer(long), intent(in) :: seed
+      type(stream_type) :: stream
+
+      stream = new_stream(seed, label_of('positive process'), 0)
+   end function stream_of
+
+end module process_positive_approach

@@ -1,0 +1,215 @@
+!> The law of Eq. (25) on positive values, in an infinite domain: sampled by redrawing one value at
+!> a time, given its neighbours on both sides (Gibbs), on rings much longer than the memory.
+!>
+!> The redrawn value is truncated normal; all values move monotonically and by less than their
+!> neighbours do, so that two rings driven by the same numbers approach each other at a rate known
+!> beforehand: the number of sweeps that forgets the start is computed, not guessed. Everything is
+!> in units of b0.
+module process_positive_exact
+   use core_kinds, only: wp
+   use core_random, only: stream_type
+   use process_autoregressive_spectral_factor, only: symbol_of_process
+   use process_positive_moments, only: add_products, batch_averages
+   use process_positive_truncated_normal, only: draw_truncated_lanes, lanes, truncated_variance
+   implicit none(type, external)
+   private
+   public :: sweeps_to_forget, sample_exact, draw_window
+
+   !> Rings of values side by side, one per lane; or one ring wound over all lanes.
+   type :: ring_type
+      integer :: length = 0              !! values per lane
+      integer :: order = 0
+      logical :: is_wound = .false.      !! the next lane continues where this one ends
+      real(wp) :: field = 0.0_wp         !! mu (1 + sum a_q)^2/b0
+      real(wp), allocatable :: g(:)      !! (0:order) precision of the law, Eq. (25)
+      real(wp), allocatable :: x(:, :)   !! (lane, 1-order:length+order)
+      !> (0:order) precision of the linear companion; unallocated: none
+      real(wp), allocatable :: h(:)
+      real(wp), allocatable :: y(:, :)   !! as x
+   end type ring_type
+
+contains
+
+   !> Sweeps after which a start has lost all but `tolerance` of its weight: the rate of the
+   !> Gaussian law of this variance and length, the smallest over the mean of 1/(power spectral
+   !> density).
+   pure function sweeps_to_forget(a, variance, l0, tolerance) result(n)
+      real(wp), intent(in) :: a(:)       !! a_q, Eq. (39)
+      real(wp), intent(in) :: variance   !! K(0)/b0^2
+      real(wp), intent(in) :: l0         !! [lags]
+      real(wp), intent(in) :: tolerance
+      integer :: n
+      real(wp) :: smallest
+
+      smallest = 1.0_wp/(max(1.0_wp, variance*(1.0_wp + sum(a**2)))*(1.0_wp + 2.0_wp*l0))
+      n = max(ceiling(log(tolerance)/log((1.0_wp - min(smallest, 0.999_wp))/(1.0_wp + smallest))), &
+              4)
+   end function sweeps_to_forget
+
+   !> Averages over batches, a lane over a stretch of sweeps each; rows as in the sequential law, of
+   !> the acceptance sums only the density at 0.
+   subroutine sample_exact(a, field, companion, centre, ring_length, n_burn_in, n_sweeps, stream, &
+                           batches)
+      real(wp), intent(in) :: a(:)           !! a_q, Eq. (39)
+      real(wp), intent(in) :: field          !! mu (1 + sum a_q)^2/b0
+      !> coefficients of the linear companion, unit innovations
+      real(wp), intent(in) :: companion(:)
+      real(wp), intent(in) :: centre         !! start, near the mean
+      integer, intent(in) :: ring_length     !! much longer than the memory, and than all lags
+      integer, intent(in) :: n_burn_in       !! sweeps
+      integer, intent(in) :: n_sweeps        !! of a batch
+      class(stream_type), intent(inout) :: stream
+      type(batch_averages), intent(inout) :: batches   !! allocated; a multiple of `lanes` batches
+      type(ring_type) :: ring
+      real(wp) :: at_zero(lanes), sums(lanes, -1:batches%n_single + 2, 2)
+      integer :: first, last, stretch, sweep
+
+      batches%centre = centre
+      ring = new_ring(a, field, ring_length, .false.)
+      ring%x = centre
+      ring%h = symbol_of_process(companion, 1.0_wp)
+      allocate (ring%y(lanes, 1 - ring%order:ring%length + ring%order), source=0.0_wp)
+      at_zero = 0.0_wp
+      do sweep = 1, n_burn_in
+         call redraw(ring, stream, at_zero)
+      end do
+      do stretch = 1, size(batches%x, 2)/lanes
+         at_zero = 0.0_wp
+         sums = 0.0_wp
+         do sweep = 1, n_sweeps
+            call redraw(ring, stream, at_zero)
+            call add_ring(batches%n_single, batches%n_lags, ring%length, &
+                          ring%x(:, 1:ring%length) - centre, sums(:, :, 1))
+            call add_ring(batches%n_single, batches%n_lags, ring%length, &
+                          ring%y(:, 1:ring%length), sums(:, :, 2))
+         end do
+         first = (stretch - 1)*lanes + 1
+         last = stretch*lanes
+         batches%x(:, first:last) = transpose(sums(:, :, 1))/(n_sweeps*ring%length)
+         batches%y(:, first:last) = transpose(sums(:, :, 2))/(n_sweeps*ring%length)
+         batches%acceptance(5, first:last) = at_zero/(n_sweeps*ring%length)
+      end do
+   end subroutine sample_exact
+
+   !> Products around closed rings.
+   pure subroutine add_ring(n_single, n_lags, length, d, sums)
+      integer, intent(in) :: n_single, n_lags, length
+      real(wp), intent(in) :: d(lanes, length)
+      real(wp), intent(inout) :: sums(lanes, -1:n_single + 2)
+      real(wp) :: closed(lanes, 1 - n_lags:length)
+
+      closed(:, 1:) = d
+      closed(:, :0) = d(:, length - n_lags + 1:)
+      call add_products(n_lags, length, n_single, n_lags, closed, sums)
+   end subroutine add_ring
+
+   !> Consecutive values of one stationary run: the middle of a ring that has forgotten its start
+   !> and is longer than the memory by margins on both sides.
+   subroutine draw_window(a, field, start, margin, n_sweeps, stream, values)
+      real(wp), intent(in) :: a(:), field
+      real(wp), intent(in) :: start         !! near the mean
+      integer, intent(in) :: margin         !! steps beyond which nothing is felt
+      integer, intent(in) :: n_sweeps
+      class(stream_type), intent(inout) :: stream
+      real(wp), intent(out) :: values(:)
+      type(ring_type) :: ring
+      real(wp) :: at_zero(lanes)
+      integer :: n, sweep
+
+      ring = new_ring(a, field, max((size(values) + 2*margin + lanes - 1)/lanes, size(a) + 1), &
+                      .true.)
+      ring%x = start
+      at_zero = 0.0_wp
+      do sweep = 1, n_sweeps
+         call redraw(ring, stream, at_zero)
+      end do
+      do n = 1, size(values)
+         values(n) = ring%x((n - 1)/ring%length + 1, modulo(n - 1, ring%length) + 1)
+      end do
+   end subroutine draw_window
+
+   pure function new_ring(a, field, length, is_wound) result(ring)
+      real(wp), intent(in) :: a(:), field
+      integer, intent(in) :: length
+      logical, intent(in) :: is_wound
+      type(ring_type) :: ring
+
+      ring%length = length
+      ring%order = size(a)
+      ring%is_wound = is_wound
+      ring%field = field
+      allocate (ring%g(0:size(a)))
+      ring%g(:) = symbol_of_process(a, 1.0_wp)
+      allocate (ring%x(lanes, 1 - size(a):length + size(a)))
+   end function new_ring
+
+   !> One sweep: every value redrawn given its neighbours. Places as far apart as a lane is long do
+   !> not see each other, so that all lanes move at once.
+   subroutine redraw(ring, stream, at_zero)
+      type(ring_type), intent(inout) :: ring
+      class(stream_type), intent(inout) :: stream
+      real(wp), intent(inout) :: at_zero(lanes)   !! the density at 0, added up
+      real(wp) :: u(lanes*ring%length)
+
+      call stream%uniforms(u)
+      if (allocated(ring%y)) then
+         call redraw_lanes(ring%length, ring%order, ring%is_wound, ring%field, ring%g, u, ring%x, &
+                           at_zero, ring%h, ring%y)
+      else
+         call redraw_lanes(ring%length, ring%order, ring%is_wound, ring%field, ring%g, u, ring%x, &
+                           at_zero)
+      end if
+   end subroutine redraw
+
+   pure subroutine redraw_lanes(length, order, is_wound, field, g, u, x, at_zero, h, y)
+      integer, intent(in) :: length, order
+      logical, intent(in) :: is_wound
+      real(wp), intent(in) :: field, g(0:order), u(lanes, length)
+      real(wp), intent(inout) :: x(lanes, 1 - order:length + order), at_zero(lanes)
+      real(wp), intent(in), optional :: h(0:order)
+      real(wp), intent(inout), optional :: y(lanes, 1 - order:length + order)
+      real(wp) :: c(lanes), drawn(lanes), factor(lanes), hazard(lanes), scale
+      integer :: i
+
+      scale = 1.0_wp/sqrt(g(0))
+      do i = 1, length
+         c = scale*(field - neighbours(order, g, x(:, i - order:i + order)))
+         call draw_truncated_lanes(c, u(:, i), drawn, hazard, factor)
+         at_zero = at_zero + hazard/scale
+         call place(length, order, is_wound, i, scale*drawn, x)
+         if (.not. present(y)) cycle
+         drawn = (drawn - c - hazard)/sqrt(truncated_variance(c, hazard))
+         call place(length, order, is_wound, i, &
+                    drawn/sqrt(h(0)) - neighbours(order, h, y(:, i - order:i + order))/h(0), y)
+      end do
+   end subroutine redraw_lanes
+
+   !> Sum of G_k (x_(i+k) + x_(i-k)).
+   pure function neighbours(order, g, x) result(total)
+      integer, intent(in) :: order
+      real(wp), intent(in) :: g(0:order), x(lanes, -order:order)
+      real(wp) :: total(lanes)
+      integer :: k, lane
+
+      total = 0.0_wp
+      do k = 1, order
+         !$omp simd
+         do lane = 1, lanes
+            total(lane) = total(lane) + g(k)*(x(lane, k) + x(lane, -k))
+         end do
+      end do
+   end function neighbours
+
+   !> Stores a value, and its copy beyond the other end of the ring.
+   pure subroutine place(length, order, is_wound, i, value, x)
+      integer, intent(in) :: length, order, i
+      logical, intent(in) :: is_wound
+      real(wp), intent(in) :: value(lanes)
+      real(wp), intent(inout) :: x(lanes, 1 - order:length + order)
+
+      x(:, i) = value
+      if (i <= order) x(:, length + i) = merge(cshift(value, 1), value, is_wound)
+      if (i > length - order) x(:, i - length) = merge(cshift(value, -1), value, is_wound)
+   end subroutine place
+
+end module process_positive_exact

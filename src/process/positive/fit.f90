@@ -1,0 +1,152 @@
+!> The positive process of given mean, std and correlation length with the largest entropy (Sec.
+!> 2.4.1), under the law of one-at-a-time rejection or under that of Eq. (25).
+!>
+!> Its moments have no closed form. They are averages over simulated values, the same random numbers
+!> at every trial, so that what is solved is a smooth problem; its answer differs from the true one
+!> by the standard errors that are handed back.
+module process_positive_fit
+   use core_error, only: error_type, exit_no_solution, raise
+   use core_kinds, only: long, wp
+   use numerics_constrained_maximum, only: search_result, solve_along
+   use process_model, only: process_model_type, process_request
+   use process_positive_approach, only: approach, find_shape
+   use process_positive_first_order, only: describe_first_order, match_first_order
+   use process_positive_kernel, only: first_order_law
+   use process_positive_law, only: positive_law
+   use process_positive_refinement, only: shape_spread
+   use process_positive_refusal, only: name_what_exists
+   use process_positive_report, only: compare_laws, describe_sampled, describe_white, &
+      name_multipliers, outline_sampled
+   use process_positive_signs, only: settle_signs, zero_lags
+   use process_positive_truncated_normal, only: fit_truncated_normal
+   implicit none(type, external)
+   private
+   public :: fit_positive, foresee_positive
+
+   integer, parameter :: final_steps = 4096    !! of a batch of the final solution, at least
+   integer, parameter :: most_refinement = 16  !! times as many where the errors want it
+   !> relative standard errors
+   real(wp), parameter :: ratio_goal = 2.5e-4_wp, length_goal = 2.5e-3_wp
+   !> relative, of ratio and length on the simulated values
+   real(wp), parameter :: matched = 1.0e-7_wp, missed = 1.0e-5_wp
+
+contains
+
+   !> Solves the request or says why not: `model%is_solved`, `model%reason`.
+   subroutine fit_positive(request, seed, model)
+      type(process_request), intent(in) :: request
+      integer(long), intent(in) :: seed
+      type(process_model_type), intent(out) :: model
+      class(positive_law), allocatable :: law
+      type(first_order_law) :: first_order
+      type(search_result) :: found
+      type(shape_spread) :: spread
+      type(zero_lags) :: zeros
+      type(error_type), allocatable :: error
+      real(wp), allocatable :: point(:)
+      real(wp) :: mu, passed_limit, sigma, violation
+
+      model%request = request
+      if (.not. abs(request%correlation_length) > 0.0_wp) then
+         call fit_truncated_normal(request%mean, request%std, mu, sigma, error)
+         if (.not. allocated(error)) call describe_white(request, mu, sigma, model)
+      else if (is_first_order(request)) then
+         call match_first_order(request, first_order, error)
+         if (.not. allocated(error)) call describe_first_order(request, first_order, model, error)
+      else
+         call approach(request, seed, law, point, found, error, passed_limit=passed_limit)
+         if (.not. allocated(error)) call find_shape(law, point, found, error, spread)
+         if (request%method == 'direct' .and. .not. allocated(error)) &
+            call settle_signs(law, point, found, zeros, error)
+         if (.not. allocated(error)) &
+            call match_targets(law, request%fit_steps, found, zeros, point, violation, error)
+         if (.not. allocated(error)) then
+            if (.not. violation <= missed) then
+               call raise(error, exit_no_solution, law%name(request%order)// &
+                          ': what has the targets on short samples lost them on longer ones')
+            else
+               call describe_sampled(request, law, point, found%multipliers, spread, model, error)
+            end if
+         end if
+         if (allocated(error)) then
+            call name_what_exists(request, seed, passed_limit, error)
+         else
+            call compare_laws(request, law, point, model)
+            model%optimality = found%residual
+            if (request%method == 'direct') call name_multipliers(law, violation, model)
+         end if
+      end if
+      model%is_solved = .not. allocated(error)
+      if (allocated(error)) model%reason = error%message
+   end subroutine fit_positive
+
+   !> What is known before the fit: fails where `fit_positive` would not even begin. Of the exact
+   !> law also what its realizations are drawn by, roughly where it is sampled.
+   subroutine foresee_positive(request, seed, model, error)
+      type(process_request), intent(in) :: request
+      integer(long), intent(in) :: seed
+      type(process_model_type), intent(out) :: model
+      type(error_type), allocatable, intent(out) :: error
+      class(positive_law), allocatable :: law
+      type(first_order_law) :: first_order
+      type(search_result) :: found
+      real(wp), allocatable :: point(:), unused(:)
+      real(wp) :: mu, passed_limit, sigma
+      logical :: is_exact, is_inside
+
+      model%request = request
+      is_exact = request%sampler == 'exact'
+      if (.not. abs(request%correlation_length) > 0.0_wp) then
+         call fit_truncated_normal(request%mean, request%std, mu, sigma, error)
+         if (is_exact .and. .not. allocated(error)) call describe_white(request, mu, sigma, model)
+      else if (is_first_order(request)) then
+         call match_first_order(request, first_order, error)
+         if ((is_exact .or. first_order%is_alternating) .and. .not. allocated(error)) &
+            call describe_first_order(request, first_order, model, error)
+      else
+         call approach(request, seed, law, point, found, error, passed_limit=passed_limit)
+         if (allocated(error)) then
+            call name_what_exists(request, seed, passed_limit, error)
+         else if (is_exact) then
+            call law%evaluate(point, unused, is_inside)
+            call outline_sampled(request, law, model)
+         end if
+      end if
+   end subroutine foresee_positive
+
+   !> What quadrature solves.
+   pure function is_first_order(request) result(is_so)
+      type(process_request), intent(in) :: request
+      logical :: is_so
+
+      is_so = request%order == 1 .and. request%method == 'autoregressive' .and. &
+              (request%sampler == 'sequential' .or. request%sampler == 'exact')
+   end function is_first_order
+
+   !> The constraints once more, on as many values as were asked for or as the standard errors want;
+   !> the shape stays.
+   subroutine match_targets(law, fit_steps, found, zeros, point, violation, error)
+      class(positive_law), intent(inout) :: law
+      integer, intent(in) :: fit_steps   !! of a batch; 0: as the errors want
+      type(search_result), intent(inout) :: found
+      type(zero_lags), intent(inout) :: zeros   !! of the direct method
+      real(wp), intent(inout) :: point(:)
+      real(wp), intent(out) :: violation
+      type(error_type), allocatable, intent(out) :: error
+      real(wp) :: excess, length_error
+
+      law%most_effort = huge(1.0_wp)   ! the search has succeeded, and this is not one
+      law%n_steps = merge(fit_steps, final_steps, fit_steps > 0)
+      call solve_along(law, point, found%jacobian, found%metric, matched, 20, violation)
+      if (allocated(zeros%lags)) call settle_signs(law, point, found, zeros, error)
+      if (fit_steps > 0 .or. allocated(error)) return
+      length_error = merge(law%moments%l0_error, law%moments%l1_error, law%correlation == 'L0')
+      excess = max(law%moments%ratio_error/(ratio_goal*law%wanted_ratio), &
+                   length_error/(length_goal*law%wanted_length))
+      if (excess > 1.0_wp) then
+         law%n_steps = ceiling(final_steps*min(excess**2, real(most_refinement, wp)))
+         call solve_along(law, point, found%jacobian, found%metric, matched, 20, violation)
+      end if
+   end subroutine match_targets
+
+end module process_positive_fit

@@ -1,0 +1,288 @@
+!> What a sampled positive process says of itself: moments, lengths, entropy, with their standard
+!> errors.
+module process_positive_moments
+   use core_kinds, only: wp
+   use process_positive_control_variates, only: control_type, new_control
+   use process_positive_truncated_normal, only: lanes
+   implicit none(type, external)
+   private
+   public :: batch_averages, new_batches, positive_moments, estimate_moments, &
+      estimate_autocovariance, estimate_products
+   public :: add_products, n_acceptance_sums
+
+   !> alpha, 1/alpha, ln alpha, c phi(c)/(2 alpha), density at 0
+   integer, parameter :: n_acceptance_sums = 5
+
+   !> Averages over independent stretches of a run; `x` and `y` hold d, then d_n d_(n-m) for m =
+   !> 0..n_single, then of the lags beyond, up to n_lags, the sums of d_n d_(n-m) and of m d_n
+   !> d_(n-m): their cost does not depend on the number of lags.
+   type :: batch_averages
+      real(wp) :: centre = 0.0_wp                !! d = x - centre
+      integer :: n_lags = 0
+      integer :: n_single = 0
+      real(wp), allocatable :: x(:, :)           !! (-1:n_single + 2, batch)
+      !> (-1:n_single + 2, batch) of a companion of known moments
+      real(wp), allocatable :: y(:, :)
+      real(wp), allocatable :: acceptance(:, :)  !! (n_acceptance_sums, batch)
+   end type batch_averages
+
+   !> Estimates and standard errors, in units of b0.
+   type :: positive_moments
+      real(wp) :: mean = 0.0_wp, mean_error = 0.0_wp
+      real(wp) :: std = 0.0_wp, std_error = 0.0_wp
+      real(wp) :: ratio = 0.0_wp, ratio_error = 0.0_wp   !! std/mean
+      real(wp) :: l0 = 0.0_wp, l0_error = 0.0_wp         !! infinite sums
+      real(wp) :: l1 = 0.0_wp, l1_error = 0.0_wp
+      real(wp) :: entropy = 0.0_wp, entropy_error = 0.0_wp   !! of x/std; sequential law only
+      real(wp) :: at_zero = 0.0_wp, at_zero_error = 0.0_wp   !! density p_X(0)
+      real(wp) :: acceptance_ratio = 1.0_wp, acceptance_mean = 1.0_wp, acceptance_geometric = 1.0_wp
+      !> (batch, 5) what is left of each batch's deviation: mean, ratio, L0, L1, entropy
+      real(wp), allocatable :: rests(:, :)
+   end type positive_moments
+
+   real(wp), parameter :: half_log_two_pi_e = 0.5_wp + 0.91893853320467274_wp
+
+contains
+
+   !> Empty batches.
+   pure function new_batches(n_lags, n_single, n_batches) result(batches)
+      integer, intent(in) :: n_lags, n_single, n_batches
+      type(batch_averages) :: batches
+
+      batches%n_lags = n_lags
+      batches%n_single = n_single
+      allocate (batches%x(-1:n_single + 2, n_batches), source=0.0_wp)
+      allocate (batches%y(-1:n_single + 2, n_batches), source=0.0_wp)
+      allocate (batches%acceptance(n_acceptance_sums, n_batches), source=0.0_wp)
+   end function new_batches
+
+   !> Adds the rows of `batch_averages` over a block of steps of all lanes.
+   pure subroutine add_products(history, n_steps, n_single, n_lags, d, sums)
+      integer, intent(in) :: history, n_steps, n_single, n_lags   !! history: at least n_lags
+      real(wp), intent(in) :: d(lanes, 1 - history:n_steps)
+      real(wp), intent(inout) :: sums(lanes, -1:n_single + 2)
+      real(wp) :: t1(lanes), t2(lanes), t3(lanes), t4(lanes)
+      integer :: lane, m, n
+
+      t1 = 0.0_wp
+      do n = 1, n_steps
+         t1 = t1 + d(:, n)
+      end do
+      sums(:, -1) = sums(:, -1) + t1
+      do m = 0, n_single - 3, 4   ! four lags at a time: the sums stay in registers
+         t1 = 0.0_wp
+         t2 = 0.0_wp
+         t3 = 0.0_wp
+         t4 = 0.0_wp
+         do n = 1, n_steps
+            !$omp simd
+            do lane = 1, lanes
+               t1(lane) = t1(lane) + d(lane, n)*d(lane, n - m)
+               t2(lane) = t2(lane) + d(lane, n)*d(lane, n - m - 1)
+               t3(lane) = t3(lane) + d(lane, n)*d(lane, n - m - 2)
+               t4(lane) = t4(lane) + d(lane, n)*d(lane, n - m - 3)
+            end do
+         end do
+         sums(:, m) = sums(:, m) + t1
+         sums(:, m + 1) = sums(:, m + 1) + t2
+         sums(:, m + 2) = sums(:, m + 2) + t3
+         sums(:, m + 3) = sums(:, m + 3) + t4
+      end do
+      do m = 4*((n_single + 1)/4), n_single
+         do n = 1, n_steps
+            sums(:, m) = sums(:, m) + d(:, n)*d(:, n - m)
+         end do
+      end do
+      if (n_lags > n_single) call add_far_products(history, n_steps, n_single + 1, n_lags, d, &
+                                                   sums(:, n_single + 1), sums(:, n_single + 2))
+   end subroutine add_products
+
+   !> The lags from `first` on, by sums over the past that move along with the step.
+   pure subroutine add_far_products(history, n_steps, first, last, d, plain, weighted)
+      integer, intent(in) :: history, n_steps, first, last
+      real(wp), intent(in) :: d(lanes, 1 - history:n_steps)
+      real(wp), intent(inout) :: plain(lanes), weighted(lanes)   !! of weights 1, and m
+      real(wp) :: past(lanes), weighted_past(lanes)   ! sums of d_(n-m), of m d_(n-m)
+      integer :: lane, m, n
+
+      past = 0.0_wp
+      weighted_past = 0.0_wp
+      do m = first, last
+         past = past + d(:, 1 - m)
+         weighted_past = weighted_past + m*d(:, 1 - m)
+      end do
+      do n = 1, n_steps
+         !$omp simd
+         do lane = 1, lanes
+            plain(lane) = plain(lane) + d(lane, n)*past(lane)
+            weighted(lane) = weighted(lane) + d(lane, n)*weighted_past(lane)
+            weighted_past(lane) = weighted_past(lane) + past(lane) &
+                                  + first*d(lane, n + 1 - first) - (last + 1)*d(lane, n - last)
+            past(lane) = past(lane) + d(lane, n + 1 - first) - d(lane, n - last)
+         end do
+      end do
+   end subroutine add_far_products
+
+   !> Everything but the autocovariance lag by lag. Signs of K(m), and what lies beyond the last
+   !> lag, are taken from the companion; lags without a row of their own are positive. The std is 0
+   !> where the variance is lost in rounding: nothing else is known then.
+   pure function estimate_moments(batches, companion, order, tail_l0, tail_moment) result(moments)
+      type(batch_averages), intent(in) :: batches
+      !> autocovariance of y, m = 0..n_lags, or up to less than n_single: sums are then cut there
+      real(wp), intent(in) :: companion(0:)
+      !> lags that are controls of their own: coefficients move them
+      integer, intent(in) :: order
+      real(wp), intent(in) :: tail_l0          !! sum of |rho(m)| beyond n_lags
+      real(wp), intent(in) :: tail_moment      !! sum of m |rho(m)| beyond n_lags
+      type(positive_moments) :: moments
+      type(control_type) :: control
+      real(wp), allocatable :: weights(:, :)   ! (0:last, 3) of rows: K(0), sum |K|, sum m |K|
+      real(wp), allocatable :: known(:)        ! (0:last) rows of the companion
+      real(wp), allocatable :: n_products(:)   ! (0:last) with their weights
+      real(wp), dimension(size(batches%x, 2), 3) :: rest
+      real(wp), dimension(size(batches%x, 2)) :: centre_rest, work
+      real(wp) :: k(3), n, offset, unused
+      integer :: i, last
+
+      call arrange_rows(batches, companion, weights, known, n_products)
+      last = size(known) - 1
+      control = controls_of(batches, known, weights, order)
+
+      ! each average by itself, then what is not linear in them: no bias of second order
+      call control%free(batches%x(-1, :), offset, centre_rest)
+      do i = 1, 3
+         call control%free(matmul(weights(:, i), batches%x(0:last, :)), k(i), rest(:, i))
+         n = dot_product(weights(:, i), n_products)
+         k(i) = k(i) - n*offset**2
+         rest(:, i) = rest(:, i) - n*2.0_wp*offset*centre_rest
+      end do
+      if (.not. k(1) > 0.0_wp) return
+      moments%mean = batches%centre + offset
+      allocate (moments%rests(size(work), 5))
+      moments%rests(:, 1) = centre_rest
+      moments%mean_error = control%standard_error(centre_rest)
+      moments%std = sqrt(k(1))
+      moments%std_error = control%standard_error(0.5_wp*rest(:, 1)/moments%std)
+      moments%ratio = moments%std/moments%mean
+      moments%rests(:, 2) = moments%ratio*(0.5_wp*rest(:, 1)/k(1) - centre_rest/moments%mean)
+      moments%ratio_error = control%standard_error(moments%rests(:, 2))
+      moments%l0 = k(2)/k(1) + tail_l0
+      moments%rests(:, 3) = (rest(:, 2) - k(2)/k(1)*rest(:, 1))/k(1)
+      moments%l0_error = control%standard_error(moments%rests(:, 3))
+      moments%l1 = (k(3)/k(1) + tail_moment)/(1.0_wp + moments%l0)
+      work = rest(:, 3) - k(3)/(k(1) + k(2))*(rest(:, 1) + rest(:, 2))
+      moments%rests(:, 4) = work/(k(1) + k(2))
+      moments%l1_error = control%standard_error(moments%rests(:, 4))
+
+      call control%free(batches%acceptance(3, :) - batches%acceptance(4, :), moments%entropy, work)
+      moments%entropy = moments%entropy + half_log_two_pi_e - log(moments%std)
+      moments%rests(:, 5) = work - 0.5_wp*rest(:, 1)/k(1)
+      moments%entropy_error = control%standard_error(moments%rests(:, 5))
+      call control%free(batches%acceptance(5, :), moments%at_zero, work)
+      moments%at_zero_error = control%standard_error(work)
+      call control%free(batches%acceptance(1, :), moments%acceptance_mean, work)
+      if (any(batches%acceptance(2, :) > 0.0_wp)) &
+         moments%acceptance_ratio = size(work)/sum(batches%acceptance(2, :))
+      call control%free(batches%acceptance(3, :), unused, work)
+      moments%acceptance_geometric = exp(unused)
+   end function estimate_moments
+
+   !> What the rows of the batches stand for, up to the last lag of the companion.
+   pure subroutine arrange_rows(batches, companion, weights, known, n_products)
+      type(batch_averages), intent(in) :: batches
+      real(wp), intent(in) :: companion(0:)
+      real(wp), allocatable, intent(out) :: weights(:, :), known(:), n_products(:)
+      integer :: last, m, n_lags
+
+      n_lags = ubound(companion, 1)
+      last = min(n_lags, batches%n_single)
+      if (n_lags > last) last = last + 2
+      allocate (weights(0:last, 3), known(0:last), n_products(0:last), source=0.0_wp)
+      weights(0, 1) = 1.0_wp
+      known(0) = companion(0)
+      n_products(0) = 1.0_wp
+      do m = 1, min(n_lags, batches%n_single)
+         weights(m, 2) = sign(1.0_wp, companion(m))
+         weights(m, 3) = m*weights(m, 2)
+         known(m) = companion(m)
+         n_products(m) = 1.0_wp
+      end do
+      if (n_lags <= batches%n_single) return
+      weights(last - 1, 2) = 1.0_wp
+      weights(last, 3) = 1.0_wp
+      do m = batches%n_single + 1, n_lags
+         known(last - 1:) = known(last - 1:) + [1, m]*companion(m)
+         n_products(last - 1:) = n_products(last - 1:) + [1, m]
+      end do
+   end subroutine arrange_rows
+
+   !> E sum w_m (x_n - centre)(x_(n+m) - centre) and its standard error.
+   pure subroutine estimate_products(batches, companion, weights, centre, value, standard_error)
+      type(batch_averages), intent(in) :: batches
+      real(wp), intent(in) :: companion(0:)   !! autocovariance of y, m = 0..n_lags
+      real(wp), intent(in) :: weights(0:)     !! w_m, m = 0..n_lags
+      real(wp), intent(in) :: centre          !! [b0]
+      real(wp), intent(out) :: value, standard_error
+      type(control_type) :: control
+      real(wp) :: rest(size(batches%x, 2)), shift
+
+      control = controls_of(batches, companion, reshape(weights, [size(weights), 1]), 1)
+      shift = batches%centre - centre
+      call control%free(matmul(weights, batches%x(0:ubound(weights, 1), :)) &
+                        + 2.0_wp*shift*sum(weights)*batches%x(-1, :), value, rest)
+      value = value + sum(weights)*shift**2
+      standard_error = control%standard_error(rest)
+   end subroutine estimate_products
+
+   !> What is known of the companion: its mean, the weighted sums of its lags, the first lags.
+   pure function controls_of(batches, companion, weights, order) result(control)
+      type(batch_averages), intent(in) :: batches
+      real(wp), intent(in) :: companion(0:), weights(:, :)   !! (row), (row, sum)
+      integer, intent(in) :: order
+      type(control_type) :: control
+      real(wp) :: deviations(size(batches%y, 2), 1 + size(weights, 2) + order)
+      integer :: i, m, n
+
+      n = size(weights, 2)
+      deviations(:, 1) = batches%y(-1, :)
+      do i = 1, n
+         deviations(:, 1 + i) = matmul(weights(:, i), batches%y(0:size(weights, 1) - 1, :)) &
+                                - dot_product(weights(:, i), companion(:size(weights, 1) - 1))
+      end do
+      do m = 1, order
+         deviations(:, 1 + n + m) = batches%y(m, :) - companion(m)
+      end do
+      control = new_control(deviations, lanes)
+   end function controls_of
+
+   !> K(m), m = 0..last, and standard errors; each lag with its own lag of the companion as a
+   !> control.
+   pure subroutine estimate_autocovariance(batches, companion, last, autocovariance, &
+                                           standard_error, rests)
+      type(batch_averages), intent(in) :: batches
+      real(wp), intent(in) :: companion(0:)
+      integer, intent(in) :: last
+      real(wp), allocatable, intent(out) :: autocovariance(:), standard_error(:)   !! (0:last)
+      !> (batch, 0:last) what is left of each batch's deviation
+      real(wp), intent(out), optional :: rests(:, 0:)
+      type(control_type) :: control
+      real(wp), dimension(size(batches%x, 2)) :: centre_rest, rest
+      real(wp) :: deviations(size(rest), 3), offset
+      integer :: m
+
+      allocate (autocovariance(0:last), standard_error(0:last))
+      do m = 0, last
+         deviations(:, 1) = batches%y(-1, :)
+         deviations(:, 2) = batches%y(0, :) - companion(0)
+         deviations(:, 3) = batches%y(m, :) - companion(m)
+         control = new_control(deviations, lanes)
+         call control%free(batches%x(-1, :), offset, centre_rest)
+         call control%free(batches%x(m, :), autocovariance(m), rest)
+         autocovariance(m) = autocovariance(m) - offset**2
+         rest = rest - 2.0_wp*offset*centre_rest
+         standard_error(m) = control%standard_error(rest)
+         if (present(rests)) rests(:, m) = rest
+      end do
+   end subroutine estimate_autocovariance
+
+end module process_positive_moments

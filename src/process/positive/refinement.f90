@@ -1,0 +1,181 @@
+!> The last step of a search on simulated values, and how far other random numbers would have led
+!> it.
+!>
+!> The maximum is flat: the noise of a gradient moves it far. Each independent run of chains has a
+!> gradient of its own, and the step that it asks for is its share of the distance from the true
+!> maximum (the sandwich formula, the metric of the search in place of the inverse curvature).
+module process_positive_refinement
+   use core_kinds, only: wp
+   use numerics_constrained_maximum, only: search_result, step_to_maximum
+   use process_autoregressive_model, only: step_up
+   use process_positive_law, only: n_constraints, positive_law
+   use process_positive_moments, only: estimate_autocovariance
+   use process_positive_truncated_normal, only: lanes
+   implicit none(type, external)
+   private
+   public :: refine, shape_spread
+
+   integer, parameter :: refinement_steps = 2048   !! of a batch
+   real(wp), parameter :: longest = 0.1_wp         !! a longer step is more than a refinement
+
+   !> Shares of the runs, and how the correlation depends on the variables. Not allocated: the shape
+   !> is given.
+   type :: shape_spread
+      real(wp), allocatable :: shares(:, :)           !! (run, variable)
+      real(wp), allocatable :: correlation(:)         !! (0:order) K(m)/K(0)
+      real(wp), allocatable :: by_correlation(:, :)   !! (0:order, variable) its derivatives
+      real(wp), allocatable :: by_length(:, :)        !! (2, variable) derivatives of L0 and L1
+   contains
+      procedure :: length_errors
+      procedure :: correlation_errors
+   end type shape_spread
+
+contains
+
+   !> One step more, on more simulated values: as good as a whole search on them. Where a
+   !> difference leaves the domain, or the maximum is too flat for the step to be a short one, the
+   !> point stays, and its spread is not known.
+   subroutine refine(law, step, point, found, spread)
+      class(positive_law), intent(inout) :: law
+      real(wp), intent(in) :: step               !! of the differences
+      real(wp), intent(inout) :: point(:)        !! the search's last
+      type(search_result), intent(inout) :: found
+      type(shape_spread), intent(out) :: spread
+      type(shape_spread) :: trial
+      real(wp), allocatable :: moved_state(:), rests(:, :), state(:)
+      real(wp) :: gradient(size(point)), jacobian(n_constraints, size(point)), lengths(2), &
+         moved(size(point)), noise(lanes, size(point), 0:n_constraints)
+      real(wp) :: change(size(point)), multipliers(n_constraints), unused(n_constraints)
+      integer :: i, n
+      logical :: is_inside, is_regular
+
+      n = size(point)
+      law%n_steps = refinement_steps
+      call law%settle(law%a)
+      call law%evaluate(point, state, is_inside)
+      if (.not. is_inside) return
+      rests = law%state_rests()
+      trial%correlation = correlation_of(law)
+      lengths = [law%moments%l0, law%moments%l1]
+      allocate (trial%by_correlation(0:n - 1, n), trial%by_length(2, n))
+      do i = 1, n
+         moved = point
+         moved(i) = moved(i) + step
+         call law%evaluate(moved, moved_state, is_inside)
+         if (.not. is_inside) return
+         gradient(i) = law%gain(state, moved_state)/step
+         jacobian(:, i) = (moved_state(:n_constraints) - state(:n_constraints))/step
+         noise(:, i, :) = noise_of(law, state, rests, moved_state, law%state_rests())/step
+         trial%by_correlation(:, i) = (correlation_of(law) - trial%correlation)/step
+         trial%by_length(:, i) = ([law%moments%l0, law%moments%l1] - lengths)/step
+      end do
+      call step_to_maximum(found%metric, jacobian, gradient, state(:n_constraints), change, &
+                           multipliers, is_regular)
+      if (.not. is_regular) return
+      if (norm2(change) > longest) return
+      point = point + change
+      found%jacobian = jacobian
+      found%multipliers = multipliers
+      allocate (trial%shares(lanes, n))
+      do i = 1, lanes
+         noise(i, :, 0) = noise(i, :, 0) - matmul(noise(i, :, 1:), multipliers)
+         call step_to_maximum(found%metric, jacobian, noise(i, :, 0), 0.0_wp*multipliers, &
+                              trial%shares(i, :), unused, is_regular)
+      end do
+      spread = trial
+   end subroutine refine
+
+   !> Shares of the runs in the errors of a gain and of the constraints' changes, from one state to
+   !> another.
+   function noise_of(law, from, from_rests, to, to_rests) result(noise)
+      class(positive_law), intent(in) :: law
+      real(wp), intent(in) :: from(:), to(:)                !! (component of a state)
+      real(wp), intent(in) :: from_rests(:, :), to_rests(:, :)   !! (batch, component)
+      real(wp) :: noise(lanes, 0:n_constraints)
+      real(wp) :: gain
+      integer :: batch, n, run
+
+      noise = 0.0_wp
+      n = size(from_rests, 1)
+      gain = law%gain(from, to)
+      do batch = 1, n
+         run = modulo(batch - 1, lanes) + 1
+         noise(run, 0) = noise(run, 0) - gain + law%gain(from + from_rests(batch, :)/n, &
+                                                         to + to_rests(batch, :)/n)
+         noise(run, 1:) = noise(run, 1:) + (to_rests(batch, :n_constraints) &
+                                            - from_rests(batch, :n_constraints))/n
+      end do
+   end function noise_of
+
+   !> K(m)/K(0), m = 0..order, of the last evaluation.
+   function correlation_of(law) result(correlation)
+      class(positive_law), intent(in) :: law
+      real(wp) :: correlation(0:size(law%a))
+      real(wp), allocatable :: k(:), unused(:)
+
+      call estimate_autocovariance(law%batches, law%companion_autocovariance, size(law%a), k, &
+                                   unused)
+      correlation = k/k(0)
+   end function correlation_of
+
+   !> Standard errors of L0 and L1 by the shape alone [lags].
+   pure function length_errors(self) result(errors)
+      class(shape_spread), intent(in) :: self
+      real(wp) :: errors(2)
+
+      errors = 0.0_wp
+      if (allocated(self%shares)) &
+         errors = error_of_sums(matmul(self%shares, transpose(self%by_length)))
+   end function length_errors
+
+   !> Standard errors of K(m)/K(0), m = 0..n_lags, by the shape alone. Beyond the order the
+   !> autocovariance is carried on as a linear process would (Yule and Walker): enough for an error.
+   pure function correlation_errors(self, n_lags) result(errors)
+      class(shape_spread), intent(in) :: self
+      integer, intent(in) :: n_lags
+      real(wp) :: errors(0:n_lags)
+      real(wp) :: series(lanes, 0:n_lags)
+      real(wp), allocatable :: change(:)
+      integer :: run
+
+      errors = 0.0_wp
+      if (.not. allocated(self%shares)) return
+      do run = 1, lanes
+         change = matmul(self%by_correlation, self%shares(run, :))
+         series(run, :) = 0.5_wp*(carried_on(self%correlation + change, n_lags) &
+                                  - carried_on(self%correlation - change, n_lags))
+      end do
+      errors = error_of_sums(series)
+   end function correlation_errors
+
+   !> Of a sum over independent shares.
+   pure function error_of_sums(shares) result(errors)
+      real(wp), intent(in) :: shares(:, :)   !! (run, sum)
+      real(wp) :: errors(size(shares, 2))
+
+      errors = sqrt(sum(shares**2, dim=1)*lanes/(lanes - 1.0_wp))
+   end function error_of_sums
+
+   !> rho(0..order) to n_lags by its own predictor.
+   pure function carried_on(rho, n_lags) result(longer)
+      real(wp), intent(in) :: rho(0:)
+      integer, intent(in) :: n_lags
+      real(wp) :: longer(0:n_lags)
+      real(wp) :: a(ubound(rho, 1)), kappa, variance
+      integer :: m, order
+
+      order = min(ubound(rho, 1), n_lags)
+      longer(:order) = rho(:order)
+      a = 0.0_wp
+      variance = rho(0)
+      do m = 1, order
+         kappa = -(rho(m) + dot_product(a(:m - 1), rho(m - 1:1:-1)))/variance
+         call step_up(a, m, kappa)
+         variance = variance*(1.0_wp - kappa**2)
+      end do
+      do m = order + 1, n_lags
+         longer(m) = -dot_product(a(:order), longer(m - 1:m - order:-1))
+      end do
+   end function carried_on
+
+end module process_positive_refinement

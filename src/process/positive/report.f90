@@ -1,0 +1,271 @@
+!> What was found of a positive process, in the unit of X, and what the other law makes of the same
+!> parameters.
+module process_positive_report
+   use core_error, only: error_type
+   use core_kinds, only: wp
+   use process_autoregressive_model, only: find_poles
+   use process_autoregressive_spectral_factor, only: symbol_of_process
+   use process_correlation, only: constraint_weights, correlation_length_l0, correlation_length_l1
+   use process_entropy, only: white_noise_entropy
+   use process_model, only: process_model_type, process_request
+   use process_positive_law, only: exact_law, positive_law, sequential_law
+   use process_positive_moments, only: estimate_autocovariance
+   use process_positive_partition, only: log_sqrt_two_pi
+   use process_positive_preparation, only: prepare_law
+   use process_positive_refinement, only: shape_spread
+   use process_positive_signs, only: require_signs, signs_of
+   use process_positive_truncated_normal, only: hazard_ratio, lanes, log_acceptance
+   implicit none(type, external)
+   private
+   public :: compare_laws, describe_sampled, describe_white, name_multipliers, outline_sampled
+
+contains
+
+   !> Without correlation both laws are the univariate one, in closed form.
+   subroutine describe_white(request, mu, sigma, model)
+      type(process_request), intent(in) :: request
+      real(wp), intent(in) :: mu, sigma
+      type(process_model_type), intent(inout) :: model
+      integer :: order
+
+      order = request%order
+      model%is_solved = .true.
+      model%order = order
+      model%a = spread(0.0_wp, 1, order)
+      model%b0 = sigma
+      model%mu = mu
+      model%poles = spread((0.0_wp, 0.0_wp), 1, order)
+      allocate (model%autocovariance(0:order), model%autocovariance_error(0:order), source=0.0_wp)
+      model%autocovariance(0) = request%std**2
+      model%mean = request%mean
+      model%std = request%std
+      model%entropy = white_noise_entropy(sigma) + log_acceptance(mu/sigma) &
+                      - 0.5_wp*mu/sigma*hazard_ratio(mu/sigma)
+      model%entropy_bound = white_noise_entropy(request%std)
+      model%lambda = exp(max(log_acceptance(mu/sigma), log(tiny(1.0_wp))))
+      model%acceptance_ratio = model%lambda
+      model%acceptance_mean = model%lambda
+      model%acceptance_geometric = model%lambda
+      model%memory = order
+      model%other_mean = model%mean
+      model%other_std = model%std
+      model%other_entropy = model%entropy
+   end subroutine describe_white
+
+   !> Of the last evaluation, in the unit of X: what a realization is drawn by, moments, entropy.
+   subroutine outline_sampled(request, law, model)
+      type(process_request), intent(in) :: request
+      class(positive_law), intent(inout) :: law
+      type(process_model_type), intent(inout) :: model
+
+      model%request = request
+      model%order = request%order
+      model%a = law%a
+      model%b0 = request%std/law%moments%std
+      model%mu = model%b0*law%coordinate/(1.0_wp + sum(model%a))**law%power
+      model%l0 = law%moments%l0
+      model%l0_error = law%moments%l0_error
+      model%l1 = law%moments%l1
+      model%l1_error = law%moments%l1_error
+      model%mean = model%b0*law%moments%mean
+      model%mean_error = model%b0*law%moments%mean_error
+      model%std = request%std
+      model%std_error = model%b0*law%moments%std_error
+      model%memory = law%memory
+      call law%find_entropy(model%entropy, model%entropy_error)
+      model%entropy = model%entropy + log(model%b0)
+      model%entropy_bound = white_noise_entropy(request%std)
+      call note_acceptances(law, model%entropy_error, model)
+   end subroutine outline_sampled
+
+   !> What was found, in the unit of X.
+   subroutine describe_sampled(request, law, point, multipliers, spread, model, error)
+      type(process_request), intent(in) :: request
+      class(positive_law), intent(inout) :: law
+      real(wp), intent(in) :: point(:)
+      !> what the entropy of X/std gains as ratio and length exceed what is wanted, relatively
+      real(wp), intent(in) :: multipliers(:)
+      type(shape_spread), intent(in) :: spread
+      type(process_model_type), intent(inout) :: model
+      type(error_type), allocatable, intent(out) :: error
+      real(wp) :: by_shape(2)
+      integer :: m
+
+      call outline_sampled(request, law, model)
+      by_shape = spread%length_errors()
+      model%l0_error = hypot(model%l0_error, by_shape(1))
+      model%l1_error = hypot(model%l1_error, by_shape(2))
+      model%entropy_error = error_of_maximum(law, multipliers, model%entropy_error)
+      call find_poles(model%a, model%poles, error)
+      if (allocated(error)) return
+      call describe_lags(law, point, spread, model, error)
+      if (allocated(error)) return
+      m = min(request%order, law%n_lags)
+      model%l0_cut = correlation_length_l0(model%autocovariance(0:m))
+      model%l1_cut = correlation_length_l1(model%autocovariance(0:m))
+   end subroutine describe_sampled
+
+   !> Standard error of the largest entropy under the wanted ratio and length: that of this law's
+   !> entropy, and that its ratio and length are the wanted ones on the sample only. Both come from
+   !> the same runs.
+   function error_of_maximum(law, multipliers, entropy_error) result(standard_error)
+      class(positive_law), intent(in) :: law
+      real(wp), intent(in) :: multipliers(:)   !! see `describe_sampled`
+      real(wp), intent(in) :: entropy_error    !! of this law's entropy
+      real(wp) :: standard_error
+      real(wp), allocatable :: rests(:, :)
+      real(wp), allocatable :: rest(:)
+      real(wp) :: by_partition
+
+      rests = law%state_rests()
+      by_partition = 0.0_wp
+      associate (from => law%moments%rests, moments => law%moments)
+         select type (law)
+         type is (exact_law)
+            by_partition = error_of_partition(law, entropy_error)
+            rest = -0.5_wp*law%coordinate*from(:, 1) - from(:, 2)/moments%ratio &
+                   - from(:, 1)/moments%mean
+         class default
+            rest = from(:, 5)
+         end select
+      end associate
+      rest = rest - matmul(rests(:, :size(multipliers)), multipliers)
+      standard_error = hypot(by_partition, &
+                             error_of_runs(reshape(rest, [lanes, size(rest)/lanes])))
+   end function error_of_maximum
+
+   !> Of an average over batches whose runs alone are independent.
+   pure function error_of_runs(rests) result(standard_error)
+      real(wp), intent(in) :: rests(:, :)   !! (run, batch of it)
+      real(wp) :: standard_error
+
+      associate (runs => sum(rests, dim=2)/size(rests), n => size(rests, 1))
+         standard_error = sqrt(sum(runs**2)*n/(n - 1.0_wp))
+      end associate
+   end function error_of_runs
+
+   !> The part of the exact law's entropy error that is psi's; the other one is the mean's.
+   pure function error_of_partition(law, entropy_error) result(standard_error)
+      class(positive_law), intent(in) :: law
+      real(wp), intent(in) :: entropy_error
+      real(wp) :: standard_error
+
+      standard_error = sqrt(max(entropy_error**2 &
+                                - (0.5_wp*law%coordinate*law%moments%mean_error)**2, 0.0_wp))
+   end function error_of_partition
+
+   !> The autocovariance lag by lag, from as many values as lags allow. Fails where it clearly has
+   !> not the signs by which the length was summed.
+   subroutine describe_lags(law, point, spread, model, error)
+      class(positive_law), intent(in) :: law
+      real(wp), intent(in) :: point(:)
+      type(shape_spread), intent(in) :: spread
+      type(process_model_type), intent(inout) :: model
+      type(error_type), allocatable, intent(out) :: error
+      integer, parameter :: affordable = 3000000   ! lags times steps of a batch: about a second
+      class(positive_law), allocatable :: longer
+      real(wp), allocatable :: state(:)
+      logical :: is_inside
+
+      allocate (longer, source=law)
+      longer%n_steps = min(law%n_steps, max(affordable/law%n_lags, 512))
+      call longer%keep_every_lag()
+      call longer%evaluate(point, state, is_inside)
+      call estimate_autocovariance(longer%batches, law%companion_autocovariance, law%n_lags, &
+                                   model%autocovariance, model%autocovariance_error)
+      call require_signs(law, model%autocovariance, model%autocovariance_error, error)
+      if (allocated(error)) return
+      model%autocovariance(:) = model%b0**2*model%autocovariance
+      model%autocovariance_error(:) = &
+         model%b0**2*hypot(model%autocovariance_error, &
+                           law%moments%std**2*spread%correlation_errors(law%n_lags))
+   end subroutine describe_lags
+
+   !> Multipliers of Eq. (30) from the matrix G: G_0 = 2 lambda_3 + 2 lambda_2 a_0, G_m = lambda_2
+   !> a_m s_m, and the largest residual: of the targets, of G, and of s_m K(m) >= 0 or, where |s_m|
+   !> < 1 (sign 0), K(m) = 0.
+   subroutine name_multipliers(law, violation, model)
+      class(positive_law), intent(in) :: law
+      real(wp), intent(in) :: violation   !! of the targets, relative
+      type(process_model_type), intent(inout) :: model
+      real(wp), parameter :: inside = 1.0_wp - 1.0e-9_wp
+      real(wp), allocatable :: k(:), s(:), unit(:), unused(:)
+      real(wp) :: g(0:model%order), lambda_2, weights(0:model%order)
+      integer :: m
+
+      g = symbol_of_process(model%a, model%b0)
+      weights = constraint_weights(law%correlation, law%wanted_length, model%order)
+      call signs_of(law, s, unit)
+      m = maxloc(abs(weights(1:)), 1, abs(s) > inside)
+      lambda_2 = g(m)/(weights(m)*s(m))
+      model%signs = merge(nint(sign(1.0_wp, s)), 0, abs(s) > inside)
+      model%lambda_3 = 0.5_wp*g(0) - lambda_2*weights(0)
+      model%delta = lambda_2/model%lambda_3
+      call estimate_autocovariance(law%batches, law%companion_autocovariance, model%order, k, &
+                                   unused)
+      model%optimality = max(violation, maxval(abs(g(1:) - lambda_2*weights(1:)*s))/g(0), maxval( &
+                             merge(max(-s*k(1:), 0.0_wp), abs(k(1:)), abs(s) > inside)/k(0), &
+                             abs(unit) > 0.0_wp))
+   end subroutine name_multipliers
+
+   !> What the same a_q, b0 and mu give under the other law, and the acceptances of both. Of the
+   !> exact law, nothing where it remembers more than its fits carry; of either, nothing where its
+   !> mu is beyond what is sampled.
+   subroutine compare_laws(request, law, point, model)
+      type(process_request), intent(in) :: request
+      class(positive_law), intent(in) :: law
+      real(wp), intent(in) :: point(:)
+      type(process_model_type), intent(inout) :: model
+      integer, parameter :: moment_steps = 1024, entropy_steps = 256   ! of a batch
+      type(error_type), allocatable :: error
+      class(positive_law), allocatable :: other
+      real(wp), allocatable :: kappa(:), state(:)
+      real(wp) :: coordinate, location, other_error
+      logical :: is_inside
+
+      call prepare_law(request, merge('exact     ', 'sequential', &
+                                      request%sampler == 'sequential'), law%numbers%origin, other, &
+                       kappa, error)
+      if (allocated(error)) then   ! longer than it is sampled: not known
+         deallocate (error)
+         return
+      end if
+      location = model%mu/model%b0
+      coordinate = location*(1.0_wp + sum(model%a))**other%power
+      other%factor = law%factor
+      other%n_steps = moment_steps
+      call other%settle(model%a)
+      call other%evaluate([point(:size(point) - 1), asinh(coordinate)], state, is_inside)
+      if (.not. is_inside) return
+      other%n_steps = entropy_steps
+      call other%find_entropy(model%other_entropy, other_error)
+      model%other_entropy = model%other_entropy + log(model%b0)
+      model%other_mean = model%b0*other%moments%mean
+      model%other_std = model%b0*other%moments%std
+      model%other_l0 = other%moments%l0
+      call note_acceptances(other, other_error, model)
+   end subroutine compare_laws
+
+   !> Lambda belongs to the exact law, the other three to one-at-a-time rejection.
+   subroutine note_acceptances(law, entropy_error, model)
+      class(positive_law), intent(in) :: law
+      real(wp), intent(in) :: entropy_error   !! standard error of this law's entropy [nat]
+      type(process_model_type), intent(inout) :: model
+      real(wp) :: entropy, field, psi
+
+      select type (law)
+      type is (sequential_law)
+         model%acceptance_ratio = law%moments%acceptance_ratio
+         model%acceptance_mean = law%moments%acceptance_mean
+         model%acceptance_geometric = law%moments%acceptance_geometric
+      type is (exact_law)
+         entropy = merge(model%entropy, model%other_entropy, model%request%sampler == 'exact') &
+            - log(model%b0)
+         field = model%mu/model%b0*(1.0_wp + sum(model%a))**2
+         psi = entropy - 0.5_wp + 0.5_wp*field*law%moments%mean
+         model%lambda = exp(psi - log_sqrt_two_pi - 0.5_wp*field*model%mu/model%b0)
+         model%lambda_error = model%lambda*error_of_partition(law, entropy_error)
+      end select
+   end subroutine note_acceptances
+
+end module process_positive_report

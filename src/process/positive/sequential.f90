@@ -1,0 +1,164 @@
+!> The law of one-at-a-time rejection (Sec. 2.4), marched in many chains side by side.
+!>
+!> A value redrawn until it is positive follows the truncated conditional law exactly, so one draw
+!> by its inverse distribution function replaces the rejection; the acceptance probability of each
+!> step is then known in closed form instead of counted. Everything is in units of b0.
+module process_positive_sequential
+   use core_kinds, only: wp
+   use core_random, only: stream_type
+   use process_positive_moments, only: add_products, batch_averages, n_acceptance_sums
+   use process_positive_truncated_normal, only: add_logarithms, draw_truncated, &
+      draw_truncated_lanes, lanes, scale_below, truncated_variance
+   implicit none(type, external)
+   private
+   public :: memory_of, march_sequential, numbers_needed, sample_sequential
+
+   integer, parameter :: block_steps = 128
+   integer, parameter :: product_steps = 8   !! share one logarithm of their acceptances
+
+contains
+
+   !> Averages over batches of a stationary run: batch = one lane over one stretch of time.
+   !>
+   !> Beside the process x runs its linear companion y, driven by the part of x that the past does
+   !> not foretell, scaled to unit variance: the second moments of y are exactly those of its
+   !> coefficients, whatever the law of x, and its noise is almost that of x.
+   subroutine sample_sequential(a, offset, companion, centre, n_burn_in, n_steps, stream, batches)
+      real(wp), intent(in) :: a(:)           !! a_q, Eq. (39)
+      real(wp), intent(in) :: offset         !! conditional mean after zeros: mu (1 + sum a_q)/b0
+      real(wp), intent(in) :: companion(:)   !! coefficients of y, as many as of x; unit innovations
+      real(wp), intent(in) :: centre         !! start of every chain, near the mean [b0]
+      integer, intent(in) :: n_burn_in       !! steps until stationary
+      integer, intent(in) :: n_steps         !! of a batch; rounded up to whole blocks
+      class(stream_type), intent(inout) :: stream
+      type(batch_averages), intent(inout) :: batches   !! allocated; a multiple of `lanes` batches
+      real(wp), allocatable :: d(:, :), y(:, :), sums(:, :, :)
+      real(wp) :: acceptance(lanes, n_acceptance_sums)
+      integer :: block, first, history, last, n_blocks, stretch
+
+      history = max(batches%n_lags, size(a))
+      n_blocks = (n_steps + block_steps - 1)/block_steps
+      allocate (d(lanes, 1 - history:block_steps), y(lanes, 1 - history:block_steps), &
+                sums(lanes, -1:batches%n_single + 2, 2))
+      batches%centre = centre
+      acceptance = 0.0_wp
+      d = 0.0_wp
+      y = 0.0_wp
+      do block = 1, (n_burn_in + block_steps - 1)/block_steps
+         call march_block(a, offset, companion, centre, history, stream, d, y, acceptance)
+      end do
+      do stretch = 1, size(batches%acceptance, 2)/lanes
+         sums = 0.0_wp
+         acceptance = 0.0_wp
+         do block = 1, n_blocks
+            call march_block(a, offset, companion, centre, history, stream, d, y, acceptance)
+            call add_products(history, block_steps, batches%n_single, batches%n_lags, d, &
+                              sums(:, :, 1))
+            call add_products(history, block_steps, batches%n_single, batches%n_lags, y, &
+                              sums(:, :, 2))
+         end do
+         first = (stretch - 1)*lanes + 1
+         last = stretch*lanes
+         batches%x(:, first:last) = transpose(sums(:, :, 1))/(n_blocks*block_steps)
+         batches%y(:, first:last) = transpose(sums(:, :, 2))/(n_blocks*block_steps)
+         batches%acceptance(:, first:last) = transpose(acceptance)/(n_blocks*block_steps)
+      end do
+   end subroutine sample_sequential
+
+   !> Uniform numbers that `sample_sequential` reads.
+   pure function numbers_needed(n_burn_in, n_steps, n_stretches) result(n)
+      integer, intent(in) :: n_burn_in, n_steps   !! see there
+      integer, intent(in) :: n_stretches          !! batches over lanes
+      real(wp) :: n
+
+      n = real(lanes*block_steps, wp)*((n_burn_in + block_steps - 1)/block_steps + &
+                                       n_stretches*((n_steps + block_steps - 1)/block_steps))
+   end function numbers_needed
+
+   !> One block of steps of all lanes; the newest values become the history of the next block.
+   subroutine march_block(a, offset, companion, centre, history, stream, d, y, acceptance)
+      real(wp), intent(in) :: a(:), offset, companion(:), centre
+      integer, intent(in) :: history
+      class(stream_type), intent(inout) :: stream
+      real(wp), intent(inout) :: d(lanes, 1 - history:block_steps), &
+         y(lanes, 1 - history:block_steps)
+      real(wp), intent(inout) :: acceptance(lanes, n_acceptance_sums)
+      real(wp) :: u(lanes*block_steps)
+      real(wp) :: c(lanes), hazard(lanes), factor(lanes), x(lanes), product(lanes)
+      integer :: lane, n, q
+
+      d(:, 1 - history:0) = d(:, block_steps + 1 - history:block_steps)
+      y(:, 1 - history:0) = y(:, block_steps + 1 - history:block_steps)
+      call stream%uniforms(u)
+      product = 1.0_wp
+      do n = 1, block_steps
+         c = offset - sum(a)*centre
+         do q = 1, size(a)
+            !$omp simd
+            do lane = 1, lanes
+               c(lane) = c(lane) - a(q)*d(lane, n - q)
+            end do
+         end do
+         call draw_truncated_lanes(c, u(lanes*(n - 1) + 1:lanes*n), x, hazard, factor)
+         d(:, n) = x - centre
+         y(:, n) = (x - c - hazard)/sqrt(truncated_variance(c, hazard))
+         do q = 1, size(a)
+            !$omp simd
+            do lane = 1, lanes
+               y(lane, n) = y(lane, n) - companion(q)*y(lane, n - q)
+            end do
+         end do
+         call add_acceptance(c, hazard, factor, acceptance)
+         product = product*factor
+         if (modulo(n, product_steps) /= 0) cycle
+         call add_logarithms(product, acceptance(:, 3))
+         product = 1.0_wp
+      end do
+   end subroutine march_block
+
+   !> Adds the acceptance sums of one step, of ln alpha what the factor's logarithm lacks.
+   pure subroutine add_acceptance(c, hazard, factor, acceptance)
+      real(wp), intent(in) :: c(lanes), hazard(lanes), factor(lanes)   !! see `draw_truncated`
+      real(wp), intent(inout) :: acceptance(lanes, n_acceptance_sums)
+      real(wp) :: alpha(lanes)
+
+      alpha = factor
+      if (minval(c) < 0.0_wp) call scale_below(c, alpha, acceptance(:, 3))
+      acceptance(:, 1) = acceptance(:, 1) + alpha
+      acceptance(:, 2) = acceptance(:, 2) + 1.0_wp/alpha
+      acceptance(:, 4) = acceptance(:, 4) + 0.5_wp*c*hazard
+      acceptance(:, 5) = acceptance(:, 5) + hazard
+   end subroutine add_acceptance
+
+   !> Consecutive values of one chain, after its burn-in [b0].
+   subroutine march_sequential(a, offset, start, n_burn_in, stream, values)
+      real(wp), intent(in) :: a(:), offset
+      real(wp), intent(in) :: start         !! the chain's past, near the mean [b0]
+      integer, intent(in) :: n_burn_in
+      class(stream_type), intent(inout) :: stream
+      real(wp), intent(out) :: values(:)
+      real(wp), allocatable :: u(:), x(:)
+      real(wp) :: factor, hazard
+      integer :: n
+
+      allocate (u(n_burn_in + size(values)), x(1 - size(a):n_burn_in + size(values)))
+      call stream%uniforms(u)
+      x(:0) = start
+      do n = 1, size(u)
+         call draw_truncated(offset - dot_product(a, x(n - 1:n - size(a):-1)), u(n), x(n), hazard, &
+                             factor)
+      end do
+      values = x(n_burn_in + 1:)
+   end subroutine march_sequential
+
+   !> Steps until what went before has lost all but a tolerance of its weight. The Gaussian's
+   !> largest pole is a conservative measure: truncation only shortens the memory.
+   pure function memory_of(poles, tolerance) result(steps)
+      complex(wp), intent(in) :: poles(:)   !! by descending modulus
+      real(wp), intent(in) :: tolerance
+      integer :: steps
+
+      steps = ceiling(log(tolerance)/log(min(max(abs(poles(1)), 1.0e-3_wp), 1.0_wp - 1.0e-6_wp)))
+   end function memory_of
+
+end module process_positive_sequential

@@ -1,0 +1,368 @@
+!> The normal law N(m, b^2) kept where it is positive: moments, acceptance, draws, fit.
+!>
+!> Everything is written in c = m/b and holds its accuracy when the bound lies far in the tail (c =
+!> -1000 and beyond); the cost does not grow there. The kernels have no branches, so that a loop
+!> over lanes becomes vector instructions; they therefore bring their own exponential.
+module process_positive_truncated_normal
+   use core_error, only: error_type, exit_no_solution, raise
+   use core_kinds, only: long, wp
+   use core_text, only: to_text
+   implicit none(type, external)
+   private
+   public :: lanes, draw_truncated, draw_truncated_lanes, truncated_variance
+   public :: add_logarithms, scale_below
+   public :: log_acceptance, hazard_ratio
+   public :: fit_truncated_normal
+
+   !> chains marched side by side; constant: no result depends on it
+   integer, parameter :: lanes = 32
+
+   real(wp), parameter :: sqrt_two_pi = 2.5066282746310005_wp
+   real(wp), parameter :: log_sqrt_two_pi = 0.91893853320467274_wp
+   real(wp), parameter :: ln2 = 0.693147180559945309_wp
+
+contains
+
+   !> The draw x > 0, in units of b, whose conditional distribution function is 1 - u.
+   !>
+   !> The acceptance probability Phi(c) is factor exp(-max(-c, 0)^2/2); hazard is phi(c)/Phi(c).
+   elemental subroutine draw_truncated(c, u, x, hazard, factor)
+      real(wp), intent(in) :: c   !! conditional mean over b
+      real(wp), intent(in) :: u   !! uniform on (0, 1)
+      real(wp), intent(out) :: x, hazard, factor
+      real(wp) :: beyond, density, excess, lower, mills, rest, tail, upper
+
+      beyond = max(-c, 0.0_wp)
+      tail = abs(c)
+      mills = mills_ratio(tail)
+      density = exp_in_range(-0.5_wp*min(tail, 37.0_wp)**2)/sqrt_two_pi
+      rest = mills*density   ! the mass beyond |c|, where c > 0
+      factor = merge(mills/sqrt_two_pi, 1.0_wp - rest, c < 0.0_wp)
+      hazard = merge(1.0_wp, density, c < 0.0_wp)/merge(mills, 1.0_wp - rest, c < 0.0_wp)
+      ! c < 0: how far beyond -c. c > 0: how far from the mode, on the side where x falls.
+      upper = u*(1.0_wp - rest)
+      lower = (1.0_wp - u) + u*rest
+      excess = tail_excess(beyond, merge(mills, 0.5_wp*sqrt_two_pi, c < 0.0_wp), &
+                           merge(hazard, 2.0_wp/sqrt_two_pi, c < 0.0_wp), &
+                           merge(u, 2.0_wp*min(upper, lower), c < 0.0_wp))
+      x = merge(excess, merge(c + excess, max(c - excess, 0.0_wp), upper < lower), c < 0.0_wp)
+   end subroutine draw_truncated
+
+   !> `draw_truncated` on all lanes, eight at a time: by the quantile of the normal law where none
+   !> of them lies in a tail, which takes a third of the time.
+   pure subroutine draw_truncated_lanes(c, u, x, hazard, factor)
+      real(wp), intent(in) :: c(lanes), u(lanes)
+      real(wp), intent(out) :: x(lanes), hazard(lanes), factor(lanes)
+      integer, parameter :: group = 8
+      real(wp), parameter :: tail = 3.0e-11_wp   ! of u: beyond, `normal_quantile` is not accurate
+      integer :: first, lane
+
+      do first = 1, lanes, group
+         if (minval(c(first:first + group - 1)) >= 0.0_wp .and. &
+             minval(u(first:first + group - 1)) > tail .and. &
+             maxval(u(first:first + group - 1)) < 1.0_wp - tail) then
+            !$omp simd
+            do lane = first, first + group - 1
+               call draw_ordinary(c(lane), u(lane), x(lane), hazard(lane), factor(lane))
+            end do
+         else
+            !$omp simd
+            do lane = first, first + group - 1
+               call draw_truncated(c(lane), u(lane), x(lane), hazard(lane), factor(lane))
+            end do
+         end if
+      end do
+   end subroutine draw_truncated_lanes
+
+   !> `draw_truncated` for c >= 0 and u not in a tail.
+   elemental subroutine draw_ordinary(c, u, x, hazard, factor)
+      real(wp), intent(in) :: c, u
+      real(wp), intent(out) :: x, hazard, factor
+      real(wp) :: density, rest
+
+      density = exp_in_range(-0.5_wp*min(c, 37.0_wp)**2)/sqrt_two_pi
+      rest = mills_ratio(c)*density
+      factor = 1.0_wp - rest
+      hazard = density/factor
+      x = max(c + normal_quantile(u*factor, (1.0_wp - u) + u*rest), 0.0_wp)
+   end subroutine draw_ordinary
+
+   !> The z with Q(z) = upper, to 1e-15 relatively where both tails hold more than 1.4e-11 (Wichura,
+   !> algorithm AS 241, PPND16; its central and its first outer formula, both taken).
+   elemental function normal_quantile(upper, lower) result(z)
+      real(wp), intent(in) :: upper, lower   !! masses on both sides; their sum is 1
+      real(wp) :: z
+      real(wp) :: above, below, q, r
+
+      q = 0.5_wp*(lower - upper)
+      r = 0.180625_wp - q**2
+      above = 67265.770927008700853_wp + r*(33430.575583588128105_wp + r*2509.0809287301226727_wp)
+      above = 13731.693765509461125_wp + r*(45921.953931549871457_wp + r*above)
+      above = 133.14166789178437745_wp + r*(1971.5909503065514427_wp + r*above)
+      above = 3.387132872796366608_wp + r*above
+      below = 39307.89580009271061_wp + r*(28729.085735721942674_wp + r*5226.495278852545925_wp)
+      below = 5394.1960214247511077_wp + r*(21213.794301586595867_wp + r*below)
+      below = 42.313330701600911252_wp + r*(687.1870074920579083_wp + r*below)
+      below = 1.0_wp + r*below
+      z = q*above/below
+      r = sqrt(max(-log_in_range(min(upper, lower)), 0.0_wp)) - 1.6_wp
+      above = 0.24178072517745061177_wp &
+              + r*(0.0227238449892691845833_wp + r*7.7454501427834140764e-4_wp)
+      above = 3.64784832476320460504_wp + r*(1.27045825245236838258_wp + r*above)
+      above = 4.6303378461565452959_wp + r*(5.7694972214606914055_wp + r*above)
+      above = 1.42343711074968357734_wp + r*above
+      below = 0.0151986665636164571966_wp &
+              + r*(5.475938084995344946e-4_wp + r*1.05075007164441684324e-9_wp)
+      below = 0.68976733498510000455_wp + r*(0.14810397642748007459_wp + r*below)
+      below = 2.05319162663775882187_wp + r*(1.6763848301838038494_wp + r*below)
+      below = 1.0_wp + r*below
+      z = merge(z, sign(above/below, q), abs(q) <= 0.425_wp)
+   end function normal_quantile
+
+   !> Variance of the kept law over b^2. Far in the tail the difference cancels: from there on a
+   !> lower bound with the same first two terms in 1/c^2.
+   pure function truncated_variance(c, hazard) result(variance)
+      real(wp), intent(in) :: c(lanes), hazard(lanes)   !! see `draw_truncated`
+      real(wp) :: variance(lanes)
+
+      variance = max(1.0_wp - hazard*(c + hazard), 1.0_wp/(c**2 + 6.0_wp))
+   end function truncated_variance
+
+   !> From the factor of `draw_truncated` to the acceptance probability, not below exp(-600), where
+   !> c < 0; and what the factor's logarithm lacks, added up.
+   pure subroutine scale_below(c, acceptance, sums)
+      real(wp), intent(in) :: c(lanes)
+      real(wp), intent(inout) :: acceptance(lanes), sums(lanes)
+      real(wp) :: excess
+      integer :: lane
+
+      !$omp simd private(excess)
+      do lane = 1, lanes
+         excess = -0.5_wp*min(c(lane), 0.0_wp)**2
+         sums(lane) = sums(lane) + excess
+         acceptance(lane) = acceptance(lane)*exp_in_range(max(excess, -600.0_wp))
+      end do
+   end subroutine scale_below
+
+   !> Adds ln x on all lanes.
+   pure subroutine add_logarithms(x, sums)
+      real(wp), intent(in) :: x(lanes)
+      real(wp), intent(inout) :: sums(lanes)
+      integer :: lane
+
+      !$omp simd
+      do lane = 1, lanes
+         sums(lane) = sums(lane) + log_in_range(x(lane))
+      end do
+   end subroutine add_logarithms
+
+   !> ln Phi(c), the logarithm of the probability that a draw is positive.
+   elemental function log_acceptance(c) result(value)
+      real(wp), intent(in) :: c
+      real(wp) :: value
+
+      if (c < 0.0_wp) then
+         value = log(mills_ratio(-c)) - 0.5_wp*c**2 - log_sqrt_two_pi
+      else
+         value = log(1.0_wp - 0.5_wp*erfc(c/sqrt(2.0_wp)))
+         if (c > 5.0_wp) value = -0.5_wp*erfc(c/sqrt(2.0_wp))
+      end if
+   end function log_acceptance
+
+   !> phi(c)/Phi(c), the mean over b less c.
+   elemental function hazard_ratio(c) result(hazard)
+      real(wp), intent(in) :: c
+      real(wp) :: hazard
+
+      if (c < 0.0_wp) then
+         hazard = 1.0_wp/mills_ratio(-c)
+      else
+         hazard = exp(-0.5_wp*min(c, 37.0_wp)**2)/sqrt_two_pi/(1.0_wp - 0.5_wp*erfc(c/sqrt(2.0_wp)))
+      end if
+   end function hazard_ratio
+
+   !> Mean and variance of the truncated law in units of b and b^2, to 1e-10 relatively.
+   elemental subroutine relative_moments(c, mean, variance)
+      real(wp), intent(in) :: c
+      real(wp), intent(out) :: mean, variance
+      real(wp), parameter :: far = -20.0_wp   ! beyond, the differences below cancel
+      ! the asymptotic series of the Mills ratio; the variance is the mean's derivative by c
+      real(wp), parameter :: series(0:7) = &
+         [1.0_wp, -2.0_wp, 10.0_wp, -74.0_wp, 706.0_wp, -8162.0_wp, 110410.0_wp, -1708394.0_wp]
+      real(wp) :: hazard, power, t
+      integer :: k
+
+      if (c > far) then
+         hazard = hazard_ratio(c)
+         mean = c + hazard
+         variance = 1.0_wp - hazard*mean
+      else
+         t = 1.0_wp/c**2
+         power = 1.0_wp
+         mean = 0.0_wp
+         variance = 0.0_wp
+         do k = 0, ubound(series, 1)
+            mean = mean - series(k)*power/c
+            variance = variance + (2*k + 1)*series(k)*power*t
+            power = power*t
+         end do
+      end if
+   end subroutine relative_moments
+
+   !> The normal law that, kept where positive, has this mean and std. std < mean is necessary and
+   !> sufficient; at std = mean the exponential law is reached, with mu = -infinity.
+   pure subroutine fit_truncated_normal(mean, std, mu, sigma, error)
+      real(wp), intent(in) :: mean, std
+      real(wp), intent(out) :: mu, sigma
+      type(error_type), allocatable, intent(out) :: error
+      real(wp) :: c, high, low, m, v
+      integer :: i
+
+      mu = 0.0_wp
+      sigma = 0.0_wp
+      if (.not. (std > 0.0_wp .and. std < mean)) then
+         if (mean > 0.0_wp) then
+            call raise(error, exit_no_solution, 'positive law with std/mean = '// &
+                       to_text(std/mean)//': needs 0 < std < mean, '// &
+                       'the limit of the exponential law')
+         else
+            call raise(error, exit_no_solution, 'positive law with mean = '//to_text(mean)// &
+                       ': needs 0 < std < mean')
+         end if
+         return
+      end if
+      ! std/mean falls with c: about 1/c for c >> 1, 1 - 1/c^2 for c << -1
+      high = mean/std
+      low = -2.0_wp/sqrt(1.0_wp - std/mean)
+      do i = 1, 200
+         c = 0.5_wp*(low + high)
+         if (c <= low .or. c >= high) exit
+         call relative_moments(c, m, v)
+         if (sqrt(v)*mean > std*m) then
+            low = c
+         else
+            high = c
+         end if
+      end do
+      call relative_moments(c, m, v)
+      sigma = mean/m
+      mu = c*sigma
+   end subroutine fit_truncated_normal
+
+   !> The t >= 0 with Q(k + t) = u Q(k), Q the upper tail of the normal law, mills = Q(k)/phi(k),
+   !> hazard = 1/mills. Two Halley steps reach 1e-12 of t from the first guess, for every k >= 0.
+   elemental function tail_excess(k, mills, hazard, u) result(t)
+      real(wp), intent(in) :: k, mills, hazard, u
+      real(wp) :: t
+      real(wp) :: exponent, slope
+
+      ! first guess: -ln u is the integral of the hazard, which is nearly linear
+      exponent = rough_minus_log(u)
+      slope = min(max(hazard*(hazard - k), 0.6_wp), 1.0_wp)
+      slope = (slope + 0.06_wp*exponent)/(1.0_wp + 0.06_wp*exponent)
+      t = 2.0_wp*exponent/(hazard + sqrt(hazard**2 + 2.0_wp*slope*exponent))
+      t = halley_step(t, k, u*mills)
+      t = max(halley_step(t, k, u*mills), 0.0_wp)
+   end function tail_excess
+
+   !> One Halley step on ln Q(k + t) = ln u + ln Q(k).
+   elemental function halley_step(t, k, target) result(next)
+      real(wp), intent(in) :: t, k
+      real(wp), intent(in) :: target   !! u Q(k)/phi(k)
+      real(wp) :: next
+      real(wp) :: mills, residual, s, wanted
+
+      mills = mills_ratio(k + t)
+      wanted = target*exp_in_range(t*(k + 0.5_wp*t))
+      s = (wanted - mills)/(wanted + mills)
+      ! ln(wanted/mills)
+      residual = 2.0_wp*s*(1.0_wp + s**2*(1.0_wp/3.0_wp + s**2*(0.2_wp + s**2/7.0_wp)))
+      next = t - mills*residual/(1.0_wp - 0.5_wp*residual*(1.0_wp - (k + t)*mills))
+   end function halley_step
+
+   !> Q(x)/phi(x) for x >= 0, to 4e-16: (1 + x) Q/phi as a Chebyshev series in (x - 5)/(x + 5),
+   !> computed in 40 digits and written in powers.
+   elemental function mills_ratio(x) result(ratio)
+      real(wp), intent(in) :: x
+      real(wp) :: ratio
+      real(wp) :: inverse, y
+
+      inverse = 1.0_wp/((x + 5.0_wp)*(x + 1.0_wp))
+      y = (x - 5.0_wp)*(x + 1.0_wp)*inverse
+      ratio = -7.07389857556158864e-10_wp + y*(-9.56483293471255114e-10_wp)
+      ratio = 9.09247613401914649e-9_wp + y*(1.10320711515743365e-8_wp + y*ratio)
+      ratio = -6.58897449110895375e-8_wp + y*(-7.75852023678634269e-8_wp + y*ratio)
+      ratio = 3.20543166525895722e-7_wp + y*(4.91996233147834049e-7_wp + y*ratio)
+      ratio = -1.76332392657367463e-7_wp + y*(-3.2772876332088651e-6_wp + y*ratio)
+      ratio = -0.0000248058384519231898_wp + y*(0.0000227096127092376818_wp + y*ratio)
+      ratio = 0.000457043923579536555_wp + y*(-0.000134374278557113508_wp + y*ratio)
+      ratio = -0.00420129032918730683_wp + y*(0.0000195306383707907867_wp + y*ratio)
+      ratio = -0.0380265921858413864_wp + y*(0.016348231281029381_wp + y*ratio)
+      ratio = -0.0661776007790963056_wp + y*(0.0615050458401864988_wp + y*ratio)
+      ratio = 0.0777815988687376876_wp + y*(0.0250721793016388_wp + y*ratio)
+      ratio = (1.15684862829189458_wp + y*(-0.229487538252113159_wp + y*ratio))*(x + 5.0_wp)*inverse
+   end function mills_ratio
+
+   !> exp(x) for |x| < 700, to a unit in the last place or two.
+   elemental function exp_in_range(x) result(value)
+      real(wp), intent(in) :: x
+      real(wp) :: value
+      real(wp), parameter :: ln2_high = 0.693147180369123816490_wp, &
+         ln2_low = 1.90821492927058770002e-10_wp
+      real(wp), parameter :: rounder = 6755399441055744.0_wp   ! 1.5 2^52: adding it rounds
+      real(wp) :: n, r
+
+      n = x*1.44269504088896341_wp + rounder
+      r = (x - (n - rounder)*ln2_high) - (n - rounder)*ln2_low
+      value = 1.0_wp/6227020800.0_wp
+      value = 1.0_wp/39916800.0_wp + r*(1.0_wp/479001600.0_wp + r*value)
+      value = 1.0_wp/362880.0_wp + r*(1.0_wp/3628800.0_wp + r*value)
+      value = 1.0_wp/5040.0_wp + r*(1.0_wp/40320.0_wp + r*value)
+      value = 1.0_wp/120.0_wp + r*(1.0_wp/720.0_wp + r*value)
+      value = 1.0_wp/6.0_wp + r*(1.0_wp/24.0_wp + r*value)
+      value = 1.0_wp + r*(1.0_wp + r*(0.5_wp + r*value))
+      value = transfer(transfer(value, 1_long) + ishft(transfer(n, 1_long), 52), value)
+   end function exp_in_range
+
+   !> -ln u for u in (0, 1], to 1e-5: a first guess.
+   elemental function rough_minus_log(u) result(value)
+      real(wp), intent(in) :: u
+      real(wp) :: value
+      real(wp) :: power, s
+
+      call split(u, power, s)
+      value = -(power*ln2 + 2.0_wp*s*(1.0_wp + s**2*(1.0_wp/3.0_wp + 0.2_wp*s**2)))
+      value = max(value, 0.0_wp)
+   end function rough_minus_log
+
+   !> ln x for normal x > 0, to a unit in the last place or two of max(|ln x|, 1).
+   elemental function log_in_range(x) result(value)
+      real(wp), intent(in) :: x
+      real(wp) :: value
+      real(wp) :: power, s, t
+
+      call split(x, power, s)
+      t = s**2
+      value = 1.0_wp/17.0_wp + t*(1.0_wp/19.0_wp + t/21.0_wp)
+      value = 1.0_wp/11.0_wp + t*(1.0_wp/13.0_wp + t*(1.0_wp/15.0_wp + t*value))
+      value = 0.2_wp + t*(1.0_wp/7.0_wp + t*(1.0_wp/9.0_wp + t*value))
+      value = power*ln2 + 2.0_wp*s*(1.0_wp + t*(1.0_wp/3.0_wp + t*value))
+   end function log_in_range
+
+   !> x = m 2^power with m in [sqrt(1/2), sqrt(2)), and s = (m - 1)/(m + 1).
+   elemental subroutine split(x, power, s)
+      real(wp), intent(in) :: x
+      real(wp), intent(out) :: power, s
+      integer(long), parameter :: root_half = int(z'3FE6A09E667F3BCD', long)
+      integer(long), parameter :: bias = int(z'3FF0000000000000', long)
+      real(wp), parameter :: two52 = 4503599627370496.0_wp
+      integer(long) :: biased
+      real(wp) :: m
+
+      biased = ishft(transfer(x, 1_long) - root_half + bias, -52)
+      power = transfer(ior(biased, transfer(two52, 1_long)), x) - two52 - 1023.0_wp
+      m = transfer(transfer(x, 1_long) - ishft(biased, 52) + bias, x)
+      s = (m - 1.0_wp)/(m + 1.0_wp)
+   end subroutine split
+
+end module process_positive_truncated_normal
