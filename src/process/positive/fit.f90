@@ -101,7 +101,7 @@ contains
          if (is_exact .and. .not. allocated(error)) call describe_white(request, mu, sigma, model)
       else if (is_first_order(request)) then
          call match_first_order(request, first_order, error)
-         if ((is_exact .or. first_order%is_alternating) .and. .not. allocated(error)) &
+         if ((is_exact .or. first_order%r < 0.0_wp) .and. .not. allocated(error)) &
             call describe_first_order(request, first_order, model, error)
       else
          call approach(request, seed, law, point, found, error, passed_limit=passed_limit)

@@ -13,12 +13,11 @@ module process_positive_partition
    use process_autoregressive_spectral_factor, only: factor_symbol, symbol_of_process
    use process_positive_exact, only: sample_exact
    use process_positive_moments, only: batch_averages, estimate_products, new_batches
-   use process_positive_truncated_normal, only: lanes, log_acceptance
+   use process_positive_truncated_normal, only: lanes, log_acceptance, log_sqrt_two_pi
    implicit none(type, external)
    private
    public :: log_partition, entropy_of_exact_law
 
-   real(wp), parameter, public :: log_sqrt_two_pi = 0.91893853320467274_wp
    real(wp), parameter :: between_nodes = 1.0e-6_wp   !! error of the integration at L0 = 10
 
 contains

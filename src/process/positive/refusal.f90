@@ -6,9 +6,8 @@ module process_positive_refusal
    use core_text, only: to_text
    use numerics_constrained_maximum, only: search_result
    use process_model, only: process_request
-   use process_positive_alternating, only: alternating_limit
    use process_positive_approach, only: approach, end_of_family, find_shape
-   use process_positive_first_order, only: first_order_limit
+   use process_positive_first_order, only: find_limit
    use process_positive_law, only: positive_law
    implicit none(type, external)
    private
@@ -33,15 +32,14 @@ contains
           .not. request%mean > 0.0_wp) return
       message = error%message
       if (passed_limit > 0.0_wp) message = message//'; '//end_of_family(passed_limit)
-      call first_order_limit(request, limit, unknown)
+      call find_limit(request, .false., limit, unknown)
       if (allocated(unknown)) return
       message = message//'; order = 1 has them up to '//to_text(limit)//' with K(m) >= 0'
       if (request%branch == 'any') then
-         call alternating_limit(request%correlation, request%correlation_length, &
-                                request%sampler == 'sequential', farther, unknown)
+         call find_limit(request, .true., farther, unknown)
          if (allocated(unknown)) return
          if (farther < huge(farther)) then
-            message = message//', up to '//to_text(floor(1.0e4_wp*farther)/1.0e4_wp)
+            message = message//', up to '//to_text(farther)
          else
             message = message//', beyond any limit'
          end if

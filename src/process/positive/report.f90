@@ -10,11 +10,11 @@ module process_positive_report
    use process_model, only: process_model_type, process_request
    use process_positive_law, only: exact_law, positive_law, sequential_law
    use process_positive_moments, only: estimate_autocovariance
-   use process_positive_partition, only: log_sqrt_two_pi
    use process_positive_preparation, only: prepare_law
    use process_positive_refinement, only: shape_spread
    use process_positive_signs, only: require_signs, signs_of
-   use process_positive_truncated_normal, only: hazard_ratio, lanes, log_acceptance
+   use process_positive_truncated_normal, only: hazard_ratio, lanes, log_acceptance, &
+      log_sqrt_two_pi
    implicit none(type, external)
    private
    public :: compare_laws, describe_sampled, describe_white, name_multipliers, outline_sampled

@@ -18,7 +18,7 @@ module process_positive_truncated_normal
    integer, parameter :: lanes = 32
 
    real(wp), parameter :: sqrt_two_pi = 2.5066282746310005_wp
-   real(wp), parameter :: log_sqrt_two_pi = 0.91893853320467274_wp
+   real(wp), parameter, public :: log_sqrt_two_pi = 0.91893853320467274_wp
    real(wp), parameter :: ln2 = 0.693147180559945309_wp
 
 contains
