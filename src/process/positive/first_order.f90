@@ -26,9 +26,9 @@ module process_positive_first_order
    real(wp), parameter :: always_below = 0.447_wp           !! the limits of std/mean: 1/sqrt(5)
    integer, parameter :: max_steps = 80
 
-   !> Processes of one wanted length on one branch. K(m) >= 0: the outer parameter is mu over the std
-   !> of the Gaussian below, the inner one ln (r/(1 - r)). Alternating: minus ln of the excess of -r
-   !> over that of the Gaussian process, and the field.
+   !> Processes of one wanted length on one branch. K(m) >= 0: the outer parameter is mu over the
+   !> std of the Gaussian below, the inner one ln (r/(1 - r)). Alternating: minus ln of the excess
+   !> of -r over that of the Gaussian process, and the field.
    type :: family_type
       character(:), allocatable :: correlation
       real(wp) :: length = 0.0_wp
@@ -241,8 +241,8 @@ contains
       call new_first_order_law(r, slack, steepness, field, family%is_sequential, law, error)
    end subroutine evaluate
 
-   !> Everything that is known of the process, in the unit of X. Where K(m) alternates: the recursion
-   !> of the sequential law, the matrix G of the exact one.
+   !> Everything that is known of the process, in the unit of X. Where K(m) alternates: the
+   !> recursion of the sequential law, the matrix G of the exact one.
    subroutine describe_first_order(request, law, model, error)
       type(process_request), intent(in) :: request
       type(first_order_law), intent(in) :: law
@@ -294,7 +294,8 @@ contains
       if (law%r < 0.0_wp) call look_beside(request, model)
    end subroutine describe_first_order
 
-   !> Entropy of the other law's process with K(m) >= 0, where it is larger than an alternating one's.
+   !> Entropy of the other law's process with K(m) >= 0, where it is larger than an alternating
+   !> one's.
    subroutine look_beside(request, model)
       type(process_request), intent(in) :: request
       type(process_model_type), intent(inout) :: model

@@ -17,8 +17,8 @@ module process_positive_kernel
    public :: first_order_law, new_first_order_law
 
    !> The kernel of two neighbours x, y is exp(-s (x^2 + y^2)/4 + r x y + f (x + y)/2): r > 0 in
-   !> units of b0, s = 1 + r^2; r < 0 in units of 1/sqrt(s), s = 1. For the sequential law s = 1, over
-   !> the roots of both acceptances. At the limits mu is minus infinity: slack = 0, or s = 0.
+   !> units of b0, s = 1 + r^2; r < 0 in units of 1/sqrt(s), s = 1. For the sequential law s = 1,
+   !> over the roots of both acceptances. At the limits mu is minus infinity: slack = 0, or s = 0.
    type :: first_order_law
       logical :: is_sequential = .false.
       real(wp) :: r = 0.0_wp              !! -a_1; K(m) has the signs of r^m
