@@ -17,7 +17,7 @@ module process_positive_first_order
    use process_positive_truncated_normal, only: fit_truncated_normal
    implicit none(type, external)
    private
-   public :: match_first_order, match_branch, find_limit, describe_first_order
+   public :: match_first_order, match_branch, find_limit, stated, describe_first_order
 
    !> [lags] seconds of matrices of order 800
    real(wp), parameter :: longest_first_order = 1000.0_wp
@@ -61,7 +61,7 @@ contains
          call match_branch(request, .false., law, error)
          return
       end if
-      reason = named(request)//': std/mean must be below '//to_text(limit)//' with K(m) >= 0'
+      reason = named(request)//': std/mean must be below '//stated(limit)//' with K(m) >= 0'
       if (request%branch == 'nonnegative') then
          call raise(error, exit_no_solution, reason)
          return
@@ -69,7 +69,7 @@ contains
       call find_limit(request, .true., farther, error)
       if (allocated(error)) return
       if (wanted >= farther) then
-         call raise(error, exit_no_solution, reason//' and below '//to_text(farther)// &
+         call raise(error, exit_no_solution, reason//' and below '//stated(farther)// &
                     ' with alternating K(m)')
          return
       end if
@@ -117,8 +117,8 @@ contains
                  to_text(excess)//' (relative) from std/mean')
    end subroutine match_branch
 
-   !> The largest std/mean of a branch at the request's length, rounded down to be within itself;
-   !> `huge` where the strongest alternation has still more.
+   !> The largest std/mean of a branch at the request's length; `huge` where the strongest
+   !> alternation has still more.
    subroutine find_limit(request, is_alternating, limit, error)
       type(process_request), intent(in) :: request   !! of any order
       logical, intent(in) :: is_alternating
@@ -143,8 +143,16 @@ contains
          if (.not. family%is_sequential) inner = max(inner, 3.0_wp*inner + 0.6_wp)
       end if
       call match_length(family, inner, law, error)
-      if (.not. allocated(error)) limit = floor(1.0e4_wp*law%std/law%mean)/1.0e4_wp
+      if (.not. allocated(error)) limit = law%std/law%mean
    end subroutine find_limit
+
+   !> A limit rounded down: a ratio that is named is itself within it.
+   pure function stated(limit) result(text)
+      real(wp), intent(in) :: limit
+      character(:), allocatable :: text
+
+      text = to_text(floor(1.0e4_wp*limit)/1.0e4_wp)
+   end function stated
 
    subroutine begin_family(request, is_alternating, family, error)
       type(process_request), intent(in) :: request

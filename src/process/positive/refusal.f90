@@ -7,7 +7,7 @@ module process_positive_refusal
    use numerics_constrained_maximum, only: search_result
    use process_model, only: process_request
    use process_positive_approach, only: approach, end_of_family, find_shape
-   use process_positive_first_order, only: find_limit
+   use process_positive_first_order, only: find_limit, stated
    use process_positive_law, only: positive_law
    implicit none(type, external)
    private
@@ -34,12 +34,12 @@ contains
       if (passed_limit > 0.0_wp) message = message//'; '//end_of_family(passed_limit)
       call find_limit(request, .false., limit, unknown)
       if (allocated(unknown)) return
-      message = message//'; order = 1 has them up to '//to_text(limit)//' with K(m) >= 0'
+      message = message//'; order = 1 has them up to '//stated(limit)//' with K(m) >= 0'
       if (request%branch == 'any') then
          call find_limit(request, .true., farther, unknown)
          if (allocated(unknown)) return
          if (farther < huge(farther)) then
-            message = message//', up to '//to_text(farther)
+            message = message//', up to '//stated(farther)
          else
             message = message//', beyond any limit'
          end if
