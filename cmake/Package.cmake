@@ -22,7 +22,7 @@ set(pkgconfig_modules)
 set(pkgconfig_libraries)
 list(TRANSFORM CMAKE_DL_LIBS PREPEND -l OUTPUT_VARIABLE pkgconfig_dl)
 foreach(floor io config parallel ensemble dynamics_exact dynamics process process_positive
-    process_direct process_autoregressive process_ground structure numerics core)
+    process_direct process_autoregressive process_ground structure statistics numerics core)
   list(APPEND pkgconfig_modules "-I\${includedir}/${floor}")
   list(APPEND pkgconfig_libraries -lentroslip_${floor})
 endforeach()

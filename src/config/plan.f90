@@ -69,8 +69,10 @@ contains
 
       process%method = trim(group%method)
       process%correlation = trim(group%correlation)
-      process%bound_l0 = group%bound_l0
-      process%bound_l1 = group%bound_l1
+      process%second_length = merge(group%second_length, 0.0_wp, process%correlation == 'both')
+      process%bound_l0 = group%bound_l0(1)
+      process%bound_l1 = group%bound_l1(1)
+      process%upper_bound = max(maxval(group%bound_l0(2:)), maxval(group%bound_l1(2:)), 0.0_wp)
       process%bound_side = group%bound_side
       process%max_order = group%max_order
       process%all_signs = group%all_signs .and. .not. group%positive

@@ -12,10 +12,11 @@ module config_process
       character(choice_length) :: method = 'autoregressive'
       character(choice_length) :: correlation = 'L0'
       real(wp), allocatable :: correlation_length(:)
+      real(wp) :: second_length = 0.0_wp
       integer, allocatable :: order(:)
       character(choice_length) :: pairing = 'zip'
-      real(wp) :: bound_l0 = 0.0_wp
-      real(wp) :: bound_l1 = 0.0_wp
+      real(wp), allocatable :: bound_l0(:)
+      real(wp), allocatable :: bound_l1(:)
       character(choice_length) :: bound_side = 'automatic'
       integer :: max_order = 30
       real(wp) :: mean = 0.0_wp               !! no default: must be given
@@ -44,11 +45,15 @@ contains
                     'Sec. 2.3: recursion of a finite order; Sec. 2.2: covariances up to m_max', &
                     choices='autoregressive direct')
       call visitor%visit(self%method, entry)
-      entry = about('correlation', 'definition of the correlation length, Eq. 8 or 9', &
-                    choices='L0 L1')
+      entry = about('correlation', &
+                    'definition of the correlation length, Eq. 8 or 9; both: without sign', &
+                    choices='L0 L1 both')
       call visitor%visit(self%correlation, entry)
       entry = about('correlation_length', 'one or several', 'points', positive(), required=.true.)
       call visitor%visit(self%correlation_length, entry)
+      entry = about('second_length', 'both: L1, where correlation_length is L0', 'points', &
+                    not_negative(), used=self%correlation == 'both')
+      call visitor%visit(self%second_length, entry)
       entry = about('order', 'M of the recursion, m_max of direct (must be given); 0: found '// &
                     'from the bounds', rule=between(0.0_wp, 2000.0_wp), &
                     default='for each length: 2 below 0.65, 5 below 2, else 10')
@@ -57,16 +62,16 @@ contains
                     'zip: an order for each correlation length, or one for all; product: all', &
                     choices='zip product')
       call visitor%visit(self%pairing, entry)
-      entry = about('bound_l0', 'order 0 with L1 imposed: of L0; 0: none', 'points', &
-                    not_negative(), used=any_zero(self%order))
-      call visitor%visit(self%bound_l0, entry)
-      entry = about('bound_l1', 'order 0 with L0 imposed: of L1; 0: none', 'points', &
-                    not_negative(), used=any_zero(self%order))
-      call visitor%visit(self%bound_l1, entry)
+      entry = about('bound_l0', 'order 0 with L1 imposed: of L0, or lower and upper; 0: none', &
+                    'points', not_negative(), used=any_zero(self%order))
+      call visitor%visit(self%bound_l0, entry, default=[0.0_wp])
+      entry = about('bound_l1', 'order 0 with L0 imposed: of L1, or lower and upper; 0: none', &
+                    'points', not_negative(), used=any_zero(self%order))
+      call visitor%visit(self%bound_l1, entry, default=[0.0_wp])
       entry = about('bound_side', &
                     'of the bound; automatic: upper of L1, lower of L0, so the largest order', &
                     choices='automatic upper lower', &
-                    used=max(self%bound_l0, self%bound_l1) > 0.0_wp)
+                    used=is_one_sided(self%bound_l0, self%bound_l1))
       call visitor%visit(self%bound_side, entry)
       entry = about('max_order', 'order 0: search no further', rule=between(1.0_wp, 200.0_wp), &
                     used=any_zero(self%order))
@@ -122,6 +127,15 @@ contains
       if (size(lengths) == 0) return
       orders = merge(2, merge(5, 10, lengths < 2.0_wp), lengths < 0.65_wp)
    end function usual_orders
+
+   !> True if one of the bounds is given, and by one value.
+   pure logical function is_one_sided(bound, other)
+      real(wp), allocatable, intent(in) :: bound(:), other(:)
+
+      is_one_sided = .false.
+      if (.not. (allocated(bound) .and. allocated(other))) return
+      is_one_sided = any([bound, other] > 0.0_wp) .and. max(size(bound), size(other)) == 1
+   end function is_one_sided
 
    pure logical function any_zero(order)
       integer, allocatable, intent(in) :: order(:)

@@ -61,10 +61,13 @@ contains
             call reader%require(this%pairing /= 'product', 'process', 'order', &
                                 "must be given with pairing = 'product'", number=i)
          end if
-         call reader%require(this%correlation /= 'L0' .or. .not. this%bound_l0 > 0.0_wp, &
+         call reader%require(this%correlation == 'L1' .or. all(this%bound_l0 <= 0.0_wp), &
                              'process', 'bound_l0', 'must be absent with L0 imposed', number=i)
-         call reader%require(this%correlation /= 'L1' .or. .not. this%bound_l1 > 0.0_wp, &
+         call reader%require(this%correlation == 'L0' .or. all(this%bound_l1 <= 0.0_wp), &
                              'process', 'bound_l1', 'must be absent with L1 imposed', number=i)
+         call require_range(this%bound_l0, 'bound_l0', i, reader)
+         call require_range(this%bound_l1, 'bound_l1', i, reader)
+         if (this%correlation == 'both') call check_both(this, i, reader)
          call check_direct(this, i, reader)
          if (reader%was_given('process', 'mean', i)) &
             call reader%require(.not. this%positive .or. this%mean > 0.0_wp, 'process', 'mean', &
@@ -74,6 +77,33 @@ contains
                              number=i)
       end associate
    end subroutine check_process
+
+   !> One bound, or a lower and an upper one.
+   subroutine require_range(bound, name, i, reader)
+      real(wp), intent(in) :: bound(:)
+      character(*), intent(in) :: name
+      integer, intent(in) :: i
+      type(reader_type), intent(inout) :: reader
+
+      call reader%require(any(size(bound) == [1, 2]), 'process', name, &
+                          'must be one bound, or a lower and an upper one', number=i)
+      if (size(bound) == 2) &
+         call reader%require(bound(1) > 0.0_wp .and. bound(1) < bound(2), 'process', name, &
+                             'must be positive and ascending where it is a range', number=i)
+   end subroutine require_range
+
+   !> Both lengths imposed.
+   subroutine check_both(this, i, reader)
+      type(process_group), intent(in) :: this
+      integer, intent(in) :: i
+      type(reader_type), intent(inout) :: reader
+
+      call reader%require(this%second_length > 0.0_wp, 'process', 'second_length', &
+                          "must be positive with correlation = 'both'", number=i)
+      call reader%require(.not. this%positive .and. this%method == 'autoregressive', 'process', &
+                          'correlation', "must be 'L0' or 'L1' but with positive = .false. and "// &
+                          "method = 'autoregressive'", number=i)
+   end subroutine check_both
 
    !> Rules of one method alone.
    subroutine check_direct(this, i, reader)

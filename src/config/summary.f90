@@ -99,6 +99,15 @@ contains
                    (plan%has_structure .or. .not. is_of_motion))
    end function parts
 
+   !> ', 2.5': L1, where both lengths are imposed.
+   pure function second(request) result(text)
+      type(process_request), intent(in) :: request
+      character(:), allocatable :: text
+
+      text = ''
+      if (request%correlation == 'both') text = ', '//brief(request%second_length)
+   end function second
+
    !> One row per process, then the reasons why some have no solution.
    function process_table(plan, foreseen) result(text)
       type(plan_type), intent(in) :: plan
@@ -116,7 +125,7 @@ contains
             law = 'any sign'
             if (p%positive) law = p%sampler
             text = text//padded(numbered('p', i), 9)//padded(p%method, 15)// &
-                   padded(p%correlation//' = '//brief(p%correlation_length), 13)// &
+                   padded(p%correlation//' = '//brief(p%correlation_length)//second(p), 13)// &
                    padded(order, 7)//padded(brief(p%mean), 7)//padded(brief(p%std), 8)
          end associate
          if (present(foreseen)) law = padded(law, 11)// &

@@ -48,7 +48,8 @@ contains
       type(process_request), intent(in) :: a, b
 
       same_kind = a%method == b%method .and. a%correlation == b%correlation &
-                  .and. abs(a%correlation_length - b%correlation_length) <= 0.0_wp
+                  .and. abs(a%correlation_length - b%correlation_length) <= 0.0_wp &
+                  .and. abs(a%second_length - b%second_length) <= 0.0_wp
    end function same_kind
 
    !> Signs are searched among 2^m_max sequences where L1 > 1 is imposed on the direct method.
@@ -86,7 +87,8 @@ contains
       if (kind%method == 'direct') then
          call fit_direct(request, model)
       else
-         call fit_ar(kind%correlation, kind%correlation_length, order, kind%std, model, error)
+         call fit_ar(kind%correlation, kind%correlation_length, order, kind%std, model, error, &
+                     kind%second_length)
          model%is_solved = .not. allocated(error)
       end if
       call cpu_time(after)

@@ -92,6 +92,8 @@ contains
       call group%attribute('method', request%method)
       call group%attribute('correlation', request%correlation)
       call group%attribute('correlation_length', request%correlation_length)
+      if (request%correlation == 'both') &
+         call group%attribute('second_length', request%second_length)
       call group%attribute('order', request%order)
       call group%attribute('mean', request%mean)
       call group%attribute('std', request%std)
@@ -102,6 +104,7 @@ contains
       if (request%order > 0) return
       call group%attribute('bound_l0', request%bound_l0)
       call group%attribute('bound_l1', request%bound_l1)
+      if (request%upper_bound > 0.0_wp) call group%attribute('upper_bound', request%upper_bound)
       call group%attribute('bound_side', trim(request%bound_side))
       call group%attribute('max_order', request%max_order)
    end subroutine write_request

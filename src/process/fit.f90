@@ -4,7 +4,6 @@ module process_fit
    use core_kinds, only: long, wp
    use core_text, only: to_text
    use process_autoregressive_fit, only: fit_ar
-   use process_autoregressive_search, only: ar_rival, find_rival
    use process_direct_fit, only: conclude_direct, fit_direct
    use process_direct_limits, only: certainly_feasible_m_max
    use process_direct_refusal, only: find_complaint
@@ -18,16 +17,12 @@ module process_fit
    private
    public :: fit_process, fit_from_search, foresee_process, resolve_order
 
-   ! beyond this order or length a search costs far more than the fit
-   integer, parameter :: n_rivals = 4, highest_rival_order = 12
-   real(wp), parameter :: longest_rival_length = 10.0_wp
-
 contains
 
    !> Solves the request, in its own unit; `model%is_solved` tells whether, `model%reason` why not.
    subroutine fit_process(request, seed, model)
       type(process_request), intent(in) :: request
-      integer(long), intent(in) :: seed   !! of simulated values that are matched, of rivals
+      integer(long), intent(in) :: seed   !! of simulated values that are matched
       type(process_model_type), intent(out) :: model
       type(process_request) :: resolved
       type(error_type), allocatable :: error
@@ -39,7 +34,7 @@ contains
          else if (request%method == 'direct') then
             call fit_direct(resolved, model)
          else
-            call fit_unconstrained(resolved, seed, model, error)
+            call fit_unconstrained(resolved, model, error)
          end if
       end if
       if (allocated(error)) then
@@ -91,8 +86,7 @@ contains
          call foresee_positive(resolved, seed, model, error)
          if (allocated(error)) model%reason = error%message
       else if (request%method == 'autoregressive') then
-         call fit_ar(resolved%correlation, resolved%correlation_length, resolved%order, &
-                     resolved%std, model, error)
+         call fit_unconstrained(resolved, model, error)
          if (allocated(error)) model%reason = error%message
       else
          call find_complaint(resolved, model%reason)
@@ -113,6 +107,12 @@ contains
       type(error_type), allocatable, intent(out) :: error
 
       resolved = request
+      if (request%correlation == 'both' .and. (request%positive .or. &
+                                               request%method == 'direct')) then
+         call raise(error, exit_bad_input, "correlation = 'both': must be 'L0' or 'L1' but "// &
+                    "with positive = .false. and method = 'autoregressive'")
+         return
+      end if
       select case (request%method)
       case ('autoregressive', 'direct')
          call choose_order(request, resolved%order, error)
@@ -123,46 +123,16 @@ contains
    end subroutine resolve_order
 
    !> The process without sign constraint: the mean is added to it.
-   subroutine fit_unconstrained(request, seed, model, error)
+   subroutine fit_unconstrained(request, model, error)
       type(process_request), intent(in) :: request
-      integer(long), intent(in) :: seed
       type(process_model_type), intent(out) :: model
       type(error_type), allocatable, intent(out) :: error
 
       call fit_ar(request%correlation, request%correlation_length, request%order, request%std, &
-                  model, error)
+                  model, error, request%second_length)
       if (allocated(error)) return
       model%mu = request%mean
       model%mean = request%mean
-      if (request%order > highest_rival_order .or. .not. request%correlation_length > 0.0_wp &
-          .or. request%correlation_length > longest_rival_length) return
-      call challenge(request, seed, model, error)
    end subroutine fit_unconstrained
-
-   !> Fails when a process of another shape, found by a search that assumes none, has more entropy.
-   subroutine challenge(request, seed, model, error)
-      type(process_request), intent(in) :: request
-      integer(long), intent(in) :: seed
-      type(process_model_type), intent(in) :: model
-      type(error_type), allocatable, intent(out) :: error
-      real(wp), parameter :: clearly = 1.0e-8_wp   ! the search meets its length to 1e-9
-      type(ar_rival) :: rival
-      real(wp) :: advantage
-      integer :: trial
-
-      do trial = 1, n_rivals
-         call find_rival(request%correlation, request%correlation_length, request%order, seed, &
-                         trial, rival, error)
-         if (allocated(error)) return
-         advantage = rival%entropy + log(request%std) - model%entropy
-         if (rival%is_feasible .and. advantage > clearly) then
-            call raise(error, exit_no_solution, 'autoregressive process of order '// &
-                       to_text(request%order)//' with '//request%correlation//' = '// &
-                       to_text(request%correlation_length)//': a process of another shape has '// &
-                       to_text(advantage)//' more entropy than the best with K(m) >= 0')
-            return
-         end if
-      end do
-   end subroutine challenge
 
 end module process_fit

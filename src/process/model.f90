@@ -11,11 +11,14 @@ module process_model
    !> A wanted process. Lengths are in lags; mean and std in the unit of X.
    type :: process_request
       character(:), allocatable :: method        !! 'autoregressive' or 'direct'
-      character(:), allocatable :: correlation   !! what is imposed: 'L0' Eq. (8), 'L1' Eq. (9)
+      !> what is imposed: 'L0' Eq. (8), 'L1' Eq. (9), or 'both'
+      character(:), allocatable :: correlation
       real(wp) :: correlation_length = 0.0_wp
+      real(wp) :: second_length = 0.0_wp         !! both: L1, the other one being L0
       integer :: order = 0                       !! M, or m_max of 'direct'; 0: choose it
       real(wp) :: bound_l0 = 0.0_wp              !! order = 0: the other length's bound; 0: none
       real(wp) :: bound_l1 = 0.0_wp
+      real(wp) :: upper_bound = 0.0_wp           !! of a range that begins at the bound; 0: none
       character(16) :: bound_side = 'automatic'  !! of the other length: 'upper', 'lower' or chosen
       integer :: max_order = 30                  !! order = 0: search no further
       logical :: all_signs = .false.             !! direct: every sequence of signs is solved
@@ -131,6 +134,8 @@ contains
       label = label_of(label, request%mean)
       label = label_of(label, request%std)
       label = label_of(label, merge(1, 0, request%positive))
+      if (request%correlation == 'both') label = label_of(label, request%second_length)
+      if (request%upper_bound > 0.0_wp) label = label_of(label, request%upper_bound)
    end function request_label
 
 end module process_model

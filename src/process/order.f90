@@ -3,7 +3,8 @@
 !> One length is imposed and the two drift apart as the order grows: with L0 imposed L1 grows, with
 !> L1 imposed L0 falls. A bound on the drift (L1 at most, or L0 at least) leaves the orders up to
 !> one; the entropy grows with the order, so the largest is taken. A bound from the other side (L1
-!> at least, or L0 at most) leaves the orders from one on, and the smallest is taken. The paper
+!> at least, or L0 at most) leaves the orders from one on, and the smallest is taken. A range leaves
+!> the orders between two, and the largest is taken. The paper
 !> reads order 6 off Fig. 4 for L0 = 0.3 and L1 <= 1; the infinite sums are L1 = 0.887 at order 5
 !> and 1.034 at order 6, so it is 5. Without a bound the order is taken after which one more order
 !> gains too little entropy.
@@ -27,7 +28,7 @@ module process_order
 contains
 
    !> The request's own order, or for order = 0 the chosen one, at most `max_order`. Fails when no
-   !> order up to there has the length and keeps the bound.
+   !> order up to there has the length and keeps the bounds.
    subroutine choose_order(request, order, error)
       type(process_request), intent(in) :: request
       integer, intent(out) :: order
@@ -41,20 +42,25 @@ contains
       if (allocated(error)) return
       call fit_lowest(request, order, model, error)
       if (allocated(error)) return
-      if (.not. (limits_drift(request) .or. keeps_bound(request, model))) then
-         call find_smallest(request, order, model, error)
-         return
-      end if
-      if (.not. keeps_bound(request, model)) then
+      do while (.not. has_begun(request, model) .and. order < request%max_order)
+         order = order + 1
+         call fit_order(request, order, model, error)
+         if (allocated(error)) return
+      end do
+      if (.not. (has_begun(request, model) .and. is_within(request, model))) then
          call refuse_bound(request, order, model, error)
          return
       end if
-      if (.not. limits_drift(request)) return
+      if (bound_of(request) > 0.0_wp .and. .not. limits_drift(request)) return
       do order = order, request%max_order - 1
          call fit_order(request, order + 1, higher, error)
+         if (allocated(error) .and. request%correlation == 'both') then   ! lower ones may have both
+            deallocate (error)
+            return
+         end if
          if (allocated(error)) return
          if (bound_of(request) > 0.0_wp) then
-            is_enough = .not. keeps_bound(request, higher)
+            is_enough = .not. is_within(request, higher)
          else
             is_enough = higher%entropy - model%entropy < least_gain
          end if
@@ -62,22 +68,6 @@ contains
          model = higher
       end do
    end subroutine choose_order
-
-   !> Climbs from an order that does not keep the bound to the first that does.
-   subroutine find_smallest(request, order, model, error)
-      type(process_request), intent(in) :: request
-      integer, intent(inout) :: order
-      type(process_model_type), intent(inout) :: model
-      type(error_type), allocatable, intent(out) :: error
-
-      do while (order < request%max_order)
-         order = order + 1
-         call fit_order(request, order, model, error)
-         if (allocated(error)) return
-         if (keeps_bound(request, model)) return
-      end do
-      call refuse_bound(request, order, model, error)
-   end subroutine find_smallest
 
    !> Order 1, or the direct method's first feasible m_max.
    subroutine fit_lowest(request, order, model, error)
@@ -88,13 +78,15 @@ contains
       integer :: first
 
       first = 1
+      if (request%correlation == 'both') first = 2
       if (request%method == 'direct') &
          first = min(request%max_order, &
                      1 + certainly_infeasible_m_max(request%correlation, &
                                                     request%correlation_length))
       do order = first, request%max_order
          call fit_order(request, order, model, error)
-         if (request%method /= 'direct' .or. .not. allocated(error)) return
+         if (.not. (allocated(error) .and. (request%method == 'direct' .or. &
+                                            request%correlation == 'both'))) return
       end do
    end subroutine fit_lowest
 
@@ -107,7 +99,8 @@ contains
       type(process_request) :: trial
 
       if (request%method /= 'direct') then
-         call fit_ar(request%correlation, request%correlation_length, order, 1.0_wp, model, error)
+         call fit_ar(request%correlation, request%correlation_length, order, 1.0_wp, model, error, &
+                     request%second_length)
          return
       end if
       trial%method = request%method
@@ -127,6 +120,13 @@ contains
       if (request%max_order < 1) then
          call raise(error, exit_bad_input, 'max_order = '//to_text(request%max_order)// &
                     ': must be at least 1')
+      else if (request%correlation == 'both' .and. &
+               max(request%bound_l0, request%bound_l1) > 0.0_wp) then
+         call raise(error, exit_bad_input, name_of_bound(request)//' = '// &
+                    to_text(bound_of(request))//': must be absent with both lengths imposed')
+      else if (request%upper_bound > 0.0_wp .and. request%upper_bound < bound_of(request)) then
+         call raise(error, exit_bad_input, name_of_bound(request)//' = '// &
+                    range_of(request)//': the lower bound must come first')
       else if (request%correlation == 'L0' .and. request%bound_l0 > 0.0_wp) then
          call raise(error, exit_bad_input, 'bound_l0 = '//to_text(request%bound_l0)// &
                     ': L0 is imposed, only L1 can be bounded')
@@ -144,32 +144,61 @@ contains
       type(error_type), allocatable, intent(out) :: error
 
       call raise(error, exit_no_solution, name_of_bound(request)//' = '// &
-                 to_text(bound_of(request))//': no order up to '// &
+                 range_of(request)//': no order up to '// &
                  to_text(request%max_order)//' keeps it with '//request%correlation//' = '// &
                  to_text(request%correlation_length)//'; the nearest bound that is kept is '// &
                  to_text(other_length(request, model))//', by order '//to_text(order))
    end subroutine refuse_bound
 
-   !> Whether the bound ends the orders that keep it, rather than begins them; so too without any.
+   !> Whether a bound ends the orders that keep it, rather than only begins them; so too without
+   !> any.
    pure function limits_drift(request) result(does_limit)
       type(process_request), intent(in) :: request
       logical :: does_limit
 
-      does_limit = .not. bound_of(request) > 0.0_wp .or. request%bound_side == 'automatic' .or. &
+      does_limit = .not. bound_of(request) > 0.0_wp .or. request%upper_bound > 0.0_wp .or. &
+                   request%bound_side == 'automatic' .or. &
                    (request%bound_side == 'upper' .eqv. request%correlation == 'L0')
    end function limits_drift
 
-   pure function keeps_bound(request, model) result(does_keep)
+   !> Whether the drift has come to the orders that keep the bounds.
+   pure logical function has_begun(request, model)
       type(process_request), intent(in) :: request
       type(process_model_type), intent(in) :: model
-      logical :: does_keep
-      real(wp), parameter :: slack = 1.0e-9_wp   ! a bound equal to the length itself is kept
-      real(wp) :: excess
 
-      excess = other_length(request, model) - bound_of(request)
-      if (.not. (limits_drift(request) .eqv. request%correlation == 'L0')) excess = -excess
-      does_keep = .not. bound_of(request) > 0.0_wp .or. excess <= slack*bound_of(request)
-   end function keeps_bound
+      has_begun = .not. bound_of(request) > 0.0_wp .or. &
+                  limits_drift(request) .and. .not. request%upper_bound > 0.0_wp
+      if (has_begun) return
+      if (request%correlation == 'L0') then
+         has_begun = keeps(other_length(request, model), bound_of(request), huge(1.0_wp))
+      else
+         has_begun = keeps(other_length(request, model), 0.0_wp, &
+                           max(bound_of(request), request%upper_bound))
+      end if
+   end function has_begun
+
+   !> Whether the drift has not left the orders that keep the bounds.
+   pure logical function is_within(request, model)
+      type(process_request), intent(in) :: request
+      type(process_model_type), intent(in) :: model
+
+      is_within = .not. (bound_of(request) > 0.0_wp .and. limits_drift(request))
+      if (is_within) return
+      if (request%correlation == 'L0') then
+         is_within = keeps(other_length(request, model), 0.0_wp, &
+                           max(bound_of(request), request%upper_bound))
+      else
+         is_within = keeps(other_length(request, model), bound_of(request), huge(1.0_wp))
+      end if
+   end function is_within
+
+   !> A bound equal to the length itself is kept.
+   pure logical function keeps(length, low, high)
+      real(wp), intent(in) :: length, low, high
+      real(wp), parameter :: slack = 1.0e-9_wp
+
+      keeps = length >= (1.0_wp - slack)*low .and. length - high <= slack*high
+   end function keeps
 
    !> The length that is not imposed.
    pure function other_length(request, model) result(length)
@@ -190,6 +219,15 @@ contains
 
       bound = merge(request%bound_l1, request%bound_l0, request%correlation == 'L0')
    end function bound_of
+
+   !> The bound, or both, for messages.
+   pure function range_of(request) result(text)
+      type(process_request), intent(in) :: request
+      character(:), allocatable :: text
+
+      text = to_text(bound_of(request))
+      if (request%upper_bound > 0.0_wp) text = text//', '//to_text(request%upper_bound)
+   end function range_of
 
    pure function name_of_bound(request) result(name)
       type(process_request), intent(in) :: request

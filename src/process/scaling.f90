@@ -49,8 +49,10 @@ contains
       logical :: is_same
 
       is_same = a%method == b%method .and. a%correlation == b%correlation .and. &
-                is_same_number([a%correlation_length, a%bound_l0, a%bound_l1, a%mean, a%std], &
-                               [b%correlation_length, b%bound_l0, b%bound_l1, b%mean, b%std]) &
+                is_same_number([a%correlation_length, a%second_length, a%bound_l0, a%bound_l1, &
+                                a%upper_bound, a%mean, a%std], &
+                               [b%correlation_length, b%second_length, b%bound_l0, b%bound_l1, &
+                                b%upper_bound, b%mean, b%std]) &
                 .and. a%order == b%order .and. a%max_order == b%max_order &
                 .and. a%bound_side == b%bound_side .and. (a%all_signs .eqv. b%all_signs) &
                 .and. a%inversion_half_width == b%inversion_half_width &

@@ -5,10 +5,11 @@
 !> constant, and where K(m) >= 0 at every lag both infinite lengths are closed forms of the
 !> v_m = ln(R_M/R_m) of `process_autoregressive_sums`:
 !>    L0 = (exp(v_0) - 1)/2,      L1 = sum_(m<M) sinh(v_m)/(1 + exp(-v_0)).
-!> For L0 all kappa are then equal at the maximum. For L1 the optimality conditions are solved by
-!> Newton's method along a path of targets that starts where they are linear. That K(m) >= 0 holds
-!> is checked on the result; that no process of changing sign does better is what
-!> `process_autoregressive_search` looks for.
+!> For L0 all kappa are then equal at the maximum. For L1, and for both lengths at once, which hold
+!> v_0 too, the optimality conditions are solved by Newton's method along a path of targets that
+!> starts where they are linear, or at the maximum for L0 alone. That K(m) >= 0 holds is checked on
+!> the result. Where no such process has both lengths, `process_autoregressive_search` looks for one
+!> of changing sign; the tests look for one that does better than the closed forms.
 module process_autoregressive_fit
    use core_error, only: error_type, exit_bad_input, exit_no_solution, raise
    use core_kinds, only: wp
@@ -18,6 +19,7 @@ module process_autoregressive_fit
    use process_autoregressive_gradient, only: length_gradient
    use process_autoregressive_model, only: autocovariance_of, coefficients_of, find_poles, &
       innovation_std, reflection_of
+   use process_autoregressive_search, only: ar_rival, find_best
    use process_autoregressive_sums, only: correlation_sums, log_spectral_ratios, sum_correlation
    use process_correlation, only: correlation_length_l0, correlation_length_l1
    use process_entropy, only: gaussian_entropy, white_noise_entropy
@@ -28,46 +30,115 @@ module process_autoregressive_fit
 
    real(wp), parameter :: length_tolerance = 1.0e-10_wp      !! relative, of the length reached
    real(wp), parameter :: optimality_tolerance = 1.0e-8_wp   !! relative, of its conditions
+   real(wp), parameter :: search_tolerance = 1.0e-4_wp       !! the same, of a search by NLopt
    real(wp), parameter :: longest = 1.0e6_wp                 !! [lags]
    integer, parameter :: max_stored_lags = 4096
 
 contains
 
    !> Fits and describes. Fails for bad numbers and where no maximum could be proved.
-   subroutine fit_ar(correlation, correlation_length, order, std, model, error)
-      character(*), intent(in) :: correlation        !! 'L0' Eq. (8) or 'L1' Eq. (9), to infinity
+   subroutine fit_ar(correlation, correlation_length, order, std, model, error, second_length)
+      character(*), intent(in) :: correlation        !! 'L0' Eq. (8), 'L1' Eq. (9), or 'both'
       real(wp), intent(in) :: correlation_length     !! [lags], not negative
       integer, intent(in) :: order                   !! M >= 1
       real(wp), intent(in) :: std                    !! sigma_X [unit of X]
       type(process_model_type), intent(out) :: model
       type(error_type), allocatable, intent(out) :: error
+      real(wp), intent(in), optional :: second_length   !! 'both': L1, the other one being L0
       type(correlation_sums) :: sums
+      type(ar_rival) :: best
       real(wp), allocatable :: kappa(:)
-      real(wp) :: reached
+      real(wp) :: missed, tolerance
 
       if (.not. (std > 0.0_wp .and. std <= huge(1.0_wp))) then
          call raise(error, exit_bad_input, 'std = '//to_text(std)//': must be finite and positive')
          return
       end if
-      call optimal_reflection(correlation, correlation_length, order, kappa, error)
+      call optimal_reflection(correlation, correlation_length, order, kappa, error, second_length)
       if (allocated(error)) return
       call sum_correlation(kappa, sums, error)
       if (allocated(error)) return
+      missed = distance_from(correlation, correlation_length, sums, second_length)
+      tolerance = optimality_tolerance
+      if (correlation == 'both' .and. .not. (sums%is_nonnegative .and. &
+                                             missed <= length_tolerance)) then
+         call find_best(correlation_length, second_length, order, best, error)
+         if (allocated(error)) return
+         if (best%is_feasible) then
+            kappa = best%kappa
+            call sum_correlation(kappa, sums, error)
+            if (allocated(error)) return
+            missed = distance_from(correlation, correlation_length, sums, second_length)
+            tolerance = search_tolerance
+         end if
+      end if
       call describe(kappa, coefficients_of(kappa), innovation_std(kappa, std), sums, model, error)
       if (allocated(error)) return
-      reached = merge(sums%l0, sums%l1, correlation == 'L0')
-      model%optimality = max(optimality_residual(correlation, kappa, sums), &
-                             abs(reached - correlation_length)/ &
-                             max(correlation_length, tiny(1.0_wp)))
-      model%is_solved = sums%is_nonnegative .and. model%optimality <= optimality_tolerance .and. &
-                        abs(reached - correlation_length) <= length_tolerance*correlation_length
-      if (.not. model%is_solved) then
+      model%optimality = max(optimality_residual(correlation, kappa, sums), missed)
+      model%is_solved = (sums%is_nonnegative .or. best%is_feasible) .and. &
+                        model%optimality <= tolerance .and. &
+                        missed <= merge(tolerance, length_tolerance, best%is_feasible)
+      if (.not. model%is_solved) &
          call raise(error, exit_no_solution, 'autoregressive process of order '// &
-                    to_text(order)//' with '//correlation//' = '//to_text(correlation_length)// &
-                    ': the search ended at '//correlation//' = '//to_text(reached)// &
-                    ' with optimality residual '//to_text(model%optimality))
-      end if
+                    to_text(order)//' with '// &
+                    name_of_lengths(correlation, correlation_length, second_length)// &
+                    ': the search ended at L0 = '//to_text(sums%l0)//', L1 = '// &
+                    to_text(sums%l1)//' with optimality residual '//to_text(model%optimality)// &
+                    lower_order(correlation, correlation_length, order, second_length))
    end subroutine fit_ar
+
+   !> '; order = .. has both with K(m) >= 0', the highest one; or what all need.
+   function lower_order(correlation, length, order, second_length) result(advice)
+      character(*), intent(in) :: correlation
+      real(wp), intent(in) :: length
+      integer, intent(in) :: order
+      real(wp), intent(in), optional :: second_length
+      character(:), allocatable :: advice
+      type(correlation_sums) :: sums
+      type(error_type), allocatable :: error
+      real(wp), allocatable :: kappa(:)
+      integer :: lower
+
+      advice = ''
+      if (correlation /= 'both') return
+      do lower = order - 1, 2, -1
+         call optimal_reflection(correlation, length, lower, kappa, error, second_length)
+         if (.not. allocated(error)) call sum_correlation(kappa, sums, error)
+         if (allocated(error)) exit
+         if (sums%is_nonnegative .and. distance_from(correlation, length, sums, second_length) &
+             <= length_tolerance) then
+            advice = '; order = '//to_text(lower)//' has both with K(m) >= 0'
+            return
+         end if
+      end do
+      if (second_length > order*length) advice = '; K(m) >= 0 needs L1 <= order*L0'
+   end function lower_order
+
+   !> Largest relative distance from the imposed lengths.
+   pure function distance_from(correlation, length, sums, second_length) result(distance)
+      character(*), intent(in) :: correlation
+      real(wp), intent(in) :: length
+      type(correlation_sums), intent(in) :: sums
+      real(wp), intent(in), optional :: second_length
+      real(wp) :: distance
+
+      distance = abs(merge(sums%l1, sums%l0, correlation == 'L1') - length) &
+                 /max(length, tiny(length))
+      if (present(second_length) .and. correlation == 'both') &
+         distance = max(distance, abs(sums%l1 - second_length)/max(second_length, tiny(length)))
+   end function distance_from
+
+   !> 'L0 = 1.0' or 'L0 = 1.0, L1 = 2.0', for messages.
+   pure function name_of_lengths(correlation, length, second_length) result(name)
+      character(*), intent(in) :: correlation
+      real(wp), intent(in) :: length
+      real(wp), intent(in), optional :: second_length
+      character(:), allocatable :: name
+
+      name = merge('L1', 'L0', correlation == 'L1')//' = '//to_text(length)
+      if (present(second_length) .and. correlation == 'both') &
+         name = name//', L1 = '//to_text(second_length)
+   end function name_of_lengths
 
    !> Everything that follows from a_q and b0: poles, autocovariance, both lengths, entropy.
    subroutine describe_ar(a, b0, model, error, known_sums)
@@ -120,12 +191,14 @@ contains
 
    !> Reflection coefficients of the maximum; none is positive, so K(1) >= 0. That the length is
    !! reached is for `fit_ar` to check.
-   subroutine optimal_reflection(correlation, correlation_length, order, kappa, error)
+   subroutine optimal_reflection(correlation, correlation_length, order, kappa, error, &
+                                 second_length)
       character(*), intent(in) :: correlation
       real(wp), intent(in) :: correlation_length
       integer, intent(in) :: order
       real(wp), allocatable, intent(out) :: kappa(:)
       type(error_type), allocatable, intent(out) :: error
+      real(wp), intent(in), optional :: second_length   !! see `fit_ar`
 
       if (.not. (correlation_length >= 0.0_wp .and. correlation_length <= longest)) then
          call raise(error, exit_bad_input, 'correlation_length = '//to_text(correlation_length)// &
@@ -138,22 +211,34 @@ contains
          return
       end if
       allocate (kappa(order), source=0.0_wp)
-      if (.not. correlation_length > 0.0_wp) return   ! white noise
+      if (.not. correlation_length > 0.0_wp .and. correlation /= 'both') return   ! white noise
       select case (correlation)
       case ('L0')
          kappa = -tanh(log_one_plus(2.0_wp*correlation_length)/(2*order))
       case ('L1')
          call follow_targets(correlation_length, kappa)
+      case ('both')
+         if (order < 2 .or. .not. min(correlation_length, second_length) > 0.0_wp .or. &
+             second_length > longest) then
+            call raise(error, exit_bad_input, 'second_length = '//to_text(second_length)// &
+                       ', order = '//to_text(order)//': both lengths must be positive, at '// &
+                       'most '//to_text(longest)//', and order at least 2')
+            return
+         end if
+         call follow_targets(second_length, kappa, log_one_plus(2.0_wp*correlation_length))
       case default
          call raise(error, exit_bad_input, &
-                    "correlation = '"//correlation//"': must be 'L0' or 'L1'")
+                    "correlation = '"//correlation//"': must be 'L0', 'L1' or 'both'")
       end select
    end subroutine optimal_reflection
 
    !> L1: Newton's method from the weak limit, where kappa_m is proportional to m, to the target.
-   subroutine follow_targets(target, kappa)
+   !> With
+   !! v_0 held too: from the maximum for L0 alone, where the multiplier is 0.
+   subroutine follow_targets(target, kappa, v_0)
       real(wp), intent(in) :: target             !! L1 [lags]
       real(wp), intent(out) :: kappa(:)          !! of the last target on the path that was solved
+      real(wp), intent(in), optional :: v_0      !! ln (1 + 2 L0), held
       real(wp), parameter :: widest_step = 4.0_wp      !! ratio of two targets
       real(wp), parameter :: narrowest_step = 1.01_wp
       real(wp) :: reached, step, v(0:size(kappa)), trial(0:size(kappa)), wanted
@@ -161,34 +246,40 @@ contains
       integer :: m, order
 
       order = size(kappa)
-      reached = min(target, 0.1_wp*(2*order + 1)/6)   ! v_0 = 0.1: nearly linear still
-      v(:order - 1) = [(3*reached/(order*(order + 1.0_wp)*(0.5_wp + order))* &
-                        (order*(order + 1.0_wp) - m*(m + 1.0_wp)), m=0, order - 1)]
-      v(order) = 2.0_wp*v(0)/(order*(order + 1.0_wp))   ! the multiplier: half of kappa_1
+      if (present(v_0)) then
+         v = [(v_0*(order - m)/order, m=0, order)]   ! the last one, the multiplier, is 0
+         reached = sum(sinh(v(:order - 1)))/(1.0_wp + exp(-v_0))
+      else
+         reached = min(target, 0.1_wp*(2*order + 1)/6)   ! v_0 = 0.1: nearly linear still
+         v(:order - 1) = [(3*reached/(order*(order + 1.0_wp)*(0.5_wp + order))* &
+                           (order*(order + 1.0_wp) - m*(m + 1.0_wp)), m=0, order - 1)]
+         v(order) = 2.0_wp*v(0)/(order*(order + 1.0_wp))   ! the multiplier: half of kappa_1
+      end if
       wanted = reached
       step = widest_step
       do
          trial = v
-         call solve_optimality(wanted, trial, is_converged)
+         call solve_optimality(wanted, trial, is_converged, v_0)
          if (is_converged) then
             v = trial
             reached = wanted
-            if (.not. reached < target) exit
+            if (.not. abs(reached - target) > 0.0_wp) exit
          else
             step = sqrt(step)
             if (step < narrowest_step) exit
          end if
-         wanted = min(step*reached, target)
+         wanted = max(min(step*reached, target), reached/step)
       end do
       kappa(:order - 1) = -tanh(0.5_wp*(v(:order - 2) - v(1:order - 1)))
       kappa(order) = -tanh(0.5_wp*v(order - 1))
    end subroutine follow_targets
 
    !> Newton's method on the optimality conditions of L1 at one target.
-   subroutine solve_optimality(target, unknowns, is_converged)
+   subroutine solve_optimality(target, unknowns, is_converged, v_0)
       real(wp), intent(in) :: target
       real(wp), intent(inout) :: unknowns(:)   !! v_m, m = 0..order-1, and the multiplier nu
       logical, intent(out) :: is_converged
+      real(wp), intent(in), optional :: v_0    !! held in place of its condition
       integer, parameter :: max_steps = 20
       type(error_type), allocatable :: error
       real(wp) :: jacobian(size(unknowns), size(unknowns)), residual(size(unknowns))
@@ -200,6 +291,11 @@ contains
       is_close = .false.
       do step = 1, max_steps
          call optimality_conditions(target, unknowns, residual, jacobian)
+         if (present(v_0)) then
+            residual(1) = unknowns(1) - v_0
+            jacobian(1, :) = 0.0_wp
+            jacobian(1, 1) = 1.0_wp
+         end if
          if (.not. all(abs(residual) < huge(1.0_wp))) return
          call solve_linear_system(jacobian, residual, change, error)
          if (allocated(error)) return
@@ -209,7 +305,7 @@ contains
          is_close = maxval(abs(change)) <= 1.0e-7_wp*maxval(abs(unknowns))
          if (maxval(abs(unknowns)) > 0.25_wp*log(huge(1.0_wp))) return
       end do
-      is_converged = is_converged .and. all(unknowns > 0.0_wp)
+      if (.not. present(v_0)) is_converged = is_converged .and. all(unknowns > 0.0_wp)
    end subroutine solve_optimality
 
    !> Gradient of - sum ln cosh((v_(m-1) - v_m)/2) + nu (sum sinh v_m - L (1 + exp(-v_0))) in v and
@@ -288,19 +384,24 @@ contains
    end function optimal_curvature
 
    !> What is left of the entropy's gradient in atanh(kappa), which is -kappa, when its part along
-   !! the gradient of the length is taken away: largest component, relative to the largest of all.
+   !! the gradients of the lengths is taken away: largest component, relative to the largest of all.
    pure function optimality_residual(correlation, kappa, sums) result(residual)
       character(*), intent(in) :: correlation
       real(wp), intent(in) :: kappa(:)
       type(correlation_sums), intent(in) :: sums   !! of this very process
       real(wp) :: residual
-      real(wp) :: slope(size(kappa))
+      real(wp) :: other(size(kappa)), rest(size(kappa)), slope(size(kappa))
 
       residual = 0.0_wp
       if (.not. any(abs(kappa) > 0.0_wp)) return
-      slope = length_gradient(correlation, kappa, sums)
-      slope = slope*(dot_product(kappa, slope)/dot_product(slope, slope))
-      residual = maxval(abs(kappa - slope))/maxval(abs(kappa))
+      slope = length_gradient(merge('L1', 'L0', correlation == 'L1'), kappa, sums)
+      rest = kappa - slope*(dot_product(kappa, slope)/dot_product(slope, slope))
+      if (correlation == 'both') then
+         other = length_gradient('L1', kappa, sums)
+         other = other - slope*(dot_product(other, slope)/dot_product(slope, slope))
+         rest = rest - other*(dot_product(rest, other)/dot_product(other, other))
+      end if
+      residual = maxval(abs(rest))/maxval(abs(kappa))
    end function optimality_residual
 
 end module process_autoregressive_fit

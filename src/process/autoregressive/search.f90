@@ -1,9 +1,8 @@
 !> Local maxima of the entropy among autoregressive processes with K(m) of any signs (Sec. 2.3).
 !>
 !> `process_autoregressive_fit` knows the maximum among processes with K(m) >= 0. Here nothing is
-!> assumed: the
-!> infinite sums of |K(m)| are the constraint, and NLopt searches in atanh(kappa) from starts of
-!> random signs. It meets many inferior maxima; a better process would refute the fit.
+!> assumed: the infinite sums of |K(m)| are the constraints, one length or both, and NLopt searches
+!> in atanh(kappa) from starts of random signs. It meets many inferior maxima.
 module process_autoregressive_search
    use core_error, only: error_type
    use core_kinds, only: long, wp
@@ -17,7 +16,7 @@ module process_autoregressive_search
    use process_entropy, only: gaussian_entropy
    implicit none(type, external)
    private
-   public :: ar_rival, find_rival
+   public :: ar_rival, find_rival, find_best
 
    !> Where one search ended.
    type :: ar_rival
@@ -26,10 +25,10 @@ module process_autoregressive_search
       logical :: is_feasible = .false.     !! its length is the wanted one
    end type ar_rival
 
-   !> Minus the entropy under the length wanted; x = atanh(kappa).
+   !> Minus the entropy under the lengths wanted; x = atanh(kappa).
    type, extends(minimization_problem) :: length_problem
-      character(2) :: correlation = 'L0'
-      real(wp) :: length = 0.0_wp
+      character(2), allocatable :: correlation(:)   !! (equality) 'L0' or 'L1'
+      real(wp), allocatable :: length(:)            !! (equality) [lags]
       real(wp) :: scale = 1.0_wp   !! brings the entropy lost to order 1 for the search
    contains
       procedure :: objective => entropy_lost
@@ -43,8 +42,26 @@ module process_autoregressive_search
 
 contains
 
+   !> The best of several searches; not feasible where none of them has both lengths, nor tried at a
+   !> high order, where none ever did.
+   subroutine find_best(length, second_length, order, best, error)
+      real(wp), intent(in) :: length, second_length   !! L0 and L1 [lags], positive
+      integer, intent(in) :: order
+      type(ar_rival), intent(out) :: best
+      type(error_type), allocatable, intent(out) :: error
+      integer, parameter :: n_trials = 12, highest_order = 10
+      type(ar_rival) :: rival
+      integer :: trial
+
+      do trial = 1, merge(n_trials, 0, order <= highest_order)
+         call find_rival('L0', length, order, 0_long, trial, rival, error, second_length)
+         if (allocated(error)) return
+         if (rival%is_feasible .and. rival%entropy > best%entropy) best = rival
+      end do
+   end subroutine find_best
+
    !> One search, from the start that belongs to (seed, trial).
-   subroutine find_rival(correlation, length, order, seed, trial, rival, error)
+   subroutine find_rival(correlation, length, order, seed, trial, rival, error, second_length)
       character(*), intent(in) :: correlation   !! 'L0' or 'L1'
       real(wp), intent(in) :: length            !! [lags], positive
       integer, intent(in) :: order
@@ -52,15 +69,20 @@ contains
       integer, intent(in) :: trial              !! counts from 1
       type(ar_rival), intent(out) :: rival
       type(error_type), allocatable, intent(out) :: error
+      real(wp), intent(in), optional :: second_length   !! with 'L0': L1, imposed too
       type(length_problem) :: problem
       type(minimization_settings) :: settings
       type(minimization_outcome) :: outcome
       real(wp) :: start(order)
       integer :: i
 
-      problem%n_equalities = 1
-      problem%correlation = correlation
-      problem%length = length
+      problem%correlation = [character(2) :: correlation]
+      problem%length = [length]
+      if (present(second_length)) then
+         problem%correlation = ['L0', 'L1']
+         problem%length = [length, second_length]
+      end if
+      problem%n_equalities = size(problem%length)
       settings%max_evaluations = 300
       settings%constraint_tolerance = 1.0e-9_wp
       settings%lower = [(-farthest, i=1, order)]
@@ -83,7 +105,7 @@ contains
       integer, parameter :: n_bisections = 12
       real(wp), parameter :: largest = 3.0_wp   ! kappa = 0.995
       type(stream_type) :: stream
-      real(wp) :: defect(1), direction(order), high, low
+      real(wp) :: defect(problem%n_equalities), direction(order), high, low
       integer :: i
 
       stream = new_stream(seed, label_of('rival'), trial)
@@ -113,7 +135,7 @@ contains
       if (present(gradient)) gradient = self%scale*tanh(x)
    end subroutine entropy_lost
 
-   !> ln of the length over the wanted one.
+   !> ln of the lengths over the wanted ones.
    subroutine length_defect(self, x, values, jacobian)
       class(length_problem), intent(inout) :: self
       real(wp), intent(in) :: x(:)
@@ -122,16 +144,19 @@ contains
       type(correlation_sums) :: sums
       type(error_type), allocatable :: error
       real(wp) :: length
+      integer :: i
 
       values = out_of_reach
       if (present(jacobian)) jacobian = 0.0_wp
       call sum_correlation(tanh(x), sums, error, &
-                           most_lags=least_reach + int(reach_per_length*self%length))
+                           most_lags=least_reach + int(reach_per_length*maxval(self%length)))
       if (allocated(error)) return
-      length = max(merge(sums%l0, sums%l1, self%correlation == 'L0'), tiny(1.0_wp))
-      values = log(length/self%length)
-      if (.not. present(jacobian)) return
-      jacobian(:, 1) = length_gradient(self%correlation, tanh(x), sums)/length
+      do i = 1, size(values)
+         length = max(merge(sums%l0, sums%l1, self%correlation(i) == 'L0'), tiny(1.0_wp))
+         values(i) = log(length/self%length(i))
+         if (present(jacobian)) &
+            jacobian(:, i) = length_gradient(self%correlation(i), tanh(x), sums)/length
+      end do
    end subroutine length_defect
 
 end module process_autoregressive_search
