@@ -16,7 +16,7 @@ module numerics_constrained_maximum
    type, abstract :: objective_type
    contains
       procedure(evaluate_objective), deferred :: evaluate
-      procedure(gain_of_objective), deferred, nopass :: gain
+      procedure(gain_of_objective), deferred :: gain
    end type objective_type
 
    abstract interface
@@ -30,8 +30,9 @@ module numerics_constrained_maximum
       end subroutine evaluate_objective
 
       !> Gain of the function from one state to another.
-      pure real(wp) function gain_of_objective(from, to)
-         import :: wp
+      pure real(wp) function gain_of_objective(self, from, to)
+         import :: objective_type, wp
+         class(objective_type), intent(in) :: self
          real(wp), intent(in) :: from(:), to(:)
       end function gain_of_objective
    end interface

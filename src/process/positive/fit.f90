@@ -7,16 +7,17 @@
 module process_positive_fit
    use core_error, only: error_type, exit_no_solution, raise
    use core_kinds, only: long, wp
+   use core_text, only: to_text
    use numerics_constrained_maximum, only: search_result, solve_along
    use process_model, only: process_model_type, process_request
-   use process_positive_approach, only: approach, find_shape
-   use process_positive_first_order, only: describe_first_order, match_first_order
-   use process_positive_kernel, only: first_order_law
-   use process_positive_law, only: positive_law
-   use process_positive_refinement, only: shape_spread
-   use process_positive_refusal, only: name_what_exists
-   use process_positive_report, only: compare_laws, describe_sampled, describe_white, &
+   use process_positive_description, only: compare_laws, describe_sampled, describe_white, &
       name_multipliers, outline_sampled
+   use process_positive_first_order, only: describe_first_order, find_limit, match_first_order, &
+      stated
+   use process_positive_kernel, only: first_order_law
+   use process_positive_objective, only: sampled_objective
+   use process_positive_refinement, only: shape_spread
+   use process_positive_search, only: approach, end_of_family, find_shape
    use process_positive_signs, only: settle_signs, zero_lags
    use process_positive_truncated_normal, only: fit_truncated_normal
    implicit none(type, external)
@@ -37,7 +38,7 @@ contains
       type(process_request), intent(in) :: request
       integer(long), intent(in) :: seed
       type(process_model_type), intent(out) :: model
-      class(positive_law), allocatable :: law
+      type(sampled_objective) :: law
       type(first_order_law) :: first_order
       type(search_result) :: found
       type(shape_spread) :: spread
@@ -62,7 +63,7 @@ contains
             call match_targets(law, request%fit_steps, found, zeros, point, violation, error)
          if (.not. allocated(error)) then
             if (.not. violation <= missed) then
-               call raise(error, exit_no_solution, law%name(request%order)// &
+               call raise(error, exit_no_solution, law%problem%name(request%order)// &
                           ': what has the targets on short samples lost them on longer ones')
             else
                call describe_sampled(request, law, point, found%multipliers, spread, model, error)
@@ -87,7 +88,7 @@ contains
       integer(long), intent(in) :: seed
       type(process_model_type), intent(out) :: model
       type(error_type), allocatable, intent(out) :: error
-      class(positive_law), allocatable :: law
+      type(sampled_objective) :: law
       type(first_order_law) :: first_order
       type(search_result) :: found
       real(wp), allocatable :: point(:), unused(:)
@@ -126,27 +127,91 @@ contains
    !> The constraints once more, on as many values as were asked for or as the standard errors want;
    !> the shape stays.
    subroutine match_targets(law, fit_steps, found, zeros, point, violation, error)
-      class(positive_law), intent(inout) :: law
+      type(sampled_objective), intent(inout) :: law
       integer, intent(in) :: fit_steps   !! of a batch; 0: as the errors want
       type(search_result), intent(inout) :: found
       type(zero_lags), intent(inout) :: zeros   !! of the direct method
       real(wp), intent(inout) :: point(:)
       real(wp), intent(out) :: violation
       type(error_type), allocatable, intent(out) :: error
-      real(wp) :: excess, length_error
+      real(wp) :: excess
 
       law%most_effort = huge(1.0_wp)   ! the search has succeeded, and this is not one
       law%n_steps = merge(fit_steps, final_steps, fit_steps > 0)
       call solve_along(law, point, found%jacobian, found%metric, matched, 20, violation)
       if (allocated(zeros%lags)) call settle_signs(law, point, found, zeros, error)
       if (fit_steps > 0 .or. allocated(error)) return
-      length_error = merge(law%moments%l0_error, law%moments%l1_error, law%correlation == 'L0')
-      excess = max(law%moments%ratio_error/(ratio_goal*law%wanted_ratio), &
-                   length_error/(length_goal*law%wanted_length))
+      excess = max(law%last%moments%ratio_error/(ratio_goal*law%problem%ratio), &
+                   law%length_error()/(length_goal*law%problem%length))
       if (excess > 1.0_wp) then
          law%n_steps = ceiling(final_steps*min(excess**2, real(most_refinement, wp)))
          call solve_along(law, point, found%jacobian, found%metric, matched, 20, violation)
       end if
    end subroutine match_targets
+
+   !> Adds to a refusal where the family ends that the search has left behind, how far order 1 goes
+   !> with either sign of K(1), and the highest order that has the request. The direct method's
+   !> orders do not contain each other.
+   subroutine name_what_exists(request, seed, passed_limit, error)
+      type(process_request), intent(in) :: request   !! of order 2 or more
+      integer(long), intent(in) :: seed
+      real(wp), intent(in) :: passed_limit           !! see `approach`
+      type(error_type), allocatable, intent(inout) :: error
+      type(error_type), allocatable :: unknown
+      character(:), allocatable :: message
+      integer :: order
+      real(wp) :: farther, limit
+
+      if (request%method == 'direct' .or. error%exit_code /= exit_no_solution .or. &
+          .not. request%mean > 0.0_wp) return
+      message = error%message
+      if (passed_limit > 0.0_wp) message = message//'; '//end_of_family(passed_limit)
+      call find_limit(request, .false., limit, unknown)
+      if (allocated(unknown)) return
+      message = message//'; order = 1 has them up to '//stated(limit)//' with K(m) >= 0'
+      if (request%branch == 'any') then
+         call find_limit(request, .true., farther, unknown)
+         if (allocated(unknown)) return
+         if (farther < huge(farther)) then
+            message = message//', up to '//stated(farther)
+         else
+            message = message//', beyond any limit'
+         end if
+         message = message//' with alternating K(m), which higher orders are not searched for'
+      end if
+      order = 1
+      if (request%std <= limit*request%mean) order = highest_order(request, seed)
+      if (order > 1) message = message//', order = '//to_text(order)//' has this one'
+      call raise(error, exit_no_solution, message)
+   end subroutine name_what_exists
+
+   !> Of the orders below the request's that have a process of its ratio and length; order 1 has.
+   !> What is in reach becomes less as the order grows.
+   function highest_order(request, seed) result(order)
+      type(process_request), intent(in) :: request
+      integer(long), intent(in) :: seed
+      integer :: order
+      type(sampled_objective) :: law
+      type(error_type), allocatable :: error
+      type(process_request) :: lower
+      type(search_result) :: found
+      real(wp), parameter :: most_effort = 3.0e8_wp   ! each, of some five orders tried
+      real(wp), allocatable :: point(:)
+      integer :: refused
+
+      order = 1
+      refused = request%order
+      lower = request
+      do while (refused - order > 1)
+         lower%order = (order + refused)/2
+         call approach(lower, seed, law, point, found, error, most_effort)
+         if (.not. allocated(error)) call find_shape(law, point, found, error)
+         if (allocated(error)) then
+            refused = lower%order
+         else
+            order = lower%order
+         end if
+      end do
+   end function highest_order
 
 end module process_positive_fit

@@ -8,7 +8,7 @@ module process_positive_refinement
    use core_kinds, only: wp
    use numerics_constrained_maximum, only: search_result, step_to_maximum
    use process_autoregressive_model, only: step_up
-   use process_positive_law, only: n_constraints, positive_law
+   use process_positive_objective, only: n_constraints, sampled_objective
    use process_positive_moments, only: estimate_autocovariance
    use process_positive_truncated_normal, only: lanes
    implicit none(type, external)
@@ -36,7 +36,7 @@ contains
    !> difference leaves the domain, or the maximum is too flat for the step to be a short one, the
    !> point stays, and its spread is not known.
    subroutine refine(law, step, point, found, spread)
-      class(positive_law), intent(inout) :: law
+      type(sampled_objective), intent(inout) :: law
       real(wp), intent(in) :: step               !! of the differences
       real(wp), intent(inout) :: point(:)        !! the search's last
       type(search_result), intent(inout) :: found
@@ -51,12 +51,12 @@ contains
 
       n = size(point)
       law%n_steps = refinement_steps
-      call law%settle(law%a)
+      call law%settle(law%last%a)
       call law%evaluate(point, state, is_inside)
       if (.not. is_inside) return
       rests = law%state_rests()
       trial%correlation = correlation_of(law)
-      lengths = [law%moments%l0, law%moments%l1]
+      lengths = [law%last%moments%l0, law%last%moments%l1]
       allocate (trial%by_correlation(0:n - 1, n), trial%by_length(2, n))
       do i = 1, n
          moved = point
@@ -67,7 +67,7 @@ contains
          jacobian(:, i) = (moved_state(:n_constraints) - state(:n_constraints))/step
          noise(:, i, :) = noise_of(law, state, rests, moved_state, law%state_rests())/step
          trial%by_correlation(:, i) = (correlation_of(law) - trial%correlation)/step
-         trial%by_length(:, i) = ([law%moments%l0, law%moments%l1] - lengths)/step
+         trial%by_length(:, i) = ([law%last%moments%l0, law%last%moments%l1] - lengths)/step
       end do
       call step_to_maximum(found%metric, jacobian, gradient, state(:n_constraints), change, &
                            multipliers, is_regular)
@@ -88,7 +88,7 @@ contains
    !> Shares of the runs in the errors of a gain and of the constraints' changes, from one state to
    !> another.
    function noise_of(law, from, from_rests, to, to_rests) result(noise)
-      class(positive_law), intent(in) :: law
+      type(sampled_objective), intent(in) :: law
       real(wp), intent(in) :: from(:), to(:)                !! (component of a state)
       real(wp), intent(in) :: from_rests(:, :), to_rests(:, :)   !! (batch, component)
       real(wp) :: noise(lanes, 0:n_constraints)
@@ -109,11 +109,11 @@ contains
 
    !> K(m)/K(0), m = 0..order, of the last evaluation.
    function correlation_of(law) result(correlation)
-      class(positive_law), intent(in) :: law
-      real(wp) :: correlation(0:size(law%a))
+      type(sampled_objective), intent(in) :: law
+      real(wp) :: correlation(0:size(law%last%a))
       real(wp), allocatable :: k(:), unused(:)
 
-      call estimate_autocovariance(law%batches, law%companion_autocovariance, size(law%a), k, &
+      call estimate_autocovariance(law%last%batches, law%known, size(law%last%a), k, &
                                    unused)
       correlation = k/k(0)
    end function correlation_of

@@ -8,7 +8,7 @@ module process_positive_signs
    use numerics_constrained_maximum, only: search_result, solve_along
    use numerics_lapack, only: solve_linear_system
    use process_correlation, only: constraint_weights
-   use process_positive_law, only: positive_law
+   use process_positive_objective, only: sampled_objective
    use process_positive_moments, only: estimate_autocovariance
    implicit none(type, external)
    private
@@ -28,16 +28,16 @@ contains
 
    !> Fails where a K(m) clearly has another sign: by 5 standard errors and a thousandth of K(0).
    subroutine require_signs(law, autocovariance, standard_error, error)
-      class(positive_law), intent(in) :: law
+      type(sampled_objective), intent(in) :: law
       real(wp), intent(in) :: autocovariance(0:)    !! (0:n_lags) K(m), with its standard errors
       real(wp), intent(in) :: standard_error(0:)
       type(error_type), allocatable, intent(out) :: error
       integer :: m
 
       do m = 1, ubound(autocovariance, 1)
-         if (.not. is_opposite(sign(1.0_wp, law%companion_autocovariance(m)), autocovariance(m), &
+         if (.not. is_opposite(sign(1.0_wp, law%known(m)), autocovariance(m), &
                                standard_error(m), autocovariance(0))) cycle
-         call raise(error, exit_no_solution, law%name(size(law%a))// &
+         call raise(error, exit_no_solution, law%problem%name(size(law%last%a))// &
                     ': the search ended where K('//to_text(m)//') has changed its sign')
          return
       end do
@@ -53,22 +53,24 @@ contains
    !> s_m, m = 1..m_max, of the law's symbol, and the G_m/G_0 of s_m = 1. Where a_m = 0 the sign
    !> does not matter and is +.
    pure subroutine signs_of(law, s, unit)
-      class(positive_law), intent(in) :: law   !! of the direct method
+      type(sampled_objective), intent(in) :: law   !! of the direct method
       real(wp), allocatable, intent(out) :: s(:), unit(:)
-      real(wp) :: weights(0:size(law%symbol))
+      real(wp) :: weights(0:size(law%family%direction))
 
-      weights = constraint_weights(law%correlation, law%wanted_length, size(law%symbol))
-      ! some |s_m| are 1, and no other lag has a larger |G_m/a_m|
-      unit = weights(1:)*maxval(abs(law%symbol)/abs(weights(1:)), abs(weights(1:)) > 0.0_wp)
-      allocate (s(size(unit)), source=1.0_wp)
-      where (abs(unit) > 0.0_wp) s = law%symbol/unit
+      associate (symbol => law%family%direction, a => weights(1:))
+         weights = constraint_weights(law%problem%correlation, law%problem%length, size(symbol))
+         ! some |s_m| are 1, and no other lag has a larger |G_m/a_m|
+         unit = a*maxval(abs(symbol)/abs(a), abs(a) > 0.0_wp)
+         allocate (s(size(unit)), source=1.0_wp)
+         where (abs(unit) > 0.0_wp) s = symbol/unit
+      end associate
    end subroutine signs_of
 
    !> The signs of the unconstrained solution made those of the positive law: a lag whose K(m) has
    !> the other sign is given an s_m in between that makes it 0, and one whose s_m would leave
    !> [-1, 1] is given that sign for good.
    subroutine settle_signs(law, point, found, zeros, error)
-      class(positive_law), intent(inout) :: law
+      type(sampled_objective), intent(inout) :: law
       real(wp), intent(inout) :: point(:)          !! (ln factor, coordinate)
       type(search_result), intent(inout) :: found
       type(zero_lags), intent(inout) :: zeros
@@ -90,12 +92,12 @@ contains
             call take_signs(law, s, unit)
             cycle
          end if
-         call estimate_autocovariance(law%batches, law%companion_autocovariance, size(s), k, &
+         call estimate_autocovariance(law%last%batches, law%known, size(s), k, &
                                       standard_error)
          if (.not. any(is_wrong())) return
          is_free = is_free .or. is_wrong()
       end do
-      call raise(error, exit_no_solution, law%name(size(s))// &
+      call raise(error, exit_no_solution, law%problem%name(size(s))// &
                  ': no signs s_m were found that are those of its K(m)')
 
    contains
@@ -112,7 +114,7 @@ contains
    !> Newton's method for K(m) = 0 at the free lags, with the slopes of its first step, the targets
    !> met at every step.
    subroutine make_zero(law, is_free, unit, s, point, found, zeros, error)
-      class(positive_law), intent(inout) :: law
+      type(sampled_objective), intent(inout) :: law
       logical, intent(in) :: is_free(:)
       real(wp), intent(in) :: unit(:)
       real(wp), intent(inout) :: s(:), point(:)
@@ -170,11 +172,12 @@ contains
          call take_signs(law, signs, unit)
          call solve_along(law, at, found%jacobian, found%metric, matched, 20, violation)
          if (.not. violation <= matched) then
-            call raise(error, exit_no_solution, law%name(size(s))//': the search for s_m ended '// &
-                       to_text(violation)//' (relative) from its targets')
+            call raise(error, exit_no_solution, law%problem%name(size(s))// &
+                       ': the search for s_m ended '//to_text(violation)// &
+                       ' (relative) from its targets')
             return
          end if
-         call estimate_autocovariance(law%batches, law%companion_autocovariance, size(s), k, unused)
+         call estimate_autocovariance(law%last%batches, law%known, size(s), k, unused)
          correlation = k(lags)/k(0)
       end subroutine correlate
 
@@ -183,13 +186,13 @@ contains
    !> G of these signs. A lag without correlation in the companion carries its sign in a zero, by
    !> which lengths are summed.
    pure subroutine take_signs(law, s, unit)
-      class(positive_law), intent(inout) :: law
+      type(sampled_objective), intent(inout) :: law
       real(wp), intent(in) :: s(:), unit(:)
       integer :: m
 
-      law%symbol(:) = s*unit
-      do m = 1, min(size(s), law%n_lags)
-         associate (k => law%companion_autocovariance)
+      law%family%direction(:) = s*unit
+      do m = 1, min(size(s), law%problem%n_lags)
+         associate (k => law%known)
             if (abs(k(m)) <= 1.0e-9_wp*k(0)) k(m) = sign(1.0e-9_wp*k(0), s(m))
          end associate
       end do

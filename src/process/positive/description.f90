@@ -1,6 +1,6 @@
 !> What was found of a positive process, in the unit of X, and what the other law makes of the same
 !> parameters.
-module process_positive_report
+module process_positive_description
    use core_error, only: error_type
    use core_kinds, only: wp
    use process_autoregressive_model, only: find_poles
@@ -8,9 +8,9 @@ module process_positive_report
    use process_correlation, only: constraint_weights, correlation_length_l0, correlation_length_l1
    use process_entropy, only: white_noise_entropy
    use process_model, only: process_model_type, process_request
-   use process_positive_law, only: exact_law, positive_law, sequential_law
+   use process_positive_objective, only: new_objective, sampled_objective
    use process_positive_moments, only: estimate_autocovariance
-   use process_positive_preparation, only: prepare_law
+   use process_positive_problem, only: new_problem, sampled_problem
    use process_positive_refinement, only: shape_spread
    use process_positive_signs, only: require_signs, signs_of
    use process_positive_truncated_normal, only: hazard_ratio, lanes, log_acceptance, &
@@ -55,23 +55,23 @@ contains
    !> Of the last evaluation, in the unit of X: what a realization is drawn by, moments, entropy.
    subroutine outline_sampled(request, law, model)
       type(process_request), intent(in) :: request
-      class(positive_law), intent(inout) :: law
+      type(sampled_objective), intent(inout) :: law
       type(process_model_type), intent(inout) :: model
 
       model%request = request
       model%order = request%order
-      model%a = law%a
-      model%b0 = request%std/law%moments%std
-      model%mu = model%b0*law%coordinate/(1.0_wp + sum(model%a))**law%power
-      model%l0 = law%moments%l0
-      model%l0_error = law%moments%l0_error
-      model%l1 = law%moments%l1
-      model%l1_error = law%moments%l1_error
-      model%mean = model%b0*law%moments%mean
-      model%mean_error = model%b0*law%moments%mean_error
+      model%a = law%last%a
+      model%b0 = request%std/law%last%moments%std
+      model%mu = model%b0*law%last%coordinate/law%problem%coordinate_of(model%a, 1.0_wp)
+      model%l0 = law%last%moments%l0
+      model%l0_error = law%last%moments%l0_error
+      model%l1 = law%last%moments%l1
+      model%l1_error = law%last%moments%l1_error
+      model%mean = model%b0*law%last%moments%mean
+      model%mean_error = model%b0*law%last%moments%mean_error
       model%std = request%std
-      model%std_error = model%b0*law%moments%std_error
-      model%memory = law%memory
+      model%std_error = model%b0*law%last%moments%std_error
+      model%memory = law%problem%memory
       call law%find_entropy(model%entropy, model%entropy_error)
       model%entropy = model%entropy + log(model%b0)
       model%entropy_bound = white_noise_entropy(request%std)
@@ -81,7 +81,7 @@ contains
    !> What was found, in the unit of X.
    subroutine describe_sampled(request, law, point, multipliers, spread, model, error)
       type(process_request), intent(in) :: request
-      class(positive_law), intent(inout) :: law
+      type(sampled_objective), intent(inout) :: law
       real(wp), intent(in) :: point(:)
       !> what the entropy of X/std gains as ratio and length exceed what is wanted, relatively
       real(wp), intent(in) :: multipliers(:)
@@ -100,7 +100,7 @@ contains
       if (allocated(error)) return
       call describe_lags(law, point, spread, model, error)
       if (allocated(error)) return
-      m = min(request%order, law%n_lags)
+      m = min(request%order, law%problem%n_lags)
       model%l0_cut = correlation_length_l0(model%autocovariance(0:m))
       model%l1_cut = correlation_length_l1(model%autocovariance(0:m))
    end subroutine describe_sampled
@@ -109,7 +109,7 @@ contains
    !> entropy, and that its ratio and length are the wanted ones on the sample only. Both come from
    !> the same runs.
    function error_of_maximum(law, multipliers, entropy_error) result(standard_error)
-      class(positive_law), intent(in) :: law
+      type(sampled_objective), intent(in) :: law
       real(wp), intent(in) :: multipliers(:)   !! see `describe_sampled`
       real(wp), intent(in) :: entropy_error    !! of this law's entropy
       real(wp) :: standard_error
@@ -119,15 +119,13 @@ contains
 
       rests = law%state_rests()
       by_partition = 0.0_wp
-      associate (from => law%moments%rests, moments => law%moments)
-         select type (law)
-         type is (exact_law)
+      associate (from => law%last%moments%rests, moments => law%last%moments)
+         rest = from(:, 5)
+         if (law%problem%is_exact) then
             by_partition = error_of_partition(law, entropy_error)
-            rest = -0.5_wp*law%coordinate*from(:, 1) - from(:, 2)/moments%ratio &
+            rest = -0.5_wp*law%last%coordinate*from(:, 1) - from(:, 2)/moments%ratio &
                    - from(:, 1)/moments%mean
-         class default
-            rest = from(:, 5)
-         end select
+         end if
       end associate
       rest = rest - matmul(rests(:, :size(multipliers)), multipliers)
       standard_error = hypot(by_partition, &
@@ -146,46 +144,47 @@ contains
 
    !> The part of the exact law's entropy error that is psi's; the other one is the mean's.
    pure function error_of_partition(law, entropy_error) result(standard_error)
-      class(positive_law), intent(in) :: law
+      type(sampled_objective), intent(in) :: law
       real(wp), intent(in) :: entropy_error
       real(wp) :: standard_error
 
       standard_error = sqrt(max(entropy_error**2 &
-                                - (0.5_wp*law%coordinate*law%moments%mean_error)**2, 0.0_wp))
+                                - (0.5_wp*law%last%coordinate*law%last%moments%mean_error)**2, &
+                                0.0_wp))
    end function error_of_partition
 
    !> The autocovariance lag by lag, from as many values as lags allow. Fails where it clearly has
    !> not the signs by which the length was summed.
    subroutine describe_lags(law, point, spread, model, error)
-      class(positive_law), intent(in) :: law
+      type(sampled_objective), intent(in) :: law
       real(wp), intent(in) :: point(:)
       type(shape_spread), intent(in) :: spread
       type(process_model_type), intent(inout) :: model
       type(error_type), allocatable, intent(out) :: error
       integer, parameter :: affordable = 3000000   ! lags times steps of a batch: about a second
-      class(positive_law), allocatable :: longer
+      type(sampled_objective) :: longer
       real(wp), allocatable :: state(:)
       logical :: is_inside
 
-      allocate (longer, source=law)
-      longer%n_steps = min(law%n_steps, max(affordable/law%n_lags, 512))
+      longer = law
+      longer%n_steps = min(law%n_steps, max(affordable/law%problem%n_lags, 512))
       call longer%keep_every_lag()
       call longer%evaluate(point, state, is_inside)
-      call estimate_autocovariance(longer%batches, law%companion_autocovariance, law%n_lags, &
+      call estimate_autocovariance(longer%last%batches, law%known, law%problem%n_lags, &
                                    model%autocovariance, model%autocovariance_error)
       call require_signs(law, model%autocovariance, model%autocovariance_error, error)
       if (allocated(error)) return
       model%autocovariance(:) = model%b0**2*model%autocovariance
       model%autocovariance_error(:) = &
          model%b0**2*hypot(model%autocovariance_error, &
-                           law%moments%std**2*spread%correlation_errors(law%n_lags))
+                           law%last%moments%std**2*spread%correlation_errors(law%problem%n_lags))
    end subroutine describe_lags
 
    !> Multipliers of Eq. (30) from the matrix G: G_0 = 2 lambda_3 + 2 lambda_2 a_0, G_m = lambda_2
    !> a_m s_m, and the largest residual: of the targets, of G, and of s_m K(m) >= 0 or, where |s_m|
    !> < 1 (sign 0), K(m) = 0.
    subroutine name_multipliers(law, violation, model)
-      class(positive_law), intent(in) :: law
+      type(sampled_objective), intent(in) :: law
       real(wp), intent(in) :: violation   !! of the targets, relative
       type(process_model_type), intent(inout) :: model
       real(wp), parameter :: inside = 1.0_wp - 1.0e-9_wp
@@ -194,14 +193,14 @@ contains
       integer :: m
 
       g = symbol_of_process(model%a, model%b0)
-      weights = constraint_weights(law%correlation, law%wanted_length, model%order)
+      weights = constraint_weights(law%problem%correlation, law%problem%length, model%order)
       call signs_of(law, s, unit)
       m = maxloc(abs(weights(1:)), 1, abs(s) > inside)
       lambda_2 = g(m)/(weights(m)*s(m))
       model%signs = merge(nint(sign(1.0_wp, s)), 0, abs(s) > inside)
       model%lambda_3 = 0.5_wp*g(0) - lambda_2*weights(0)
       model%delta = lambda_2/model%lambda_3
-      call estimate_autocovariance(law%batches, law%companion_autocovariance, model%order, k, &
+      call estimate_autocovariance(law%last%batches, law%known, model%order, k, &
                                    unused)
       model%optimality = max(violation, maxval(abs(g(1:) - lambda_2*weights(1:)*s))/g(0), maxval( &
                              merge(max(-s*k(1:), 0.0_wp), abs(k(1:)), abs(s) > inside)/k(0), &
@@ -213,26 +212,25 @@ contains
    !> mu is beyond what is sampled.
    subroutine compare_laws(request, law, point, model)
       type(process_request), intent(in) :: request
-      class(positive_law), intent(in) :: law
+      type(sampled_objective), intent(in) :: law
       real(wp), intent(in) :: point(:)
       type(process_model_type), intent(inout) :: model
       integer, parameter :: moment_steps = 1024, entropy_steps = 256   ! of a batch
       type(error_type), allocatable :: error
-      class(positive_law), allocatable :: other
-      real(wp), allocatable :: kappa(:), state(:)
-      real(wp) :: coordinate, location, other_error
+      type(sampled_problem) :: problem
+      type(sampled_objective) :: other
+      real(wp), allocatable :: state(:)
+      real(wp) :: coordinate, other_error
       logical :: is_inside
 
-      call prepare_law(request, merge('exact     ', 'sequential', &
-                                      request%sampler == 'sequential'), law%numbers%origin, other, &
-                       kappa, error)
-      if (allocated(error)) then   ! longer than it is sampled: not known
-         deallocate (error)
-         return
-      end if
-      location = model%mu/model%b0
-      coordinate = location*(1.0_wp + sum(model%a))**other%power
-      other%factor = law%factor
+      call new_problem(request, merge('exact     ', 'sequential', &
+                                      request%sampler == 'sequential'), law%problem%stream, &
+                       problem, error)
+      if (allocated(error)) return   ! longer than it is sampled: not known
+      call new_objective(problem, other)
+      other%family = law%family
+      other%known = law%known
+      coordinate = problem%coordinate_of(model%a, model%mu/model%b0)
       other%n_steps = moment_steps
       call other%settle(model%a)
       call other%evaluate([point(:size(point) - 1), asinh(coordinate)], state, is_inside)
@@ -240,32 +238,31 @@ contains
       other%n_steps = entropy_steps
       call other%find_entropy(model%other_entropy, other_error)
       model%other_entropy = model%other_entropy + log(model%b0)
-      model%other_mean = model%b0*other%moments%mean
-      model%other_std = model%b0*other%moments%std
-      model%other_l0 = other%moments%l0
+      model%other_mean = model%b0*other%last%moments%mean
+      model%other_std = model%b0*other%last%moments%std
+      model%other_l0 = other%last%moments%l0
       call note_acceptances(other, other_error, model)
    end subroutine compare_laws
 
    !> Lambda belongs to the exact law, the other three to one-at-a-time rejection.
    subroutine note_acceptances(law, entropy_error, model)
-      class(positive_law), intent(in) :: law
+      type(sampled_objective), intent(in) :: law
       real(wp), intent(in) :: entropy_error   !! standard error of this law's entropy [nat]
       type(process_model_type), intent(inout) :: model
       real(wp) :: entropy, field, psi
 
-      select type (law)
-      type is (sequential_law)
-         model%acceptance_ratio = law%moments%acceptance_ratio
-         model%acceptance_mean = law%moments%acceptance_mean
-         model%acceptance_geometric = law%moments%acceptance_geometric
-      type is (exact_law)
+      if (.not. law%problem%is_exact) then
+         model%acceptance_ratio = law%last%moments%acceptance_ratio
+         model%acceptance_mean = law%last%moments%acceptance_mean
+         model%acceptance_geometric = law%last%moments%acceptance_geometric
+      else
          entropy = merge(model%entropy, model%other_entropy, model%request%sampler == 'exact') &
             - log(model%b0)
          field = model%mu/model%b0*(1.0_wp + sum(model%a))**2
-         psi = entropy - 0.5_wp + 0.5_wp*field*law%moments%mean
+         psi = entropy - 0.5_wp + 0.5_wp*field*law%last%moments%mean
          model%lambda = exp(psi - log_sqrt_two_pi - 0.5_wp*field*model%mu/model%b0)
          model%lambda_error = model%lambda*error_of_partition(law, entropy_error)
-      end select
+      end if
    end subroutine note_acceptances
 
-end module process_positive_report
+end module process_positive_description

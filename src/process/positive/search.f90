@@ -1,21 +1,24 @@
-!> The way to a positive process of higher order, on simulated values: first the shape of the
+!> The search for a positive process of higher order, on simulated values: first the shape of the
 !> unconstrained optimum, then every coefficient free.
 !>
-!> The same random numbers at every trial make of the averages a smooth problem.
-module process_positive_approach
+!> Coefficients of that shape are made stronger and stronger, mu always such that the length is the
+!> wanted one: std/mean grows towards a limit, reached as mu runs away to minus infinity (without
+!> correlation it is the exponential law's, 1).
+module process_positive_search
    use core_error, only: error_type, exit_no_solution, raise
    use core_kinds, only: long, wp
-   use core_random, only: label_of, new_stream, stream_type
+   use core_random, only: label_of, new_stream
    use core_text, only: to_text
    use numerics_constrained_maximum, only: maximize, search_result
    use numerics_lapack, only: solve_positive_definite
+   use numerics_root_search, only: new_root_search, root_search
    use process_autoregressive_fit, only: optimal_curvature
    use process_autoregressive_model, only: coefficients_of, reflection_of
    use process_model, only: process_request
-   use process_positive_law, only: n_constraints, positive_law
-   use process_positive_limit, only: follow_family
-   use process_positive_moments, only: estimate_autocovariance
-   use process_positive_preparation, only: prepare_law
+   use process_positive_objective, only: by_symbol, free, n_constraints, new_objective, &
+      sampled_objective
+   use process_positive_moments, only: estimate_autocovariance, positive_moments
+   use process_positive_problem, only: new_problem, sampled_problem
    use process_positive_refinement, only: refine, shape_spread
    use process_positive_signs, only: require_signs
    implicit none(type, external)
@@ -31,6 +34,9 @@ module process_positive_approach
    real(wp), parameter :: wanted = 1.0e-4_wp, acceptable = 1.0e-3_wp, stationary = 0.02_wp
    integer, parameter :: max_iterations = 60        !! of the search for the shape
 
+   !> relative, of the wanted length along the family
+   real(wp), parameter :: length_tolerance = 1.0e-3_wp
+
 contains
 
    !> The unconstrained optimum of another length that has the targets under the law, on few
@@ -38,35 +44,35 @@ contains
    subroutine approach(request, seed, law, point, found, error, most_effort, passed_limit)
       type(process_request), intent(in) :: request
       integer(long), intent(in) :: seed
-      class(positive_law), allocatable, intent(out) :: law
+      type(sampled_objective), intent(out) :: law
       real(wp), allocatable, intent(out) :: point(:)
       type(search_result), intent(out) :: found
       type(error_type), allocatable, intent(out) :: error
       real(wp), intent(in), optional :: most_effort   !! see `positive_law`
       !> std/mean at which the family ends, where a far branch goes on beyond it; else 0
       real(wp), intent(out), optional :: passed_limit
-      real(wp), allocatable :: kappa(:), state(:)
-      real(wp) :: centre, coordinate, far_point(2), limit
+      type(sampled_problem) :: problem
+      real(wp), allocatable :: state(:)
+      real(wp) :: far_point(2), limit
       logical :: is_inside, is_reached
       type(search_result) :: far
 
       if (present(passed_limit)) passed_limit = 0.0_wp
-      call prepare_law(request, request%sampler, stream_of(seed), law, kappa, error)
+      call new_problem(request, request%sampler, &
+                       new_stream(seed, label_of('positive process'), 0), problem, error)
       if (allocated(error)) return
+      call new_objective(problem, law)
       if (present(most_effort)) law%most_effort = most_effort
-      law%shape = atanh(kappa)
-      centre = law%centre
-      coordinate = asinh(law%coordinate)
-      point = [0.0_wp, coordinate]
+      point = [0.0_wp, asinh(problem%coordinate)]
       law%n_steps = quick_steps
-      call law%settle(law%companion)
+      call law%settle(problem%companion)
       call maximize(law, point, n_constraints, 1.0e-4_wp, close_enough, 12, found)
       ! far from the unconstrained optimum another branch may have the targets too: it is taken only
       ! where the family that is followed from there ends before them
       if (found%violation > close_enough .or. point(1) > farthest) then
          far = found
          far_point = point
-         point = [0.0_wp, coordinate]
+         point = [0.0_wp, asinh(problem%coordinate)]
          law%n_steps = limit_steps
          call follow_family(law, point, limit, is_reached)
          if (is_reached) then
@@ -75,16 +81,17 @@ contains
             point = far_point
             found = far
             if (present(passed_limit)) passed_limit = limit
-            law%centre = centre   ! where the family's end has left it, chains begin far off
+            law%centre = problem%centre   ! where the family's end has left it, chains begin far off
             law%n_steps = quick_steps
             call law%evaluate(point, state, is_inside)
          else if (.not. law%is_exhausted()) then
-            call raise(error, exit_no_solution, law%name(size(kappa))//reason_of_end(limit))
+            call raise(error, exit_no_solution, problem%name(size(problem%companion))// &
+                       reason_of_end(limit))
             return
          end if
       end if
       found%is_converged = found%violation <= close_enough
-      call require_converged(law, found, size(kappa), error)
+      call require_converged(law, found, size(problem%companion), error)
    end subroutine approach
 
    !> Why a family does not have the wanted ratio.
@@ -110,7 +117,7 @@ contains
 
    !> Every coefficient free. The direct method's form is that of the maximum already.
    subroutine find_shape(law, point, found, error, spread)
-      class(positive_law), intent(inout) :: law
+      type(sampled_objective), intent(inout) :: law
       real(wp), allocatable, intent(inout) :: point(:)
       type(search_result), intent(inout) :: found
       type(error_type), allocatable, intent(out) :: error
@@ -118,11 +125,11 @@ contains
       logical :: is_near
 
       law%n_steps = shape_steps
-      if (allocated(law%symbol)) return
+      if (law%family%kind == by_symbol) return
       is_near = point(1) <= farthest
-      law%factor = merge(exp(point(1)), 1.0_wp, is_near)
-      point = [exp(point(1))/law%factor*law%shape, point(2)]
-      deallocate (law%shape)
+      law%family%factor = merge(exp(point(1)), 1.0_wp, is_near)
+      point = [exp(point(1))/law%family%factor*law%family%direction, point(2)]
+      law%family%kind = free
       call free_shape(law, is_near, point, found, error, spread)
       if (.not. allocated(error)) call require_converged(law, found, size(point) - 1, error)
    end subroutine find_shape
@@ -131,7 +138,7 @@ contains
    !> above the noise of the sample, the shape of the unconstrained optimum is kept, with the
    !> residual it leaves.
    subroutine free_shape(law, is_near, point, found, error, spread)
-      class(positive_law), intent(inout) :: law
+      type(sampled_objective), intent(inout) :: law
       logical, intent(in) :: is_near   !! the unconstrained optimum, whose curvature is then taken
       real(wp), intent(inout) :: point(:)
       type(search_result), intent(out) :: found
@@ -145,7 +152,7 @@ contains
 
       order = size(point) - 1
       family = point
-      call law%settle(coefficients_of(tanh(law%factor*point(:order))))
+      call law%settle(coefficients_of(tanh(law%family%factor*point(:order))))
       strength = maxval(abs(tanh(point(:order))))
       step = min(1.0e-5_wp, 0.01_wp*strength)
       is_free = strength > feeble
@@ -155,16 +162,16 @@ contains
                        max_iterations, found, metric)
       end if
       if (is_free .and. found%is_converged) then
-         call estimate_autocovariance(law%batches, law%companion_autocovariance, order, &
+         call estimate_autocovariance(law%last%batches, law%known, order, &
                                       autocovariance, standard_error)
          if (strength > weak) call require_signs(law, autocovariance, standard_error, error)
          if (allocated(error)) return
          call come_closer(law, step, min(wanted, stationary*strength), point, found)
       end if
       if (is_free .and. strength <= weak) then
-         call estimate_autocovariance(law%batches, law%companion_autocovariance, order, &
+         call estimate_autocovariance(law%last%batches, law%known, order, &
                                       autocovariance, standard_error)
-         associate (companion => law%companion_autocovariance(0:order))
+         associate (companion => law%known(0:order))
             is_free = found%is_converged .and. &
                       all(autocovariance*sign(1.0_wp, companion) > -4.0_wp*standard_error)
          end associate
@@ -179,7 +186,7 @@ contains
 
    !> Goes on from an acceptable solution to a better one, if there is one within reach.
    subroutine come_closer(law, step, tolerance, point, found)
-      class(positive_law), intent(inout) :: law
+      type(sampled_objective), intent(inout) :: law
       real(wp), intent(in) :: step, tolerance   !! see `maximize`
       real(wp), intent(inout) :: point(:)
       type(search_result), intent(inout) :: found
@@ -202,16 +209,16 @@ contains
 
    !> Inverse curvature of the unconstrained problem at its optimum, to begin the search with.
    function metric_of(law) result(metric)
-      class(positive_law), intent(in) :: law
+      type(sampled_objective), intent(in) :: law
       real(wp), allocatable :: metric(:, :)   !! (variable, variable)
       type(error_type), allocatable :: error
-      real(wp), dimension(size(law%companion)) :: along
+      real(wp), dimension(size(law%problem%companion)) :: along
       real(wp), allocatable :: curvature(:, :)
       integer :: i, n
 
       n = size(along)
-      along = reflection_of(law%companion)
-      curvature = optimal_curvature(law%correlation, law%wanted_length, along)
+      along = reflection_of(law%problem%companion)
+      curvature = optimal_curvature(law%problem%correlation, law%problem%length, along)
       ! along the constraint's gradient a maximum need not be one
       along = along/norm2(along)
       curvature = curvature + spread(along, 1, n)*spread(along, 2, n)*maxval(abs(curvature))
@@ -223,28 +230,140 @@ contains
    end function metric_of
 
    subroutine require_converged(law, found, order, error)
-      class(positive_law), intent(in) :: law
+      type(sampled_objective), intent(in) :: law
       type(search_result), intent(in) :: found
       integer, intent(in) :: order
       type(error_type), allocatable, intent(out) :: error
 
       if (found%is_converged) return
       if (law%is_exhausted()) then
-         call raise(error, exit_no_solution, law%name(order)//': the search was given up after '// &
-                    to_text(nint(1.0e-6_wp*law%effort))//' million simulated values, its bound')
+         call raise(error, exit_no_solution, law%problem%name(order)// &
+                    ': the search was given up after '//to_text(nint(1.0e-6_wp*law%effort))// &
+                    ' million simulated values, its bound')
       else
-         call raise(error, exit_no_solution, law%name(order)//': the search ended '// &
+         call raise(error, exit_no_solution, law%problem%name(order)//': the search ended '// &
                     to_text(found%violation)//' (relative) from its targets, with '// &
                     to_text(found%residual)//' of the gradient left')
       end if
    end subroutine require_converged
 
-   !> The simulated values are the same in every fit of a seed.
-   pure function stream_of(seed) result(stream)
-      integer(long), intent(in) :: seed
-      type(stream_type) :: stream
+   !> Follows the family until it has the wanted ratio: `point` (ln factor, coordinate) is then near
+   !> the solution. Where it ends before, `limit` is the largest std/mean met, less its error; it
+   !> begins where the sample's noise leaves a mu for the wanted length.
+   subroutine follow_family(law, point, limit, is_reached)
+      type(sampled_objective), intent(inout) :: law   !! with a shape
+      real(wp), intent(inout) :: point(2)
+      real(wp), intent(out) :: limit
+      logical, intent(out) :: is_reached
+      integer, parameter :: max_doublings = 7
+      real(wp), parameter :: certainly = 3.0_wp   ! standard errors
+      real(wp) :: inner(2), outer(2), ratio, slack
+      integer :: i
+      logical :: has_begun, is_found
 
-      stream = new_stream(seed, label_of('positive process'), 0)
-   end function stream_of
+      limit = 0.0_wp
+      has_begun = .false.
+      is_reached = .false.
+      point(1) = log(1.02_wp)
+      ! sum a_q tends to -1 as the factor grows: halve what is missing
+      slack = slack_at(law, exp(point(1)))
+      outer = point
+      do i = 1, max_doublings
+         inner = outer
+         if (i > 1) then
+            slack = 0.5_wp*slack
+            outer(1) = log(factor_of(law, slack, exp(inner(1))))
+         end if
+         if (.not. has_begun) outer(2) = point(2)
+         call match_length(law, outer, ratio, is_found)
+         if (.not. is_found .and. .not. has_begun) cycle
+         if (.not. is_found) exit
+         is_reached = ratio >= law%problem%ratio
+         if (is_reached .or. ratio < limit) exit   ! it grows to its limit, or has a maximum
+         limit = ratio - certainly*law%last%moments%ratio_error
+         has_begun = .true.
+      end do
+      if (.not. is_reached) return
+      do i = 1, merge(6, 0, has_begun)   ! halve the stretch in which the ratio is passed
+         point = 0.5_wp*(inner + outer)
+         call match_length(law, point, ratio, is_found)
+         if (ratio >= law%problem%ratio .or. .not. is_found) then
+            outer = point
+         else
+            inner = point
+         end if
+      end do
+      point = outer
+   end subroutine follow_family
 
-end module process_positive_approach
+   !> The factor at which 1 + sum a_q is `slack`.
+   function factor_of(law, slack, start) result(factor)
+      type(sampled_objective), intent(in) :: law
+      real(wp), intent(in) :: slack
+      real(wp), intent(in) :: start   !! smaller than it
+      real(wp) :: factor
+      real(wp) :: high, low
+      integer :: i
+
+      low = start
+      high = start
+      do while (slack_at(law, high) > slack)
+         high = 2.0_wp*high
+      end do
+      do i = 1, 50
+         factor = 0.5_wp*(low + high)
+         if (slack_at(law, factor) > slack) then
+            low = factor
+         else
+            high = factor
+         end if
+      end do
+   end function factor_of
+
+   !> 1 + sum a_q; 0 where there is no process any more.
+   function slack_at(law, factor) result(slack)
+      type(sampled_objective), intent(in) :: law
+      real(wp), intent(in) :: factor
+      real(wp) :: slack
+      real(wp), allocatable :: kappa(:)
+      real(wp) :: unused
+
+      call law%family%unfold([log(factor), 0.0_wp], kappa, unused)
+      slack = 0.0_wp
+      if (all(abs(kappa) < 1.0_wp)) slack = 1.0_wp + sum(coefficients_of(kappa))
+   end function slack_at
+
+   !> The coordinate that gives the wanted length at this factor, and std/mean there. The length
+   !> grows with mu, up to that of the Gaussian. Where there is none the moments stay those of
+   !> before, from which the next chains start.
+   subroutine match_length(law, point, ratio, is_found)
+      type(sampled_objective), intent(inout) :: law
+      real(wp), intent(inout) :: point(2)
+      real(wp), intent(out) :: ratio
+      logical, intent(out) :: is_found
+      integer, parameter :: max_steps = 20
+      type(root_search) :: search
+      type(positive_moments) :: before
+      real(wp), allocatable :: kappa(:), state(:)
+      real(wp) :: unused
+      logical :: is_inside
+      integer :: i
+
+      before = law%last%moments
+      call law%family%unfold(point, kappa, unused)
+      call law%settle(coefficients_of(kappa))
+      search = new_root_search(0.25_wp)
+      ratio = 0.0_wp
+      do i = 1, max_steps
+         call law%evaluate(point, state, is_inside)
+         if (.not. is_inside) exit
+         ratio = law%last%moments%ratio
+         is_found = abs(state(2)) <= length_tolerance
+         if (is_found) return
+         call search%advance(point(2), state(2))
+      end do
+      is_found = .false.
+      law%last%moments = before
+   end subroutine match_length
+
+end module process_positive_search

@@ -1,0 +1,370 @@
+!> A sampled problem as a function to be maximized: entropy under a wanted std/mean and correlation
+!> length, by averages over the same random numbers at every trial.
+!>
+!> A family produces the parameters of a law from a point, whose last component is asinh of the
+!> coordinate for mu; each evaluation leaves an estimate. All is in units of b0.
+module process_positive_objective
+   use core_kinds, only: wp
+   use core_random, only: stream_type
+   use numerics_constrained_maximum, only: objective_type
+   use process_autoregressive_model, only: coefficients_of, reflection_of
+   use process_autoregressive_spectral_factor, only: factor_symbol, symbol_of_process
+   use process_positive_exact, only: entropy_of_exact_law, log_partition, sample_exact, &
+      sweeps_to_forget
+   use process_positive_moments, only: batch_averages, estimate_autocovariance, estimate_moments, &
+      new_batches, positive_moments
+   use process_positive_problem, only: sampled_problem
+   use process_positive_sequential, only: numbers_needed, sample_sequential
+   use process_positive_truncated_normal, only: lanes
+   implicit none(type, external)
+   private
+   public :: sampled_objective, new_objective, parameter_family, law_estimate
+   public :: by_shape, by_symbol, free
+
+   integer, parameter, public :: n_constraints = 2
+   integer, parameter :: n_batches = 16*lanes
+   real(wp), parameter :: largest_kappa = 0.9999_wp
+
+   !> (ln factor of a shape, coordinate), (ln factor of a symbol, coordinate), or (atanh(kappa_m)
+   !> over a factor, m = 1..order, coordinate).
+   integer, parameter :: by_shape = 1, by_symbol = 2, free = 3
+
+   !> How points become parameters.
+   type :: parameter_family
+      integer :: kind = free
+      !> by_shape: atanh(kappa_m); by_symbol: G_m/G_0 of the direct method
+      real(wp), allocatable :: direction(:)
+      real(wp) :: factor = 1.0_wp   !! free: by which points are multiplied
+   contains
+      procedure :: unfold
+   end type parameter_family
+
+   !> Parameters of a law, and what the simulated values say of it.
+   type :: law_estimate
+      real(wp), allocatable :: a(:)                  !! a_q, Eq. (39)
+      real(wp) :: coordinate = 0.0_wp                !! see `sampled_problem`
+      type(batch_averages) :: batches
+      type(positive_moments) :: moments
+   end type law_estimate
+
+   integer, parameter :: most_kept = 2**22   !! values, 32 MB; longer trials draw their own
+
+   !> A stream that begins again with each `rewind`.
+   type, extends(stream_type) :: shared_numbers
+      type(stream_type) :: origin                 !! where every trial begins
+      real(wp), allocatable, private :: kept(:)   !! the first numbers of the stream
+      integer, private :: n_read = 0
+      logical, private :: is_kept = .false.       !! the trial reads `kept`, else it draws
+   contains
+      procedure :: rewind => rewind_numbers
+      procedure :: uniforms => next_numbers
+   end type shared_numbers
+
+   !> The problem, the way to its parameters, how long is simulated, and the last estimate.
+   type, extends(objective_type) :: sampled_objective
+      type(sampled_problem) :: problem
+      type(parameter_family) :: family
+      !> (0:n_lags) autocovariance of the companion, where it is 0 with the sign of K(m)
+      real(wp), allocatable :: known(:)
+      integer :: n_burn_in = 0                       !! steps, or sweeps
+      integer :: n_steps = 0                         !! of a batch
+      !> near the mean: where chains start, and products are taken about it, so that hardly anything
+      !> is left of what enters and leaves at the ends of a batch
+      real(wp) :: centre = 1.0_wp
+      !> values simulated so far, in units of those of low order, and how many at most: a bound
+      !> that does not depend on the machine, some 30 s of a processor
+      real(wp) :: effort = 0.0_wp, most_effort = 3.0e9_wp
+      type(shared_numbers) :: numbers
+      type(law_estimate) :: last                     !! of the last evaluation
+   contains
+      procedure :: evaluate
+      procedure :: gain
+      procedure :: settle
+      procedure :: keep_every_lag
+      procedure :: is_exhausted
+      procedure :: state_rests
+      procedure :: find_entropy
+      procedure :: length_error
+   end type sampled_objective
+
+contains
+
+   !> Objective of a problem in its first family: the companion's shape, or the direct method's
+   !> symbol.
+   subroutine new_objective(problem, objective)
+      type(sampled_problem), intent(in) :: problem
+      type(sampled_objective), intent(out) :: objective
+
+      objective%problem = problem
+      objective%known = problem%autocovariance
+      objective%centre = problem%centre
+      objective%numbers%origin = problem%stream
+      objective%last%batches = new_batches(problem%n_lags, problem%n_single, n_batches)
+      if (allocated(problem%symbol)) then
+         objective%family%kind = by_symbol
+         objective%family%direction = problem%symbol
+      else
+         objective%family%kind = by_shape
+         objective%family%direction = atanh(reflection_of(problem%companion))
+      end if
+   end subroutine new_objective
+
+   !> Reflection coefficients and coordinate of a point. Where no process is, a coefficient is 1.
+   pure subroutine unfold(self, point, kappa, coordinate)
+      class(parameter_family), intent(in) :: self
+      real(wp), intent(in) :: point(:)
+      real(wp), allocatable, intent(out) :: kappa(:)
+      real(wp), intent(out) :: coordinate
+      real(wp), parameter :: outside = 40.0_wp   ! of any process: nothing overflows
+
+      select case (self%kind)
+      case (by_symbol)
+         kappa = reflection_of_symbol([1.0_wp, exp(min(point(1), outside))*self%direction])
+      case (by_shape)
+         kappa = tanh(exp(min(point(1), outside))*self%direction)
+      case default
+         kappa = tanh(self%factor*point(:size(point) - 1))
+      end select
+      coordinate = sinh(max(-outside, min(point(size(point)), outside)))
+   end subroutine unfold
+
+   pure function reflection_of_symbol(symbol) result(kappa)
+      real(wp), intent(in) :: symbol(0:)
+      real(wp) :: kappa(ubound(symbol, 1))
+      real(wp) :: a(ubound(symbol, 1)), b0
+      logical :: is_positive
+
+      a = 0.0_wp
+      b0 = 1.0_wp/sqrt(symbol(0))
+      call factor_symbol(symbol, a, b0, is_positive)
+      kappa = 1.0_wp
+      if (is_positive) kappa = reflection_of(a)
+   end function reflection_of_symbol
+
+   !> Ratio and length relative to what is wanted, then the features that `gain` needs.
+   subroutine evaluate(self, point, state, is_inside)
+      class(sampled_objective), intent(inout) :: self
+      real(wp), intent(in) :: point(:)
+      real(wp), allocatable, intent(out) :: state(:)
+      logical, intent(out) :: is_inside
+      real(wp), allocatable :: kappa(:)
+      type(positive_moments) :: cut
+
+      associate (problem => self%problem, last => self%last)
+         call self%family%unfold(point, kappa, last%coordinate)
+         is_inside = all(abs(kappa) < largest_kappa) .and. abs(last%coordinate) < 1.0e6_wp &
+                     .and. .not. self%is_exhausted()
+         if (.not. is_inside) return
+         last%a = coefficients_of(kappa)
+         if (problem%is_exact) then
+            call simulate_exact(self)
+         else
+            call simulate_sequential(self)
+         end if
+         last%moments = estimate_moments(last%batches, self%known, size(last%a), &
+                                         problem%tail_l0, problem%tail_moment)
+         is_inside = last%moments%std > 0.0_wp
+         if (.not. is_inside) return
+         cut = last%moments
+         if (problem%cut > 0) cut = estimate_moments(last%batches, self%known(:problem%cut), &
+                                                     problem%cut, 0.0_wp, 0.0_wp)
+         state = [last%moments%ratio/problem%ratio - 1.0_wp, &
+                  merge(cut%l0, cut%l1, problem%correlation == 'L0')/problem%length - 1.0_wp, &
+                  features_of(self)]
+      end associate
+   end subroutine evaluate
+
+   subroutine simulate_sequential(self)
+      class(sampled_objective), intent(inout) :: self
+      integer :: n_steps, n_stretches
+
+      n_steps = max(self%n_steps, self%problem%n_lags)
+      n_stretches = n_batches/lanes
+      call count_values(self, self%n_burn_in + n_stretches*n_steps)
+      call self%numbers%rewind(numbers_needed(self%n_burn_in, n_steps, n_stretches))
+      call sample_sequential(self%last%a, self%last%coordinate, self%problem%companion, &
+                             self%centre, self%n_burn_in, n_steps, self%numbers, self%last%batches)
+   end subroutine simulate_sequential
+
+   subroutine simulate_exact(self)
+      class(sampled_objective), intent(inout) :: self
+      integer :: n_sweeps, n_values
+
+      n_sweeps = max(self%n_steps/ring_length(self), 2)
+      n_values = (self%n_burn_in + n_batches/lanes*n_sweeps)*ring_length(self)
+      call self%numbers%rewind(real(lanes, wp)*n_values)
+      call count_values(self, n_values)
+      call sample_exact(self%last%a, self%last%coordinate, self%problem%companion, self%centre, &
+                        ring_length(self), self%n_burn_in, n_sweeps, self%numbers, &
+                        self%last%batches)
+   end subroutine simulate_exact
+
+   !> Exact law: values per ring; K has fallen below 1e-8 before it comes around.
+   pure integer function ring_length(self)
+      class(sampled_objective), intent(in) :: self
+
+      ring_length = max(3*self%problem%n_lags, 64)
+   end function ring_length
+
+   !> A value of high order costs more, and so does each lag that is kept.
+   pure subroutine count_values(self, n_steps)
+      class(sampled_objective), intent(inout) :: self
+      integer, intent(in) :: n_steps   !! of all lanes
+
+      self%effort = self%effort + real(lanes, wp)*n_steps &
+                    *(1.0_wp + 0.05_wp*(size(self%last%a) + self%last%batches%n_single))
+   end subroutine count_values
+
+   pure function is_exhausted(self)
+      class(sampled_objective), intent(in) :: self
+      logical :: is_exhausted
+
+      is_exhausted = self%effort >= self%most_effort
+   end function is_exhausted
+
+   !> Chooses the burn-in for points near these coefficients. Sequential law: the companion's memory
+   !> measures that of every process of the wanted length. Exact law: by the variance of the last
+   !> evaluation; before the first one, by the companion's.
+   pure subroutine settle(self, a)
+      class(sampled_objective), intent(inout) :: self
+      real(wp), intent(in) :: a(:)
+      real(wp) :: variance
+
+      variance = self%known(0)
+      if (self%last%moments%std > 0.0_wp) then
+         variance = self%last%moments%std**2
+         self%centre = self%last%moments%mean
+      end if
+      self%n_burn_in = max(self%problem%memory, size(a))
+      if (self%problem%is_exact) &
+         self%n_burn_in = sweeps_to_forget(a, variance, self%problem%l0, 1.0e-5_wp)
+   end subroutine settle
+
+   !> From now on averages of every lag, at the cost of every lag.
+   pure subroutine keep_every_lag(self)
+      class(sampled_objective), intent(inout) :: self
+
+      self%last%batches = new_batches(self%problem%n_lags, self%problem%n_lags, n_batches)
+   end subroutine keep_every_lag
+
+   !> Sequential law: the entropy of x/std. Exact law: moments m, K(0..order), and their
+   !> multipliers.
+   pure function features_of(self) result(features)
+      class(sampled_objective), intent(in) :: self
+      real(wp), allocatable :: features(:)
+      real(wp), allocatable :: k(:), unused(:)
+      real(wp) :: g(0:size(self%last%a))
+
+      associate (last => self%last)
+         if (.not. self%problem%is_exact) then
+            features = [last%moments%entropy]
+            return
+         end if
+         call estimate_autocovariance(last%batches, self%known, size(last%a), k, unused)
+         g = symbol_of_process(last%a, 1.0_wp)
+         g(0) = 0.5_wp*g(0)
+         features = [last%moments%mean, k, &
+                     last%moments%mean*(1.0_wp + sum(last%a))**2 - last%coordinate, g]
+      end associate
+   end function features_of
+
+   !> Of the entropy of x/std. That of the exact law is known by its differences: along a change of
+   !> the multipliers, dh = - sum (multiplier) d(moment), by the trapezoidal rule.
+   pure real(wp) function gain(self, from, to)
+      class(sampled_objective), intent(in) :: self
+      real(wp), intent(in) :: from(:), to(:)
+      integer :: first, n
+
+      first = n_constraints + 1
+      gain = to(first) - from(first)
+      if (.not. self%problem%is_exact) return
+      n = (size(from) - n_constraints)/2
+      gain = 0.5_wp*dot_product(from(first + n:) + to(first + n:), to(first:first + n - 1) &
+                                - from(first:first + n - 1)) &
+             - 0.5_wp*log(to(first + 1)/from(first + 1))
+   end function gain
+
+   !> (batch, component) What is left of each batch's deviation from the state of the last
+   !> evaluation; lengths as infinite sums. Multipliers are known but for the mean in the first one.
+   pure function state_rests(self) result(rests)
+      class(sampled_objective), intent(in) :: self
+      real(wp), allocatable :: rests(:, :)
+      real(wp), allocatable :: unused_k(:), unused(:)
+      integer :: n
+
+      associate (from => self%last%moments%rests, a => self%last%a)
+         n = merge(size(a), 0, self%problem%is_exact)
+         allocate (rests(size(from, 1), n_constraints + merge(2*n + 4, 1, self%problem%is_exact)), &
+                   source=0.0_wp)
+         rests(:, 1) = from(:, 2)/self%problem%ratio
+         rests(:, 2) = from(:, merge(3, 4, self%problem%correlation == 'L0'))/self%problem%length
+         rests(:, 3) = from(:, 5)
+         if (.not. self%problem%is_exact) return
+         rests(:, 3) = from(:, 1)
+         call estimate_autocovariance(self%last%batches, self%known, n, unused_k, unused, &
+                                      rests(:, 4:n + 4))
+         rests(:, n + 5) = from(:, 1)*(1.0_wp + sum(a))**2
+      end associate
+   end function state_rests
+
+   !> Entropy per point of x/b0 at the point of the last evaluation, and its standard error; that of
+   !> the exact law by `log_partition`.
+   subroutine find_entropy(self, entropy, standard_error)
+      class(sampled_objective), intent(inout) :: self
+      real(wp), intent(out) :: entropy, standard_error
+      integer, parameter :: enough = 8192   ! steps of a batch: each node has as many
+      real(wp) :: psi, psi_error
+
+      associate (last => self%last)
+         entropy = last%moments%entropy + log(last%moments%std)
+         standard_error = last%moments%entropy_error
+         if (.not. self%problem%is_exact) return
+         call self%numbers%rewind(huge(1.0_wp))
+         call log_partition(last%a, last%coordinate, ring_length(self), self%n_burn_in, &
+                            max(min(self%n_steps, enough)/ring_length(self), 2), self%numbers, &
+                            psi, psi_error)
+         entropy = entropy_of_exact_law(psi, last%coordinate, last%moments%mean)
+         standard_error = norm2([psi_error, 0.5_wp*last%coordinate*last%moments%mean_error])
+      end associate
+   end subroutine find_entropy
+
+   !> Standard error of the imposed length, as an infinite sum [lags].
+   pure real(wp) function length_error(self)
+      class(sampled_objective), intent(in) :: self
+
+      length_error = merge(self%last%moments%l0_error, self%last%moments%l1_error, &
+                           self%problem%correlation == 'L0')
+   end function length_error
+
+   !> Back to the first number, for a trial that reads this many.
+   pure subroutine rewind_numbers(self, n_values)
+      class(shared_numbers), intent(inout) :: self
+      real(wp), intent(in) :: n_values
+      integer :: n_kept
+
+      self%stream_type = self%origin
+      self%n_read = 0
+      self%is_kept = n_values <= most_kept
+      if (.not. self%is_kept) return
+      n_kept = 0
+      if (allocated(self%kept)) n_kept = size(self%kept)
+      if (n_kept >= n_values) return
+      if (allocated(self%kept)) deallocate (self%kept)
+      allocate (self%kept(ceiling(n_values)))
+      call self%stream_type%uniforms(self%kept)
+   end subroutine rewind_numbers
+
+   !> Both ways give the same numbers where each request is even.
+   pure subroutine next_numbers(self, values)
+      class(shared_numbers), intent(inout) :: self
+      real(wp), intent(out) :: values(:)
+
+      if (self%is_kept) then
+         values = self%kept(self%n_read + 1:self%n_read + size(values))
+         self%n_read = self%n_read + size(values)
+      else
+         call self%stream_type%uniforms(values)
+      end if
+   end subroutine next_numbers
+
+end module process_positive_objective

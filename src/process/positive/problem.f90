@@ -1,0 +1,158 @@
+!> A positive process as a sampled problem: its targets, the linear companion whose noise is its
+!> own, and the random numbers that every trial shares. Nothing of it changes during a search. All
+!> is in units of b0.
+module process_positive_problem
+   use core_error, only: error_type, exit_bad_input, exit_no_solution, raise
+   use core_kinds, only: wp
+   use core_random, only: stream_type
+   use core_text, only: to_text
+   use process_autoregressive_fit, only: describe_ar, optimal_reflection
+   use process_autoregressive_model, only: autocovariance_of, coefficients_of, innovation_std, &
+      reflection_of
+   use process_autoregressive_spectral_factor, only: symbol_of_process
+   use process_autoregressive_sums, only: correlation_sums, sum_correlation
+   use process_direct_fit, only: fit_direct
+   use process_model, only: process_model_type, process_request
+   use process_positive_sequential, only: memory_of
+   use process_positive_truncated_normal, only: fit_truncated_normal
+   implicit none(type, external)
+   private
+   public :: sampled_problem, new_problem
+
+   !> What is wanted of the law of one-at-a-time rejection (Sec. 2.4) or of that of Eq. (25), and
+   !> the unconstrained process of the wanted length, its companion.
+   type :: sampled_problem
+      logical :: is_exact = .false.                  !! the law is that of Eq. (25)
+      character(:), allocatable :: correlation       !! 'L0' or 'L1'
+      real(wp) :: ratio = 0.0_wp                     !! std/mean
+      real(wp) :: length = 0.0_wp                    !! [lags]
+      integer :: cut = 0                             !! lags of imposed sums, Eq. (11); 0: all
+      type(stream_type) :: stream                    !! where the numbers of every trial begin
+      real(wp), allocatable :: companion(:)          !! a_q of the companion
+      real(wp), allocatable :: autocovariance(:)     !! of the companion, (0:n_lags), b0 = 1
+      real(wp), allocatable :: symbol(:)             !! direct method: its G_m/G_0, m = 1..m_max
+      real(wp) :: l0 = 0.0_wp                        !! of the companion [lags]
+      real(wp) :: tail_l0 = 0.0_wp, tail_moment = 0.0_wp   !! of its sums, beyond n_lags
+      integer :: n_lags = 0
+      integer :: n_single = 0                        !! lags that are kept one by one
+      integer :: memory = 0                          !! steps beyond which nothing is felt, to 1e-9
+      real(wp) :: coordinate = 0.0_wp                !! first guess: of the univariate law
+      real(wp) :: centre = 1.0_wp                    !! the same of the mean
+   contains
+      procedure :: coordinate_of
+      procedure :: name
+   end type sampled_problem
+
+contains
+
+   !> Problem of a request under the law of a sampler's name. Fails for bad numbers and where more
+   !> lags count than a search carries in a minute or two.
+   subroutine new_problem(request, sampler, stream, problem, error)
+      type(process_request), intent(in) :: request
+      character(*), intent(in) :: sampler
+      type(stream_type), intent(in) :: stream
+      type(sampled_problem), intent(out) :: problem
+      type(error_type), allocatable, intent(out) :: error
+      integer, parameter :: most_lags(2) = [4000, 600]        ! sequential, exact
+      real(wp), parameter :: longest = 10.0_wp*(1.0_wp + 1.0e-9_wp)   ! exact: sweeps grow with L0^2
+      type(process_model_type) :: unconstrained
+      type(correlation_sums) :: sums
+      real(wp), allocatable :: g(:), kappa(:), rho(:)
+      real(wp) :: b0, mu, sigma
+      integer :: m
+
+      if (sampler /= 'sequential' .and. sampler /= 'exact') then
+         call raise(error, exit_bad_input, "sampler = '"//sampler// &
+                    "': must be 'sequential' or 'exact'")
+         return
+      end if
+      problem%is_exact = sampler == 'exact'
+      call fit_truncated_normal(request%mean, request%std, mu, sigma, error)
+      if (allocated(error) .and. request%mean > 0.0_wp .and. request%correlation_length > 0.0_wp) &
+         call raise(error, exit_no_solution, 'positive process with std/mean = '// &
+                    to_text(request%std/request%mean)//': K(m) >= 0 needs std < mean')
+      if (allocated(error)) return
+      call solve_unconstrained(request, unconstrained, error)
+      if (allocated(error)) return
+      kappa = reflection_of(unconstrained%a)
+      call sum_correlation(kappa, sums, error)
+      if (allocated(error)) return
+      problem%companion = unconstrained%a
+      problem%correlation = request%correlation
+      problem%ratio = request%std/request%mean
+      problem%length = request%correlation_length
+      problem%l0 = sums%l0
+      problem%stream = stream
+      problem%n_lags = max(size(kappa), memory_of(unconstrained%poles, 1.0e-4_wp))
+      if (problem%n_lags > most_lags(merge(2, 1, problem%is_exact)) .or. &
+          problem%is_exact .and. problem%l0 > longest) then
+         call raise(error, exit_no_solution, 'positive process ('//sampler//' law) with '// &
+                    request%correlation//' = '//to_text(request%correlation_length)// &
+                    ', order = '//to_text(request%order)//': '//to_text(problem%n_lags)// &
+                    ' lags count; the sequential law is sampled to 4000 of them, the exact one '// &
+                    'to 600 and to L0 = 10; order 1 is solved without sampling')
+         return
+      end if
+      if (request%method == 'direct') then
+         g = symbol_of_process(unconstrained%a, 1.0_wp)
+         problem%symbol = g(2:)/g(1)
+         problem%cut = request%order
+      end if
+      rho = autocovariance_of(kappa, problem%n_lags)
+      problem%tail_l0 = sums%l0 - sum(abs(rho(2:)))
+      problem%tail_moment = sums%l1*(1.0_wp + sums%l0) &
+                            - sum([(m*abs(rho(m + 1)), m=1, problem%n_lags)])
+      allocate (problem%autocovariance(0:problem%n_lags))
+      problem%autocovariance(:) = rho/innovation_std(kappa, 1.0_wp)**2
+      b0 = sigma*innovation_std(kappa, 1.0_wp)   ! univariate law, innovations of the companion
+      problem%coordinate = problem%coordinate_of(problem%companion, mu/b0)
+      problem%centre = request%mean/b0
+      problem%memory = ceiling(1.5_wp*memory_of(unconstrained%poles, 1.0e-9_wp))
+      problem%n_single = min(max(request%order, problem%cut), problem%n_lags)
+      if (any(rho(problem%n_single + 2:) < 0.0_wp)) problem%n_single = problem%n_lags
+   end subroutine new_problem
+
+   !> The process without sign constraint, by the request's method.
+   subroutine solve_unconstrained(request, model, error)
+      type(process_request), intent(in) :: request
+      type(process_model_type), intent(out) :: model
+      type(error_type), allocatable, intent(out) :: error
+      type(process_request) :: unsigned
+      real(wp), allocatable :: kappa(:)
+
+      if (request%method == 'direct') then
+         unsigned = request
+         unsigned%positive = .false.
+         call fit_direct(unsigned, model)
+         if (.not. model%is_solved) call raise(error, exit_no_solution, model%reason)
+      else
+         call optimal_reflection(request%correlation, request%correlation_length, request%order, &
+                                 kappa, error)
+         if (allocated(error)) return
+         call describe_ar(coefficients_of(kappa), 1.0_wp, model, error)
+      end if
+   end subroutine solve_unconstrained
+
+   !> mu (1 + sum a_q)/b0 of the sequential law, mu (1 + sum a_q)^2/b0 of the exact one: what stays
+   !> finite where mu does not.
+   pure function coordinate_of(self, a, location) result(coordinate)
+      class(sampled_problem), intent(in) :: self
+      real(wp), intent(in) :: a(:)
+      real(wp), intent(in) :: location   !! mu/b0
+      real(wp) :: coordinate
+
+      coordinate = location*(1.0_wp + sum(a))**merge(2, 1, self%is_exact)
+   end function coordinate_of
+
+   !> For messages.
+   pure function name(self, order) result(text)
+      class(sampled_problem), intent(in) :: self
+      integer, intent(in) :: order
+      character(:), allocatable :: text
+
+      text = 'positive process ('//trim(merge('exact     ', 'sequential', self%is_exact))// &
+             ' law) with std/mean = '//to_text(self%ratio)//', '//self%correlation//' = '// &
+             to_text(self%length)//', order = '//to_text(order)
+   end function name
+
+end module process_positive_problem
