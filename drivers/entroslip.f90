@@ -2,6 +2,7 @@
 program entroslip
    use config_template, only: scene_reference, template_text
    use core_error, only: error_type, exit_done
+   use core_memory, only: require_memory, restart_without_threads
    use core_terminal, only: end_program, say, start_terminal, write_error
    use driver_check, only: check
    use driver_command_line, only: command_line, help_text, read_command_line
@@ -15,10 +16,12 @@ program entroslip
    type(error_type), allocatable :: error
 
    call start_terminal()
+   call restart_without_threads()
    call read_command_line(line, error)
-   if (allocated(error)) then
-      call write_error(error%message)
-      call end_program(error%exit_code)
+   call end_on(error)
+   if (all(line%command /= [character(8) :: 'template', 'version', 'help'])) then
+      call require_memory(error)
+      call end_on(error)
    end if
    select case (line%command)
    case ('run')
@@ -43,4 +46,16 @@ program entroslip
       call say(help_text())
    end select
    call end_program(exit_done)
+
+contains
+
+   !> Ends the program with an error, where there is one.
+   subroutine end_on(error)
+      type(error_type), allocatable, intent(in) :: error
+
+      if (.not. allocated(error)) return
+      call write_error(error%message)
+      call end_program(error%exit_code)
+   end subroutine end_on
+
 end program entroslip

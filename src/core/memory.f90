@@ -1,0 +1,138 @@
+!> Memory where the system limits it (`ulimit -v`, RLIMIT_AS): what libraries take before any work.
+!>
+!> OpenBLAS allocates a buffer of 128 MB in each of its threads, one a core, when it is loaded, and
+!> one more at its first call. Where the system refuses a buffer it asks again, for ever (memory.c,
+!> blas_memory_alloc). So a program with a limit begins without these threads, and asks first.
+module core_memory
+   use, intrinsic :: iso_c_binding, only: c_char, c_int, c_int64_t, c_loc, c_null_char, &
+                                          c_null_ptr, c_ptr
+   use core_error, only: error_type, exit_file, raise
+   use core_kinds, only: long, wp
+   use core_text, only: to_text
+   implicit none(type, external)
+   private
+   public :: gives_memory, require_memory, restart_without_threads
+
+   character(*), parameter :: n_threads = 'OPENBLAS_NUM_THREADS'
+   integer, parameter :: least_megabytes = 256   !! OpenBLAS 128, MPI 64, small work 64
+   integer(c_int64_t), parameter :: no_limit = -1_c_int64_t   !! RLIM_INFINITY
+
+   type, bind(c) :: limit_type
+      integer(c_int64_t) :: soft, hard   !! [byte]
+   end type limit_type
+
+   interface
+      function c_getrlimit(resource, limits) result(status) bind(c, name='getrlimit')
+         import :: c_int, limit_type
+         integer(c_int), value :: resource
+         type(limit_type), intent(out) :: limits
+         integer(c_int) :: status
+      end function c_getrlimit
+
+      function c_setenv(name, value, overwrite) result(status) bind(c, name='setenv')
+         import :: c_char, c_int
+         character(kind=c_char), intent(in) :: name(*), value(*)
+         integer(c_int), value :: overwrite
+         integer(c_int) :: status
+      end function c_setenv
+
+      !> Replaces the program by another, or returns where that cannot be.
+      function c_execv(path, arguments) result(status) bind(c, name='execv')
+         import :: c_char, c_int, c_ptr
+         character(kind=c_char), intent(in) :: path(*)
+         type(c_ptr), intent(in) :: arguments(*)
+         integer(c_int) :: status
+      end function c_execv
+   end interface
+
+contains
+
+   !> True if the system limits the address space or the data of this process.
+   function limits_memory()
+      logical :: limits_memory
+      integer(c_int), parameter :: rlimit_data = 2, rlimit_as = 9   !! Linux
+
+      limits_memory = is_limited(rlimit_as) .or. is_limited(rlimit_data)
+   end function limits_memory
+
+   function is_limited(resource)
+      integer(c_int), intent(in) :: resource
+      logical :: is_limited
+      type(limit_type) :: limits
+
+      is_limited = .false.
+      if (c_getrlimit(resource, limits) == 0) is_limited = limits%soft /= no_limit
+   end function is_limited
+
+   !> Where memory is limited, starts the program anew with one thread of OpenBLAS, whose other
+   !> threads took their buffers when it was loaded. The process stays the same.
+   subroutine restart_without_threads()
+      integer(c_int) :: ignored   ! where it cannot be started anew, the program goes on
+      character(8) :: value
+      integer :: length, status
+
+      call get_environment_variable(n_threads, value, length, status)
+      if (status == 0 .and. value == '1') return
+      if (.not. limits_memory()) return
+      ignored = c_setenv(n_threads//c_null_char, '1'//c_null_char, 1_c_int)
+      call start_anew()
+   end subroutine restart_without_threads
+
+   !> Replaces this program by itself, with its arguments.
+   subroutine start_anew()
+      type(c_ptr), allocatable :: arguments(:)
+      integer, allocatable :: starts(:)
+      character(kind=c_char, len=1), allocatable, target :: words(:)
+      character(:), allocatable :: word
+      integer(c_int) :: ignored
+      integer :: i, j, length, n
+
+      n = command_argument_count()
+      allocate (arguments(0:n + 1), starts(0:n + 1))
+      starts(0) = 1
+      do i = 0, n
+         call get_command_argument(i, length=length)
+         starts(i + 1) = starts(i) + length + 1
+      end do
+      allocate (words(starts(n + 1)))
+      do i = 0, n
+         allocate (character(starts(i + 1) - starts(i) - 1) :: word)
+         call get_command_argument(i, word)
+         do j = 1, len(word)
+            words(starts(i) + j - 1) = word(j:j)
+         end do
+         words(starts(i + 1) - 1) = c_null_char
+         arguments(i) = c_loc(words(starts(i)))
+         deallocate (word)
+      end do
+      arguments(n + 1) = c_null_ptr
+      ignored = c_execv('/proc/self/exe'//c_null_char, arguments)
+   end subroutine start_anew
+
+   !> An error where the system does not give what libraries take before any work.
+   subroutine require_memory(error)
+      type(error_type), allocatable, intent(out) :: error
+
+      if (.not. limits_memory()) return
+      if (.not. gives_memory(1.0e6_wp*least_megabytes)) &
+         call raise(error, exit_file, 'memory: the system does not give the '// &
+                    to_text(least_megabytes)//' MB that libraries take before any work: '// &
+                    'raise the limit (ulimit -v) to 400000 kB or more')
+   end subroutine require_memory
+
+   !> True if the system would give so much memory now. None of it is used.
+   function gives_memory(bytes)
+      real(wp), intent(in) :: bytes
+      logical :: gives_memory
+      real(wp), parameter :: word = 8.0_wp   !! bytes of a number
+      real(wp), allocatable, volatile :: room(:)
+      integer :: status
+
+      gives_memory = bytes/word < real(huge(1_long), wp)/16
+      if (.not. gives_memory) return
+      allocate (room(max(1_long, nint(bytes/word, long))), stat=status)
+      gives_memory = status == 0
+      if (gives_memory) room(1) = 0.0_wp
+   end function gives_memory
+
+end module core_memory
