@@ -2,11 +2,10 @@
 module config_chain
    use config_entries, only: about, between, entry_type, not_negative, positive, visitor_type
    use core_kinds, only: wp
+   use structure_sizes, only: most_dofs
    implicit none(type, external)
    private
-   public :: chain_group, most_masses
-
-   integer, parameter :: most_masses = 200
+   public :: chain_group
 
    !> Every list: one value, or one per dof.
    type :: chain_group
@@ -29,7 +28,7 @@ contains
       type(entry_type) :: entry
 
       entry = about('n_dof', 'number of masses; the first is next to the wall', &
-                    rule=between(1.0_wp, real(most_masses, wp)), &
+                    rule=between(1.0_wp, real(most_dofs, wp)), &
                     default='length of the longest list, else 5')
       call visitor%visit(self%n_dof, entry)
       entry = about('mass', 'one value, or one per dof', 'kg', positive(), per_dof=self%n_dof)

@@ -1,6 +1,5 @@
 !> Reads a scene: the scene file and the --set options become checked groups, or complaints.
 module config_scene
-   use config_chain, only: most_masses
    use config_document, only: document_type
    use config_groups, only: group_names, scene_type
    use config_namelist, only: parse_groups
@@ -12,6 +11,7 @@ module config_scene
    use core_source, only: new_source, read_source, source_type
    use core_spelling, only: nearest_name
    use core_text, only: to_text
+   use structure_sizes, only: most_dofs
    implicit none(type, external)
    private
    public :: complaint_list, parse_scene, read_scene, scene_type
@@ -160,7 +160,7 @@ contains
 
       if (reader%was_given('chain', 'n_dof')) return
       n = reader%longest_list('chain')
-      if (n > 1) scene%chain%n_dof = min(n, most_masses)
+      if (n > 1) scene%chain%n_dof = min(n, most_dofs)
    end subroutine count_masses
 
    !> Notes values that are given and have no effect beside the others.

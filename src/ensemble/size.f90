@@ -2,6 +2,7 @@
 module ensemble_size
    use core_error, only: error_type, exit_bad_input, raise
    use core_kinds, only: wp
+   use core_memory, only: gives_memory
    use core_text, only: to_text
    use ensemble_audit, only: add_audits, kept_of
    use ensemble_bands, only: largest_group
@@ -12,6 +13,7 @@ module ensemble_size
    use ensemble_time_average, only: count_spans, fewest_spans
    use numerics_correlated, only: n_batches
    use numerics_spectrum, only: can_follow_power, count_segments, last_of_ranges
+   use structure_sizes, only: matrices_alone => memory_of_matrices
    implicit none(type, external)
    private
    public :: memory_of_rank, refuse_oversize, results_size
@@ -187,14 +189,12 @@ contains
               + min(block_width(plan), maxval(plan%cases%n_samples))*of_sample
    end function memory_of_march
 
-   !> Matrices of the structure and of the method, all full: 8 of them, and Newmark's of each step.
+   !> Matrices of the structure and of the method, and Newmark's of each step.
    pure function memory_of_matrices(plan) result(bytes)
       type(plan_type), intent(in) :: plan
       real(wp) :: bytes
 
-      associate (n => real(plan%structure%n_dof, wp), m => plan%structure%n_joints)
-         bytes = 8.0_wp*word*n*(n + m)
-      end associate
+      bytes = matrices_alone(plan%structure%n_dof, plan%structure%n_joints)
       if (plan%integration%method == 'newmark') &
          bytes = bytes*(1.0_wp + plan%integration%max_halvings/8.0_wp)
    end function memory_of_matrices
@@ -277,15 +277,11 @@ contains
    subroutine refuse_oversize(plan, error)
       type(plan_type), intent(in) :: plan
       type(error_type), allocatable, intent(out) :: error
-      real(wp), allocatable, volatile :: room(:)
       real(wp) :: bytes
-      integer :: status
 
       if (.not. plan%has_structure) return
       bytes = memory_of_march(plan, plan%output%segment_length, 0.0_wp)
-      allocate (room(nint(bytes/word, selected_int_kind(18))), stat=status)
-      if (status == 0) room(1) = 0.0_wp
-      if (status /= 0) call raise(error, exit_bad_input, 'integration%n_steps = '// &
+      if (.not. gives_memory(bytes)) call raise(error, exit_bad_input, 'integration%n_steps = '// &
                            to_text(plan%integration%n_steps)//': the force and what is kept of '// &
                                   'a block take '//to_text(nint(bytes/1.0e6_wp))// &
                                   ' MB on each rank, which the system does not give: fewer '// &

@@ -4,16 +4,17 @@
 module structure_matrix_market
    use core_complaints, only: complaint_list, printable
    use core_kinds, only: long, wp
+   use core_memory, only: gives_memory
    use core_numbers, only: parse_integer, parse_real
    use core_source, only: read_source, source_type
    use core_spelling, only: lowered
    use core_table, only: next_word
    use core_text, only: to_text
+   use structure_sizes, only: memory_of_matrices, most_dofs, too_large
    implicit none(type, external)
    private
-   public :: largest_order, read_matrix
+   public :: read_matrix
 
-   integer, parameter :: largest_order = 10000   !! matrices are kept full: 0.8 GB each
    integer, parameter :: word_length = 40        !! longer ones are no numbers
    character(*), parameter :: importer = ': convert it with `python -m entroslip.structure`'
 
@@ -146,9 +147,11 @@ contains
       if (allocated(reader%rule)) return
       reader%n_rows = sizes(1)
       reader%n_columns = sizes(2)
-      if (any(sizes(:2) < 1 .or. sizes(:2) > largest_order)) then
-         reader%rule = shown(reader)//': rows and columns must be from 1 to '// &
-                       to_text(largest_order)
+      if (any(sizes(:2) < 1 .or. sizes(:2) > most_dofs)) then
+         reader%rule = shown(reader)//': rows and columns must be from 1 to '//to_text(most_dofs)
+      else if (.not. gives_memory(memory_of_matrices(sizes(1), sizes(2) - sizes(1)))) then
+         reader%rule = shown(reader)//': '// &
+                       too_large(memory_of_matrices(sizes(1), sizes(2) - sizes(1)))
       else if (reader%is_symmetric .and. sizes(1) /= sizes(2)) then
          reader%rule = shown(reader)//': a symmetric matrix must have as many rows as columns'
       else if (sizes(3) < 0 .or. sizes(3) > sizes(1)*sizes(2)) then
