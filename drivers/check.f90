@@ -53,7 +53,7 @@ contains
                                   every, cost%transitions, models, cost%audit_nanoseconds))
             call refuse_oversize(plan, oversize)
             if (allocated(oversize)) call say('note: '//oversize%message)
-            if (cost%n_steps > 0) call say(transitions_text(cost))
+            if (cost%n_steps > 0) call say(march_text(cost))
             if (choice /= '') call say(choice)
             if (need /= '') call say(need)
          end if
@@ -77,8 +77,9 @@ contains
          call measure_cost(plan, force, every, cost, error)
    end subroutine measure
 
-   !> Note on transitions in the march that was timed: where nothing slips, no step is halved.
-   function transitions_text(cost) result(text)
+   !> Form of the exact march, and transitions in the march that was timed: where there are none, no
+   !> step is halved.
+   function march_text(cost) result(text)
       type(cost_type), intent(in) :: cost
       character(:), allocatable :: text
 
@@ -88,8 +89,9 @@ contains
       else
          text = labelled('transitions', 'none'//text//': the march is linear')
       end if
+      if (cost%form /= '') text = labelled('exact march', cost%form)//text
       text = text(:len(text) - 1)
-   end function transitions_text
+   end function march_text
 
    !> Which processes have a solution, as far as it is known before they are fitted, and what of
    !> each draws a realization of the exact law.

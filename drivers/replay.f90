@@ -15,7 +15,7 @@ module driver_replay
    use driver_target, only: keep_targets
    use ensemble_plan, only: plan_type
    use ensemble_results, only: block_result
-   use ensemble_runner, only: runner_type
+   use ensemble_runner, only: keeps_ledger, runner_type
    use ensemble_sample, only: run_block
    use ensemble_size, only: refuse_oversize
    use ensemble_study, only: block_range, draw_friction
@@ -97,13 +97,14 @@ contains
       ending = trim(buffer)
    end function ending_of
 
-   !> Histories, transitions and the energy ledger, whatever the scene keeps of a campaign.
-   pure subroutine keep_everything(plan)
+   !> Histories, transitions and the energy ledger, where the march has one, whatever the scene
+   !> keeps of a campaign.
+   subroutine keep_everything(plan)
       type(plan_type), intent(inout) :: plan
 
       plan%output%history = .true.
       plan%output%transitions = .true.
-      plan%output%energy = .true.
+      plan%output%energy = keeps_ledger(plan%structure, plan%integration)
       plan%n_realizations = 0
    end subroutine keep_everything
 

@@ -8,7 +8,9 @@ module config_plan
    use core_kinds, only: wp
    use core_text, only: to_text
    use dynamics_exact_march, only: most_parts, parts_of_step
+   use ensemble_audit, only: reference_for
    use ensemble_plan, only: accuracy_settings, case_type, plan_type
+   use ensemble_runner, only: keeps_ledger
    use process_model, only: process_request
    use structure_chain, only: build_chain
    implicit none(type, external)
@@ -57,7 +59,28 @@ contains
       call plan_march(scene, plan)
       call plan_cases(scene, plan)
       call check_march(scene, plan, complaints)
+      if (complaints%n > n_before) return
+      call check_ledger(scene, plan, complaints)
    end subroutine build_plan
+
+   !> Refuses an energy ledger that the march does not keep. Repeated samples go without.
+   subroutine check_ledger(scene, plan, complaints)
+      type(scene_type), intent(in) :: scene
+      type(plan_type), intent(inout) :: plan
+      type(complaint_list), intent(inout) :: complaints
+
+      if (plan%output%energy) then
+         if (.not. keeps_ledger(plan%structure, plan%integration)) &
+            call complaints%add_general(scene%path//": output%quantities: 'energy' must be "// &
+                                        "absent: the exact march of this structure goes in "// &
+                                        "modes, where it keeps no ledger (method = 'newmark' does)")
+      end if
+      associate (accuracy => plan%accuracy)
+         if (max(accuracy%audit, accuracy%target_slip_points, &
+                 accuracy%target_band_ratio) > 0.0_wp) &
+            plan%audits_keep_ledger = keeps_ledger(plan%structure, reference_for(plan%integration))
+      end associate
+   end subroutine check_ledger
 
    !> correlation_length slowest, then order, then std.
    pure subroutine expand_process(group, processes)

@@ -63,7 +63,7 @@ contains
       kept = plan%output
       if (plan%cases(case_number)%audits == 0) return
       kept%slip = .false.   ! the series of its parts: slip fractions are always there
-      kept%energy = .true.
+      kept%energy = plan%audits_keep_ledger
       kept%history = .false.
       kept%transitions = .false.
    end function kept_of

@@ -28,6 +28,7 @@ module ensemble_forecast
       real(wp) :: audit_nanoseconds = 0.0_wp   !! the same of an audit; 0: none
       real(wp) :: transitions = 0.0_wp         !! of a sample in a step, all masses
       integer :: n_steps = 0                   !! that were marched; 0: nothing was measured
+      character(:), allocatable :: form        !! of the exact march, in words
    end type cost_type
 
 contains
@@ -53,6 +54,7 @@ contains
       call prepare_runner(short, file_force(:min(cost%n_steps, ubound(file_force, 1)), :), runner, &
                           error)
       if (allocated(error)) return
+      cost%form = runner%form_of_march()
       do k = 1, size(levels)
          call draw_level(short, runner, cost%n_steps, levels(k), error)
          if (allocated(error)) return

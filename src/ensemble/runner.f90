@@ -3,6 +3,7 @@ module ensemble_runner
    use core_error, only: error_type
    use core_kinds, only: long, wp
    use core_random, only: label_of, new_stream, stream_type
+   use core_text, only: to_text
    use dynamics_exact_march, only: exact_march, new_exact_march
    use dynamics_excitation, only: band_limited_force
    use dynamics_newmark, only: new_newmark, newmark_marcher
@@ -11,9 +12,10 @@ module ensemble_runner
    use ensemble_plan, only: integration_settings, kept_dofs, plan_type
    use ensemble_results, only: spectrum_layout
    use numerics_spectrum, only: can_follow_power, count_segments, welch_type
+   use structure_model, only: structure_type
    implicit none(type, external)
    private
-   public :: runner_type, prepare_runner, block_width
+   public :: runner_type, prepare_runner, block_width, keeps_ledger
 
    integer, parameter :: widest_block = 32            !! samples marched together
    integer, parameter :: records_per_piece = 264      !! between two looks at the spectra
@@ -34,6 +36,7 @@ module ensemble_runner
    contains
       procedure :: draw_force
       procedure :: force_of
+      procedure :: form_of_march
       procedure :: use_every
    end type runner_type
 
@@ -61,6 +64,41 @@ contains
       end if
       call runner%use_every(max(plan%output%spectrum_every, 1))
    end subroutine prepare_runner
+
+   !> True if a march of the structure keeps the energy ledger: in modes it does not.
+   function keeps_ledger(structure, how)
+      type(structure_type), intent(in) :: structure
+      type(integration_settings), intent(in) :: how
+      logical :: keeps_ledger
+      type(exact_march) :: marcher
+      type(error_type), allocatable :: error   ! another step says it
+
+      keeps_ledger = how%method == 'newmark'
+      if (keeps_ledger) return
+      call new_exact_march(structure, how%dt, how%tolerance, marcher, error)
+      if (.not. allocated(error)) keeps_ledger = marcher%form /= 'modes'
+   end function keeps_ledger
+
+   !> Form of the exact march, with the multiplications of a sample in a step by each form, without
+   !> transitions; '' for Newmark's.
+   pure function form_of_march(self) result(text)
+      class(runner_type), intent(in) :: self
+      character(:), allocatable :: text
+      real(wp), parameter :: unknown = huge(1.0_wp)
+
+      text = ''
+      select type (marcher => self%marcher)
+      type is (exact_march)
+         associate (series => marcher%work_series, modes => marcher%work_modes)
+            text = 'by '//marcher%form//', '//to_text(nint(min(series, modes)))// &
+                   ' multiplications a step of a sample'
+            if (max(series, modes) < unknown) &
+               text = text//'; by '//trim(merge('modes       ', 'power series', series < modes))// &
+                      ' '//to_text(nint(max(series, modes)))
+            if (marcher%parts > 1) text = text//'; '//to_text(marcher%parts)//' parts a step'
+         end associate
+      end select
+   end function form_of_march
 
    !> A method prepared for the plan's chain, time step and forced dof.
    subroutine new_marcher(plan, how, marcher, error)

@@ -1,0 +1,274 @@
+"""&structure end to end: the reference cases by namelist, what an importer writes, hostile numbers.
+
+The cases and their exact responses: tests/reference/structures. Their forces are given by files.
+Here too: structure_sizes.
+"""
+
+from __future__ import annotations
+
+import json
+import shutil
+import subprocess
+import sys
+
+import h5py
+import numpy as np
+import pytest
+
+from tests.conftest import ROOT
+
+CASES = ROOT / "tests/reference/structures"
+NAMES = sorted(path.name for path in CASES.iterdir() if path.is_dir())
+SLIDES = "s8_extreme_mu"  # a joint without friction: its counts are a matter of definition
+SCENE = """\
+&structure mass_matrix = 'M.mtx' stiffness_matrix = 'K.mtx' joints = 'joints.txt' load = 'load.txt'
+   {damping} {directions} /
+&excitation kind = 'file' file = 'force.txt' /
+&integration method = 'event' dt = {dt} n_steps = {n_steps} tolerance = 1e-10 n_discard = 0 /
+&campaign deterministic = .true. /
+&output quantities = 'slip', 'spectrum', 'history', 'transitions' segment_length = 1024 /
+"""
+CHAIN = """\
+&chain n_dof = 5 friction = 0.2 /
+&excitation kind = 'file' file = 'force.txt' /
+&integration method = 'event' dt = {dt} n_steps = {n_steps} tolerance = 1e-10 n_discard = 0 /
+&campaign deterministic = .true. /
+&output quantities = 'slip', 'spectrum', 'history', 'transitions' segment_length = 1024 /
+"""
+
+
+def written(folder, name):
+    """The files of a case and its scene in a folder; what is known of its response."""
+    shutil.copytree(CASES / name, folder, dirs_exist_ok=True)
+    known = json.loads((folder / "case.json").read_text())
+    damping = known["damping"]
+    kinds = {
+        "given": "damping_matrix = 'C.mtx'",
+        "modal": "damping_ratio = {zeta}",
+        "rayleigh": "rayleigh = {alpha}, {beta}",
+    }
+    directions = "directions = 'W.mtx'" if (folder / "W.mtx").exists() else ""
+    (folder / "scene.nml").write_text(
+        SCENE.format(
+            damping=kinds[damping["type"]].format(**damping), directions=directions,
+            dt=known["dt"], n_steps=known["n_steps"],
+        )
+    )  # fmt: skip
+    return known
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_reference_cases_are_met_by_namelist(entroslip, tmp_path, name):
+    """Displacements to 1e-8 of the rms of each dof, the same transitions, the same time in slip."""
+    known = written(tmp_path, name)
+    done = entroslip("run", "scene.nml")
+    assert done.returncode == 0, done.stderr
+    exact = np.loadtxt(tmp_path / "x.txt")
+    counts = np.array([known["n_stick_to_slip"], known["n_slip_to_stick"]])
+    with h5py.File(tmp_path / "scene.h5") as file:
+        case = file["campaign/c001"]
+        ours = case["displacement"][0][exact[:, 0].astype(int)]
+        assert (abs(ours - exact[:, 1:]) <= 1e-8 * np.array(known["rms_x"])).all()
+        is_counted = case["friction"][0] > 0.0 if name == SLIDES else slice(None)
+        slip = case["slip_fraction"][0]
+        assert abs(slip - known["slip_fraction"])[is_counted].max() <= 1e-7
+        joints, kinds = case["transition_joint"][()], case["transition_kind"][()]
+        begun = np.bincount(joints[kinds != 0] - 1, minlength=slip.size)
+        ended = np.bincount(joints[kinds == 0] - 1, minlength=slip.size)
+        assert (np.array([begun, ended]) == counts)[:, is_counted].all()
+        stuck = file["structure/frequencies_stuck"][()]
+        exact_hz = np.array(known["frequencies_stuck"]) / (2 * np.pi)
+        assert abs(stuck - exact_hz).max() <= 1e-9 * exact_hz.max()
+
+
+def test_matrices_of_the_chain_are_the_chain(entroslip, tmp_path):
+    """Spectra, slip and histories of s1 written as matrices and as &chain, to 1e-12."""
+    known = written(tmp_path, "s1_chain5")
+    (tmp_path / "chain.nml").write_text(CHAIN.format(dt=known["dt"], n_steps=known["n_steps"]))
+    (tmp_path / "joints.txt").write_text("".join(f"{i} 0 50 10 0.2\n" for i in range(1, 6)))
+    for name in ("scene", "chain"):
+        done = entroslip("run", f"{name}.nml")
+        assert done.returncode == 0, done.stderr
+    with h5py.File(tmp_path / "scene.h5") as ours, h5py.File(tmp_path / "chain.h5") as theirs:
+        for name in ("displacement", "psd", "slip_fraction", "transition_time", "dissipation"):
+            one, other = (file[f"campaign/c001/{name}"][()] for file in (ours, theirs))
+            assert abs(one - other).max() <= 1e-12 * abs(other).max(), name
+
+
+def test_a_dense_structure_is_marched_in_modes_by_every_command(entroslip, tmp_path):
+    """check says so; samples, an audit and a replay; a ledger is refused before any work."""
+    written(tmp_path, "s6_dense8")
+    scene = (tmp_path / "scene.nml").read_text()
+    process = "&process correlation_length = 1.0 order = 1 mean = 0.3 std = 0.06 /\n"
+    scene = process + scene.replace("deterministic = .true.", "n_samples = 4")
+    scene = scene.replace("'slip', 'spectrum', 'history', 'transitions'", "'slip'")
+    (tmp_path / "scene.nml").write_text(scene + "&accuracy audit = 0.5 /\n")
+    said = entroslip("check", "scene.nml")
+    assert said.returncode == 0, said.stderr
+    assert "exact march  by modes, " in said.stdout
+    assert "8 dofs, 5 joints" in said.stdout
+    done = entroslip("run", "scene.nml")
+    assert done.returncode == 0, done.stderr
+    again = entroslip("replay", "scene.nml", "--case", "1", "--sample", "3")
+    assert again.returncode == 0, again.stderr
+    with (
+        h5py.File(tmp_path / "scene.h5") as file,
+        h5py.File(tmp_path / "scene_c001_s0003.h5") as replayed,
+    ):
+        ours, theirs = replayed["campaign/c001"], file["campaign/c001"]
+        for name in ("slip_fraction", "slip_distance", "dissipation", "friction"):
+            assert np.array_equal(ours[name][0], theirs[name][2]), name
+        assert "energy_defect" not in ours
+        assert theirs["audit"].attrs["n_samples"] == 2
+    refused = entroslip("run", "scene.nml", "--set", "output%quantities=energy", "--fresh")
+    assert refused.returncode == 2
+    assert "'energy' must be absent: the exact march of this structure goes in" in refused.stderr
+
+
+def test_memory_is_the_limit_of_a_structure(entroslip, tmp_path):
+    """Chains and matrices that no memory holds are refused by their size, before any work."""
+    (tmp_path / "c.nml").write_text(
+        "&chain n_dof = 40000 friction = 0.2 /\n&excitation variance = 1 /"
+    )
+    (tmp_path / "m.nml").write_text(
+        "&structure mass_matrix = 'M.mtx' stiffness_matrix = 'M.mtx' joints = 'j.txt' /\n"
+        "&excitation variance = 1 /\n"
+    )
+    (tmp_path / "M.mtx").write_text(
+        "%%MatrixMarket matrix coordinate real symmetric\n46000 46000 1\n1 1 1\n"
+    )
+    (tmp_path / "j.txt").write_text("1 0 1 1 1\n")
+    words = [
+        ("c", "chain%n_dof = 40000: its", 204800),
+        ("m", "M.mtx:2: 46000 46000 1: its", 135424),
+    ]
+    for name, place, megabytes in words:
+        done = entroslip("check", f"{name}.nml")
+        assert done.returncode == 2
+        text = f"{place} matrices take {megabytes} MB, which the system does not give: reduce"
+        assert text in done.stderr
+
+
+def test_what_the_importer_writes_runs(entroslip, tmp_path):
+    """A ring, a chain and a reduced beam as they are written: EXAMPLE values and all."""
+    stiffness = np.diag(np.full(12, 2.0e4)) - 1.0e4 * (np.eye(12, k=1) + np.eye(12, k=-1))
+    mass = np.diag(np.full(12, 4.0)) + np.eye(12, k=1) + np.eye(12, k=-1)
+    np.savez(tmp_path / "rod.npz", M=mass, K=stiffness)
+    makes = {
+        "ring": ["ring", "--blades", "6", "--scatter", "0.05", "--joints", "both"],
+        "chain": ["chain", "--masses", "4"],
+        "rod": ["import", "--mass", "rod.npz:M", "--stiffness", "rod.npz:K", "--joint", "12",
+                "--joint", "3,9", "--modes", "4", "--force", "6=0.5", "--force", "7"],
+    }  # fmt: skip
+    for name, words in makes.items():
+        made = subprocess.run(
+            [sys.executable, "-m", "entroslip.structure", *words, "--out", name],
+            cwd=tmp_path, capture_output=True, text=True, check=False,
+        )  # fmt: skip
+        assert made.returncode == 0, made.stderr
+        fewer = ["--set", "integration%n_steps=6000", "--set", "campaign%n_samples=3",
+                 "--set", "output%segment_length=1024"]  # fmt: skip
+        done = entroslip("run", f"{name}/scene.nml", *fewer, "--output", f"{name}.h5")
+        assert done.returncode == 0, done.stderr
+        with h5py.File(tmp_path / f"{name}.h5") as file:
+            slip = file["campaign/c002/slip_fraction"][()]
+            assert slip.shape[0] == 3
+            assert 0.0 < slip.mean() < 1.0
+
+
+UNIT = "%%MatrixMarket matrix array real symmetric\n2 2\n{}\n{}\n{}\n"
+
+
+def hostile(
+    entroslip, folder, joints, stiffness=(3.0, -1.0, 2.0), mass=(1.0, 0.0, 1.0), dt=0.05,
+    damping="damping_ratio = 0.005",
+):  # fmt: skip
+    """Two dofs under a sine-like record: slip fractions, displacements, and what was said."""
+    (folder / "M.mtx").write_text(UNIT.format(*mass))
+    (folder / "K.mtx").write_text(UNIT.format(*stiffness))
+    (folder / "joints.txt").write_text(joints)
+    steps = np.arange(3001)
+    np.savetxt(folder / "f.txt", 2.0 * np.sin(0.07 * steps) + np.sin(0.19 * steps))
+    (folder / "h.nml").write_text(
+        "&structure mass_matrix = 'M.mtx' stiffness_matrix = 'K.mtx' joints = 'joints.txt'"
+        f" {damping} /\n&excitation kind = 'file' file = 'f.txt' /\n"
+        f"&integration method = 'event' dt = {dt} n_steps = 3000 n_discard = 0 /\n"
+        "&campaign deterministic = .true. /\n&output quantities = 'slip', 'history' /\n"
+    )
+    checked = entroslip("check", "h.nml")
+    done = entroslip("run", "h.nml", "--fresh")
+    assert (checked.returncode, done.returncode) == (0, 0), checked.stderr + done.stderr
+    with h5py.File(folder / "h.h5") as file:
+        case = file["campaign/c001"]
+        slip, x = case["slip_fraction"][0], case["displacement"][0]
+    assert np.isfinite(x).all()
+    return slip, x, checked.stdout
+
+
+def test_joints_that_never_and_always_slip(entroslip, tmp_path):
+    """mu = 1e8 is a spring, a normal load of zero nothing: the linear structures with and without.
+
+    And with mu = 0 a joint slips nearly always: it sticks for no time at a reversal.
+    """
+    slip, held, _ = hostile(entroslip, tmp_path, "2 0 5 1 1e8\n")
+    assert slip == [0.0]
+    slip, spring, _ = hostile(entroslip, tmp_path, "1 0 1e-9 0 0\n", stiffness=(3.0, -1.0, 7.0))
+    assert abs(held - spring).max() < 1e-5 * abs(held).max()
+    drag = "rayleigh = 0.02, 0"  # damping of modes would know of the joint
+    slip, free, _ = hostile(entroslip, tmp_path, "2 0 5 1 0\n", damping=drag)
+    assert slip[0] > 0.999
+    _, none, _ = hostile(entroslip, tmp_path, "2 0 1e-9 1e-9 0.3\n", damping=drag)
+    assert abs(free - none).max() < 1e-5 * abs(none).max()
+
+
+def test_twins_switch_at_one_instant(entroslip, tmp_path):
+    """Two halves of a joint do at every instant what the whole one does."""
+    slip, one, _ = hostile(entroslip, tmp_path, "2 0 8 4 0.25\n")
+    both, two, _ = hostile(entroslip, tmp_path, "2 0 4 2 0.25\n2 0 4 2 0.25\n")
+    assert 0.05 < slip[0] < 0.95
+    assert both == pytest.approx([slip[0], slip[0]], abs=1e-6)
+    assert abs(one - two).max() < 1e-5 * abs(one).max()
+
+
+def test_light_masses_and_stiff_springs(entroslip, tmp_path):
+    """A mass of 1e-6 that hangs on a spring follows the other; a spring of 1e6 ties both."""
+    _, follows, _ = hostile(
+        entroslip, tmp_path, "1 0 5 1 1\n", mass=(1.0, 0.0, 1e-6), stiffness=(53.0, -50.0, 50.0)
+    )
+    _, tied, _ = hostile(
+        entroslip, tmp_path, "1 0 5 1 1\n", mass=(0.5, 0.0, 0.5), stiffness=(1e6 + 3, -1e6, 1e6)
+    )
+    # the light mass lags by the static stretch F/50 of its spring
+    force = np.loadtxt(tmp_path / "f.txt")
+    stretch = force / 50.0
+    rms = np.sqrt(np.mean(tied**2))
+    assert np.abs(follows[:, 1] - follows[:, 0] - stretch).max() < 0.5 * abs(stretch).max()
+    assert np.abs(tied[:, 1] - tied[:, 0]).max() < 1e-4 * rms
+    assert np.sqrt(np.mean((follows[:, 0] - tied[:, 0]) ** 2)) < 0.1 * rms
+
+
+@pytest.mark.parametrize("omega_h", [27.0, 50.0])
+def test_modes_far_above_the_step(entroslip, tmp_path, omega_h):
+    """A dense mass matrix whose second mode turns omega h = 27 and 50 in a step."""
+    k = 2.0 * (omega_h / 0.05) ** 2
+    slip, x, said = hostile(
+        entroslip,
+        tmp_path,
+        "1 0 5 1 1\n",
+        mass=(1.0, 0.1, 1.0),
+        stiffness=(k / 4, -k / 4, k / 4 + 3),
+    )
+    assert "by modes" in said
+    assert 0.0 < slip[0] < 1.0
+    assert abs(x[:, 0] - x[:, 1]).max() < 0.1 * abs(x).max()
+
+
+def test_zero_modes_drift_and_are_named(entroslip, tmp_path):
+    """Free masses that a joint couples: the centre of mass moves as under the force alone."""
+    _, x, said = hostile(entroslip, tmp_path, "1 2 5 1 1\n", stiffness=(0.0, 0.0, 0.0))
+    assert "1 with all joints stuck" in " ".join(said.split())
+    force, dt = np.loadtxt(tmp_path / "f.txt"), 0.05
+    velocity = np.concatenate([[0.0], np.cumsum((force[1:] + force[:-1]) * dt / 4)])
+    moved = velocity[:-1] * dt + dt**2 / 4 * (force[:-1] + (force[1:] - force[:-1]) / 3)
+    centre = np.concatenate([[0.0], np.cumsum(moved)])
+    assert abs(x.mean(axis=1) - centre).max() < 1e-6 * abs(centre).max()
