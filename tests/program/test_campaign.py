@@ -45,6 +45,25 @@ def test_same_bits_on_any_number_of_ranks(campaign, output, reference, n_ranks):
     assert datasets(output) == reference
 
 
+def test_a_replay_has_the_bits_of_the_campaign_also_while_its_shards_remain(
+    interrupted, campaign, output, reference, entroslip
+):
+    """Histories, transitions and a ledger are kept beside: no number of the sample changes."""
+    kept = shards_of(output)
+    assert set(interrupted) == set(kept)
+    sample = ("--case", 4, "--sample", 7, "--output", "replay.h5")
+    done = entroslip("replay", "scene.nml", *sample)
+    assert done.returncode == 0, done.stderr
+    assert shards_of(output) == kept
+    assert campaign().wait()[0] == 0
+    assert datasets(output) == reference
+    names = ("slip_fraction", "slip_distance", "dissipation", "friction", "slip_starts")
+    with h5py.File(output) as file, h5py.File(output.parent / "replay.h5") as replay:
+        for name in names:
+            ours, theirs = (f[f"campaign/c004/{name}"] for f in (replay, file))
+            assert ours[0].tobytes() == theirs[6].tobytes(), name
+
+
 @pytest.mark.parametrize("n_ranks", [0, 3])
 @pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGINT, signal.SIGUSR1])
 def test_a_signal_to_a_rank_stops_and_the_same_command_continues(
