@@ -54,6 +54,8 @@ def exit_code(work: Callable[[], None]) -> int:
 
 def say(text: str) -> None:
     """Print a line; characters that the terminal cannot show are escaped."""
+    if sys.stdout is None:
+        raise OutputError("standard output: cannot be written: Bad file descriptor")
     encoding = getattr(sys.stdout, "encoding", None) or "utf-8"
     try:
         print(text.encode(encoding, "backslashreplace").decode(encoding))

@@ -114,6 +114,16 @@ def test_a_full_or_closed_output_is_one_line(process_file, tmp_path):
     assert line == "standard output: cannot be written: Broken pipe"
 
 
+def test_no_standard_output_is_one_line():
+    words = ["entroslip.structure", "chain", "--masses", "3"]
+    done = subprocess.run(
+        [sys.executable, "-m", *words], stderr=subprocess.PIPE, text=True, check=False,
+        preexec_fn=lambda: os.close(1),
+    )  # fmt: skip
+    assert done.returncode == 3
+    assert done.stderr == "standard output: cannot be written: Bad file descriptor\n"
+
+
 def test_all_tables_are_counted(drawn):
     """That of the paper's statements too."""
     tables = {path.name for path in drawn.glob("*.csv")}
