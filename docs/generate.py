@@ -38,6 +38,12 @@ MOTIONS = {"": MOTION.format(quantity="")} | {
     f"'{name}'": MOTION.format(quantity=f", '{name}'")
     for name in ("spectrum", "energy", "history", "transitions")
 }
+MOTIONS["'sine'"] = MOTION.format(quantity="").replace(
+    "variance = 41.1", "kind = 'sine' frequency = 2.5 amplitude = 3"
+)
+MOTIONS["'psd', 'file'"] = MOTION.format(quantity="").replace(
+    "variance = 41.1", "kind = 'psd' psd = 'psd.txt'"
+)
 PROCESSES = {
     "'autoregressive'": PROCESS.format(values="positive = f"),
     "'direct'": PROCESS.format(values="positive = f method = 'direct' correlation = 'L1'"),
@@ -119,7 +125,10 @@ ATTRIBUTES = {
     "std": "as wanted",
     "tolerance": "of the reference",
     "title": "of the scene",
-    "variance": "of the force [N^2]; 0: from a file",
+    "amplitude": "of the sine [N]",
+    "factor": "of the force of a file or of a given spectrum",
+    "frequency": "of the sine [Hz]",
+    "variance": "of noise in a band [N^2]; else 0",
     "version": "of the program, with its commit",
     "wall_seconds": "of the last run that wrote to it",
     "window": "of a Welch segment",
@@ -187,6 +196,7 @@ def groups_in(group: h5py.Group) -> list[tuple[str, h5py.Group]]:
 def run(program: Path, command: str, scene: str, folder: Path) -> Path:
     """The results file of a scene."""
     (folder / "scene.nml").write_text(scene)
+    (folder / "psd.txt").write_text("0.0 1.0\n2.5 2.0\n")
     (folder / "results.h5").unlink(missing_ok=True)
     words = [program, command, "scene.nml", "--quiet", "--output", "results.h5"]
     done = subprocess.run(words, cwd=folder, capture_output=True, text=True, check=False)

@@ -2,7 +2,7 @@
 module driver_tradeoff
    use config_phrases, only: counted
    use config_scene, only: scene_type
-   use core_error, only: error_type, exit_done, exit_stopped
+   use core_error, only: error_type, exit_bad_input, exit_done, exit_stopped, raise
    use core_kinds, only: wp
    use core_terminal, only: say
    use driver_campaign, only: find_output, load_plan, refuse_unsolved
@@ -64,6 +64,9 @@ contains
       call start_watch()
       call start_world(world)
       call load_plan(line, scene, plan, force, error)
+      if (.not. allocated(error) .and. plan%output%harmonic) &
+         call raise(error, exit_bad_input, 'entroslip tradeoff needs noise or a force file: '// &
+                    "excitation%kind = 'sine' has no spectra to compare")
       call world%stop_on(error)
       call set_limit(plan%walltime)
       if (world%is_root()) call open_place(line, lock, error)

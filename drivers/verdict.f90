@@ -68,9 +68,19 @@ contains
       end do
       if (statistical > 0.0_wp .and. statistical < huge(1.0_wp)) &
          text = 'mean time in slip: standard error at most '//brief(statistical)//' points'
-      if (all(errors%n_audited == 0)) return
-      if (text == '') text = 'mean time in slip'
-      text = text//', numerical error '//brief(maxval(errors%slip_points))//' points'
+      if (any(errors%n_audited > 0)) then
+         if (text == '') text = 'mean time in slip'
+         text = text//', numerical error '//brief(maxval(errors%slip_points))//' points'
+      end if
+      if (all(errors%n_unsteady < 0)) return
+      if (text /= '') text = text//'; '
+      if (all(errors%n_unsteady == 0)) then
+         text = text//'all samples are steady'
+      else
+         text = text//counted(sum(errors%n_unsteady), 'sample is', 'samples are')// &
+                ' not steady in '//counted(count(errors%n_unsteady > 0), 'case', 'cases')// &
+                ': integration%n_steps is too short there, or the motion does not repeat'
+      end if
    end subroutine tell_errors
 
    !> Of one case, what its audit surely finds above the targets, by twice the standard error that a

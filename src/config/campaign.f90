@@ -27,8 +27,8 @@ contains
                     rule=not_negative(), shapes_samples=.false.)
       call visitor%visit(self%n_samples, entry)
       entry = about('deterministic', &
-                    'also one sample per variance, before the others, with chain%friction or '// &
-                    'else process%mean', &
+                    'also one sample per level of the force, before the others, with '// &
+                    'chain%friction or else process%mean', &
                     shapes_samples=.false.)
       call visitor%visit(self%deterministic, entry)
       entry = about('estimator', &

@@ -57,7 +57,7 @@ contains
                    to_text(scene%structure%joint_friction(i))//new_line('a')
          end do
       end if
-      if (scene%moves() .and. scene%excitation%kind == 'file') &
+      if (scene%moves() .and. any(scene%excitation%kind == [character(4) :: 'file', 'psd'])) &
          text = text//'hash of the force file = '//to_text(scene%force_label)//new_line('a')
 
    contains

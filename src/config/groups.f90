@@ -45,7 +45,8 @@ module config_groups
       logical :: force_is_hdf5 = .false.           !! then who reads HDF5 sets what follows
       real(wp), allocatable :: force(:, :)         !! (0:n_steps, record) [N] of the force file
       integer :: n_force_values = 0                !! of a record of the force file
-      integer(long) :: force_label = 0             !! fingerprint of its values
+      real(wp), allocatable :: density(:, :)       !! (Hz and N^2/Hz, row) of excitation%psd
+      integer(long) :: force_label = 0             !! fingerprint of the values of either
       character(80), allocatable :: unused(:)      !! group%name of what is given and has no effect
    contains
       procedure :: visit

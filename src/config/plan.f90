@@ -13,6 +13,7 @@ module config_plan
    use ensemble_runner, only: keeps_ledger
    use process_model, only: process_request
    use structure_chain, only: build_chain
+   use structure_model, only: structure_type
    implicit none(type, external)
    private
    public :: build_plan, scene_name
@@ -56,6 +57,7 @@ contains
          if (complaints%n > n_before) return
       end if
       if (size(scene%processes) > 0) plan%n_points = plan%structure%n_points
+      if (scene%excitation%base) call load_by_ground(scene, plan%structure)
       call plan_march(scene, plan)
       call plan_cases(scene, plan)
       call check_march(scene, plan, complaints)
@@ -155,6 +157,21 @@ contains
 
    end subroutine plan_chain
 
+   !> Ground acceleration: b = -M r, with r the motion of the dofs when the ground moves by one; 1
+   !> at every dof, or structure%load.
+   pure subroutine load_by_ground(scene, structure)
+      type(scene_type), intent(in) :: scene
+      type(structure_type), intent(inout) :: structure
+
+      if (scene%has_structure) then
+         if (scene%structure_files%load /= '') then
+            structure%load = -matmul(structure%mass, structure%load)
+            return
+         end if
+      end if
+      structure%load = reshape(-sum(structure%mass, 2), [structure%n_dof, 1])
+   end subroutine load_by_ground
+
    pure subroutine plan_march(scene, plan)
       type(scene_type), intent(in) :: scene
       type(plan_type), intent(inout) :: plan
@@ -168,6 +185,8 @@ contains
          plan%excitation%file = ''
          if (allocated(scene%force_path)) plan%excitation%file = scene%force_path
          plan%excitation%per_sample = excitation%per_sample
+         plan%excitation%is_base = excitation%base
+         if (allocated(scene%density)) plan%excitation%psd = scene%density
 
          plan%integration%method = trim(integration%method)
          plan%integration%dt = integration%dt
@@ -183,6 +202,7 @@ contains
          plan%output%spectrum = output%keeps('spectrum')
          plan%output%energy = output%keeps('energy')
          plan%output%history = output%keeps('history')
+         plan%output%harmonic = excitation%kind == 'sine'
          plan%output%realizations = plan%n_realizations > 0
          plan%output%transitions = output%keeps('transitions')
          plan%output%dofs = pack(output%dofs, output%dofs > 0)
@@ -222,21 +242,44 @@ contains
       end associate
    end subroutine check_march
 
-   !> Deterministic cases first, then process by process, variance fastest.
+   !> Deterministic cases first, then process by process; the levels of the force fastest.
    pure subroutine plan_cases(scene, plan)
       type(scene_type), intent(in) :: scene
       type(plan_type), intent(inout) :: plan
-      real(wp), allocatable :: variances(:)
-      integer :: i, j
+      type(case_type), allocatable :: levels(:)
+      integer :: i
 
-      variances = scene%excitation%variance
-      if (size(variances) == 0) variances = [0.0_wp]   ! a force file is taken as it is
-      if (scene%runs_deterministic()) &
-         plan%cases = [(case_type(0, variances(j), 1), j=1, size(variances))]
-      if (scene%runs_samples()) &
-         plan%cases = [plan%cases, ((case_type(i, variances(j), scene%campaign%n_samples), &
-                                     j=1, size(variances)), i=1, size(plan%processes))]
+      levels = levels_of(scene)
+      if (scene%runs_deterministic()) plan%cases = levels
+      if (.not. scene%runs_samples()) return
+      levels%n_samples = scene%campaign%n_samples
+      do i = 1, size(plan%processes)
+         levels%process = i
+         plan%cases = [plan%cases, levels]
+      end do
    end subroutine plan_cases
+
+   !> A case of one sample for each level of the force; of sines, frequency fastest.
+   pure function levels_of(scene) result(levels)
+      type(scene_type), intent(in) :: scene
+      type(case_type), allocatable :: levels(:)
+      integer :: i
+
+      associate (excitation => scene%excitation)
+         allocate (levels(excitation%n_levels()))
+         select case (excitation%kind)
+         case ('band_limited')
+            levels%variance = excitation%variance
+         case ('sine')
+            associate (n => size(excitation%frequency))
+               levels%frequency = [(excitation%frequency(1 + modulo(i, n)), i=0, size(levels) - 1)]
+               levels%amplitude = [(excitation%amplitude(1 + i/n), i=0, size(levels) - 1)]
+            end associate
+         case default
+            levels%factor = excitation%factor
+         end select
+      end associate
+   end function levels_of
 
    !> Name of a scene: that of its file, without folder and ending.
    pure function scene_name(path) result(name)

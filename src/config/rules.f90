@@ -1,13 +1,12 @@
 !> Rules between the values of a scene. What one value must keep alone stands in its group's table.
 module config_rules
-   use config_force_file, only: check_force, force_label, is_hdf5_file, read_force_text
+   use config_excitation_rules, only: check_excitation
    use config_groups, only: scene_type
    use config_integration, only: fewest_measured
    use config_process, only: process_group
    use config_reader, only: reader_type
    use config_structure_rules, only: check_structure
    use core_kinds, only: long, wp
-   use core_source, only: find_beside
    use core_text, only: to_text
    implicit none(type, external)
    private
@@ -17,7 +16,7 @@ module config_rules
 
 contains
 
-   !> Every rule, each with its own complaint; also finds the force file.
+   !> Every rule, each with its own complaint; also finds the files of the force.
    subroutine check_rules(scene, reader)
       type(scene_type), intent(inout) :: scene
       type(reader_type), intent(inout) :: reader
@@ -174,62 +173,6 @@ contains
       end associate
    end subroutine find_friction
 
-   subroutine check_excitation(scene, reader)
-      type(scene_type), intent(inout) :: scene
-      type(reader_type), intent(inout) :: reader
-      character(*), parameter :: group = 'excitation', with_file = "with kind = 'file'", &
-                                 with_band = "with kind = 'band_limited'"
-      real(wp) :: nyquist
-
-      associate (excitation => scene%excitation, n_dof => scene%n_dof())
-         if (n_dof > 0) call reader%require(excitation%dof <= n_dof, group, 'dof', &
-                                            'must not exceed the number of dofs, '//to_text(n_dof))
-         if (excitation%kind == 'file') then
-            call reader%require(size(excitation%variance) == 0, group, 'variance', &
-                                'must be absent '//with_file)
-            call reader%require(excitation%file /= '', group, 'file', 'must be given '//with_file)
-            if (excitation%file /= '') call check_force_file(scene, reader)
-            return
-         end if
-
-         call reader%require(excitation%file == '', group, 'file', 'must be absent '//with_band)
-         call reader%require(size(excitation%variance) > 0 .or. &
-                             reader%was_given('excitation', 'variance'), group, 'variance', &
-                             'must be given '//with_band)
-         if (size(excitation%band) < 2 .or. .not. scene%integration%dt > 0.0_wp) return
-         call reader%require(excitation%band(1) < excitation%band(2), group, 'band', 'must ascend')
-         nyquist = 0.5_wp/scene%integration%dt
-         call reader%require(excitation%band(2) <= nyquist, group, 'band', &
-                             'must not exceed half the sampling rate, 0.5/integration%dt = '// &
-                             to_text(nyquist)//' Hz', '0.0, 2.5')
-      end associate
-   end subroutine check_excitation
-
-   !> Finds the force file. A text is read here and now; whoever can read HDF5 reads such a file.
-   subroutine check_force_file(scene, reader)
-      type(scene_type), intent(inout) :: scene
-      type(reader_type), intent(inout) :: reader
-      character(*), parameter :: group = 'excitation'
-      integer :: n_before
-
-      scene%force_path = find_beside(scene%path, scene%excitation%file)
-      call reader%require(scene%force_path /= '', group, 'file', 'no such file')
-      if (scene%force_path == '') return
-      scene%force_is_hdf5 = is_hdf5_file(scene%force_path)
-      if (scene%force_is_hdf5) return
-
-      call reader%require(.not. scene%excitation%per_sample, group, 'per_sample', &
-                          'needs an HDF5 file with one record per sample')
-      n_before = reader%complaints%n
-      call read_force_text(scene%force_path, scene%n_forces(), scene%integration%dt, scene%force, &
-                           reader%complaints)
-      if (reader%complaints%n > n_before) return
-      call check_force(scene%force_path, scene%force, scene%integration%n_steps, &
-                       scene%n_forces(), reader%complaints)
-      scene%n_force_values = size(scene%force, 1)
-      scene%force_label = force_label(scene%force)
-   end subroutine check_force_file
-
    subroutine check_steps(scene, reader)
       type(scene_type), intent(in) :: scene
       type(reader_type), intent(inout) :: reader
@@ -293,8 +236,9 @@ contains
       do i = 1, size(scene%processes)
          n = n + n_processes(scene%processes(i))
       end do
-      n = n*max(1, size(scene%excitation%variance))
-      call reader%require(n <= max_cases, 'excitation', 'variance', &
+      n = n*scene%excitation%n_levels()
+      call reader%require(n <= max_cases, 'excitation', &
+                          trim(merge('amplitude', 'variance ', scene%excitation%kind == 'sine')), &
                           'the scene makes '//to_text(n)//' cases: must be at most '// &
                           to_text(max_cases))
    end subroutine check_number_of_cases

@@ -6,7 +6,7 @@ module config_summary
    use core_kinds, only: wp
    use core_text, only: to_text
    use ensemble_audit, only: add_audits, reference_for
-   use ensemble_plan, only: integration_settings, plan_type
+   use ensemble_plan, only: integration_settings, plan_type, strength_of
    use ensemble_size, only: memory_of_rank, results_size
    use process_model, only: branch_note, process_model_type, process_request
    use process_realization, only: way_of_drawing, way_type
@@ -214,13 +214,13 @@ contains
       if (len(text) > longest) text = to_text(count(are_meant))//' processes'
    end function numbers_text
 
-   !> One row per process: its cases differ in variance only.
+   !> One row per process: its cases differ in the level of the force only.
    function case_table(plan) result(text)
       type(plan_type), intent(in) :: plan
       character(:), allocatable :: text, numbers, name
       integer :: first, last, n_rows
 
-      text = 'case       process  samples  variance'//line_feed
+      text = 'case       process  samples  '//level_name(plan)//line_feed
       n_rows = 0
       first = 1
       do while (first <= size(plan%cases))
@@ -240,42 +240,79 @@ contains
          if (plan%cases(first)%process > 0) name = numbered('p', plan%cases(first)%process)
          text = text//padded(numbers, 11)//padded(name, 9)// &
                 padded(to_text(plan%cases(first)%n_samples), 9)// &
-                variances_text(plan, first, last)//line_feed
+                levels_text(plan, first, last)//line_feed
          first = last + 1
       end do
    end function case_table
 
    !> Those of the cases from first to last, a long list cut in the middle.
-   function variances_text(plan, first, last) result(text)
+   function levels_text(plan, first, last) result(text)
       type(plan_type), intent(in) :: plan
       integer, intent(in) :: first, last
       character(:), allocatable :: text
       integer, parameter :: shown = 6
+      real(wp), allocatable :: levels(:)
       integer :: i
 
-      text = 'as in the file'
-      if (plan%excitation%kind == 'file') return
-      text = brief(plan%cases(first)%variance)
-      do i = first + 1, last
-         if (i - first < shown .or. i == last) then
-            text = text//', '//brief(plan%cases(i)%variance)
-         else if (i - first == shown) then
+      levels = strength_of(plan%cases(first:last))
+      if (plan%excitation%kind == 'sine') &   ! each at all frequencies
+         levels = levels(::count(abs(levels - levels(1)) <= 0.0_wp))
+      text = brief(levels(1))
+      do i = 2, size(levels)
+         if (i <= shown .or. i == size(levels)) then
+            text = text//', '//brief(levels(i))
+         else if (i == shown + 1) then
             text = text//', ...'
          end if
       end do
-   end function variances_text
+   end function levels_text
+
+   !> What the levels of the force differ by.
+   pure function level_name(plan) result(name)
+      type(plan_type), intent(in) :: plan
+      character(:), allocatable :: name
+
+      select case (plan%excitation%kind)
+      case ('band_limited')
+         name = 'variance'
+      case ('sine')
+         name = 'amplitude'
+      case default
+         name = 'factor'
+      end select
+   end function level_name
+
+   !> The force, without where it acts.
+   pure function force_text(plan) result(text)
+      type(plan_type), intent(in) :: plan
+      character(:), allocatable :: text
+
+      associate (excitation => plan%excitation)
+         select case (excitation%kind)
+         case ('file')
+            text = excitation%file
+         case ('psd')
+            text = 'noise of a given spectrum from '//brief(excitation%psd(1, 1))//' to '// &
+                   brief(excitation%psd(1, size(excitation%psd, 2)))//' Hz'
+         case ('sine')
+            text = 'sines from '//brief(minval(plan%cases%frequency))//' to '// &
+                   brief(maxval(plan%cases%frequency))//' Hz'
+         case default
+            text = 'noise from '//brief(excitation%band(1))//' to '//brief(excitation%band(2))// &
+                   ' Hz'
+         end select
+      end associate
+   end function force_text
 
    function motion_text(plan) result(text)
       type(plan_type), intent(in) :: plan
-      character(:), allocatable :: text, force, method, steps
+      character(:), allocatable :: text, method, steps
 
       associate (chain => plan%structure, how => plan%integration, excitation => plan%excitation, &
                  n => plan%structure%n_dof)
          text = structure_text(chain)
-         force = 'noise from '//brief(excitation%band(1))//' to '//brief(excitation%band(2))//' Hz'
-         if (excitation%kind == 'file') force = excitation%file
          if (any(plan%cases%process == 0)) text = text//labelled('friction', friction_text(plan))
-         text = text//labelled('force', force//loaded_text(plan)//', one record for '// &
+         text = text//labelled('force', force_text(plan)//loaded_text(plan)//', one record for '// &
                                trim(merge('each sample', 'all samples', excitation%per_sample)))
          method = 'event, tolerance '//brief(how%tolerance)
          if (how%method == 'newmark') &
@@ -318,7 +355,9 @@ contains
       character(:), allocatable :: text
 
       associate (load => plan%structure%load)
-         if (size(load, 2) > 1) then
+         if (plan%excitation%is_base) then
+            text = ' as acceleration of the ground'
+         else if (size(load, 2) > 1) then
             text = ' for each of '//to_text(size(load, 2))//' forces'
          else if (count(abs(load) > 0.0_wp) == 1) then
             text = ' on dof '//to_text(maxloc(abs(load(:, 1)), 1))

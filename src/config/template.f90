@@ -15,7 +15,7 @@ contains
 
    !> A complete commented scene: the paper's study where values must be given, else the defaults.
    function template_text() result(text)
-      character(:), allocatable :: mark, text
+      character(:), allocatable :: mark, start, text
       type(lister_type) :: lister
       type(scene_type) :: scene
       integer :: i, j
@@ -32,8 +32,10 @@ contains
                 trim(group_names(i))//line_feed
          do j = 1, size(lister%rows)
             associate (row => lister%rows(j))
-               text = text//with_comment(mark//repeat(' ', 3 - len(mark))//trim(row%entry%name)// &
-                                         ' = '//row%value, description(row))
+               start = mark//repeat(' ', 3 - len(mark))
+               if (row%is_list .and. row%value == '') start = '   ! '   ! nothing to begin with
+               text = text//with_comment(start//trim(row%entry%name)//' = '//row%value, &
+                                         description(row))
             end associate
          end do
          text = text//mark//'/'//line_feed

@@ -1,4 +1,5 @@
-!> Gaussian white noise in a band of frequencies (Sec. 3), by Fourier synthesis.
+!> Forces as functions of time: Gaussian noise by Fourier synthesis, white in a band (Sec. 3) or of
+!> a given spectrum, and sines.
 module dynamics_excitation
    use core_error, only: error_type, exit_bad_input, raise
    use core_kinds, only: wp
@@ -8,7 +9,7 @@ module dynamics_excitation
    use numerics_synthesis, only: sum_lines
    implicit none(type, external)
    private
-   public :: band_limited_force
+   public :: band_limited_force, coloured_force, sine_force
 
    integer, parameter :: fewest_lines = 64          !! in the band, however short the record
    integer, parameter :: longest_period = 2**28     !! of the synthesis [steps]
@@ -28,24 +29,87 @@ contains
       type(stream_type), intent(inout) :: stream
       real(wp), intent(out) :: force(:)              !! (step) values dt apart
       type(error_type), allocatable, intent(out) :: error
-      real(wp), allocatable :: normal(:)
-      complex(wp), allocatable :: line(:)
-      real(wp) :: spacing, scale
-      integer :: first, last, n, k
+      real(wp), allocatable :: power(:)
+      integer :: first, i, last, n
 
       call check_band(band, dt, error)
       if (allocated(error)) return
-      n = good_fft_length(max(size(force), ceiling(fewest_lines/((band(2) - band(1))*dt))))
+      call choose_lines(band, dt, size(force), n, first, last)
+      power = [(share_of_line(i, 1.0_wp/(n*dt), band), i=first, last)]
+      call synthesize(power, first, n, stream, force)
+   end subroutine band_limited_force
+
+   !> A record of a stationary Gaussian process whose one-sided density is linear between the given
+   !> values and zero outside of them. Its expected variance is the integral of the density. Made as
+   !> by band_limited_force.
+   subroutine coloured_force(frequency, density, dt, stream, force, error)
+      real(wp), intent(in) :: frequency(:)   !! [Hz], ascending, within 0 and 1/(2 dt)
+      real(wp), intent(in) :: density(:)     !! not negative [N^2/Hz]
+      real(wp), intent(in) :: dt             !! [s]
+      type(stream_type), intent(inout) :: stream
+      real(wp), intent(out) :: force(:)      !! (step) values dt apart [N]
+      type(error_type), allocatable, intent(out) :: error
+      real(wp), allocatable :: power(:)
+      real(wp) :: band(2), spacing
+      integer :: first, i, last, n
+
+      band = [frequency(1), frequency(size(frequency))]
+      call check_band(band, dt, error)
+      if (allocated(error)) return
+      call choose_lines(band, dt, size(force), n, first, last)
+      spacing = 1.0_wp/(n*dt)
+      power = [(power_below(frequency, density, (i + 0.5_wp)*spacing) &
+                - power_below(frequency, density, (i - 0.5_wp)*spacing), i=first, last)]
+      power = max(power, 0.0_wp)   ! where the difference of equal integrals is rounded
+      call synthesize(power, first, n, stream, force)
+   end subroutine coloured_force
+
+   !> sin(2 pi f t), with the phase reduced to half a turn.
+   pure subroutine sine_force(frequency, dt, force)
+      real(wp), intent(in) :: frequency   !! [Hz]
+      real(wp), intent(in) :: dt          !! [s]
+      real(wp), intent(out) :: force(0:)  !! (step)
+      real(wp), parameter :: two_pi = 8.0_wp*atan(1.0_wp)
+      real(wp) :: turns
+      integer :: i
+
+      do i = 0, ubound(force, 1)
+         turns = i*(frequency*dt)
+         force(i) = sin(two_pi*(turns - anint(turns)))
+      end do
+   end subroutine sine_force
+
+   !> The lines of a synthesis that lie in a band.
+   subroutine choose_lines(band, dt, n_values, n, first, last)
+      real(wp), intent(in) :: band(2), dt      !! [Hz], [s]
+      integer, intent(in) :: n_values          !! of the record
+      integer, intent(out) :: n                !! steps of the period
+      integer, intent(out) :: first, last      !! lines, 1/(n dt) apart, from 0
+      real(wp) :: spacing
+
+      n = good_fft_length(max(n_values, ceiling(fewest_lines/((band(2) - band(1))*dt))))
       spacing = 1.0_wp/(n*dt)
       first = nint(band(1)/spacing)
       last = min(nint(band(2)/spacing), n/2)
+   end subroutine choose_lines
 
-      allocate (normal(2*(last - first + 1)))
+   !> Sum of lines with random amplitudes, of the given powers in expectation.
+   subroutine synthesize(power, first, n, stream, force)
+      real(wp), intent(in) :: power(:)      !! (line) from the first [N^2]
+      integer, intent(in) :: first, n       !! first line; steps of the period
+      type(stream_type), intent(inout) :: stream
+      real(wp), intent(out) :: force(:)     !! (step)
+      real(wp), allocatable :: normal(:)
+      complex(wp), allocatable :: line(:)
+      real(wp) :: scale
+      integer :: i
+
+      allocate (normal(2*size(power)))
       call stream%normals(normal)
-      allocate (line(first:last))
-      do k = first, last
-         scale = sqrt(share_of_line(k, spacing, band))
-         associate (z => normal(2*(k - first) + 1:2*(k - first) + 2))
+      allocate (line(first:first + size(power) - 1))
+      do i = 1, size(power)
+         scale = sqrt(power(i))
+         associate (z => normal(2*i - 1:2*i), k => first + i - 1)
             if (k == 0 .or. 2*k == n) then
                line(k) = scale*z(1)
             else
@@ -54,7 +118,26 @@ contains
          end associate
       end do
       call sum_lines(n, first, line, force)
-   end subroutine band_limited_force
+   end subroutine synthesize
+
+   !> Integral of a piecewise linear density from its first frequency to f [N^2].
+   pure function power_below(frequency, density, f) result(power)
+      real(wp), intent(in) :: frequency(:), density(:)
+      real(wp), intent(in) :: f   !! [Hz]
+      real(wp) :: power
+      real(wp) :: end_density, share
+      integer :: i
+
+      power = 0.0_wp
+      do i = 1, size(frequency) - 1
+         if (f <= frequency(i)) return
+         associate (width => frequency(i + 1) - frequency(i))
+            share = min(1.0_wp, (f - frequency(i))/width)
+            end_density = density(i) + share*(density(i + 1) - density(i))
+            power = power + 0.5_wp*(density(i) + end_density)*share*width
+         end associate
+      end do
+   end function power_below
 
    !> The share of the band that line k stands for.
    pure function share_of_line(k, spacing, band) result(share)

@@ -61,10 +61,13 @@ contains
       type(output_settings) :: kept
 
       kept = plan%output
+      ! a level of a forecast is a record, not a sine
+      kept%harmonic = kept%harmonic .and. plan%cases(case_number)%frequency > 0.0_wp
       if (plan%cases(case_number)%audits == 0) return
       kept%slip = .false.   ! the series of its parts: slip fractions are always there
       kept%energy = plan%audits_keep_ledger
       kept%history = .false.
+      kept%harmonic = .false.
       kept%transitions = .false.
    end function kept_of
 

@@ -69,6 +69,7 @@ contains
          output%spectrum_every = 1
          output%energy = .false.
          output%history = .false.
+         output%harmonic = .false.
          output%transitions = .false.
          output%dofs = [integer ::]
       end associate

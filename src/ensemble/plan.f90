@@ -7,25 +7,30 @@ module ensemble_plan
    private
    public :: plan_type, case_type, accuracy_settings, excitation_settings, integration_settings, &
              output_settings
-   public :: kept_dofs
+   public :: have_same_force, kept_dofs, scale_of, strength_of
 
    !> One excitation level with one process: n_samples structures that differ in friction only
    !> (and in the force record, when every sample has its own).
    type :: case_type
       integer :: process = 0           !! into plan%processes; 0: none, friction as given
-      real(wp) :: variance = 0.0_wp    !! of the force [N^2]; 0 with a force file
+      real(wp) :: variance = 0.0_wp    !! of noise in a band [N^2]; else 0
       integer :: n_samples = 1
       integer :: first_sample = 1      !! another one in a replay
       integer :: audits = 0            !! the case whose samples it repeats, to find their errors
+      real(wp) :: factor = 1.0_wp      !! of the force of a file, or of a given spectrum
+      real(wp) :: amplitude = 0.0_wp   !! of a sine [N]; else 0
+      real(wp) :: frequency = 0.0_wp   !! of a sine [Hz]
    end type case_type
 
    !> The forces on the structure.
    type :: excitation_settings
-      character(:), allocatable :: kind      !! 'band_limited' or 'file'
+      character(:), allocatable :: kind      !! 'band_limited', 'file', 'sine' or 'psd'
       real(wp) :: band(2) = 0.0_wp           !! [Hz]
       integer :: dof = 0                     !! the forced mass, resolved: never 0 in a plan
       character(:), allocatable :: file
       logical :: per_sample = .false.        !! a record of its own for each sample
+      logical :: is_base = .false.           !! the ground's acceleration, in m/s^2 for N
+      real(wp), allocatable :: psd(:, :)     !! (Hz and N^2/Hz, row) of kind 'psd'
    end type excitation_settings
 
    !> How the chain is marched.
@@ -46,6 +51,7 @@ module ensemble_plan
       logical :: spectrum = .false.
       logical :: energy = .false.
       logical :: history = .false.
+      logical :: harmonic = .false.             !! fundamental of the response to a sine
       logical :: realizations = .false.
       logical :: transitions = .false.
       integer, allocatable :: dofs(:)           !! of spectra and histories, ascending; none: all
@@ -85,6 +91,34 @@ module ensemble_plan
    end type plan_type
 
 contains
+
+   !> Factor of the record that all cases share.
+   elemental function scale_of(case) result(scale)
+      type(case_type), intent(in) :: case
+      real(wp) :: scale
+
+      scale = case%factor
+      if (case%variance > 0.0_wp) scale = sqrt(case%variance)
+      if (case%amplitude > 0.0_wp) scale = case%amplitude
+   end function scale_of
+
+   !> Number by which levels of the force are told apart and ranked.
+   elemental function strength_of(case) result(strength)
+      type(case_type), intent(in) :: case
+      real(wp) :: strength
+
+      strength = case%factor
+      if (case%variance > 0.0_wp) strength = case%variance
+      if (case%amplitude > 0.0_wp) strength = case%amplitude
+   end function strength_of
+
+   !> True if two cases have the same force on the same samples.
+   elemental logical function have_same_force(one, other)
+      type(case_type), intent(in) :: one, other
+
+      have_same_force = .not. (abs(strength_of(one) - strength_of(other)) > 0.0_wp .or. &
+                               abs(one%frequency - other%frequency) > 0.0_wp)
+   end function have_same_force
 
    !> The dofs whose spectra and histories are kept, ascending.
    pure function kept_dofs(plan) result(dofs)

@@ -3,7 +3,7 @@
 module ensemble_pooling
    use core_kinds, only: long, wp
    use core_text, only: to_text
-   use ensemble_plan, only: plan_type
+   use ensemble_plan, only: have_same_force, plan_type
    use process_model, only: request_label
    use structure_model, only: structure_type
    implicit none(type, external)
@@ -87,9 +87,7 @@ contains
 
       n = max(plan%cases(number)%n_samples, maxval(plan%cases(members)%n_samples))
       takes = plan%estimator == 'pooled' .and. .not. plan%excitation%per_sample
-      associate (one => plan%cases(members(1)), other => plan%cases(number))
-         takes = takes .and. .not. abs(one%variance - other%variance) > 0.0_wp
-      end associate
+      takes = takes .and. have_same_force(plan%cases(members(1)), plan%cases(number))
       takes = takes .and. (size(members) + 1)*min(n, enough_samples) <= most_samples
       do i = 1, size(members)
          takes = takes .and. label_of_case(plan, members(i)) /= label_of_case(plan, number)

@@ -33,6 +33,9 @@ module ensemble_results
       !> (dof, batch and range, sample) mean square [m^2] in consecutive batches of the march,
       !> within the ranges of frequencies of last_of_ranges; those of a range together
       real(wp), allocatable :: power_series(:, :, :)
+      !> (dof, sample) fundamental under a sine [m], and its phase against the force [rad]
+      real(wp), allocatable :: harmonic_amplitude(:, :), harmonic_phase(:, :)
+      real(wp), allocatable :: steady_since(:)   !! (sample) [s]; not a number: not steady
       real(wp), allocatable :: energy(:, :)   !! (input viscous friction stored defect, sample) [J]
       real(wp), allocatable :: displacement(:, :, :)     !! (dof, 0:n_steps, sample) [m]
       real(wp), allocatable :: velocity(:, :, :)         !! (dof, 0:n_steps, sample) [m/s]

@@ -5,11 +5,11 @@ module ensemble_runner
    use core_random, only: label_of, new_stream, stream_type
    use core_text, only: to_text
    use dynamics_exact_march, only: exact_march, new_exact_march
-   use dynamics_excitation, only: band_limited_force
+   use dynamics_excitation, only: band_limited_force, coloured_force, sine_force
    use dynamics_newmark, only: new_newmark, newmark_marcher
    use dynamics_response, only: marcher_type
    use ensemble_audit, only: reference_for
-   use ensemble_plan, only: integration_settings, kept_dofs, plan_type
+   use ensemble_plan, only: integration_settings, kept_dofs, plan_type, scale_of
    use ensemble_results, only: spectrum_layout
    use numerics_spectrum, only: can_follow_power, count_segments, welch_type
    use structure_model, only: structure_type
@@ -26,7 +26,7 @@ module ensemble_runner
       type(plan_type) :: plan
       class(marcher_type), allocatable :: marcher
       class(marcher_type), allocatable :: reference   !! of audits, where there are any
-      !> (0:n_steps, force, or force + n_forces*(sample - 1)) [N]; drawn: unit variance
+      !> (0:n_steps, force, or force + n_forces*(sample - 1)) [N], before scale_of; none of a sine
       real(wp), allocatable :: force(:, :)
       type(spectrum_layout) :: layout
       !> (dof, case) of the variance, above the kept Nyquist frequency in the pilot march
@@ -57,7 +57,7 @@ contains
       if (allocated(error)) return
       if (plan%excitation%kind == 'file') then
          runner%force = file_force
-      else if (.not. plan%excitation%per_sample) then
+      else if (plan%excitation%kind /= 'sine' .and. .not. plan%excitation%per_sample) then
          allocate (runner%force(0:plan%integration%n_steps, plan%structure%n_forces))
          call runner%draw_force(0, runner%force, error)
          if (allocated(error)) return
@@ -123,8 +123,8 @@ contains
       end associate
    end subroutine new_marcher
 
-   !> The band-limited records of a sample (0: those shared by all), one of each force, independent
-   !> of each other; their variance is expected to be 1.
+   !> Noise of a sample (0: shared by all), a record of each force, independent of each other. That
+   !> of a band has an expected variance of 1.
    subroutine draw_force(self, sample, force, error)
       class(runner_type), intent(in) :: self
       integer, intent(in) :: sample
@@ -138,8 +138,14 @@ contains
       do k = 1, size(force, 2)
          if (k > 1) label = label_of(label_of('force'), k)
          stream = new_stream(self%plan%seed, label, sample)
-         call band_limited_force(self%plan%excitation%band, self%plan%integration%dt, stream, &
-                                 force(:, k), error)
+         associate (excitation => self%plan%excitation, dt => self%plan%integration%dt)
+            if (excitation%kind == 'psd') then
+               call coloured_force(excitation%psd(1, :), excitation%psd(2, :), dt, stream, &
+                                   force(:, k), error)
+            else
+               call band_limited_force(excitation%band, dt, stream, force(:, k), error)
+            end if
+         end associate
          if (allocated(error)) return
       end do
    end subroutine draw_force
@@ -156,7 +162,11 @@ contains
       associate (excitation => self%plan%excitation, n => self%plan%structure%n_forces)
          do i = 1, size(force, 2)/n
             first = n*(first_sample + i - 2)   ! column of self%force before those of the sample
-            if (.not. excitation%per_sample) then
+            if (excitation%kind == 'sine') then
+               call sine_force(self%plan%cases(case_number)%frequency, self%plan%integration%dt, &
+                               force(:, 1))
+               force(:, 2:) = spread(force(:, 1), 2, size(force, 2) - 1)
+            else if (.not. excitation%per_sample) then
                force(:, :) = self%force(:, :n)
             else if (excitation%kind == 'file') then
                force(:, n*(i - 1) + 1:n*i) = self%force(:, first + 1:first + n)
@@ -165,8 +175,7 @@ contains
                if (allocated(error)) return
             end if
          end do
-         if (excitation%kind == 'band_limited') &
-            force = sqrt(self%plan%cases(case_number)%variance)*force
+         force = scale_of(self%plan%cases(case_number))*force
       end associate
    end subroutine force_of
 

@@ -5,6 +5,7 @@ module ensemble_sample
    use dynamics_joint, only: close_account
    use dynamics_response, only: block_state, start_block, stored_energy
    use ensemble_audit, only: kept_of
+   use ensemble_harmonic, only: harmonic_collector, start_harmonics
    use ensemble_plan, only: kept_dofs, output_settings
    use ensemble_results, only: block_result
    use ensemble_runner, only: runner_type
@@ -26,6 +27,7 @@ module ensemble_sample
       integer, allocatable :: dofs(:)                 !! of spectra and histories
       logical :: is_audit = .false.                   !! marched by the reference
       real(wp), allocatable :: force(:, :)            !! (0:n_steps, force or force and sample) [N]
+      type(harmonic_collector) :: harmonics           !! under a sine
       logical :: is_measuring = .false.               !! past n_discard
       integer :: span = 0                             !! of the slip series, on its way
       real(wp), allocatable :: slip_before(:, :)      !! (joint, sample) slip_time at its start [s]
@@ -93,6 +95,10 @@ contains
                                plan%structure%n_forces*merge(n, 1, plan%excitation%per_sample)))
          call runner%force_of(case_number, result%first_sample, march%force, error)
          if (allocated(error)) return
+         if (output%harmonic) &
+            call start_harmonics(plan%integration, plan%cases(case_number)%frequency, &
+                                 plan%structure%n_dof, n, march%harmonics, error)
+         if (allocated(error)) return
          if (output%history) then
             allocate (result%displacement(size(march%dofs), 0:plan%integration%n_steps, n), &
                       result%velocity(size(march%dofs), 0:plan%integration%n_steps, n))
@@ -155,9 +161,10 @@ contains
       integer :: every, n
 
       associate (state => march%state, output => march%keeps)
-         every = merge(1, runner%layout%every, output%history)
+         every = record_every(march, runner%layout%every)
          n = to/every - from/every
-         if (.not. (output%history .or. output%spectrum .and. march%is_measuring)) n = 0
+         if (.not. (output%history .or. output%harmonic .or. &
+                    output%spectrum .and. march%is_measuring)) n = 0
          allocate (x(n, state%n_dof, state%n_samples))
          if (output%history) then
             allocate (v, mold=x)
@@ -168,6 +175,11 @@ contains
             call runner%marcher%advance(state, march%force(from:to, :), every, x, error=error)
          end if
          if (allocated(error)) return
+         if (output%harmonic) then
+            associate (stride => march%harmonics%every/every)
+               call march%harmonics%add(x(stride - modulo(from/every, stride)::stride, :, :))
+            end associate
+         end if
          if (size(march%dofs) < state%n_dof) then
             x = x(:, march%dofs, :)
             if (output%history) v = v(:, march%dofs, :)
@@ -179,6 +191,21 @@ contains
          if (output%spectrum .and. march%is_measuring) call listen(runner, from, every, x)
       end associate
    end subroutine march_piece
+
+   !> Steps between records: one for histories, else as spectra and harmonics need them.
+   pure integer function record_every(march, of_spectra) result(every)
+      type(march_type), intent(in) :: march
+      integer, intent(in) :: of_spectra
+
+      every = of_spectra
+      if (march%keeps%harmonic) every = march%harmonics%every
+      if (march%keeps%harmonic .and. march%keeps%spectrum) then
+         do while (modulo(of_spectra, every) /= 0)
+            every = every/2   ! a power of two
+         end do
+      end if
+      if (march%keeps%history) every = 1
+   end function record_every
 
    !> When a span of the slip series is over: the fraction of its time. Every march is cut into
    !> spans, whether the series is kept or not: rounding sees where a march is cut.
@@ -252,6 +279,7 @@ contains
             result%energy(5, :) = state%work_input - state%work_viscous - state%work_friction &
                                   - stored
          end if
+         if (output%harmonic) call march%harmonics%finish(result)
          if (output%spectrum) call collect_spectra(runner, march, result)
       end associate
    end subroutine collect

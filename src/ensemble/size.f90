@@ -74,6 +74,8 @@ contains
          call add_statistics(plan, number, every, once, n_datasets)
       if (kept%slip) of_sample = of_sample + &
                                  word*plan%structure%n_joints*(1 + count_spans(plan%integration))
+      if (kept%harmonic) of_sample = of_sample + word*(2*plan%structure%n_dof + 1.5_wp)
+      if (kept%harmonic) n_datasets = n_datasets + 4
       if (kept%energy) of_sample = of_sample + word*5
       if (kept%energy) n_datasets = n_datasets + 5
       associate (n_kept => size(kept_dofs(plan)), n => plan%cases(number)%n_samples)

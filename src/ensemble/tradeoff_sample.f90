@@ -7,7 +7,7 @@ module ensemble_tradeoff_sample
    use core_error, only: error_type
    use core_kinds, only: wp
    use core_random, only: label_of, new_stream, stream_type
-   use ensemble_plan, only: case_type, plan_type
+   use ensemble_plan, only: case_type, plan_type, strength_of
    use ensemble_results, only: block_result
    use ensemble_runner, only: block_width, prepare_runner, runner_type
    use ensemble_sample, only: run_block, stop_query
@@ -23,7 +23,8 @@ module ensemble_tradeoff_sample
 
    !> One level of force, and the samples that are marched under it.
    type :: level_type
-      real(wp) :: variance = 0.0_wp            !! of the force [N^2]; 0 with a force file
+      real(wp) :: strength = 0.0_wp            !! as strength_of has it
+      real(wp) :: variance = 0.0_wp            !! of noise in a band [N^2]; else 0
       integer :: n_all = 0                     !! samples that the campaign has at this level
       integer, allocatable :: case_number(:)   !! (sample)
       integer, allocatable :: sample(:)        !! (sample) its number in the case
@@ -38,22 +39,24 @@ contains
    pure subroutine choose_levels(plan, levels)
       type(plan_type), intent(in) :: plan
       type(level_type), allocatable, intent(out) :: levels(:)
-      real(wp), allocatable :: variances(:)
+      real(wp), allocatable :: strengths(:)
       integer, allocatable :: cases(:)
       integer :: i, k, n, width
 
-      allocate (variances(0))
+      allocate (strengths(0))
       do i = 1, size(plan%cases)
-         if (any(abs(variances - plan%cases(i)%variance) <= 0.0_wp)) cycle
-         variances = [variances, plan%cases(i)%variance]
+         associate (strength => strength_of(plan%cases(i)))
+            if (all(abs(strengths - strength) > 0.0_wp)) strengths = [strengths, strength]
+         end associate
       end do
-      n = min(most_levels, size(variances))
+      n = min(most_levels, size(strengths))
       allocate (levels(n))
       do k = 1, n
-         levels(k)%variance = ranked(variances, 1 + nint((k - 1.0_wp)*(size(variances) - 1) &
+         levels(k)%strength = ranked(strengths, 1 + nint((k - 1.0_wp)*(size(strengths) - 1) &
                                                          /max(1, n - 1)))
          cases = pack([(i, i=1, size(plan%cases))], &
-                      abs(plan%cases%variance - levels(k)%variance) <= 0.0_wp)
+                      abs(strength_of(plan%cases) - levels(k)%strength) <= 0.0_wp)
+         levels(k)%variance = plan%cases(cases(1))%variance
          levels(k)%n_all = sum(plan%cases(cases)%n_samples)
          width = min(block_width(plan), maxval(plan%cases(cases)%n_samples))
          call deal(plan%cases%n_samples, cases, width, levels(k))
@@ -191,6 +194,7 @@ contains
       short%excitation%per_sample = size(level%force, 2) > plan%structure%n_forces
       short%output%energy = .false.
       short%output%history = .false.
+      short%output%harmonic = .false.
       short%output%transitions = .false.
       short%output%dofs = [integer ::]
       short%cases = [case_type(0, 0.0_wp, size(level%sample))]

@@ -7,7 +7,7 @@
 module ensemble_tradeoff_tasks
    use core_error, only: error_type
    use core_kinds, only: wp
-   use ensemble_plan, only: plan_type
+   use ensemble_plan, only: plan_type, strength_of
    use ensemble_results, only: block_result
    use ensemble_runner, only: block_width, prepare_runner, runner_type
    use ensemble_sample, only: stop_query
@@ -244,7 +244,7 @@ contains
 
       associate (cases => tradeoff%plan%cases, level => tradeoff%levels(task%level))
          case_of = findloc(cases%process == tradeoff%scope%variants(task%row)%process .and. &
-                           abs(cases%variance - level%variance) <= 0.0_wp, .true., 1)
+                           abs(strength_of(cases) - level%strength) <= 0.0_wp, .true., 1)
       end associate
    end function case_of
 

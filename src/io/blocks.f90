@@ -21,8 +21,8 @@ module io_blocks
       type(checksum_type) :: checksum
       type(error_type), allocatable :: error
    contains
-      generic :: pass => pass_matrix, pass_counts, pass_cube
-      procedure, private :: pass_matrix, pass_counts, pass_cube
+      generic :: pass => pass_vector, pass_matrix, pass_counts, pass_cube
+      procedure, private :: pass_vector, pass_matrix, pass_counts, pass_cube
    end type walker
 
    !> The deed itself, on a component that is there.
@@ -87,6 +87,9 @@ contains
       call w%pass('slip_distance', block%slip_distance)
       call w%pass('dissipation', block%dissipation)
       call w%pass('energy', block%energy)
+      call w%pass('harmonic_amplitude', block%harmonic_amplitude)
+      call w%pass('harmonic_phase', block%harmonic_phase)
+      call w%pass('steady_since', block%steady_since)
       if (w%skips_long) return
       call w%pass('slip_series', block%slip_series)
       call w%pass('psd', block%psd)
@@ -104,6 +107,24 @@ contains
                     'transitions: not a list of transitions')
       end if
    end subroutine walk
+
+   subroutine pass_vector(self, name, values)
+      class(walker), intent(inout) :: self
+      character(*), intent(in) :: name
+      real(wp), allocatable, intent(inout) :: values(:)
+      integer(long), allocatable :: n(:)
+      integer :: status
+
+      call look(self, name, allocated(values), 1, n)
+      if (.not. allocated(n)) return
+      status = 0
+      if (self%deed == reads) allocate (values(n(1)), stat=status)
+      if (status == 0) then
+         call treat(self, name, values)
+      else
+         call refuse_size(self, name, n)
+      end if
+   end subroutine pass_vector
 
    subroutine pass_matrix(self, name, values)
       class(walker), intent(inout) :: self
@@ -329,6 +350,14 @@ contains
       case ('energy')
          label = label_type('J', 'work (input, viscous, friction), energy stored, defect', &
                             'sample term')
+      case ('harmonic_amplitude')
+         label = label_type('m', 'amplitude of the fundamental, last ten periods', 'sample dof')
+      case ('harmonic_phase')
+         label = label_type('rad', 'phase of the fundamental against the force, negative: behind', &
+                            'sample dof')
+      case ('steady_since')
+         label = label_type('s', 'time from which on the fundamentals of ten periods agree to '// &
+                            '1e-3; not a number: never', 'sample')
       case ('psd')
          label = label_type('m^2/Hz', 'power spectral density of the displacement, one-sided', &
                             'sample frequency dof')

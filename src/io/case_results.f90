@@ -96,6 +96,12 @@ contains
       associate (case => plan%cases(number))
          call group%attribute('process', process_name(case%process))
          call group%attribute('variance', case%variance)
+         if (plan%excitation%kind == 'sine') then
+            call group%attribute('frequency', case%frequency)
+            call group%attribute('amplitude', case%amplitude)
+         else if (plan%excitation%kind /= 'band_limited') then
+            call group%attribute('factor', case%factor)
+         end if
          call group%attribute('n_samples', case%n_samples)
          if (case%process == 0) call group%attribute('friction_from', plan%friction_from)
          if (case%process == 0) return
@@ -144,8 +150,10 @@ contains
       type(plan_type), intent(in) :: plan
       !> (step, force, or force and sample)
       real(wp), intent(in), contiguous, optional :: force(:, :)
+      character(:), allocatable :: unit
       integer :: i, n_forces
 
+      unit = trim(merge('m/s^2', 'N    ', plan%excitation%is_base))
       n_forces = plan%structure%n_forces
       call group%put('time', [(i*plan%integration%dt, i=0, plan%integration%n_steps)], &
                      label_type('s', 'time', 'time'))
@@ -154,14 +162,14 @@ contains
                                        label_type('1', 'force, a column of the load', &
                                                   'force_number'))
       if (size(force, 2) == 1) then
-         call group%put('force', force(:, 1), label_type('N', 'force', 'time'))
+         call group%put('force', force(:, 1), label_type(unit, 'force', 'time'))
       else if (n_forces == 1) then
-         call group%put('force', force, label_type('N', 'force', 'sample time'))
+         call group%put('force', force, label_type(unit, 'force', 'sample time'))
       else if (size(force, 2) == n_forces) then
-         call group%put('force', force, label_type('N', 'force', 'force_number time'))
+         call group%put('force', force, label_type(unit, 'force', 'force_number time'))
       else
          call group%put_allocated('force', by_sample(force, n_forces), &
-                                  label_type('N', 'force', 'sample force_number time'))
+                                  label_type(unit, 'force', 'sample force_number time'))
       end if
    end subroutine write_history_axes
 

@@ -2,6 +2,7 @@
 !> samples, spectra, histories and transitions shard by shard, so that memory does not grow with the
 !> number of samples.
 module io_case_samples
+   use, intrinsic :: ieee_arithmetic, only: ieee_is_nan
    use core_kinds, only: long, wp
    use dynamics_response, only: transition_list
    use ensemble_plan, only: kept_dofs, output_settings, plan_type
@@ -90,6 +91,16 @@ contains
                          label_type('1', 'standard error of slip_fraction: the march is finite', &
                                     'sample joint'))
       end if
+      if (kept%harmonic) then
+         call group%make('harmonic_amplitude', 0.0_wp, [plan%structure%n_dof, n_samples], &
+                         sample_label('harmonic_amplitude'))
+         call group%make('harmonic_phase', 0.0_wp, [plan%structure%n_dof, n_samples], &
+                         sample_label('harmonic_phase'))
+         call group%make('steady_since', 0.0_wp, [n_samples], sample_label('steady_since'))
+         call group%make('steady', 0, [n_samples], &
+                         label_type('1', '1: the last two windows of ten periods agree to 1e-3', &
+                                    'sample'))
+      end if
       if (.not. kept%energy) return
       do i = 1, size(energy_terms)
          long_name = trim(meaning(i))   ! gfortran would not free it inside of the constructor
@@ -115,6 +126,12 @@ contains
          call group%put_part('dissipation', [1, first], samples%dissipation)
          if (allocated(slip_fraction_error)) &
             call group%put_part('slip_fraction_error', [1, first], slip_fraction_error)
+         if (allocated(samples%steady_since)) then
+            call group%put_part('harmonic_amplitude', [1, first], samples%harmonic_amplitude)
+            call group%put_part('harmonic_phase', [1, first], samples%harmonic_phase)
+            call group%put_part('steady_since', [first], samples%steady_since)
+            call group%put_part('steady', [first], merge(0, 1, ieee_is_nan(samples%steady_since)))
+         end if
          if (.not. allocated(samples%energy)) return
          do i = 1, size(energy_terms)
             term = samples%energy(i, :)

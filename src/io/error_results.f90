@@ -14,6 +14,7 @@ module io_error_results
       type(case_statistics) :: statistics
       character(:), allocatable :: estimator   !! of the statistics; empty without statistics
       integer :: n_audited = 0
+      integer :: n_unsteady = -1         !! samples under a sine that are not steady; -1: no sine
       real(wp) :: slip_points = 0.0_wp   !! numerical error found by the audit [points]
       real(wp) :: band_ratio = 0.0_wp    !! the same, relative
       !> largest standard errors of both over the dofs, as only a share of the samples was audited
@@ -38,6 +39,8 @@ contains
          call read_statistics(file, case_group(i, n_cases), n_joints, errors(i)%statistics, error)
          if (.not. allocated(error)) call read_estimator(file, case_group(i, n_cases), &
                                                          errors(i)%estimator, error)
+         if (.not. allocated(error)) &
+            call read_steady(file, case_group(i, n_cases), errors(i), error)
          if (.not. allocated(error)) &
             call read_audit(file, case_group(i + n_cases, n_cases), errors(i), error)
          if (allocated(error)) exit
@@ -75,6 +78,18 @@ contains
       if (has_attribute(file, group, 'estimator')) &
          call read_attribute(file, group, 'estimator', estimator, error)
    end subroutine read_estimator
+
+   subroutine read_steady(file, group, errors, error)
+      type(hdf5_file), intent(in) :: file
+      character(*), intent(in) :: group
+      type(case_errors), intent(inout) :: errors
+      type(error_type), allocatable, intent(out) :: error
+      integer :: steady(errors%statistics%n_samples)
+
+      if (.not. file%has(group//'/steady')) return
+      call read_dataset(file, group//'/steady', steady, error)
+      if (.not. allocated(error)) errors%n_unsteady = count(steady == 0)
+   end subroutine read_steady
 
    subroutine read_audit(file, group, errors, error)
       type(hdf5_file), intent(in) :: file

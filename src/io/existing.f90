@@ -177,6 +177,11 @@ contains
          block%dissipation = all_samples%dissipation(:, first:last)
       end if
       if (allocated(all_samples%energy)) block%energy = all_samples%energy(:, first:last)
+      if (allocated(all_samples%steady_since)) then
+         block%harmonic_amplitude = all_samples%harmonic_amplitude(:, first:last)
+         block%harmonic_phase = all_samples%harmonic_phase(:, first:last)
+         block%steady_since = all_samples%steady_since(first:last)
+      end if
    end function piece_of
 
    !> Spectra, histories and transitions of a block whose samples are known.

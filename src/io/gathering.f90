@@ -123,11 +123,23 @@ contains
          call put(part%slip_distance, block%slip_distance)
          call put(part%dissipation, block%dissipation)
          call put(part%energy, block%energy)
+         call put(part%harmonic_amplitude, block%harmonic_amplitude)
+         call put(part%harmonic_phase, block%harmonic_phase)
+         call put_vector(part%steady_since, block%steady_since)
          call put_counts(part%slip_starts, block%slip_starts)
          call put_counts(part%stick_starts, block%stick_starts)
       end do
 
    contains
+
+      subroutine put_vector(values, all_values)
+         real(wp), allocatable, intent(in) :: values(:)
+         real(wp), allocatable, intent(inout) :: all_values(:)
+
+         if (.not. allocated(values)) return
+         if (.not. allocated(all_values)) allocate (all_values(block%n_samples))
+         all_values(place + 1:place + n) = values(before + 1:before + n)
+      end subroutine put_vector
 
       subroutine put(values, all_values)
          real(wp), allocatable, intent(in) :: values(:, :)

@@ -3,7 +3,7 @@ module small_plan
    use core_error, only: error_type
    use core_kinds, only: long, wp
    use structure_chain, only: build_chain
-   use ensemble_plan, only: case_type, excitation_settings, plan_type
+   use ensemble_plan, only: case_type, plan_type
    implicit none(type, external)
    private
    public :: new_small_plan
@@ -24,7 +24,10 @@ contains
       call build_chain(one, 25*one, 50*one, 10*one, 0.005_wp*one, plan%structure, error)
       plan%friction = 0.2_wp*one
       allocate (plan%processes(0))
-      plan%excitation = excitation_settings('band_limited', [0.0_wp, 2.5_wp], 5, '', .false.)
+      plan%excitation%kind = 'band_limited'
+      plan%excitation%band = [0.0_wp, 2.5_wp]
+      plan%excitation%dof = 5
+      plan%excitation%file = ''
       plan%integration%method = 'event'
       plan%integration%dt = 0.00843_wp
       plan%integration%n_steps = n_steps

@@ -1,0 +1,173 @@
+!> Rules of &excitation: what each kind of force must have and must not have, and its files.
+module config_excitation_rules
+   use config_force_file, only: check_force, force_label, is_hdf5_file, read_force_text
+   use config_groups, only: scene_type
+   use config_reader, only: reader_type
+   use core_kinds, only: wp
+   use core_source, only: find_beside
+   use core_table, only: read_table, table_type
+   use core_text, only: to_text
+   use numerics_harmonic, only: periods_of_window
+   implicit none(type, external)
+   private
+   public :: check_excitation
+
+   character(*), parameter :: group = 'excitation'
+   real(wp), parameter :: steps_per_period = 20.0_wp   !! of a sine, at least
+
+contains
+
+   !> Every rule, each with its own complaint; also finds the files of the force.
+   subroutine check_excitation(scene, reader)
+      type(scene_type), intent(inout) :: scene
+      type(reader_type), intent(inout) :: reader
+
+      associate (excitation => scene%excitation, n_dof => scene%n_dof())
+         if (n_dof > 0) call reader%require(excitation%dof <= n_dof, group, 'dof', &
+                                            'must not exceed the number of dofs, '//to_text(n_dof))
+         call reader%require(.not. (excitation%base .and. reader%was_given(group, 'dof')), group, &
+                             'dof', 'must be absent with base = .true.: the ground moves')
+         call check_presence(scene, reader)
+         select case (excitation%kind)
+         case ('file')
+            if (excitation%file /= '') call check_force_file(scene, reader)
+         case ('sine')
+            call check_sines(scene, reader)
+         case ('psd')
+            if (excitation%psd /= '') call check_density(scene, reader)
+         case default
+            call check_band(scene, reader)
+         end select
+      end associate
+   end subroutine check_excitation
+
+   !> What belongs to the kind must be given, and what belongs to another must not.
+   subroutine check_presence(scene, reader)
+      type(scene_type), intent(in) :: scene
+      type(reader_type), intent(inout) :: reader
+
+      associate (excitation => scene%excitation)
+         call settle('variance', 'band_limited', size(excitation%variance) > 0)
+         call settle('frequency', 'sine', size(excitation%frequency) > 0)
+         call settle('amplitude', 'sine', size(excitation%amplitude) > 0)
+         call settle('psd', 'psd', excitation%psd /= '')
+         call settle('file', 'file', excitation%file /= '')
+      end associate
+
+   contains
+
+      subroutine settle(name, kind, has_value)
+         character(*), intent(in) :: name, kind
+         logical, intent(in) :: has_value
+         logical :: belongs
+
+         belongs = scene%excitation%kind == kind
+         call reader%require(.not. belongs .or. has_value .or. &
+                             reader%was_given(group, name), group, name, &
+                             "must be given with kind = '"//trim(scene%excitation%kind)//"'")
+         call reader%require(belongs .or. .not. has_value, group, name, &
+                             "must be absent with kind = '"//trim(scene%excitation%kind)//"'")
+      end subroutine settle
+
+   end subroutine check_presence
+
+   subroutine check_band(scene, reader)
+      type(scene_type), intent(in) :: scene
+      type(reader_type), intent(inout) :: reader
+      real(wp) :: nyquist
+
+      associate (band => scene%excitation%band)
+         if (size(band) < 2 .or. .not. scene%integration%dt > 0.0_wp) return
+         call reader%require(band(1) < band(2), group, 'band', 'must ascend')
+         nyquist = 0.5_wp/scene%integration%dt
+         call reader%require(band(2) <= nyquist, group, 'band', &
+                             'must not exceed half the sampling rate, 0.5/integration%dt = '// &
+                             to_text(nyquist)//' Hz', '0.0, 2.5')
+      end associate
+   end subroutine check_band
+
+   !> Enough steps in a period, and enough periods to see whether they repeat. Without a list of
+   !> output%quantities spectra are left out: a sine has none.
+   subroutine check_sines(scene, reader)
+      type(scene_type), intent(inout) :: scene
+      type(reader_type), intent(inout) :: reader
+      real(wp) :: highest, least
+
+      call reader%require(.not. scene%excitation%per_sample, group, 'per_sample', &
+                          "must be .false. with kind = 'sine'")
+      if (.not. reader%was_given('output', 'quantities')) &
+         scene%output%quantities = pack(scene%output%quantities, &
+                                        scene%output%quantities /= 'spectrum')
+      associate (frequency => scene%excitation%frequency, how => scene%integration)
+         if (size(frequency) == 0 .or. .not. how%dt > 0.0_wp .or. how%n_steps < 1) return
+         highest = 1.0_wp/(steps_per_period*how%dt)
+         call reader%require(all(frequency <= highest*(1.0_wp + epsilon(1.0_wp))), group, &
+                             'frequency', 'must be at most '//to_text(highest)// &
+                             ' Hz: a period takes '//to_text(nint(steps_per_period))// &
+                             ' steps of integration%dt or more')
+         least = 2.0_wp*periods_of_window/(minval(frequency)*how%dt)
+         call reader%require(how%n_steps - how%n_discard >= least + 64, 'integration', 'n_steps', &
+                             'must be at least '//to_text(ceiling(least) + 64 + how%n_discard)// &
+                             ': twice '//to_text(periods_of_window)//' periods of the lowest '// &
+                             'frequency behind n_discard, to see whether they repeat')
+      end associate
+   end subroutine check_sines
+
+   !> Reads the density: rows of ascending frequencies and values that are not negative.
+   subroutine check_density(scene, reader)
+      type(scene_type), intent(inout) :: scene
+      type(reader_type), intent(inout) :: reader
+      type(table_type) :: table
+      character(:), allocatable :: path
+      integer :: i, n_before
+
+      path = find_beside(scene%path, scene%excitation%psd)
+      call reader%require(path /= '', group, 'psd', 'no such file')
+      if (path == '') return
+      n_before = reader%complaints%n
+      call read_table(path, '#!', 2, 2, table, reader%complaints)
+      if (reader%complaints%n > n_before) return
+      do i = 1, table%n_rows
+         if (table%value(1, i) < 0.0_wp .or. table%value(1, i)*scene%integration%dt > 0.5_wp) &
+            call table%refuse_row(i, 'frequency', to_text(table%value(1, i)), &
+                                  'must be from 0 to half the sampling rate, '// &
+                                  to_text(0.5_wp/scene%integration%dt)//' Hz', reader%complaints)
+         if (table%value(2, i) < 0.0_wp) &
+            call table%refuse_row(i, 'density', to_text(table%value(2, i)), &
+                                  'must be zero or positive', reader%complaints)
+         if (i == 1) cycle
+         if (.not. table%value(1, i) > table%value(1, i - 1)) &
+            call table%refuse_row(i, 'frequency', to_text(table%value(1, i)), 'must ascend', &
+                                  reader%complaints)
+      end do
+      if (table%n_rows < 2 .or. .not. any(table%value(2, :) > 0.0_wp)) &
+         call reader%complaints%add_general(path//': must hold two rows or more, and power')
+      scene%density = table%value
+      scene%force_label = force_label(scene%density)
+   end subroutine check_density
+
+   !> Finds the force file. A text is read here and now; whoever can read HDF5 reads such a file.
+   subroutine check_force_file(scene, reader)
+      type(scene_type), intent(inout) :: scene
+      type(reader_type), intent(inout) :: reader
+      integer :: n_before
+
+      scene%force_path = find_beside(scene%path, scene%excitation%file)
+      call reader%require(scene%force_path /= '', group, 'file', 'no such file')
+      if (scene%force_path == '') return
+      scene%force_is_hdf5 = is_hdf5_file(scene%force_path)
+      if (scene%force_is_hdf5) return
+
+      call reader%require(.not. scene%excitation%per_sample, group, 'per_sample', &
+                          'needs an HDF5 file with one record per sample')
+      n_before = reader%complaints%n
+      call read_force_text(scene%force_path, scene%n_forces(), scene%integration%dt, scene%force, &
+                           reader%complaints)
+      if (reader%complaints%n > n_before) return
+      call check_force(scene%force_path, scene%force, scene%integration%n_steps, &
+                       scene%n_forces(), reader%complaints)
+      scene%n_force_values = size(scene%force, 1)
+      scene%force_label = force_label(scene%force)
+   end subroutine check_force_file
+
+end module config_excitation_rules

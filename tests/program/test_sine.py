@@ -1,0 +1,78 @@
+"""Sines, given spectra and levels of a file, from the scene to the results."""
+
+from __future__ import annotations
+
+import h5py
+import numpy as np
+
+from tests.program.campaign import datasets
+
+SINES = """\
+&process correlation_length = 0.3 order = 1 mean = 0.2 std = 0.05 /
+&chain n_dof = 2 damping_ratio = 0.02 /
+&excitation kind = 'sine' frequency = 0.8 1.2 amplitude = 0.5 3.0 /
+&integration method = 'event' dt = 0.02 n_steps = 6000 /
+&campaign n_samples = 3 deterministic = .true. /
+"""
+LEVELS = """\
+&chain n_dof = 2 friction = 0.2 /
+&excitation kind = '{kind}' {kind} = '{file}' factor = 1 2 /
+&integration method = 'event' dt = 0.02 n_steps = 999 /
+&output quantities = 'slip', 'history' /
+"""
+
+
+def test_sines_are_told_to_be_steady_and_go_on_with_the_same_bits(entroslip, tmp_path):
+    (tmp_path / "s.nml").write_text(SINES)
+    done = entroslip("run", "s.nml")
+    assert "all samples are steady" in done.stdout, done.stdout + done.stderr
+    with h5py.File(tmp_path / "s.h5") as file:
+        case = file["campaign/c006"]
+        assert (case.attrs["frequency"], case.attrs["amplitude"]) == (1.2, 0.5)
+        assert case["harmonic_amplitude"].shape == case["harmonic_phase"].shape == (3, 2)
+        assert (case["steady"][()] == 1).all()
+        # the sample that does not slip answers in phase with the deterministic one
+        assert "psd" not in case
+    more = ("--set", "campaign%n_samples=5")
+    assert entroslip("run", "s.nml", *more).returncode == 0
+    assert entroslip("run", "s.nml", *more, "--output", "at_once.h5").returncode == 0
+    assert datasets(tmp_path / "s.h5") == datasets(tmp_path / "at_once.h5")
+
+
+def test_a_short_march_is_told_to_be_unsteady(entroslip, tmp_path):
+    (tmp_path / "s.nml").write_text(SINES)
+    done = entroslip("run", "s.nml", "--set", "integration%n_steps=1400", "--set",
+                     "chain%damping_ratio=1e-4")  # fmt: skip
+    assert "not steady in" in done.stdout, done.stdout + done.stderr
+
+
+def test_factors_scale_a_file_and_a_density(entroslip, tmp_path):
+    force = np.random.default_rng(1).normal(size=1000)
+    np.savetxt(tmp_path / "force.txt", force)
+    np.savetxt(tmp_path / "density.txt", [[0.5, 1.0], [2.0, 3.0]])
+    for kind, name in (("file", "force.txt"), ("psd", "density.txt")):
+        (tmp_path / "s.nml").write_text(LEVELS.format(kind=kind, file=name))
+        done = entroslip("run", "s.nml", "--fresh")
+        assert done.returncode == 0, done.stderr
+        with h5py.File(tmp_path / "s.h5") as file:
+            one, two = (file[f"campaign/{name}"] for name in ("c001", "c002"))
+            assert (one.attrs["factor"], two.attrs["factor"]) == (1.0, 2.0)
+            np.testing.assert_array_equal(2 * one["force"][()], two["force"][()])
+            if kind == "file":
+                np.testing.assert_array_equal(one["force"][()], force)
+
+
+def test_a_bad_density_is_named_by_its_lines(entroslip, tmp_path):
+    (tmp_path / "density.txt").write_text("0 1\n2 -1\n1 3\n")
+    (tmp_path / "s.nml").write_text(LEVELS.format(kind="psd", file="density.txt"))
+    done = entroslip("check", "s.nml")
+    assert done.returncode == 2
+    assert "density.txt:2: density = -1.0: must be zero or positive" in done.stderr
+    assert "density.txt:3: frequency = 1.0: must ascend" in done.stderr
+
+
+def test_there_is_no_tradeoff_of_sines(entroslip, tmp_path):
+    (tmp_path / "s.nml").write_text(SINES)
+    done = entroslip("tradeoff", "s.nml")
+    assert done.returncode == 2
+    assert "needs noise or a force file" in done.stderr
