@@ -87,11 +87,13 @@ def pair_cases(before: Results, after: Results) -> list[Pair]:
 
 
 def _key(case: Case) -> tuple[object, ...]:
-    return (case.is_deterministic, case.std, case.correlation_length, case.variance)
+    return (case.is_deterministic, case.std, case.correlation_length, case.frequency, case.strength)
 
 
 def _label(case: Case) -> str:
-    force = f"variance {case.variance:g} N²" if case.variance else "force from a file"
+    force = f"{case.level} N²" if case.variance else case.level
+    if case.is_sine:
+        force = f"{case.level} at {case.frequency:g} Hz"
     if case.is_deterministic:
         return f"friction given, {force}"
     return f"L = {case.correlation_length:g}, std {case.std:g}, {force}"

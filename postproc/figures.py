@@ -27,12 +27,10 @@ _MOST_NUMBERED = 6  # marks of a case
 _SLIP_AXIS = "mean time in slip [%]"
 
 
-def variance_name(variance: float) -> str:
+def level_name(case: Case) -> str:
     """'variance 3.7 (low)', with the paper's name where it has one."""
-    if variance == 0.0:
-        return "force from a file"
-    name = LEVELS.get(variance)
-    return f"variance {variance:g}" + (f" ({name})" if name else "")
+    name = LEVELS.get(case.variance)
+    return case.level + (f" ({name})" if name else "")
 
 
 def length_name(case: Case) -> str:
@@ -207,7 +205,7 @@ def plot_band_ratio(axes: Axes, cases: Sequence[Case]) -> None:
     first, last = cases[0].data["percentile"].values[[0, -1]]
     axes.set_yscale("log")
     for ticks in (axes.yaxis.set_major_formatter, axes.yaxis.set_minor_formatter):
-        ticks(FuncFormatter(_short_tick))
+        ticks(FuncFormatter(style.short_tick))
     axes.legend(ncols=2)
     axes.set(
         xlabel=_SLIP_AXIS,
@@ -220,7 +218,7 @@ def plot_slip_along(axes: Axes, cases: Sequence[Case]) -> None:
     """Mean time in slip along the structure, joint by joint, a line per case, 95 % intervals."""
     for rank, case in enumerate(cases):
         mean = PERCENT * case.data["slip_mean"].values
-        name = f"{length_name(case)}, std {case.std:g}, {variance_name(case.variance)}"
+        name = f"{length_name(case)}, std {case.std:g}, {level_name(case)}"
         axes.errorbar(
             np.arange(1, mean.size + 1), mean, yerr=PERCENT * WIDTH * slip_mean_error(case),
             label=name, elinewidth=0.8, **style.of_rank(rank, len(cases)),
@@ -231,36 +229,47 @@ def plot_slip_along(axes: Axes, cases: Sequence[Case]) -> None:
 
 
 def plot_sweep(axes: Axes, cases: Sequence[Case]) -> None:
-    """Time in slip of each joint over the variance of the force, 95 % intervals."""
-    cases = sorted(cases, key=lambda case: case.variance)
-    variance = [case.variance for case in cases]
+    """Time in slip of each joint over the level of the force, 95 % intervals."""
+    cases = sorted(cases, key=lambda case: case.strength)
+    strength = [case.strength for case in cases]
     slips = [slip_with_error(case) for case in cases]
     for joint in style.some_of(cases[0].n_joints):
         axes.errorbar(
-            variance, [PERCENT * slip[joint - 1] for slip, _ in slips],
+            strength, [PERCENT * slip[joint - 1] for slip, _ in slips],
             yerr=[PERCENT * WIDTH * error[joint - 1] for _, error in slips],
             label=f"joint {joint}", elinewidth=0.8, **style.of_dof(joint, cases[0].n_joints),
         )  # fmt: skip
     for edge in (FULLY, 1.0 - FULLY):
         axes.axhline(PERCENT * edge, color="0.6", linewidth=0.8, linestyle=":", zorder=0)
     axes.set_xscale("log")
-    axes.set(xlabel="variance of the force [N²]", ylabel="time in slip [%]", ylim=(0, 100))
+    axes.set(xlabel=force_axis(cases[0]), ylabel="time in slip [%]", ylim=(0, 100))
     axes.legend()
 
 
 def plot_sweep_spectra(axes: Axes, cases: Sequence[Case], results: Results) -> None:
-    """Spectra of the first mass over the variance of the force, from stuck to slipping."""
-    cases = sorted(cases, key=lambda case: case.variance)
+    """Spectra of the first mass over the level of the force, from stuck to slipping."""
+    cases = sorted(cases, key=lambda case: case.strength)
     chosen = [cases[i - 1] for i in style.some_of(len(cases), 6)]
     values = []
     for rank, case in enumerate(chosen):
-        spectrum = case.data["psd"].isel(sample=0, dof=0) / case.variance
+        spectrum = case.data["psd"].isel(sample=0, dof=0) / _power_of_force(case)
         look = style.of_rank(rank, len(chosen)) | {"marker": "none"}
-        axes.semilogy(spectrum["frequency"], spectrum, label=f"{case.variance:g} N²", **look)
+        axes.semilogy(spectrum["frequency"], spectrum, label=level_name(case), **look)
         values.append(spectrum.values)
     _mark_chain(axes, results)
     _frame_spectrum(axes, spectrum["frequency"].values, np.stack(values), results)
-    axes.set_ylabel("power spectral density / variance [m²/(N² Hz)]")
+    unit = "variance [m²/(N² Hz)]" if cases[0].variance else "factor² [m²/Hz]"
+    axes.set_ylabel(f"power spectral density / {unit}")
+
+
+def force_axis(case: Case) -> str:
+    """Label of an axis of levels of the force."""
+    return "variance of the force [N²]" if case.variance else "factor of the force"
+
+
+def _power_of_force(case: Case) -> float:
+    """By which spectra of a sweep are divided."""
+    return case.variance or case.strength**2
 
 
 def _mark_chain(axes: Axes, results: Results) -> None:
@@ -270,23 +279,17 @@ def _mark_chain(axes: Axes, results: Results) -> None:
         style.mark_frequencies(axes, chain["frequencies_slip"].values, "modes, slipping", ":")
 
 
-def _short_tick(value: float, _: int) -> str:
-    """Plain numbers on a logarithmic axis, where there is room for them."""
-    leading = float(f"{value:e}".split("e")[0])
-    return f"{value:g}" if leading in (1.0, 2.0, 3.0, 5.0) else ""
-
-
 def _by_length(cases: Sequence[Case]) -> list[tuple[Case, style.Look, str]]:
     """Cases with their look: colour and mark by length, the fuller the larger the excitation."""
     lengths = [case.correlation_length for case in cases]
-    variances = sorted({case.variance for case in cases})
+    levels = sorted({case.strength for case in cases})
     rows = []
     for case in cases:
         look = style.of_length(case.correlation_length, lengths) | {"linestyle": "none"}
-        filled = (variances.index(case.variance) + 1) / len(variances)
-        share = filled if filled == 1.0 else filled - 1.0 / len(variances)
+        filled = (levels.index(case.strength) + 1) / len(levels)
+        share = filled if filled == 1.0 else filled - 1.0 / len(levels)
         look["markerfacecolor"] = (look["color"], share)  # the smallest excitation open
-        name = LEVELS.get(case.variance, variance_name(case.variance))
+        name = LEVELS.get(case.variance, level_name(case))
         rows.append((case, look, f"{length_name(case)}, {name}"))
     return rows
 

@@ -10,7 +10,15 @@ from typing import TypeVar
 import numpy as np
 import xarray as xr
 
-from . import chain_figure, figures, process_gallery, response_figures, style, tradeoff
+from . import (
+    chain_figure,
+    figures,
+    harmonic_gallery,
+    process_gallery,
+    response_figures,
+    style,
+    tradeoff,
+)
 from .figure import SECTIONS, Figure
 from .paper import is_paper_study
 from .peaks import scatter_of_ln_psd
@@ -52,27 +60,27 @@ def of_chain(results: Results) -> Iterator[Figure]:
 
 
 def of_certain_friction(results: Results) -> Iterator[Figure]:
-    """Fig. 8, or the figures of a sweep of the variance."""
-    cases = results.deterministic
+    """Fig. 8, or the figures of a sweep of the level of the force."""
+    cases = [case for case in results.deterministic if not case.is_sine]
     spectra = [case for case in cases if case.has("psd")]
     if len(cases) > _MOST_SPECTRA:
         yield Figure(
             "sweep", "From stuck to slipping",
-            "Time in slip over the variance of the force, deterministic friction; bars: 95 %"
+            "Time in slip over the level of the force, deterministic friction; bars: 95 %"
             " intervals of the time average; dotted: what counts as fully stuck and slipping.",
             _STUDY, (partial(figures.plot_sweep, cases=cases),), ("8",),
         )  # fmt: skip
         if spectra:
             yield Figure(
                 "sweep_spectra", "Spectra from stuck to slipping",
-                "Mass 1, over the variance of the force: peaks at the stuck frequencies (full"
+                "Mass 1, over the level of the force: peaks at the stuck frequencies (full"
                 " lines) broaden, vanish, and return at those of the slipping chain (dotted).",
                 _STUDY,
                 (partial(figures.plot_sweep_spectra, cases=spectra, results=results),), ("8",),
             )  # fmt: skip
         return
     for letter, case in _lettered(spectra):
-        name = figures.variance_name(case.variance)
+        name = figures.level_name(case)
         yield Figure(
             f"fig_08{letter}", f"Fig. 8{letter}. Spectra without uncertainty, {name}",
             "Power spectral densities of the displacements, deterministic friction. Where joints"
@@ -87,7 +95,7 @@ def of_certain_friction(results: Results) -> Iterator[Figure]:
 def of_drawn_friction(results: Results) -> Iterator[Figure]:
     """Figs. 9 to 11, of a campaign."""
     is_paper = is_paper_study(results)
-    random = [case for case in results.random if case.n_samples > 1]
+    random = [case for case in results.random if case.n_samples > 1 and not case.is_sine]
     scattered = [case for case in random if case.has("slip_mean", "slip_std")]
     if scattered and not is_paper:
         yield Figure(
@@ -111,10 +119,10 @@ def of_drawn_friction(results: Results) -> Iterator[Figure]:
     for letter, (cases, dof) in _lettered(
         _band_panels(banded, None if is_paper else _forced(results))
     ):
-        variances = sorted({case.variance for case in cases})
-        levels = ", ".join(figures.variance_name(v) for v in variances)
-        shown = _some(variances, _MOST_LEVELS)
-        panels = [[c for c in cases if c.variance == v] for v in shown]
+        named = {case.strength: figures.level_name(case) for case in cases}
+        levels = ", ".join(named[strength] for strength in sorted(named))
+        shown = _some(sorted(named), _MOST_LEVELS)
+        panels = [[c for c in cases if c.strength == level] for level in shown]
         below = " One panel a level, from the smallest above." if len(panels) > 1 else ""
         yield Figure(
             f"fig_10{letter}", f"Fig. 10{letter}. Band of uncertainty, mass {dof}, {levels}",
@@ -150,10 +158,7 @@ def of_drawn_friction(results: Results) -> Iterator[Figure]:
 def of_responses(results: Results) -> Iterator[Figure]:
     """Histories, and a transition enlarged; the spectra of a sample that stands alone."""
     for case in results.cases:
-        name = (
-            f"{results.title}, case {case.name[1:].lstrip('0')},"
-            f" {figures.variance_name(case.variance)}"
-        )
+        name = f"{results.title}, case {case.name[1:].lstrip('0')}, {figures.level_name(case)}"
         if case.has("psd") and case.n_samples == 1 and not case.is_deterministic:
             yield Figure(
                 f"spectra_{case.name}", f"Spectra of one sample, {name}",
@@ -167,7 +172,26 @@ def of_responses(results: Results) -> Iterator[Figure]:
             "Of the first sample, the last minute at most.",
             _RESPONSES, (partial(response_figures.plot_history, case=case),), height=3.2,
         )  # fmt: skip
-        if results.structure is not None and results.is_chain and case.has("transition_time"):
+        if results.structure is None or not case.has("transition_time"):
+            continue
+        is_whole = not case.data["displacement"].isnull().any()  # else of some dofs alone
+        loops = response_figures.most_dissipating(case) if is_whole else []
+        if loops:
+            yield Figure(
+                f"hysteresis_{case.name}", f"Hysteresis loops, {name}",
+                "Force over displacement of the joints that dissipate most, first sample, the"
+                " last 10 s at most. The area within a loop is the work that it takes.",
+                _RESPONSES,
+                tuple(
+                    partial(
+                        response_figures.plot_hysteresis,
+                        case=case, structure=results.structure, joint=joint,
+                    )
+                    for joint in loops
+                ),
+                height=2.6,
+            )  # fmt: skip
+        if results.is_chain:
             yield from _transition(results.structure, case, name)
 
 
@@ -190,7 +214,8 @@ def _transition(chain: xr.Dataset, case: Case, name: str) -> Iterator[Figure]:
 
 # Each yields the figures that a file has data for.
 SOURCES: tuple[Callable[[Results], Iterator[Figure]], ...] = (
-    process_gallery.of_processes, of_chain, of_certain_friction, of_drawn_friction, of_responses,
+    process_gallery.of_processes, of_chain, of_certain_friction, of_drawn_friction,
+    harmonic_gallery.of_sines, of_responses,
 )  # fmt: skip
 
 
@@ -245,6 +270,6 @@ def _band_panels(cases: list[Case], forced: int | None) -> list[tuple[list[Case]
     chosen = [case for case in cases if case.std == std]
     if forced is not None:
         return [(chosen, forced)]
-    variances = sorted({case.variance for case in chosen})
-    panels = [([c for c in chosen if c.variance == variance], 1) for variance in variances]
+    levels = sorted({case.strength for case in chosen})
+    panels = [([c for c in chosen if c.strength == level], 1) for level in levels]
     return [*panels, (chosen, cases[0].n_dof)]

@@ -13,6 +13,8 @@ from . import style
 from .results import Case
 
 _SHOWN = 60.0  # s of a history, at most
+_SHOWN_LOOPS = 10.0  # s of hysteresis loops, at most
+_LOOPS = 3  # joints in one figure
 _MARGIN = 0.6  # of an episode's length, shown on either side
 _STEPS_AROUND = 5  # of a transition enlarged
 _FINER = 8  # points of a curve between two time steps enlarged
@@ -60,7 +62,7 @@ def plot_slider(axes: Axes, case: Case, chain: xr.Dataset, episode: Episode) -> 
     """Force in the slider and velocity of its mass through one slip, a mark per time step."""
     margin = _MARGIN * (episode.end - episode.start)
     limit = _limit(case, chain, episode.dof)
-    times, force = slider_force(case, chain, episode.dof)
+    times, _, force = joint_force(case, chain, episode.dof)
     shown = (times >= episode.start - margin) & (times <= episode.end + margin)
     look = style.of_dof(1, 5)
     axes.axvspan(episode.start, episode.end, color="0.93", zorder=0, label="slip")
@@ -92,7 +94,7 @@ def plot_transition(axes: Axes, case: Case, chain: xr.Dataset, episode: Episode)
     """The end of that slip at full resolution: the transition falls inside a time step."""
     steps = case.data["time"].values
     width = _STEPS_AROUND * (steps[1] - steps[0])
-    times, force = slider_force(case, chain, episode.dof, finer=_FINER)
+    times, _, force = joint_force(case, chain, episode.dof, finer=_FINER)
     shown = np.abs(times - episode.end) <= width
     axes.axvspan(episode.end - width, episode.end, color="0.93", zorder=0, label="slip")
     axes.axvline(episode.end, color="0.2", linewidth=0.9, linestyle=":", label="located transition")
@@ -103,25 +105,45 @@ def plot_transition(axes: Axes, case: Case, chain: xr.Dataset, episode: Episode)
     axes.legend()
 
 
-def slider_force(
-    case: Case, chain: xr.Dataset, dof: int, finer: int = 1
-) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Times of steps (each in `finer` parts) and transitions, and the force in one slider there.
+def most_dissipating(case: Case) -> list[int]:
+    """Joints that dissipate most in the first sample, a few, by number."""
+    work = case.data["dissipation"].isel(sample=0).values
+    chosen = 1 + np.argsort(work)[::-1][:_LOOPS]
+    return sorted(int(joint) for joint in chosen if work[joint - 1] > 0.0)
+
+
+def plot_hysteresis(axes: Axes, case: Case, structure: xr.Dataset, joint: int) -> None:
+    """Force over displacement of a joint, the last ten seconds at most."""
+    times, place, force = joint_force(case, structure, joint, finer=4)
+    shown = times >= times[-1] - _SHOWN_LOOPS
+    look = style.line_of_dof(joint, case.n_joints) | {"linewidth": 0.9, "linestyle": "-"}
+    axes.plot(place[shown], force[shown], label=f"joint {joint}", **look)
+    axes.set(xlabel="displacement of the joint [m]", ylabel="force of the joint [N]")
+    axes.legend(loc="upper left")
+
+
+def joint_force(
+    case: Case, structure: xr.Dataset, joint: int, finer: int = 1
+) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
+    """Times of steps (each in `finer` parts) and transitions; w.x [m] and the force of a joint [N].
 
     Of the first sample. While it slips the force is the limit; when it sticks the slider stays
     where that limit put it.
     """
     rows = _transitions(case)
-    times, kinds = rows.time[rows.joint == dof], rows.kind[rows.joint == dof]
-    one = case.data.isel(sample=0, dof=dof - 1)
+    times, kinds = rows.time[rows.joint == joint], rows.kind[rows.joint == joint]
+    direction = structure["directions"].values[joint - 1]
+    one = case.data.isel(sample=0)
+    along = [one[name].transpose("time", "dof").values @ direction
+             for name in ("displacement", "velocity")]  # fmt: skip
     steps = one["time"].values
     parts = np.linspace(0.0, 1.0, finer, endpoint=False)
     between = (steps[:-1, None] + np.diff(steps)[:, None] * parts).ravel()
     inside = times[(times >= steps[0]) & (times <= steps[-1])]
     every = np.union1d(np.append(between, steps[-1]), inside)
-    position = _hermite(steps, one["displacement"].values, one["velocity"].values, every)
-    stiffness = float(chain["joint_stiffness"][dof - 1])
-    limit = _limit(case, chain, dof)
+    position = _hermite(steps, *along, every)
+    stiffness = float(structure["joint_stiffness"][joint - 1])
+    limit = _limit(case, structure, joint)
     force = stiffness * position  # sliders start at zero, stuck
     for i, (time, kind) in enumerate(zip(times, kinds, strict=True)):
         later = every >= time
@@ -130,7 +152,7 @@ def slider_force(
         elif i > 0:
             at_stick = np.interp(time, every, position)
             force[later] = kinds[i - 1] * limit + stiffness * (position[later] - at_stick)
-    return every, force
+    return every, position, force
 
 
 @dataclass(frozen=True)

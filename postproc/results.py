@@ -36,7 +36,7 @@ class Case:
     def __repr__(self) -> str:
         """Short: what it is a case of."""
         samples = f"{self.n_samples} sample{'s' if self.n_samples > 1 else ''}"
-        return f"<{self.name}: process {self.process}, variance {self.variance:g}, {samples}>"
+        return f"<{self.name}: process {self.process}, {self.level}, {samples}>"
 
     @property
     def process(self) -> str:
@@ -50,8 +50,33 @@ class Case:
 
     @property
     def variance(self) -> float:
-        """Of the force; 0 where the force came from a file."""
+        """Of noise in a band; else 0."""
         return float(self.data.attrs.get("variance", 0.0))
+
+    @property
+    def is_sine(self) -> bool:
+        """Whether the force is a sine."""
+        return "amplitude" in self.data.attrs
+
+    @property
+    def frequency(self) -> float:
+        """Of the sine [Hz]."""
+        return float(self.data.attrs.get("frequency", 0.0))
+
+    @property
+    def strength(self) -> float:
+        """By which levels of the force are told apart: a variance, an amplitude or a factor."""
+        names = ("amplitude", "factor", "variance")
+        return next((float(self.data.attrs[n]) for n in names if n in self.data.attrs), 0.0)
+
+    @property
+    def level(self) -> str:
+        """The level of the force in words."""
+        if self.is_sine:
+            return f"{self.strength:g} N"
+        if "factor" in self.data.attrs:
+            return f"force factor {self.strength:g}"
+        return f"variance {self.strength:g}"
 
     @property
     def std(self) -> float:

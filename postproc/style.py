@@ -107,5 +107,11 @@ def mark_frequencies(axes: Axes, frequencies: Iterable[float], label: str, lines
         )  # fmt: skip
 
 
+def short_tick(value: float, _: int) -> str:
+    """Plain numbers on a logarithmic axis, where there is room for them."""
+    leading = float(f"{value:e}".split("e")[0])
+    return f"{value:g}" if leading in (1.0, 2.0, 3.0, 5.0) else ""
+
+
 def _shade(share: float) -> Any:  # noqa: ANN401
     return mpl.colormaps["viridis"](_LIGHTEST * share)

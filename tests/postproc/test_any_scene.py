@@ -8,7 +8,7 @@ import pytest
 
 from entroslip import open_results
 from entroslip.__main__ import main
-from entroslip.response_figures import find_episode, slider_force
+from entroslip.response_figures import find_episode, joint_force
 from tests.conftest import INPUT_SCENES, shortened
 
 PROCESS = "&process correlation_length = 0.3 order = 2 mean = 0.2 std = 0.067 /\n"
@@ -110,7 +110,7 @@ def test_force_of_a_slider_keeps_its_limit(replayed):
     episode = find_episode(case)
     for dof in range(1, case.n_dof + 1):
         limit = 10.0 * float(case.data["friction"][0, dof - 1])
-        times, force = slider_force(case, chain, dof)
+        times, _, force = joint_force(case, chain, dof)
         # cubic between steps of 0.00843 s: 1e-4 of the force
         assert np.abs(force).max() < limit * (1 + 1e-3)
         first_slip = case.data["transition_time"].values[
@@ -118,8 +118,8 @@ def test_force_of_a_slider_keeps_its_limit(replayed):
         ][0]
         before = np.searchsorted(times, first_slip) - 1
         assert abs(force[before]) > 0.7 * limit
-    finer_times, finer = slider_force(case, chain, episode.dof, finer=4)
-    times, force = slider_force(case, chain, episode.dof)
+    finer_times, _, finer = joint_force(case, chain, episode.dof, finer=4)
+    times, _, force = joint_force(case, chain, episode.dof)
     np.testing.assert_allclose(finer[np.searchsorted(finer_times, times)], force, atol=1e-12)
     inside = (times > episode.start) & (times < episode.end)
     limit = 10.0 * float(case.data["friction"][0, episode.dof - 1])

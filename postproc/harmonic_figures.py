@@ -1,0 +1,76 @@
+"""Figures of sweeps by sines, one function each, drawn on the axes it is given."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.ticker import FuncFormatter
+
+from . import style
+from .harmonic import Equivalent, Sweep, linear_receptance
+from .results import Results
+
+_OUTER = (5.0, 95.0)  # percentiles over samples
+_FINE = 600  # frequencies of a linear curve
+
+
+def plot_frequency_response(
+    axes: Axes, sweeps: Sequence[Sweep], dof: int, results: Results
+) -> None:
+    """Receptance of a dof: mean over samples, a line a level; shaded: 5th to 95th percentile."""
+    span = np.linspace(sweeps[0].frequency[0], sweeps[0].frequency[-1], _FINE)
+    linear = {
+        "all stuck, linear": (np.abs(linear_receptance(results, span, True)[:, dof - 1]), "-"),
+        "all slipping, linear": (np.abs(linear_receptance(results, span, False)[:, dof - 1]), ":"),
+    }
+    for name, (curve, line) in linear.items():
+        axes.semilogy(span, curve, color="0.45", linewidth=0.9, linestyle=line, label=name)
+    top, bottom = 0.0, np.inf
+    for rank, sweep in enumerate(sweeps):
+        size = np.abs(sweep.receptance.isel(dof=dof - 1).values)  # (frequency, sample)
+        look = style.of_rank(rank, len(sweeps))
+        axes.semilogy(sweep.frequency, size.mean(axis=1), label=f"{sweep.amplitude:g} N", **look)
+        if size.shape[1] > 1:
+            low, high = np.percentile(size, _OUTER, axis=1)
+            axes.fill_between(sweep.frequency, low, high, color=look["color"], alpha=0.18, lw=0)
+        top, bottom = max(top, size.max()), min(bottom, size.min())
+    axes.set(
+        xlabel="frequency [Hz]", ylabel=f"|x| / F of dof {dof} [m/N]",
+        xlim=(span[0], span[-1]), ylim=(0.3 * bottom, 4 * top),
+    )  # fmt: skip
+    axes.legend(ncols=2)
+
+
+def plot_phase(axes: Axes, sweeps: Sequence[Sweep], dof: int) -> None:
+    """Phase of a dof against the force, mean direction over samples."""
+    for rank, sweep in enumerate(sweeps):
+        curve = sweep.receptance.isel(dof=dof - 1).values
+        mean = np.unwrap(np.angle((curve / np.abs(curve)).mean(axis=1)))
+        axes.plot(
+            sweep.frequency, np.degrees(mean), label=f"{sweep.amplitude:g} N",
+            **style.of_rank(rank, len(sweeps)),
+        )  # fmt: skip
+    axes.set(xlabel="frequency [Hz]", ylabel=f"phase of dof {dof} [degrees]")
+    axes.set_xlim(sweeps[0].frequency[0], sweeps[0].frequency[-1])
+    axes.legend()
+
+
+def plot_equivalent(
+    axes: Axes, sweeps: Sequence[Sweep], found: Sequence[Equivalent], name: str
+) -> None:
+    """Equivalent `stiffness` or `damping` over the amplitude at resonance: a mark a sample."""
+    for rank, (sweep, mode) in enumerate(zip(sweeps, found, strict=True)):
+        values = getattr(mode, name)
+        look = style.of_rank(rank, len(sweeps)) | {"linestyle": "none"}
+        axes.plot(mode.amplitude, values, label=f"{sweep.amplitude:g} N", alpha=0.7, **look)
+    label = {
+        "stiffness": "modal stiffness / stuck",
+        "damping": "damping ratio",
+    }[name]
+    axes.set_xscale("log")
+    for ticks in (axes.xaxis.set_major_formatter, axes.xaxis.set_minor_formatter):
+        ticks(FuncFormatter(style.short_tick))
+    axes.set(xlabel="amplitude of the forced point at resonance [m]", ylabel=label, ylim=(0, None))
+    axes.legend()

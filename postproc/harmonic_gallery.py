@@ -1,0 +1,72 @@
+"""Which figures a sweep by sines has data for, each with what to see in it."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from functools import partial
+
+import numpy as np
+
+from . import harmonic_figures
+from .figure import SECTIONS, Figure
+from .harmonic import Sweep, equivalent, sweeps_of
+from .results import Results
+
+_STUDY = SECTIONS[2]
+
+
+def of_sines(results: Results) -> Iterator[Figure]:
+    """Frequency responses of the forced dof, and the linear mode that each level is alike."""
+    if results.structure is None:
+        return
+    sweeps = sweeps_of(results)
+    for process in dict.fromkeys(sweep.process for sweep in sweeps):
+        own = sorted((s for s in sweeps if s.process == process), key=lambda s: s.amplitude)
+        yield from _of_process(results, own, process)
+
+
+def _of_process(results: Results, sweeps: list[Sweep], process: str) -> Iterator[Figure]:
+    assert results.structure is not None
+    dof = int(np.argmax(np.abs(results.structure["load"].values[0]))) + 1
+    n_samples = sweeps[0].cases[0].n_samples
+    name = "deterministic friction" if process == "none" else f"friction of {process}"
+    band = (
+        f" Lines: mean over {n_samples} samples; shaded: 5th to 95th percentile."
+        if n_samples > 1
+        else ""
+    )
+    n_unsteady = sum(sweep.n_unsteady for sweep in sweeps)
+    steady = (
+        "Every sample is steady."
+        if n_unsteady == 0
+        else f"Not steady, and drawn all the same: {n_unsteady} responses of samples."
+    )
+    yield Figure(
+        f"frequency_response_{process}", f"Frequency responses of dof {dof}, {name}",
+        "Fundamental of the displacement over the amplitude of the force, beside the linear"
+        " structure with all joints stuck and all slipping. Slip lowers the resonance and damps it;"
+        f" a large force brings it back.{band} {steady}",
+        _STUDY,
+        (
+            partial(
+                harmonic_figures.plot_frequency_response, sweeps=sweeps, dof=dof, results=results
+            ),
+            partial(harmonic_figures.plot_phase, sweeps=sweeps, dof=dof),
+        ),
+    )  # fmt: skip
+    found = [equivalent(results, sweep) for sweep in sweeps]
+    if not any(np.isfinite(mode.frequency).any() for mode in found):
+        return
+    yield Figure(
+        f"equivalent_{process}", f"Equivalent stiffness and damping, {name}",
+        "Of the linear mode that answers alike where the forced point lags the force by 90 degrees:"
+        " its modal stiffness over that of the mode with all joints stuck, and its damping ratio, a"
+        " mark a sample. Joints soften with the amplitude; damping has its largest value between"
+        " stuck and slipping.",
+        _STUDY,
+        tuple(
+            partial(harmonic_figures.plot_equivalent, sweeps=sweeps, found=found, name=part)
+            for part in ("stiffness", "damping")
+        ),
+        height=3.4,
+    )  # fmt: skip
