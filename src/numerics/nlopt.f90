@@ -5,6 +5,7 @@
 !> objective and constraints are evaluated once more where it stopped, and refused settings (an
 !> algorithm without constraints, say) are errors before the run instead of a run without them.
 module numerics_nlopt
+   use, intrinsic :: ieee_exceptions, only: ieee_get_halting_mode, ieee_set_halting_mode, ieee_usual
    use, intrinsic :: iso_c_binding, only: c_associated, c_char, c_double, c_f_pointer, c_funloc, &
                                           c_int, c_loc, c_null_char, c_null_ptr, c_ptr
    use core_error, only: error_type, exit_bad_input, raise
@@ -72,6 +73,9 @@ module numerics_nlopt
       type(c_ptr) :: optimizer = c_null_ptr
       integer :: n_evaluations = 0
       logical :: met_non_finite = .false.
+      !> Floating-point exceptions that halt us. NLopt's own arithmetic may raise them: its SLSQP
+      !> divides by zero where constraints contradict each other.
+      logical :: halts(size(ieee_usual)) = .false.
    end type traveller
 
    integer(c_int), parameter :: success = 1, ftol_reached = 3, xtol_reached = 4
@@ -115,7 +119,10 @@ contains
       call set_up(settings, algorithm, size(start), luggage, error)
       if (.not. allocated(error)) then
          outcome%x = start
+         call ieee_get_halting_mode(ieee_usual, luggage%halts)
+         call ieee_set_halting_mode(ieee_usual, .false.)
          outcome%code = nlopt_optimize(luggage%optimizer, outcome%x, claimed)
+         call ieee_set_halting_mode(ieee_usual, luggage%halts)
          if (outcome%code == invalid_arguments) then
             call raise(error, exit_bad_input, "NLopt: algorithm '"//algorithm// &
                        "': the start must lie inside the bounds, and some algorithms need bounds")
@@ -237,6 +244,7 @@ contains
       integer(c_int) :: code
 
       call c_f_pointer(data, luggage)
+      call ieee_set_halting_mode(ieee_usual, luggage%halts)
       luggage%n_evaluations = luggage%n_evaluations + 1
       if (c_associated(gradient)) then
          call c_f_pointer(gradient, slope, [n])
@@ -244,6 +252,7 @@ contains
       else
          call luggage%problem%objective(x, value)
       end if
+      call ieee_set_halting_mode(ieee_usual, .false.)
       if (is_finite(value)) return
       luggage%met_non_finite = .true.
       code = nlopt_force_stop(luggage%optimizer)
@@ -258,12 +267,14 @@ contains
       real(c_double), pointer :: jacobian(:, :)
 
       call c_f_pointer(data, luggage)
+      call ieee_set_halting_mode(ieee_usual, luggage%halts)
       if (c_associated(gradient)) then
          call c_f_pointer(gradient, jacobian, [n, m])
          call luggage%problem%equalities(x, values, jacobian)
       else
          call luggage%problem%equalities(x, values)
       end if
+      call ieee_set_halting_mode(ieee_usual, .false.)
    end subroutine call_equalities
 
    subroutine call_inequalities(m, values, n, x, gradient, data) bind(c)
@@ -275,12 +286,14 @@ contains
       real(c_double), pointer :: jacobian(:, :)
 
       call c_f_pointer(data, luggage)
+      call ieee_set_halting_mode(ieee_usual, luggage%halts)
       if (c_associated(gradient)) then
          call c_f_pointer(gradient, jacobian, [n, m])
          call luggage%problem%inequalities(x, values, jacobian)
       else
          call luggage%problem%inequalities(x, values)
       end if
+      call ieee_set_halting_mode(ieee_usual, .false.)
    end subroutine call_inequalities
 
    !> The default of a problem without constraints; one that counts some must override it.
