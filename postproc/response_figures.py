@@ -134,14 +134,16 @@ def joint_force(
     times, kinds = rows.time[rows.joint == joint], rows.kind[rows.joint == joint]
     direction = structure["directions"].values[joint - 1]
     one = case.data.isel(sample=0)
-    along = [one[name].transpose("time", "dof").values @ direction
-             for name in ("displacement", "velocity")]  # fmt: skip
+    place, speed = (
+        one[name].transpose("time", "dof").values @ direction
+        for name in ("displacement", "velocity")
+    )
     steps = one["time"].values
     parts = np.linspace(0.0, 1.0, finer, endpoint=False)
     between = (steps[:-1, None] + np.diff(steps)[:, None] * parts).ravel()
     inside = times[(times >= steps[0]) & (times <= steps[-1])]
     every = np.union1d(np.append(between, steps[-1]), inside)
-    position = _hermite(steps, *along, every)
+    position = _hermite(steps, place, speed, every)
     stiffness = float(structure["joint_stiffness"][joint - 1])
     limit = _limit(case, structure, joint)
     force = stiffness * position  # sliders start at zero, stuck

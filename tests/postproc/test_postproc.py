@@ -119,9 +119,12 @@ def test_the_chain_is_drawn_with_its_force():
         plt.close(picture)
 
 
-def test_a_force_from_a_file_has_no_variance():
-    assert figures.variance_name(0.0) == "force from a file"
-    assert figures.variance_name(41.1) == "variance 41.1 (high)"
+def test_levels_of_the_force_have_the_papers_names(results_file):
+    case = open_results(results_file).cases[-1]
+    case.data.attrs["variance"] = 41.1
+    assert figures.level_name(case) == "variance 41.1 (high)"
+    case.data.attrs |= {"variance": 0.0, "factor": 2.0}
+    assert figures.level_name(case) == "force factor 2"
 
 
 def test_figure_functions_draw_on_the_axes_they_are_given(results_file):
