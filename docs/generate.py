@@ -88,6 +88,7 @@ ATTRIBUTES = {
     "git_commit": "of the program's source",
     "inversion_half_width": "M of Eq. 35, the paper's inversion of 2M + 1 points",
     "inversion_seconds": "CPU time of that inversion",
+    "law": "'maximum entropy', 'independent', 'fully correlated' or 'given values'",
     "max_order": "where the search for the order ends",
     "mean": "as wanted",
     "method": "as in the scene; of an audit: the reference",

@@ -5,7 +5,7 @@ module driver_command_line
    use io_files, only: exists
    implicit none(type, external)
    private
-   public :: command_line, read_command_line, help_text
+   public :: command_help, command_line, read_command_line, help_text
 
    !> Commands, one row each: name, arguments, and from `text_column` its purpose.
    character(*), parameter :: commands(*) = [character(76) :: &
@@ -27,6 +27,8 @@ module driver_command_line
       '--help          this text', &
       '--version       version, compiler, flags, libraries']
    integer, parameter :: text_column = 17
+   !> Commands that do their work on one rank.
+   character(*), parameter :: single(*) = [character(8) :: 'estimate', 'template']
    !> The commands that take each of these options; the last two stand alone.
    character(*), parameter :: takers(*) = [character(38) :: &
       'run, tradeoff, replay, estimate', 'run', 'run, check, tradeoff, replay', 'run', 'replay', &
@@ -44,6 +46,7 @@ module driver_command_line
       integer :: case_number = 0                  !! replay; counts from 1
       integer :: sample = 0                       !! replay; counts from 1
       logical :: wants_reference = .false.        !! template
+      character(:), allocatable :: subject        !! help: the command that it is about
       logical, private :: is_given(size(options)) = .false.
    end type command_line
 
@@ -73,6 +76,7 @@ contains
          else if (allocated(value) .and. any(word == names_in(options))) then
             call raise(error, exit_bad_input, word//' takes no value')
          else if (word == '--help' .or. word == '-h' .or. word == 'help' .and. i == 1) then
+            if (allocated(line%command)) call move_alloc(line%command, line%subject)
             line%command = 'help'
             return
          else if (word == '--version' .or. word == 'version' .and. i == 1) then
@@ -216,6 +220,29 @@ contains
 
       is_taker = index(', '//trim(names)//',', ', '//command//',') > 0
    end function is_taker
+
+   !> Help on one command: what it does, and the options that it takes.
+   pure function command_help(command) result(text)
+      character(*), intent(in) :: command
+      character(:), allocatable :: text
+      character, parameter :: nl = new_line('a')
+      integer :: i
+
+      text = ''
+      do i = 1, size(commands)
+         if (names_in(commands(i)) /= command) cycle
+         text = 'usage: '//trim(merge('                  ', '[mpirun -n RANKS] ', &
+                                      any(command == single)))
+         if (text(len(text):) == ']') text = text//' '
+         text = text//'entroslip '//trim(commands(i) (:text_column - 1))//' [options]'//nl//nl// &
+                trim(commands(i) (text_column:))//nl//nl
+      end do
+      do i = 1, size(options)
+         if (is_taker(command, takers(i))) text = text//'  '//trim(options(i))//nl
+      end do
+      text = text//nl// &
+             'entroslip --help: all commands, and exit codes; docs/scene.md: all of a scene'
+   end function command_help
 
    !> One screen of a terminal, 24 lines of 80 columns, with the prompt below it.
    pure function help_text() result(text)

@@ -5,7 +5,7 @@ program entroslip
    use core_memory, only: require_memory, restart_without_threads
    use core_terminal, only: end_program, say, start_terminal, write_error
    use driver_check, only: check
-   use driver_command_line, only: command_line, help_text, read_command_line
+   use driver_command_line, only: command_help, command_line, help_text, read_command_line
    use driver_estimate, only: estimate
    use driver_replay, only: replay
    use driver_run, only: run
@@ -43,7 +43,11 @@ program entroslip
    case ('version')
       call say(version_text())
    case ('help')
-      call say(help_text())
+      if (allocated(line%subject)) then
+         call say(command_help(line%subject))
+      else
+         call say(help_text())
+      end if
    end select
    call end_program(exit_done)
 

@@ -66,7 +66,8 @@ contains
       call write_results(world, line, scene, runner%plan, models, runner, output, error)
       call clear_away(output, error)
       call output%stop_on(world, error)
-      call output%say(output%path)
+      call output%say(output%path//': its history, transitions and energies. Draw it: '// &
+                      'python -m entroslip '//output%path//' --out figures')
       call output%release()
       call stop_world(exit_done)
    end subroutine replay

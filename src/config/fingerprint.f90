@@ -59,6 +59,8 @@ contains
       end if
       if (scene%moves() .and. any(scene%excitation%kind == [character(4) :: 'file', 'psd'])) &
          text = text//'hash of the force file = '//to_text(scene%force_label)//new_line('a')
+      if (allocated(scene%values)) &
+         text = text//'hash of process%values = '//to_text(scene%values_label)//new_line('a')
 
    contains
 

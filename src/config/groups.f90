@@ -44,6 +44,8 @@ module config_groups
       character(:), allocatable :: force_path      !! where excitation%file was found
       logical :: force_is_hdf5 = .false.           !! then who reads HDF5 sets what follows
       real(wp), allocatable :: force(:, :)         !! (0:n_steps, record) [N] of the force file
+      real(wp), allocatable :: values(:, :)        !! (point, sample) of process%values
+      integer(long) :: values_label = 0            !! fingerprint of them
       integer :: n_force_values = 0                !! of a record of the force file
       real(wp), allocatable :: density(:, :)       !! (Hz and N^2/Hz, row) of excitation%psd
       integer(long) :: force_label = 0             !! fingerprint of the values of either

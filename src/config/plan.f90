@@ -12,6 +12,7 @@ module config_plan
    use ensemble_plan, only: accuracy_settings, case_type, plan_type
    use ensemble_runner, only: keeps_ledger
    use process_model, only: process_request
+   use process_reference, only: is_reference
    use structure_chain, only: build_chain
    use structure_model, only: structure_type
    implicit none(type, external)
@@ -57,6 +58,7 @@ contains
          if (complaints%n > n_before) return
       end if
       if (size(scene%processes) > 0) plan%n_points = plan%structure%n_points
+      if (allocated(scene%values)) plan%values = scene%values
       if (scene%excitation%base) call load_by_ground(scene, plan%structure)
       call plan_march(scene, plan)
       call plan_cases(scene, plan)
@@ -88,7 +90,7 @@ contains
    pure subroutine expand_process(group, processes)
       type(process_group), intent(in) :: group
       type(process_request), allocatable, intent(inout) :: processes(:)
-      type(process_request) :: process
+      type(process_request) :: process, reference
       integer, allocatable :: orders(:)
       integer :: i, j, k
 
@@ -108,6 +110,7 @@ contains
       process%mean = group%mean
       process%positive = group%positive
       process%sampler = trim(group%sampler)
+      if (group%values /= '') process%method = 'values'
       do i = 1, size(group%correlation_length)
          process%correlation_length = group%correlation_length(i)
          orders = group%order
@@ -116,7 +119,12 @@ contains
             process%order = orders(j)
             do k = 1, size(group%std)
                process%std = group%std(k)
-               processes = [processes, process]
+               reference = process
+               if (is_reference(reference)) then   ! has neither order nor sampler
+                  reference%order = 1
+                  reference%sampler = 'sequential'
+               end if
+               processes = [processes, reference]
             end do
          end do
       end do

@@ -9,6 +9,7 @@ module config_process
 
    !> Every correlation length with its order, and these with every std.
    type :: process_group
+      character(:), allocatable :: values
       character(choice_length) :: method = 'autoregressive'
       character(choice_length) :: correlation = 'L0'
       real(wp), allocatable :: correlation_length(:)
@@ -40,7 +41,13 @@ contains
       class(process_group), intent(inout) :: self
       class(visitor_type), intent(inout) :: visitor
       type(entry_type) :: entry
+      logical :: has_law
 
+      entry = about('values', 'samples as they are, instead of a law: a text file, a line a '// &
+                    'sample, a value a joint', shapes_samples=.false.)
+      call visitor%visit_text(self%values, entry)
+      has_law = .true.
+      if (allocated(self%values)) has_law = self%values == ''
       entry = about('method', &
                     'Sec. 2.3: recursion of a finite order; Sec. 2.2: covariances up to m_max', &
                     choices='autoregressive direct')
@@ -49,8 +56,9 @@ contains
                     'definition of the correlation length, Eq. 8 or 9; both: without sign', &
                     choices='L0 L1 both')
       call visitor%visit(self%correlation, entry)
-      entry = about('correlation_length', 'one or several', 'points', positive(), required=.true.)
-      call visitor%visit(self%correlation_length, entry)
+      entry = about('correlation_length', 'one or several; 0: independent values; 1e12 or '// &
+                    'more: one value for all', 'points', not_negative(), required=has_law)
+      call visit_list(self%correlation_length)
       entry = about('second_length', 'both: L1, where correlation_length is L0', 'points', &
                     not_negative(), used=self%correlation == 'both')
       call visitor%visit(self%second_length, entry)
@@ -76,10 +84,11 @@ contains
       entry = about('max_order', 'order 0: search no further', rule=between(1.0_wp, 200.0_wp), &
                     used=any_zero(self%order))
       call visitor%visit(self%max_order, entry)
-      entry = about('mean', 'homogeneous', required=.true.)
+      entry = about('mean', 'homogeneous', required=has_law)
       call visitor%visit(self%mean, entry)
-      entry = about('std', 'one or several, each with every pair', rule=positive(), required=.true.)
-      call visitor%visit(self%std, entry)
+      entry = about('std', 'one or several, each with every pair', rule=positive(), &
+                    required=has_law)
+      call visit_list(self%std)
       entry = about('positive', 'no negative values (Sec. 2.4)')
       call visitor%visit(self%positive, entry)
       entry = about('sampler', &
@@ -114,6 +123,20 @@ contains
       entry = about('n_realizations', 'to be written, for all &process', rule=not_negative(), &
                     shapes_samples=.false.)
       call visitor%visit(self%n_realizations, entry)
+
+   contains
+
+      !> A list that must be given, but where samples are.
+      subroutine visit_list(list)
+         real(wp), allocatable, intent(inout) :: list(:)
+
+         if (has_law) then
+            call visitor%visit(list, entry)
+         else
+            call visitor%visit(list, entry, default=[real(wp) ::])
+         end if
+      end subroutine visit_list
+
    end subroutine visit
 
    !> Order for each correlation length, the paper's 2, 5, 10 for its 0.3, 1, 3; one where there is

@@ -6,6 +6,7 @@ module config_rules
    use config_process, only: process_group
    use config_reader, only: reader_type
    use config_structure_rules, only: check_structure
+   use config_values_rules, only: check_values
    use core_kinds, only: long, wp
    use core_text, only: to_text
    implicit none(type, external)
@@ -29,8 +30,9 @@ contains
          call check_process(scene, i, reader)
       end do
       call check_realizations(scene, reader)
-      if (.not. scene%moves()) return
       if (scene%has_structure) call check_structure(scene, reader)
+      call check_values(scene, reader)
+      if (.not. scene%moves()) return
       if (.not. scene%has_structure) &
          call reader%require(scene%has_excitation, 'chain', 'n_dof', '&chain needs &excitation', &
                              to_text(scene%chain%n_dof))
@@ -97,6 +99,8 @@ contains
       integer, intent(in) :: i
       type(reader_type), intent(inout) :: reader
 
+      call reader%require(all(this%correlation_length > 0.0_wp), 'process', 'correlation_length', &
+                          "must be positive with correlation = 'both'", number=i)
       call reader%require(this%second_length > 0.0_wp, 'process', 'second_length', &
                           "must be positive with correlation = 'both'", number=i)
       call reader%require(.not. this%positive .and. this%method == 'autoregressive', 'process', &

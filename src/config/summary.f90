@@ -10,6 +10,7 @@ module config_summary
    use ensemble_size, only: memory_of_rank, results_size
    use process_model, only: branch_note, process_model_type, process_request
    use process_realization, only: way_of_drawing, way_type
+   use process_reference, only: is_reference, law_name
    use process_scaling, only: first_of_fit
    use structure_model, only: structure_type
    implicit none(type, external)
@@ -124,6 +125,7 @@ contains
             if (p%order == 0) order = 'chosen'
             law = 'any sign'
             if (p%positive) law = p%sampler
+            if (is_reference(p)) law = law_name(p)
             text = text//padded(numbered('p', i), 9)//padded(p%method, 15)// &
                    padded(p%correlation//' = '//brief(p%correlation_length)//second(p), 13)// &
                    padded(order, 7)//padded(brief(p%mean), 7)//padded(brief(p%std), 8)

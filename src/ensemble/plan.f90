@@ -74,6 +74,8 @@ module ensemble_plan
       character(:), allocatable :: title
       integer(long) :: seed = 0
       type(process_request), allocatable :: processes(:)
+      !> (point, sample) of the process whose method is 'values'
+      real(wp), allocatable :: values(:, :)
       integer :: n_points = 0                   !! of a written realization
       integer :: n_realizations = 0
       logical :: has_structure = .false.        !! without one only processes are solved

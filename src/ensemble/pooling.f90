@@ -5,6 +5,7 @@ module ensemble_pooling
    use core_text, only: to_text
    use ensemble_plan, only: have_same_force, plan_type
    use process_model, only: request_label
+   use process_reference, only: has_one_value
    use structure_model, only: structure_type
    implicit none(type, external)
    private
@@ -115,6 +116,10 @@ contains
             reason = "campaign%estimator = 'plain'"
          else if (case%process == 0) then
             reason = 'the friction is given'
+         else if (plan%processes(case%process)%method == 'values') then
+            reason = 'the samples are given: they have no law'
+         else if (has_one_value(plan%processes(case%process)) .and. size(points) > 1) then
+            reason = 'all joints have one friction value'
          else if (case%n_samples < fewest_samples) then
             reason = 'fewer than '//to_text(fewest_samples)//' samples'
          else if (size(points) > most_inputs) then

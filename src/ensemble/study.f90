@@ -67,6 +67,10 @@ contains
             friction = spread(plan%friction, 2, size(friction, 2))
             return
          end if
+         if (plan%processes(process)%method == 'values') then
+            friction(:, :) = plan%values(plan%structure%friction_point, block%first:block%last)
+            return
+         end if
          do w = 1, size(friction, 2)
             stream = new_stream(plan%seed, request_label(plan%processes(process)), &
                                 block%first + w - 1)

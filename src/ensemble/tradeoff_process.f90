@@ -8,6 +8,7 @@ module ensemble_tradeoff_process
    use process_autoregressive_fit, only: fit_ar
    use process_direct_fit, only: fit_direct
    use process_model, only: process_model_type, process_request
+   use process_reference, only: is_reference
    implicit none(type, external)
    private
    public :: order_row, compare_orders, same_kind
@@ -27,7 +28,7 @@ module ensemble_tradeoff_process
 contains
 
    !> Rows of every kind of process in the plan, orders ascending; orders without a solution have no
-   !> row.
+   !> row, as laws of reference.
    subroutine compare_orders(plan, rows)
       type(plan_type), intent(in) :: plan
       type(order_row), allocatable, intent(out) :: rows(:)
@@ -35,6 +36,7 @@ contains
 
       allocate (rows(0))
       do i = 1, size(plan%processes)
+         if (is_reference(plan%processes(i))) cycle
          if (any(same_kind(plan%processes(:i - 1), plan%processes(i)))) cycle
          do order = 1, highest(plan%processes(i))
             if (is_shown(order, plan%processes, plan%processes(i))) &

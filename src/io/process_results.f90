@@ -7,6 +7,7 @@ module io_process_results
    use io_results, only: results_writer
    use process_model, only: process_model_type, process_request
    use process_packing, only: pack_model, unpack_model
+   use process_reference, only: has_one_value, law_name
    implicit none(type, external)
    private
    public :: process_name, read_process, write_process
@@ -37,7 +38,9 @@ contains
       call write_request(group, model%request)
       call group%attribute('status', trim(merge('solved    ', 'infeasible', model%is_solved)))
       if (allocated(model%reason)) call group%attribute('reason', model%reason)
-      if (model%is_solved) then
+      if (model%request%method == 'values') then
+         call write_moments(group, model)
+      else if (model%is_solved) then
          if (allocated(model%g)) then
             call write_precision(group, model)
          else
@@ -45,7 +48,7 @@ contains
          end if
          if (allocated(model%branch)) call write_branch(group, model)
          call write_correlation(group, model)
-         call write_entropies(group, model)
+         if (.not. has_one_value(model%request)) call write_entropies(group, model)
          if (model%other_std > 0.0_wp) call write_other_law(group, model)
          if (allocated(model%signs)) call write_direct(group, model)
          if (model%inversion%half_width > 0) call write_inversion(group, model)
@@ -89,6 +92,7 @@ contains
       type(group_type), intent(inout) :: group
       type(process_request), intent(in) :: request
 
+      call group%attribute('law', law_name(request))
       call group%attribute('method', request%method)
       call group%attribute('correlation', request%correlation)
       call group%attribute('correlation_length', request%correlation_length)
@@ -166,9 +170,7 @@ contains
       call group%put_allocated('autocovariance_error', model%autocovariance_error, &
                                label_type('unit of x squared', &
                                           'standard error of the autocovariance', 'lag'))
-      call group%put_value('mean_found', model%mean, 'unit of x', 'mean achieved', model%mean_error)
-      call group%put_value('std_found', model%std, 'unit of x', 'standard deviation achieved', &
-                           model%std_error)
+      call write_moments(group, model)
       call group%put_value('L0', model%l0, 'lag', 'correlation length, Eq. (8), infinite sum', &
                            model%l0_error)
       call group%put_value('L1', model%l1, 'lag', 'correlation length, Eq. (9), infinite sum', &
@@ -178,6 +180,15 @@ contains
       call group%put_value('L1_cut', model%l1_cut, 'lag', &
                            'correlation length, Eq. (9), cut at the order')
    end subroutine write_correlation
+
+   subroutine write_moments(group, model)
+      type(group_type), intent(inout) :: group
+      type(process_model_type), intent(in) :: model
+
+      call group%put_value('mean_found', model%mean, 'unit of x', 'mean achieved', model%mean_error)
+      call group%put_value('std_found', model%std, 'unit of x', 'standard deviation achieved', &
+                           model%std_error)
+   end subroutine write_moments
 
    subroutine write_entropies(group, model)
       type(group_type), intent(inout) :: group

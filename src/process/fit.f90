@@ -12,6 +12,7 @@ module process_fit
    use process_model, only: process_model_type, process_request
    use process_order, only: choose_order
    use process_positive_fit, only: fit_positive, foresee_positive
+   use process_reference, only: fit_reference, is_reference
    use process_scaling, only: carry_over, unit_request
    implicit none(type, external)
    private
@@ -27,6 +28,11 @@ contains
       type(process_request) :: resolved
       type(error_type), allocatable :: error
 
+      if (is_reference(request)) then
+         call fit_reference(unit_request(request), model)
+         call carry_over(request, model)
+         return
+      end if
       call resolve_order(unit_request(request), resolved, error)
       if (.not. allocated(error)) then
          if (request%positive) then
@@ -79,6 +85,10 @@ contains
       type(process_request) :: resolved
       type(error_type), allocatable :: error
 
+      if (is_reference(request)) then
+         call fit_process(request, seed, model)
+         return
+      end if
       call resolve_order(unit_request(request), resolved, error)
       if (allocated(error)) then
          model%reason = error%message

@@ -10,7 +10,7 @@ module process_model
 
    !> A wanted process. Lengths are in lags; mean and std in the unit of X.
    type :: process_request
-      character(:), allocatable :: method        !! 'autoregressive' or 'direct'
+      character(:), allocatable :: method        !! 'autoregressive', 'direct' or 'values'
       !> what is imposed: 'L0' Eq. (8), 'L1' Eq. (9), or 'both'
       character(:), allocatable :: correlation
       real(wp) :: correlation_length = 0.0_wp

@@ -10,6 +10,7 @@ module process_realization
    use process_positive_exact, only: draw_window, sweeps_to_forget
    use process_positive_sequential, only: march_sequential
    use process_positive_truncated_normal, only: draw_truncated, log_acceptance
+   use process_reference, only: draw_reference, is_reference
    implicit none(type, external)
    private
    public :: draw_points, way_of_drawing, way_type
@@ -32,7 +33,9 @@ contains
       real(wp), intent(out) :: values(:)              !! (point) [unit of X]
 
       if (.not. model%is_solved) error stop 'draw_points: the process is not solved'
-      if (.not. model%request%positive) then
+      if (is_reference(model%request)) then
+         call draw_reference(model, stream, values)
+      else if (.not. model%request%positive) then
          call draw_as_requested(model, stream, values)
       else if (allocated(model%g)) then
          call draw_alternating(model, stream, values)

@@ -1,0 +1,81 @@
+"""Friction that is given sample by sample, and the laws of reference, end to end."""
+
+from __future__ import annotations
+
+import h5py
+import numpy as np
+
+SCENE = """\
+&process {process} /
+&chain n_dof = 3 /
+&excitation variance = 41.1 /
+&integration method = 'event' n_steps = 1000 /
+&campaign {campaign} /
+&output quantities = 'slip' /
+"""
+
+
+def run(entroslip, folder, process, campaign="", name="s"):
+    (folder / f"{name}.nml").write_text(SCENE.format(process=process, campaign=campaign))
+    return entroslip("run", f"{name}.nml")
+
+
+def test_given_samples_march_as_the_drawn_ones_that_they_are(entroslip, tmp_path):
+    """Friction of one campaign, written down and given to another: the same slip, bit for bit."""
+    drawn = "correlation_length = 1.0 mean = 0.2 std = 0.067"
+    assert run(entroslip, tmp_path, drawn, "n_samples = 5", "drawn").returncode == 0
+    with h5py.File(tmp_path / "drawn.h5") as file:
+        friction = file["campaign/c001/friction"][()]
+        slip = file["campaign/c001/slip_fraction"][()]
+    np.savetxt(tmp_path / "friction.txt", friction, fmt="%.17g", header="three joints")
+    done = run(entroslip, tmp_path, "values = 'friction.txt'")
+    assert done.returncode == 0, done.stderr
+    with h5py.File(tmp_path / "s.h5") as file:
+        process, case = file["process/p001"], file["campaign/c001"]
+        assert np.array_equal(case["friction"][()], friction)
+        assert np.array_equal(case["slip_fraction"][()], slip)
+        assert process.attrs["law"] == "given values"
+        assert process["mean_found"][()] == friction.mean()
+        assert "entropy" not in process
+        assert case.attrs["plain_reason"] == "the samples are given: they have no law"
+    replayed = entroslip("replay", "s.nml", "--case", "1", "--sample", "4")
+    assert replayed.returncode == 0, replayed.stderr
+    assert "Draw it: python -m entroslip" in replayed.stdout
+    with h5py.File(tmp_path / "s_c001_s0004.h5") as file:
+        assert np.array_equal(file["campaign/c001/friction"][0], friction[3])
+
+
+def test_other_values_are_another_scene(entroslip, tmp_path):
+    (tmp_path / "friction.txt").write_text("0.1 0.2 0.3\n0.2 0.2 0.1\n")
+    assert run(entroslip, tmp_path, "values = 'friction.txt'").returncode == 0
+    (tmp_path / "friction.txt").write_text("0.1 0.2 0.3\n0.2 0.2 0.2\n")
+    done = run(entroslip, tmp_path, "values = 'friction.txt'")
+    assert done.returncode == 3
+    assert "belongs to another scene" in done.stderr
+    assert "process%values" in done.stderr
+
+
+def test_laws_of_reference_are_named_in_the_results(entroslip, tmp_path):
+    """No correlation, and one value for all joints, beside the process between them."""
+    lengths = "correlation_length = 0.0, 1.0, 1e12 mean = 0.2 std = 0.067"
+    done = run(entroslip, tmp_path, lengths, "n_samples = 30")
+    assert done.returncode == 0, done.stderr
+    checked = entroslip("check", "s.nml").stdout
+    assert "independent" in checked
+    assert "fully correlated" in checked
+    with h5py.File(tmp_path / "s.h5") as file:
+        laws = [file[f"process/p00{i}"].attrs["law"] for i in (1, 2, 3)]
+        assert laws == ["independent", "maximum entropy", "fully correlated"]
+        one = file["campaign/c003/friction"][()]
+        assert np.array_equal(one, np.repeat(one[:, :1], 3, axis=1))
+        assert np.ptp(one[:, 0]) > 0.0
+        assert np.ptp(file["campaign/c001/friction"][()], axis=1).min() > 0.0
+
+
+def test_help_of_a_command_names_its_options_alone(entroslip):
+    """--help after a command tells of that command; before it, of all."""
+    replay = entroslip("replay", "--help").stdout
+    assert "--sample" in replay
+    assert "--share" not in replay
+    assert "mpirun" not in entroslip("estimate", "--help").stdout
+    assert "estimate DATA" in entroslip("--help").stdout
