@@ -96,7 +96,7 @@ def _label(case: Case) -> str:
         force = f"{case.level} at {case.frequency:g} Hz"
     if case.is_deterministic:
         return f"friction given, {force}"
-    return f"L = {case.correlation_length:g}, std {case.std:g}, {force}"
+    return f"{case.friction}, {force}"
 
 
 def mean_change(before: Values, after: Values, is_paired: bool) -> Change:

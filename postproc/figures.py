@@ -16,7 +16,7 @@ from .deterministic_statements import FULLY, slip_with_error
 from .evidence import WIDTH
 from .paper import LEVELS
 from .peaks import scatter_of_ln_psd
-from .results import Case, Results
+from .results import MAXIMUM_ENTROPY, Case, Results
 from .slip_statements import ABOUT_03
 
 PERCENT = 100.0  # of a fraction of time
@@ -34,7 +34,9 @@ def level_name(case: Case) -> str:
 
 
 def length_name(case: Case) -> str:
-    """'$L_0$ = 1'"""
+    """'$L_0$ = 1', or the law of friction that is none of maximum entropy."""
+    if case.law != MAXIMUM_ENTROPY:
+        return case.law
     return f"${case.definition[0]}_{case.definition[1]}$ = {case.correlation_length:g}"
 
 

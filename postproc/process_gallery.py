@@ -10,7 +10,7 @@ import xarray as xr
 
 from . import process_figures
 from .figure import SECTIONS, Figure
-from .results import Results
+from .results import MAXIMUM_ENTROPY, Results
 
 _PROCESSES = SECTIONS[0]
 
@@ -19,7 +19,10 @@ def of_processes(results: Results) -> Iterator[Figure]:
     """Figs. 1 to 6, of processes that a scene without chain solved."""
     if results.structure is not None:
         return
-    solved = [p for p in results.processes.values() if p.attrs["status"] == "solved"]
+    solved = [
+        p for p in results.processes.values()
+        if p.attrs["status"] == "solved" and p.attrs.get("law", MAXIMUM_ENTROPY) == MAXIMUM_ENTROPY
+    ]  # fmt: skip
     free = [p for p in solved if not process_figures.is_positive(p)]
     asked = [p for p in free if int(p.attrs["order"]) > 0]
     regressive = [p for p in asked if p.attrs["method"] == "autoregressive"]

@@ -10,7 +10,7 @@ import xarray as xr
 
 from . import process_figures
 from .evidence import Finding, NoEvidence, Statement, all_hold, claim_range
-from .results import Results
+from .results import MAXIMUM_ENTROPY, Results
 
 ALIKE = float(np.log(1.1))  # a relative difference that the paper's figures would not show
 CLOSE = 0.01  # "very close": difference of autocovariances over the variance
@@ -147,7 +147,10 @@ def _exact(text: str, value: float, above: float = -np.inf, below: float = np.in
 def _solved(results: Results) -> list[xr.Dataset]:
     if results.structure is not None:
         raise NoEvidence("not the processes of Sec. 2")
-    return [p for p in results.processes.values() if p.attrs["status"] == "solved"]
+    return [
+        p for p in results.processes.values()
+        if p.attrs["status"] == "solved" and p.attrs.get("law", MAXIMUM_ENTROPY) == MAXIMUM_ENTROPY
+    ]  # fmt: skip
 
 
 def _asked(results: Results) -> list[xr.Dataset]:

@@ -17,6 +17,7 @@ from .output import InputError, readable
 
 #: transitions of a sample whose joints stick, springs of a free body, dampers of none
 _MAY_BE_EMPTY = ("transition", "stiffness_entry", "damping_entry")
+MAXIMUM_ENTROPY = "maximum entropy"  # law of a process of Sec. 2
 _FORMAT_VERSION = 3  # of the layout, as in src/io/identity.f90
 
 
@@ -32,6 +33,7 @@ class Case:
     data: xr.Dataset  # read from the file as it is used
     audit: xr.Dataset | None = None  # its samples that the reference repeated, where it was asked
     definition: str = "L0"  # of the correlation length imposed on its process, Eq. 8 or 9
+    law: str = MAXIMUM_ENTROPY  # of its friction, or what that is compared with
 
     def __repr__(self) -> str:
         """Short: what it is a case of."""
@@ -87,6 +89,15 @@ class Case:
     def correlation_length(self) -> float:
         """Imposed on the friction coefficients, in lags."""
         return float(self.data.attrs.get("correlation_length", 0.0))
+
+    @property
+    def friction(self) -> str:
+        """The law of the friction in words."""
+        if self.is_deterministic:
+            return "deterministic friction"
+        if self.law == MAXIMUM_ENTROPY:
+            return f"std {self.std:g}, {self.definition} = {self.correlation_length:g}"
+        return f"std {self.std:.3g}, {self.law}"
 
     @property
     def n_dof(self) -> int:
@@ -260,8 +271,9 @@ def _read(path: Path) -> Results:
         audit = _on_all_dofs(view(f"{group}/audit")) if name in audited else None
         data = _on_all_dofs(view(group))
         process = processes.get(str(data.attrs.get("process")))
-        definition = "L0" if process is None else str(process.attrs.get("correlation", "L0"))
-        return Case(name, data, audit, definition)
+        asked = {} if process is None else process.attrs
+        definition = str(asked.get("correlation", "L0"))
+        return Case(name, data, audit, definition, str(asked.get("law", MAXIMUM_ENTROPY)))
 
     return Results(
         path=path,

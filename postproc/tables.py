@@ -13,7 +13,7 @@ from . import sensitivity, tradeoff
 from .deterministic_statements import slip_with_error
 from .evidence import Statement
 from .paper import SLIP_HZ, SLIP_PERCENT, STDS, STUCK_HZ, is_paper_study
-from .results import Case, Results
+from .results import MAXIMUM_ENTROPY, Case, Results
 from .table import Table, value_with_error
 
 _MOST_COLUMNS = 12  # of a table over joints or modes; longer chains stand upright
@@ -219,10 +219,14 @@ def table_processes(results: Results) -> Table:
     for name, data in results.processes.items():
         asked = data.attrs
         length = f"{asked['correlation']} = {asked['correlation_length']:g}"
-        method = "AR" if asked["method"] == "autoregressive" else asked["method"]
-        model = f"{method}({asked['order']})"
-        if int(asked["positive"]):
-            model += f", {asked['sampler']}"
+        law = str(asked.get("law", MAXIMUM_ENTROPY))
+        if law != MAXIMUM_ENTROPY:
+            length = model = law
+        else:
+            method = "AR" if asked["method"] == "autoregressive" else asked["method"]
+            model = f"{method}({asked['order']})"
+            if int(asked["positive"]):
+                model += f", {asked['sampler']}"
         found = [
             _with_error(data, value)
             for value in ("mean_found", "std_found", "L0", "L1", "entropy", "entropy_bound")

@@ -4,7 +4,6 @@
 !> A correlation length of 0 asks for independent values, one of 1e12 or more for one value. Both
 !> have the law of one value of largest entropy: the normal law, or that law kept where positive.
 module process_reference
-   use, intrinsic :: ieee_arithmetic, only: ieee_negative_inf, ieee_value
    use core_error, only: error_type
    use core_kinds, only: wp
    use core_random, only: stream_type
@@ -92,7 +91,7 @@ contains
          model%l1 = request%correlation_length
          model%l0_cut = request%correlation_length
          model%l1_cut = request%correlation_length
-         model%entropy = ieee_value(1.0_wp, ieee_negative_inf)   ! one value for ever more points
+         model%entropy = -huge(1.0_wp)   ! for minus infinity: one value for ever more points
       end if
       model%is_solved = .true.
    end subroutine fit_reference

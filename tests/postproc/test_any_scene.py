@@ -55,6 +55,11 @@ SCENES = {
         + "&integration method = 'newmark' n_steps = 400 /\n&output segment_length = 64 /\n",
         {"fig_07", "fig_08a"},
     ),
+    "laws of reference": (
+        "&process correlation_length = 0.0, 1e12 mean = 0.2 std = 0.067 /\n&chain /\n"
+        + FORCE + SHORT + CAMPAIGN + "&output quantities = 'slip' /\n",
+        {"fig_07", "fig_09a"},
+    ),
     "nothing moves": (
         "&chain friction = 1.0e8 /\n&excitation variance = 1.0e-12 /\n" + SHORT
         + "&output segment_length = 256 /\n",
