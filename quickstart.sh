@@ -9,11 +9,11 @@ install_packages $build_packages
 build release entroslip
 make_venv postproc/requirements.txt
 
-# solve SCENE: everything the scene asks for, into results/paper.
+# solve SCENE [OPTION ...]: everything the scene asks for, into results/paper.
 solve() {
   local code=0
   "${mpi_run[@]}" "$ranks" build/release/bin/entroslip run "input/$1.nml" \
-    --output "results/paper/$1.h5" || code=$?
+    --output "results/paper/$1.h5" "${@:2}" || code=$?
   if [ "$code" -eq 3 ]; then
     say "What an earlier version left in results/paper cannot be used: move it away, and start again"
   fi
@@ -26,6 +26,8 @@ say "Section 2, the processes: input/paper_process.nml on $ranks ranks"
 solve paper_process
 say "Section 3, the friction study: input/paper.nml on $ranks ranks"
 solve paper
+say "The runs without uncertainty, 25 times as long: input/deterministic.nml"
+solve deterministic --set integration%n_steps=10000000
 say "From stuck to slipping: input/sweep.nml, and one sample of input/smallest.nml with its history"
 solve sweep
 build/release/bin/entroslip replay input/smallest.nml --case 1 --sample 3 \
@@ -36,7 +38,7 @@ if [ ! -e results/paper/tradeoff.h5 ]; then
     --output results/paper/tradeoff.h5 --quiet
 fi
 say "Tables, figures and the report"
-.venv/bin/python -m entroslip results/paper/{paper_process,paper,sweep,one_sample,tradeoff}.h5 \
+.venv/bin/python -m entroslip results/paper/{paper_process,paper,deterministic,sweep,one_sample,tradeoff}.h5 \
   --out results/paper
 say "Done: open results/paper/report.html"
 if [ "$(id -u)" -eq 0 ]; then

@@ -83,12 +83,17 @@ def band_ratio_interval(case: Case) -> tuple[NDArray[np.float64], NDArray[np.flo
 
 
 def plot_slip_scatter(axes: Axes, cases: Sequence[Case], is_paper: bool = False) -> None:
-    """Fig. 9: scatter of the time in slip over its mean, a mark per joint, 95 % intervals."""
+    """Fig. 9: scatter of the time in slip over its mean, a mark per joint, 95 % intervals.
+
+    Pale: the same by plain sampling.
+    """
     if is_paper:
         low, high = (PERCENT * edge for edge in ABOUT_03)
         axes.axvspan(low, high, color="0.94", zorder=0, label="the paper's 30 %, as tested")
     for case, look, label in _by_length(cases):
         mean, scatter = (PERCENT * case.data[name].values for name in ("slip_mean", "slip_std"))
+        if (plain := case.plain) is not None:
+            _plot_plain(axes, PERCENT * plain["slip_mean"], PERCENT * plain["slip_std"], look)
         axes.errorbar(
             mean, scatter, xerr=PERCENT * WIDTH * slip_mean_error(case),
             yerr=PERCENT * WIDTH * case.data["slip_std_error"],
@@ -183,6 +188,13 @@ def _name_curves(axes: Axes, alike: Sequence[xr.Dataset], last: float) -> None:
         )  # fmt: skip
 
 
+def _plot_plain(axes: Axes, x: xr.DataArray, y: xr.DataArray, look: style.Look) -> None:
+    """Pale marks: plain sampling, beside the estimates by regression."""
+    colour, share = look["markerfacecolor"]
+    pale = {"markerfacecolor": (colour, 0.3 * share), "markeredgecolor": (colour, 0.3), "zorder": 1}
+    axes.plot(x, y, **look | pale)
+
+
 def _number(axes: Axes, x: NDArray[np.float64], y: NDArray[np.float64], look: style.Look) -> None:
     """The joints' numbers at their marks, as many as can be told apart."""
     for dof in style.some_of(x.size, _MOST_NUMBERED):
@@ -193,11 +205,16 @@ def _number(axes: Axes, x: NDArray[np.float64], y: NDArray[np.float64], look: st
 
 
 def plot_band_ratio(axes: Axes, cases: Sequence[Case]) -> None:
-    """Fig. 11: ratio of the outer percentiles' pseudo-variances over the mean time in slip."""
+    """Fig. 11: ratio of the outer percentiles' pseudo-variances over the mean time in slip.
+
+    Pale: the same by plain sampling.
+    """
     for case, look, label in _by_length(cases):
         ratio = case.data["band_ratio"].values
         low, high = band_ratio_interval(case)
         mean = PERCENT * case.data["slip_mean"].values
+        if (plain := case.plain) is not None:
+            _plot_plain(axes, PERCENT * plain["slip_mean"], plain["band_ratio"], look)
         axes.errorbar(
             mean, ratio, xerr=PERCENT * WIDTH * slip_mean_error(case),
             yerr=np.clip([ratio - low, high - ratio], 0.0, None),
@@ -291,6 +308,7 @@ def _by_length(cases: Sequence[Case]) -> list[tuple[Case, style.Look, str]]:
         filled = (levels.index(case.strength) + 1) / len(levels)
         share = filled if filled == 1.0 else filled - 1.0 / len(levels)
         look["markerfacecolor"] = (look["color"], share)  # the smallest excitation open
+        look |= {"markeredgecolor": look["color"], "markeredgewidth": 1.0}
         name = LEVELS.get(case.variance, level_name(case))
         rows.append((case, look, f"{length_name(case)}, {name}"))
     return rows

@@ -110,8 +110,8 @@ def of_drawn_friction(results: Results) -> Iterator[Figure]:
             f"fig_09{letter}", f"Fig. 9{letter}. Scatter of the time in slip, friction std {std:g}",
             "Standard deviation over samples of the time in slip, over its mean; a mark"
             " per joint with its number, the fuller the larger the excitation; bars are 95 %"
-            " intervals, of the mean with Monte Carlo and time average together. To look for: where"
-            " the marks stand highest, and whether the lengths differ.",
+            " intervals, of the mean with Monte Carlo and time average together; pale: by plain"
+            " sampling. To look for: where the marks stand highest, and whether the lengths differ.",
             _STUDY, (partial(figures.plot_slip_scatter, cases=cases, is_paper=is_paper),),
             ("1a", "1b", "2a", "2b"),
         )  # fmt: skip
@@ -147,7 +147,7 @@ def of_drawn_friction(results: Results) -> Iterator[Figure]:
             f"Fig. 11{letter}. Width of the band of uncertainty, friction std {std:g}",
             "Ratio of the pseudo-variances (Eq. 46) of the outer percentiles, over the mean"
             " time in slip; a mark per joint with its number, the fuller the larger the excitation;"
-            " 95 % intervals, Monte Carlo (bootstrap over samples) and time average together. To"
+            " 95 % intervals, Monte Carlo and time average together; pale: by plain sampling. To"
             " look for: a fall with the time in slip, and whether the lengths differ where it is"
             " long.",
             _STUDY, (partial(figures.plot_band_ratio, cases=cases),),

@@ -31,8 +31,9 @@ _READING = (
     "Each statement is put to a stated test; no verdict is given by eye. Confirmed: every number"
     " that it speaks of lies where it says, each at the 2.5 % level, one-sided. Not confirmed: at"
     " least one surely does not, with Bonferroni's correction. Else undecided at this sample size."
-    " Intervals over samples take them with replacement, together for all cases of a process; the"
-    " force record that all samples share is not drawn again, so its scatter is in none of them."
+    " Numbers of the friction study are the best estimates of the results file. Their intervals"
+    " hold the errors of finite samples and of the one force record that all samples share. Where"
+    " several files have a statement's numbers, the one with the narrowest intervals decides."
 )
 
 

@@ -114,6 +114,20 @@ class Case:
         """Samples that the file holds."""
         return int(self.data.sizes.get("sample", 1))
 
+    @property
+    def plain(self) -> xr.Dataset | None:
+        """Statistics by plain sampling, where the file's best estimates are others."""
+        source = self.data.encoding.get("source")
+        if source is None:  # nothing was read
+            return None
+        try:
+            with xr.open_dataset(
+                source, group=f"campaign/{self.name}/plain", engine="h5netcdf"
+            ) as data:
+                return data.load()
+        except (OSError, ValueError):  # no such group
+            return None
+
     def has(self, *names: str) -> bool:
         """Whether the scene asked for all of these."""
         return all(name in self.data for name in names)

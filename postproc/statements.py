@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
+from dataclasses import replace
 from functools import partial
 
 import numpy as np
@@ -15,8 +16,12 @@ from .study import paper_study
 
 
 def assess(files: Sequence[Results]) -> list[Statement]:
-    """Every statement that these results files have data for; the first file with it decides."""
-    found: dict[str, Statement] = {}
+    """Every statement that these results files have data for.
+
+    Where several have them, the one with the narrowest intervals decides, and the statement names
+    its scene.
+    """
+    found: dict[str, list[tuple[float, Statement]]] = {}
     for results in filter(is_paper_study, files):
         for test in _tests(results):
             try:
@@ -24,8 +29,11 @@ def assess(files: Sequence[Results]) -> list[Statement]:
                     statement = test()
             except NoEvidence:
                 continue
-            found.setdefault(statement.number, statement)
-    return sorted(found.values(), key=lambda statement: statement.number)
+            named = replace(statement, test=f"{statement.test}; scene: {results.title}")
+            widths = [finding.high - finding.low for finding in statement.findings]
+            found.setdefault(statement.number, []).append((sum(widths), named))
+    decided = [min(group, key=lambda one: one[0])[1] for group in found.values()]
+    return sorted(decided, key=lambda statement: statement.number)
 
 
 def _tests(results: Results) -> Iterator[Callable[[], Statement]]:

@@ -1,63 +1,84 @@
-"""The paper's friction study in a results file, and bootstrap samples of its statistics.
+"""The paper's friction study in a results file: its statistics with their errors.
 
-A bootstrap draw takes samples with replacement, the same ones for every case of a process, since
-these share their friction coefficients. Every array of draws begins with the statistic of the
-samples as they are. The force record that all samples share is not drawn again: its scatter is in
-no interval that is made here.
+The statistics are the file's best estimates. Two errors are kept apart: that of a finite number of
+samples, and that of the one force record, which moves all cases of a level of the force alike.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
+from math import hypot
 
 import numpy as np
+import xarray as xr
 from numpy.typing import NDArray
 
+from .evidence import WIDTH
 from .paper import LENGTHS, LEVELS, STDS
 from .results import Case, Results
 
-Draws = NDArray[np.float64]  # (draw, dof), the statistic itself first
+Array = NDArray[np.float64]
 Key = tuple[float, float, float]  # std, correlation length, variance
 
-RESAMPLED = "bootstrap over samples"
+STATED = "stated errors of the estimates, those of the force record included"
 
-_NEGLIGIBLE_POWER = 1.0e-4  # share of it beyond the frequencies that draws integrate over
-_FEWEST_SAMPLES = 20  # of a case, below which a bootstrap says little
-_MOST_SAMPLES = 40_000  # drawn of a case, with hundred draws at least
-_PERCENTILES = (5.0, 95.0)  # of Eq. 46
+_FEWEST_SAMPLES = 20  # of a case, below which its errors say little
+_BATCHES = 8  # of a march, for what the record does to a standard deviation
 
 
-@dataclass
-class Bands:
-    """Draws of what the spectra's percentiles give."""
+@dataclass(frozen=True)
+class Estimates:
+    """Numbers, one for each joint or dof, with their standard errors."""
 
-    frequency: NDArray[np.float64]
-    pseudo_variance: dict[str, Draws]  # Eq. 46 of 'low', 'mean' and 'high'
-    high: NDArray[np.float64]  # ln of the 95th percentile (draw, frequency, dof)
+    value: Array
+    error: Array  # due to the number of samples
+    record: Array  # due to the force record
 
-    @property
-    def ln_ratio(self) -> Draws:
-        """Of the pseudo-variances of the 95th and the 5th percentile."""
-        return np.log(self.pseudo_variance["high"] / self.pseudo_variance["low"])
+    def __getitem__(self, joints: int | np.integer | NDArray[np.bool_]) -> Estimates:
+        """Of some joints."""
+        value, error, record = (
+            np.atleast_1d(part[joints]) for part in (self.value, self.error, self.record)
+        )
+        return Estimates(value, error, record)
 
-    def power_of_high(self, first: float, last: float) -> Draws:
-        """The 95th percentile summed from one frequency to another."""
-        inside = (self.frequency >= first) & (self.frequency <= last)
-        return np.exp(self.high[:, inside]).sum(axis=1)
+    def ln(self) -> Estimates:
+        """Logarithms, to first order of the errors."""
+        return Estimates(np.log(self.value), self.error / self.value, self.record / self.value)
+
+    def draws(self, random: np.random.Generator, n: int) -> Array:
+        """Normal draws (draw, joint), the estimates themselves first."""
+        noise = random.standard_normal((n, self.value.size))
+        return np.vstack([self.value, self.value + noise * np.hypot(self.error, self.record)])
 
 
-@dataclass
+def contrast(
+    plus: Sequence[Estimates], minus: Sequence[Estimates], one_record: bool = True
+) -> tuple[float, float]:
+    """Mean over cases and joints of one side less that of the other, and its standard error.
+
+    Errors of a side add up, as if all were due to the same samples; sides are independent, which
+    cases that share samples are not: neither makes the error too small. Under one record both sides
+    move alike.
+    """
+    value, error, record = (
+        [float(np.mean([getattr(case, part).mean() for case in side])) for side in (plus, minus)]
+        for part in ("value", "error", "record")
+    )
+    moved = record[0] - record[1] if one_record else hypot(*record)
+    return value[0] - value[1], hypot(*error, moved)
+
+
+@dataclass(frozen=True)
 class Study:
     """Cases of the paper's friction study, each under its std, correlation length and variance."""
 
     cases: dict[Key, Case]
     certain: dict[float, Case]  # friction certain, by variance
-    stuck: NDArray[np.float64]  # natural frequencies [Hz], all sliders stuck
-    slipping: NDArray[np.float64]  # the same, all sliders slipping
-    n_draws: int = 400
+    stuck: Array  # natural frequencies [Hz], all sliders stuck
+    slipping: Array  # the same, all sliders slipping
+    n_draws: int = 2000
     seed: int = 2016
-    _bands: dict[Key, Bands] = field(default_factory=dict)
 
     @property
     def n_dof(self) -> int:
@@ -66,8 +87,9 @@ class Study:
 
     @property
     def has_spectra(self) -> bool:
-        """Whether the spectra of every sample are there."""
-        return all(case.has("psd") for case in self.cases.values())
+        """Whether the percentiles of the spectra are there."""
+        names = ("psd_percentiles", "pseudo_variance_percentiles", "band_ratio")
+        return all(case.has(*names) for case in self.cases.values())
 
     @property
     def has_certain_spectra(self) -> bool:
@@ -78,82 +100,75 @@ class Study:
         """The cases at one std."""
         return sorted({(length, variance) for _, length, variance in self.cases})
 
-    def slip_fraction(self, key: Key) -> NDArray[np.float64]:
-        """Slip fractions of the drawn samples (draw, sample, dof)."""
-        values = np.asarray(self.cases[key].data["slip_fraction"].values, dtype=float)
-        return values[self._indices(key)]
+    def random(self) -> np.random.Generator:
+        """Where the draws of a statement begin."""
+        return np.random.default_rng(self.seed)
 
-    def slip_mean(self, key: Key) -> Draws:
-        """Mean over samples."""
-        return self.slip_fraction(key).mean(axis=1)
+    def slip_mean(self, key: Key) -> Estimates:
+        """Mean slip fraction."""
+        return self._of(key, "slip_mean", "slip_mean_error", "slip_mean_time_error")
 
-    def slip_std(self, key: Key) -> Draws:
-        """Standard deviation over samples."""
-        return self.slip_fraction(key).std(axis=1, ddof=1)
-
-    def bands(self, key: Key) -> Bands:
-        """Draws of the percentiles of the spectra; kept, for they take a while."""
-        if key not in self._bands:
-            self._bands[key] = self._draw_bands(key)
-        return self._bands[key]
-
-    def _indices(self, key: Key) -> NDArray[np.int64]:
-        """Which samples make each draw (draw, sample), the same for all cases of a process."""
-        case = self.cases[key]
-        n = case.data.sizes["sample"]
-        random = np.random.default_rng([self.seed, *case.process.encode()])
-        return np.vstack([np.arange(n), random.integers(0, n, (self.n_draws, n))])
-
-    def _draw_bands(self, key: Key) -> Bands:
+    def slip_std(self, key: Key) -> Estimates:
+        """Standard deviation of the slip fraction over samples."""
+        found = self._of(key, "slip_std", "slip_std_error")
         data = self.cases[key].data
-        frequency = data["frequency"].values
-        power = np.cumsum(data["psd"].values.mean(axis=0), axis=0)
-        kept = int(np.argmax((power >= (1.0 - _NEGLIGIBLE_POWER) * power[-1]).all(axis=1))) + 1
-        psd = np.ascontiguousarray(data["psd"].values[:, :kept].transpose(1, 2, 0), np.float32)
-        step = frequency[1] - frequency[0]
-        pseudo: dict[str, list[NDArray[np.float64]]] = {"low": [], "mean": [], "high": []}
-        highs = []
-        for index in self._indices(key):
-            drawn = np.sort(psd[..., index], axis=-1)
-            low, high = (_sorted_percentile(drawn, level) for level in _PERCENTILES)
-            for name, curve in (("low", low), ("mean", drawn.mean(axis=-1)), ("high", high)):
-                pseudo[name].append(curve.sum(axis=0, dtype=float) * step)
-            highs.append(np.log(high))
-        return Bands(
-            frequency[:kept], {name: np.array(rows) for name, rows in pseudo.items()},
-            np.array(highs),
-        )  # fmt: skip
+        if "slip_series" not in data:
+            return found
+        spans = np.array_split(data["slip_series"].values, _BATCHES, axis=1)
+        scatter = np.log([batch.mean(axis=1).std(axis=0, ddof=1) for batch in spans])
+        record = found.value * scatter.std(axis=0, ddof=1) / np.sqrt(_BATCHES)
+        return Estimates(found.value, found.error, record)
+
+    def ln_ratio(self, key: Key) -> Estimates:
+        """Of the pseudo-variances of the 95th and the 5th percentile."""
+        data = self.cases[key].data
+        ends = np.log(_values(data, "band_ratio_high") / _values(data, "band_ratio_low"))
+        ratio = self._of(key, "band_ratio", "band_ratio", "band_ratio_time_error")
+        return Estimates(np.log(ratio.value), ends / (2 * WIDTH), ratio.record / ratio.value)
+
+    def pseudo_variance(self, key: Key, which: str) -> Estimates:
+        """Of the 'low' or 'high' percentile, or of the 'mean' (Eq. 46)."""
+        if which == "mean":
+            name = "pseudo_variance_mean"
+            return self._of(key, name, f"{name}_error", f"{name}_time_error")
+        name = "pseudo_variance_percentiles"
+        found = self._of(key, name, f"{name}_error", f"{name}_time_error")
+        end = 0 if which == "low" else -1
+        return Estimates(found.value[end], found.error[end], found.record[end])
+
+    def high_spectrum(self, key: Key) -> tuple[Array, Estimates]:
+        """Frequencies [Hz], and ln of the 95th percentile (frequency, dof)."""
+        data = self.cases[key].data.isel(percentile=-1, frequency=slice(1, None))
+        with np.errstate(divide="ignore", invalid="ignore"):
+            ends = np.log(data["psd_percentiles_high"].values / data["psd_percentiles_low"].values)
+            value = np.log(data["psd_percentiles"].values)
+        record = np.full_like(value, float(data.attrs.get("psd_time_error", 0.0)))
+        return data["frequency"].values, Estimates(value, ends / (2 * WIDTH), record)
+
+    def _of(self, key: Key, *names: str) -> Estimates:
+        data = self.cases[key].data
+        value = _values(data, names[0])
+        parts = [_values(data, name) if name in data else 0.0 * value for name in names[1:]]
+        return Estimates(value, parts[0], parts[1] if len(parts) > 1 else 0.0 * value)
 
 
-def paper_study(results: Results, n_draws: int = 400) -> Study | None:
+def _values(data: xr.Dataset, name: str) -> Array:
+    return np.asarray(data[name].values, dtype=float)
+
+
+def paper_study(results: Results) -> Study | None:
     """The twelve cases of Sec. 3 where the file has them all, with their slip fractions."""
     found = {
         (case.std, case.correlation_length, case.variance): case
         for case in results.random
-        if case.has("slip_fraction") and case.data.sizes["sample"] >= _FEWEST_SAMPLES
+        if case.has("slip_std") and case.n_samples >= _FEWEST_SAMPLES
     }
     wanted = [(s, length, v) for s in STDS for length in LENGTHS for v in LEVELS]
     if results.structure is None or not all(key in found for key in wanted):
         return None
-    largest = max(found[key].data.sizes["sample"] for key in wanted)
     return Study(
         {key: found[key] for key in wanted},
         {c.variance: c for c in results.deterministic if c.variance in LEVELS and c.has("psd")},
         results.structure["frequencies_stuck"].values,
         results.structure["frequencies_slip"].values,
-        n_draws=min(n_draws, max(100, _MOST_SAMPLES // largest)),
     )
-
-
-def pooled(draws: Sequence[Draws]) -> NDArray[np.float64]:
-    """Mean over cases and joints."""
-    return np.mean(draws, axis=(0, 2))
-
-
-def _sorted_percentile(values: NDArray[np.float32], level: float) -> NDArray[np.float32]:
-    """Linear between the two order statistics around the level; the last axis ascends."""
-    position = level / 100.0 * (values.shape[-1] - 1)
-    below = int(position)
-    above = min(below + 1, values.shape[-1] - 1)
-    weight = np.float32(position - below)
-    return (1 - weight) * values[..., below] + weight * values[..., above]

@@ -28,6 +28,7 @@ def case_of(name, process, slip, psd, starts=5000, n_segments=400, **attrs):
             "slip_fraction": (axes, slip),
             "slip_starts": (axes, np.full(slip.shape, starts)),
             "psd": (("sample", "frequency", "dof"), psd),
+            **(sample_statistics(slip, psd) if len(slip) > 1 else {}),
         },
         coords={"frequency": FREQUENCY},
         attrs={
@@ -38,6 +39,45 @@ def case_of(name, process, slip, psd, starts=5000, n_segments=400, **attrs):
         },
     )
     return Case(name, data)
+
+
+def sample_statistics(slip, psd):
+    """Datasets of a case's statistics over samples, with their standard errors."""
+    n = len(slip)
+    mean, std = slip.mean(axis=0), slip.std(axis=0, ddof=1)
+    fourth = ((slip - mean) ** 4).mean(axis=0)
+    found = {
+        "slip_mean": ("joint", mean),
+        "slip_mean_error": ("joint", std / np.sqrt(n)),
+        "slip_mean_time_error": ("joint", 0.0 * mean),
+        "slip_std": ("joint", std),
+        "slip_std_error": ("joint", np.sqrt(np.maximum(fourth - std**4, 0.0) / n) / (2 * std)),
+    }
+    ranked = np.sort(psd, axis=0)
+    share = np.array((0.05, 0.95))
+    reach = 1.96 * np.sqrt(share * (1 - share) / n)  # binomial
+    low, curve, high = (
+        np.array([ranked[int(np.clip(round(at * (n - 1)), 0, n - 1))] for at in ends])
+        for ends in (share - reach, share, share + reach)
+    )
+    power = curve.sum(axis=1) * FREQUENCY[1]  # (percentile, dof); all frequencies move alike
+    error = (high - low).sum(axis=1) * FREQUENCY[1] / (2 * 1.96)
+    spread = 1.96 * np.hypot(*(error / power))
+    means = psd.sum(axis=1) * FREQUENCY[1]
+    of_spectra = ("percentile", "frequency", "dof")
+    return found | {
+        "psd_percentiles": (of_spectra, curve),
+        "psd_percentiles_low": (of_spectra, low),
+        "psd_percentiles_high": (of_spectra, high),
+        "pseudo_variance_percentiles": (("percentile", "dof"), power),
+        "pseudo_variance_percentiles_error": (("percentile", "dof"), error),
+        "pseudo_variance_mean": ("dof", means.mean(axis=0)),
+        "pseudo_variance_mean_error": ("dof", means.std(axis=0) / np.sqrt(n)),
+        "band_ratio": ("dof", power[1] / power[0]),
+        "band_ratio_low": ("dof", power[1] / power[0] * np.exp(-spread)),
+        "band_ratio_high": ("dof", power[1] / power[0] * np.exp(spread)),
+        "band_ratio_time_error": ("dof", 0.0 * spread),
+    }  # fmt: skip
 
 
 def results_of(cases):

@@ -340,20 +340,25 @@ def test_its_types_agree():
     assert done.returncode == 0, done.stdout
 
 
-def test_draws_agree_with_the_program(results_of_scene):
-    """The bootstrap's own statistic is the file's, but for power beyond the kept frequencies."""
+def test_the_study_reads_what_the_program_states(results_of_scene):
     from entroslip.study import Study
 
     text = "&process correlation_length = 0.3 order = 2 mean = 0.2 std = 0.067 /\n&chain /\n"
     text += "&excitation variance = 3.7 /\n&integration method = 'event' n_steps = 4000 /\n"
-    text += "&campaign n_samples = 30 estimator = 'plain' /\n&output segment_length = 1024 /\n"
+    text += "&campaign n_samples = 30 /\n&output segment_length = 1024 /\n"
     case = open_results(results_of_scene(text)).cases[0]
     key = (0.067, 0.3, 3.7)
-    study = Study({key: case}, {}, np.ones(5), np.ones(5), n_draws=50)
+    study = Study({key: case}, {}, np.array([1.15, 1.9]), np.ones(5))
     data = case.data
-    np.testing.assert_allclose(study.slip_mean(key)[0], data["slip_mean"], rtol=1e-12)
-    np.testing.assert_allclose(study.slip_std(key)[0], data["slip_std"], rtol=1e-12)
-    ratio = study.bands(key).ln_ratio
-    np.testing.assert_allclose(np.exp(ratio[0]), data["band_ratio"], rtol=2e-3)
-    width = np.log(data["band_ratio_high"] / data["band_ratio_low"]) / (2 * 1.96)
-    np.testing.assert_allclose(ratio[1:].std(axis=0), width, rtol=0.6)  # two bootstraps, one of 50
+    scatter = study.slip_std(key)
+    np.testing.assert_array_equal(scatter.value, data["slip_std"])
+    np.testing.assert_array_equal(scatter.error, data["slip_std_error"])
+    assert (scatter.record > 0).all()
+    assert (scatter.record < scatter.value).all()
+    ratio = study.ln_ratio(key)
+    ends = data["band_ratio_high"] / data["band_ratio_low"]
+    np.testing.assert_allclose(np.exp(2 * 1.96 * ratio.error), ends, rtol=1e-4)
+    frequency, high = study.high_spectrum(key)
+    step = frequency[1] - frequency[0]
+    power = step * np.exp(high.value).sum(axis=0)
+    np.testing.assert_allclose(power, study.pseudo_variance(key, "high").value, rtol=0.05)
