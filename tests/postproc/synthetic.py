@@ -12,6 +12,7 @@ from entroslip.results import Case, Results
 
 FREQUENCY = np.arange(0, 173) * 0.01448  # Hz
 LOW, HIGH = LEVELS
+TINY = 1.0e-300  # where nothing scatters
 MEAN_SLIP = {LOW: np.linspace(0.05, 0.35, 5), HIGH: np.linspace(0.4, 0.7, 5)}
 
 
@@ -51,7 +52,10 @@ def sample_statistics(slip, psd):
         "slip_mean_error": ("joint", std / np.sqrt(n)),
         "slip_mean_time_error": ("joint", 0.0 * mean),
         "slip_std": ("joint", std),
-        "slip_std_error": ("joint", np.sqrt(np.maximum(fourth - std**4, 0.0) / n) / (2 * std)),
+        "slip_std_error": (
+            "joint",
+            np.sqrt(np.maximum(fourth - std**4, 0.0) / n) / (2 * std + TINY),
+        ),
     }
     ranked = np.sort(psd, axis=0)
     share = np.array((0.05, 0.95))

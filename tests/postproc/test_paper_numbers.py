@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+
 import numpy as np
 
 from entroslip.paper_numbers import table_correlations, table_numbers
@@ -19,7 +21,7 @@ def processes():
         )
         for order in (4, 5, 6)
     }
-    return Results(path=None, attrs={}, processes=named, structure=None, cases=[])
+    return Results(path=Path("processes.h5"), attrs={}, processes=named, structure=None, cases=[])
 
 
 def test_every_number_of_the_paper_is_there_once():

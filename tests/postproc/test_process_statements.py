@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+
 import numpy as np
 import pytest
 
@@ -17,7 +19,7 @@ LAGS = np.arange(31)
 
 def file_of(*processes):
     named = {f"p{i + 1:03d}": one for i, one in enumerate(processes)}
-    return Results(path=None, attrs={}, processes=named, structure=None, cases=[])
+    return Results(path=Path("processes.h5"), attrs={}, processes=named, structure=None, cases=[])
 
 
 def family(curve=lambda order: 0.5**LAGS, correlation="L0", lengths=(0.3, 1.0, 3.0), **values):
