@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import random
 import re
 
@@ -9,6 +10,60 @@ from tests.conftest import SMALL_SCENE
 
 SEED = 20161121
 SCENE = SMALL_SCENE + 8 * "! a comment, where most of what is changed does no harm\n"
+COUNT = int(os.environ.get("ENTROSLIP_MUTATIONS", "150"))  # of each kind
+FILES = {
+    "s.nml": """\
+&scene title = 'spoilt' seed = 3 /
+&process correlation_length = 0.3 order = 1 mean = 0.3 std = 0.1 /
+&structure mass_matrix = 'M.mtx' stiffness_matrix = 'K.mtx' damping_matrix = 'C.mtx'
+  directions = 'W.mtx' joints = 'joints.txt' load = 'load.txt' /
+&excitation variance = 2.0 /
+&integration n_steps = 100 dt = 0.01 method = 'event' /
+&campaign n_samples = 2 /
+""",
+    "M.mtx": """\
+%%MatrixMarket matrix coordinate real symmetric
+% mass [kg]
+3 3 4
+1 1 2.0
+2 2 1.5
+3 2 0.1
+3 3 1.0
+""",
+    "K.mtx": """\
+%%MatrixMarket matrix array real general
+3 3
+50
+-25
+0
+-25
+50.0
+-25.0
+0
+-2.5e1
+25d0
+""",
+    "C.mtx": """\
+%%MatrixMarket matrix coordinate real symmetric
+3 3 3
+1 1 0.1
+2 2 0.1
+3 3 0.1
+""",
+    "W.mtx": """\
+%%MatrixMarket matrix coordinate real general
+3 2 3
+1 1 1.0
+1 2 0.6
+3 2 -0.8
+""",
+    "joints.txt": """\
+# stiffness normal_load friction friction_point
+50.0 10.0 0.2 1
+20.0 5.0 0.2 2
+""",
+    "load.txt": "0.0\n0.5\n# at the end\n1.0\n",
+}
 PIECES = [*"/&'=,()-*%!", "1e400", "nan", "-1", "0", "é"]
 PLACE = re.compile(r"mutated\.nml(:\d+: .+|: must have &process, &chain or &structure)")
 
@@ -35,7 +90,7 @@ def test_a_spoilt_scene_is_accepted_or_refused(entroslip, tmp_path):
     dice = random.Random(SEED)
     path = tmp_path / "mutated.nml"
     outcomes = {0: 0, 2: 0}
-    for number in range(200):
+    for number in range(COUNT):
         text = spoilt(SCENE, dice)
         path.write_text(text, encoding="utf-8", newline="")
         done = entroslip("check", path, timeout=60)
@@ -46,4 +101,25 @@ def test_a_spoilt_scene_is_accepted_or_refused(entroslip, tmp_path):
             if number % 10 == 0:
                 assert entroslip("run", path, timeout=60).returncode == 2
         assert [p.name for p in tmp_path.iterdir()] == ["mutated.nml"]
-    assert min(outcomes.values()) > 10  # both ends were seen
+    assert min(outcomes.values()) > COUNT / 20  # both ends were seen
+
+
+def test_a_spoilt_structure_is_accepted_or_refused(entroslip, tmp_path):
+    """One of the scene's files at a time, and the scene; a refusal names a file."""
+    print(f"seed {SEED}")
+    dice = random.Random(SEED)
+    outcomes = {0: 0, 2: 0}
+    for number in range(COUNT):
+        spoilt_name = dice.choice(list(FILES))
+        for name, text in FILES.items():
+            if name == spoilt_name:
+                text = spoilt(text, dice)
+            (tmp_path / name).write_text(text, encoding="utf-8", newline="")
+        done = entroslip("check", tmp_path / "s.nml", timeout=60)
+        what = f"{number}: {done.returncode}\n{(tmp_path / spoilt_name).read_text()}\n{done.stderr}"
+        assert done.returncode in outcomes, what
+        outcomes[done.returncode] += 1
+        if done.returncode == 2:
+            assert any(name in done.stderr for name in FILES), what
+        assert {p.name for p in tmp_path.iterdir()} == set(FILES)
+    assert min(outcomes.values()) > COUNT / 20
