@@ -17,6 +17,7 @@ from matplotlib.axes import Axes
 from matplotlib.ticker import MaxNLocator
 from numpy.typing import NDArray
 
+from .bits import differences
 from .figure import Figure
 from .output import InputError
 from .results import Case, Results
@@ -26,6 +27,7 @@ from .table import Table, value_with_error
 Values = NDArray[np.float64]
 
 _NORMAL_95 = 1.96  # half width of a 95 % interval, in standard errors
+_SAME = "Both files have the same bits, but for when, how long and on how many ranks they ran."
 _NEGLIGIBLE_POWER = 1.0e-4  # share of the mean spectrum beyond the frequencies that are drawn
 
 
@@ -260,9 +262,9 @@ def compare(before: Results, after: Results, folder: Path) -> str:
     table = change_table(before, after, pairs)
     table.write_csv(folder)
     figures = [figure.save(folder).name for figure in change_figures(pairs)]
-    return "\n".join(
-        [*_lines(table), "", f"comparison.csv, {', '.join(figures)} in {folder}", table.note]
-    )
+    written = f"comparison.csv, {', '.join(figures)} in {folder}"
+    same = [] if differences(before.path, after.path) else [_SAME]
+    return "\n".join([*_lines(table), "", written, table.note, *same])
 
 
 def _lines(table: Table) -> Iterator[str]:

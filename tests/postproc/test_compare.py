@@ -79,7 +79,9 @@ def test_compare_tells_what_tighter_joints_change(results_of_scene, results_file
     """The program end to end: tighter joints slip less; a design does not differ from itself."""
     tighter = results_of_scene(SMALL_SCENE, "run", "--set", "chain%normal_load=30")
     assert main(["compare", str(results_file), str(tighter), "--out", str(tmp_path)]) == 0
-    assert "sample by sample" in capsys.readouterr().out
+    said = capsys.readouterr().out
+    assert "sample by sample" in said
+    assert "same bits" not in said
     rows = list(csv.DictReader((tmp_path / "comparison.csv").open()))
     slip = [row for row in rows if row["statistic"].startswith("mean time in slip")]
     assert all(float(row["after"]) <= float(row["before"]) for row in slip)
@@ -88,6 +90,7 @@ def test_compare_tells_what_tighter_joints_change(results_of_scene, results_file
     assert main(["compare", str(results_file), str(results_file), "--out", str(tmp_path)]) == 0
     rows = list(csv.DictReader((tmp_path / "comparison.csv").open()))
     assert {row["change"].split("(")[0] for row in rows} <= {"0", "-"}
+    assert "same bits" in capsys.readouterr().out
 
 
 def test_compare_wants_two_files(results_file, tmp_path, capsys):

@@ -9,10 +9,6 @@ import time
 from dataclasses import dataclass, field
 from pathlib import Path
 
-import h5py
-import numpy as np
-
-RUN_DEPENDENT = {"created", "wall_seconds", "n_ranks"}
 STOPPED = 75  # exit code
 TOKEN = "ENTROSLIP_TEST_TOKEN"  # in the environment of every process of one run
 
@@ -25,25 +21,6 @@ SCENE = """\
 &campaign n_samples = 300 deterministic = .true. /
 &output quantities = 'slip', 'spectrum', 'energy', 'transitions' segment_length = 256 /
 """
-
-
-def datasets(path: Path) -> dict[str, bytes]:
-    """Every dataset and attribute that the scene alone decides, by name, as bytes."""
-    found: dict[str, bytes] = {}
-
-    def take(name: str, item: h5py.HLObject) -> None:
-        if isinstance(item, h5py.Dataset):
-            found[name] = item[()].tobytes()
-        for key, value in item.attrs.items():
-            if key not in ("DIMENSION_LIST", "REFERENCE_LIST"):
-                found[f"{name}@{key}"] = np.asarray(value).tobytes()
-
-    with h5py.File(path) as file:
-        file.visititems(take)
-        for name, value in file.attrs.items():
-            if name not in RUN_DEPENDENT:
-                found[f"@{name}"] = str(value).encode()
-    return found
 
 
 def processes_of(token: str) -> list[int]:

@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import pytest
 
+from entroslip.bits import scene_bits
 from tests.conftest import ENVIRONMENT
-from tests.program.campaign import Run, datasets
+from tests.program.campaign import Run
 
 
 @pytest.fixture(scope="module")
@@ -17,7 +18,7 @@ def reference(request, program, tmp_path_factory):
     code, said, errors = run.wait()
     assert code == 0, errors
     assert "continuing" not in said
-    return datasets(folder / "r.h5")
+    return scene_bits(folder / "r.h5")
 
 
 @pytest.fixture

@@ -9,8 +9,9 @@ import h5py
 import numpy as np
 import pytest
 
+from entroslip.bits import scene_bits
 from entroslip.results import open_results
-from tests.program.campaign import datasets, shards_of
+from tests.program.campaign import shards_of
 
 SCENE = """\
 &scene title = 'audited' seed = 7 /
@@ -69,9 +70,9 @@ def test_audits_go_on_where_they_were(entroslip, scene, tmp_path):
     assert "continuing: 18 of 28 samples are there" in later.stdout
     again = entroslip("run", scene, "--output", "later.h5")
     assert "nothing to do" in again.stdout
-    expected = datasets(tmp_path / "direct.h5")
+    expected = scene_bits(tmp_path / "direct.h5")
     for name in ("grown.h5", "later.h5"):
-        found = datasets(tmp_path / name)
+        found = scene_bits(tmp_path / name)
         differing = {key for key in expected if expected[key] != found.get(key)}
         assert differing <= {"@scene", "@overrides"}
         assert not shards_of(tmp_path / name)

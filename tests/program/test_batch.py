@@ -12,9 +12,10 @@ from pathlib import Path
 
 import pytest
 
+from entroslip.bits import scene_bits
 from tests.conftest import ENVIRONMENT, ROOT
 from tests.program import slurm as slurm_on_this_machine
-from tests.program.campaign import SCENE, TOKEN, datasets, processes_of, shards_of
+from tests.program.campaign import SCENE, TOKEN, processes_of, shards_of
 
 BATCH = ROOT / "input/batch"
 OF_ONE_MACHINE = {"MPIRUN_OPTIONS": "--oversubscribe --bind-to none"}
@@ -79,7 +80,7 @@ def test_a_job_that_runs_out_of_time_goes_on_by_itself(slurm, submit, reference,
     assert "continuing:" in text
     # a loaded machine may need another minute
     assert re.search(r"Restarts=[1-9]", slurm.ask("show", "job", job))
-    assert datasets(output) == reference
+    assert scene_bits(output) == reference
 
 
 def test_members_of_an_array_share_the_work(slurm, submit, reference, tmp_path):
@@ -93,7 +94,7 @@ def test_members_of_an_array_share_the_work(slurm, submit, reference, tmp_path):
     logs = [path.read_text() for path in tmp_path.glob("*.log")]
     assert len(logs) == 4
     assert sum("run without --share" in log for log in logs) == 3
-    assert datasets(output) == reference
+    assert scene_bits(output) == reference
 
 
 def is_rank(pid: int) -> bool:

@@ -8,8 +8,9 @@ import time
 
 import pytest
 
+from entroslip.bits import scene_bits
 from tests.conftest import ENVIRONMENT, ROOT
-from tests.program.campaign import SCENE, TOKEN, datasets, processes_of, shards_of
+from tests.program.campaign import SCENE, TOKEN, processes_of, shards_of
 from tests.program.pbs import Pbs
 
 SCRIPT = ROOT / "input/batch/pbs.sh"
@@ -68,7 +69,7 @@ def test_a_job_submits_itself_until_the_campaign_is_done(pbs, program, output, r
         assert len(jobs) == (1 if code == STOPPED else 0), log
     assert codes[0] == STOPPED, "the limit was not met"
     assert codes[-1] == 0, log
-    assert without_limit(datasets(output)) == reference
+    assert without_limit(scene_bits(output)) == reference
 
 
 def test_a_job_ended_by_force_loses_nothing_and_does_not_come_back(
@@ -85,7 +86,7 @@ def test_a_job_ended_by_force_loses_nothing_and_does_not_come_back(
     code, log = pbs.start(order(program, minutes=10)).wait()
     assert code == 0, log
     assert "continuing:" in log
-    assert without_limit(datasets(output)) == reference
+    assert without_limit(scene_bits(output)) == reference
 
 
 def test_members_of_an_array_share_and_one_more_job_merges(pbs, program, output, reference):
@@ -97,7 +98,7 @@ def test_members_of_an_array_share_and_one_more_job_merges(pbs, program, output,
     assert not output.exists()
     code, log = pbs.start(order(program, minutes=10)).wait()
     assert code == 0, log
-    assert without_limit(datasets(output)) == reference
+    assert without_limit(scene_bits(output)) == reference
 
 
 def test_a_member_that_runs_out_of_time_stays_a_member(pbs, program, output):

@@ -9,9 +9,10 @@ from pathlib import Path
 import h5py
 import pytest
 
+from entroslip.bits import scene_bits
 from tests.conftest import ENVIRONMENT
 from tests.program.campaign import SCENE as SCENE  # of the fixtures
-from tests.program.campaign import STOPPED, Run, datasets, shards_of, wait_for_shards
+from tests.program.campaign import STOPPED, Run, shards_of, wait_for_shards
 from tests.program.torture import Torture
 
 REFUSED = 3
@@ -42,7 +43,7 @@ def assert_refused(run: Run, *words: str) -> None:
 def test_same_bits_on_any_number_of_ranks(campaign, output, reference, n_ranks):
     code, _, errors = campaign(n_ranks).wait()
     assert code == 0, errors
-    assert datasets(output) == reference
+    assert scene_bits(output) == reference
 
 
 def test_a_replay_has_the_bits_of_the_campaign_also_while_its_shards_remain(
@@ -56,7 +57,7 @@ def test_a_replay_has_the_bits_of_the_campaign_also_while_its_shards_remain(
     assert done.returncode == 0, done.stderr
     assert shards_of(output) == kept
     assert campaign().wait()[0] == 0
-    assert datasets(output) == reference
+    assert scene_bits(output) == reference
     names = ("slip_fraction", "slip_distance", "dissipation", "friction", "slip_starts")
     with h5py.File(output) as file, h5py.File(output.parent / "replay.h5") as replay:
         for name in names:
@@ -84,7 +85,7 @@ def test_a_signal_to_a_rank_stops_and_the_same_command_continues(
     code, said, errors = again.wait()
     assert code == 0, errors
     assert "continuing" in said
-    assert datasets(output) == reference
+    assert scene_bits(output) == reference
 
 
 def test_sigusr1_to_mpirun_stops_every_rank(campaign, output, reference):
@@ -92,7 +93,7 @@ def test_sigusr1_to_mpirun_stops_every_rank(campaign, output, reference):
     wait_for_shards(run, output, 2)
     run.stop(signal.SIGUSR1, [run.process.pid])
     assert campaign(2).wait()[0] == 0
-    assert datasets(output) == reference
+    assert scene_bits(output) == reference
 
 
 @pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGINT])
@@ -105,9 +106,9 @@ def test_mpirun_itself_may_be_ended(campaign, output, reference, number):
     wait_for_shards(run, output, 2)
     run.signal(number, [run.process.pid])
     assert run.wait()[0] != 0
-    assert not output.exists() or datasets(output) == reference
+    assert not output.exists() or scene_bits(output) == reference
     assert campaign(2).wait()[0] == 0
-    assert datasets(output) == reference
+    assert scene_bits(output) == reference
 
 
 def test_the_wall_time_limit_stops_like_a_signal(campaign, output, reference):
@@ -116,7 +117,7 @@ def test_the_wall_time_limit_stops_like_a_signal(campaign, output, reference):
     assert code == STOPPED, errors
     assert "start again" in said
     assert campaign(2).wait()[0] == 0
-    assert datasets(output) == reference
+    assert scene_bits(output) == reference
 
 
 def test_an_unfinished_campaign_can_be_looked_at(campaign, output, reference, interrupted):
@@ -131,7 +132,7 @@ def test_an_unfinished_campaign_can_be_looked_at(campaign, output, reference, in
     assert "samples beyond these stay in r.h5.shards" in said
     code, _, errors = campaign(2).wait()
     assert code == 0, errors
-    assert datasets(output) == reference
+    assert scene_bits(output) == reference
     assert not Path(f"{output}.shards").exists()
 
 
@@ -141,7 +142,7 @@ def test_many_more_ranks_than_samples(campaign, output, tmp_path):
     for n_ranks in (0, 7):
         code, _, errors = campaign(n_ranks, *few, "--fresh").wait()
         assert code == 0, errors
-        found.append(datasets(output))
+        found.append(scene_bits(output))
     assert found[0] == found[1]
 
 
@@ -150,7 +151,7 @@ def test_more_samples_continue_a_finished_campaign(campaign, output, reference, 
     code, said, errors = campaign(2).wait()
     assert code == 0, errors
     assert "continuing: 102 of 602 samples" in said
-    assert datasets(output) == reference
+    assert scene_bits(output) == reference
 
 
 def test_two_runs_on_one_output_do_not_meet(campaign, output, reference):
@@ -158,7 +159,7 @@ def test_two_runs_on_one_output_do_not_meet(campaign, output, reference):
     wait_for_shards(first, output, 1)
     assert_refused(campaign(), "r.h5.lock is locked by process", "another run is at work")
     assert first.wait()[0] == 0
-    assert datasets(output) == reference
+    assert scene_bits(output) == reference
 
 
 def test_runs_that_share_do_each_block_once_and_a_plain_run_merges(campaign, output, reference):
@@ -183,7 +184,7 @@ def test_runs_that_share_do_each_block_once_and_a_plain_run_merges(campaign, out
     assert kept.items() <= shards_of(output).items()
     assert_refused(campaign(0, "--share", "--set", "scene%seed=8"), "belongs to another scene")
     assert campaign(2).wait()[0] == 0
-    assert datasets(output) == reference
+    assert scene_bits(output) == reference
     code, said, errors = campaign(0, "--share").wait()
     assert code == 0, errors
     assert "nothing to do" in said
@@ -197,7 +198,7 @@ def test_more_samples_are_shared_beside_a_finished_campaign(campaign, output, re
     assert "every sample is there" in said
     assert output.read_bytes() == before
     assert campaign().wait()[0] == 0
-    assert datasets(output) == reference
+    assert scene_bits(output) == reference
 
 
 def test_results_of_another_scene_are_not_overwritten(campaign, output):
@@ -218,7 +219,7 @@ def test_a_truncated_shard_is_refused_by_name(campaign, output, interrupted, ref
     assert_refused(campaign(2), interrupted[0], "remove it")
     victim.unlink()
     assert campaign(2).wait()[0] == 0
-    assert datasets(output) == reference
+    assert scene_bits(output) == reference
 
 
 def test_a_flipped_bit_is_found(campaign, output, interrupted):

@@ -9,8 +9,9 @@ from pathlib import Path
 import h5py
 import pytest
 
+from entroslip.bits import scene_bits
 from tests.conftest import ENVIRONMENT
-from tests.program.campaign import Run, datasets, processes_kept, wait_for_shards
+from tests.program.campaign import Run, processes_kept, wait_for_shards
 
 REFUSED, NO_SOLUTION = 3, 4
 N_PROCESSES = 6
@@ -64,7 +65,7 @@ def test_no_fit_is_lost_or_repeated(campaign, output, reference, n_ranks, number
     code, said, errors = again.wait()
     assert code == 0, errors
     assert f"continuing: {len(kept)} of {N_PROCESSES} processes are there" in said
-    assert datasets(output) == reference
+    assert scene_bits(output) == reference
 
 
 @pytest.mark.parametrize("n_ranks", [0, 3])
@@ -76,7 +77,7 @@ def test_all_fits_are_there_once_samples_are(campaign, output, reference, n_rank
     code, said, errors = campaign(n_ranks).wait()
     assert code == 0, errors
     assert f"continuing: {N_PROCESSES} of {N_PROCESSES} processes are there" in said
-    assert datasets(output) == reference
+    assert scene_bits(output) == reference
 
 
 @pytest.mark.parametrize("way", [(), ("--share",)])
@@ -86,7 +87,7 @@ def test_more_samples_take_the_processes_from_the_results(campaign, output, refe
     assert code == 0, errors
     assert f"continuing: {N_PROCESSES} of {N_PROCESSES} processes are there" in said
     assert campaign().wait()[0] == 0
-    assert datasets(output) == reference
+    assert scene_bits(output) == reference
 
 
 def test_members_that_share_take_what_is_solved(campaign, output, reference, interrupted):
@@ -95,7 +96,7 @@ def test_members_that_share_take_what_is_solved(campaign, output, reference, int
     assert f"continuing: {len(interrupted)} of {N_PROCESSES} processes" in said
     assert interrupted.items() <= processes_kept(output).items()
     assert campaign().wait()[0] == 0
-    assert datasets(output) == reference
+    assert scene_bits(output) == reference
 
 
 @pytest.mark.parametrize("n_ranks", [0, 2])
@@ -113,7 +114,7 @@ def test_a_damaged_process_is_refused_by_name(campaign, output, reference, inter
     assert "remove it to have its process solved again" in errors
     victim.unlink()
     assert campaign(n_ranks).wait()[0] == 0
-    assert datasets(output) == reference
+    assert scene_bits(output) == reference
 
 
 def test_a_process_of_another_scene_is_refused_by_name(campaign, output, interrupted):
@@ -152,4 +153,4 @@ def test_processes_alone_go_on_too(program, tmp_path):
     assert f"of {N_PROCESSES} processes are there" in said
     assert not (tmp_path / "r.h5.shards").exists()
     assert start("whole.h5").wait()[0] == 0
-    assert datasets(tmp_path / "r.h5") == datasets(tmp_path / "whole.h5")
+    assert scene_bits(tmp_path / "r.h5") == scene_bits(tmp_path / "whole.h5")

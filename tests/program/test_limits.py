@@ -8,8 +8,8 @@ import subprocess
 
 import pytest
 
+from entroslip.bits import scene_bits
 from tests.conftest import ENVIRONMENT
-from tests.program.campaign import datasets
 
 REFUSED = 3
 SCENE = """\
@@ -71,7 +71,7 @@ def test_the_memory_that_is_asked_for_is_enough(limited, tmp_path):
     free = ["run", "scene.nml", "--output", "without limit.h5", "--quiet"]
     for limit in (resource.RLIM_INFINITY, 400000 * 1024):
         assert limited(free, resource.RLIMIT_AS, limit).returncode == os.EX_OK
-    assert datasets(tmp_path / "limited.h5") == datasets(tmp_path / "without limit.h5")
+    assert scene_bits(tmp_path / "limited.h5") == scene_bits(tmp_path / "without limit.h5")
 
 
 @pytest.mark.parametrize("n_bytes", [500, 5000, 40000])

@@ -6,14 +6,14 @@ import h5py
 import numpy as np
 import xarray as xr
 
-from tests.program.campaign import datasets
+from entroslip.bits import scene_bits
 
 
 def test_same_bits_on_one_and_four_ranks(entroslip, small_scene, tmp_path):
     assert entroslip("run", small_scene, "--output", "one.h5").returncode == 0
     done = entroslip("run", small_scene, "--output", "four.h5", ranks=4)
     assert done.returncode == 0, done.stderr
-    assert datasets(tmp_path / "one.h5") == datasets(tmp_path / "four.h5")
+    assert scene_bits(tmp_path / "one.h5") == scene_bits(tmp_path / "four.h5")
 
 
 def test_a_finished_scene_has_nothing_to_do(entroslip, small_scene, tmp_path):

@@ -5,7 +5,7 @@ from __future__ import annotations
 import h5py
 import numpy as np
 
-from tests.program.campaign import datasets
+from entroslip.bits import scene_bits
 
 SINES = """\
 &process correlation_length = 0.3 order = 1 mean = 0.2 std = 0.05 /
@@ -36,7 +36,7 @@ def test_sines_are_told_to_be_steady_and_go_on_with_the_same_bits(entroslip, tmp
     more = ("--set", "campaign%n_samples=5")
     assert entroslip("run", "s.nml", *more).returncode == 0
     assert entroslip("run", "s.nml", *more, "--output", "at_once.h5").returncode == 0
-    assert datasets(tmp_path / "s.h5") == datasets(tmp_path / "at_once.h5")
+    assert scene_bits(tmp_path / "s.h5") == scene_bits(tmp_path / "at_once.h5")
 
 
 def test_a_short_march_is_told_to_be_unsteady(entroslip, tmp_path):

@@ -6,7 +6,7 @@ import h5py
 import numpy as np
 import pytest
 
-from tests.program.campaign import datasets
+from entroslip.bits import scene_bits
 
 SCENE = """\
 &scene title = 'until' seed = 7 /
@@ -55,7 +55,7 @@ def test_sampling_goes_on_until_the_target_is_met(entroslip, scene, tmp_path):
     assert "target_statistical = 0.6: case 3 has" in some.stderr
     assert "samples and 10000 steps would do" in some.stderr
     assert entroslip("run", scene, "--output", "b.h5", ranks=3).returncode == 0
-    expected, found = datasets(tmp_path / "a.h5"), datasets(tmp_path / "b.h5")
+    expected, found = scene_bits(tmp_path / "a.h5"), scene_bits(tmp_path / "b.h5")
     assert not {key for key in expected if expected[key] != found.get(key)}
 
 

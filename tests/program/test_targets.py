@@ -7,7 +7,7 @@ import re
 import h5py
 import numpy as np
 
-from tests.program.campaign import datasets
+from entroslip.bits import scene_bits
 
 TARGET = 0.2  # points; the small scene's own setting has 0.1 to 0.2, fewer halvings more
 ASKED = ("--set", f"accuracy%target_slip_points={TARGET}", "--set", "campaign%n_samples=12")
@@ -41,7 +41,7 @@ def test_the_choice_is_the_same_on_any_number_of_ranks(entroslip, small_scene, t
     one = entroslip("run", small_scene, *ASKED, "--output", "one.h5")
     three = entroslip("run", small_scene, *ASKED, "--output", "three.h5", ranks=3)
     assert one.returncode == three.returncode == 0, three.stderr
-    assert datasets(tmp_path / "one.h5") == datasets(tmp_path / "three.h5")
+    assert scene_bits(tmp_path / "one.h5") == scene_bits(tmp_path / "three.h5")
     again = entroslip("run", small_scene, *ASKED, "--output", "one.h5", ranks=2)
     assert "nothing to do" in again.stdout
     # the shards and results of a choice are those of the same setting, asked for by name

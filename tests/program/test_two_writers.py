@@ -12,8 +12,9 @@ from pathlib import Path
 
 import pytest
 
+from entroslip.bits import scene_bits
 from tests.conftest import ENVIRONMENT
-from tests.program.campaign import Run, datasets, shards_of, wait_for_shards
+from tests.program.campaign import Run, shards_of, wait_for_shards
 
 DONE, LOST = 0, 3
 SCENE = """\
@@ -48,7 +49,7 @@ def assert_one_winner(runs: list[Run], output: Path, reference: dict[str, bytes]
     assert set(codes) <= {DONE, LOST}, told
     for code, _, errors in ends:
         assert (code == DONE) == (errors == ""), errors
-    assert datasets(output) == reference, told
+    assert scene_bits(output) == reference, told
     assert not list(output.parent.glob("*.part-*")), told
     return codes
 
@@ -96,7 +97,7 @@ def test_a_run_that_slept_while_another_finished_changes_nothing(campaign, outpu
     assert (output.stat().st_ino, output.stat().st_mtime_ns) == (
         finished.st_ino, finished.st_mtime_ns
     )  # fmt: skip
-    assert datasets(output) == reference
+    assert scene_bits(output) == reference
 
 
 @pytest.mark.parametrize("n_ranks", [0, 2])
@@ -155,7 +156,7 @@ def test_a_symbolic_link_writes_its_target(campaign, output, reference, tmp_path
     assert run.wait()[0] == DONE
     assert output.is_symlink()
     assert not target.is_symlink()
-    assert datasets(target) == reference
+    assert scene_bits(target) == reference
     code, said, _ = campaign().wait()
     assert code == DONE
     assert "is complete: nothing to do" in said

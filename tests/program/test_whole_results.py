@@ -10,8 +10,9 @@ import h5py
 import numpy as np
 import pytest
 
+from entroslip.bits import scene_bits
 from tests.conftest import ENVIRONMENT
-from tests.program.campaign import datasets, shards_of
+from tests.program.campaign import shards_of
 
 REFUSED = 3
 SCENE = """\
@@ -128,17 +129,17 @@ def test_samples_of_a_damaged_file_become_no_shards(campaign, output, tmp_path):
     output.write_bytes(whole)
     code, _, errors = campaign(0, *MORE).wait()
     assert code == 0, errors
-    continued = datasets(output)
+    continued = scene_bits(output)
     output.unlink()
     assert campaign(0, *MORE).wait()[0] == 0
-    assert datasets(output) == continued
+    assert scene_bits(output) == continued
 
 
 def test_fresh_discards_a_damaged_file(campaign, output):
-    expected = datasets(output)
+    expected = scene_bits(output)
     with h5py.File(output, "a") as file:
         del file["campaign"]
     assert_refused(campaign(0, "--share"), "/campaign is missing")
     code, _, errors = campaign(0, "--fresh").wait()
     assert code == 0, errors
-    assert datasets(output) == expected
+    assert scene_bits(output) == expected

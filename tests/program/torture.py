@@ -19,8 +19,9 @@ import tempfile
 import time
 from pathlib import Path
 
+from entroslip.bits import scene_bits
 from tests.conftest import ENVIRONMENT, PROGRAM
-from tests.program.campaign import SCENE, Run, datasets, shards_of
+from tests.program.campaign import SCENE, Run, shards_of
 
 EVERYTHING = "*.h5"  # samples and processes
 NUMBERS_OF_RANKS = (0, 0, 0, 1, 2, 3, 4)  # 0: without mpirun
@@ -41,7 +42,7 @@ class Torture:
         code, _, errors = self.start("reference.h5", 2).wait()
         assert code == 0, errors
         self.duration = time.monotonic() - began
-        self.reference = datasets(folder / "reference.h5")
+        self.reference = scene_bits(folder / "reference.h5")
 
     def start(self, output: str, n_ranks: int) -> Run:
         arguments = ["run", "torture.nml", "--output", output]
@@ -78,7 +79,7 @@ class Torture:
         code, _, errors = run.wait()
         told = f"{way}, {n_ranks} ranks, after {pause:.3f} s: code {code}\n{errors}"
         if self.output.exists():
-            assert datasets(self.output) == self.reference, told
+            assert scene_bits(self.output) == self.reference, told
         if code == 0:
             assert self.output.exists(), told
             assert not Path(f"{self.output}.shards").exists(), told
@@ -99,7 +100,7 @@ class Torture:
                 print(f"{self.kills} of {kills} kills, {self.rounds} campaigns", flush=True)
         code, _, errors = self.start(self.output.name, 0).wait()
         assert code == 0, errors
-        assert datasets(self.output) == self.reference
+        assert scene_bits(self.output) == self.reference
         assert not Path(f"{self.output}.shards").exists()
 
 
