@@ -44,6 +44,9 @@ MOTIONS["'sine'"] = MOTION.format(quantity="").replace(
 MOTIONS["'psd', 'file'"] = MOTION.format(quantity="").replace(
     "variance = 41.1", "kind = 'psd' psd = 'psd.txt'"
 )
+MOTIONS["`deterministic`"] = MOTION.format(quantity="").replace(
+    "n_samples = 20", "n_samples = 20 deterministic = t"
+)
 PROCESSES = {
     "'autoregressive'": PROCESS.format(values="positive = f"),
     "'direct'": PROCESS.format(values="positive = f method = 'direct' correlation = 'L1'"),
@@ -85,6 +88,7 @@ ATTRIBUTES = {
     "folded_share": "largest share of the power that thinning folds below the highest frequency",
     "forced_dof": "the mass that the force acts on",
     "format_version": "of the layout described here",
+    "friction_from": "where the scene has the friction of a deterministic case",
     "git_commit": "of the program's source",
     "inversion_half_width": "M of Eq. 35, the paper's inversion of 2M + 1 points",
     "inversion_seconds": "CPU time of that inversion",

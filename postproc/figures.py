@@ -24,6 +24,10 @@ _BEYOND_STUCK = 1.6  # drawn of a spectrum: to this multiple of the highest stuc
 _DECADES = 7.0  # drawn of a spectrum
 _MOST_MODES = 20  # marked; more would hide the curves
 _MOST_NUMBERED = 6  # marks of a case
+_MOST_NAMES = 8  # of a legend within the axes
+_BELOW = -0.12  # below the axes and the name of the lower one, in heights of the axes
+_MOST_FILLINGS = 2  # of marks: open and full; more levels of the force differ in size too
+_SMALLEST_MARK, _LARGEST_MARK = 4.0, 8.0  # [points]
 _SLIP_AXIS = "mean time in slip [%]"
 
 
@@ -104,7 +108,7 @@ def plot_slip_scatter(axes: Axes, cases: Sequence[Case], is_paper: bool = False)
         xlabel=_SLIP_AXIS, ylabel="standard deviation over samples [%]",
         xlim=(0, None), ylim=(0, None),
     )  # fmt: skip
-    axes.legend(ncols=2)
+    _legend_of_marks(axes)
 
 
 def plot_band(
@@ -225,7 +229,7 @@ def plot_band_ratio(axes: Axes, cases: Sequence[Case]) -> None:
     axes.set_yscale("log")
     for ticks in (axes.yaxis.set_major_formatter, axes.yaxis.set_minor_formatter):
         ticks(FuncFormatter(style.short_tick))
-    axes.legend(ncols=2)
+    _legend_of_marks(axes)
     axes.set(
         xlabel=_SLIP_AXIS,
         ylabel=rf"band ratio $\sigma_{{{last:g}}}^2\,/\,\sigma_{{{first:g}}}^2$",
@@ -299,19 +303,29 @@ def _mark_chain(axes: Axes, results: Results) -> None:
 
 
 def _by_length(cases: Sequence[Case]) -> list[tuple[Case, style.Look, str]]:
-    """Cases with their look: colour and mark by length, the fuller the larger the excitation."""
+    """Cases with their look: colour and mark by length, fuller and larger with the excitation."""
     lengths = [case.correlation_length for case in cases]
     levels = sorted({case.strength for case in cases})
     rows = []
     for case in cases:
         look = style.of_length(case.correlation_length, lengths) | {"linestyle": "none"}
-        filled = (levels.index(case.strength) + 1) / len(levels)
-        share = filled if filled == 1.0 else filled - 1.0 / len(levels)
-        look["markerfacecolor"] = (look["color"], share)  # the smallest excitation open
         look |= {"markeredgecolor": look["color"], "markeredgewidth": 1.0}
+        rank = levels.index(case.strength) / (len(levels) - 1) if len(levels) > 1 else 1.0
+        look["markerfacecolor"] = (look["color"], rank)  # the smallest excitation open
+        if len(levels) > _MOST_FILLINGS:
+            look["markersize"] = _SMALLEST_MARK + rank * (_LARGEST_MARK - _SMALLEST_MARK)
         name = LEVELS.get(case.variance, level_name(case))
         rows.append((case, look, f"{length_name(case)}, {name}"))
     return rows
+
+
+def _legend_of_marks(axes: Axes) -> None:
+    """Within the axes, or below them where it would hide marks."""
+    names = axes.get_legend_handles_labels()[1]
+    if len(names) <= _MOST_NAMES:
+        axes.legend(ncols=2)
+    else:
+        axes.legend(ncols=3, loc="upper center", bbox_to_anchor=(0.5, _BELOW))
 
 
 def _frame_spectrum(

@@ -66,7 +66,7 @@ def of_certain_friction(results: Results) -> Iterator[Figure]:
     if len(cases) > _MOST_SPECTRA:
         yield Figure(
             "sweep", "From stuck to slipping",
-            "Time in slip over the level of the force, deterministic friction; bars: 95 %"
+            f"Time in slip over the level of the force, {cases[0].given_friction}; bars: 95 %"
             " intervals of the time average; dotted: what counts as fully stuck and slipping.",
             _STUDY, (partial(figures.plot_sweep, cases=cases),), ("8",),
         )  # fmt: skip
@@ -83,7 +83,7 @@ def of_certain_friction(results: Results) -> Iterator[Figure]:
         name = figures.level_name(case)
         yield Figure(
             f"fig_08{letter}", f"Fig. 8{letter}. Spectra without uncertainty, {name}",
-            "Power spectral densities of the displacements, deterministic friction. Where joints"
+            f"Power spectral densities of the displacements, {case.given_friction}. Where joints"
             " mostly stick, power stands in the band of the stuck natural frequencies; where they"
             " mostly slip it has moved out of it. Slip softens the chain, so that its peaks lie"
             f" below the stuck frequencies. {_welch(case)} The bar at the lower left shows it.",
@@ -109,9 +109,10 @@ def of_drawn_friction(results: Results) -> Iterator[Figure]:
         yield Figure(
             f"fig_09{letter}", f"Fig. 9{letter}. Scatter of the time in slip, friction std {std:g}",
             "Standard deviation over samples of the time in slip, over its mean; a mark"
-            " per joint with its number, the fuller the larger the excitation; bars are 95 %"
+            " per joint with its number, fuller and larger with the excitation; bars are 95 %"
             " intervals, of the mean with Monte Carlo and time average together; pale: by plain"
-            " sampling. To look for: where the marks stand highest, and whether the lengths differ.",
+            " sampling. To look for: where the marks stand highest, and whether the lengths"
+            " differ.",
             _STUDY, (partial(figures.plot_slip_scatter, cases=cases, is_paper=is_paper),),
             ("1a", "1b", "2a", "2b"),
         )  # fmt: skip
@@ -146,10 +147,10 @@ def of_drawn_friction(results: Results) -> Iterator[Figure]:
             f"fig_11{letter}",
             f"Fig. 11{letter}. Width of the band of uncertainty, friction std {std:g}",
             "Ratio of the pseudo-variances (Eq. 46) of the outer percentiles, over the mean"
-            " time in slip; a mark per joint with its number, the fuller the larger the excitation;"
-            " 95 % intervals, Monte Carlo and time average together; pale: by plain sampling. To"
-            " look for: a fall with the time in slip, and whether the lengths differ where it is"
-            " long.",
+            " time in slip; a mark per joint with its number, fuller and larger with the"
+            " excitation; 95 % intervals, Monte Carlo and time average together; pale: by plain"
+            " sampling. To look for: a fall with the time in slip, and whether the lengths differ"
+            " where it is long.",
             _STUDY, (partial(figures.plot_band_ratio, cases=cases),),
             ("3a", "3b", "4a", "4b", "4c"),
         )  # fmt: skip

@@ -81,6 +81,20 @@ class Case:
         return f"variance {self.strength:g}"
 
     @property
+    def force(self) -> str:
+        """The force in words: its level, of a sine its frequency too."""
+        return f"{self.level} at {self.frequency:g} Hz" if self.is_sine else self.level
+
+    @property
+    def given_friction(self) -> str:
+        """Of a deterministic case: its friction coefficients and where the scene has them."""
+        values = self.data["friction"].values
+        some = f"{values.min():g}"
+        if values.max() > values.min():
+            some = f"from {some} to {values.max():g}"
+        return f"friction {some} ({self.data.attrs['friction_from']})"
+
+    @property
     def std(self) -> float:
         """Of the friction coefficients."""
         return float(self.data.attrs.get("std", 0.0))

@@ -134,7 +134,7 @@ def table_slip(results: Results) -> Table:
     rows, beside = [], []
     for case in cases:
         slip, error = slip_with_error(case)
-        name = "force from a file" if case.variance == 0.0 else f"variance {case.variance:g}"
+        name = case.force
         ours = (value_with_error(100.0 * p, 100.0 * e) for p, e in zip(slip, error, strict=True))
         rows.append((name, *ours))
         if case.variance in SLIP_PERCENT and _paper_chain(results):
@@ -142,7 +142,7 @@ def table_slip(results: Results) -> Table:
             rows.append((f"{name}, paper", *(f"{p:d}" for p in paper)))
             rows += _with_random_friction(results, case.variance)
             beside.append(f" At {name}: {beside_paper(100.0 * slip, 100.0 * error, paper)}.")
-    note = f"{_ERRORS} They are those of the time average over one force record."
+    note = f"{_friction(cases)} {_ERRORS} They are those of the time average over one force record."
     if beside:
         note += (
             f"{''.join(beside)} The paper's two rows are not consistent under one flat force"
@@ -155,6 +155,11 @@ def table_slip(results: Results) -> Table:
         title = "Time in slip, deterministic friction [%]"
         return Table("slip", title, header, body, note, is_long, is_result=True)
     return Table("table_2", "Table 2. Time in slip [%]", header, body, note)
+
+
+def _friction(cases: Sequence[Case]) -> str:
+    """Which friction deterministic cases have; all cases of a scene have the same."""
+    return f"{cases[0].given_friction.capitalize()}."
 
 
 def _with_random_friction(results: Results, variance: float) -> list[tuple[str, ...]]:
@@ -175,10 +180,9 @@ def _with_random_friction(results: Results, variance: float) -> list[tuple[str, 
 def table_joints(cases: Sequence[Case]) -> Table:
     """Mean time in slip of each joint, a column a case, with all errors of it."""
     names = [
-        f"{case.name}: std {case.std:g}, L {case.correlation_length:g},"
-        f" {'force from a file' if case.variance == 0.0 else f'variance {case.variance:g}'}"
+        f"{case.name}: std {case.std:g}, L {case.correlation_length:g}, {case.force}"
         for case in cases
-    ]  # fmt: skip
+    ]
     rows = []
     for i in range(cases[0].n_joints):
         row = [str(i + 1)]

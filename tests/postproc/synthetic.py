@@ -103,7 +103,10 @@ def certain(variance, slip=None, ln_psd=0.0, starts=5000, n_segments=400):
     if ln_psd.ndim == 1:
         ln_psd = ln_psd[:, None]
     psd = np.exp(np.broadcast_to(ln_psd, (FREQUENCY.size, 5)))[None]
-    return case_of("c001", "none", slip[None], psd, starts, n_segments, variance=variance)
+    given = {"variance": variance, "friction_from": "process%mean"}
+    case = case_of("c001", "none", slip[None], psd, starts, n_segments, **given)
+    case.data["friction"] = (("sample", "joint"), np.full((1, 5), 0.2))
+    return case
 
 
 def friction_study(

@@ -115,6 +115,29 @@ def test_a_scatter_names_lengths_and_oscillators(axes):
     assert AXES["fig_09"][1] == 80.0
 
 
+def test_every_level_of_the_force_has_marks_of_its_own(axes):
+    """Open to full, and larger with it where there are more than two; the outline is drawn."""
+    levels = (1.0, 5.0, 7.0, 30.0)
+    values = np.full((2, 3), 0.3)
+    cases = [
+        case_of(f"c00{i}", "p001", values, np.ones((2, FREQUENCY.size, 3)), variance=level)
+        for i, level in enumerate(levels, 1)
+    ]
+    for case in cases:
+        for name in ("slip_mean", "slip_std", "slip_mean_error", "slip_std_error"):
+            case.data[name] = ("joint", np.array([0.1, 0.2, 0.3]))
+    figures.plot_slip_scatter(axes, cases)
+    marks = [container.lines[0] for container in axes.containers]
+    fillings = [mark.get_markerfacecolor()[1] for mark in marks]
+    sizes = [mark.get_markersize() for mark in marks]
+    assert fillings[0] == 0.0
+    assert fillings[-1] == 1.0
+    assert np.diff(fillings).min() > 0.2
+    assert np.diff(sizes).min() > 1.0
+    assert {mark.get_markeredgecolor() for mark in marks} == {marks[0].get_color()}
+    assert [name.split(", ")[1] for name in drawn(axes)] == [f"variance {v:g}" for v in levels]
+
+
 def test_a_figure_outside_the_paper_says_nothing_of_it():
     caption = "It falls to 3 (the paper: constant in the lag). The paper finds 2. To look for: a."
     figure = Figure("fig_09a", "Fig. 9a. Scatter", caption, "Processes", (), ("1a",))

@@ -9,8 +9,8 @@ import numpy as np
 from entroslip.paper_numbers import table_correlations, table_numbers
 from entroslip.results import Results
 from entroslip.statements import assess
-from entroslip.tables import table_slip
-from tests.postproc.synthetic import LOW, friction_study, process
+from entroslip.tables import table_joints, table_slip
+from tests.postproc.synthetic import LOW, certain, friction_study, process, results_of
 
 
 def processes():
@@ -53,6 +53,26 @@ def test_table_2_has_the_means_at_random_friction_beside_it():
     rows = {row[0]: row[1:] for row in table_slip(study).rows}
     cells = rows[f"variance {LOW:g}, mean at random friction, std 0.067"]
     assert cells[0] == "5.0(17)"  # 3/sqrt(3) points, of three lengths
+
+
+def test_forces_and_given_friction_are_named():
+    """No force is guessed from variance = 0: a sine has its frequency, a file its factor."""
+    cases = [certain(LOW), certain(0.0), certain(0.0)]
+    cases[1].data.attrs.update(amplitude=2.0, frequency=0.5)
+    cases[2].data.attrs.update(factor=3.0)
+    cases[2].data["friction"][0, 4] = 0.3
+    table = table_slip(results_of(cases))
+    assert {row[0] for row in table.rows} >= {
+        f"variance {LOW:g}", "2 N at 0.5 Hz", "force factor 3",
+    }  # fmt: skip
+    assert table.note.startswith("Friction 0.2 (process%mean).")
+    assert cases[2].given_friction == "friction from 0.2 to 0.3 (process%mean)"
+    for case in cases:
+        case.data["slip_mean"] = case.data["slip_fraction"].mean("sample")
+        case.data["slip_mean_error"] = ("joint", np.full(5, 0.03))
+    assert [name.split(", ")[-1] for name in table_joints(cases).header[1:]] == [
+        f"variance {LOW:g}", "2 N at 0.5 Hz", "force factor 3",
+    ]  # fmt: skip
 
 
 def test_the_chain_sees_few_lags():
