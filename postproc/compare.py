@@ -93,12 +93,7 @@ def _key(case: Case) -> tuple[object, ...]:
 
 
 def _label(case: Case) -> str:
-    force = f"{case.level} N²" if case.variance else case.level
-    if case.is_sine:
-        force = f"{case.level} at {case.frequency:g} Hz"
-    if case.is_deterministic:
-        return f"friction given, {force}"
-    return f"{case.friction}, {force}"
+    return f"{case.friction}, {case.force}"
 
 
 def mean_change(before: Values, after: Values, is_paired: bool) -> Change:

@@ -179,10 +179,7 @@ def _with_random_friction(results: Results, variance: float) -> list[tuple[str, 
 
 def table_joints(cases: Sequence[Case]) -> Table:
     """Mean time in slip of each joint, a column a case, with all errors of it."""
-    names = [
-        f"{case.name}: std {case.std:g}, L {case.correlation_length:g}, {case.force}"
-        for case in cases
-    ]
+    names = [f"{case.name}: {case.friction}, {case.force}" for case in cases]
     rows = []
     for i in range(cases[0].n_joints):
         row = [str(i + 1)]
