@@ -1,5 +1,6 @@
 !> How large the results of a plan and the memory of a rank become, from the shapes of what is kept.
 module ensemble_size
+   use core_chunks, only: stored_bytes
    use core_error, only: error_type, exit_bad_input, raise
    use core_kinds, only: wp
    use core_memory, only: gives_memory
@@ -19,7 +20,8 @@ module ensemble_size
    public :: memory_of_rank, refuse_oversize, results_size
 
    real(wp), parameter :: word = 8.0_wp            !! bytes of a number
-   real(wp), parameter :: of_dataset = 720.0_wp    !! bytes beside its values (measured, HDF5 1.10)
+   real(wp), parameter :: of_dataset = 760.0_wp    !! bytes beside its values (measured, HDF5 1.10)
+   real(wp), parameter :: margin = 1.01_wp         !! three digits are told, never too few bytes
    real(wp), parameter :: of_entry = 16.0_wp       !! bytes of a matrix's row, column and value
    real(wp), parameter :: of_process = 30.0e3_wp   !! bytes of one in the results (measured)
    real(wp), parameter :: of_file = 4.0e3_wp       !! bytes of an empty results file (measured)
@@ -63,40 +65,44 @@ contains
       real(wp) :: bytes
       type(output_settings) :: kept
       real(wp) :: of_sample, once, n_steps
-      integer :: n_datasets
+      integer :: n_datasets, n_kept, n_samples
 
       kept = kept_of(plan, number)
+      n_kept = size(kept_dofs(plan))
+      n_samples = plan%cases(number)%n_samples
       n_steps = plan%integration%n_steps + 1.0_wp
-      of_sample = word*(1 + 8*plan%structure%n_joints)
-      once = word*(plan%structure%n_dof + plan%structure%n_joints)
-      n_datasets = 14
-      if (plan%cases(number)%n_samples > 1 .and. plan%cases(number)%audits == 0) &
-         call add_statistics(plan, number, every, once, n_datasets)
-      if (kept%slip) of_sample = of_sample + &
-                                 word*plan%structure%n_joints*(1 + count_spans(plan%integration))
-      if (kept%harmonic) of_sample = of_sample + word*(2*plan%structure%n_dof + 1.5_wp)
+      associate (n_dof => plan%structure%n_dof, n_joints => plan%structure%n_joints)
+         of_sample = word*(1 + 5*n_joints)
+         once = word*(n_dof + n_joints)
+         n_datasets = 14
+         if (n_samples > 1 .and. plan%cases(number)%audits == 0) &
+            call add_statistics(plan, number, every, once, n_datasets)
+         if (kept%slip) then
+            of_sample = of_sample + word*2*n_joints
+            once = once + stored_bytes([n_joints, count_spans(plan%integration), n_samples])
+         end if
+         if (kept%harmonic) of_sample = of_sample + word*(2*n_dof + 1.5_wp)
+      end associate
       if (kept%harmonic) n_datasets = n_datasets + 4
       if (kept%energy) of_sample = of_sample + word*5
       if (kept%energy) n_datasets = n_datasets + 5
-      associate (n_kept => size(kept_dofs(plan)), n => plan%cases(number)%n_samples)
-         if (kept%spectrum) then
-            of_sample = of_sample + word*n_kept*(n_frequencies(plan, every) &
-                                                 + n_powers(plan, every))
-            n_datasets = n_datasets + 9
-            once = once + word*n_frequencies(plan, every)
-         end if
-         if (kept%history) then
-            of_sample = of_sample + 2*word*n_kept*n_steps
-            if (plan%excitation%per_sample) of_sample = of_sample + word*n_steps
-            once = once + (2.5_wp*word)*n_steps
-            n_datasets = n_datasets + 5
-         end if
-         if (kept%transitions) then
-            of_sample = of_sample + growth*of_transition*transitions*n_steps
-            n_datasets = n_datasets + 5
-         end if
-         bytes = n*of_sample*1.01_wp + once + n_datasets*of_dataset   ! chunks cut evenly: 1 %
-      end associate
+      if (kept%spectrum) then
+         n_datasets = n_datasets + 9
+         once = once + word*n_frequencies(plan, every) &
+                + stored_bytes([n_kept, n_frequencies(plan, every), n_samples]) &
+                + stored_bytes([n_kept, n_powers(plan, every), n_samples])
+      end if
+      if (kept%history) then
+         if (plan%excitation%per_sample) of_sample = of_sample + word*n_steps
+         once = once + (2.5_wp*word)*n_steps &
+                + 2*stored_bytes([n_kept, plan%integration%n_steps + 1, n_samples])
+         n_datasets = n_datasets + 5
+      end if
+      if (kept%transitions) then
+         of_sample = of_sample + growth*of_transition*transitions*n_steps
+         n_datasets = n_datasets + 5
+      end if
+      bytes = margin*(n_samples*of_sample + once + n_datasets*of_dataset)
    end function size_of_case
 
    !> Statistics over the samples of a case; beside those of a regression, plain ones and ratios.
@@ -217,14 +223,15 @@ contains
       end associate
    end function record_memory
 
-   !> Bands of two cases at once, and the spectra of a group of samples at some frequencies.
+   !> Bands of up to two cases at once, and the spectra of a group of samples at some frequencies.
    pure function memory_of_statistics(plan, every) result(bytes)
       type(plan_type), intent(in) :: plan
       integer, intent(in) :: every
       real(wp) :: bytes
       integer, parameter :: values_together = 320, replicates = 400, parts = 32
-      integer :: n_group, together
+      integer :: at_once, n_group, together
 
+      at_once = min(2, count(plan%cases%n_samples > 1))
       n_group = min(maxval(plan%cases%n_samples), largest_group)
       bytes = word*n_group*plan%structure%n_joints*(10 + count_spans(plan%integration)/ &
                                                  max(1, n_group/block_width(plan)))
@@ -233,7 +240,7 @@ contains
          together = (n_frequencies(plan, every) - 1)/max(values_together/n_kept, 1) + 1
          together = (n_frequencies(plan, every) - 1)/together + 1
          bytes = bytes + word*n_kept*n_frequencies(plan, every)*(3*(2 + 3*n_percentiles)) &
-                 + 2*word*n_kept*parts*(n_percentiles*replicates + min(n_group, 512)) &
+                 + at_once*word*n_kept*parts*(n_percentiles*replicates + min(n_group, 512)) &
                  + word*n_group*n_kept*(together + min(n_powers(plan, every), 2*n_batches)) &
                  + 4.0_wp*n_group*replicates
       end associate

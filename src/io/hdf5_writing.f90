@@ -4,6 +4,7 @@
 !> order.
 module io_hdf5_writing
    use, intrinsic :: iso_c_binding, only: c_loc, c_ptr
+   use core_chunks, only: chunk_of
    use core_error, only: error_type
    use core_kinds, only: long, wp
    use hdf5
@@ -15,9 +16,6 @@ module io_hdf5_writing
    implicit none(type, external)
    private
    public :: label_type, make_dataset, write_dataset, write_part
-
-   integer, parameter :: chunk_bytes = 2**18
-   integer, parameter :: word_bytes = 8
 
    !> What a dataset says of itself.
    type :: label_type
@@ -146,7 +144,7 @@ contains
          call h5screate_simple_f(n_axes, extents, space, status)
          call outcome%note(status)
          if (all(extents > 0)) then
-            chunk = chunk_of(extents)
+            chunk = chunk_of(int(extents, long))
             if (allocated(label%chunk)) chunk = int(label%chunk, hsize_t)
             call h5pset_chunk_f(properties, n_axes, chunk, status)
             call outcome%note(status)
@@ -159,22 +157,6 @@ contains
       call h5sclose_f(space, status)
       call h5pclose_f(properties, status)
    end subroutine create
-
-   !> Whole rows of the fast axes, until a chunk is full; the axis that does not fit is cut evenly:
-   !> a last chunk that is not full takes its whole place on the disk.
-   pure function chunk_of(extents) result(chunk)
-      integer(hsize_t), intent(in) :: extents(:)
-      integer(hsize_t) :: chunk(size(extents))
-      integer(hsize_t) :: most, n_chunks
-      integer :: axis
-
-      chunk = extents
-      do axis = size(extents), 1, -1
-         most = max(1_hsize_t, chunk_bytes/(word_bytes*product(chunk(:axis - 1))))
-         n_chunks = (extents(axis) - 1)/most + 1
-         chunk(axis) = (extents(axis) - 1)/n_chunks + 1
-      end do
-   end function chunk_of
 
    !> Units, long name and axes of a dataset that stands.
    subroutine describe(file, path, label, error)

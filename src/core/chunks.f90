@@ -1,0 +1,41 @@
+!> Chunks of datasets: how an array is cut on the disk, and what it takes there.
+module core_chunks
+   use core_kinds, only: long, wp
+   implicit none(type, external)
+   private
+   public :: chunk_of, stored_bytes
+
+   integer(long), parameter :: chunk_bytes = 2_long**18
+   integer(long), parameter :: word_bytes = 8
+
+contains
+
+   !> Extents of a chunk, Fortran's order: whole rows of the fast axes until a chunk is full. The
+   !> axis that does not fit is cut evenly: a last chunk takes its whole place on the disk.
+   pure function chunk_of(extents) result(chunk)
+      integer(long), intent(in) :: extents(:)   !! positive
+      integer(long) :: chunk(size(extents))
+      integer(long) :: most, n_chunks
+      integer :: axis
+
+      chunk = extents
+      do axis = size(extents), 1, -1
+         most = max(1_long, chunk_bytes/(word_bytes*product(chunk(:axis - 1))))
+         n_chunks = (extents(axis) - 1)/most + 1
+         chunk(axis) = (extents(axis) - 1)/n_chunks + 1
+      end do
+   end function chunk_of
+
+   !> Bytes of an array of reals on the disk: all its chunks, the last ones as large as the others.
+   pure function stored_bytes(extents) result(bytes)
+      integer, intent(in) :: extents(:)   !! Fortran's order
+      real(wp) :: bytes
+      integer(long) :: chunk(size(extents))
+
+      bytes = 0.0_wp
+      if (any(extents < 1)) return
+      chunk = chunk_of(int(extents, long))
+      bytes = word_bytes*product(real(chunk*((extents - 1)/chunk + 1), wp))
+   end function stored_bytes
+
+end module core_chunks
