@@ -119,11 +119,8 @@ contains
       if (.not. allocated(n)) return
       status = 0
       if (self%deed == reads) allocate (values(n(1)), stat=status)
-      if (status == 0) then
-         call treat(self, name, values)
-      else
-         call refuse_size(self, name, n)
-      end if
+      if (status /= 0) call refuse_size(self, name, n)
+      if (.not. allocated(self%error)) call treat(self, name, values)
    end subroutine pass_vector
 
    subroutine pass_matrix(self, name, values)
@@ -137,11 +134,8 @@ contains
       if (.not. allocated(n)) return
       status = 0
       if (self%deed == reads) allocate (values(n(1), n(2)), stat=status)
-      if (status == 0) then
-         call treat(self, name, values)
-      else
-         call refuse_size(self, name, n)
-      end if
+      if (status /= 0) call refuse_size(self, name, n)
+      if (.not. allocated(self%error)) call treat(self, name, values)
    end subroutine pass_matrix
 
    subroutine pass_cube(self, name, values)
@@ -155,11 +149,8 @@ contains
       if (.not. allocated(n)) return
       status = 0
       if (self%deed == reads) allocate (values(n(1), n(2), n(3)), stat=status)
-      if (status == 0) then
-         call treat(self, name, values)
-      else
-         call refuse_size(self, name, n)
-      end if
+      if (status /= 0) call refuse_size(self, name, n)
+      if (.not. allocated(self%error)) call treat(self, name, values)
    end subroutine pass_cube
 
    subroutine pass_counts(self, name, values)
@@ -173,12 +164,26 @@ contains
       if (.not. allocated(n)) return
       status = 0
       if (self%deed == reads) allocate (values(n(1), n(2)), stat=status)
-      if (status == 0) then
-         call treat(self, name, values)
-      else
-         call refuse_size(self, name, n)
-      end if
+      if (status /= 0) call refuse_size(self, name, n)
+      if (.not. allocated(self%error)) call treat(self, name, values)
    end subroutine pass_counts
+
+   !> Extents of a component that there is something to do with: of the file when reading, else 0.
+   subroutine look(self, name, is_there, n_axes, extents)
+      class(walker), intent(inout) :: self
+      character(*), intent(in) :: name
+      logical, intent(in) :: is_there
+      integer, intent(in) :: n_axes
+      integer(long), allocatable, intent(out) :: extents(:)
+
+      if (allocated(self%error)) return
+      if (self%deed /= reads) then
+         if (is_there) allocate (extents(n_axes), source=0_long)
+      else if (self%file%has(self%group//name)) then
+         call read_extent(self%file, self%group//name, n_axes, extents, self%error)
+         if (allocated(self%error)) deallocate (extents)
+      end if
+   end subroutine look
 
    !> An error for a component that the memory cannot hold: a damaged file names any extent.
    subroutine refuse_size(self, name, extents)
@@ -223,24 +228,6 @@ contains
          call self%checksum%add(values)
       end select
    end subroutine treat_longs
-
-   !> Whether there is something to do with a component: then its extents, those of the file when
-   !> reading.
-   subroutine look(self, name, is_there, n_axes, extents)
-      class(walker), intent(inout) :: self
-      character(*), intent(in) :: name
-      logical, intent(in) :: is_there
-      integer, intent(in) :: n_axes
-      integer(long), allocatable, intent(out) :: extents(:)
-
-      if (allocated(self%error)) return
-      if (self%deed /= reads) then
-         if (is_there) allocate (extents(n_axes), source=0_long)
-      else if (self%file%has(self%group//name)) then
-         call read_extent(self%file, self%group//name, n_axes, extents, self%error)
-         if (allocated(self%error)) deallocate (extents)
-      end if
-   end subroutine look
 
    !> The lists of all samples one below the other.
    subroutine lay_out_transitions(block, counts, rows)
