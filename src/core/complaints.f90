@@ -7,7 +7,8 @@ module core_complaints
    public :: complaint_list, printable
 
    integer, parameter :: max_kept = 200   !! more are counted, not shown
-   integer, parameter :: window = 76      !! characters of the offending line that are shown
+   integer, parameter :: window = 76      !! bytes of the offending line that are shown
+   integer, parameter :: longest_character = 4   !! bytes, UTF-8
    integer, parameter :: tab = 9, first_printable = 32, delete = 127, first_continuation = 128, &
                          last_continuation = 191
 
@@ -108,6 +109,11 @@ contains
       first = max(1, column - window/2)
       if (column <= window) first = 1
       last = min(len(line), first + window - 1)
+      do i = 1, longest_character - 1   ! no UTF-8 character is cut in two
+         if (is_continuation(line(first:first))) first = min(first + 1, column)
+         if (last == len(line)) cycle
+         if (is_continuation(line(last + 1:last + 1))) last = last - 1
+      end do
       blanks = 0
       do i = first, min(column - 1, last)
          if (.not. is_continuation(line(i:i))) blanks = blanks + 1
