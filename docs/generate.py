@@ -82,6 +82,7 @@ ATTRIBUTES = {
     "detrending": "what is taken off a segment before its transform",
     "direct_seconds": "CPU time of the direct method, beside `inversion_seconds`",
     "estimator": "'pooled', 'regression' or 'plain': of the statistics in this group",
+    "duration": "of the march beyond integration%n_discard [s]",
     "every": "every how many steps a displacement enters the spectra",
     "fingerprint": "of all in the scene that changes a sample",
     "flags": "of the compiler",

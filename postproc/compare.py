@@ -77,7 +77,7 @@ def pair_cases(before: Results, after: Results) -> list[Pair]:
     is_paired = before.attrs.get("seed") == after.attrs.get("seed")
     others = {_key(case): case for case in after.cases}
     pairs = [
-        Pair(case, others[_key(case)], _label(case), is_paired)
+        Pair(case, others[_key(case)], case.label, is_paired)
         for case in before.cases
         if _key(case) in others
     ]
@@ -90,10 +90,6 @@ def pair_cases(before: Results, after: Results) -> list[Pair]:
 
 def _key(case: Case) -> tuple[object, ...]:
     return (case.is_deterministic, case.std, case.correlation_length, case.frequency, case.strength)
-
-
-def _label(case: Case) -> str:
-    return f"{case.friction}, {case.force}"
 
 
 def mean_change(before: Values, after: Values, is_paired: bool) -> Change:

@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from . import style
 from .deterministic_statements import FULLY, slip_with_error
 from .evidence import WIDTH
+from .joints import OfJoints, slip_mean_error
 from .paper import LEVELS
 from .peaks import scatter_of_ln_psd
 from .results import MAXIMUM_ENTROPY, Case, Results
@@ -51,7 +52,7 @@ def plot_spectra(axes: Axes, case: Case, results: Results) -> None:
     for dof in drawn:
         axes.semilogy(
             spectrum["frequency"], spectrum.isel(dof=dof - 1),
-            label=f"mass {dof}", **style.line_of_dof(dof, case.n_dof),
+            label=f"{results.place} {dof}", **style.line_of_dof(dof, case.n_dof),
         )  # fmt: skip
     _mark_chain(axes, results)
     _frame_spectrum(axes, spectrum["frequency"].values, spectrum.values, results)
@@ -69,12 +70,6 @@ def _mark_scatter(axes: Axes, case: Case) -> None:
     axes.annotate(
         "a bin, ± 1 s.e.", (x, y), (6, 0), textcoords="offset points", va="center", fontsize=8,
     )  # fmt: skip
-
-
-def slip_mean_error(case: Case) -> NDArray[np.float64]:
-    """Standard error of the mean time in slip: Monte Carlo and time average together."""
-    error = case.data["slip_mean_error"].values
-    return np.hypot(error, case.data.get("slip_mean_time_error", 0.0 * error))
 
 
 def band_ratio_interval(case: Case) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
@@ -237,18 +232,38 @@ def plot_band_ratio(axes: Axes, cases: Sequence[Case]) -> None:
     )
 
 
-def plot_slip_along(axes: Axes, cases: Sequence[Case]) -> None:
-    """Mean time in slip along the structure, joint by joint, a line per case, 95 % intervals."""
+def plot_along(axes: Axes, cases: Sequence[Case], quantity: OfJoints) -> None:
+    """A quantity along the structure, joint by joint, a line per case, 95 % intervals."""
     for rank, case in enumerate(cases):
-        mean = PERCENT * case.data["slip_mean"].values
-        name = f"{length_name(case)}, std {case.std:g}, {level_name(case)}"
+        mean, error = quantity.of(case)
+        name = f"{length_name(case)}, std {case.std:.3g}, {level_name(case)}"
         axes.errorbar(
-            np.arange(1, mean.size + 1), mean, yerr=PERCENT * WIDTH * slip_mean_error(case),
+            np.arange(1, mean.size + 1), mean, yerr=WIDTH * error,
             label=name, elinewidth=0.8, **style.of_rank(rank, len(cases)),
         )  # fmt: skip
     axes.xaxis.set_major_locator(MaxNLocator(integer=True))
-    axes.set(xlabel="joint", ylabel=_SLIP_AXIS, ylim=(0, None))
+    axes.set(xlabel="joint", ylabel=f"{quantity.title} [{quantity.unit}]", ylim=(0, None))
     axes.legend()
+
+
+def plot_spectra_along(axes: Axes, case: Case, results: Results) -> None:
+    """Mean spectrum of every dof, frequency across, dofs upward; logarithmic."""
+    mean = case.data["psd_mean"]
+    frequency, dof = mean["frequency"].values, mean["dof"].values
+    values = np.where(mean.values > 0.0, mean.values, np.nan)
+    top = float(np.nanmax(values))
+    shown = axes.pcolormesh(
+        frequency, dof, np.log10(values.T / top), vmin=-_DECADES, vmax=0.0, rasterized=True,
+        shading="nearest",
+    )  # fmt: skip
+    bar = axes.figure.colorbar(shown, ax=axes)
+    bar.set_label(f"decades below {top:.2g} m²/Hz")
+    axes.grid(visible=False)
+    axes.yaxis.set_major_locator(MaxNLocator(integer=True))
+    axes.set(
+        xlabel="frequency [Hz]", ylabel=results.place,
+        xlim=(0.0, _last_shown(frequency, results)),
+    )  # fmt: skip
 
 
 def plot_sweep(axes: Axes, cases: Sequence[Case]) -> None:

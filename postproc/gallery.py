@@ -14,6 +14,7 @@ from . import (
     chain_figure,
     figures,
     harmonic_gallery,
+    joints,
     process_gallery,
     response_figures,
     style,
@@ -73,8 +74,8 @@ def of_certain_friction(results: Results) -> Iterator[Figure]:
         if spectra:
             yield Figure(
                 "sweep_spectra", "Spectra from stuck to slipping",
-                "Mass 1, over the level of the force: peaks at the stuck frequencies (full"
-                " lines) broaden, vanish, and return at those of the slipping chain (dotted).",
+                f"{results.place.capitalize()} 1, over the level of the force: peaks at the stuck"
+                " frequencies (full lines) broaden, vanish, and return at those with all joints slipping (dotted).",
                 _STUDY,
                 (partial(figures.plot_sweep_spectra, cases=spectra, results=results),), ("8",),
             )  # fmt: skip
@@ -85,7 +86,7 @@ def of_certain_friction(results: Results) -> Iterator[Figure]:
             f"fig_08{letter}", f"Fig. 8{letter}. Spectra without uncertainty, {name}",
             f"Power spectral densities of the displacements, {case.given_friction}. Where joints"
             " mostly stick, power stands in the band of the stuck natural frequencies; where they"
-            " mostly slip it has moved out of it. Slip softens the chain, so that its peaks lie"
+            " mostly slip it has moved out of it. Slip softens the structure, so that its peaks lie"
             f" below the stuck frequencies. {_welch(case)} The bar at the lower left shows it.",
             _STUDY, (partial(figures.plot_spectra, case=case, results=results),),
             ("7a", "7b", "7c"),
@@ -97,14 +98,8 @@ def of_drawn_friction(results: Results) -> Iterator[Figure]:
     is_paper = is_paper_study(results)
     random = [case for case in results.random if case.n_samples > 1 and not case.is_sine]
     scattered = [case for case in random if case.has("slip_mean", "slip_std")]
-    if scattered and not is_paper:
-        yield Figure(
-            "along_slip", "Time in slip along the structure",
-            "Mean over samples of the time that each joint slips; bars are 95 % intervals, Monte"
-            " Carlo and time average together.",
-            _STUDY,
-            (partial(figures.plot_slip_along, cases=_some(scattered, _MOST_LINES)),),
-        )  # fmt: skip
+    if not is_paper:
+        yield from _along(results, random)
     for letter, std, cases in _by_std(scattered):
         yield Figure(
             f"fig_09{letter}", f"Fig. 9{letter}. Scatter of the time in slip, friction std {std:g}",
@@ -126,7 +121,8 @@ def of_drawn_friction(results: Results) -> Iterator[Figure]:
         panels = [[c for c in cases if c.strength == level] for level in shown]
         below = " One panel a level, from the smallest above." if len(panels) > 1 else ""
         yield Figure(
-            f"fig_10{letter}", f"Fig. 10{letter}. Band of uncertainty, mass {dof}, {levels}",
+            f"fig_10{letter}",
+            f"Fig. 10{letter}. Band of uncertainty, {results.place} {dof}, {levels}",
             "Mean spectrum (thick) between the outer percentiles over samples (thin; shaded: their"
             " 95 % intervals, Monte Carlo and force record together), friction std"
             f" {cases[0].std:g}, for each correlation length; lines: natural frequencies with all"
@@ -153,6 +149,29 @@ def of_drawn_friction(results: Results) -> Iterator[Figure]:
             " where it is long.",
             _STUDY, (partial(figures.plot_band_ratio, cases=cases),),
             ("3a", "3b", "4a", "4b", "4c"),
+        )  # fmt: skip
+
+
+def _along(results: Results, cases: list[Case]) -> Iterator[Figure]:
+    """What the joints and the dofs of a structure do, from its first to its last."""
+    for quantity in joints.QUANTITIES:
+        own = [case for case in cases if quantity.is_in(case)]
+        if own:
+            yield Figure(
+                f"along_{quantity.name}",
+                f"{quantity.title[0].upper()}{quantity.title[1:]} along the structure",
+                f"Mean over samples, joint by joint; bars are 95 % intervals, {quantity.errors}.",
+                _STUDY,
+                (partial(figures.plot_along, cases=_some(own, _MOST_LINES), quantity=quantity),),
+            )  # fmt: skip
+    spectra = [case for case in cases if case.has("psd_mean") and case.n_dof > 1]
+    if spectra and not spectra[0].data["psd_mean"].isnull().any():
+        case = max(spectra, key=lambda case: case.strength)
+        yield Figure(
+            "along_spectra", f"Spectra along the structure, {figures.level_name(case)}",
+            f"Mean spectrum of the displacement of every {results.place}, {case.friction}: bright"
+            " ridges are resonances, dark spots in them nodes.",
+            _STUDY, (partial(figures.plot_spectra_along, case=case, results=results),),
         )  # fmt: skip
 
 

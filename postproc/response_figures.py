@@ -37,7 +37,7 @@ def plot_history(axes: Axes, case: Case) -> None:
     for dof in style.some_of(case.n_dof, 5):
         axes.plot(
             time[first:], case.data["displacement"].isel(sample=0, dof=dof - 1).values[first:],
-            label=f"mass {dof}", **style.line_of_dof(dof, case.n_dof) | {"linewidth": 1.0},
+            label=f"dof {dof}", **style.line_of_dof(dof, case.n_dof) | {"linewidth": 1.0},
         )  # fmt: skip
     axes.set(xlabel="time [s]", ylabel="displacement [m]", xlim=(time[first], time[-1]))
     axes.legend(ncols=3)

@@ -114,6 +114,16 @@ class Case:
         return f"std {self.std:.3g}, {self.law}"
 
     @property
+    def label(self) -> str:
+        """Friction and force, as tables and figures name the case."""
+        return f"{self.friction}, {self.force}"
+
+    @property
+    def duration(self) -> float:
+        """Of the march that is measured [s]."""
+        return float(self.data.attrs["duration"])
+
+    @property
     def n_dof(self) -> int:
         """Degrees of freedom: oscillators of a chain."""
         return int(self.data.sizes["dof"])
@@ -178,6 +188,11 @@ class Results:
         return directions.shape[0] == directions.shape[1] and bool(
             (directions == np.eye(len(directions))).all()
         )
+
+    @property
+    def place(self) -> str:
+        """What a dof is called: each mass of a chain has one."""
+        return "mass" if self.is_chain else "dof"
 
     @property
     def deterministic(self) -> list[Case]:

@@ -9,7 +9,7 @@ import numpy as np
 import xarray as xr
 from numpy.typing import NDArray
 
-from . import sensitivity, tradeoff
+from . import joints, sensitivity, tradeoff
 from .deterministic_statements import slip_with_error
 from .evidence import Statement
 from .paper import SLIP_HZ, SLIP_PERCENT, STDS, STUCK_HZ, is_paper_study
@@ -82,8 +82,10 @@ def of_chain(results: Results) -> Iterator[Table]:
     if results.structure is not None:
         yield table_frequencies(results)
     drawn = [case for case in results.random if case.has("slip_mean", "slip_mean_error")]
-    if drawn:
-        yield table_joints(drawn)
+    for quantity in joints.QUANTITIES:
+        own = [case for case in drawn if quantity.is_in(case)]
+        if own:
+            yield table_joints(own, quantity)
     if any(case.has("slip_fraction") for case in results.deterministic):
         yield table_slip(results)
 
@@ -122,7 +124,7 @@ def table_frequencies(results: Results) -> Table:
             rows.append((f"{name}, paper", *(f"{hz:.2f}" for hz in paper)))
     modes = range(1, results.structure.sizes["mode"] + 1)
     note = "Eigenvalues to rounding; every digit of the paper's is met." if len(rows) > 2 else ""
-    header, body = _upright("mode", modes, rows)
+    header, body = _upright("mode", modes, rows, "frequency [Hz]")
     title = "Natural frequencies [Hz]"
     title = f"Table 1. {title}" if _paper_chain(results) else title
     return Table("table_1", title, header, body, note)
@@ -149,7 +151,7 @@ def table_slip(results: Results) -> Table:
             " spectrum; nothing was tuned. A lead: its row at 3.7 is near the means under random"
             f" friction of std {min(STDS):g}, its row at 41.1 near deterministic friction."
         )
-    header, body = _upright("joint", range(1, cases[0].n_joints + 1), rows)
+    header, body = _upright("joint", range(1, cases[0].n_joints + 1), rows, "time in slip [%]")
     if not beside or len(rows) > _MOST_ROWS:
         is_long = len(rows) > _MOST_ROWS
         title = "Time in slip, deterministic friction [%]"
@@ -177,23 +179,15 @@ def _with_random_friction(results: Results, variance: float) -> list[tuple[str, 
     return [(f"variance {variance:g}, mean at random friction, std {min(STDS):g}", *cells)]
 
 
-def table_joints(cases: Sequence[Case]) -> Table:
-    """Mean time in slip of each joint, a column a case, with all errors of it."""
-    names = [f"{case.name}: {case.friction}, {case.force}" for case in cases]
-    rows = []
-    for i in range(cases[0].n_joints):
-        row = [str(i + 1)]
-        for case in cases:
-            error = np.hypot(
-                float(case.data["slip_mean_error"][i]),
-                float(case.data["slip_mean_time_error"][i]) if case.has("slip_mean_time_error")
-                else 0.0,
-            )  # fmt: skip
-            row.append(value_with_error(100.0 * float(case.data["slip_mean"][i]), 100.0 * error))
-        rows.append(tuple(row))
-    note = f"{_ERRORS} Monte Carlo and time average together."
+def table_joints(cases: Sequence[Case], quantity: joints.OfJoints) -> Table:
+    """A quantity of each joint, a column a case, with its error."""
+    columns = [list(map(value_with_error, *quantity.of(case))) for case in cases]
+    rows = [(str(i + 1), *row) for i, row in enumerate(zip(*columns, strict=True))]
+    names = [f"{case.name}: {case.label} [{quantity.unit}]" for case in cases]
+    name = "joints" if quantity.name == "slip" else f"joints_{quantity.name}"
+    title = f"{quantity.title[0].upper()}{quantity.title[1:]} of the joints [{quantity.unit}]"
     return Table(
-        "joints", "Mean time in slip of the joints [%]", ("joint", *names), rows, note,
+        name, title, ("joint", *names), rows, f"{_ERRORS} {quantity.errors.capitalize()}.",
         is_detail=len(names) > _MOST_COLUMNS, is_result=True,
     )  # fmt: skip
 
@@ -304,16 +298,13 @@ def table_statistics(case: Case) -> Table:
         if case.has("band_ratio_time_error"):
             row.append(f"{float(data['band_ratio_time_error'][i]):.2g}")
         rows.append(tuple(row))
-    header = ["joint and mass", *(title for _, title, _ in columns)]
+    header = ["joint and dof", *(title for _, title, _ in columns)]
     header += [f"that of percentile {level:g} [m²]" for level in percentiles]
     if case.has("band_ratio"):
         header += ["band ratio", "95 % interval", "bias [%]"]
     if case.has("band_ratio_time_error"):
         header += ["its time-average error"]
-    title = (
-        f"{case.name}: {case.process}, std {case.std:g}, L {case.correlation_length:g},"
-        f" variance {case.variance:g}, {case.n_samples} samples"
-    )
+    title = f"{case.name}: {case.process}, {case.label}, {case.n_samples} samples"
     note = _ERRORS
     if case.has("band_ratio"):
         note += (
@@ -333,7 +324,7 @@ def table_sample(case: Case) -> Table:
         ("slips begun", *(str(count) for count in data["slip_starts"].values)),
     ]
     header, body = _upright("joint", range(1, case.n_joints + 1), rows)
-    title = f"{case.name}: sample {int(data['sample'])}, variance {case.variance:g}"
+    title = f"{case.name}: sample {int(data['sample'])}, {case.label}"
     note = f"{_ERRORS} Of the time average."
     return Table(f"sample_{case.name}", title, header, body, note, is_result=True)
 
@@ -371,10 +362,10 @@ def _largest(audit: xr.Dataset, name: str, scale: float) -> str:
 
 
 def _upright(
-    what: str, numbers: Sequence[int], rows: Sequence[tuple[str, ...]]
+    what: str, numbers: Sequence[int], rows: Sequence[tuple[str, ...]], corner: str = ""
 ) -> tuple[tuple[str, ...], Sequence[tuple[str, ...]]]:
     """Header and rows over joints or modes; many of them stand below one another."""
-    header = ("", *(f"{what} {number}" for number in numbers))
+    header = (corner, *(f"{what} {number}" for number in numbers))
     if len(numbers) <= _MOST_COLUMNS:
         return header, rows
     names = (what, *(row[0] for row in rows))

@@ -16,7 +16,7 @@ from .pair import Matrix, Pair, frequencies
 _GROUND = 0  # dof_b of a joint to the ground
 _TOP_MODE = 6  # the noise reaches beyond this mode of the structure with all joints stuck
 _BEYOND = 1.2  # times its frequency
-_STEPS_A_PERIOD = 20  # of the highest frequency of the noise
+_STEPS_A_PERIOD = 8  # of the highest frequency of the noise
 _N_STEPS, _SEGMENT = 40_000, 4096
 _OVER_LIMIT = 2.0  # rms of the example's force over the slip limit mu N of a joint
 _MOST_NAMED = 60  # dofs that joints.txt lists

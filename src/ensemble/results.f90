@@ -29,6 +29,8 @@ module ensemble_results
       integer(long), allocatable :: stick_starts(:, :)   !! (joint, sample)
       real(wp), allocatable :: slip_distance(:, :)       !! (joint, sample) [m]
       real(wp), allocatable :: dissipation(:, :)         !! (joint, sample) mu N times it [J]
+      !> (joint, sample) largest abs(w_j.x) at the steps that enter the spectra [m]
+      real(wp), allocatable :: joint_displacement_max(:, :)
       real(wp), allocatable :: psd(:, :, :)   !! (dof, frequency, sample), one-sided [m^2/Hz]
       !> (dof, batch and range, sample) mean square [m^2] in consecutive batches of the march,
       !> within the ranges of frequencies of last_of_ranges; those of a range together

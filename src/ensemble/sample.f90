@@ -10,6 +10,7 @@ module ensemble_sample
    use ensemble_results, only: block_result
    use ensemble_runner, only: runner_type
    use ensemble_time_average, only: count_spans, end_of_span
+   use structure_model, only: structure_type
    implicit none(type, external)
    private
    public :: run_block, stop_query
@@ -130,7 +131,10 @@ contains
          if (march%keeps%slip) &
             allocate (result%slip_series(state%n_joints, count_spans(runner%plan%integration), &
                                          state%n_samples))
-         if (march%keeps%spectrum) call start_spectra(runner, march)
+         if (march%keeps%spectrum) then
+            call start_spectra(runner, march)
+            allocate (result%joint_displacement_max(state%n_joints, state%n_samples), source=0.0_wp)
+         end if
       end associate
    end subroutine start_measuring
 
@@ -180,6 +184,9 @@ contains
                call march%harmonics%add(x(stride - modulo(from/every, stride)::stride, :, :))
             end associate
          end if
+         if (output%spectrum .and. march%is_measuring) &
+            call follow_joints(runner%plan%structure, x(first_record(runner, from, every):: &
+                                                        runner%layout%every/every, :, :), result)
          if (size(march%dofs) < state%n_dof) then
             x = x(:, march%dofs, :)
             if (output%history) v = v(:, march%dofs, :)
@@ -234,13 +241,44 @@ contains
       integer, intent(in) :: from, every     !! steps before the first record; steps between records
       real(wp), intent(in), contiguous, target :: x(:, :, :)   !! (record, dof, sample)
       real(wp), pointer :: series(:, :)      ! (record, dof and sample as one index)
-      integer :: first, stride
+
+      series(1:size(x, 1), 1:size(x, 2)*size(x, 3)) => x
+      call runner%spectra%add(series(first_record(runner, from, every)::runner%layout%every/every, &
+                                     :))
+   end subroutine listen
+
+   !> The first record that enters the spectra.
+   pure integer function first_record(runner, from, every) result(first)
+      type(runner_type), intent(in) :: runner
+      integer, intent(in) :: from, every   !! steps before the first record; steps between records
+      integer :: stride
 
       stride = runner%layout%every/every
       first = stride - modulo(from/every, stride)
-      series(1:size(x, 1), 1:size(x, 2)*size(x, 3)) => x
-      call runner%spectra%add(series(first::stride, :))
-   end subroutine listen
+   end function first_record
+
+   !> Largest displacement between the ends of each joint so far.
+   pure subroutine follow_joints(structure, x, result)
+      type(structure_type), intent(in) :: structure
+      real(wp), intent(in) :: x(:, :, :)   !! (record, dof, sample) [m]
+      type(block_result), intent(inout) :: result
+      real(wp) :: between(size(x, 1))
+      integer :: dof, joint, w
+
+      do w = 1, size(x, 3)
+         do joint = 1, structure%n_joints
+            between = 0.0_wp
+            do dof = 1, structure%n_dof
+               associate (share => structure%direction(dof, joint))
+                  if (abs(share) > 0.0_wp) between = between + share*x(:, dof, w)
+               end associate
+            end do
+            associate (largest => result%joint_displacement_max(joint, w))
+               largest = max(largest, maxval(abs(between)))
+            end associate
+         end do
+      end do
+   end subroutine follow_joints
 
    !> (record, dof, sample) as (dof, record, sample)
    pure function by_dof(x) result(swapped)

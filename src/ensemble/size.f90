@@ -81,6 +81,7 @@ contains
             of_sample = of_sample + word*2*n_joints
             once = once + stored_bytes([n_joints, count_spans(plan%integration), n_samples])
          end if
+         if (kept%spectrum) of_sample = of_sample + word*n_joints
          if (kept%harmonic) of_sample = of_sample + word*(2*n_dof + 1.5_wp)
       end associate
       if (kept%harmonic) n_datasets = n_datasets + 4

@@ -86,6 +86,7 @@ contains
       call w%pass('stick_starts', block%stick_starts)
       call w%pass('slip_distance', block%slip_distance)
       call w%pass('dissipation', block%dissipation)
+      call w%pass('joint_displacement_max', block%joint_displacement_max)
       call w%pass('energy', block%energy)
       call w%pass('harmonic_amplitude', block%harmonic_amplitude)
       call w%pass('harmonic_phase', block%harmonic_phase)
@@ -334,6 +335,9 @@ contains
          label = label_type('m', 'way of the joint while it slips', 'sample joint')
       case ('dissipation')
          label = label_type('J', 'work that the joint dissipates', 'sample joint')
+      case ('joint_displacement_max')
+         label = label_type('m', 'largest displacement between the ends of the joint, at the '// &
+                            'steps that enter the spectra', 'sample joint')
       case ('energy')
          label = label_type('J', 'work (input, viscous, friction), energy stored, defect', &
                             'sample term')

@@ -103,6 +103,8 @@ contains
             call group%attribute('factor', case%factor)
          end if
          call group%attribute('n_samples', case%n_samples)
+         call group%attribute('duration', plan%integration%dt* &
+                              (plan%integration%n_steps - plan%integration%n_discard))
          if (case%process == 0) call group%attribute('friction_from', plan%friction_from)
          if (case%process == 0) return
          call group%attribute('std', plan%processes(case%process)%std)

@@ -85,6 +85,8 @@ contains
       call group%make('stick_starts', 0_long, extents, sample_label('stick_starts'))
       call group%make('slip_distance', 0.0_wp, extents, sample_label('slip_distance'))
       call group%make('dissipation', 0.0_wp, extents, sample_label('dissipation'))
+      if (kept%spectrum) call group%make('joint_displacement_max', 0.0_wp, extents, &
+                                         sample_label('joint_displacement_max'))
       if (kept%slip .and. count_spans(plan%integration) >= fewest_spans) then
          call group%attribute('time_average_method', time_average_method)
          call group%make('slip_fraction_error', 0.0_wp, extents, &
@@ -124,6 +126,9 @@ contains
          call group%put_part('stick_starts', [1, first], samples%stick_starts)
          call group%put_part('slip_distance', [1, first], samples%slip_distance)
          call group%put_part('dissipation', [1, first], samples%dissipation)
+         if (allocated(samples%joint_displacement_max)) &
+            call group%put_part('joint_displacement_max', [1, first], &
+                                samples%joint_displacement_max)
          if (allocated(slip_fraction_error)) &
             call group%put_part('slip_fraction_error', [1, first], slip_fraction_error)
          if (allocated(samples%steady_since)) then

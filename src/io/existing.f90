@@ -176,6 +176,8 @@ contains
          block%slip_distance = all_samples%slip_distance(:, first:last)
          block%dissipation = all_samples%dissipation(:, first:last)
       end if
+      if (allocated(all_samples%joint_displacement_max)) &
+         block%joint_displacement_max = all_samples%joint_displacement_max(:, first:last)
       if (allocated(all_samples%energy)) block%energy = all_samples%energy(:, first:last)
       if (allocated(all_samples%steady_since)) then
          block%harmonic_amplitude = all_samples%harmonic_amplitude(:, first:last)

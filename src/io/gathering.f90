@@ -122,6 +122,7 @@ contains
          call put(part%slip_fraction, block%slip_fraction)
          call put(part%slip_distance, block%slip_distance)
          call put(part%dissipation, block%dissipation)
+         call put(part%joint_displacement_max, block%joint_displacement_max)
          call put(part%energy, block%energy)
          call put(part%harmonic_amplitude, block%harmonic_amplitude)
          call put(part%harmonic_phase, block%harmonic_phase)

@@ -18,6 +18,8 @@ SHORT = "&integration method = 'event' n_steps = 2000 /\n"
 FORCE = "&excitation variance = 41.1 /\n"
 CAMPAIGN = "&campaign n_samples = 3 /\n"
 
+ALONG = {f"along_{name}" for name in ("slip", "power", "distance", "displacement")}
+
 SCENES = {
     "some processes refused": (
         "&process correlation_length = 0.3 order = 2 mean = 1.0 std = 0.5, 0.99"
@@ -48,7 +50,7 @@ SCENES = {
     "one oscillator": (
         PROCESS + "&chain n_dof = 1 /\n" + FORCE + SHORT + CAMPAIGN
         + "&output segment_length = 256 /\n",
-        {"fig_07", "fig_09a", "fig_10a", "fig_11a", "along_slip"},
+        {"fig_07", "fig_09a", "fig_10a", "fig_11a"} | ALONG,
     ),
     "200 oscillators": (
         "&chain n_dof = 200 friction = 0.2 /\n" + FORCE

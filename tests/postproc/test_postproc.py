@@ -16,7 +16,7 @@ import numpy as np
 import pytest
 import xarray as xr
 
-from entroslip import figures, gallery_page, open_results, process_figures
+from entroslip import figures, gallery_page, joints, open_results, process_figures
 from entroslip.__main__ import main
 from entroslip.chain_figure import plot_chain
 from entroslip.figure import SECTIONS, Figure
@@ -147,7 +147,7 @@ def test_bars_hold_monte_carlo_and_the_finite_march():
             "band_ratio_high": ("dof", [2.0 * np.exp(0.3)]),
         }
     )
-    np.testing.assert_allclose(figures.slip_mean_error(case), 0.05)
+    np.testing.assert_allclose(joints.slip_mean_error(case), 0.05)
     np.testing.assert_allclose(figures.band_ratio_interval(case)[0], 2.0 * np.exp(-0.3))
     case.data["band_ratio_time_error"] = ("dof", [2.0 * 0.4 / 1.959964])
     low, high = figures.band_ratio_interval(case)

@@ -1,0 +1,57 @@
+"""What each joint does: its time in slip, its way, its power, its largest displacement."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from .results import Case
+
+Values = NDArray[np.float64]  # (joint)
+_PERCENT = 100.0
+
+
+@dataclass(frozen=True)
+class OfJoints:
+    """A number of each joint, mean over samples; `name` is the table's and the figure's."""
+
+    name: str
+    title: str
+    unit: str
+    dataset: str  # of samples, with means beside it but of the largest displacement
+    errors: str = "Monte Carlo"
+
+    def is_in(self, case: Case) -> bool:
+        """Whether the case has it, with its error."""
+        if self.name == "displacement":
+            return case.has(self.dataset) and case.n_samples > 1
+        return case.has(f"{self.dataset}_mean", f"{self.dataset}_mean_error")
+
+    def of(self, case: Case) -> tuple[Values, Values]:
+        """The mean and its standard error."""
+        if self.name == "displacement":
+            values = case.data[self.dataset].values
+            return values.mean(axis=0), values.std(axis=0, ddof=1) / np.sqrt(len(values))
+        mean = case.data[f"{self.dataset}_mean"].values
+        if self.name == "slip":
+            return _PERCENT * mean, _PERCENT * slip_mean_error(case)
+        scale = 1.0 / case.duration if self.name == "power" else 1.0
+        return scale * mean, scale * case.data[f"{self.dataset}_mean_error"].values
+
+
+QUANTITIES = (
+    OfJoints("slip", "mean time in slip", "%", "slip", "Monte Carlo and time average together"),
+    OfJoints("power", "power that the joint takes", "W", "dissipation"),
+    OfJoints("distance", "way while it slips", "m", "slip_distance"),
+    OfJoints("displacement", "largest displacement", "m", "joint_displacement_max"),
+)
+
+
+def slip_mean_error(case: Case) -> Values:
+    """Standard error of the mean time in slip: Monte Carlo and time average together."""
+    error = case.data["slip_mean_error"].values
+    if case.has("slip_mean_time_error"):
+        error = np.hypot(error, case.data["slip_mean_time_error"].values)
+    return np.asarray(error, dtype=float)

@@ -1,0 +1,59 @@
+"""What each joint does, in tables and figures along the structure."""
+
+from __future__ import annotations
+
+import matplotlib.pyplot as plt
+import numpy as np
+import pytest
+
+from entroslip import figures, joints, open_results, tables
+
+RING = """\
+&process correlation_length = 1.0 order = 2 mean = 0.3 std = 0.06 /
+&chain n_dof = 4 mass = 0.5 /
+&excitation variance = 10.0, 41.1 /
+&integration method = 'event' n_steps = 3000 n_discard = 200 /
+&campaign n_samples = 24 /
+&output segment_length = 256 /
+"""
+
+
+@pytest.fixture(scope="module")
+def results(results_of_scene):
+    return open_results(results_of_scene(RING))
+
+
+def test_power_is_the_dissipated_energy_over_the_time(results):
+    case = results.cases[1]
+    assert case.duration == pytest.approx(2800 * float(results.structure["dt"]))
+    power, error = joints.QUANTITIES[1].of(case)
+    energy = case.data["dissipation_mean"].values
+    np.testing.assert_allclose(power * case.duration, energy)
+    np.testing.assert_allclose(error / power, case.data["dissipation_mean_error"] / energy)
+    assert (power > 0.0).all()
+
+
+def test_largest_displacements_are_those_of_the_samples(results):
+    case = results.cases[0]
+    mean, error = joints.QUANTITIES[3].of(case)
+    samples = case.data["joint_displacement_max"].values
+    np.testing.assert_allclose(mean, samples.mean(axis=0))
+    np.testing.assert_allclose(error, samples.std(axis=0, ddof=1) / np.sqrt(24))
+
+
+def test_every_quantity_has_a_table_with_its_unit_in_every_column(results):
+    found = {table.name: table for table in tables.of_chain(results)}
+    for name, unit in (("joints", "%"), ("joints_power", "W"), ("joints_distance", "m"),
+                       ("joints_displacement", "m")):  # fmt: skip
+        assert len(found[name].rows) == 4
+        assert all(cell.endswith(f"[{unit}]") for cell in found[name].header[1:])
+        assert "variance 41.1 N²" in found[name].header[2]
+
+
+def test_spectra_along_the_structure_show_every_dof(results):
+    picture, axes = plt.subplots()
+    figures.plot_spectra_along(axes, results.cases[1], results)
+    (mesh,) = axes.collections
+    assert mesh.get_array().shape == (4, results.cases[1].data.sizes["frequency"])
+    assert mesh.get_array().max() == 0.0
+    plt.close(picture)
