@@ -1,6 +1,7 @@
 """Draws every figure and table of results files, and one report of all of them.
 
-`compare before.h5 after.h5` tells the differences of two designs instead.
+`compare before.h5 after.h5` tells the differences of two designs instead, `compare before.h5 one.h5
+other.h5` what each of several is worth.
 """
 
 from __future__ import annotations
@@ -10,7 +11,8 @@ import sys
 from pathlib import Path
 
 from . import headless  # noqa: F401  (before matplotlib)
-from .compare import compare
+from .compare import compare, lines_of
+from .decision import table_designs
 from .figure import Ranges
 from .gallery import make_figures
 from .output import InputError, Parser, exit_code, make_folder, say
@@ -36,9 +38,7 @@ def main(arguments: list[str] | None = None) -> int:
         files = [open_results(path) for path in options.results]
         make_folder(options.out)
         try:
-            say(
-                compare(files[0], files[1], options.out) if is_comparison else _draw(files, options)
-            )
+            say(_compare(files, options.out) if is_comparison else _draw(files, options))
         except OSError:
             damages = _damages(options.results)
             if not damages:
@@ -46,6 +46,20 @@ def main(arguments: list[str] | None = None) -> int:
             raise InputError("\n".join(damages)) from None
 
     return exit_code(draw)
+
+
+def _compare(files: list[Results], folder: Path) -> str:
+    """One change in full; of several designs what each is worth, and the full ones in folders."""
+    if len(files) < 2:
+        raise InputError("compare: needs two results files or more, the first one to compare with")
+    if len(files) == 2:
+        return compare(files[0], files[1], folder)
+    table = table_designs(files[0], files[1:])
+    table.write_csv(folder)
+    for after in files[1:]:
+        make_folder(folder / after.stem)
+        compare(files[0], after, folder / after.stem)
+    return "\n".join([*lines_of(table), "", table.note, f"Joint by joint: the folders in {folder}"])
 
 
 def _draw(files: list[Results], options: argparse.Namespace) -> str:
@@ -89,9 +103,9 @@ def _parser() -> Parser:
 def _comparison_parser() -> Parser:
     parser = Parser(
         prog="python -m entroslip compare",
-        description="Tells the differences of two designs, sample by sample where the seeds agree.",
+        description="Tells the differences of designs, sample by sample where the seeds agree.",
     )
-    _add_common(parser, 2, "results files of the two designs, before and after")
+    _add_common(parser, "+", "results files: the design now, then one or several others")
     return parser
 
 

@@ -255,10 +255,10 @@ def compare(before: Results, after: Results, folder: Path) -> str:
     figures = [figure.save(folder).name for figure in change_figures(pairs)]
     written = f"comparison.csv, {', '.join(figures)} in {folder}"
     same = [] if differences(before.path, after.path) else [_SAME]
-    return "\n".join([*_lines(table), "", written, table.note, *same])
+    return "\n".join([*lines_of(table), "", written, table.note, *same])
 
 
-def _lines(table: Table) -> Iterator[str]:
+def lines_of(table: Table) -> Iterator[str]:
     """The table in columns."""
     rows = [table.header, *table.rows]
     widths = [max(len(row[i]) for row in rows) for i in range(len(table.header))]

@@ -43,7 +43,13 @@ def make_figures(files: Sequence[Results]) -> list[Figure]:
                 continue  # the same drawing
             kept = own.renamed(results.stem) if twin is not None else own
             found[kept.name] = kept
-    return sorted(found.values(), key=lambda figure: (SECTIONS.index(figure.section), figure.name))
+    return sorted(found.values(), key=_place)
+
+
+def _place(figure: Figure) -> tuple[int, str]:
+    """By section and name; along the structure in the order in which they are made."""
+    name = "along" if figure.name.startswith("along_") else figure.name
+    return SECTIONS.index(figure.section), name
 
 
 def of_chain(results: Results) -> Iterator[Figure]:
@@ -75,7 +81,8 @@ def of_certain_friction(results: Results) -> Iterator[Figure]:
             yield Figure(
                 "sweep_spectra", "Spectra from stuck to slipping",
                 f"{results.place.capitalize()} 1, over the level of the force: peaks at the stuck"
-                " frequencies (full lines) broaden, vanish, and return at those with all joints slipping (dotted).",
+                " frequencies (full lines) broaden, vanish, and return at those with all joints"
+                " slipping (dotted).",
                 _STUDY,
                 (partial(figures.plot_sweep_spectra, cases=spectra, results=results),), ("8",),
             )  # fmt: skip

@@ -43,8 +43,8 @@ class OfJoints:
 
 QUANTITIES = (
     OfJoints("slip", "mean time in slip", "%", "slip", "Monte Carlo and time average together"),
-    OfJoints("power", "power that the joint takes", "W", "dissipation"),
-    OfJoints("distance", "way while it slips", "m", "slip_distance"),
+    OfJoints("power", "dissipated power", "W", "dissipation"),
+    OfJoints("distance", "slip distance", "m", "slip_distance"),
     OfJoints("displacement", "largest displacement", "m", "joint_displacement_max"),
 )
 

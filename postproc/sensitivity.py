@@ -37,6 +37,8 @@ def table_sensitivity(case: Case) -> Table:
     ]
     header = ("joint", *(f"friction {point}" for point in points), "sum")
     return Table(
-        f"sensitivity_{case.name}", f"Whose friction matters: {case.name} [%]", header, rows, _NOTE,
-        is_detail=len(points) > _MOST_COLUMNS or case.name != "c001",
+        f"sensitivity_{case.name}",
+        f"Whose friction matters to the time in slip: {case.name}, {case.label} [%]",
+        header, rows, _NOTE,
+        is_detail=len(points) > _MOST_COLUMNS, is_result=True,
     )  # fmt: skip

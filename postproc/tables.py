@@ -187,7 +187,7 @@ def table_joints(cases: Sequence[Case], quantity: joints.OfJoints) -> Table:
     name = "joints" if quantity.name == "slip" else f"joints_{quantity.name}"
     title = f"{quantity.title[0].upper()}{quantity.title[1:]} of the joints [{quantity.unit}]"
     return Table(
-        name, title, ("joint", *names), rows, f"{_ERRORS} {quantity.errors.capitalize()}.",
+        name, title, ("joint", *names), rows, f"{_ERRORS} {quantity.errors}.",
         is_detail=len(names) > _MOST_COLUMNS, is_result=True,
     )  # fmt: skip
 

@@ -94,7 +94,25 @@ def test_compare_tells_what_tighter_joints_change(results_of_scene, results_file
 
 
 def test_compare_wants_two_files(results_file, tmp_path, capsys):
-    with pytest.raises(SystemExit) as ended:
-        main(["compare", str(results_file), "--out", str(tmp_path)])
-    assert ended.value.code == 2
-    assert "results" in capsys.readouterr().err
+    assert main(["compare", str(results_file), "--out", str(tmp_path)]) == 2
+    assert "needs two results files or more" in capsys.readouterr().err
+
+
+def test_several_designs_are_ranked_with_errors(results_of_scene, results_file, tmp_path, capsys):
+    """Joints that are tighter by half stiffen and slip less than by a tenth; each has its folder."""
+    designs = []
+    for load in (11, 15):
+        path = results_of_scene(SMALL_SCENE, "run", "--set", f"chain%normal_load={load}")
+        designs.append(path.rename(path.with_name(f"load_{load}.h5")))
+    words = ["compare", str(results_file), *map(str, designs), "--out", str(tmp_path)]
+    assert main(words) == 0
+    assert "rms of mass 5 [%]" in capsys.readouterr().out
+    rows = list(csv.DictReader((tmp_path / "designs.csv").open()))
+    assert len(rows) % 2 == 0
+    for case in {row["case"] for row in rows}:
+        slip = {
+            row["design"]: float(row["time in slip [points]"].split("(")[0])
+            for row in rows if row["case"] == case
+        }  # fmt: skip
+        assert slip["load_15"] < slip["load_11"] < 0.0
+    assert (tmp_path / "load_15" / "comparison.csv").exists()
