@@ -8,10 +8,11 @@ from __future__ import annotations
 
 import argparse
 import sys
+from dataclasses import replace
 from pathlib import Path
 
 from . import headless  # noqa: F401  (before matplotlib)
-from .compare import compare, lines_of
+from .compare import change_table, compare, lines_of, pair_cases
 from .decision import table_designs
 from .figure import Ranges
 from .gallery import make_figures
@@ -49,7 +50,7 @@ def main(arguments: list[str] | None = None) -> int:
 
 
 def _compare(files: list[Results], folder: Path) -> str:
-    """One change in full; of several designs what each is worth, and the full ones in folders."""
+    """One change in full; of several designs what each is worth, and their changes as tables."""
     if len(files) < 2:
         raise InputError("compare: needs two results files or more, the first one to compare with")
     if len(files) == 2:
@@ -57,9 +58,10 @@ def _compare(files: list[Results], folder: Path) -> str:
     table = table_designs(files[0], files[1:])
     table.write_csv(folder)
     for after in files[1:]:
-        make_folder(folder / after.stem)
-        compare(files[0], after, folder / after.stem)
-    return "\n".join([*lines_of(table), "", table.note, f"Joint by joint: the folders in {folder}"])
+        change = change_table(files[0], after, pair_cases(files[0], after))
+        replace(change, name=f"change_{after.stem}").write_csv(folder)
+    where = f"designs.csv, and joint by joint change_*.csv, in {folder}"
+    return "\n".join([*lines_of(table), "", table.note, where])
 
 
 def _draw(files: list[Results], options: argparse.Namespace) -> str:

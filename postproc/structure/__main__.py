@@ -19,7 +19,7 @@ from . import generators
 from .files import read_pair
 from .pair import Pair, frequencies, massless, require_mass, require_stiffness, total_mass
 from .reduction import condensed, craig_bampton
-from .scene import Joint, SceneOptions, stuck, write_scene
+from .scene import Joint, SceneOptions, read_process, stuck, write_scene
 
 _SHOWN = 10  # frequencies
 
@@ -39,7 +39,10 @@ def main(arguments: Sequence[str] | None = None) -> int:
         scene = SceneOptions(
             options.title or options.out.name, options.damping_ratio,
             tuple(options.rayleigh) if options.rayleigh else None, tuple(options.force),
+            read_process(options.process) if options.process else None,
         )  # fmt: skip
+        if not options.force:
+            say(f"force: on dof {pair.labels[-1]}, the last; --force DOF for another")
         written = write_scene(options.out, pair, joints, scene, options.replace)
         say(f"{options.out}: {', '.join(path.name for path in written)}")
         say(f"next: put your values into joints.txt, then entroslip check {written[-1]}")
@@ -170,6 +173,8 @@ def _add_common(parser: argparse.ArgumentParser, stiffness: float | None) -> Non
     add("--normal-load", type=_not_negative, default=10.0, help="likewise")
     add("--friction", type=_not_negative, default=0.2, help="likewise")
     add("--damping-ratio", type=_not_negative, default=0.005, help="of every mode")
+    add("--process", type=Path, metavar="FILE",
+        help="a scene whose &process is taken, as estimate writes it")  # fmt: skip
     add("--rayleigh", type=float, nargs=2, metavar=("ALPHA", "BETA"), help="C = ALPHA M + BETA K")
     add("--force", action="append", default=[], type=_factor, metavar="DOF[=FACTOR]",
         help="where the force acts (repeatable); default: the last dof")  # fmt: skip

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Sequence
 from dataclasses import dataclass
 from math import floor, log10
@@ -41,6 +42,19 @@ class SceneOptions:
     damping_ratio: float = 0.005  # of every mode; unused where the pair has C or rayleigh is given
     rayleigh: tuple[float, float] | None = None  # alpha, beta of C = alpha M + beta K
     forces: tuple[tuple[str, float], ...] = ()  # dof and factor; none: the last dof
+    process: str | None = None  # text of &process; none: an example
+
+
+def read_process(path: Path) -> str:
+    """The group &process of a file, from & to /."""
+    try:
+        text = path.read_text(encoding="utf-8")
+    except (OSError, UnicodeDecodeError) as error:
+        raise InputError(f"{path}: cannot be read: {' '.join(str(error).split())}") from error
+    found = re.findall(r"^&process\b.*?^ */", text, re.MULTILINE | re.DOTALL)
+    if len(found) != 1:
+        raise InputError(f"{path}: must have one &process, as entroslip estimate writes it")
+    return str(found[0])
 
 
 def write_scene(
@@ -193,6 +207,9 @@ def _scene_text(pair: Pair, joints: Sequence[Joint], options: SceneOptions) -> s
     sizes = f"{pair.n_dof} dofs, joints: {len(joints)}"
     parts = [f"! {options.title}: {sizes}. Put your own values where EXAMPLE stands."]
     for name, lines in groups.items():
+        if name == "process" and options.process is not None:
+            parts.append(options.process)
+            continue
         parts.append("\n".join([f"&{name}", *map(_aligned, lines), "/"]))
     return "\n\n".join(parts) + "\n"
 

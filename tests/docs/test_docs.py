@@ -184,6 +184,23 @@ def test_a_structure_of_ones_own_works_as_written(as_written, tmp_path):
         assert float(f"{whole}.{decimals}") < -4 * int(width) * 10.0 ** -len(decimals)
 
 
+def test_measured_joints_lead_to_a_decision_as_written(as_written, tmp_path):
+    """At most ten commands and edits; the tip's joint is the one, and what it does turns round."""
+    page = (ROOT / "docs/measured_joints.md").read_text()
+    assert len(re.findall(r"\*\*\d+\.|and \d+\. ", page)) == 8
+    said = as_written("".join(re.findall(r"^```sh\n(.*?)^```", page, re.MULTILINE | re.DOTALL)))
+    assert "8.36 to" in said
+    assert "36.1 to" in said
+    assert (tmp_path / "beam/figures/report.html").exists()
+    rows = list(csv.DictReader((tmp_path / "beam/which/designs.csv").open()))
+    assert len(rows) == 12
+    change = [float(row["rms of dof 4 [%]"].split("(")[0]) for row in rows]
+    assert rows[3]["design"] == "tight_4"  # the largest rise at the smallest level
+    assert change[3] > 1.0
+    assert rows[8]["design"] == "tight_4"  # the largest fall at the largest
+    assert change[8] < -1.0
+
+
 def test_python_works_as_written(as_written, tmp_path):
     """The blocks of the page, on the results of its scene."""
     page = (ROOT / "docs/python.md").read_text()

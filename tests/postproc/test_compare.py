@@ -99,7 +99,7 @@ def test_compare_wants_two_files(results_file, tmp_path, capsys):
 
 
 def test_several_designs_are_ranked_with_errors(results_of_scene, results_file, tmp_path, capsys):
-    """Joints that are tighter by half stiffen and slip less than by a tenth; each has its folder."""
+    """Joints tighter by half slip less than those by a tenth; each design has its table."""
     designs = []
     for load in (11, 15):
         path = results_of_scene(SMALL_SCENE, "run", "--set", f"chain%normal_load={load}")
@@ -115,4 +115,4 @@ def test_several_designs_are_ranked_with_errors(results_of_scene, results_file, 
             for row in rows if row["case"] == case
         }  # fmt: skip
         assert slip["load_15"] < slip["load_11"] < 0.0
-    assert (tmp_path / "load_15" / "comparison.csv").exists()
+    assert (tmp_path / "change_load_15.csv").exists()
