@@ -20,6 +20,11 @@ module io_case_statistics
    character(*), parameter :: by_regression = &
                               'leave-one-out residuals of the regression, Student, 95 %'
 
+   !> Axes of what is told of each dof whose spectra are kept, in Python's order.
+   type :: band_axes
+      character(:), allocatable :: dof, spectrum, percentile, percentile_spectrum
+   end type band_axes
+
 contains
 
    !> Takes the first error of all.
@@ -141,9 +146,19 @@ contains
       call put_joints(group, 'slip_distance', 'm', 'slip_distance', statistics%slip_distance)
       call put_joints(group, 'dissipation', 'J', 'dissipation', statistics%dissipation)
       if (.not. allocated(statistics%psd_mean)) return
-      call put_bands(group, kept_axis(plan), statistics)
-      call put_band_errors(group, kept_axis(plan), statistics)
+      call put_bands(group, axes_of(plan), statistics)
+      call put_band_errors(group, axes_of(plan), statistics)
    end subroutine write_statistics
+
+   pure function axes_of(plan) result(axes)
+      type(plan_type), intent(in) :: plan
+      type(band_axes) :: axes
+
+      axes%dof = kept_axis(plan)
+      axes%spectrum = 'frequency '//axes%dof
+      axes%percentile = 'percentile '//axes%dof
+      axes%percentile_spectrum = 'percentile frequency '//axes%dof
+   end function axes_of
 
    subroutine write_methods(group, is_regression, has_bands)
       type(group_type), intent(inout) :: group
@@ -200,59 +215,54 @@ contains
    end subroutine put_joints
 
    !> What the bands are, without their errors.
-   subroutine put_bands(group, dof, statistics)
+   subroutine put_bands(group, axes, statistics)
       type(group_type), intent(inout) :: group
-      character(*), intent(in) :: dof   !! the axis
+      type(band_axes), intent(in) :: axes
       type(case_statistics), intent(in) :: statistics
-      character(:), allocatable :: spectrum_axes, percentile_spectrum_axes, percentile_axes
 
-      spectrum_axes = 'frequency '//dof
-      percentile_spectrum_axes = 'percentile frequency '//dof
-      percentile_axes = 'percentile '//dof
       call group%put_allocated('psd_mean', statistics%psd_mean, &
-                     label_type('m^2/Hz', 'mean of psd', spectrum_axes))
+                     label_type('m^2/Hz', 'mean of psd', axes%spectrum))
       call group%put_allocated('psd_percentiles', statistics%psd_percentiles, &
-                     label_type('m^2/Hz', 'percentiles of psd', percentile_spectrum_axes))
+                     label_type('m^2/Hz', 'percentiles of psd', axes%percentile_spectrum))
       call group%put_allocated('pseudo_variance_mean', statistics%pseudo_variance_mean, &
-                     label_type('m^2', 'integral of psd_mean over frequency, Eq. (46)', dof))
+                     label_type('m^2', 'integral of psd_mean over frequency, Eq. (46)', axes%dof))
       call group%put_allocated('pseudo_variance_percentiles', &
                                statistics%pseudo_variance_percentiles, &
                                label_type('m^2', 'integral of each percentile, Eq. (46)', &
-                                          percentile_axes))
+                                          axes%percentile))
       call group%put_allocated('band_ratio', statistics%band_ratio, &
-                     label_type('1', 'pseudo-variance of the last over the first percentile', dof))
+                     label_type('1', 'pseudo-variance of the last over the first percentile', &
+                                axes%dof))
    end subroutine put_bands
 
-   subroutine put_band_errors(group, dof, statistics)
+   subroutine put_band_errors(group, axes, statistics)
       type(group_type), intent(inout) :: group
-      character(*), intent(in) :: dof   !! the axis
+      type(band_axes), intent(in) :: axes
       type(case_statistics), intent(in) :: statistics
-      character(:), allocatable :: spectrum_axes, percentile_spectrum_axes, percentile_axes
 
-      spectrum_axes = 'frequency '//dof
-      percentile_spectrum_axes = 'percentile frequency '//dof
-      percentile_axes = 'percentile '//dof
       call group%put_allocated('psd_mean_error', statistics%psd_mean_error, &
-                     label_type('m^2/Hz', 'standard error of psd_mean', spectrum_axes))
+                     label_type('m^2/Hz', 'standard error of psd_mean', axes%spectrum))
       call group%put_allocated('psd_percentiles_low', statistics%psd_percentiles_low, &
                      label_type('m^2/Hz', 'lower end of the 95 % interval', &
-                                percentile_spectrum_axes))
+                                axes%percentile_spectrum))
       call group%put_allocated('psd_percentiles_high', statistics%psd_percentiles_high, &
                      label_type('m^2/Hz', 'upper end of the 95 % interval', &
-                                percentile_spectrum_axes))
+                                axes%percentile_spectrum))
       call group%put_allocated('pseudo_variance_mean_error', &
                                statistics%pseudo_variance_mean_error, &
-                               label_type('m^2', 'standard error of pseudo_variance_mean', dof))
+                               label_type('m^2', 'standard error of pseudo_variance_mean', &
+                                          axes%dof))
       call group%put_allocated('pseudo_variance_percentiles_error', &
                      statistics%pseudo_variance_percentiles_error, &
                      label_type('m^2', 'standard error of pseudo_variance_percentiles', &
-                                percentile_axes))
+                                axes%percentile))
       call group%put_allocated('band_ratio_low', statistics%band_ratio_low, &
-                     label_type('1', 'lower end of the 95 % interval of band_ratio', dof))
+                     label_type('1', 'lower end of the 95 % interval of band_ratio', axes%dof))
       call group%put_allocated('band_ratio_high', statistics%band_ratio_high, &
-                     label_type('1', 'upper end of the 95 % interval of band_ratio', dof))
+                     label_type('1', 'upper end of the 95 % interval of band_ratio', axes%dof))
       call group%put_allocated('band_ratio_bias', statistics%band_ratio_bias, &
-                               label_type('1', 'relative bias of band_ratio, by bootstrap', dof))
+                               label_type('1', 'relative bias of band_ratio, by bootstrap', &
+                                          axes%dof))
    end subroutine put_band_errors
 
    !> What the march adds to errors, whatever the estimator: its length is finite.
@@ -260,7 +270,7 @@ contains
       type(group_type), intent(inout) :: group
       type(plan_type), intent(in) :: plan
       type(case_statistics), intent(in) :: statistics
-      character(:), allocatable :: dof, percentile_axes
+      type(band_axes) :: axes
 
       if (allocated(statistics%slip_mean_time_error)) then
          call group%put_allocated('slip_mean_time_error', statistics%slip_mean_time_error, &
@@ -269,19 +279,19 @@ contains
                         label_type('1', 'part of slip_std that the finite march adds', 'joint'))
       end if
       if (.not. allocated(statistics%band_ratio_time_error)) return
-      dof = kept_axis(plan)
-      percentile_axes = 'percentile '//dof
+      axes = axes_of(plan)
       call group%attribute('band_ratio_time_error_method', &
                            'scatter of consecutive batches of the march')
       call group%put_allocated('pseudo_variance_mean_time_error', &
                      statistics%pseudo_variance_mean_time_error, &
-                     label_type('m^2', 'standard error of pseudo_variance_mean'//not_lowered, dof))
+                     label_type('m^2', 'standard error of pseudo_variance_mean'//not_lowered, &
+                                axes%dof))
       call group%put_allocated('pseudo_variance_percentiles_time_error', &
                      statistics%pseudo_variance_percentiles_time_error, &
                      label_type('m^2', 'standard error of pseudo_variance_percentiles'// &
-                                not_lowered, percentile_axes))
+                                not_lowered, axes%percentile))
       call group%put_allocated('band_ratio_time_error', statistics%band_ratio_time_error, &
-                     label_type('1', 'standard error of band_ratio'//not_lowered, dof))
+                     label_type('1', 'standard error of band_ratio'//not_lowered, axes%dof))
    end subroutine write_time_errors
 
    !> How much larger the standard errors of plain sampling are, by the names of the estimates.
@@ -291,24 +301,21 @@ contains
       type(case_statistics), intent(in) :: ratio
       character(*), parameter :: meaning = &
                                  'standard error of plain sampling over that of the estimate'
-      character(:), allocatable :: dof, spectrum_axes, percentile_spectrum_axes, percentile_axes
+      type(band_axes) :: axes
 
-      dof = kept_axis(plan)
-      spectrum_axes = 'frequency '//dof
-      percentile_spectrum_axes = 'percentile frequency '//dof
-      percentile_axes = 'percentile '//dof
+      axes = axes_of(plan)
       call put_of_joints('slip', ratio%slip)
       call put_of_joints('slip_distance', ratio%slip_distance)
       call put_of_joints('dissipation', ratio%dissipation)
       if (.not. allocated(ratio%psd_mean)) return
-      call group%put('psd_mean', ratio%psd_mean, label_type('1', meaning, spectrum_axes))
+      call group%put('psd_mean', ratio%psd_mean, label_type('1', meaning, axes%spectrum))
       call group%put('psd_percentiles', ratio%psd_percentiles, &
-                     label_type('1', meaning, percentile_spectrum_axes))
+                     label_type('1', meaning, axes%percentile_spectrum))
       call group%put('pseudo_variance_mean', ratio%pseudo_variance_mean, &
-                     label_type('1', meaning, dof))
+                     label_type('1', meaning, axes%dof))
       call group%put('pseudo_variance_percentiles', ratio%pseudo_variance_percentiles, &
-                     label_type('1', meaning, percentile_axes))
-      call group%put('band_ratio', ratio%band_ratio, label_type('1', meaning, dof))
+                     label_type('1', meaning, axes%percentile))
+      call group%put('band_ratio', ratio%band_ratio, label_type('1', meaning, axes%dof))
 
    contains
 
