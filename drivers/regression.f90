@@ -144,11 +144,11 @@ contains
             do i = 1, size(workshop%pools(p)%cases)
                c = workshop%pools(p)%cases(i)
                workshop%plain(c) = statistics(c)
-               call share_joints(workshop%plain(c)%slip, [nj, np])
-               call share_joints(workshop%plain(c)%slip_distance, [nj, np])
-               call share_joints(workshop%plain(c)%dissipation, [nj, np])
+               call share_joints(workshop%plain(c)%slip)
+               call share_joints(workshop%plain(c)%slip_distance)
+               call share_joints(workshop%plain(c)%dissipation)
                if (nd == 0) cycle
-               call share_table(workshop%plain(c)%psd_mean, [nd, nf])
+               call world%broadcast(workshop%plain(c)%psd_mean)
                call share_cube(workshop%plain(c)%psd_percentiles, [nd, nf, np])
             end do
          end do
@@ -156,41 +156,20 @@ contains
 
    contains
 
-      subroutine share_joints(plain, extent)
+      subroutine share_joints(plain)
          type(joint_statistics), intent(inout) :: plain
-         integer, intent(in) :: extent(2)
 
-         call share_row(plain%mean, extent(1))
-         call share_row(plain%std, extent(1))
-         call share_table(plain%percentiles, extent)
+         call world%broadcast(plain%mean)
+         call world%broadcast(plain%std)
+         call world%broadcast(plain%percentiles)
       end subroutine share_joints
 
-      subroutine share_row(values, n)
-         real(wp), allocatable, intent(inout) :: values(:)
-         integer, intent(in) :: n
-
-         if (.not. allocated(values)) allocate (values(n))
-         call world%broadcast(values)
-      end subroutine share_row
-
-      subroutine share_table(values, extent)
-         real(wp), allocatable, intent(inout) :: values(:, :)
-         integer, intent(in) :: extent(2)
-         real(wp), allocatable :: row(:)
-
-         allocate (row(product(extent)))
-         if (allocated(values)) row = reshape(values, [size(values)])
-         call world%broadcast(row)
-         values = reshape(row, extent)
-      end subroutine share_table
-
       subroutine share_cube(values, extent)
-         real(wp), allocatable, intent(inout) :: values(:, :, :)
+         real(wp), allocatable, intent(inout) :: values(:, :, :)   !! allocated at the root
          integer, intent(in) :: extent(3)
          real(wp), allocatable :: row(:)
 
-         allocate (row(product(extent)))
-         if (allocated(values)) row = reshape(values, [size(values)])
+         if (world%is_root()) row = reshape(values, [size(values)])
          call world%broadcast(row)
          values = reshape(row, extent)
       end subroutine share_cube
