@@ -10,7 +10,7 @@ module dynamics_joint
    implicit none(type, external)
    private
    public :: jenkins_force, stuck_guard, slip_guard, slip_direction, slider_at
-   public :: start_slip, stick, close_account, dissipate
+   public :: enter_transition, close_account, dissipate
 
 contains
 
@@ -70,33 +70,32 @@ contains
       end do
    end function jenkins_force
 
-   !> Enters the start of a slip into the account of a sample.
-   pure subroutine start_slip(state, joint, sample, time, place, direction)
+   !> Enters a transition into the account of a sample: a slip starts in a direction, or ends
+   !> (direction 0). Without branches, as both are equally likely.
+   pure subroutine enter_transition(state, joint, sample, time, place, direction)
       type(block_state), intent(inout) :: state
       integer, intent(in) :: joint, sample
       real(wp), intent(in) :: time        !! [s]
       real(wp), intent(in) :: place       !! w.x [m]
-      integer, intent(in) :: direction    !! d, +1 or -1
+      integer, intent(in) :: direction    !! +1 or -1; 0: it sticks
+      integer :: starts
+      logical :: has_stuck
 
-      state%direction(joint, sample) = direction
-      state%slip_starts(joint, sample) = state%slip_starts(joint, sample) + 1
-      state%slip_since(joint, sample) = time
-      state%slip_from(joint, sample) = place
+      has_stuck = direction == 0
+      starts = abs(direction)
+      associate (j => joint, w => sample)
+         state%direction(j, w) = direction
+         state%slip_starts(j, w) = state%slip_starts(j, w) + starts
+         state%stick_starts(j, w) = state%stick_starts(j, w) + (1 - starts)
+         state%slip_time(j, w) = state%slip_time(j, w) &
+                                 + merge(time - state%slip_since(j, w), 0.0_wp, has_stuck)
+         state%slip_distance(j, w) = state%slip_distance(j, w) &
+                                     + merge(abs(place - state%slip_from(j, w)), 0.0_wp, has_stuck)
+         state%slip_since(j, w) = time
+         state%slip_from(j, w) = place
+      end associate
       if (state%keeps_transitions) call state%transitions(sample)%append(time, joint, direction)
-   end subroutine start_slip
-
-   !> Enters the end of a slip into the account of a sample.
-   pure subroutine stick(state, joint, sample, time, place)
-      type(block_state), intent(inout) :: state
-      integer, intent(in) :: joint, sample
-      real(wp), intent(in) :: time    !! [s]
-      real(wp), intent(in) :: place   !! w.x [m]
-
-      state%direction(joint, sample) = 0
-      state%stick_starts(joint, sample) = state%stick_starts(joint, sample) + 1
-      call count_slip(state, joint, sample, time, place)
-      if (state%keeps_transitions) call state%transitions(sample)%append(time, joint, 0)
-   end subroutine stick
+   end subroutine enter_transition
 
    !> Counts the slips under way up to now, as where a span of the march ends.
    pure subroutine close_account(structure, time, state)

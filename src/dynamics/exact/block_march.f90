@@ -5,9 +5,9 @@ module dynamics_exact_block_march
    use core_kinds, only: long, wp
    use dynamics_exact_base_system, only: base_system, raise_too_many
    use dynamics_exact_joint_paths, only: width
-   use dynamics_exact_transitions, only: clear, examine, find_next, gather, group_size, involved, &
-                                         plain, take_answer, transition_group
-   use dynamics_joint, only: dissipate, start_slip, stick
+   use dynamics_exact_transitions, only: clear, examine, find_next, group_size, plain, &
+                                         take_answer, take_suspects, transition_group
+   use dynamics_joint, only: dissipate, enter_transition
    use dynamics_response, only: block_state
    use structure_model, only: structure_type
    implicit none(type, external)
@@ -20,9 +20,11 @@ module dynamics_exact_block_march
    !> Suspects of a part, its groups of transitions, and records that are not yet handed on.
    type :: march_room
       integer, allocatable :: list(:)
-      logical :: is_involved(width)                        !! marched again, by `redo`
+      logical :: is_involved(width) = .false.              !! marched again, by `redo`
       integer :: n_seen(width), seen(most_seen, width)     !! rows that switch in the part, see (9)
       type(transition_group), allocatable :: groups(:)
+      type(transition_group) :: one        !! a joint that is followed
+      logical :: is_independent = .true.   !! no sample is ever marched again
       !> Joints without friction: their way counts from part to part
       integer, allocatable :: sliding(:, :)                !! (lane joint, entry)
       integer :: n_kept = 0, n_records = 0                 !! kept here; handed on
@@ -47,6 +49,8 @@ contains
       integer :: first, part, step
 
       call base%begin()
+      room%is_independent = all(base%paths%is_local) .and. size(base%paths%moved) == 0 .and. &
+                            .not. state%keeps_ledger
       allocate (room%list(width*max(1, state%n_joints)), room%groups(1))
       allocate (room%displacement(width, state%n_dof, merge(records_together, 0, &
                                                             size(displacement) > 0)))
@@ -90,8 +94,7 @@ contains
       integer :: found, s
 
       call base%run_part(push, room%list, found)
-      room%is_involved = .false.
-      room%n_seen = 0
+      if (.not. room%is_independent) room%is_involved = .false.
       if (found > 0) call make_transitions(base, found, begin, state, room, error)
       if (allocated(error)) return
       if (state%keeps_ledger) call keep_ledger(base, room, state)
@@ -108,9 +111,9 @@ contains
       end do
    end subroutine march_part
 
-   !> Judges all suspects first; then samples with involved joints that are not local are marched
-   !> again, of the others each joint by itself. What is done to a sample depends on that sample
-   !> alone.
+   !> Transitions of the suspects in their order. Where joints may be involved all are judged first;
+   !> samples with involved joints that are not local are marched again, of the others each joint by
+   !> itself. What is done to a sample depends on that sample alone.
    subroutine make_transitions(base, found, begin, state, room, error)
       class(base_system), intent(inout) :: base
       integer, intent(in) :: found
@@ -119,49 +122,95 @@ contains
       type(march_room), intent(inout) :: room
       type(error_type), allocatable, intent(out) :: error
       type(transition_group), allocatable :: more(:)
-      integer :: e, first, g, l, n_groups
+      integer :: g, l, n_groups
 
       n_groups = (found + group_size - 1)/group_size
+      if (room%is_independent) then
+         do g = 1, n_groups
+            call examine_group(g, room%groups(1))
+            call enter_group(base, room%groups(1), begin, state, room, error)
+            if (allocated(error)) return
+         end do
+         return
+      end if
       if (n_groups > size(room%groups)) then
          allocate (more(2*n_groups))
          call move_alloc(more, room%groups)
       end if
+      room%n_seen = 0
       do g = 1, n_groups
-         associate (group => room%groups(g))
-            first = group_size*(g - 1) + 1
-            call examine(base%paths, room%list(first:min(found, first + group_size - 1)), group)
-            do e = 1, group%n
-               if (group%verdict(e) == clear) cycle
-               l = group%lane(e)
-               ! only a march anew has the works of the pieces between transitions
-               if (state%keeps_ledger .or. .not. base%paths%is_local(group%joint(e))) then
-                  room%is_involved(l) = .true.
-               else if (size(base%paths%moved) > 0) then
-                  call note_joint(base, group%joint(e), room%seen(:, l), room%n_seen(l), &
-                                  room%is_involved(l))
-               end if
-            end do
-         end associate
+         call examine_group(g, room%groups(g))
+         call find_involved(base, room%groups(g), state%keeps_ledger, room)
       end do
       do g = 1, n_groups
-         associate (group => room%groups(g))
-            do e = 1, group%n
-               if (room%is_involved(group%lane(e))) cycle
-               if (group%verdict(e) == plain) then
-                  call make_transition(base, group, e, begin, state)
-               else if (group%verdict(e) == involved) then
-                  call follow_joint(base, room%list(group_size*(g - 1) + e), begin, state, error)
-                  if (allocated(error)) return
-               end if
-            end do
-         end associate
+         call enter_group(base, room%groups(g), begin, state, room, error)
+         if (allocated(error)) return
       end do
       do l = 1, base%paths%n_samples
          if (.not. room%is_involved(l)) cycle
          call base%redo(l, begin, state, error)
          if (allocated(error)) return
       end do
+
+   contains
+
+      subroutine examine_group(number, group)
+         integer, intent(in) :: number
+         type(transition_group), intent(inout) :: group
+
+         associate (first => group_size*(number - 1) + 1)
+            call examine(base%paths, room%list(first:min(found, first + group_size - 1)), group)
+         end associate
+      end subroutine examine_group
+
    end subroutine make_transitions
+
+   !> Notes the samples of a group that must be marched again.
+   pure subroutine find_involved(base, group, keeps_ledger, room)
+      class(base_system), intent(in) :: base
+      type(transition_group), intent(in) :: group
+      logical, intent(in) :: keeps_ledger
+      type(march_room), intent(inout) :: room
+      integer :: e, l
+
+      do e = 1, group%n
+         if (group%verdict(e) == clear) cycle
+         l = group%lane(e)
+         ! only a march anew has the works of the pieces between transitions
+         if (keeps_ledger .or. .not. base%paths%is_local(group%joint(e))) then
+            room%is_involved(l) = .true.
+         else if (size(base%paths%moved) > 0) then
+            call note_joint(base, group%joint(e), room%seen(:, l), room%n_seen(l), &
+                            room%is_involved(l))
+         end if
+      end do
+   end subroutine find_involved
+
+   !> Enters the transitions of a group, of samples that are not marched again, in their order.
+   subroutine enter_group(base, group, begin, state, room, error)
+      class(base_system), intent(inout) :: base
+      type(transition_group), intent(in) :: group
+      real(wp), intent(in) :: begin   !! [parts]
+      type(block_state), intent(inout) :: state
+      type(march_room), intent(inout) :: room
+      type(error_type), allocatable, intent(out) :: error
+      integer :: chosen(group_size), e, i, n
+
+      n = 0
+      do e = 1, group%n   ! without branches
+         chosen(n + 1) = e
+         n = n + merge(0, 1, group%verdict(e) == clear .or. room%is_involved(group%lane(e)))
+      end do
+      do i = 1, n
+         e = chosen(i)
+         if (group%verdict(e) == plain) then
+            call make_transition(base, group, e, begin, state)
+         else
+            call follow_joint(base, group%suspect(e), begin, state, room%one, error)
+            if (allocated(error)) return
+         end if
+      end do
+   end subroutine enter_group
 
    !> Whether a joint moves one that switches in the same part of its sample too much (9).
    pure subroutine note_joint(base, joint, seen, n_seen, is_involved)
@@ -191,34 +240,30 @@ contains
       integer, intent(in) :: entry
       real(wp), intent(in) :: begin   !! [parts]
       type(block_state), intent(inout) :: state
-      integer :: sample, way
+      integer :: way
 
-      sample = base%paths%first_sample + group%lane(entry) - 1
       way = nint(group%way(entry))
-      associate (j => group%joint(entry), time => (begin + group%time(entry))*base%h, &
-                 place => group%place(entry))
+      associate (j => group%joint(entry), l => group%lane(entry), place => group%place(entry))
          call base%correct(group, entry)
-         call base%paths%switch(group%lane(entry), j, way, place)
-         if (abs(group%side(entry)) > 0.0_wp) then
-            call stick(state, j, sample, time, place)
-         else
-            call start_slip(state, j, sample, time, place, way)
-         end if
+         call base%paths%switch(l, j, way, place)
+         call enter_transition(state, j, base%paths%first_sample + l - 1, &
+                               (begin + group%time(entry))*base%h, place, &
+                               merge(0, way, abs(group%side(entry)) > 0.0_wp))
       end associate
    end subroutine make_transition
 
    !> All transitions of a local joint in the part, one after another.
-   subroutine follow_joint(base, suspect, begin, state, error)
+   subroutine follow_joint(base, suspect, begin, state, one, error)
       class(base_system), intent(inout) :: base
       integer, intent(in) :: suspect   !! as the list has it
       real(wp), intent(in) :: begin    !! [parts]
       type(block_state), intent(inout) :: state
+      type(transition_group), intent(inout) :: one
       type(error_type), allocatable, intent(out) :: error
-      type(transition_group) :: one
       logical :: is_found
       integer :: round
 
-      call gather(base%paths, [suspect], one)
+      call take_suspects(base%paths%degree, base%paths, [suspect], one)
       do round = 0, base%max_transitions
          call find_next(base%paths%degree, one, is_found)
          if (.not. is_found) return

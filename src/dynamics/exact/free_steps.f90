@@ -6,7 +6,7 @@ module dynamics_exact_free_steps
    use core_kinds, only: long, wp
    use dynamics_exact_joint_paths, only: joint_paths, layer_hold, layer_lift, layer_side, &
                                          layer_slider, width
-   use dynamics_exact_powers, only: next_power
+   use dynamics_exact_powers, only: next_power, power_operator
    use dynamics_exact_series, only: series_type
    implicit none(type, external)
    private
@@ -18,52 +18,42 @@ module dynamics_exact_free_steps
 contains
 
    !> Powers 2 .. P of all rows.
-   subroutine expand_block(series, push, paths)
+   subroutine expand_block(series, operators, push, paths)
       type(series_type), intent(in) :: series
-      !> (lane, loaded dof, power) force now and its rise
-      real(wp), intent(in), contiguous :: push(:, :, 0:)
+      type(power_operator), intent(in) :: operators(0:)
+      real(wp), intent(in) :: push(width, size(series%loaded), 0:1)   !! (.., power) value, rise
       type(joint_paths), intent(inout) :: paths
-      integer :: k
+      integer :: k, turn
 
-      do k = 0, series%degree - 2
-       call add_power(size(paths%x, 2), series, k, paths%layer(k:k + 2), ubound(paths%x, 3), push, &
-                        paths%stiffness, paths%pull, paths%x)
-      end do
+      turn = merge(0, 1, paths%layer(0) == 0)
+      associate (x => paths%x)
+         do k = 0, series%degree - 2
+            call next_power(operators(k), turn, paths%stiffness, paths%pull, x)
+            if (series%n_links > 0) call push_links(paths%top, series, k, x(1, 1, paths%layer(k)), &
+                                                    paths%stiffness, paths%pull, x(1, 1, k + 2))
+            if (k <= 1) call push_loads(series, operators(k)%scale, push(:, :, k), paths%top, &
+                                        x(1, 1, k + 2))
+            if (series%n_links > 0) call follow_links(paths%top, series, x(1, 1, k + 2))
+         end do
+      end associate
    end subroutine expand_block
 
-   !> Power k + 2 of all rows. Layers of one array become arrays of their own, which do not overlap.
-   subroutine add_power(top, series, k, layer, last, push, stiffness, pull, x)
-      integer, intent(in) :: top, k, layer(0:2), last   !! rows; power; layers of k ..; last layer
+   !> Adds the loads to one power.
+   pure subroutine push_loads(series, scale, push, top, x)
       type(series_type), intent(in) :: series
-      real(wp), intent(in) :: push(width, size(series%loaded), 0:1)
-      real(wp), intent(in), dimension(width, top) :: stiffness, pull
-      real(wp), intent(inout) :: x(width, top, 0:last)
-      real(wp) :: scale
-      integer :: i, l
+      real(wp), intent(in) :: scale
+      real(wp), intent(in) :: push(width, size(series%loaded))
+      integer, intent(in) :: top
+      real(wp), intent(inout) :: x(width, top)
+      integer :: dof, i, l
 
-      scale = 1.0_wp/((k + 1)*(k + 2))
-      call next_power(top, series%springs, series%damping(k), -scale, x(1, 1, layer(0)), &
-                      x(1, 1, layer(1)), stiffness, x(1, 1, layer(2)))
-      if (k == 0) then
-         do i = 1, series%n_dof
-            do l = 1, width
-               x(l, i, 2) = x(l, i, 2) + scale*pull(l, i)
-            end do
+      do i = 1, size(series%loaded)
+         dof = series%loaded(i)
+         do l = 1, width
+            x(l, dof) = x(l, dof) - scale*push(l, i)
          end do
-      end if
-      if (series%n_links > 0) call push_links(top, series, k, x(1, 1, layer(0)), stiffness, pull, &
-                                              x(1, 1, layer(2)))
-      if (k <= 1) then
-         do i = 1, size(series%loaded)
-            associate (dof => series%loaded(i))
-               do l = 1, width
-                  x(l, dof, k + 2) = x(l, dof, k + 2) + scale*push(l, i, k)
-               end do
-            end associate
-         end do
-      end if
-      if (series%n_links > 0) call follow_links(top, series, x(1, 1, layer(2)))
-   end subroutine add_power
+      end do
+   end subroutine push_loads
 
    !> Adds the forces of the links to x_(k+2) of the dofs that they join.
    subroutine push_links(top, series, k, x0, stiffness, pull, x2)
@@ -119,69 +109,91 @@ contains
       integer, intent(inout) :: list(:)
       integer, intent(out) :: found
 
-      associate (x => paths%x, start => paths%layer, finish => paths%finish)
-         call finish_rows(size(x, 2), paths%degree, paths, x(:, :, start(0)), x(:, :, start(1)), &
-                          x(:, :, 2:paths%degree), x(:, :, finish(0):finish(1)), list, found)
+      associate (x => paths%x, start => paths%layer, finish => paths%finish(0))
+         select case (paths%degree)   ! a constant degree makes loops over powers straight
+         case (6)
+            call finish_rows(6, paths, x(1, 1, start(0)), x(1, 1, start(1)), x(1, 1, 2), &
+                             x(1, 1, finish), list, found)
+         case (7)
+            call finish_rows(7, paths, x(1, 1, start(0)), x(1, 1, start(1)), x(1, 1, 2), &
+                             x(1, 1, finish), list, found)
+         case (8)
+            call finish_rows(8, paths, x(1, 1, start(0)), x(1, 1, start(1)), x(1, 1, 2), &
+                             x(1, 1, finish), list, found)
+         case default
+            call finish_rows(paths%degree, paths, x(1, 1, start(0)), x(1, 1, start(1)), &
+                             x(1, 1, 2), x(1, 1, finish), list, found)
+         end select
       end associate
    end subroutine finish_part
 
-   !> A path leaves its chord by at most max |x''|/8 <= sum k (k - 1)/8 |x_k|, a velocity by sum k
-   !> (k - 1)(k - 2)/8 |x_k| (3); the guards of the chords have their least values at its ends.
-   subroutine finish_rows(top, degree, paths, x0, x1, x, finish, list, found)
-      integer, intent(in) :: top, degree
+   !> Rows two at a time: their suspects are the bits of one word.
+   subroutine finish_rows(degree, paths, x0, x1, x, finish, list, found)
+      integer, value :: degree
       type(joint_paths), intent(in) :: paths
-      real(wp), intent(in), dimension(width, top) :: x0, x1
-      real(wp), intent(in) :: x(width, top, 2:degree)
-      real(wp), intent(inout) :: finish(width, top, 0:1)
+      real(wp), intent(in), dimension(width, paths%top) :: x0, x1
+      real(wp), intent(in) :: x(width, paths%top, 2:degree)
+      real(wp), intent(inout) :: finish(width, paths%top, 0:1)
       integer, intent(inout) :: list(:)
       integer, intent(out) :: found
-      real(wp) :: more(width, 3)   ! of powers beyond 6: end, its velocity, turn
-      real(wp) :: offset, path, turn, velocity
-      integer(long) :: word
-      integer :: e, i, j, k, l
+      integer(long) :: pair, word
+      integer :: at, e, first, last
 
       found = 0
-      more = 0.0_wp
-      do e = 1, paths%first(paths%n_rows + 1) - 1
-         i = paths%joint_row(e)
-         j = paths%joint(e)
-         if (degree > 6) then
-            more = 0.0_wp
-            do k = 7, degree
-               do l = 1, width
-                  more(l, 1) = more(l, 1) + x(l, i, k)
-                  more(l, 2) = more(l, 2) + k*x(l, i, k)
-                  more(l, 3) = more(l, 3) + (0.125_wp*k*(k - 1)*(k - 2))*abs(x(l, i, k))
-               end do
-            end do
+      last = paths%first(paths%n_rows + 1) - 1
+      do first = 1, last, 2
+         call finish_row(degree, paths, first, x0, x1, x, paths%regime, finish, pair)
+         if (first < last) then
+            call finish_row(degree, paths, first + 1, x0, x1, x, paths%regime, finish, word)
+            pair = ior(pair, shiftl(word, width))
          end if
-         word = 0
-         do l = 1, width
-            path = x(l, i, 5) + (x(l, i, 6) + more(l, 1))
-            velocity = 5.0_wp*x(l, i, 5) + (6.0_wp*x(l, i, 6) + more(l, 2))
-            turn = 7.5_wp*abs(x(l, i, 5)) + (15.0_wp*abs(x(l, i, 6)) + more(l, 3))
-            path = x(l, i, 2) + (x(l, i, 3) + (x(l, i, 4) + path))
-            path = x0(l, i) + (x1(l, i) + path)
-            velocity = 3.0_wp*x(l, i, 3) + (4.0_wp*x(l, i, 4) + velocity)
-            velocity = x1(l, i) + (2.0_wp*x(l, i, 2) + velocity)
-            turn = 0.75_wp*abs(x(l, i, 3)) + (3.0_wp*abs(x(l, i, 4)) + turn)
-            finish(l, i, 0) = path
-            finish(l, i, 1) = velocity
-            associate (regime => paths%regime)
-               offset = max(abs(x0(l, i) - regime(l, j, layer_slider)), &
-                            abs(path - regime(l, j, layer_slider)))
-               offset = regime(l, j, layer_hold) - offset - 0.25_wp*abs(x(l, i, 2))
-               velocity = min(regime(l, j, layer_side)*x1(l, i), &
-                              regime(l, j, layer_side)*velocity) + regime(l, j, layer_lift)
-            end associate
-            word = ior(word, merge(bit(l), 0_long, min(offset, velocity) - turn < 0.0_wp))
-         end do
-         do while (word /= 0_long)
+         do while (pair /= 0_long)
+            at = trailz(pair)
             found = found + 1
-            list(found) = width*(j - 1) + trailz(word) + 1
-            word = iand(word, word - 1_long)
+            e = first + at/width
+            list(found) = width*(paths%joint(e) - 1) + iand(at, width - 1) + 1
+            pair = iand(pair, pair - 1_long)
          end do
       end do
    end subroutine finish_rows
+
+   !> A path leaves its chord by at most max |x''|/8 <= sum k (k - 1)/8 |x_k|, a velocity by sum k
+   !> (k - 1)(k - 2)/8 |x_k| (3); the guards of the chords have their least values at its ends.
+   subroutine finish_row(degree, paths, entry, x0, x1, x, regime, finish, word)
+      integer, value :: degree
+      type(joint_paths), intent(in) :: paths
+      integer, intent(in) :: entry
+      real(wp), intent(in), dimension(width, paths%top) :: x0, x1
+      real(wp), intent(in) :: x(width, paths%top, 2:degree)
+      real(wp), intent(in) :: regime(width, paths%n_joints + 1, 6)
+      real(wp), intent(inout) :: finish(width, paths%top, 0:1)
+      integer(long), intent(out) :: word   !! a bit for every lane whose joint is suspect
+      real(wp) :: offset, path, turn, velocity
+      integer :: i, j, k, l
+
+      i = paths%joint_row(entry)
+      j = paths%joint(entry)
+      word = 0
+      do l = 1, width
+         path = x(l, i, degree)
+         velocity = degree*x(l, i, degree)
+         turn = (0.125_wp*degree*(degree - 1)*(degree - 2))*abs(x(l, i, degree))
+         do k = degree - 1, 3, -1
+            path = path + x(l, i, k)
+            velocity = velocity + k*x(l, i, k)
+            turn = turn + (0.125_wp*k*(k - 1)*(k - 2))*abs(x(l, i, k))
+         end do
+         path = x0(l, i) + (x1(l, i) + (x(l, i, 2) + path))
+         velocity = x1(l, i) + (2.0_wp*x(l, i, 2) + velocity)
+         finish(l, i, 0) = path
+         finish(l, i, 1) = velocity
+         offset = max(abs(x0(l, i) - regime(l, j, layer_slider)), &
+                      abs(path - regime(l, j, layer_slider)))
+         offset = regime(l, j, layer_hold) - offset - 0.25_wp*abs(x(l, i, 2))
+         velocity = min(regime(l, j, layer_side)*x1(l, i), regime(l, j, layer_side)*velocity) &
+                    + regime(l, j, layer_lift)
+         word = ior(word, merge(bit(l), 0_long, min(offset, velocity) - turn < 0.0_wp))
+      end do
+   end subroutine finish_row
 
 end module dynamics_exact_free_steps

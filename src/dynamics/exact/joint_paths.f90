@@ -23,6 +23,7 @@ module dynamics_exact_joint_paths
    !> layer(k). Its end x(1), x'(1) goes to the layers finish(0:1), which the next part starts from.
    type :: joint_paths
       integer :: n_rows = 0, n_joints = 0, degree = 0
+      integer :: top = 0           !! rows of x, with padding
       integer :: n_samples = 0     !! of the lanes in use
       integer :: first_sample = 1  !! of the block; it marches in lane 1
       integer, allocatable :: row(:)            !! (joint)
@@ -53,7 +54,6 @@ module dynamics_exact_joint_paths
       procedure :: hand_back
       procedure :: switch
       procedure, private :: set_row
-      procedure, private :: watch
    end type joint_paths
 
 contains
@@ -97,6 +97,7 @@ contains
       self%finish = [degree + 1, degree + 2]
 
       rows = self%n_rows + merge(1, 0, modulo(self%n_rows, 2) == 0)   ! layers not 4096 bytes apart
+      self%top = rows
       associate (many => rows*(degree + 5) + 6*(self%n_joints + 1))
          allocate (self%memory(width*many + 8), source=0.0_wp)
       end associate
@@ -150,11 +151,10 @@ contains
             self%regime(l, j, layer_spring) = self%spring(j)
          end do
       end do
-      do j = 1, self%n_joints + 1
-         do l = 1, width
-            call self%watch(l, j)
-         end do
-      end do
+      associate (regime => self%regime)
+         call watch(regime(:, :, layer_side), regime(:, :, layer_reach), regime(:, :, layer_hold), &
+                    regime(:, :, layer_lift))
+      end associate
       do j = 1, self%n_rows
          do l = 1, width
             call self%set_row(l, j)
@@ -192,34 +192,44 @@ contains
       integer, intent(in) :: lane, joint
       integer, intent(in) :: direction   !! +1 or -1
       real(wp), intent(in) :: place      !! w.x at the transition [m]
+      integer :: row
 
-      associate (side => self%regime(lane, joint, layer_side), &
-                 slider => self%regime(lane, joint, layer_slider))
-         if (abs(side) > 0.0_wp) then
-            side = 0.0_wp
-            slider = slider_at(place, direction, self%regime(lane, joint, layer_reach))
-         else
-            side = direction
-         end if
-      end associate
-      call self%watch(lane, joint)
-      call self%set_row(lane, self%row(joint))
+      row = self%row(joint)
+      call change_regime(self%n_joints + 1, lane + width*(joint - 1), self%base(row), place, &
+                         direction, self%regime, self%stiffness(lane, row), self%pull(lane, row))
+      if (self%first(row + 1) - self%first(row) > 1) call self%set_row(lane, row)
    end subroutine switch
 
-   !> Sets what the two guards start from, so that the one that does not count is never the least.
-   pure subroutine watch(self, lane, joint)
-      class(joint_paths), intent(inout) :: self
-      integer, intent(in) :: lane, joint
+   !> The other regime of a joint that is alone on its row. Without branches, as slips start as
+   !> often as they end.
+   pure subroutine change_regime(joints, at, base, place, direction, regime, stiffness, &
+                                 pull)
+      integer, intent(in) :: joints, at, direction
+      real(wp), intent(in) :: base, place
+      real(wp), intent(inout) :: regime(width*joints, 6)   !! (at, layer) is of the joint
+      real(wp), intent(inout) :: stiffness, pull
+      real(wp) :: moving, reach, side, slider, spring   ! moving: where it slips from now on
 
-      associate (regime => self%regime(lane, joint, :))
-         if (abs(regime(layer_side)) > 0.0_wp) then
-            regime(layer_hold) = boundless
-            regime(layer_lift) = -margin*regime(layer_reach)
-         else
-            regime(layer_hold) = (1.0_wp - margin)*regime(layer_reach)
-            regime(layer_lift) = boundless
-         end if
-      end associate
+      side = direction*(1.0_wp - abs(regime(at, layer_side)))
+      moving = abs(side)
+      reach = regime(at, layer_reach)
+      spring = regime(at, layer_spring)
+      slider = merge(regime(at, layer_slider), slider_at(place, direction, reach), moving > 0.0_wp)
+      regime(at, layer_slider) = slider
+      regime(at, layer_side) = side
+      call watch(side, reach, regime(at, layer_hold), regime(at, layer_lift))
+      stiffness = base + merge(0.0_wp, spring, moving > 0.0_wp)
+      pull = spring*merge(-side*reach, slider, moving > 0.0_wp)
+   end subroutine change_regime
+
+   !> Sets what the two guards start from, so that the one that does not count is never the least.
+   elemental subroutine watch(side, reach, hold, lift)
+      real(wp), intent(in) :: side   !! 0: stuck
+      real(wp), intent(in) :: reach
+      real(wp), intent(inout) :: hold, lift
+
+      hold = merge(boundless, (1.0_wp - margin)*reach, abs(side) > 0.0_wp)
+      lift = merge(-margin*reach, boundless, abs(side) > 0.0_wp)
    end subroutine watch
 
    !> Sums over the joints of a row, formed anew so that no rounding gathers.

@@ -19,7 +19,7 @@ module dynamics_exact_modal_form
                                          take_motion
    use dynamics_exact_modal_terms, only: path_degree
    use dynamics_exact_transitions, only: transition_group
-   use dynamics_joint, only: slip_direction, start_slip, stick
+   use dynamics_joint, only: enter_transition, slip_direction
    use dynamics_alignment, only: first_aligned
    use dynamics_response, only: block_state
    use numerics_dense_product, only: padded_rows
@@ -332,10 +332,10 @@ contains
             associate (place => paths%path(i, 0))
                if (abs(paths%side(i)) > 0.0_wp) then
                   direction = nint(paths%side(i))
-                  call stick(state, i, sample, time, place)
+                  call enter_transition(state, i, sample, time, place, 0)
                else
                   direction = slip_direction(paths%path(i, 1))
-                  call start_slip(state, i, sample, time, place, direction)
+                  call enter_transition(state, i, sample, time, place, direction)
                end if
                call self%paths%switch(lane, i, direction, place)
             end associate

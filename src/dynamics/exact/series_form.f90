@@ -13,9 +13,10 @@ module dynamics_exact_series_form
    use dynamics_exact_joint_paths, only: layer_reach, layer_side, layer_slider, width
    use dynamics_exact_local_answers, only: local_answers, new_local_answers
    use dynamics_exact_ledger, only: ledger_type, new_ledger
+   use dynamics_exact_powers, only: power_operator, power_operators
    use dynamics_exact_series, only: new_series, series_type
-   use dynamics_exact_transitions, only: transition_group
-   use dynamics_joint, only: slip_direction, start_slip, stick
+   use dynamics_exact_transitions, only: n_near, transition_group
+   use dynamics_joint, only: enter_transition, slip_direction
    use dynamics_response, only: block_state
    use structure_model, only: structure_type
    implicit none(type, external)
@@ -27,6 +28,7 @@ module dynamics_exact_series_form
       type(series_type) :: series
       type(ledger_type) :: ledger
       type(local_answers) :: answers
+      type(power_operator), allocatable :: operators(:)   !! (0:degree - 2)
       real(wp), allocatable :: push(:, :, :)        !! (lane, loaded dof, value and rise)
    contains
       procedure :: begin
@@ -63,6 +65,7 @@ contains
 
       call self%paths%start(self%series%degree, self%series%diagonal, self%series%row, &
                             self%series%spring)
+      call power_operators(self%series, self%paths%top, self%operators)
       self%paths%is_local = self%answers%is_local
       self%paths%first_moved = self%answers%first_moved
       self%paths%moved = self%answers%moved
@@ -121,45 +124,74 @@ contains
       real(wp), intent(in) :: force(:, :, 0:)
       integer, intent(inout) :: list(:)
       integer, intent(out) :: found
-      integer :: f, i, k
 
-      do k = 0, 1
-         do i = 1, size(self%series%loaded)
-            self%push(:, i, k + 1) = self%series%load(i, 1)*force(:, 1, k)
-            do f = 2, self%n_forces
-               associate (push => self%push(:, i, k + 1))
-                  push = push + self%series%load(i, f)*force(:, f, k)
-               end associate
-            end do
-         end do
-      end do
-      call expand_block(self%series, self%push, self%paths)
+      call form_push(self%series, self%n_forces, force, self%push)
+      call expand_block(self%series, self%operators, self%push, self%paths)
       call finish_part(self%paths, list, found)
    end subroutine run_part
 
-   !> (7)
+   !> Loads of the dofs that have one, and their rise.
+   pure subroutine form_push(series, n_forces, force, push)
+      type(series_type), intent(in) :: series
+      integer, intent(in) :: n_forces
+      real(wp), intent(in) :: force(width, n_forces, 0:1)
+      real(wp), intent(inout) :: push(width, size(series%loaded), 0:1)
+      integer :: f, i, k, l
+
+      do k = 0, 1
+         do i = 1, size(series%loaded)
+            do l = 1, width
+               push(l, i, k) = series%load(i, 1)*force(l, 1, k)
+            end do
+            do f = 2, n_forces
+               do l = 1, width
+                  push(l, i, k) = push(l, i, k) + series%load(i, f)*force(l, f, k)
+               end do
+            end do
+         end do
+      end do
+   end subroutine form_push
+
+   !> See base_system.
    subroutine correct(self, group, entry)
       class(series_form), intent(inout) :: self
       type(transition_group), intent(in) :: group
       integer, intent(in) :: entry
-      integer :: e, row
 
-      associate (x => self%paths%x, finish => self%paths%finish, l => group%lane(entry), &
-                 ends => group%ends(entry, :))
-         row = self%paths%row(group%joint(entry))
-         x(l, row, finish(0)) = x(l, row, finish(0)) + ends(1)
-         x(l, row, finish(1)) = x(l, row, finish(1)) + ends(2)
-         do e = self%answers%first(row), self%answers%first(row + 1) - 1
-            associate (place => x(l, self%answers%dof(e), finish(0)), &
-                  speed => x(l, self%answers%dof(e), finish(1)), weight => self%answers%value(:, e))
-               place = place + ((weight(1)*ends(3) + weight(2)*ends(5)) &
-                                + (weight(3)*ends(7) + weight(4)*ends(9)))
-               speed = speed + ((weight(1)*ends(4) + weight(2)*ends(6)) &
-                                + (weight(3)*ends(8) + weight(4)*ends(10)))
-            end associate
-         end do
+      associate (x => self%paths%x, finish => self%paths%finish)
+         call add_answer(size(x, 2), self%answers, group, entry, x(1, 1, finish(0)), &
+                         x(1, 1, finish(1)))
       end associate
    end subroutine correct
+
+   !> (7): sums of the joint's own answer, weighted for each of the dofs around it.
+   pure subroutine add_answer(top, answers, group, entry, place, velocity)
+      integer, intent(in) :: top, entry
+      type(local_answers), intent(in) :: answers
+      type(transition_group), intent(in) :: group
+      real(wp), intent(inout), dimension(width, top) :: place, velocity   !! at the end of the part
+      real(wp) :: ends(2 + 2*n_near), more, more_velocity
+      integer :: e, i, l, row
+
+      l = group%lane(entry)
+      row = group%row(entry)
+      ends = group%ends(entry, :)
+      place(l, row) = place(l, row) + ends(1)
+      velocity(l, row) = velocity(l, row) + ends(2)
+      do e = answers%first(row), answers%first(row + 1) - 1
+         i = answers%dof(e)
+         associate (weight => answers%value(:, e))
+            more = weight(1)*ends(3) + weight(2)*ends(5)
+            more_velocity = weight(1)*ends(4) + weight(2)*ends(6)
+            if (group%n_sums > 2) then
+               more = more + (weight(3)*ends(7) + weight(4)*ends(9))
+               more_velocity = more_velocity + (weight(3)*ends(8) + weight(4)*ends(10))
+            end if
+         end associate
+         place(l, i) = place(l, i) + more
+         velocity(l, i) = velocity(l, i) + more_velocity
+      end do
+   end subroutine add_answer
 
    !> See base_system. After a stick the joint stands at its limit and at rest, so that its guard is
    !> not found at zero again.
@@ -265,11 +297,11 @@ contains
                   has_stuck(j) = .true.
                   if (row <= self%series%n_dof) x(row, 1) = 0.0_wp
                   call self%paths%switch(lane, j, nint(side), x(row, 0))
-                  call stick(state, j, sample, time, x(row, 0))
+                  call enter_transition(state, j, sample, time, x(row, 0), 0)
                else
                   direction = slip_direction(x(row, 1))
                   call self%paths%switch(lane, j, direction, x(row, 0))
-                  call start_slip(state, j, sample, time, x(row, 0), direction)
+                  call enter_transition(state, j, sample, time, x(row, 0), direction)
                end if
             end associate
          end do

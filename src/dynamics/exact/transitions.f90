@@ -14,7 +14,7 @@ module dynamics_exact_transitions
    use dynamics_exact_series, only: most_degree
    implicit none(type, external)
    private
-   public :: transition_group, examine, find_next, gather, take_answer
+   public :: transition_group, examine, find_next, take_answer, take_suspects
    public :: group_size, n_near, clear, plain, involved, fall
 
    integer, parameter :: group_size = 8
@@ -26,23 +26,26 @@ module dynamics_exact_transitions
                             s_=0, n_near)], [most_degree, n_near + 1])
    integer, parameter :: clear = 0, plain = 1, involved = 2   !! verdicts
 
-   !> Suspects 1 .. n of a group; the other entries repeat the last one. Innermost loops
-   !> run over the group, so that they are vector operations.
+   !> Suspects 1 .. n of a group; the other entries are of no account. Innermost loops run over the
+   !> group, so that they are vector operations.
    type :: transition_group
       integer :: n = 0
-      integer :: lane(group_size), joint(group_size), verdict(group_size)
+      integer :: n_sums = n_near   !! that are not zero, of those around a joint (7)
+      integer, dimension(group_size) :: suspect, lane, joint, row, verdict   !! suspect: of the list
       real(wp), dimension(group_size) :: time       !! tau, from the start of the part [parts]
-      real(wp), dimension(group_size) :: side       !! direction of the slip that ends; 0: it starts
+      real(wp), dimension(group_size) :: side = 0.0_wp   !! of the slip that ends; 0: it starts
       real(wp), dimension(group_size) :: way        !! direction of the slip that starts or ends
       real(wp), dimension(group_size) :: place      !! w.x at the transition [m]
       !> what the transition adds to the end of the joint's path and velocity (6), and the sums A_1
       !> .. A_4 for those around it and for their velocities (7)
       real(wp) :: ends(group_size, 2 + 2*n_near)
       ! of the joint and its row, before the transition
-      real(wp), dimension(group_size), private :: slider, reach, spring, stiffness
-      real(wp), private :: own(group_size, n_near)
+      real(wp), dimension(group_size), private :: slider = 0.0_wp, reach = 0.0_wp
+      real(wp), dimension(group_size), private :: spring = 0.0_wp, stiffness = 0.0_wp
+      real(wp), private :: own(group_size, n_near) = 0.0_wp
       real(wp), dimension(group_size), private :: is_clear, is_plain   ! where positive
-      real(wp), private :: path(group_size, 0:most_degree)     ! from tau on, after shift_path
+      !> from tau on, after shift_path
+      real(wp), private :: path(group_size, 0:most_degree) = 0.0_wp
       real(wp), private :: answer(group_size, 3:most_degree)   ! d of (6)
    end type transition_group
 
@@ -54,23 +57,25 @@ contains
       integer, intent(in) :: list(:)   !! at most eight; see finish_part
       type(transition_group), intent(inout) :: group
 
-      call gather(paths, list, group)
       select case (paths%degree)   ! a constant degree makes loops over powers straight
       case (6)
-         call solve(6, group)
+         call solve(6, paths, list, group)
       case (7)
-         call solve(7, group)
+         call solve(7, paths, list, group)
       case (8)
-         call solve(8, group)
+         call solve(8, paths, list, group)
       case default
-         call solve(paths%degree, group)
+         call solve(paths%degree, paths, list, group)
       end select
    end subroutine examine
 
-   pure subroutine solve(degree, group)
+   pure subroutine solve(degree, paths, list, group)
       integer, value :: degree
+      type(joint_paths), intent(in) :: paths
+      integer, intent(in) :: list(:)
       type(transition_group), intent(inout) :: group
 
+      call take_suspects(degree, paths, list, group)
       call find_zero(degree, group)
       call shift_path(degree, group%time, group)
       call respond(degree, group)
@@ -99,7 +104,7 @@ contains
       type(joint_paths), intent(in) :: paths
       type(transition_group), intent(inout) :: group
 
-      call take_regimes(paths, group)
+      call take_regimes(paths, paths%own, paths%regime, paths%stiffness, group)
       group%path(:, 3:paths%degree) = group%path(:, 3:paths%degree) &
                                       + group%answer(:, 3:paths%degree)
       if (abs(group%side(1)) > 0.0_wp) return
@@ -107,67 +112,81 @@ contains
    end subroutine take_answer
 
    !> Lanes, joints, paths and regimes of the suspects.
-   pure subroutine gather(paths, list, group)
+   pure subroutine take_suspects(degree, paths, list, group)
+      integer, value :: degree
       type(joint_paths), intent(in) :: paths
       integer, intent(in) :: list(:)
       type(transition_group), intent(inout) :: group
       integer :: e
 
       group%n = size(list)
-      do e = 1, group_size
-         group%lane(e) = 1 + iand(list(min(e, group%n)) - 1, width - 1)
-         group%joint(e) = 1 + (list(min(e, group%n)) - 1)/width
+      group%n_sums = min(n_near, degree - 4)
+      do e = 1, group%n
+         group%suspect(e) = list(e)
+         group%lane(e) = 1 + iand(list(e) - 1, width - 1)
+         group%joint(e) = 1 + (list(e) - 1)/width
+         group%row(e) = paths%row(group%joint(e))
       end do
-      call take_paths(size(paths%x, 2), ubound(paths%x, 3), paths, paths%x, group)
-      call take_regimes(paths, group)
+      associate (x => paths%x)
+         call take_paths(degree, paths%top, x(1, 1, paths%layer(0)), x(1, 1, paths%layer(1)), &
+                         x(1, 1, 2), group)
+      end associate
+      call take_regimes(paths, paths%own, paths%regime, paths%stiffness, group)
       group%time = 0.0_wp
-   end subroutine gather
+   end subroutine take_suspects
 
-   pure subroutine take_paths(top, last, paths, x, group)
-      integer, intent(in) :: top, last   !! rows; layers
-      type(joint_paths), intent(in) :: paths
-      real(wp), intent(in) :: x(width, top, 0:last)
+   pure subroutine take_paths(degree, top, x0, x1, x, group)
+      integer, value :: degree
+      integer, intent(in) :: top   !! rows
+      real(wp), intent(in), dimension(width, top) :: x0, x1
+      real(wp), intent(in) :: x(width, top, 2:degree)
       type(transition_group), intent(inout) :: group
-      integer :: e, k
+      integer :: e, k, l, row
 
-      do e = 1, group_size
-         associate (l => group%lane(e), row => paths%row(group%joint(e)))
-            group%path(e, 0) = x(l, row, paths%layer(0))
-            group%path(e, 1) = x(l, row, paths%layer(1))
-            do k = 2, paths%degree
-               group%path(e, k) = x(l, row, k)
-            end do
-         end associate
+      do e = 1, group%n
+         l = group%lane(e)
+         row = group%row(e)
+         group%path(e, 0) = x0(l, row)
+         group%path(e, 1) = x1(l, row)
+         do k = 2, degree
+            group%path(e, k) = x(l, row, k)
+         end do
       end do
    end subroutine take_paths
 
-   pure subroutine take_regimes(paths, group)
+   pure subroutine take_regimes(paths, own, regime, stiffness, group)
       type(joint_paths), intent(in) :: paths
+      real(wp), intent(in) :: own(n_near, paths%n_rows), regime(width, paths%n_joints + 1, 6)
+      real(wp), intent(in) :: stiffness(width, paths%top)
       type(transition_group), intent(inout) :: group
-      integer :: e, row
+      integer :: e, j, l, row
 
-      do e = 1, group_size
-         associate (l => group%lane(e), j => group%joint(e))
-            row = paths%row(j)
-            group%slider(e) = paths%regime(l, j, layer_slider)
-            group%reach(e) = paths%regime(l, j, layer_reach)
-            group%side(e) = paths%regime(l, j, layer_side)
-            group%spring(e) = paths%regime(l, j, layer_spring)
-            group%own(e, :) = paths%own(:, row)
-            group%stiffness(e) = paths%stiffness(l, row)
-         end associate
+      do e = 1, group%n
+         l = group%lane(e)
+         j = group%joint(e)
+         row = group%row(e)
+         group%slider(e) = regime(l, j, layer_slider)
+         group%reach(e) = regime(l, j, layer_reach)
+         group%side(e) = regime(l, j, layer_side)
+         group%spring(e) = regime(l, j, layer_spring)
+         group%own(e, 1) = own(1, row)
+         group%own(e, 2) = own(2, row)
+         group%own(e, 3) = own(3, row)
+         group%own(e, 4) = own(4, row)
+         group%stiffness(e) = stiffness(l, row)
       end do
    end subroutine take_regimes
 
-   !> Zero of the guard: that of its parabola, then three steps of Newton.
+   !> Zero of the guard: that of its parabola, then two steps of Halley.
    pure subroutine find_zero(degree, group)
       integer, value :: degree
       type(transition_group), intent(inout) :: group
-      real(wp), parameter :: last_step = 1.0e-7_wp   ! its square is below rounding
+      real(wp), parameter :: last_step = 1.0e-5_wp   ! its cube is below rounding
       real(wp) :: g(group_size, 0:most_degree)
-      real(wp), dimension(group_size) :: bend, fall, finish, rest, sense, slope, step, t, value
+      real(wp), dimension(group_size) :: bend, curve, fall, finish, rest, sense, slope, step, t, &
+                                         value
       real(wp) :: least, moving, other, turn
-      integer :: e, k, newton
+      integer :: e, halley, k
 
       associate (c => group%path, side => group%side, reach => group%reach)
          ! the guard: velocity along the slip, or distance to the limit that is nearer at the end
@@ -212,14 +231,12 @@ contains
          !$omp simd
          do e = 1, group_size
             moving = abs(side(e))
-            turn = -g(e, 1)/merge(2.0_wp*g(e, 2), 1.0_wp, g(e, 2) > 1.0e-100_wp)
+            turn = -g(e, 1)/merge(2.0_wp*g(e, 2), 1.0_wp, abs(g(e, 2)) > 1.0e-100_wp)
             turn = min(max(turn, 0.0_wp), 1.0_wp)
-            least = min(g(e, 0), g(e, 0) + turn*(g(e, 1) + turn*g(e, 2)))
-            least = min(least, g(e, 0) + (g(e, 1) + g(e, 2))) - rest(e)
-            turn = -g(e, 1)/merge(2.0_wp*g(e, 2), -1.0_wp, g(e, 2) < -1.0e-100_wp)
-            turn = min(max(turn, 0.0_wp), 1.0_wp)
-            other = max(g(e, 0), g(e, 0) + turn*(g(e, 1) + turn*g(e, 2)))
-            other = max(other, g(e, 0) + (g(e, 1) + g(e, 2))) + rest(e)
+            turn = g(e, 0) + turn*(g(e, 1) + turn*g(e, 2))
+            other = g(e, 0) + (g(e, 1) + g(e, 2))
+            least = min(min(g(e, 0), turn), other) - rest(e)
+            other = max(max(g(e, 0), turn), other) + rest(e)
             other = merge(1.0_wp, 2.0_wp*reach(e) - other, moving > 0.0_wp)
             group%is_clear(e) = min(least, other)
             fall(e) = -(g(e, 1) + max(2.0_wp*g(e, 2), 0.0_wp) + fall(e))
@@ -229,19 +246,22 @@ contains
             turn = 2.0_wp*g(e, 0)/merge(turn, 1.0_wp, turn > 0.0_wp)
             t(e) = min(max(turn, 0.0_wp), 1.0_wp)
          end do
-         do newton = 1, 3
+         do halley = 1, 2
             value = g(:, degree)
             slope = 0.0_wp
+            curve = 0.0_wp
             do k = degree - 1, 0, -1
                !$omp simd
                do e = 1, group_size
+                  curve(e) = curve(e)*t(e) + slope(e)   ! half the second derivative
                   slope(e) = slope(e)*t(e) + value(e)
                   value(e) = value(e)*t(e) + g(e, k)
                end do
             end do
             !$omp simd
             do e = 1, group_size
-               step(e) = value(e)/merge(slope(e), -1.0_wp, abs(slope(e)) > tiny(1.0_wp))
+               turn = slope(e)**2 - value(e)*curve(e)
+               step(e) = value(e)*slope(e)/merge(turn, 1.0_wp, abs(turn) > tiny(1.0_wp))
                step(e) = min(max(step(e), -1.0_wp), 1.0_wp)
                t(e) = t(e) - step(e)
             end do
