@@ -77,7 +77,8 @@ contains
          if (.not. keeps_ledger(plan%structure, plan%integration)) &
             call complaints%add_general(scene%path//": output%quantities: 'energy' must be "// &
                                         "absent: the exact march of this structure goes in "// &
-                                        "modes, where it keeps no ledger (method = 'newmark' does)")
+                                        "modes that its damping couples, where it keeps no "// &
+                                        "ledger (method = 'newmark' does)")
       end if
       associate (accuracy => plan%accuracy)
          if (max(accuracy%audit, accuracy%target_slip_points, &

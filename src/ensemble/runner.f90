@@ -65,7 +65,8 @@ contains
       call runner%use_every(max(plan%output%spectrum_every, 1))
    end subroutine prepare_runner
 
-   !> True if a march of the structure keeps the energy ledger: in modes it does not.
+   !> True if a march of the structure keeps the energy ledger: in modes that damping couples it does
+   !> not.
    function keeps_ledger(structure, how)
       type(structure_type), intent(in) :: structure
       type(integration_settings), intent(in) :: how
@@ -76,7 +77,7 @@ contains
       keeps_ledger = how%method == 'newmark'
       if (keeps_ledger) return
       call new_exact_march(structure, how%dt, how%tolerance, marcher, error)
-      if (.not. allocated(error)) keeps_ledger = marcher%form /= 'modes'
+      if (.not. allocated(error)) keeps_ledger = marcher%base%can_keep_ledger
    end function keeps_ledger
 
    !> Form of the exact march, with the multiplications of a sample in a step by each form, without

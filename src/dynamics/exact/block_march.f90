@@ -49,8 +49,8 @@ contains
       integer :: first, part, step
 
       call base%begin()
-      room%is_independent = all(base%paths%is_local) .and. size(base%paths%moved) == 0 .and. &
-                            .not. state%keeps_ledger
+      base%keeps_ledger = state%keeps_ledger
+      room%is_independent = all(base%paths%is_local) .and. size(base%paths%moved) == 0
       allocate (room%list(width*max(1, state%n_joints)), room%groups(1))
       allocate (room%displacement(width, state%n_dof, merge(records_together, 0, &
                                                             size(displacement) > 0)))
@@ -140,7 +140,7 @@ contains
       room%n_seen = 0
       do g = 1, n_groups
          call examine_group(g, room%groups(g))
-         call find_involved(base, room%groups(g), state%keeps_ledger, room)
+         call find_involved(base, room%groups(g), room)
       end do
       do g = 1, n_groups
          call enter_group(base, room%groups(g), begin, state, room, error)
@@ -166,18 +166,16 @@ contains
    end subroutine make_transitions
 
    !> Notes the samples of a group that must be marched again.
-   pure subroutine find_involved(base, group, keeps_ledger, room)
+   pure subroutine find_involved(base, group, room)
       class(base_system), intent(in) :: base
       type(transition_group), intent(in) :: group
-      logical, intent(in) :: keeps_ledger
       type(march_room), intent(inout) :: room
       integer :: e, l
 
       do e = 1, group%n
          if (group%verdict(e) == clear) cycle
          l = group%lane(e)
-         ! only a march anew has the works of the pieces between transitions
-         if (keeps_ledger .or. .not. base%paths%is_local(group%joint(e))) then
+         if (.not. base%paths%is_local(group%joint(e))) then
             room%is_involved(l) = .true.
          else if (size(base%paths%moved) > 0) then
             call note_joint(base, group%joint(e), room%seen(:, l), room%n_seen(l), &
@@ -275,7 +273,7 @@ contains
 
    !> Enters the works of a part into the ledgers of the samples that have not been marched again.
    subroutine keep_ledger(base, room, state)
-      class(base_system), intent(in) :: base
+      class(base_system), intent(inout) :: base
       type(march_room), intent(in) :: room
       type(block_state), intent(inout) :: state
       real(wp) :: work(width, 2)
@@ -283,7 +281,7 @@ contains
       work = 0.0_wp
       call base%add_works(work)
       associate (n => base%paths%n_samples, w => base%paths%first_sample)
-         where (.not. room%is_involved(:n))
+         where (base%has_works_of_all .or. .not. room%is_involved(:n))
             state%work_input(w:w + n - 1) = state%work_input(w:w + n - 1) + work(:n, 1)
             state%work_viscous(w:w + n - 1) = state%work_viscous(w:w + n - 1) + work(:n, 2)
          end where

@@ -74,6 +74,7 @@ contains
       self%base = base
       self%spring = spring
       self%is_local = spread(.false., 1, self%n_joints)
+      self%moved = [integer ::]
       self%own = spread(spread(0.0_wp, 1, 4), 2, self%n_rows)
       allocate (self%first(self%n_rows + 1))
      allocate (self%joint(self%n_rows + self%n_joints), self%joint_row(self%n_rows + self%n_joints))

@@ -5,17 +5,35 @@
 module dynamics_exact_ledger
    use core_kinds, only: wp
    use dynamics_exact_joint_paths, only: joint_paths, width
-   use dynamics_exact_series, only: series_type
+   use dynamics_exact_series, only: form_matrices, most_degree, series_type
    use numerics_quadrature, only: gauss_legendre
+   use numerics_sparse, only: sparse_matrix, sparse_of
+   use structure_model, only: structure_type
    implicit none(type, external)
    private
    public :: ledger_type, new_ledger
 
+   integer, parameter :: lanes = 8, vectors = width/lanes
+
+   !> What one transition adds to the path of its dof: d_3 (t - tau)^3 + ...
+   type :: answer_type
+      integer :: lane, row
+      real(wp) :: time                   !! tau [parts]
+      real(wp) :: power(3:most_degree)   !! d
+   end type answer_type
+
    !> Works are in J.
    type :: ledger_type
       real(wp), allocatable :: node(:), weight(:)   !! Gauss and Legendre, on (0, 1)
-      real(wp), allocatable :: mass(:)              !! (row) m/h^2 [kg/s^2], 0 without a dof
+      real(wp), allocatable :: mass(:)              !! (dof) m/h^2 [kg/s^2]
+      !> M C^/h^2 on and below its diagonal, what is below twice: v'Cv is the sum of v_i times rows
+      type(sparse_matrix) :: damping
+      !> Transitions answered locally in the part
+      integer :: n_answers = 0
+      type(answer_type), allocatable :: answer(:)
+      real(wp), allocatable :: area(:, :)           !! (lane, loaded dof) integral of what they add
    contains
+      procedure :: note_answer
       procedure :: add_part
       procedure :: add_piece
    end type ledger_type
@@ -25,13 +43,14 @@ contains
    !> As many nodes as integrate the power of the fastest motion a thousand times better than the
    !> tolerance: powers change at twice its rate, and n nodes leave (n!)^4/((2n + 1) (2n)!^3) times
    !> the derivative of order 2n.
-   pure function new_ledger(series, mass, tolerance) result(ledger)
+   pure function new_ledger(series, structure, tolerance) result(ledger)
       type(series_type), intent(in) :: series
-      real(wp), intent(in) :: mass(:)     !! (dof) [kg]
+      type(structure_type), intent(in) :: structure
       real(wp), intent(in) :: tolerance
       type(ledger_type) :: ledger
       integer, parameter :: most = 12
-      integer :: n
+      real(wp), allocatable, dimension(:, :) :: damping, stiffness   ! C^, K^
+      integer :: j, n
 
       do n = 2, most - 1
          if ((2.0_wp*series%rate)**(2*n)*gamma(n + 1.0_wp)**4 <= &
@@ -39,53 +58,153 @@ contains
       end do
       allocate (ledger%node(n), ledger%weight(n), ledger%mass(series%n_dof))
       call gauss_legendre(0.0_wp, 1.0_wp, ledger%node, ledger%weight)
-      ledger%mass = mass/series%h**2
+      ledger%mass = structure%lumped_mass()/series%h**2
+      call form_matrices(structure, series%h, damping, stiffness)
+      do j = 1, series%n_dof
+         damping(:, j) = 2.0_wp*ledger%mass*damping(:, j)
+         damping(j, j) = 0.5_wp*damping(j, j)
+         damping(:j - 1, j) = 0.0_wp
+      end do
+      ledger%damping = sparse_of(damping)
+      allocate (ledger%answer(1))
+      allocate (ledger%area(width, size(series%loaded)), source=0.0_wp)
    end function new_ledger
 
-   !> Works of all lanes over one part without transitions.
+   !> Works of all lanes over one part. Answers to transitions are part of the velocities of their
+   !> own dofs, the others' are left out: they are below a hundredth of it. The force's work on an
+   !> answer is by parts f(1) d(1) - f' times the integral of d.
    pure subroutine add_part(self, series, push, paths, work)
-      class(ledger_type), intent(in) :: self
+      class(ledger_type), intent(inout) :: self
       type(series_type), intent(in) :: series
-      real(wp), intent(in) :: push(:, :, 0:)      !! (lane, loaded dof, power) [m]
+      real(wp), intent(in) :: push(width, size(series%loaded), 0:1)   !! (.., power) [m]
       type(joint_paths), intent(in) :: paths
-      real(wp), intent(inout) :: work(:, :)       !! (lane, input viscous)
-      real(wp) :: velocity(width, series%n_dof), sums(width), power(width)
-      integer :: e, g, i, k, l
+      real(wp), intent(inout) :: work(width, 2)     !! input, viscous
+      real(wp) :: added(width)   ! by transitions, to the end of a path
+      integer :: dof, i, k
 
       associate (x => paths%x, layer => paths%layer)
          do i = 1, size(series%loaded)
-            associate (dof => series%loaded(i), m => self%mass(series%loaded(i)))
-               do k = 1, series%degree
-                  work(:, 1) = work(:, 1) + m*x(:, dof, layer(k)) &
-                               *(push(:, i, 0) + (real(k, wp)/(k + 1))*push(:, i, 1))
-               end do
-            end associate
+            dof = series%loaded(i)
+            added = x(:, dof, paths%finish(0)) - x(:, dof, layer(0))
+            do k = 1, series%degree
+               added = added - x(:, dof, layer(k))
+               work(:, 1) = work(:, 1) + self%mass(dof)*x(:, dof, layer(k)) &
+                            *(push(:, i, 0) + (real(k, wp)/(k + 1))*push(:, i, 1))
+            end do
+            work(:, 1) = work(:, 1) + self%mass(dof)*(added*(push(:, i, 0) + push(:, i, 1)) &
+                                                      - self%area(:, i)*push(:, i, 1))
          end do
-         do g = 1, size(self%node)
-            do i = 1, series%n_dof
-               velocity(:, i) = series%degree*x(:, i, series%degree)
-               do k = series%degree - 1, 1, -1
-                  do l = 1, width
-                     velocity(l, i) = velocity(l, i)*self%node(g) + k*x(l, i, layer(k))
-                  end do
+         call add_viscous(self, series%degree, paths%top, x(1, 1, layer(1)), x(1, 1, 2), work(:, 2))
+      end associate
+      self%n_answers = 0
+      self%area = 0.0_wp
+   end subroutine add_part
+
+   !> Work of the dampers. Sums stay in registers, as in dynamics_exact_powers.
+   pure subroutine add_viscous(self, degree, top, x1, x, work)
+      class(ledger_type), intent(in) :: self
+      integer, intent(in) :: degree, top
+      real(wp), intent(in) :: x1(lanes, vectors, top), x(lanes, vectors, top, 2:degree)
+      real(wp), intent(inout) :: work(lanes, vectors)
+      real(wp) :: velocity(lanes, vectors, size(self%mass))
+      real(wp), dimension(lanes) :: a1, a2, a3, a4
+      real(wp) :: t
+      integer :: e, g, i, j, k, l
+
+      do g = 1, size(self%node)
+         t = self%node(g)
+         do i = 1, size(self%mass)
+            do l = 1, lanes
+               a1(l) = degree*x(l, 1, i, degree)
+               a2(l) = degree*x(l, 2, i, degree)
+               a3(l) = degree*x(l, 3, i, degree)
+               a4(l) = degree*x(l, 4, i, degree)
+            end do
+            do k = degree - 1, 2, -1
+               do l = 1, lanes
+                  a1(l) = a1(l)*t + k*x(l, 1, i, k)
+                  a2(l) = a2(l)*t + k*x(l, 2, i, k)
+                  a3(l) = a3(l)*t + k*x(l, 3, i, k)
+                  a4(l) = a4(l)*t + k*x(l, 4, i, k)
                end do
             end do
-            power = 0.0_wp
-            associate (damping => series%damping(0))
-               do i = 1, series%n_dof
-                  sums = 0.0_wp
-                  do e = damping%start(i), damping%start(i + 1) - 1
-                     do l = 1, width
-                        sums(l) = sums(l) + damping%value(e)*velocity(l, damping%column(e))
-                     end do
-                  end do
-                  power = power - (2.0_wp*self%mass(i))*velocity(:, i)*sums
-               end do
-            end associate
-            work(:, 2) = work(:, 2) + self%weight(g)*power
+            do l = 1, lanes
+               velocity(l, 1, i) = a1(l)*t + x1(l, 1, i)
+               velocity(l, 2, i) = a2(l)*t + x1(l, 2, i)
+               velocity(l, 3, i) = a3(l)*t + x1(l, 3, i)
+               velocity(l, 4, i) = a4(l)*t + x1(l, 4, i)
+            end do
          end do
+         call add_answers(self, degree, t, velocity)
+         do i = 1, size(self%mass)
+            e = self%damping%start(i + 1) - 1   ! the diagonal
+            do l = 1, lanes
+               a1(l) = self%damping%value(e)*velocity(l, 1, i)
+               a2(l) = self%damping%value(e)*velocity(l, 2, i)
+               a3(l) = self%damping%value(e)*velocity(l, 3, i)
+               a4(l) = self%damping%value(e)*velocity(l, 4, i)
+            end do
+            do e = self%damping%start(i), self%damping%start(i + 1) - 2
+               j = self%damping%column(e)
+               do l = 1, lanes
+                  a1(l) = a1(l) + self%damping%value(e)*velocity(l, 1, j)
+                  a2(l) = a2(l) + self%damping%value(e)*velocity(l, 2, j)
+                  a3(l) = a3(l) + self%damping%value(e)*velocity(l, 3, j)
+                  a4(l) = a4(l) + self%damping%value(e)*velocity(l, 4, j)
+               end do
+            end do
+            do l = 1, lanes
+               work(l, 1) = work(l, 1) + self%weight(g)*velocity(l, 1, i)*a1(l)
+               work(l, 2) = work(l, 2) + self%weight(g)*velocity(l, 2, i)*a2(l)
+               work(l, 3) = work(l, 3) + self%weight(g)*velocity(l, 3, i)*a3(l)
+               work(l, 4) = work(l, 4) + self%weight(g)*velocity(l, 4, i)*a4(l)
+            end do
+         end do
+      end do
+   end subroutine add_viscous
+
+   !> Answers to transitions before t, in the velocities of their dofs.
+   pure subroutine add_answers(self, degree, t, velocity)
+      class(ledger_type), intent(in) :: self
+      integer, intent(in) :: degree
+      real(wp), intent(in) :: t
+      real(wp), intent(inout) :: velocity(width, size(self%mass))
+      real(wp) :: rest
+      integer :: e, k
+
+      do e = 1, self%n_answers
+         associate (answer => self%answer(e))
+            if (answer%time >= t) cycle
+            rest = 0.0_wp
+            do k = degree, 3, -1
+               rest = rest*(t - answer%time) + k*answer%power(k)
+            end do
+            velocity(answer%lane, answer%row) = velocity(answer%lane, answer%row) &
+                                                + rest*(t - answer%time)**2
+         end associate
+      end do
+   end subroutine add_answers
+
+   !> Keeps the answer to a transition for add_part.
+   pure subroutine note_answer(self, lane, row, time, power)
+      class(ledger_type), intent(inout) :: self
+      integer, intent(in) :: lane, row
+      real(wp), intent(in) :: time, power(3:)   !! tau; d
+      type(answer_type), allocatable :: more(:)
+
+      if (self%n_answers == size(self%answer)) then
+         allocate (more(2*self%n_answers))
+         more(:self%n_answers) = self%answer
+         call move_alloc(more, self%answer)
+      end if
+      self%n_answers = self%n_answers + 1
+      associate (answer => self%answer(self%n_answers))
+         answer%lane = lane
+         answer%row = row
+         answer%time = time
+         answer%power = power
       end associate
-   end subroutine add_part
+   end subroutine note_answer
 
    !> Works of one sample over a piece of a part.
    pure subroutine add_piece(self, series, push, x, span, work)

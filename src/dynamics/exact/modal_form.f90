@@ -14,6 +14,7 @@ module dynamics_exact_modal_form
    use dynamics_exact_guard_zeros, only: no_crossing
    use dynamics_exact_joint_paths, only: layer_reach, layer_side, layer_slider, layer_spring, width
    use dynamics_exact_modal_lane, only: lane_paths
+   use dynamics_exact_modal_ledger, only: modal_motion
    use dynamics_exact_modal_operators, only: modal_operators, new_modal_operators
    use dynamics_exact_modal_steps, only: follow, integrate_motion, mask, put_free_paths, rotate, &
                                          take_motion
@@ -40,6 +41,7 @@ module dynamics_exact_modal_form
       real(wp), pointer, contiguous :: motion(:, :, :) => null()   !! (.., 1:4) sliders, by powers
       real(wp), pointer, contiguous :: moves(:, :) => null()       !! (lane, joint) 1: slider moves
       real(wp), pointer, contiguous :: moments(:, :, :) => null()  !! (.., 0:moment) of sliders
+      real(wp), allocatable, private :: force(:, :, :)   !! (lane, force, power) where a ledger is kept
       real(wp), pointer, contiguous, private :: memory(:) => null()
       type(lane_paths), private :: lane   !! room for redo
    contains
@@ -68,6 +70,8 @@ contains
       if (allocated(error)) return
       form%h = form%operators%h
       form%n_forces = structure%n_forces
+      form%has_works_of_all = .true.
+      form%can_keep_ledger = form%operators%decouples
       form%n_padded = padded_rows(structure%n_dof)
       form%m_padded = padded_rows(structure%n_joints)
    end subroutine new_modal_form
@@ -200,6 +204,7 @@ contains
 
       n = self%n_padded
       m = self%m_padded
+      if (self%keeps_ledger) self%force = force
       if (self%operators%decouples) then
          call rotate(n, self%operators%rotation, self%operators%load, force, self%now, &
                      self%pushed, self%ahead)
@@ -348,13 +353,10 @@ contains
    !> The modes take the motion of the sliders (M6), and the ends become the starts.
    subroutine go_on(self)
       class(modal_form), intent(inout) :: self
-      integer :: k
 
       call self%operators%push%multiply_add(self%moments(:, :, 0), self%pushed)
       if (self%operators%decouples) then
-         do k = 1, self%operators%n_moments
-            call self%operators%push%multiply(self%moments(:, :, k), self%taken(:, :, k))
-         end do
+         if (.not. self%keeps_ledger) call form_taken(self)
          call take_motion(self%n_padded, self%operators%n_moments, self%operators%weight, &
                           self%ahead, self%taken(:, :, 1:), self%now)
       else
@@ -378,13 +380,43 @@ contains
       velocity = x(:, :self%operators%n_modes)/self%h
    end subroutine put_state
 
-   !> Never called: the march refuses a ledger in modes.
+   !> See base_system. Never called where damping couples the modes.
    subroutine add_works(self, work)
-      class(modal_form), intent(in) :: self
+      class(modal_form), intent(inout) :: self
       real(wp), intent(inout) :: work(:, :)
+      type(modal_motion) :: motion
+      integer :: k, r
 
-      if (self%n_padded < 0) work = 0.0_wp
-      error stop 'dynamics_exact_modal_form: add_works'
+      call form_taken(self)
+      do r = 1, self%operators%n_modes
+         motion%place = self%now(:, r, 1)
+         motion%velocity = self%now(:, r, 2)
+         motion%finish = self%ahead(:, r, 1)
+         motion%finish_velocity = self%ahead(:, r, 2)
+         motion%half = self%ahead(:, r, 3)
+         motion%half_velocity = self%ahead(:, r, 4)
+         motion%push = self%pushed(:, r)
+         motion%added = 0.0_wp
+         motion%added_velocity = 0.0_wp
+         do k = 1, self%operators%n_moments
+            associate (weight => self%operators%weight(k, :, r), taken => self%taken(:, r, k))
+               motion%added = motion%added + weight(1)*taken
+               motion%added_velocity = motion%added_velocity + weight(2)*taken
+            end associate
+         end do
+         call self%operators%ledger%add_part(r, self%operators%load(r, :), self%force, motion, &
+                                             work)
+      end do
    end subroutine add_works
+
+   !> What integrals of the sliders' motion push (M6).
+   subroutine form_taken(self)
+      class(modal_form), intent(inout) :: self
+      integer :: k
+
+      do k = 1, self%operators%n_moments
+         call self%operators%push%multiply(self%moments(:, :, k), self%taken(:, :, k))
+      end do
+   end subroutine form_taken
 
 end module dynamics_exact_modal_form

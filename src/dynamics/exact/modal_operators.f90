@@ -9,6 +9,7 @@
 module dynamics_exact_modal_operators
    use core_error, only: error_type
    use core_kinds, only: wp
+   use dynamics_exact_modal_ledger, only: modal_ledger, new_modal_ledger
    use dynamics_exact_modal_terms, only: choose_terms, count_parts, modal_terms, n_markov, &
                                          path_degree
    use numerics_dense_product, only: pack_matrix, packed_matrix, padded_rows
@@ -36,6 +37,7 @@ module dynamics_exact_modal_operators
       type(packed_matrix) :: kick               !! as weight, but of all modes: rows q, q'
       type(packed_matrix) :: read, push, shape_rows   !! G, S, Phi
       type(packed_matrix) :: answer(3:path_degree)   !! power k of a path from the sliders' (M5)
+      type(modal_ledger) :: ledger              !! where C^ decouples
       real(wp), allocatable :: markov(:, :, :)  !! Y_d (joint, joint of the slider, d) (M5)
    contains
       procedure :: work
@@ -105,6 +107,8 @@ contains
       operators%shape_rows = pack_matrix(operators%shape)
       if (operators%decouples) then
          call put_rotations(operators%h*omega, damping, operators, moved)
+         operators%ledger = new_modal_ledger(operators%h, operators%h*omega, &
+                                             [(damping(r, r), r=1, structure%n_dof)])
       else
          call put_propagator(operators%h*omega, damping, operators, moved)
       end if

@@ -46,7 +46,7 @@ module dynamics_exact_transitions
       real(wp), dimension(group_size), private :: is_clear, is_plain   ! where positive
       !> from tau on, after shift_path
       real(wp), private :: path(group_size, 0:most_degree) = 0.0_wp
-      real(wp), private :: answer(group_size, 3:most_degree)   ! d of (6)
+      real(wp) :: answer(group_size, 3:most_degree)            !! d of (6)
    end type transition_group
 
 contains
