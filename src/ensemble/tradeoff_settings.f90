@@ -156,9 +156,10 @@ contains
          tries = real(setting%parts, wp)/setting%stride &
                  + transitions*(1.0_wp + 2.0_wp*setting%max_halvings)
          nanoseconds = tries*merge(18.0_wp, 15.0_wp*n, plan%structure%n_dof <= longest_tabulated)
-      else   ! 20 ns a mass measured on AVX2; a degree more for every one or two powers of ten
-         nanoseconds = parts()*20.0_wp*n*(1.0_wp - 0.05_wp*(6.0_wp + log10(setting%tolerance))) &
-                       + 60.0_wp*transitions
+      else   ! measured on AVX2, docs/accuracy.md; a degree more for every one or two powers of ten,
+         ! and no transition is local beyond some 3e-10: docs/exact_march.md (8)
+         nanoseconds = parts()*6.0_wp*n*(1.0_wp - 0.15_wp*(6.0_wp + log10(setting%tolerance))) &
+                       + transitions*merge(150.0_wp, 2500.0_wp, setting%tolerance > 3.0e-10_wp)
       end if
       nanoseconds = nanoseconds + at_any_rate
 

@@ -53,14 +53,17 @@ contains
    subroutine find_crossings(self)
       class(lane_paths), intent(inout) :: self
       real(wp) :: bend, finish, least(size(self%side)), rest, speed, turn, weight(path_degree, 4)
+      real(wp) :: path(0:path_degree), power
       real(wp), parameter :: margin = 1.0e-6_wp   !! as (5)
       integer :: j, k
 
+      power = 1.0_wp
       do k = 1, path_degree
-         weight(k, 1) = self%left**k
-         weight(k, 2) = k*self%left**(k - 1)
+         weight(k, 1) = power*self%left
+         weight(k, 2) = k*power
          weight(k, 3) = 0.125_wp*k*(k - 1)*weight(k, 1)
-         weight(k, 4) = 0.125_wp*k*(k - 1)*(k - 2)*self%left**(k - 1)
+         weight(k, 4) = 0.125_wp*k*(k - 1)*(k - 2)*power
+         power = power*self%left
       end do
       do j = 1, size(self%side)
          finish = self%path(j, 0)
@@ -81,8 +84,9 @@ contains
       do j = 1, size(self%side)
          self%crossing(j) = no_crossing
          if (least(j) > 0.0_wp) cycle
-         self%crossing(j) = first_transition(self%path(j, :), self%side(j), self%slider(j), &
-                                             self%reach(j), self%left)
+         path = self%path(j, :)
+         self%crossing(j) = first_transition(path, self%side(j), self%slider(j), self%reach(j), &
+                                             self%left)
       end do
    end subroutine find_crossings
 
@@ -146,13 +150,18 @@ contains
    subroutine add_moments(self, motion)
       class(lane_paths), intent(inout) :: self
       real(wp), intent(in), contiguous :: motion(:, :)   !! (joint, power from 1)
-      real(wp) :: share(path_degree)
+      real(wp) :: power(path_degree), share(path_degree)
       integer :: j, k, s
 
+      power(1) = self%left
+      do k = 2, path_degree
+         power(k) = power(k - 1)*self%left
+      end do
       do s = 0, ubound(self%moments, 2)
          do k = 1, path_degree
-            share(k) = factorial(k)/factorial(k + s)*self%left**(k + s)
+            share(k) = power(k)*(factorial(k)/factorial(k + s))
          end do
+         power = power*self%left
          do j = 1, size(motion, 1)
             self%moments(j, s) = self%moments(j, s) &
                                  + (((motion(j, 1)*share(1) + motion(j, 2)*share(2)) &
