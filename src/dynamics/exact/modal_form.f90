@@ -354,14 +354,15 @@ contains
    subroutine go_on(self)
       class(modal_form), intent(inout) :: self
 
-      call self%operators%push%multiply_add(self%moments(:, :, 0), self%pushed)
       if (self%operators%decouples) then
          if (.not. self%keeps_ledger) call form_taken(self)
          call take_motion(self%n_padded, self%operators%n_moments, self%operators%weight, &
-                          self%ahead, self%taken(:, :, 1:), self%now)
+                          self%ahead, self%taken, self%now)
+         self%pushed = self%pushed + self%taken(:, :, 0)
       else
+         call self%operators%push%multiply_add(self%moments(:, :, 0), self%pushed)
          self%now(:, :, 1:2) = self%ahead(:, :, 1:2)
-         call self%operators%kick%multiply_add(self%moments(:, :, 1:), self%now)
+         call self%operators%kick%multiply_add(self%moments, self%now)
       end if
       call self%paths%exchange_ends()
    end subroutine go_on
@@ -398,7 +399,7 @@ contains
          motion%push = self%pushed(:, r)
          motion%added = 0.0_wp
          motion%added_velocity = 0.0_wp
-         do k = 1, self%operators%n_moments
+         do k = 0, self%operators%n_moments
             associate (weight => self%operators%weight(k, :, r), taken => self%taken(:, r, k))
                motion%added = motion%added + weight(1)*taken
                motion%added_velocity = motion%added_velocity + weight(2)*taken
@@ -414,7 +415,7 @@ contains
       class(modal_form), intent(inout) :: self
       integer :: k
 
-      do k = 1, self%operators%n_moments
+      do k = 0, self%operators%n_moments
          call self%operators%push%multiply(self%moments(:, :, k), self%taken(:, :, k))
       end do
    end subroutine form_taken

@@ -31,7 +31,8 @@ module dynamics_exact_modal_operators
       real(wp), allocatable :: direction(:, :)  !! W (dof, joint)
       !> (entry, mode), where C^ decouples: q, q' at 1 and at 1/2 from q, q', f(0), f' (M3)
       real(wp), allocatable :: rotation(:, :)
-      real(wp), allocatable :: weight(:, :, :)  !! (moment, q or q', mode) where C^ decouples (M6)
+      !> (0:moment, q or q', mode) where C^ decouples (M6)
+      real(wp), allocatable :: weight(:, :, :)
       type(packed_matrix) :: propagator         !! as rotation, but of all modes and without f'
       real(wp), allocatable :: rise(:, :)       !! (row of propagator, force) of f'
       type(packed_matrix) :: kick               !! as weight, but of all modes: rows q, q'
@@ -137,18 +138,18 @@ contains
       type(modal_operators), intent(inout) :: operators
       real(wp), allocatable, intent(out) :: moved(:, :, :)   !! see put_answers
       type(exponential_type) :: half, full
-      real(wp) :: a(2, 2), b(2, 1), fit(operators%n_moments, operators%n_moments), scale
+      real(wp) :: a(2, 2), b(2, 1), fit(0:operators%n_moments, 0:operators%n_moments + 1), scale
       integer :: k, last, r
 
-      last = operators%n_moments - 1
+      last = operators%n_moments
       fit = kernel_fit(operators%n_moments)
-      allocate (operators%rotation(16, size(rate)), operators%weight(last + 1, 2, size(rate)), &
+      allocate (operators%rotation(16, size(rate)), operators%weight(0:last, 2, size(rate)), &
                 moved(size(rate), operators%n_joints, n_markov))
       do r = 1, size(rate)
          scale = max(1.0_wp, rate(r))   ! of q', so that the matrix is balanced
          a = reshape([0.0_wp, -rate(r)**2/scale, scale, -damping(r, r)], [2, 2])
          b = reshape([0.0_wp, 1.0_wp/scale], [2, 1])
-         call find_exponential(a, b, max(n_markov, last), half, full)
+         call find_exponential(a, b, max(n_markov, last + 1), half, full)
          associate (to => operators%rotation(:, r))
             to(9:12) = [half%value(1, 1), half%value(1, 2)/scale, half%moment(1, 1, 0), &
                         0.5_wp*half%moment(1, 1, 0) - half%moment(1, 1, 1)]
@@ -162,8 +163,8 @@ contains
          do k = 1, n_markov
             moved(r, :, k) = full%moment(1, 1, k)*operators%slider_push(r, :)
          end do
-         operators%weight(:, 1, r) = matmul(fit, full%moment(1, 1, 0:last))
-         operators%weight(:, 2, r) = matmul(fit, full%moment(2, 1, 0:last))*scale
+         operators%weight(:, 1, r) = matmul(fit, full%moment(1, 1, 0:last + 1))
+         operators%weight(:, 2, r) = matmul(fit, full%moment(2, 1, 0:last + 1))*scale
       end do
    end subroutine put_rotations
 
@@ -175,13 +176,14 @@ contains
       type(exponential_type) :: half, full
       real(wp), dimension(2*size(rate), 2*size(rate)) :: a
       real(wp) :: b(2*size(rate), size(rate)), scale(size(rate))
-      real(wp) :: fit(operators%n_moments, operators%n_moments), kernel(2*size(rate), size(rate))
+      real(wp) :: fit(0:operators%n_moments, 0:operators%n_moments + 1)
+      real(wp) :: kernel(2*size(rate), size(rate))
       real(wp), allocatable :: kick(:, :), propagator(:, :)
       integer :: i, k, last, m, n, np, r
 
       n = size(rate)
       np = padded_rows(n)
-      last = operators%n_moments - 1
+      last = operators%n_moments
       scale = max(1.0_wp, rate)
       a = 0.0_wp
       b = 0.0_wp
@@ -191,7 +193,7 @@ contains
          a(n + r, n + 1:) = -damping(r, :)*scale/scale(r)
          b(n + r, r) = 1.0_wp/scale(r)
       end do
-      call find_exponential(a, b, max(n_markov, last), half, full)
+      call find_exponential(a, b, max(n_markov, last + 1), half, full)
       call unscale(half)
       call unscale(full)
 
@@ -223,8 +225,8 @@ contains
       allocate (kick(2*np, m*(last + 1)), source=0.0_wp)
       do k = 0, last
          kernel = 0.0_wp
-         do i = 0, last
-            kernel = kernel + fit(k + 1, i + 1)*full%moment(:, :, i)
+         do i = 0, last + 1
+            kernel = kernel + fit(k, i)*full%moment(:, :, i)
          end do
          kick(1:n, k*m + 1:k*m + operators%n_joints) = matmul(kernel(:n, :), operators%slider_push)
          kick(np + 1:np + n, k*m + 1:k*m + operators%n_joints) = matmul(kernel(n + 1:, :), &
@@ -248,33 +250,40 @@ contains
 
    end subroutine put_propagator
 
-   !> Coefficients of the integrals I_1 .. of a slider's motion from the moments of a kernel: the
-   !> kernel's least-squares polynomial a_0 + a_1 s + ... on [0, 1] acts as a_k k! I_(k+1) (M6). The
-   !> inverse of Hilbert's matrix 1/(i + j - 1), times k!.
+   !> Weights of I_0 .. I_n of a slider's motion zeta from the moments of a kernel, integral of
+   !> kernel(s) s^p: those with which the integral of kernel(1 - s) zeta(s) is exact where zeta is t or
+   !> t^(i+1) (1 - t), i = 0 .. n - 1 (M6).
    pure function kernel_fit(n) result(fit)
       integer, intent(in) :: n
-      real(wp) :: fit(n, n)
-      integer :: i, j
+      real(wp) :: fit(0:n, 0:n + 1)   !! (weight, p)
+      real(wp) :: a(0:n - 1, n), factorial(0:2*n + 2), binomial
+      integer :: i, k, p
 
-      do j = 1, n
-         do i = 1, n
-            fit(i, j) = (-1)**(i + j)*(i + j - 1)*choose(n + i - 1, n - j) &
-                        *choose(n + j - 1, n - i)*choose(i + j - 2, i - 1)**2*gamma(real(i, wp))
+      factorial = [(gamma(k + 1.0_wp), k=0, 2*n + 2)]
+      fit = 0.0_wp
+      do i = 0, n - 1
+         do k = 1, n   ! I_k
+            a(i, k) = factorial(i + 1)/factorial(i + 1 + k) - factorial(i + 2)/factorial(i + 2 + k)
+         end do
+         binomial = 1.0_wp
+         do p = 1, i + 2   ! s (1 - s)^(i+1)
+            fit(i + 1, p) = binomial
+            binomial = -binomial*(i + 2 - p)/p
          end do
       end do
-
-   contains
-
-      pure real(wp) function choose(of, some)
-         integer, intent(in) :: of, some
-         integer :: c
-
-         choose = 1.0_wp
-         do c = 1, some
-            choose = choose*(of - some + c)/c
+      do i = 0, n - 1   ! Gauss and Jordan
+         fit(i + 1, :) = fit(i + 1, :)/a(i, i + 1)
+         a(i, :) = a(i, :)/a(i, i + 1)
+         do k = 0, n - 1
+            if (k == i) cycle
+            fit(k + 1, :) = fit(k + 1, :) - a(k, i + 1)*fit(i + 1, :)
+            a(k, :) = a(k, :) - a(k, i + 1)*a(i, :)
          end do
-      end function choose
-
+      end do
+      fit(0, 0:1) = [1.0_wp, -1.0_wp]
+      do k = 1, n
+         fit(0, :) = fit(0, :) - fit(k, :)/factorial(k + 1)
+      end do
    end function kernel_fit
 
    !> Answers of the joints to a slider: the integral of H(t - s) zeta(s), H(s) = G E(s) S, E the

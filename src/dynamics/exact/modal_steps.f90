@@ -144,9 +144,9 @@ contains
    !> The modes at the end of the part take the motion of the sliders (M6).
    pure subroutine take_motion(rows, n_moments, weight, ahead, taken, now)
       integer, intent(in) :: rows, n_moments
-      real(wp), intent(in) :: weight(:, :, :)                  !! (moment, q or q', mode)
+      real(wp), intent(in) :: weight(0:, :, :)                 !! (moment, q or q', mode)
       real(wp), intent(in) :: ahead(width, rows, 2)
-      real(wp), intent(in) :: taken(width, rows, n_moments)    !! S I
+      real(wp), intent(in) :: taken(width, rows, 0:n_moments)  !! S I
       real(wp), intent(inout) :: now(width, rows, 2)
       real(wp) :: q(width), p(width)
       integer :: k, l, r
@@ -156,7 +156,7 @@ contains
             q(l) = ahead(l, r, 1)
             p(l) = ahead(l, r, 2)
          end do
-         do k = 1, n_moments
+         do k = 0, n_moments
             do l = 1, width
                q(l) = q(l) + weight(k, 1, r)*taken(l, r, k)
                p(l) = p(l) + weight(k, 2, r)*taken(l, r, k)

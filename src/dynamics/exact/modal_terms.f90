@@ -107,7 +107,7 @@ contains
       do k = 3, path_degree
          terms%first_power(k) = k - 1
          do d = 0, min(n_markov - 1, k - 3)
-            if (term_safety*answer(d)*path(k - 2 - d)/gamma(real(k + 1, wp)) > 0.2_wp*tolerance) &
+            if (term_safety*answer(d)*path(k - 2 - d)/gamma(real(k + 1, wp)) > 0.05_wp*tolerance) &
                terms%first_power(k) = k - 2 - d
          end do
       end do
