@@ -65,8 +65,8 @@ contains
       call runner%use_every(max(plan%output%spectrum_every, 1))
    end subroutine prepare_runner
 
-   !> True if a march of the structure keeps the energy ledger: in modes that damping couples it does
-   !> not.
+   !> True if a march of the structure keeps the energy ledger: in modes that damping couples it
+   !> does not.
    function keeps_ledger(structure, how)
       type(structure_type), intent(in) :: structure
       type(integration_settings), intent(in) :: how

@@ -41,7 +41,8 @@ module dynamics_exact_modal_form
       real(wp), pointer, contiguous :: motion(:, :, :) => null()   !! (.., 1:4) sliders, by powers
       real(wp), pointer, contiguous :: moves(:, :) => null()       !! (lane, joint) 1: slider moves
       real(wp), pointer, contiguous :: moments(:, :, :) => null()  !! (.., 0:moment) of sliders
-      real(wp), allocatable, private :: force(:, :, :)   !! (lane, force, power) where a ledger is kept
+      !> (lane, force, power) where a ledger is kept
+      real(wp), allocatable, private :: force(:, :, :)
       real(wp), pointer, contiguous, private :: memory(:) => null()
       type(lane_paths), private :: lane   !! room for redo
    contains

@@ -14,8 +14,8 @@ module dynamics_exact_modal_ledger
    type :: modal_ledger
       real(wp) :: scale = 0.0_wp              !! 1/h^2 [1/s^2]
       real(wp), allocatable :: damping(:)     !! (mode) C^_rr
-      !> (entry, mode) integral of C^ q'^2: of q q, q q', q' q', q f, q' f, f f, q g, q' g, f g, g g,
-      !> f the load at the start and g its rise (M9)
+      !> (entry, mode) integral of C^ q'^2: of q q, q q', q' q', q f, q' f, f f, q g, q' g, f g,
+      !> g g, f the load at the start and g its rise (M9)
       real(wp), allocatable :: loss(:, :)
    contains
       procedure :: add_part

@@ -251,8 +251,8 @@ contains
    end subroutine put_propagator
 
    !> Weights of I_0 .. I_n of a slider's motion zeta from the moments of a kernel, integral of
-   !> kernel(s) s^p: those with which the integral of kernel(1 - s) zeta(s) is exact where zeta is t or
-   !> t^(i+1) (1 - t), i = 0 .. n - 1 (M6).
+   !> kernel(s) s^p: those with which the integral of kernel(1 - s) zeta(s) is exact where zeta is t
+   !> or t^(i+1) (1 - t), i = 0 .. n - 1 (M6).
    pure function kernel_fit(n) result(fit)
       integer, intent(in) :: n
       real(wp) :: fit(0:n, 0:n + 1)   !! (weight, p)
