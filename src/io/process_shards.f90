@@ -7,9 +7,8 @@ module io_process_shards
    use io_files, only: exists, remove_file
    use io_hdf5, only: hdf5_file, label_type, open_hdf5, read_attribute, read_dataset, read_extent, &
                       write_attribute, write_dataset
-   use io_identity, only: require_same
    use io_process_results, only: process_name, read_process
-   use io_store, only: finish_file, list_finished, name_of, shard_store, start_file
+   use io_store, only: finish_file, list_finished, name_of, open_own, shard_store, start_file
    use process_model, only: process_model_type
    use process_packing, only: pack_model, unpack_model
    implicit none(type, external)
@@ -74,15 +73,9 @@ contains
       integer(long) :: expected
       integer :: found
 
-      call open_hdf5(path_of(store, number), file, error)
-      if (.not. allocated(error)) then
-         call require_same(file, store%identity, error, advice)
-         if (allocated(error)) then
-            call file%abandon()
-            return
-         end if
-         call read_attribute(file, '/', 'process', found, error)
-      end if
+      call open_own(store, path_of(store, number), advice, file, error)
+      if (allocated(error)) return
+      call read_attribute(file, '/', 'process', found, error)
       if (.not. allocated(error)) call read_attribute(file, '/', 'checksum', expected, error)
       if (.not. allocated(error)) call read_extent(file, '/packed', 1, n, error)
       if (.not. allocated(error)) then

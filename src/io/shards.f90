@@ -5,11 +5,11 @@ module io_shards
    use ensemble_results, only: block_result
    use io_blocks, only: find_checksum, read_block, write_block
    use io_files, only: exists, remove_file
-   use io_hdf5, only: hdf5_file, open_hdf5, read_attribute, write_attribute
-   use io_identity, only: require_same
+   use io_hdf5, only: hdf5_file, read_attribute, write_attribute
    use io_lock, only: lock_type
    use io_process_shards, only: is_process_shard
-   use io_store, only: finish_file, list_finished, remove_store, shard_store, start_file
+   use io_store, only: finish_file, list_finished, open_own, remove_store, shard_store, &
+                       start_file
    implicit none(type, external)
    private
    public :: shard_type
@@ -146,15 +146,9 @@ contains
       type(block_result), intent(out) :: block
       type(error_type), allocatable, intent(out) :: error
 
-      call open_hdf5(shard%path, file, error)
-      if (.not. allocated(error)) then
-         call require_same(file, store%identity, error, advice)
-         if (allocated(error)) then
-            call file%abandon()
-            return
-         end if
-         call read_attribute(file, '/', 'case', block%case_number, error)
-      end if
+      call open_own(store, shard%path, advice, file, error)
+      if (allocated(error)) return
+      call read_attribute(file, '/', 'case', block%case_number, error)
       if (.not. allocated(error)) then
          call read_attribute(file, '/', 'first_sample', block%first_sample, error)
       end if

@@ -4,12 +4,13 @@ module io_store
    use core_error, only: error_type
    use io_files, only: exists, list_files, list_unfinished, make_folder, remove_file, rename_file, &
                        sync_file, sync_folder, unfinished_name
-   use io_hdf5, only: create_hdf5, hdf5_file
-   use io_identity, only: identity_type, write_identity
+   use io_hdf5, only: create_hdf5, hdf5_file, open_hdf5
+   use io_identity, only: identity_type, require_same, write_identity
    implicit none(type, external)
    private
    public :: shard_store, new_store
-   public :: finish_file, list_finished, name_of, remove_leftovers, remove_store, start_file
+   public :: finish_file, list_finished, name_of, open_own, remove_leftovers, remove_store, &
+             start_file
 
    !> Where the files of one output lie.
    type :: shard_store
@@ -49,6 +50,23 @@ contains
       call file%abandon()
       call remove_file(temporary, ignored)
    end subroutine start_file
+
+   !> Opens a finished file that must be of the store's scene and program.
+   subroutine open_own(store, path, advice, file, error)
+      type(shard_store), intent(in) :: store
+      character(*), intent(in) :: path     !! with the folder
+      character(*), intent(in) :: advice   !! behind an error
+      type(hdf5_file), intent(out) :: file
+      type(error_type), allocatable, intent(out) :: error
+
+      call open_hdf5(path, file, error)
+      if (allocated(error)) then
+         error%message = error%message//advice
+         return
+      end if
+      call require_same(file, store%identity, error, advice)
+      if (allocated(error)) call file%abandon()
+   end subroutine open_own
 
    !> The file is on the disk under its name when this returns without error; after one, met here or
    !> while it was filled, nothing is left of it.
