@@ -14,7 +14,6 @@ module dynamics_exact_modal_form
    use dynamics_exact_guard_zeros, only: no_crossing
    use dynamics_exact_joint_paths, only: layer_reach, layer_side, layer_slider, layer_spring, width
    use dynamics_exact_modal_lane, only: lane_paths
-   use dynamics_exact_modal_ledger, only: modal_motion
    use dynamics_exact_modal_operators, only: modal_operators, new_modal_operators
    use dynamics_exact_modal_steps, only: follow, integrate_motion, mask, put_free_paths, rotate, &
                                          take_motion
@@ -290,9 +289,7 @@ contains
             do k = 0, path_degree
                paths%path(j, k) = x(lane, j, self%paths%layer(k))
             end do
-            do k = 0, self%operators%n_moments
-               paths%moments(j, k) = self%moments(lane, j, k)
-            end do
+            paths%moments(j, :) = self%moments(lane, j, :)
          end do
          paths%left = 1.0_wp
          do round = 0, self%max_transitions
@@ -307,9 +304,7 @@ contains
             return
          end if
          do j = 1, m
-            do k = 0, self%operators%n_moments
-               self%moments(lane, j, k) = paths%moments(j, k)
-            end do
+            self%moments(lane, j, :) = paths%moments(j, :)
             value = 0.0_wp
             slope = 0.0_wp
             power = paths%left
@@ -386,29 +381,10 @@ contains
    subroutine add_works(self, work)
       class(modal_form), intent(inout) :: self
       real(wp), intent(inout) :: work(:, :)
-      type(modal_motion) :: motion
-      integer :: k, r
 
       call form_taken(self)
-      do r = 1, self%operators%n_modes
-         motion%place = self%now(:, r, 1)
-         motion%velocity = self%now(:, r, 2)
-         motion%finish = self%ahead(:, r, 1)
-         motion%finish_velocity = self%ahead(:, r, 2)
-         motion%half = self%ahead(:, r, 3)
-         motion%half_velocity = self%ahead(:, r, 4)
-         motion%push = self%pushed(:, r)
-         motion%added = 0.0_wp
-         motion%added_velocity = 0.0_wp
-         do k = 0, self%operators%n_moments
-            associate (weight => self%operators%weight(k, :, r), taken => self%taken(:, r, k))
-               motion%added = motion%added + weight(1)*taken
-               motion%added_velocity = motion%added_velocity + weight(2)*taken
-            end associate
-         end do
-         call self%operators%ledger%add_part(r, self%operators%load(r, :), self%force, motion, &
-                                             work)
-      end do
+      call self%operators%ledger%add_part(self%operators%load, self%operators%weight, self%force, &
+                                          self%now, self%ahead, self%pushed, self%taken, work)
    end subroutine add_works
 
    !> What integrals of the sliders' motion push (M6).

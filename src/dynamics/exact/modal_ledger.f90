@@ -8,7 +8,7 @@ module dynamics_exact_modal_ledger
    use dynamics_exact_joint_paths, only: width
    implicit none(type, external)
    private
-   public :: modal_ledger, new_modal_ledger, modal_motion
+   public :: modal_ledger, new_modal_ledger
 
    !> Works are in J.
    type :: modal_ledger
@@ -20,15 +20,6 @@ module dynamics_exact_modal_ledger
    contains
       procedure :: add_part
    end type modal_ledger
-
-   !> One mode over a part.
-   type :: modal_motion
-      real(wp), dimension(width) :: place, velocity              !! at the start
-      real(wp), dimension(width) :: half, half_velocity          !! of the free motion, at 1/2
-      real(wp), dimension(width) :: finish, finish_velocity      !! of the free motion, at 1
-      real(wp), dimension(width) :: added, added_velocity        !! by sliders, at 1
-      real(wp), dimension(width) :: push                         !! S z at the start
-   end type modal_motion
 
 contains
 
@@ -89,37 +80,46 @@ contains
 
    !> Works of all lanes over one part: input, of all forces, is by parts F(1) X(1) - F(0) X(0) - F'
    !> times the integral of X, the displacement where the force acts.
-   pure subroutine add_part(self, mode, load, force, motion, work)
+   pure subroutine add_part(self, load, weight, force, now, ahead, pushed, taken, work)
       class(modal_ledger), intent(in) :: self
-      integer, intent(in) :: mode
-      real(wp), intent(in) :: load(:)              !! (force) h^2 Phi' b
+      real(wp), intent(in) :: load(:, :)           !! (mode, force) h^2 Phi' b
+      real(wp), intent(in) :: weight(0:, :, :)     !! (moment, q or q', mode)
       real(wp), intent(in) :: force(:, :, 0:)      !! (lane, force, value and rise) [N]
-      type(modal_motion), intent(in) :: motion
+      real(wp), intent(in) :: now(:, :, :)         !! (lane, mode, 1:2) q, q' at the start
+      real(wp), intent(in) :: ahead(:, :, :)       !! (.., 1:4) free motion: q, q' at 1, at 1/2
+      real(wp), intent(in) :: pushed(:, :)         !! S z at the start
+      real(wp), intent(in) :: taken(:, :, 0:)      !! (.., moment) of sliders
       real(wp), intent(inout) :: work(width, 2)    !! input, viscous
-      real(wp), dimension(width) :: area, f, g
+      real(wp), dimension(width) :: area, f, g, more, speed   ! more, speed: by sliders, at 1
       real(wp) :: c(10)
-      integer :: i
+      integer :: i, k, r
 
-      c = self%scale*self%loss(:, mode)
-      f = 0.0_wp
-      g = 0.0_wp
-      do i = 1, size(load)
-         f = f + load(i)*force(:, i, 0)
-         g = g + load(i)*force(:, i, 1)
+      do r = 1, size(self%damping)
+         c = self%scale*self%loss(:, r)
+         f = 0.0_wp
+         g = 0.0_wp
+         do i = 1, size(load, 2)
+            f = f + load(r, i)*force(:, i, 0)
+            g = g + load(r, i)*force(:, i, 1)
+         end do
+         more = 0.0_wp
+         speed = 0.0_wp
+         do k = 0, ubound(weight, 1)
+            more = more + weight(k, 1, r)*taken(:, r, k)
+            speed = speed + weight(k, 2, r)*taken(:, r, k)
+         end do
+         associate (q => now(:, r, 1), v => now(:, r, 2))
+            area = (7.0_wp*(q + ahead(:, r, 1)) + 16.0_wp*ahead(:, r, 3))/30.0_wp &
+                   + (v - ahead(:, r, 2))/60.0_wp + 0.25_wp*more
+            work(:, 1) = work(:, 1) + self%scale*((f + g)*(ahead(:, r, 1) + more) - f*q - g*area)
+            f = f + pushed(:, r)
+            work(:, 2) = work(:, 2) + (q*(c(1)*q + c(2)*v + c(4)*f + c(7)*g) &
+                                       + v*(c(3)*v + c(5)*f + c(8)*g) &
+                                       + f*(c(6)*f + c(9)*g) + c(10)*g**2)
+         end associate
+         work(:, 2) = work(:, 2) + (self%scale*self%damping(r))*speed* &
+                      ((ahead(:, r, 4) + ahead(:, r, 2))/3.0_wp + 0.2_wp*speed)
       end do
-      associate (q => motion%place, v => motion%velocity, more => motion%added)
-         area = (7.0_wp*(q + motion%finish) + 16.0_wp*motion%half)/30.0_wp &
-                + (v - motion%finish_velocity)/60.0_wp + 0.25_wp*more
-         work(:, 1) = work(:, 1) + self%scale*((f + g)*(motion%finish + more) - f*q - g*area)
-         f = f + motion%push
-         work(:, 2) = work(:, 2) + (q*(c(1)*q + c(2)*v + c(4)*f + c(7)*g) &
-                                    + v*(c(3)*v + c(5)*f + c(8)*g) &
-                                    + f*(c(6)*f + c(9)*g) + c(10)*g**2)
-      end associate
-      associate (more => motion%added_velocity)
-         work(:, 2) = work(:, 2) + (self%scale*self%damping(mode))*more* &
-                      ((motion%half_velocity + motion%finish_velocity)/3.0_wp + 0.2_wp*more)
-      end associate
    end subroutine add_part
 
 end module dynamics_exact_modal_ledger
