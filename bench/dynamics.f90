@@ -14,12 +14,12 @@ program bench_dynamics
    use core_kinds, only: long, wp
    use core_random, only: label_of, new_stream, stream_type
    use core_text, only: to_text
-   use structure_chain, only: build_chain
-   use structure_model, only: build_structure, damping_type, part_names, structure_type
    use dynamics_exact_march, only: exact_march, new_exact_march
-   use dynamics_newmark, only: new_newmark, newmark_marcher
+   use dynamics_newmark_march, only: new_newmark, newmark_marcher
    use dynamics_response, only: block_state, marcher_type, start_block
    use numerics_spectrum, only: welch_type
+   use structure_chain, only: build_chain
+   use structure_model, only: build_structure, damping_type, part_names, structure_type
    implicit none(type, external)
    integer, parameter :: n_samples = 32, repetitions = 5, stride = 100, records_per_piece = 10
    integer, parameter :: thinning = 4, segment = 1024   !! of spectra, as the program would choose

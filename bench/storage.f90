@@ -1,8 +1,8 @@
 !> What shards cost: CPU time to write, verify and read them, and to claim work, for scheduling.py.
 program storage
+   use campaign_results, only: block_result
    use core_error, only: error_type
    use core_kinds, only: long, wp
-   use ensemble_results, only: block_result
    use io_gathering, only: read_band, read_samples
    use io_identity, only: identity_type
    use io_shards, only: list_shards, shard_type, verify_shard, write_shard

@@ -21,7 +21,7 @@ string(REGEX REPLACE "/$" "" pkgconfig_to_prefix ${pkgconfig_to_prefix})
 set(pkgconfig_modules)
 set(pkgconfig_libraries)
 list(TRANSFORM CMAKE_DL_LIBS PREPEND -l OUTPUT_VARIABLE pkgconfig_dl)
-foreach(floor io config parallel ensemble dynamics_exact dynamics process process_positive
+foreach(floor io io_hdf5 config config_groups config_text parallel tradeoff campaign dynamics_exact dynamics_newmark dynamics process process_positive
     process_direct process_autoregressive process_ground structure statistics numerics core)
   list(APPEND pkgconfig_modules "-I\${includedir}/${floor}")
   list(APPEND pkgconfig_libraries -lentroslip_${floor})

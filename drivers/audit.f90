@@ -1,10 +1,10 @@
 !> Numerical error of a case, as its audit states it.
 module driver_audit
+   use campaign_comparison, only: compare_slip, numerical_error, spectrum_comparison
+   use campaign_plan, only: kept_dofs, plan_type
+   use campaign_results, only: block_result, spectrum_layout
    use core_error, only: error_type
    use core_kinds, only: wp
-   use ensemble_comparison, only: compare_slip, numerical_error, spectrum_comparison
-   use ensemble_plan, only: kept_dofs, plan_type
-   use ensemble_results, only: block_result, spectrum_layout
    use io_audit_results, only: write_audit
    use io_blocks, only: frequencies_together
    use io_gathering, only: read_band, read_samples, shards_of

@@ -1,5 +1,6 @@
 !> Steps that the commands share: from the command line to a plan, and the end of a failed run.
 module driver_campaign
+   use campaign_plan, only: plan_type
    use config_force_file, only: check_force, force_label
    use config_plan, only: build_plan, scene_name
    use config_scene, only: complaint_list, read_scene, scene_type
@@ -7,7 +8,6 @@ module driver_campaign
    use core_kinds, only: wp
    use core_text, only: to_text
    use driver_command_line, only: command_line
-   use ensemble_plan, only: plan_type
    use io_files, only: follow_links
    use io_force, only: read_force_hdf5
    use process_model, only: process_model_type

@@ -1,24 +1,24 @@
 !> `entroslip check`: a scene read and checked, and what running it would mean. Writes nothing.
 module driver_check
-   use config_phrases, only: brief, labelled
+   use campaign_plan, only: plan_type
+   use campaign_size, only: refuse_oversize
    use config_scene, only: scene_type
    use config_summary, only: summary_text
    use core_error, only: error_type, exit_done
    use core_kinds, only: wp
+   use core_phrases, only: brief, labelled
    use core_terminal, only: say
    use core_text, only: to_text
    use driver_campaign, only: load_plan, refuse_unsolved
+   use driver_choose_setting, only: keep_targets
    use driver_command_line, only: command_line
-   use driver_foresight, only: foresee_need
-   use driver_target, only: keep_targets
-   use ensemble_forecast, only: cost_type, measure_cost
-   use ensemble_pilot, only: choose_every
-   use ensemble_plan, only: plan_type
-   use ensemble_size, only: refuse_oversize
+   use driver_statistical_forecast, only: foresee_need
    use parallel_world, only: start_world, stop_world, world_type
    use process_fit, only: foresee_process
    use process_model, only: process_model_type
    use process_scaling, only: first_of_fit
+   use tradeoff_forecast, only: cost_type, measure_cost
+   use tradeoff_pilot, only: choose_every
    implicit none(type, external)
    private
    public :: check

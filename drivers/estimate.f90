@@ -1,10 +1,10 @@
 !> `entroslip estimate`: from measured values to the process that explains them, and its &process.
 module driver_estimate
    use config_measured, only: read_measured
-   use config_phrases, only: brief, counted, labelled
    use core_complaints, only: complaint_list
    use core_error, only: error_type, exit_bad_input, exit_done, exit_file, raise
    use core_kinds, only: long, wp
+   use core_phrases, only: brief, counted, labelled
    use core_terminal, only: say
    use core_text, only: to_text
    use driver_command_line, only: command_line

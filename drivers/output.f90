@@ -1,21 +1,21 @@
 !> The output of a run: what an earlier run left of it, who may write it, and how it is let go.
 module driver_output
-   use config_phrases, only: counted
+   use campaign_plan, only: plan_type
+   use campaign_pooling, only: estimators_of
+   use campaign_runner, only: block_width
+   use campaign_samples_needed, only: needs_more_samples
+   use campaign_study, only: block_range
    use config_scene, only: scene_type
    use core_error, only: error_type
    use core_kinds, only: long
+   use core_phrases, only: counted
    use core_terminal, only: say_line => say
    use core_text, only: to_text
    use driver_campaign, only: find_output
    use driver_command_line, only: command_line
    use driver_provenance, only: identity_of
-   use ensemble_plan, only: plan_type
-   use ensemble_pooling, only: estimators_of
-   use ensemble_runner, only: block_width
-   use ensemble_statistical, only: needs_more_samples
-   use ensemble_study, only: block_range
+   use io_earlier_results, only: check_replaceable, extract_shards, inspect_results
    use io_error_results, only: case_errors, read_errors
-   use io_existing, only: check_replaceable, extract_shards, inspect_results
    use io_files, only: remove_file
    use io_gathering, only: finished_samples
    use io_lock, only: join_lock, lock_type, take_lock

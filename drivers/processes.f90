@@ -1,10 +1,10 @@
 !> The processes of a scene, solved by all ranks together.
 module driver_processes
+   use campaign_plan, only: plan_type
    use core_error, only: error_type
    use core_kinds, only: long, wp
    use driver_deadline, only: time_to_stop
    use driver_output, only: output_type
-   use ensemble_plan, only: plan_type
    use io_process_shards, only: keep_process
    use io_progress, only: progress_type
    use numerics_sorting, only: sort_order

@@ -1,14 +1,14 @@
 !> The best estimates of all cases: regressions over pools of cases, shared out over the ranks, a
 !> joint or a dof at a time.
 module driver_regression
+   use campaign_estimates, only: case_estimates, n_quantities
+   use campaign_plan, only: kept_dofs, plan_type
+   use campaign_pooling, only: case_pool, estimators_of, find_points, find_pools, plan_draws, &
+      reason_for_plain
+   use campaign_results, only: block_result, case_statistics, joint_statistics
    use core_error, only: error_type
    use core_kinds, only: long, wp
    use core_random, only: label_of, new_stream, stream_type
-   use ensemble_estimates, only: case_estimates, n_quantities
-   use ensemble_plan, only: kept_dofs, plan_type
-   use ensemble_pooling, only: case_pool, estimators_of, find_points, find_pools, &
-                               plan_draws, reason_for_plain
-   use ensemble_results, only: block_result, case_statistics, joint_statistics
    use io_gathering, only: read_density, read_samples, shards_of
    use io_shards, only: named_shard, shard_type
    use io_store, only: shard_store
@@ -18,9 +18,9 @@ module driver_regression
    use process_realization, only: draw_points
    use statistics_pool, only: new_pool, pool_type
    use statistics_scalars, only: estimate_scalars, scalar_from, scalar_plain, scalar_type, &
-                                 scalar_values
+      scalar_values
    use statistics_spectra, only: estimate_spectrum, spectrum_from, spectrum_plain, spectrum_type, &
-                                 spectrum_values
+      spectrum_values
    implicit none(type, external)
    private
    public :: find_estimates, share_list

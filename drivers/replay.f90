@@ -1,24 +1,24 @@
 !> `entroslip replay`: one sample of a campaign again, alone, with all that can be kept of it.
 module driver_replay
-   use config_phrases, only: counted
+   use campaign_plan, only: plan_type
+   use campaign_results, only: block_result
+   use campaign_runner, only: keeps_ledger, runner_type
+   use campaign_sample, only: run_block
+   use campaign_size, only: refuse_oversize
+   use campaign_study, only: block_range, draw_friction
    use config_scene, only: scene_type
    use core_error, only: error_type, exit_bad_input, exit_done, raise
    use core_kinds, only: wp
+   use core_phrases, only: counted
    use core_text, only: to_text
    use driver_campaign, only: load_plan, refuse_unsolved
+   use driver_choose_setting, only: keep_targets
    use driver_command_line, only: command_line
    use driver_deadline, only: start_watch, time_to_stop
    use driver_output, only: open_output, output_type
    use driver_processes, only: solve_processes
    use driver_results, only: write_results
    use driver_run, only: end_if_asked, prepare_march
-   use driver_target, only: keep_targets
-   use ensemble_plan, only: plan_type
-   use ensemble_results, only: block_result
-   use ensemble_runner, only: keeps_ledger, runner_type
-   use ensemble_sample, only: run_block
-   use ensemble_size, only: refuse_oversize
-   use ensemble_study, only: block_range, draw_friction
    use io_shards, only: write_shard
    use io_store, only: remove_store
    use parallel_world, only: start_world, stop_world, world_type

@@ -1,5 +1,10 @@
 !> From shards to the results file: statistics of every case, and everything written as a whole.
 module driver_results
+   use campaign_audit, only: audit_of
+   use campaign_estimates, only: case_estimates
+   use campaign_plan, only: plan_type
+   use campaign_results, only: case_statistics
+   use campaign_runner, only: runner_type
    use config_scene, only: scene_type
    use core_error, only: error_type
    use core_kinds, only: wp
@@ -11,11 +16,6 @@ module driver_results
    use driver_provenance, only: provenance_of
    use driver_regression, only: find_estimates, share_list
    use driver_statistics, only: find_slip_statistics, open_spectra, spectra_task
-   use ensemble_audit, only: audit_of
-   use ensemble_estimates, only: case_estimates
-   use ensemble_plan, only: plan_type
-   use ensemble_results, only: case_statistics
-   use ensemble_runner, only: runner_type
    use io_case_results, only: begin_case, finish_case
    use io_case_statistics, only: write_estimates
    use io_gathering, only: shards_of

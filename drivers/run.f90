@@ -1,26 +1,25 @@
 !> `entroslip run`: everything a scene asks for, from its processes to the results file.
 module driver_run
-   use config_phrases, only: counted, duration
+   use campaign_audit, only: add_audits
+   use campaign_plan, only: plan_type
+   use campaign_results, only: block_result
+   use campaign_runner, only: prepare_runner, runner_type
+   use campaign_sample, only: run_block
+   use campaign_size, only: refuse_oversize
+   use campaign_study, only: block_range, draw_friction, open_blocks
    use config_scene, only: scene_type
    use core_error, only: error_type, exit_bad_input, exit_done, exit_stopped, raise
    use core_kinds, only: long, wp
+   use core_phrases, only: counted, duration
    use core_text, only: to_text
    use driver_campaign, only: load_plan, refuse_unsolved
+   use driver_choose_setting, only: keep_targets
    use driver_command_line, only: command_line
    use driver_deadline, only: seconds_so_far, set_limit, start_watch, time_to_stop
+   use driver_judge_results, only: judge, take_more, tell_errors
    use driver_output, only: open_output, output_type
    use driver_processes, only: solve_processes
    use driver_results, only: write_results
-   use driver_target, only: keep_targets
-   use driver_verdict, only: judge, take_more, tell_errors
-   use ensemble_audit, only: add_audits
-   use ensemble_pilot, only: choose_every
-   use ensemble_plan, only: plan_type
-   use ensemble_results, only: block_result
-   use ensemble_runner, only: prepare_runner, runner_type
-   use ensemble_sample, only: run_block
-   use ensemble_size, only: refuse_oversize
-   use ensemble_study, only: block_range, draw_friction, open_blocks
    use io_files, only: exists
    use io_process_shards, only: remove_kept
    use io_progress, only: progress_type
@@ -28,6 +27,7 @@ module driver_run
    use parallel_work, only: new_counter, work_counter
    use parallel_world, only: start_world, stop_world, world_type
    use process_model, only: branch_note, process_model_type
+   use tradeoff_pilot, only: choose_every
    implicit none(type, external)
    private
    public :: run, end_if_asked, prepare_march

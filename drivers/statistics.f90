@@ -1,12 +1,12 @@
 !> The statistics of a case over its samples, in memory that does not grow with their number.
 module driver_statistics
+   use campaign_bands, only: band_collector, sample_groups, start_bands
+   use campaign_joint_statistics, only: joint_collector, start_joints
+   use campaign_plan, only: kept_dofs, plan_type
+   use campaign_results, only: block_result, case_statistics, spectrum_layout
+   use campaign_time_average, only: count_spans, fewest_spans, span_collector
    use core_error, only: error_type
    use core_kinds, only: long, wp
-   use ensemble_bands, only: band_collector, sample_groups, start_bands
-   use ensemble_joint_statistics, only: joint_collector, start_joints
-   use ensemble_plan, only: kept_dofs, plan_type
-   use ensemble_results, only: block_result, case_statistics, spectrum_layout
-   use ensemble_time_average, only: count_spans, fewest_spans, span_collector
    use io_blocks, only: frequencies_together
    use io_case_samples, only: put_samples
    use io_gathering, only: read_band, read_samples, read_slip_series

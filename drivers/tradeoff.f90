@@ -1,32 +1,32 @@
 !> `entroslip tradeoff`: what accuracy costs in this scene, measured on a small piece of it.
 module driver_tradeoff
-   use config_phrases, only: counted
+   use campaign_plan, only: plan_type
    use config_scene, only: scene_type
    use core_error, only: error_type, exit_bad_input, exit_done, exit_stopped, raise
    use core_kinds, only: wp
+   use core_phrases, only: counted
    use core_terminal, only: say
    use driver_campaign, only: find_output, load_plan, refuse_unsolved
    use driver_command_line, only: command_line
    use driver_deadline, only: seconds_so_far, set_limit, start_watch, time_to_stop
-   use driver_measuring, only: measure_settings
    use driver_processes, only: solve_processes
    use driver_provenance, only: provenance_of
    use driver_tradeoff_models, only: fits_text, orders_text, variants_text
    use driver_tradeoff_text, only: parts_text, settings_text, sizes_text, spectra_text, wanted_text
-   use ensemble_plan, only: plan_type
-   use ensemble_tradeoff_effects, only: variant_row, variant_rows_of
-   use ensemble_tradeoff_front, only: error_parts, parts_of, rows_of, sample_steps, setting_row, &
-                                      size_row, size_rows_of, spectrum_row, spectrum_rows_of
-   use ensemble_tradeoff_process, only: compare_orders, order_row
-   use ensemble_tradeoff_tasks, only: scope_type, tradeoff_type
-   use ensemble_tradeoff_variants, only: list_variants
-   use io_existing, only: check_replaceable
+   use driver_trial_runs, only: measure_settings
+   use io_earlier_results, only: check_replaceable
    use io_lock, only: lock_type, take_lock
    use io_results, only: begin_results, results_writer
-   use io_tradeoff_results, only: write_orders, write_parts, write_settings, &
-                                  write_sizes, write_spectra, write_variants
+   use io_tradeoff_results, only: write_orders, write_parts, write_settings, write_sizes, &
+      write_spectra, write_variants
    use parallel_world, only: start_world, stop_world, world_type
    use process_model, only: process_model_type
+   use tradeoff_effects, only: variant_row, variant_rows_of
+   use tradeoff_front, only: error_parts, parts_of, rows_of, sample_steps, setting_row, size_row, &
+      size_rows_of, spectrum_row, spectrum_rows_of
+   use tradeoff_process_settings, only: compare_orders, order_row
+   use tradeoff_tasks, only: scope_type, tradeoff_type
+   use tradeoff_variants, only: list_variants
    implicit none(type, external)
    private
    public :: tradeoff

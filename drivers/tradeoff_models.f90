@@ -1,13 +1,13 @@
 !> What `entroslip tradeoff` says of processes: orders, lengths of fits, standard errors of fits.
 module driver_tradeoff_models
-   use config_phrases, only: brief, numbered, padded
+   use campaign_plan, only: plan_type
    use core_kinds, only: wp
+   use core_phrases, only: brief, numbered, padded
    use core_text, only: to_text
-   use ensemble_plan, only: plan_type
-   use ensemble_tradeoff_effects, only: variant_row
-   use ensemble_tradeoff_process, only: order_row
-   use ensemble_tradeoff_variants, only: variant_type
    use process_model, only: process_model_type
+   use tradeoff_effects, only: variant_row
+   use tradeoff_process_settings, only: order_row
+   use tradeoff_variants, only: variant_type
    implicit none(type, external)
    private
    public :: fits_text, orders_text, variants_text

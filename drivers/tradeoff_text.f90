@@ -1,13 +1,13 @@
 !> What `entroslip tradeoff` says of marches: settings, wanted errors, parts of the error, spectra.
 module driver_tradeoff_text
-   use config_phrases, only: brief, counted, duration, labelled, padded
+   use campaign_plan, only: plan_type
    use core_kinds, only: wp
+   use core_phrases, only: brief, counted, duration, labelled, padded
    use core_text, only: to_text
-   use ensemble_plan, only: plan_type
-   use ensemble_tradeoff_front, only: cheapest, error_parts, is_random, keeps, published_error, &
-                                      sample_steps, setting_row, size_row, spectrum_row
-   use ensemble_tradeoff_settings, only: setting_dt, setting_type
-   use ensemble_tradeoff_tasks, only: tradeoff_type
+   use tradeoff_front, only: cheapest, error_parts, is_random, keeps, published_error, &
+      sample_steps, setting_row, size_row, spectrum_row
+   use tradeoff_settings, only: setting_dt, setting_type
+   use tradeoff_tasks, only: tradeoff_type
    implicit none(type, external)
    private
    public :: parts_text, setting_text, settings_text, sizes_text, spectra_text, wanted_text

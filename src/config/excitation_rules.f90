@@ -2,7 +2,7 @@
 module config_excitation_rules
    use config_force_file, only: check_force, force_label, is_hdf5_file, read_force_text
    use config_groups, only: scene_type
-   use config_reader, only: reader_type
+   use config_text_reader, only: reader_type
    use core_kinds, only: wp
    use core_source, only: find_beside
    use core_table, only: read_table, table_type

@@ -1,15 +1,15 @@
 !> All groups of a scene together, and what follows from which of them are there.
 module config_groups
-   use config_accuracy, only: accuracy_group
-   use config_campaign, only: campaign_group
-   use config_chain, only: chain_group
-   use config_entries, only: visitor_type
-   use config_excitation, only: excitation_group
-   use config_heading, only: heading_group
-   use config_integration, only: integration_group
-   use config_output, only: output_group
-   use config_process, only: process_group
-   use config_structure, only: structure_group
+   use config_groups_accuracy, only: accuracy_group
+   use config_groups_campaign, only: campaign_group
+   use config_groups_chain, only: chain_group
+   use config_groups_excitation, only: excitation_group
+   use config_groups_integration, only: integration_group
+   use config_groups_output, only: output_group
+   use config_groups_process, only: process_group
+   use config_groups_scene, only: heading_group
+   use config_groups_structure, only: structure_group
+   use config_text_value_table, only: visitor_type
    use core_kinds, only: long, wp
    use structure_model, only: structure_type
    implicit none(type, external)

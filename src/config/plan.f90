@@ -1,16 +1,16 @@
 !> Plan of a scene: processes to fit, cases in the order of their numbers.
 module config_plan
+   use campaign_audit, only: reference_for
+   use campaign_plan, only: accuracy_settings, case_type, plan_type
+   use campaign_runner, only: keeps_ledger
    use config_groups, only: scene_type
-   use config_integration, only: fewest_measured
-   use config_process, only: process_group
+   use config_groups_integration, only: fewest_measured
+   use config_groups_process, only: process_group
    use core_complaints, only: complaint_list
    use core_error, only: error_type
    use core_kinds, only: wp
    use core_text, only: to_text
    use dynamics_exact_march, only: most_parts, parts_of_step
-   use ensemble_audit, only: reference_for
-   use ensemble_plan, only: accuracy_settings, case_type, plan_type
-   use ensemble_runner, only: keeps_ledger
    use process_model, only: process_request
    use process_reference, only: is_reference
    use structure_chain, only: build_chain

@@ -1,12 +1,12 @@
 !> Reads a scene: the scene file and the --set options become checked groups, or complaints.
 module config_scene
-   use config_document, only: document_type
    use config_groups, only: group_names, scene_type
-   use config_namelist, only: parse_groups
-   use config_overrides, only: override_text, parse_overrides
-   use config_reader, only: reader_type
    use config_rules, only: check_rules
-   use config_tokens, only: token_type, tokenize
+   use config_text_document, only: document_type
+   use config_text_namelist, only: parse_groups
+   use config_text_overrides, only: override_text, parse_overrides
+   use config_text_reader, only: reader_type
+   use config_text_tokens, only: token_type, tokenize
    use core_complaints, only: complaint_list
    use core_source, only: new_source, read_source, source_type
    use core_spelling, only: nearest_name

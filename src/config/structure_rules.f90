@@ -1,7 +1,7 @@
 !> Rules of &structure: finds its files, reads the structure, and labels it by its values.
 module config_structure_rules
    use config_groups, only: scene_type
-   use config_reader, only: reader_type
+   use config_text_reader, only: reader_type
    use core_kinds, only: long, wp
    use core_random, only: label_of
    use core_source, only: find_beside

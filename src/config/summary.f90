@@ -1,13 +1,13 @@
 !> The text of `entroslip check`: what a scene will do, what it will not, and what that will cost.
 module config_summary
+   use campaign_audit, only: add_audits, reference_for
+   use campaign_plan, only: integration_settings, plan_type, strength_of
+   use campaign_size, only: memory_of_rank, results_size
    use config_fingerprint, only: fingerprint
    use config_groups, only: scene_type
-   use config_phrases, only: brief, counted, duration, joined, labelled, numbered, padded, size_text
    use core_kinds, only: wp
+   use core_phrases, only: brief, counted, duration, joined, labelled, numbered, padded, size_text
    use core_text, only: to_text
-   use ensemble_audit, only: add_audits, reference_for
-   use ensemble_plan, only: integration_settings, plan_type, strength_of
-   use ensemble_size, only: memory_of_rank, results_size
    use process_model, only: branch_note, process_model_type, process_request
    use process_realization, only: way_of_drawing, way_type
    use process_reference, only: is_reference, law_name

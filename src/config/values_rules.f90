@@ -2,7 +2,7 @@
 module config_values_rules
    use config_force_file, only: force_label
    use config_groups, only: scene_type
-   use config_reader, only: reader_type
+   use config_text_reader, only: reader_type
    use core_kinds, only: wp
    use core_source, only: find_beside
    use core_table, only: read_table, table_type

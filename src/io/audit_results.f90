@@ -1,12 +1,12 @@
 !> The audit of a case as a group of the results file, `audit` in that of the case: its samples as
 !> the reference marched them, and what the differences tell of the case's numerical error.
 module io_audit_results
+   use campaign_audit, only: kept_of, reference_for
+   use campaign_comparison, only: band_ratio_error, numerical_error, slip_error
+   use campaign_plan, only: integration_settings, plan_type
+   use campaign_results, only: block_result, spectrum_layout
    use core_error, only: error_type
    use core_kinds, only: wp
-   use ensemble_audit, only: kept_of, reference_for
-   use ensemble_comparison, only: band_ratio_error, numerical_error, slip_error
-   use ensemble_plan, only: integration_settings, plan_type
-   use ensemble_results, only: block_result, spectrum_layout
    use io_case_results, only: case_group, write_frequency
    use io_case_samples, only: kept_axis, make_samples, put_samples, write_dofs, write_long
    use io_gathering, only: shards_of

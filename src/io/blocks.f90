@@ -1,9 +1,9 @@
 !> A block of samples as datasets of one HDF5 file, whole or without what is long.
 module io_blocks
+   use campaign_results, only: block_result
    use core_error, only: error_type, exit_file, raise
    use core_kinds, only: long, wp
    use core_text, only: to_text
-   use ensemble_results, only: block_result
    use io_checksum, only: checksum_type
    use io_hdf5, only: hdf5_file, label_type, read_dataset, read_extent, write_dataset
    implicit none(type, external)

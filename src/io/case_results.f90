@@ -1,11 +1,11 @@
 !> One case of a campaign as a group of the results file: its axes and attributes. What each sample
 !> handed back is io_case_samples', statistics are io_case_statistics'.
 module io_case_results
+   use campaign_plan, only: plan_type
+   use campaign_results, only: spectrum_layout
+   use campaign_time_average, only: count_spans
    use core_error, only: error_type
    use core_kinds, only: wp
-   use ensemble_plan, only: plan_type
-   use ensemble_results, only: spectrum_layout
-   use ensemble_time_average, only: count_spans
    use io_case_samples, only: batch_frequencies, make_samples, write_dofs, write_long
    use io_group, only: counted, group_type, new_group
    use io_hdf5, only: label_type

@@ -3,11 +3,11 @@
 !> number of samples.
 module io_case_samples
    use, intrinsic :: ieee_arithmetic, only: ieee_is_nan
+   use campaign_plan, only: kept_dofs, output_settings, plan_type
+   use campaign_results, only: block_result, spectrum_layout
+   use campaign_time_average, only: count_spans, fewest_spans, time_average_method
    use core_kinds, only: long, wp
    use dynamics_response, only: transition_list
-   use ensemble_plan, only: kept_dofs, output_settings, plan_type
-   use ensemble_results, only: block_result, spectrum_layout
-   use ensemble_time_average, only: count_spans, fewest_spans, time_average_method
    use io_blocks, only: sample_label
    use io_gathering, only: count_transitions
    use io_group, only: counted, group_type

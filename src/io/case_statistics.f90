@@ -1,12 +1,12 @@
 !> Statistics of a case in its group of the results file: the best estimates, plain sampling's in
 !> `plain/`, and in `error_ratio/` how much larger the errors of those are.
 module io_case_statistics
+   use campaign_estimates, only: case_estimates
+   use campaign_plan, only: plan_type
+   use campaign_results, only: case_statistics, joint_statistics
    use core_error, only: error_type
    use core_kinds, only: wp
    use core_text, only: to_text
-   use ensemble_estimates, only: case_estimates
-   use ensemble_plan, only: plan_type
-   use ensemble_results, only: case_statistics, joint_statistics
    use io_case_samples, only: kept_axis
    use io_group, only: group_type, new_group
    use io_hdf5, only: label_type

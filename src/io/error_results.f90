@@ -1,8 +1,8 @@
 !> What a results file tells of the errors of its cases: targets are judged by what was written.
 module io_error_results
+   use campaign_results, only: case_statistics
    use core_error, only: error_type
    use core_kinds, only: long, wp
-   use ensemble_results, only: case_statistics
    use io_case_results, only: case_group
    use io_hdf5, only: has_attribute, hdf5_file, open_hdf5, read_attribute, read_dataset, read_extent
    implicit none(type, external)

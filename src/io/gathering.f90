@@ -1,10 +1,10 @@
 !> What the shards of one case hold together: small data of all samples, spectra a range of
 !> frequencies at a time.
 module io_gathering
+   use campaign_results, only: block_result
    use core_error, only: error_type, exit_file, raise
    use core_kinds, only: long, wp
    use core_text, only: to_text
-   use ensemble_results, only: block_result
    use io_blocks, only: read_block
    use io_hdf5, only: hdf5_file, open_hdf5, read_dataset, read_extent, read_part
    use io_shards, only: open_shard, shard_type

@@ -1,9 +1,9 @@
 !> The results file: one writer that makes it whole or not at all. Datasets are named as users know
 !> them; case data are in io_case_results, process data in io_process_results.
 module io_results
+   use campaign_plan, only: integration_settings
    use core_error, only: error_type
    use core_kinds, only: long, wp
-   use ensemble_plan, only: integration_settings
    use io_contents, only: check_contents, note_contents
    use io_files, only: folder_of, remove_file, sync_file, sync_folder, unfinished_name
    use io_group, only: counted, group_type, new_group

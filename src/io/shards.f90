@@ -1,15 +1,14 @@
 !> Finished blocks of samples as files of a store.
 module io_shards
+   use campaign_results, only: block_result
    use core_error, only: error_type, exit_file, raise
    use core_kinds, only: long
-   use ensemble_results, only: block_result
    use io_blocks, only: find_checksum, read_block, write_block
    use io_files, only: exists, remove_file
    use io_hdf5, only: hdf5_file, read_attribute, write_attribute
    use io_lock, only: lock_type
    use io_process_shards, only: is_process_shard
-   use io_store, only: finish_file, list_finished, open_own, remove_store, shard_store, &
-                       start_file
+   use io_store, only: finish_file, list_finished, open_own, remove_store, shard_store, start_file
    implicit none(type, external)
    private
    public :: shard_type

@@ -1,16 +1,15 @@
 !> What settings cost and what they buy, as the group /tradeoff of a file of its own.
 module io_tradeoff_results
+   use campaign_plan, only: plan_type
    use core_error, only: error_type
    use core_kinds, only: wp
-   use ensemble_plan, only: plan_type
-   use ensemble_tradeoff_effects, only: variant_row
-   use ensemble_tradeoff_front, only: error_parts, published_error, setting_row, size_row, &
-                                      spectrum_row
-   use ensemble_tradeoff_process, only: order_row
-   use ensemble_tradeoff_settings, only: setting_dt
-   use ensemble_tradeoff_variants, only: variant_type
    use io_group, only: group_type, new_group
    use io_results, only: results_writer
+   use tradeoff_effects, only: variant_row
+   use tradeoff_front, only: error_parts, published_error, setting_row, size_row, spectrum_row
+   use tradeoff_process_settings, only: order_row
+   use tradeoff_settings, only: setting_dt
+   use tradeoff_variants, only: variant_type
    implicit none(type, external)
    private
    public :: write_orders, write_parts, write_settings, write_sizes, write_spectra, write_variants

@@ -3,11 +3,11 @@
 !> exit code is the error's.
 program disk_faults
    use, intrinsic :: iso_fortran_env, only: error_unit
+   use campaign_results, only: block_result
    use core_error, only: error_type
    use core_terminal, only: end_program
-   use ensemble_results, only: block_result
    use io_campaign, only: made_block, made_identity, made_model, write_made_results, &
-                          write_made_shards
+      write_made_shards
    use io_process_shards, only: keep_process, read_kept
    use io_shards, only: list_shards, shard_type, verify_shard, write_shard
    use io_store, only: new_store, shard_store

@@ -1,15 +1,14 @@
 !> A small campaign whose every number follows from case, sample and dof: nothing needs to be
 !> marched.
 module io_campaign
+   use campaign_audit, only: add_audits
+   use campaign_comparison, only: compare_slip, compare_spectra, numerical_error
+   use campaign_estimates, only: case_estimates
+   use campaign_plan, only: plan_type
+   use campaign_results, only: block_result, case_statistics, spectrum_layout
    use core_error, only: error_type
    use core_kinds, only: long, wp
    use core_text, only: to_text
-   use structure_chain, only: build_chain
-   use ensemble_audit, only: add_audits
-   use ensemble_comparison, only: compare_slip, compare_spectra, numerical_error
-   use ensemble_estimates, only: case_estimates
-   use ensemble_plan, only: plan_type
-   use ensemble_results, only: block_result, case_statistics, spectrum_layout
    use io_audit_results, only: write_audit
    use io_case_results, only: begin_case, finish_case
    use io_case_samples, only: put_samples
@@ -24,6 +23,7 @@ module io_campaign
    use io_shards, only: list_shards, shard_type, write_shard
    use io_store, only: shard_store
    use process_model, only: process_model_type
+   use structure_chain, only: build_chain
    implicit none(type, external)
    private
    public :: fresh_folder, made_audit_block, made_block, made_identity, made_model, &

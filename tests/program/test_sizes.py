@@ -1,4 +1,4 @@
-"""`check` tells the size of results and the memory of a rank (ensemble_size) and stays quick."""
+"""`check` tells the size of results and the memory of a rank (campaign_size) and stays quick."""
 
 from __future__ import annotations
 

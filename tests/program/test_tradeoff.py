@@ -1,6 +1,6 @@
 """entroslip tradeoff: its table, its file, the same numbers on any number of ranks.
 
-Here too: io_tradeoff_results and ensemble_tradeoff_process.
+Here too: io_tradeoff_results and tradeoff_process_settings.
 """
 
 from __future__ import annotations

@@ -1,0 +1,123 @@
+!> Settings chosen for the numerical errors that a scene wants: the least work that keeps them.
+!>
+!> The step is the scene's own. A coarser one would be another force, as `dt` is the distance of its
+!> values; a finer one would serve Newmark's scheme alone, and costs more than what is chosen
+!> without it (bench/targets.py, docs/accuracy.md).
+!>
+!> The choice is made from errors that a short march measures and from counted work, not from times:
+!> the same on any number of ranks and whenever a run is started again. It becomes the scene's own
+!> setting, and so part of what shards and results are known by.
+module driver_choose_setting
+   use campaign_plan, only: plan_type
+   use config_scene, only: scene_type
+   use core_error, only: error_type, exit_no_solution, exit_stopped, raise
+   use core_kinds, only: wp
+   use core_phrases, only: brief, labelled
+   use core_text, only: to_text
+   use driver_tradeoff_text, only: setting_text
+   use driver_trial_runs, only: measure_settings
+   use parallel_world, only: stop_world, world_type
+   use tradeoff_front, only: best, cheapest, keeps, rows_of, setting_row
+   use tradeoff_settings, only: setting_type
+   use tradeoff_tasks, only: scope_type, tradeoff_type
+   implicit none(type, external)
+   private
+   public :: keep_targets
+
+   character, parameter :: line_feed = new_line('a')
+   real(wp), parameter :: budget = 3.0_wp   !! expected processor time of the measurement [s]
+
+contains
+
+   !> Replaces the scene's setting where the scene has a target of numerical error; ends the run
+   !> where none keeps it, or where it is asked to stop. Collective.
+   subroutine keep_targets(world, force, scene, plan, choice)
+      type(world_type), intent(in) :: world
+      real(wp), intent(in) :: force(0:, :)   !! (step, 1 or sample) [N] of a file; else of size 0
+      type(scene_type), intent(inout) :: scene
+      type(plan_type), intent(inout) :: plan
+      character(:), allocatable, intent(out) :: choice   !! and why; '' without target
+      type(tradeoff_type) :: measured
+      type(setting_row), allocatable :: rows(:)
+      real(wp), allocatable :: values(:, :)
+      type(error_type), allocatable :: error
+      logical :: is_stopped
+      integer :: chosen
+
+      choice = ''
+      associate (points => plan%accuracy%target_slip_points, &
+                 ratio => plan%accuracy%target_band_ratio)
+         if (.not. (plan%has_structure .and. max(points, ratio) > 0.0_wp)) return
+         call measure_settings(world, plan, force, scope_type(budget=budget), .true., measured, &
+                               values, is_stopped, error)
+         call world%stop_on(error)
+         if (is_stopped) call stop_world(exit_stopped)
+         rows = rows_of(measured, values)
+         if (.not. any(keeps(rows, points, ratio))) &
+            call refuse(points, ratio, rows(best(rows, points, ratio)), plan, error)
+         call world%stop_on(error)
+         chosen = cheapest(rows, points, ratio, by_work=.true.)
+      end associate
+      call use_setting(rows(chosen)%setting, scene, plan)
+      choice = reason(rows(chosen), plan)
+      scene%text = scene%text//line_feed//'! accuracy: '//choice//line_feed
+      choice = labelled('accuracy', choice)
+      choice = choice(:len(choice) - 1)
+   end subroutine keep_targets
+
+   subroutine use_setting(setting, scene, plan)
+      type(setting_type), intent(in) :: setting
+      type(scene_type), intent(inout) :: scene
+      type(plan_type), intent(inout) :: plan
+
+      scene%integration%method = setting%method
+      plan%integration%method = trim(setting%method)
+      if (setting%method == 'newmark') then
+         scene%integration%max_halvings = setting%max_halvings
+         plan%integration%max_halvings = setting%max_halvings
+      else
+         scene%integration%tolerance = setting%tolerance
+         plan%integration%tolerance = setting%tolerance
+      end if
+   end subroutine use_setting
+
+   !> No setting keeps the targets: which, and the nearest.
+   pure subroutine refuse(points, ratio, nearest, plan, error)
+      real(wp), intent(in) :: points, ratio   !! targets; 0: none
+      type(setting_row), intent(in) :: nearest
+      type(plan_type), intent(in) :: plan
+      type(error_type), allocatable, intent(out) :: error
+      character(:), allocatable :: target, reached
+
+      if (.not. keeps(nearest, points, 0.0_wp)) then
+         target = 'accuracy%target_slip_points = '//to_text(points)
+         reached = brief(nearest%slip + 2*nearest%slip_error)//' points'
+      else
+         target = 'accuracy%target_band_ratio = '//to_text(ratio)
+         reached = brief(nearest%band_ratio + 2*nearest%band_ratio_error)
+      end if
+      call raise(error, exit_no_solution, target//': no setting keeps it; the nearest is '// &
+                 setting_text(nearest%setting, plan%integration%dt)//' with '//reached// &
+                 ', twice its standard error included')
+   end subroutine refuse
+
+   !> event, tolerance 1e-3: the least work at the scene's dt that keeps slip to 0.1 points
+   !> (measured 2.2e-9)
+   pure function reason(row, plan) result(text)
+      type(setting_row), intent(in) :: row
+      type(plan_type), intent(in) :: plan
+      character(:), allocatable :: text
+
+      text = setting_text(row%setting, plan%integration%dt)// &
+             ': the least work at the scene''s dt that keeps '
+      associate (points => plan%accuracy%target_slip_points, &
+                 ratio => plan%accuracy%target_band_ratio)
+         if (points > 0.0_wp) text = text//'slip to '//brief(points)//' points (measured '// &
+                                     brief(row%slip)//')'
+         if (points > 0.0_wp .and. ratio > 0.0_wp) text = text//' and '
+         if (ratio > 0.0_wp) text = text//'band ratios to '//brief(100*ratio)//' % (measured '// &
+                                    brief(100*row%band_ratio)//')'
+      end associate
+   end function reason
+
+end module driver_choose_setting

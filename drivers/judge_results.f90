@@ -1,0 +1,229 @@
+!> Whether results are as accurate as their scene wants them, and sampling until they are.
+module driver_judge_results
+   use campaign_audit, only: add_audits
+   use campaign_estimates, only: case_estimates
+   use campaign_plan, only: plan_type
+   use campaign_results, only: case_statistics
+   use campaign_samples_needed, only: find_need, needs_more_samples, statistical_error
+   use core_error, only: error_type, exit_no_solution, raise
+   use core_kinds, only: long, wp
+   use core_phrases, only: brief, counted
+   use core_text, only: to_text
+   use driver_output, only: output_type
+   use driver_regression, only: find_estimates, share_list
+   use driver_statistics, only: find_slip_statistics
+   use io_error_results, only: case_errors, read_errors
+   use io_gathering, only: shards_of
+   use io_shards, only: list_shards, shard_type
+   use parallel_world, only: world_type
+   use process_model, only: process_model_type
+   implicit none(type, external)
+   private
+   public :: judge, take_more, tell_errors
+
+contains
+
+   !> An error that names every target the results file does not meet, with what would meet it.
+   subroutine judge(path, plan, error)
+      character(*), intent(in) :: path
+      type(plan_type), intent(in) :: plan
+      type(error_type), allocatable, intent(out) :: error
+      type(case_errors), allocatable :: errors(:)
+      character(:), allocatable :: failures
+      integer :: i, n_own
+
+      associate (wanted => plan%accuracy)
+      if (.not. (plan%has_structure .and. max(wanted%target_slip_points, wanted%target_band_ratio, &
+                                                 wanted%target_statistical) > 0.0_wp)) return
+      end associate
+      n_own = count(plan%cases%audits == 0)
+      call read_errors(path, n_own, plan%structure%n_joints, errors, error)
+      if (allocated(error)) return
+      failures = ''
+      do i = 1, n_own
+         failures = failures//numerical_failures(plan, i, errors(i))// &
+                    statistical_failure(plan, i, errors(i)%statistics)
+      end do
+      if (failures /= '') call raise(error, exit_no_solution, path//' is written, and not as '// &
+                                     'accurate as wanted'//failures)
+   end subroutine judge
+
+   !> How far the mean times in slip of a results file can be trusted; '' where it does not tell.
+   subroutine tell_errors(path, plan, text, error)
+      character(*), intent(in) :: path
+      type(plan_type), intent(in) :: plan
+      character(:), allocatable, intent(out) :: text
+      type(error_type), allocatable, intent(out) :: error
+      type(case_errors), allocatable :: errors(:)
+      real(wp) :: statistical
+      integer :: i
+
+      text = ''
+      call read_errors(path, count(plan%cases%audits == 0), plan%structure%n_joints, errors, error)
+      if (allocated(error)) return
+      statistical = 0.0_wp
+      do i = 1, size(errors)
+         if (allocated(errors(i)%statistics%slip%mean_error)) &
+            statistical = max(statistical, statistical_error(errors(i)%statistics))
+      end do
+      if (statistical > 0.0_wp .and. statistical < huge(1.0_wp)) &
+         text = 'mean time in slip: standard error at most '//brief(statistical)//' points'
+      if (any(errors%n_audited > 0)) then
+         if (text == '') text = 'mean time in slip'
+         text = text//', numerical error '//brief(maxval(errors%slip_points))//' points'
+      end if
+      if (all(errors%n_unsteady < 0)) return
+      if (text /= '') text = text//'; '
+      if (all(errors%n_unsteady == 0)) then
+         text = text//'all samples are steady'
+      else
+         text = text//counted(sum(errors%n_unsteady), 'sample is', 'samples are')// &
+                ' not steady in '//counted(count(errors%n_unsteady > 0), 'case', 'cases')// &
+                ': integration%n_steps is too short there, or the motion does not repeat'
+      end if
+   end subroutine tell_errors
+
+   !> Of one case, what its audit surely finds above the targets, by twice the standard error that a
+   !> share of the samples leaves; a line each.
+   function numerical_failures(plan, number, errors) result(text)
+      type(plan_type), intent(in) :: plan
+      integer, intent(in) :: number
+      type(case_errors), intent(in) :: errors
+      character(:), allocatable :: text
+
+      text = judged('target_slip_points', plan%accuracy%target_slip_points, errors%slip_points, &
+                    errors%slip_points_error, ' points')// &
+             judged('target_band_ratio', plan%accuracy%target_band_ratio, errors%band_ratio, &
+                    errors%band_ratio_error, '')
+
+   contains
+
+      function judged(name, wanted, found, standard_error, unit) result(line)
+         character(*), intent(in) :: name, unit
+         real(wp), intent(in) :: wanted   !! 0: not wanted
+         real(wp), intent(in) :: found, standard_error
+         character(:), allocatable :: line
+
+         line = ''
+         if (errors%n_audited > 0 .and. wanted > 0.0_wp .and. found - 2*standard_error > wanted) &
+            line = failure(name, wanted, number, 'a numerical error of '//brief(found)//unit// &
+                           ' in '//counted(errors%n_audited, 'audited sample', 'audited samples'))
+      end function judged
+
+   end function numerical_failures
+
+   !> Of one case with a mean: its standard error where that is above the target, and what it needs.
+   function statistical_failure(plan, number, statistics) result(text)
+      type(plan_type), intent(in) :: plan
+      integer, intent(in) :: number
+      type(case_statistics), intent(in) :: statistics
+      character(:), allocatable :: text
+      integer(long) :: n_samples, n_steps
+      real(wp) :: error
+
+      text = ''
+      associate (wanted => plan%accuracy%target_statistical, how => plan%integration)
+         if (.not. wanted > 0.0_wp .or. statistics%n_samples < 2) return
+         error = statistical_error(statistics)
+         if (error <= wanted) return
+         if (error >= huge(1.0_wp)) then
+            text = failure('target_statistical', wanted, number, 'too short a march to tell')
+            return
+         end if
+         call find_need(statistics, wanted, how%n_steps - how%n_discard, n_samples, n_steps)
+         text = failure('target_statistical', wanted, number, brief(error)//' points; about '// &
+                        to_text(n_samples)//' samples and '//to_text(n_steps + how%n_discard)// &
+                        ' steps would do')
+      end associate
+   end function statistical_failure
+
+   function failure(name, wanted, number, found) result(line)
+      character(*), intent(in) :: name, found
+      real(wp), intent(in) :: wanted
+      integer, intent(in) :: number
+      character(:), allocatable :: line
+
+      line = new_line('a')//'accuracy%'//name//' = '//brief(wanted)//': case '//to_text(number)// &
+             ' has '//found
+   end function failure
+
+   !> After a batch of samples, where the scene samples until its target is met: the cases that have
+   !> not met it and can by samples get more, in whole batches. Each decision follows from the first
+   !> samples alone, so it is the same whenever and on however many ranks it is made. Collective.
+   subroutine take_more(world, models, batch, plan, output, has_more, error)
+      type(world_type), intent(in) :: world
+      type(process_model_type), intent(in) :: models(:)
+      integer, intent(in) :: batch   !! samples
+      type(plan_type), intent(inout) :: plan
+      type(output_type), intent(inout) :: output
+      logical, intent(out) :: has_more
+      type(error_type), allocatable, intent(out) :: error
+      type(case_estimates) :: estimates(size(plan%cases))
+      integer, allocatable :: n_samples(:)
+
+      has_more = .false.
+      if (.not. plan%accuracy%sample_until_met) return
+      call estimate_slip(world, plan, models, output, estimates, error)
+      if (world%any_true(allocated(error))) return
+      n_samples = plan%cases%n_samples
+      if (world%is_root()) call decide(plan, batch, estimates, n_samples)
+      call world%broadcast(n_samples)
+      has_more = any(n_samples > plan%cases%n_samples)
+      if (.not. has_more) return
+      plan%cases%n_samples = n_samples
+      call add_audits(plan)
+      call output%look_again(world, plan, error)
+   end subroutine take_more
+
+   !> Best estimates of the slip fractions from the samples that are there. Collective.
+   subroutine estimate_slip(world, plan, models, output, estimates, error)
+      type(world_type), intent(in) :: world
+      type(plan_type), intent(in) :: plan
+      type(process_model_type), intent(in) :: models(:)
+      type(output_type), intent(in) :: output
+      type(case_estimates), intent(out) :: estimates(:)   !! (case); on the root
+      type(error_type), allocatable, intent(out) :: error
+      type(shard_type), allocatable :: shards(:)
+      type(case_statistics) :: statistics(size(plan%cases))
+      integer :: i
+
+      allocate (shards(0))
+      if (world%is_root()) then
+         call list_shards(output%store, shards, error)
+         do i = 1, size(plan%cases)
+            if (allocated(error)) exit
+            if (plan%cases(i)%audits > 0 .or. plan%cases(i)%process == 0) cycle
+            call find_slip_statistics(plan, i, output%store, &
+                                      shards_of(shards, i, plan%cases(i)%n_samples), &
+                                      statistics(i), error)
+         end do
+      end if
+      if (world%any_true(allocated(error))) return
+      call share_list(world, output%store, shards)
+      call find_estimates(world, plan, models, output%store, shards, [real(wp) ::], statistics, &
+                          estimates, error)
+   end subroutine estimate_slip
+
+   !> The samples that each case goes on to.
+   subroutine decide(plan, batch, estimates, n_samples)
+      type(plan_type), intent(in) :: plan
+      integer, intent(in) :: batch
+      type(case_estimates), intent(in) :: estimates(:)   !! (case)
+      integer, intent(inout) :: n_samples(:)             !! (case)
+      integer(long) :: n, n_steps
+      integer :: i, n_batches
+
+      associate (wanted => plan%accuracy%target_statistical)
+         do i = 1, size(plan%cases)
+            if (plan%cases(i)%audits > 0 .or. plan%cases(i)%process == 0) cycle
+            if (.not. needs_more_samples(estimates(i)%best, wanted)) cycle
+            call find_need(estimates(i)%best, wanted, plan%integration%n_steps, n, n_steps)
+            ! half of what seems to be needed: an error that came out too large wastes nothing
+            n_batches = n_samples(i)/batch
+            n_batches = max(n_batches + 1, int(min(n/2/batch, 10_long*n_batches)))
+            n_samples(i) = n_batches*batch
+         end do
+      end associate
+   end subroutine decide
+
+end module driver_judge_results

@@ -1,0 +1,103 @@
+!> How far the bands of uncertainty are from those of an endless march: pseudo-variances, Eq. (46),
+!> of the mean and of each percentile over samples, and the ratio of the outer ones, in consecutive
+!> batches of the march, whose scatter gives their standard errors.
+!>
+!> The record that the samples share moves all of them, and more of them do not average it out. It
+!> moves a percentile as it moves, on average, the samples that stand there; whatever more a single
+!> one of them does is in the bootstrap over samples. So the density of a percentile in a batch is
+!> that of the whole march, times the mean over the samples within the interval of its rank (95 %)
+!> of the power of each in that batch, relative to its power in all, within a range of frequencies
+!> about. Full spectra of every batch would say no more at eight times their size.
+module campaign_band_batches
+   use campaign_results, only: case_statistics
+   use core_kinds, only: long, wp
+   use numerics_correlated, only: error_of_batches, n_batches
+   implicit none(type, external)
+   private
+   public :: batch_collector, start_batches
+
+   !> Of ratios of what does not move.
+   real(wp), parameter, public :: not_a_number = transfer(int(z'7FF8000000000000', long), 0.0_wp)
+
+   !> Collects one case. Ranges of frequencies may be taken by different ranks: sums over the ranks
+   !> of `level` make a collector that has all.
+   type :: batch_collector
+      !> (batch, mean (0) and percentiles (1..), dof, part) pseudo-variances [m^2]
+      real(wp), allocatable :: level(:, :, :, :)
+   contains
+      procedure :: add
+      procedure :: finish
+   end type batch_collector
+
+contains
+
+   !> Prepares a collector.
+   pure subroutine start_batches(n_percentiles, n_dof, n_parts, collector)
+      integer, intent(in) :: n_percentiles, n_dof
+      integer, intent(in) :: n_parts   !! in which the frequencies come
+      type(batch_collector), intent(out) :: collector
+
+      allocate (collector%level(n_batches, 0:n_percentiles, n_dof, n_parts), source=0.0_wp)
+   end subroutine start_batches
+
+   !> One frequency of one dof.
+   pure subroutine add(self, part, dof, density, order, power, at, low, high)
+      class(batch_collector), intent(inout) :: self
+      integer, intent(in) :: part, dof
+      real(wp), intent(in) :: density(:)         !! (sample) [m^2/Hz]
+      integer, intent(in) :: order(:)            !! of the samples, ascending
+      real(wp), intent(in) :: power(:, :)        !! (batch, sample) in the range of the frequency
+      real(wp), intent(in) :: at(0:)             !! mean (0) and percentiles, times the step [m^2]
+      real(wp), intent(in) :: low(:), high(:)    !! (percentile) ends of the interval of its rank
+      real(wp) :: relative(n_batches, size(density)), weighted(n_batches)   ! 1 on average
+      integer :: i, n, p
+
+      n = size(density)
+      relative = 1.0_wp
+      weighted = 0.0_wp
+      do i = 1, n
+         if (sum(power(:, i)) > 0.0_wp) relative(:, i) = power(:, i)*(n_batches/sum(power(:, i)))
+         weighted = weighted + density(i)*relative(:, i)
+      end do
+      if (sum(density) > 0.0_wp) call grow(at(0)*weighted/sum(density), self%level(:, 0, dof, part))
+      do p = 1, size(low)
+         associate (near => order(floor(low(p)):ceiling(high(p))))
+            call grow(at(p)*sum(relative(:, near), 2)/size(near), self%level(:, p, dof, part))
+         end associate
+      end do
+   end subroutine add
+
+   pure subroutine grow(more, level)
+      real(wp), intent(in) :: more(:)
+      real(wp), intent(inout) :: level(:)
+
+      level = level + more
+   end subroutine grow
+
+   !> After the last frequency, from what all ranks have added, and with the band ratios known; not
+   !> a number for the ratio of a dof that does not move in a batch.
+   pure subroutine finish(self, statistics)
+      class(batch_collector), intent(in) :: self
+      type(case_statistics), intent(inout) :: statistics
+      real(wp), allocatable :: level(:, :)   ! (batch, percentile)
+      integer :: dof, last, n_dof, p
+
+      last = ubound(self%level, 2)
+      n_dof = size(self%level, 3)
+      allocate (statistics%pseudo_variance_mean_time_error(n_dof), &
+                statistics%pseudo_variance_percentiles_time_error(n_dof, last))
+      allocate (statistics%band_ratio_time_error(n_dof), source=not_a_number)
+      do dof = 1, n_dof
+         statistics%pseudo_variance_mean_time_error(dof) = &
+            error_of_batches(sum(self%level(:, 0, dof, :), 2))
+         level = sum(self%level(:, 1:, dof, :), 3)
+         statistics%pseudo_variance_percentiles_time_error(dof, :) = &
+            [(error_of_batches(level(:, p)), p=1, last)]
+         if (minval(level) > 0.0_wp) then
+            statistics%band_ratio_time_error(dof) = &
+               statistics%band_ratio(dof)*error_of_batches(log(level(:, last)/level(:, 1)))
+         end if
+      end do
+   end subroutine finish
+
+end module campaign_band_batches

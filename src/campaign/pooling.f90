@@ -1,0 +1,163 @@
+!> Which cases share their samples in one regression: those that differ in the law of the friction
+!> alone, under one force record.
+module campaign_pooling
+   use campaign_plan, only: have_same_force, plan_type
+   use core_kinds, only: long, wp
+   use core_text, only: to_text
+   use process_model, only: request_label
+   use process_reference, only: has_one_value
+   use structure_model, only: structure_type
+   implicit none(type, external)
+   private
+   public :: case_pool, estimators_of, find_points, find_pools, plan_draws, &
+             reason_for_plain
+
+   integer, parameter :: fewest_samples = 20    !! of a case
+   integer, parameter :: most_inputs = 64       !! friction values of a sample
+   integer, parameter :: most_samples = 600     !! of a pool
+   integer, parameter :: enough_samples = 100   !! that no case of a pool has to go below
+
+   integer, parameter :: most_values = 2**21   !! of the draws of a law
+   integer, parameter :: fewest_draws = 2**14, most_draws = 2**17
+
+   !> Cases whose samples one regression uses.
+   type :: case_pool
+      integer, allocatable :: cases(:)      !! their numbers, ascending
+      integer, allocatable :: n_fitted(:)   !! (case) its first samples that the regression uses
+   end type case_pool
+
+contains
+
+   !> All pools of a plan; a case that is estimated by plain sampling is in none. A full pool is
+   !> followed by another one.
+   pure function find_pools(plan) result(pools)
+      type(plan_type), intent(in) :: plan
+      type(case_pool), allocatable :: pools(:)
+      integer :: c, n_pools, number(size(plan%cases)), p   ! number of each case's pool; 0: none
+
+      number = 0
+      n_pools = 0
+      do c = 1, size(plan%cases)
+         if (plan%cases(c)%audits > 0 .or. len(reason_for_plain(plan, c)) > 0) cycle
+         do p = 1, n_pools
+            if (takes(plan, members_of(p), c)) exit
+         end do
+         number(c) = p
+         n_pools = max(n_pools, p)
+      end do
+      allocate (pools(n_pools))
+      do p = 1, n_pools
+         pools(p)%cases = members_of(p)
+         associate (cases => pools(p)%cases)
+            pools(p)%n_fitted = min(plan%cases(cases)%n_samples, most_samples/size(cases))
+         end associate
+      end do
+
+   contains
+
+      pure function members_of(p) result(cases)
+         integer, intent(in) :: p
+         integer, allocatable :: cases(:)
+         integer :: i
+
+         cases = pack([(i, i=1, size(number))], number == p)
+      end function members_of
+
+   end function find_pools
+
+   !> 'pooled', 'regression' or 'plain' for each case.
+   pure function estimators_of(plan) result(name)
+      type(plan_type), intent(in) :: plan
+      character(12) :: name(size(plan%cases))
+      type(case_pool), allocatable :: pools(:)
+      integer :: p
+
+      name = 'plain'
+      pools = find_pools(plan)
+      do p = 1, size(pools)
+         name(pools(p)%cases) = merge('pooled      ', 'regression  ', size(pools(p)%cases) > 1)
+      end do
+   end function estimators_of
+
+   !> Whether a further case belongs to those of a pool, and finds room. The same process twice has
+   !> the same friction values, so it is no further knowledge.
+   pure logical function takes(plan, members, number)
+      type(plan_type), intent(in) :: plan
+      integer, intent(in) :: members(:), number
+      integer :: i, n
+
+      n = max(plan%cases(number)%n_samples, maxval(plan%cases(members)%n_samples))
+      takes = plan%estimator == 'pooled' .and. .not. plan%excitation%per_sample
+      takes = takes .and. have_same_force(plan%cases(members(1)), plan%cases(number))
+      takes = takes .and. (size(members) + 1)*min(n, enough_samples) <= most_samples
+      do i = 1, size(members)
+         takes = takes .and. label_of_case(plan, members(i)) /= label_of_case(plan, number)
+      end do
+   end function takes
+
+   pure integer(long) function label_of_case(plan, number)
+      type(plan_type), intent(in) :: plan
+      integer, intent(in) :: number
+
+      label_of_case = request_label(plan%processes(plan%cases(number)%process))
+   end function label_of_case
+
+   !> Why a case is estimated by plain sampling; empty where it is not.
+   pure function reason_for_plain(plan, number) result(reason)
+      type(plan_type), intent(in) :: plan
+      integer, intent(in) :: number
+      character(:), allocatable :: reason
+      integer, allocatable :: points(:), joints(:)
+
+      reason = ''
+      call find_points(plan%structure, points, joints)
+      associate (case => plan%cases(number))
+         if (plan%estimator == 'plain') then
+            reason = "campaign%estimator = 'plain'"
+         else if (case%process == 0) then
+            reason = 'the friction is given'
+         else if (plan%processes(case%process)%method == 'values') then
+            reason = 'the samples are given: they have no law'
+         else if (has_one_value(plan%processes(case%process)) .and. size(points) > 1) then
+            reason = 'all joints have one friction value'
+         else if (case%n_samples < fewest_samples) then
+            reason = 'fewer than '//to_text(fewest_samples)//' samples'
+         else if (size(points) > most_inputs) then
+            reason = 'more than '//to_text(most_inputs)//' friction values'
+         end if
+      end associate
+   end function reason_for_plain
+
+   !> How a law is drawn: windows of one long realization, a correlation length apart; or windows
+   !> from streams of their own (stride 0), where the sampler's cost is that of a window or a long
+   !> realization would take much memory.
+   pure subroutine plan_draws(n_points, is_exact, correlation_length, n_draws, stride)
+      integer, intent(in) :: n_points               !! of a window
+      logical, intent(in) :: is_exact               !! sampler
+      real(wp), intent(in) :: correlation_length    !! L0 [points]
+      integer, intent(out) :: n_draws, stride
+
+      n_draws = fewest_draws
+      stride = 0
+      if (is_exact .or. n_points > most_values/fewest_draws) return
+      n_draws = max(fewest_draws, min(most_draws, most_values/n_points))
+      stride = n_points + ceiling(min(correlation_length, 8.0_wp*n_points))
+   end subroutine plan_draws
+
+   !> Points of the process that joints take their friction values from, ascending, and the first
+   !> such joint of each.
+   pure subroutine find_points(structure, points, joints)
+      type(structure_type), intent(in) :: structure
+      integer, allocatable, intent(out) :: points(:), joints(:)
+      integer :: first(structure%n_points)   ! joint that takes a point; 0: none
+      integer :: i, j
+
+      first = 0
+      do j = structure%n_joints, 1, -1
+         first(structure%friction_point(j)) = j
+      end do
+      points = pack([(i, i=1, size(first))], first > 0)
+      joints = first(points)
+   end subroutine find_points
+
+end module campaign_pooling

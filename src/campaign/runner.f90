@@ -1,0 +1,218 @@
+!> What all blocks of a plan share: the marcher, the force record, the layout of the spectra.
+module campaign_runner
+   use campaign_audit, only: reference_for
+   use campaign_plan, only: integration_settings, kept_dofs, plan_type, scale_of
+   use campaign_results, only: spectrum_layout
+   use core_error, only: error_type
+   use core_kinds, only: long, wp
+   use core_random, only: label_of, new_stream, stream_type
+   use core_text, only: to_text
+   use dynamics_exact_march, only: exact_march, new_exact_march
+   use dynamics_excitation, only: band_limited_force, coloured_force, sine_force
+   use dynamics_newmark_march, only: new_newmark, newmark_marcher
+   use dynamics_response, only: marcher_type
+   use numerics_spectrum, only: can_follow_power, count_segments, welch_type
+   use structure_model, only: structure_type
+   implicit none(type, external)
+   private
+   public :: runner_type, prepare_runner, block_width, keeps_ledger
+
+   integer, parameter :: widest_block = 32            !! samples marched together
+   integer, parameter :: records_per_piece = 264      !! between two looks at the spectra
+   real(wp), parameter :: block_memory = 128.0e6_wp   !! [byte] of forces and histories in a block
+
+   !> What a rank needs to run any block of a plan.
+   type :: runner_type
+      type(plan_type) :: plan
+      class(marcher_type), allocatable :: marcher
+      class(marcher_type), allocatable :: reference   !! of audits, where there are any
+      !> (0:n_steps, force, or force + n_forces*(sample - 1)) [N], before scale_of; none of a sine
+      real(wp), allocatable :: force(:, :)
+      type(spectrum_layout) :: layout
+      !> (dof, case) of the variance, above the kept Nyquist frequency in the pilot march
+      real(wp), allocatable :: folded_share(:, :)
+      type(welch_type) :: spectra            !! of the block that is marching
+      integer :: piece_steps = records_per_piece
+   contains
+      procedure :: draw_force
+      procedure :: force_of
+      procedure :: form_of_march
+      procedure :: use_every
+   end type runner_type
+
+contains
+
+   !> Prepares the march of a plan. `file_force` is used when the excitation is a file's.
+   subroutine prepare_runner(plan, file_force, runner, error)
+      type(plan_type), intent(in) :: plan
+      real(wp), intent(in) :: file_force(0:, :)   !! (step, 1 or sample) [N]; else of size 0
+      type(runner_type), intent(out) :: runner
+      type(error_type), allocatable, intent(out) :: error
+
+      runner%plan = plan
+      call new_marcher(plan, plan%integration, runner%marcher, error)
+      if (allocated(error)) return
+      if (any(plan%cases%audits > 0)) &
+         call new_marcher(plan, reference_for(plan%integration), runner%reference, error)
+      if (allocated(error)) return
+      if (plan%excitation%kind == 'file') then
+         runner%force = file_force
+      else if (plan%excitation%kind /= 'sine' .and. .not. plan%excitation%per_sample) then
+         allocate (runner%force(0:plan%integration%n_steps, plan%structure%n_forces))
+         call runner%draw_force(0, runner%force, error)
+         if (allocated(error)) return
+      end if
+      call runner%use_every(max(plan%output%spectrum_every, 1))
+   end subroutine prepare_runner
+
+   !> True if a march of the structure keeps the energy ledger: in modes that damping couples it
+   !> does not.
+   function keeps_ledger(structure, how)
+      type(structure_type), intent(in) :: structure
+      type(integration_settings), intent(in) :: how
+      logical :: keeps_ledger
+      type(exact_march) :: marcher
+      type(error_type), allocatable :: error   ! another step says it
+
+      keeps_ledger = how%method == 'newmark'
+      if (keeps_ledger) return
+      call new_exact_march(structure, how%dt, how%tolerance, marcher, error)
+      if (.not. allocated(error)) keeps_ledger = marcher%base%can_keep_ledger
+   end function keeps_ledger
+
+   !> Form of the exact march, with the multiplications of a sample in a step by each form, without
+   !> transitions; '' for Newmark's.
+   pure function form_of_march(self) result(text)
+      class(runner_type), intent(in) :: self
+      character(:), allocatable :: text
+      real(wp), parameter :: unknown = huge(1.0_wp)
+
+      text = ''
+      select type (marcher => self%marcher)
+      type is (exact_march)
+         associate (series => marcher%work_series, modes => marcher%work_modes)
+            text = 'by '//marcher%form//', '//to_text(nint(min(series, modes)))// &
+                   ' multiplications a step of a sample'
+            if (max(series, modes) < unknown) &
+               text = text//'; by '//trim(merge('modes       ', 'power series', series < modes))// &
+                      ' '//to_text(nint(max(series, modes)))
+            if (marcher%parts > 1) text = text//'; '//to_text(marcher%parts)//' parts a step'
+         end associate
+      end select
+   end function form_of_march
+
+   !> A method prepared for the plan's chain, time step and forced dof.
+   subroutine new_marcher(plan, how, marcher, error)
+      type(plan_type), intent(in) :: plan
+      type(integration_settings), intent(in) :: how
+      class(marcher_type), allocatable, intent(out) :: marcher
+      type(error_type), allocatable, intent(out) :: error
+      type(newmark_marcher), allocatable :: newmark
+      type(exact_march), allocatable :: exact
+
+      associate (dof => plan%excitation%dof)
+         if (how%method == 'newmark') then
+            allocate (newmark)
+            call new_newmark(plan%structure, how%dt, how%max_halvings, how%beta, how%gamma, &
+                             newmark, error)
+            call move_alloc(newmark, marcher)
+         else
+            allocate (exact)
+            call new_exact_march(plan%structure, how%dt, how%tolerance, exact, error)
+            call move_alloc(exact, marcher)
+         end if
+      end associate
+   end subroutine new_marcher
+
+   !> Noise of a sample (0: shared by all), a record of each force, independent of each other. That
+   !> of a band has an expected variance of 1.
+   subroutine draw_force(self, sample, force, error)
+      class(runner_type), intent(in) :: self
+      integer, intent(in) :: sample
+      real(wp), intent(out) :: force(0:, :)   !! (step, force) [N]
+      type(error_type), allocatable, intent(out) :: error
+      type(stream_type) :: stream
+      integer(long) :: label
+      integer :: k
+
+      label = label_of('force')
+      do k = 1, size(force, 2)
+         if (k > 1) label = label_of(label_of('force'), k)
+         stream = new_stream(self%plan%seed, label, sample)
+         associate (excitation => self%plan%excitation, dt => self%plan%integration%dt)
+            if (excitation%kind == 'psd') then
+               call coloured_force(excitation%psd(1, :), excitation%psd(2, :), dt, stream, &
+                                   force(:, k), error)
+            else
+               call band_limited_force(excitation%band, dt, stream, force(:, k), error)
+            end if
+         end associate
+         if (allocated(error)) return
+      end do
+   end subroutine draw_force
+
+   !> The force of a case as it acted, for its histories [N].
+   subroutine force_of(self, case_number, first_sample, force, error)
+      class(runner_type), intent(in) :: self
+      integer, intent(in) :: case_number
+      integer, intent(in) :: first_sample     !! of the records, where each sample has its own
+      real(wp), intent(out) :: force(0:, :)   !! (step, force, or force and sample)
+      type(error_type), allocatable, intent(out) :: error
+      integer :: first, i
+
+      associate (excitation => self%plan%excitation, n => self%plan%structure%n_forces)
+         do i = 1, size(force, 2)/n
+            first = n*(first_sample + i - 2)   ! column of self%force before those of the sample
+            if (excitation%kind == 'sine') then
+               call sine_force(self%plan%cases(case_number)%frequency, self%plan%integration%dt, &
+                               force(:, 1))
+               force(:, 2:) = spread(force(:, 1), 2, size(force, 2) - 1)
+            else if (.not. excitation%per_sample) then
+               force(:, :) = self%force(:, :n)
+            else if (excitation%kind == 'file') then
+               force(:, n*(i - 1) + 1:n*i) = self%force(:, first + 1:first + n)
+            else
+               call self%draw_force(first_sample + i - 1, force(:, n*(i - 1) + 1:n*i), error)
+               if (allocated(error)) return
+            end if
+         end do
+         force = scale_of(self%plan%cases(case_number))*force
+      end associate
+   end subroutine force_of
+
+   !> Lays out the spectra for every `every`-th step.
+   pure subroutine use_every(self, every)
+      class(runner_type), intent(inout) :: self
+      integer, intent(in) :: every
+      integer :: i, n
+
+      associate (layout => self%layout, plan => self%plan)
+         layout%every = every
+         layout%segment_length = plan%output%segment_length/every
+         layout%overlap = layout%segment_length/2
+         n = (plan%integration%n_steps - plan%integration%n_discard)/every
+         layout%n_segments = count_segments(n, layout%segment_length, layout%overlap)
+         layout%follows_power = can_follow_power(layout%n_segments) .and. &
+                                .not. plan%excitation%per_sample
+         layout%frequency = [(i/(layout%segment_length*every*plan%integration%dt), &
+                              i=0, layout%segment_length/2)]
+      end associate
+      self%piece_steps = records_per_piece*every
+   end subroutine use_every
+
+   !> Samples of a block: as many as march well together, fewer where each carries a long record.
+   pure function block_width(plan) result(width)
+      type(plan_type), intent(in) :: plan
+      integer :: width
+      real(wp) :: bytes
+
+      bytes = 0.0_wp
+      if (plan%excitation%per_sample) &
+         bytes = 8.0_wp*plan%structure%n_forces*plan%integration%n_steps
+      if (plan%output%history) &
+         bytes = bytes + 16.0_wp*size(kept_dofs(plan))*plan%integration%n_steps
+      width = widest_block
+      if (bytes > 0.0_wp) width = max(1, min(widest_block, int(block_memory/bytes)))
+   end function block_width
+
+end module campaign_runner

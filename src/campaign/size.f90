@@ -1,0 +1,302 @@
+!> How large the results of a plan and the memory of a rank become, from the shapes of what is kept.
+module campaign_size
+   use campaign_audit, only: add_audits, kept_of
+   use campaign_bands, only: largest_group
+   use campaign_estimates, only: n_quantities
+   use campaign_plan, only: kept_dofs, output_settings, plan_type
+   use campaign_pooling, only: case_pool, find_points, find_pools, plan_draws, reason_for_plain
+   use campaign_runner, only: block_width
+   use campaign_time_average, only: count_spans, fewest_spans
+   use core_chunks, only: stored_bytes
+   use core_error, only: error_type, exit_bad_input, raise
+   use core_kinds, only: wp
+   use core_memory, only: gives_memory
+   use core_text, only: to_text
+   use numerics_correlated, only: n_batches
+   use numerics_spectrum, only: can_follow_power, count_segments, last_of_ranges
+   use structure_sizes, only: matrices_alone => memory_of_matrices
+   implicit none(type, external)
+   private
+   public :: memory_of_rank, refuse_oversize, results_size
+
+   real(wp), parameter :: word = 8.0_wp            !! bytes of a number
+   real(wp), parameter :: of_dataset = 760.0_wp    !! bytes beside its values (measured, HDF5 1.10)
+   real(wp), parameter :: margin = 1.01_wp         !! three digits are told, never too few bytes
+   real(wp), parameter :: of_entry = 16.0_wp       !! bytes of a matrix's row, column and value
+   real(wp), parameter :: of_process = 30.0e3_wp   !! bytes of one in the results (measured)
+   real(wp), parameter :: of_file = 4.0e3_wp       !! bytes of an empty results file (measured)
+   real(wp), parameter :: of_program = 38.0e6_wp   !! resident bytes of libraries (measured)
+   real(wp), parameter :: of_transition = 20.0_wp  !! bytes of its time, sample, dof and kind
+   real(wp), parameter :: growth = 1.3_wp          !! of transitions behind the start from rest
+   real(wp), parameter :: of_shard = 400.0_wp      !! bytes of one in the lists of a rank
+
+contains
+
+   !> Size of the results file [byte]: its values, chunks that are not full, and headers.
+   pure function results_size(plan, every, transitions) result(bytes)
+      type(plan_type), intent(in) :: plan      !! without audits
+      integer, intent(in) :: every             !! every k-th step enters the spectra
+      real(wp), intent(in) :: transitions      !! of a sample in a step
+      real(wp) :: bytes
+      type(plan_type) :: all_cases
+      integer :: c
+
+      bytes = of_file + of_process*size(plan%processes)
+      bytes = bytes + word*plan%n_realizations*(plan%n_points*size(plan%processes) + 1.0_wp)
+      if (.not. plan%has_structure) return
+      all_cases = plan
+      call add_audits(all_cases)
+      do c = 1, size(all_cases%cases)
+         bytes = bytes + size_of_case(all_cases, c, every, transitions)
+      end do
+      associate (structure => plan%structure)
+         bytes = bytes + word*12*(structure%n_dof + structure%n_joints) + 20*of_dataset &
+                 + of_entry*(count(abs(structure%mass) > 0.0_wp) &
+                             + count(abs(structure%damping) > 0.0_wp) &
+                             + count(abs(structure%stiffness) > 0.0_wp) &
+                             + count(abs(structure%direction) > 0.0_wp))
+      end associate
+   end function results_size
+
+   pure function size_of_case(plan, number, every, transitions) result(bytes)
+      type(plan_type), intent(in) :: plan
+      integer, intent(in) :: number, every
+      real(wp), intent(in) :: transitions
+      real(wp) :: bytes
+      type(output_settings) :: kept
+      real(wp) :: of_sample, once, n_steps
+      integer :: n_datasets, n_kept, n_samples
+
+      kept = kept_of(plan, number)
+      n_kept = size(kept_dofs(plan))
+      n_samples = plan%cases(number)%n_samples
+      n_steps = plan%integration%n_steps + 1.0_wp
+      associate (n_dof => plan%structure%n_dof, n_joints => plan%structure%n_joints)
+         of_sample = word*(1 + 5*n_joints)
+         once = word*(n_dof + n_joints)
+         n_datasets = 14
+         if (n_samples > 1 .and. plan%cases(number)%audits == 0) &
+            call add_statistics(plan, number, every, once, n_datasets)
+         if (kept%slip) then
+            of_sample = of_sample + word*2*n_joints
+            once = once + stored_bytes([n_joints, count_spans(plan%integration), n_samples])
+         end if
+         if (kept%spectrum) of_sample = of_sample + word*n_joints
+         if (kept%harmonic) of_sample = of_sample + word*(2*n_dof + 1.5_wp)
+      end associate
+      if (kept%harmonic) n_datasets = n_datasets + 4
+      if (kept%energy) of_sample = of_sample + word*5
+      if (kept%energy) n_datasets = n_datasets + 5
+      if (kept%spectrum) then
+         n_datasets = n_datasets + 9
+         once = once + word*n_frequencies(plan, every) &
+                + stored_bytes([n_kept, n_frequencies(plan, every), n_samples]) &
+                + stored_bytes([n_kept, n_powers(plan, every), n_samples])
+      end if
+      if (kept%history) then
+         if (plan%excitation%per_sample) of_sample = of_sample + word*n_steps
+         once = once + (2.5_wp*word)*n_steps &
+                + 2*stored_bytes([n_kept, plan%integration%n_steps + 1, n_samples])
+         n_datasets = n_datasets + 5
+      end if
+      if (kept%transitions) then
+         of_sample = of_sample + growth*of_transition*transitions*n_steps
+         n_datasets = n_datasets + 5
+      end if
+      bytes = margin*(n_samples*of_sample + once + n_datasets*of_dataset)
+   end function size_of_case
+
+   !> Statistics over the samples of a case; beside those of a regression, plain ones and ratios.
+   pure subroutine add_statistics(plan, number, every, bytes, n_datasets)
+      type(plan_type), intent(in) :: plan
+      integer, intent(in) :: number, every
+      real(wp), intent(inout) :: bytes
+      integer, intent(inout) :: n_datasets
+      integer, allocatable :: points(:), joints(:)
+      integer :: n_bands, n_values, nf
+
+      associate (nj => plan%structure%n_joints, np => size(plan%output%percentiles))
+         n_values = n_quantities*nj*(4 + 3*np)
+         n_datasets = n_datasets + 2 + 7*n_quantities
+         bytes = bytes + word*2*nj
+         n_bands = 0
+         nf = n_frequencies(plan, every)
+         if (plan%output%spectrum) then
+            n_bands = size(kept_dofs(plan))*(nf*(2 + 3*np) + 6 + 2*np)
+            n_datasets = n_datasets + 15
+            bytes = bytes + word*size(kept_dofs(plan))*(2 + np)
+         end if
+         bytes = bytes + word*(n_values + n_bands)
+         if (len(reason_for_plain(plan, number)) > 0) return
+         call find_points(plan%structure, points, joints)
+         bytes = bytes + word*(n_values + n_bands + nj*(n_quantities*(2 + np) &
+                                                          + 2*size(points)))
+         n_datasets = n_datasets + 5 + 10*n_quantities
+         if (.not. plan%output%spectrum) return
+         bytes = bytes + word*size(kept_dofs(plan))*(nf*(1 + np) + 2 + np)
+         n_datasets = n_datasets + 17
+      end associate
+   end subroutine add_statistics
+
+   !> Frequencies of a spectrum.
+   pure integer function n_frequencies(plan, every)
+      type(plan_type), intent(in) :: plan
+      integer, intent(in) :: every
+
+      n_frequencies = plan%output%segment_length/every/2 + 1
+   end function n_frequencies
+
+   !> Values of a sample and a dof that tell how its power varies along the march.
+   pure integer function n_powers(plan, every)
+      type(plan_type), intent(in) :: plan
+      integer, intent(in) :: every
+      integer :: length, n_values
+
+      n_powers = 0
+      length = plan%output%segment_length/every
+      n_values = (plan%integration%n_steps - plan%integration%n_discard)/every
+      if (plan%excitation%per_sample) return
+      if (can_follow_power(count_segments(n_values, length, length/2))) &
+         n_powers = n_batches*size(last_of_ranges(n_frequencies(plan, every)))
+   end function n_powers
+
+   !> Largest resident memory of a rank [byte]: while it marches, or while it finds statistics.
+   pure function memory_of_rank(plan, every, transitions) result(bytes)
+      type(plan_type), intent(in) :: plan
+      integer, intent(in) :: every
+      real(wp), intent(in) :: transitions   !! of a sample in a step
+      real(wp) :: bytes
+      real(wp) :: n_samples
+
+      bytes = of_program
+      if (.not. plan%has_structure) return
+      n_samples = maxval(plan%cases%n_samples)
+      bytes = bytes + 4*n_samples*size(plan%cases) &
+              + of_shard*size(plan%cases)*(1 + n_samples/block_width(plan)) &
+              + max(memory_of_march(plan, every, transitions), memory_of_statistics(plan, every), &
+                    memory_of_regression(plan, every))
+   end function memory_of_rank
+
+   !> The force as it is drawn (or in a file, prepared, and in the march) and a block of samples.
+   pure function memory_of_march(plan, every, transitions) result(bytes)
+      type(plan_type), intent(in) :: plan
+      integer, intent(in) :: every
+      real(wp), intent(in) :: transitions
+      real(wp) :: bytes
+      real(wp) :: n_steps, of_sample
+
+      n_steps = plan%integration%n_steps + 1.0_wp
+      associate (n_kept => size(kept_dofs(plan)))
+         of_sample = 0.0_wp
+         if (plan%output%spectrum) of_sample = word*n_kept*(5*n_frequencies(plan, every) &
+                                                            + 2*n_powers(plan, every))
+         if (plan%output%history) of_sample = of_sample + 2*word*n_kept*n_steps
+         if (plan%output%transitions) of_sample = of_sample + 3*of_transition*transitions*n_steps
+         if (plan%excitation%per_sample) of_sample = of_sample + word*n_steps
+      end associate
+      bytes = record_memory(plan) + memory_of_matrices(plan) &
+              + min(block_width(plan), maxval(plan%cases%n_samples))*of_sample
+   end function memory_of_march
+
+   !> Matrices of the structure and of the method, and Newmark's of each step.
+   pure function memory_of_matrices(plan) result(bytes)
+      type(plan_type), intent(in) :: plan
+      real(wp) :: bytes
+
+      bytes = matrices_alone(plan%structure%n_dof, plan%structure%n_joints)
+      if (plan%integration%method == 'newmark') &
+         bytes = bytes*(1.0_wp + plan%integration%max_halvings/8.0_wp)
+   end function memory_of_matrices
+
+   !> The record while it is drawn: itself, and of the transforms a part that falls with the highest
+   !> line (numerics_synthesis); as it is marched. A file's is kept twice more.
+   pure function record_memory(plan) result(bytes)
+      type(plan_type), intent(in) :: plan
+      real(wp) :: bytes
+      real(wp) :: copies
+
+      associate (how => plan%excitation)
+         copies = 2.0_wp
+         if (how%kind == 'band_limited') copies = min(2.0_wp, 6*how%band(2)*plan%integration%dt)
+         bytes = (1 + copies + plan%structure%n_forces)*word*(plan%integration%n_steps + 1.0_wp)
+         if (how%kind == 'file' .and. how%per_sample) &
+            bytes = 2*word*(plan%integration%n_steps + 1.0_wp)*maxval(plan%cases%n_samples)
+      end associate
+   end function record_memory
+
+   !> Bands of up to two cases at once, and the spectra of a group of samples at some frequencies.
+   pure function memory_of_statistics(plan, every) result(bytes)
+      type(plan_type), intent(in) :: plan
+      integer, intent(in) :: every
+      real(wp) :: bytes
+      integer, parameter :: values_together = 320, replicates = 400, parts = 32
+      integer :: at_once, n_group, together
+
+      at_once = min(2, count(plan%cases%n_samples > 1))
+      n_group = min(maxval(plan%cases%n_samples), largest_group)
+      bytes = word*n_group*plan%structure%n_joints*(10 + count_spans(plan%integration)/ &
+                                                 max(1, n_group/block_width(plan)))
+      if (.not. plan%output%spectrum .or. n_group < 2) return
+      associate (n_kept => size(kept_dofs(plan)), n_percentiles => size(plan%output%percentiles))
+         together = (n_frequencies(plan, every) - 1)/max(values_together/n_kept, 1) + 1
+         together = (n_frequencies(plan, every) - 1)/together + 1
+         bytes = bytes + word*n_kept*n_frequencies(plan, every)*(3*(2 + 3*n_percentiles)) &
+                 + at_once*word*n_kept*parts*(n_percentiles*replicates + min(n_group, 512)) &
+                 + word*n_group*n_kept*(together + min(n_powers(plan, every), 2*n_batches)) &
+                 + 4.0_wp*n_group*replicates
+      end associate
+   end function memory_of_statistics
+
+   !> Draws of the laws of a pool; outputs, fits and predictions of one dof; the statistics of all
+   !> cases with those of plain sampling.
+   pure function memory_of_regression(plan, every) result(bytes)
+      type(plan_type), intent(in) :: plan
+      integer, intent(in) :: every
+      real(wp) :: bytes
+      integer, parameter :: kept_draws = 2**15, points = 4096, features = 160, together = 128
+      type(case_pool), allocatable :: pools(:)
+      real(wp) :: of_dof, of_draws, of_law
+      integer :: n, n_draws, nf, p, stride
+
+      bytes = 0.0_wp
+      pools = find_pools(plan)
+      nf = 0
+      if (plan%output%spectrum) nf = n_frequencies(plan, every)
+      do p = 1, size(pools)
+         n = sum(pools(p)%n_fitted)
+         associate (d => plan%structure%n_points, request => plan%processes(plan%cases(pools(p)% &
+                                                                            cases(1))%process))
+            call plan_draws(d, request%sampler == 'exact', request%correlation_length, n_draws, &
+                            stride)
+            of_draws = real(n_draws, wp)*(stride + 3*d)
+            of_law = real(min(n_draws, kept_draws), wp)*d*size(pools(p)%cases)
+         end associate
+         of_dof = 0.0_wp
+         if (nf > 0) of_dof = real(nf, wp)*(4*n + 2*min(features, n)) &
+                              + real(points, wp)*(2*features + n + 4*together)
+         bytes = max(bytes, word*(of_law + max(of_draws, of_dof)))
+      end do
+      associate (np => size(plan%output%percentiles))
+         if (size(pools) > 0) bytes = bytes + word*nf*size(kept_dofs(plan))*size(plan%cases) &
+                                      *(8 + 11*np)
+      end associate
+   end function memory_of_regression
+
+   !> An error where the march cannot have the memory that it takes at least: none of it is used
+   !> yet, but the system says whether it would be given.
+   subroutine refuse_oversize(plan, error)
+      type(plan_type), intent(in) :: plan
+      type(error_type), allocatable, intent(out) :: error
+      real(wp) :: bytes
+
+      if (.not. plan%has_structure) return
+      bytes = memory_of_march(plan, plan%output%segment_length, 0.0_wp)
+      if (.not. gives_memory(bytes)) call raise(error, exit_bad_input, 'integration%n_steps = '// &
+                           to_text(plan%integration%n_steps)//': the force and what is kept of '// &
+                                  'a block take '//to_text(nint(bytes/1.0e6_wp))// &
+                                  ' MB on each rank, which the system does not give: fewer '// &
+                                  'steps, histories of fewer output%dofs, or more memory '// &
+                                  '(ulimit -v)')
+   end subroutine refuse_oversize
+
+end module campaign_size

@@ -1,0 +1,56 @@
+!> &integration: how the motion is marched through time.
+module config_groups_integration
+   use config_text_value_table, only: about, between, choice_length, entry_type, inside, &
+      not_negative, positive, visitor_type
+   use core_kinds, only: wp
+   implicit none(type, external)
+   private
+   public :: fewest_measured, integration_group
+
+   integer, parameter :: fewest_measured = 64   !! steps behind n_discard: two spans of slip series
+
+   !> Defaults are the paper's scheme, step and length.
+   type :: integration_group
+      character(choice_length) :: method = 'newmark'
+      real(wp) :: dt = 0.00843_wp
+      integer :: n_steps = 400000
+      integer :: n_discard = 0
+      integer :: max_halvings = 15
+      real(wp) :: beta = 0.25_wp
+      real(wp) :: gamma = 0.5_wp
+      real(wp) :: tolerance = 1.0e-6_wp
+   contains
+      procedure :: visit
+   end type integration_group
+
+contains
+
+   subroutine visit(self, visitor)
+      class(integration_group), intent(inout) :: self
+      class(visitor_type), intent(inout) :: visitor
+      type(entry_type) :: entry
+
+      entry = about('method', 'newmark: the scheme of Sec. 3; event: exact transitions', &
+                    choices='newmark event')
+      call visitor%visit(self%method, entry)
+      entry = about('dt', 'time step', 's', positive())
+      call visitor%visit(self%dt, entry)
+      entry = about('n_steps', '0: as many as a force file has', rule=between(0.0_wp, 2.0e9_wp))
+      call visitor%visit(self%n_steps, entry)
+      entry = about('n_discard', 'first steps that enter no statistic', rule=not_negative())
+      call visitor%visit(self%n_discard, entry)
+      entry = about('max_halvings', &
+                    'newmark: a transition is closed in on down to dt/2^max_halvings', &
+                    rule=between(0.0_wp, 40.0_wp), used=self%method == 'newmark')
+      call visitor%visit(self%max_halvings, entry)
+      entry = about('beta', 'newmark', rule=between(0.0_wp, 0.5_wp), used=self%method == 'newmark')
+      call visitor%visit(self%beta, entry)
+      entry = about('gamma', 'newmark; below 0.5 it would feed energy', &
+                    rule=between(0.5_wp, 1.0_wp), used=self%method == 'newmark')
+      call visitor%visit(self%gamma, entry)
+      entry = about('tolerance', 'event: displacement error relative to its rms', &
+                    rule=inside(0.0_wp, 1.0_wp), used=self%method == 'event')
+      call visitor%visit(self%tolerance, entry)
+   end subroutine visit
+
+end module config_groups_integration

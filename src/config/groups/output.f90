@@ -1,0 +1,57 @@
+!> &output: what is kept. What is not asked for is not computed.
+module config_groups_output
+   use config_text_value_table, only: about, between, choice_length, entry_type, inside, &
+      not_negative, visitor_type
+   use core_kinds, only: wp
+   implicit none(type, external)
+   private
+   public :: output_group
+
+   !> Defaults are what the figures of the paper need.
+   type :: output_group
+      character(choice_length), allocatable :: quantities(:)
+      integer, allocatable :: dofs(:)
+      real(wp), allocatable :: percentiles(:)
+      integer :: segment_length = 8192
+      integer :: spectrum_every = 0
+   contains
+      procedure :: visit
+      procedure :: keeps
+   end type output_group
+
+contains
+
+   subroutine visit(self, visitor)
+      class(output_group), intent(inout) :: self
+      class(visitor_type), intent(inout) :: visitor
+      type(entry_type) :: entry
+
+      entry = about('quantities', 'what is computed and kept', &
+                    choices='slip spectrum energy history realizations transitions')
+      call visitor%visit_choices(self%quantities, entry, &
+                                 default=[character(choice_length) :: 'slip', 'spectrum'])
+      entry = about('dofs', 'whose spectra and histories are kept, ascending; 0: all', &
+                    rule=not_negative(), &
+                    used=self%keeps('spectrum') .or. self%keeps('history'))
+      call visitor%visit(self%dofs, entry, default=[0])
+      entry = about('percentiles', 'of slip fractions and spectra, ascending', '%', &
+                    inside(0.0_wp, 100.0_wp), shapes_samples=.false.)
+      call visitor%visit(self%percentiles, entry, default=[5.0_wp, 95.0_wp])
+      entry = about('segment_length', &
+                    'of the spectra: steps of a Welch segment, or all there are', &
+                    rule=between(8.0_wp, 1.0e8_wp), used=self%keeps('spectrum'))
+      call visitor%visit(self%segment_length, entry)
+      entry = about('spectrum_every', &
+                    'every so many steps enter the spectra; 0: chosen and stated', &
+                    rule=not_negative(), used=self%keeps('spectrum'))
+      call visitor%visit(self%spectrum_every, entry)
+   end subroutine visit
+
+   pure logical function keeps(self, quantity)
+      class(output_group), intent(in) :: self
+      character(*), intent(in) :: quantity
+
+      keeps = any(self%quantities == quantity)
+   end function keeps
+
+end module config_groups_output

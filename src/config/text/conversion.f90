@@ -1,0 +1,79 @@
+!> From a token of the scene to a checked value of an entry.
+module config_text_conversion
+   use config_text_document, only: document_type
+   use config_text_tokens, only: token_word
+   use config_text_value_table, only: choice_length, entry_type
+   use config_text_values, only: parse_text
+   use core_kinds, only: long, wp
+   use core_numbers, only: parse_integer, parse_real
+   use core_spelling, only: lowered, nearest_name
+   implicit none(type, external)
+   private
+   public :: convert_choice, convert_integer, convert_real, convert_text
+
+contains
+
+   !> `rule` is allocated when the token is refused.
+   pure subroutine convert_integer(text, entry, limit, value, rule)
+      character(*), intent(in) :: text
+      type(entry_type), intent(in) :: entry
+      integer(long), intent(in) :: limit
+      integer(long), intent(out) :: value
+      character(:), allocatable, intent(out) :: rule
+
+      call parse_integer(text, limit, value, rule)
+      if (allocated(rule)) return
+      if (.not. entry%rule%admits(real(value, wp))) rule = 'must be '//entry%rule%text()
+   end subroutine convert_integer
+
+   !> A number within the rule of its entry; `rule` tells what it breaks.
+   pure subroutine convert_real(text, entry, value, rule)
+      character(*), intent(in) :: text
+      type(entry_type), intent(in) :: entry
+      real(wp), intent(out) :: value
+      character(:), allocatable, intent(out) :: rule
+
+      call parse_real(text, value, rule)
+      if (allocated(rule)) return
+      if (.not. entry%rule%admits(value)) rule = 'must be '//entry%rule%text()
+   end subroutine convert_real
+
+   !> Text in quotes; on the command line, where the shell takes them away, also without.
+   pure subroutine convert_text(document, slot, value, rule)
+      type(document_type), intent(in) :: document
+      integer, intent(in) :: slot   !! into document%tokens
+      character(:), allocatable, intent(out) :: value, rule
+
+      associate (token => document%tokens(slot))
+         if (token%source == 2 .and. token%kind == token_word) then
+            value = document%text_of(token)
+         else
+            call parse_text(document%text_of(token), value, rule)
+         end if
+      end associate
+   end subroutine convert_text
+
+   !> One of the entry's choices, in any case.
+   pure subroutine convert_choice(document, slot, entry, value, rule)
+      type(document_type), intent(in) :: document
+      integer, intent(in) :: slot   !! into document%tokens
+      type(entry_type), intent(in) :: entry
+      character(choice_length), intent(inout) :: value
+      character(:), allocatable, intent(out) :: rule
+      character(:), allocatable :: text
+      character(choice_length) :: nearest
+      integer :: i
+
+      call convert_text(document, slot, text, rule)
+      if (allocated(rule)) return
+      do i = 1, entry%n_choices
+         if (lowered(text) /= lowered(trim(entry%choices(i)))) cycle
+         value = entry%choices(i)
+         return
+      end do
+      rule = 'must be '//entry%choices_text()
+      nearest = nearest_name(lowered(text), entry%choices(:entry%n_choices))
+      if (nearest /= '') rule = rule//", did you mean '"//trim(nearest)//"'?"
+   end subroutine convert_choice
+
+end module config_text_conversion

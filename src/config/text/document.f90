@@ -1,0 +1,218 @@
+!> A scene as it is written: groups, names and values, each with its place.
+module config_text_document
+   use config_text_tokens, only: token_comma, token_type
+   use core_complaints, only: complaint_list, printable
+   use core_source, only: source_type
+   use core_spelling, only: lowered
+   use core_text, only: to_text
+   implicit none(type, external)
+   private
+   public :: assignment_type, block_type, document_type
+
+   integer, parameter :: shown = 40   !! characters of a long value that a complaint repeats, twice
+
+   !> One `&group ... /`.
+   type :: block_type
+      character(:), allocatable :: name   !! lower case
+      type(token_type) :: place           !! place of its &name
+   end type block_type
+
+   !> `name = values`, `name(lower:upper) = values`.
+   type :: assignment_type
+      integer :: block = 0
+      character(32) :: name = ''          !! lower case; a longer one is cut, and no name of ours
+      type(token_type) :: place           !! place of the name
+      integer :: lower = 0, upper = 0     !! 0: the whole list
+      integer :: first_value = 1, last_value = 0   !! into document%tokens
+   end type assignment_type
+
+   !> The file and the options, cut into tokens, groups and assignments.
+   type :: document_type
+      type(source_type) :: source(2)      !! the scene file; the --set options, one a line
+      type(token_type), allocatable :: tokens(:)
+      type(block_type), allocatable :: blocks(:)             !! in the order of the file
+      type(assignment_type), allocatable :: assignments(:)   !! valid to n_assignments
+      integer :: n_assignments = 0
+   contains
+      procedure :: open_block
+      procedure :: find_block
+      procedure :: append
+      procedure :: is_for
+      procedure :: text_of
+      procedure :: name_text
+      procedure :: values_text
+      procedure :: comma_hint
+      procedure, private :: has_comma_inside
+      procedure :: complain
+      procedure :: refuse
+   end type document_type
+
+contains
+
+   subroutine open_block(self, name, place)
+      class(document_type), intent(inout) :: self
+      character(*), intent(in) :: name
+      type(token_type), intent(in) :: place
+      type(block_type), allocatable :: longer(:)
+      integer :: n
+
+      n = size(self%blocks)
+      allocate (longer(n + 1))
+      longer(:n) = self%blocks
+      longer(n + 1)%name = lowered(name)
+      longer(n + 1)%place = place
+      call move_alloc(longer, self%blocks)
+   end subroutine open_block
+
+   !> The number-th block of a name; 0: there is none.
+   pure integer function find_block(self, name, number) result(block)
+      class(document_type), intent(in) :: self
+      character(*), intent(in) :: name
+      integer, intent(in) :: number
+      integer :: n_found
+
+      n_found = 0
+      do block = 1, size(self%blocks)
+         if (self%blocks(block)%name == name) n_found = n_found + 1
+         if (n_found == number) return
+      end do
+      block = 0
+   end function find_block
+
+   pure subroutine append(self, assignment)
+      class(document_type), intent(inout) :: self
+      type(assignment_type), intent(in) :: assignment
+      type(assignment_type), allocatable :: longer(:)
+
+      if (.not. allocated(self%assignments)) allocate (self%assignments(64))
+      if (self%n_assignments == size(self%assignments)) then
+         allocate (longer(2*self%n_assignments))
+         longer(:self%n_assignments) = self%assignments
+         call move_alloc(longer, self%assignments)
+      end if
+      self%n_assignments = self%n_assignments + 1
+      self%assignments(self%n_assignments) = assignment
+   end subroutine append
+
+   !> Is the i-th assignment one to this name of this group?
+   pure logical function is_for(self, i, block, name)
+      class(document_type), intent(in) :: self
+      integer, intent(in) :: i, block
+      character(*), intent(in) :: name
+
+      is_for = self%assignments(i)%block == block
+      if (is_for) is_for = self%assignments(i)%name == name
+   end function is_for
+
+   !> The token as written.
+   pure function text_of(self, token) result(text)
+      class(document_type), intent(in) :: self
+      type(token_type), intent(in) :: token
+      character(:), allocatable :: text
+
+      text = self%source(token%source)%text(token%first:token%last)
+   end function text_of
+
+   !> The name with its index, as written.
+   pure function name_text(self, assignment) result(text)
+      class(document_type), intent(in) :: self
+      type(assignment_type), intent(in) :: assignment
+      character(:), allocatable :: text
+
+      text = self%text_of(assignment%place)
+      if (assignment%lower == 0) return
+      text = text//'('//to_text(assignment%lower)
+      if (assignment%upper > assignment%lower) text = text//':'//to_text(assignment%upper)
+      text = text//')'
+   end function name_text
+
+   !> The values as written; of several lines only the first.
+   pure function values_text(self, assignment) result(text)
+      class(document_type), intent(in) :: self
+      type(assignment_type), intent(in) :: assignment
+      character(:), allocatable :: text
+      integer :: last
+
+      text = ''
+      if (assignment%last_value < assignment%first_value) return
+      associate (first => self%tokens(assignment%first_value))
+         last = assignment%last_value
+         do while (self%tokens(last)%line > first%line)
+            last = last - 1
+         end do
+         text = self%source(first%source)%text(first%start:self%tokens(last)%last)
+      end associate
+   end function values_text
+
+   !> Hint where a value may be half of 0,2; else empty.
+   pure function comma_hint(self, slot) result(hint)
+      class(document_type), intent(in) :: self
+      integer, intent(in) :: slot   !! into self%tokens
+      character(:), allocatable :: hint
+
+      hint = ''
+      if (self%has_comma_inside(slot) .or. self%has_comma_inside(slot - 2)) &
+         hint = ' (commas separate values: decimals follow a point)'
+   end function comma_hint
+
+   !> Do token i and those behind it read digits, comma, digit, without a blank?
+   pure logical function has_comma_inside(self, i)
+      class(document_type), intent(in) :: self
+      integer, intent(in) :: i   !! into self%tokens, or beyond
+      character(*), parameter :: digits = '0123456789'
+
+      has_comma_inside = .false.
+      if (i < 1 .or. i + 2 > size(self%tokens)) return
+      associate (left => self%tokens(i), comma => self%tokens(i + 1), right => self%tokens(i + 2))
+         if (comma%kind /= token_comma .or. left%last + 1 /= comma%first .or. &
+             comma%last + 1 /= right%first) return
+         has_comma_inside = verify(self%text_of(left), digits) == 0 .and. &
+                            scan(self%text_of(right), digits) == 1
+      end associate
+   end function has_comma_inside
+
+   !> A complaint at a token, `file:line: what: rule`.
+   subroutine complain(self, token, what, rule, complaints)
+      class(document_type), intent(in) :: self
+      type(token_type), intent(in) :: token
+      character(*), intent(in) :: what, rule
+      type(complaint_list), intent(inout) :: complaints
+      character(:), allocatable :: text
+
+      text = what
+      if (len(text) > 2*shown) text = what(:shown)//'...'//what(len(what) - shown + 4:)
+      associate (source => self%source(token%source))
+         call complaints%add(source, token%line, &
+                             token%first - source%line_start(token%line) + 1, &
+                             printable(text)//': '//rule//blank_hint(self%text_of(token)))
+      end associate
+   end subroutine complain
+
+   !> Hint for a word with a blank of another kind, which looks like the plain one; empty for a
+   !> text in quotes.
+   pure function blank_hint(word) result(hint)
+      character(*), intent(in) :: word
+      character(:), allocatable :: hint
+      character(*), parameter :: utf8 = char(194)//char(160), latin1 = char(160)
+
+      hint = ''
+      if (scan(word, '''"') == 1) return
+      if (index(word, utf8) > 0 .or. index(word, latin1) == 1) &
+         hint = ' (it holds a non-breaking space, U+00A0: type a plain blank)'
+   end function blank_hint
+
+   !> A complaint at a value, `file:line: group%name = value: rule`.
+   subroutine refuse(self, block, token, name, value, rule, complaints)
+      class(document_type), intent(in) :: self
+      integer, intent(in) :: block
+      type(token_type), intent(in) :: token
+      character(*), intent(in) :: name, value, rule
+      type(complaint_list), intent(inout) :: complaints
+      character(:), allocatable :: what
+
+      what = self%blocks(block)%name//'%'//name
+      if (len_trim(value) > 0) what = what//' = '//value
+      call self%complain(token, what, rule, complaints)
+   end subroutine refuse
+
+end module config_text_document

@@ -1,0 +1,180 @@
+!> Lists a group's table as text: each entry with its value as a scene would give it.
+module config_text_lister
+   use config_text_value_table, only: choice_length, entry_type, visitor_type
+   use core_kinds, only: long, wp
+   use core_text, only: to_text
+   implicit none(type, external)
+   private
+   public :: lister_type, row_type
+
+   !> An entry, with its value as a scene would give it.
+   type :: row_type
+      type(entry_type) :: entry
+      character(:), allocatable :: value     !! empty: none
+      logical :: is_list = .false.
+      character(7) :: kind = ''              !! integer, real, logical, text
+   end type row_type
+
+   !> Collects the rows of the tables that it visits; lists that nobody set get their defaults.
+   type, extends(visitor_type) :: lister_type
+      type(row_type), allocatable :: rows(:)
+   contains
+      procedure :: visit_integer
+      procedure :: visit_long
+      procedure :: visit_real
+      procedure :: visit_logical
+      procedure :: visit_choice
+      procedure :: visit_text
+      procedure :: visit_integers
+      procedure :: visit_reals
+      procedure :: visit_choices
+      procedure, private :: add
+   end type lister_type
+
+contains
+
+   subroutine visit_integer(self, value, entry)
+      class(lister_type), intent(inout) :: self
+      integer, intent(inout) :: value
+      type(entry_type), intent(in) :: entry
+
+      call self%add(entry, to_text(value), 'integer', is_list=.false.)
+   end subroutine visit_integer
+
+   subroutine visit_long(self, value, entry)
+      class(lister_type), intent(inout) :: self
+      integer(long), intent(inout) :: value
+      type(entry_type), intent(in) :: entry
+
+      call self%add(entry, to_text(value), 'integer', is_list=.false.)
+   end subroutine visit_long
+
+   subroutine visit_real(self, value, entry)
+      class(lister_type), intent(inout) :: self
+      real(wp), intent(inout) :: value
+      type(entry_type), intent(in) :: entry
+
+      call self%add(entry, to_text(value), 'real', is_list=.false.)
+   end subroutine visit_real
+
+   subroutine visit_logical(self, value, entry)
+      class(lister_type), intent(inout) :: self
+      logical, intent(inout) :: value
+      type(entry_type), intent(in) :: entry
+
+      call self%add(entry, to_text(value), 'logical', is_list=.false.)
+   end subroutine visit_logical
+
+   subroutine visit_choice(self, value, entry)
+      class(lister_type), intent(inout) :: self
+      character(choice_length), intent(inout) :: value
+      type(entry_type), intent(in) :: entry
+
+      call self%add(entry, quoted(trim(value)), 'text', is_list=.false.)
+   end subroutine visit_choice
+
+   subroutine visit_text(self, value, entry)
+      class(lister_type), intent(inout) :: self
+      character(:), allocatable, intent(inout) :: value
+      type(entry_type), intent(in) :: entry
+
+      if (.not. allocated(value)) value = ''
+      call self%add(entry, quoted(value), 'text', is_list=.false.)
+   end subroutine visit_text
+
+   subroutine visit_integers(self, values, entry, default)
+      class(lister_type), intent(inout) :: self
+      integer, allocatable, intent(inout) :: values(:)
+      type(entry_type), intent(in) :: entry
+      integer, intent(in) :: default(:)
+      character(:), allocatable :: text
+      integer :: i
+
+      if (.not. allocated(values)) values = default
+      text = ''
+      do i = 1, size(values)
+         text = text//separator(i)//to_text(values(i))
+      end do
+      call self%add(entry, text, 'integer', is_list=.true.)
+   end subroutine visit_integers
+
+   !> Where one value stands for all dofs, equal values are given as one.
+   subroutine visit_reals(self, values, entry, default)
+      class(lister_type), intent(inout) :: self
+      real(wp), allocatable, intent(inout) :: values(:)
+      type(entry_type), intent(in) :: entry
+      real(wp), intent(in), optional :: default(:)
+      character(:), allocatable :: text
+      integer :: i
+
+      if (.not. allocated(values)) then
+         allocate (values(0))
+         if (present(default)) values = default
+      end if
+      text = ''
+      do i = 1, size(values)
+         text = text//separator(i)//to_text(values(i))
+         if (entry%per_dof < 0) cycle
+         if (.not. any(abs(values - values(1)) > 0.0_wp)) exit
+      end do
+      call self%add(entry, text, 'real', is_list=.true.)
+   end subroutine visit_reals
+
+   subroutine visit_choices(self, values, entry, default)
+      class(lister_type), intent(inout) :: self
+      character(choice_length), allocatable, intent(inout) :: values(:)
+      type(entry_type), intent(in) :: entry
+      character(*), intent(in) :: default(:)
+      character(:), allocatable :: text
+      integer :: i
+
+      if (.not. allocated(values)) values = default
+      text = ''
+      do i = 1, size(values)
+         text = text//separator(i)//quoted(trim(values(i)))
+      end do
+      call self%add(entry, text, 'text', is_list=.true.)
+   end subroutine visit_choices
+
+   subroutine add(self, entry, value, kind, is_list)
+      class(lister_type), intent(inout) :: self
+      type(entry_type), intent(in) :: entry
+      character(*), intent(in) :: value, kind
+      logical, intent(in) :: is_list
+      type(row_type), allocatable :: longer(:)
+      integer :: n
+
+      n = 0
+      if (allocated(self%rows)) n = size(self%rows)
+      allocate (longer(n + 1))
+      if (n > 0) longer(:n) = self%rows
+      longer(n + 1)%entry = entry
+      longer(n + 1)%value = value
+      longer(n + 1)%kind = kind
+      longer(n + 1)%is_list = is_list
+      call move_alloc(longer, self%rows)
+   end subroutine add
+
+   pure function separator(i) result(text)
+      integer, intent(in) :: i
+      character(:), allocatable :: text
+
+      text = ', '
+      if (i == 1) text = ''
+   end function separator
+
+   !> In quotes, those within doubled.
+   pure function quoted(text)
+      character(*), intent(in) :: text
+      character(:), allocatable :: quoted
+      integer :: i
+
+      quoted = "'"
+      do i = 1, len(text)
+         quoted = quoted//text(i:i)
+         if (text(i:i) == "'") quoted = quoted//"'"
+      end do
+      quoted = quoted//"'"
+   end function quoted
+
+end module config_text_lister

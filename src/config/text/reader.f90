@@ -1,0 +1,387 @@
+!> Fills a group from what the scene file and the --set options give, and complains of what they
+!> should not.
+module config_text_reader
+   use config_text_conversion, only: convert_choice, convert_integer, convert_real, convert_text
+   use config_text_document, only: document_type
+   use config_text_slots, only: find_slots
+   use config_text_tokens, only: token_word
+   use config_text_value_table, only: choice_length, entry_type, name_length, visitor_type
+   use config_text_values, only: parse_logical
+   use core_complaints, only: complaint_list
+   use core_kinds, only: long, wp
+   use core_spelling, only: nearest_name
+   use core_text, only: to_text
+   implicit none(type, external)
+   private
+   public :: reader_type
+
+   !> Visits the groups of a scene and fills them from a document.
+   type, extends(visitor_type) :: reader_type
+      type(document_type) :: document
+      type(complaint_list) :: complaints
+      character(2*name_length), allocatable :: unused(:)   !! group%name: given, of no effect
+      integer, private :: block = 0      !! the group being read; 0: absent, all is default
+      integer, private :: current = 0    !! assignment being read, the last of its name; 0: none
+      integer, private :: last_slot = 0  !! the token that was refused last
+      logical, allocatable, private :: is_known(:)     !! (assignment) some entry has its name
+      logical, allocatable, private :: is_refused(:)   !! (assignment) complained of
+      character(name_length), allocatable, private :: known(:)   !! the group's names so far
+   contains
+      procedure :: begin_group
+      procedure :: end_group
+      procedure :: was_given
+      procedure :: longest_list
+      procedure :: require
+      procedure :: visit_integer
+      procedure :: visit_long
+      procedure :: visit_real
+      procedure :: visit_logical
+      procedure :: visit_choice
+      procedure :: visit_text
+      procedure :: visit_integers
+      procedure :: visit_reals
+      procedure :: visit_choices
+      procedure, private :: read_integer
+      procedure, private :: gather
+      procedure, private :: gather_one
+      procedure, private :: refuse_slot
+      procedure, private :: refuse_assignment
+   end type reader_type
+
+contains
+
+   !> Before a group's table is visited.
+   subroutine begin_group(self, group, number)
+      class(reader_type), intent(inout) :: self
+      character(*), intent(in) :: group
+      integer, intent(in) :: number   !! which of several groups of that name
+
+      self%block = self%document%find_block(group, number)
+      self%known = [character(name_length) ::]
+      if (allocated(self%is_known)) return
+      allocate (self%is_known(self%document%n_assignments), &
+                self%is_refused(self%document%n_assignments), source=.false.)
+      allocate (self%unused(0))
+   end subroutine begin_group
+
+   !> After it: whatever was given and not visited has a name that the group does not know.
+   subroutine end_group(self)
+      class(reader_type), intent(inout) :: self
+      character(name_length) :: nearest
+      character(:), allocatable :: rule
+      integer :: i
+
+      do i = 1, self%document%n_assignments
+         associate (given => self%document%assignments(i))
+            if (given%block /= self%block .or. self%is_known(i)) cycle
+            nearest = nearest_name(trim(given%name), self%known)
+            rule = 'unknown name'
+            if (nearest /= '') rule = rule//', did you mean '//trim(nearest)//'?'
+            call self%document%refuse(self%block, given%place, &
+                                      self%document%text_of(given%place), &
+                                      self%document%values_text(given), rule, self%complaints)
+         end associate
+      end do
+   end subroutine end_group
+
+   pure logical function was_given(self, group, name, number)
+      class(reader_type), intent(in) :: self
+      character(*), intent(in) :: group, name
+      integer, intent(in), optional :: number   !! which of several groups, default 1
+      integer :: block, i
+
+      i = 1
+      if (present(number)) i = number
+      block = self%document%find_block(group, i)
+      was_given = any([(self%document%is_for(i, block, name), i=1, self%document%n_assignments)])
+   end function was_given
+
+   !> Number of values of the longest list that a group gives without an index.
+   pure integer function longest_list(self, group) result(longest)
+      class(reader_type), intent(in) :: self
+      character(*), intent(in) :: group
+      integer :: block, i, n
+
+      longest = 0
+      block = self%document%find_block(group, 1)
+      do i = 1, self%document%n_assignments
+         associate (given => self%document%assignments(i))
+            if (given%block /= block .or. given%lower > 0) cycle
+            associate (tokens => self%document%tokens(given%first_value:given%last_value))
+               n = sum(tokens%repeat, mask=tokens%kind == token_word)
+            end associate
+         end associate
+         longest = max(longest, n)
+      end do
+   end function longest_list
+
+   !> A rule between values: complains of `name` where it was given, else at its group.
+   !> A value that was refused already is not judged again.
+   subroutine require(self, condition, group, name, rule, default, number)
+      class(reader_type), intent(inout) :: self
+      logical, intent(in) :: condition
+      character(*), intent(in) :: group, name, rule
+      character(*), intent(in), optional :: default   !! the value, where the scene gives none
+      integer, intent(in), optional :: number         !! which of several groups, default 1
+      character(:), allocatable :: value
+      integer :: block, i
+
+      if (condition) return
+      i = 1
+      if (present(number)) i = number
+      block = self%document%find_block(group, i)
+      do i = self%document%n_assignments, 1, -1
+         if (.not. self%document%is_for(i, block, name)) cycle
+         if (.not. self%is_refused(i)) call self%refuse_assignment(block, i, rule)
+         return
+      end do
+      value = ''
+      if (present(default)) value = default
+      if (block > 0) then
+         call self%document%refuse(block, self%document%blocks(block)%place, name, value, rule, &
+                                   self%complaints)
+      else
+         call self%complaints%add_general(self%document%source(1)%name//': '//group//'%'//name// &
+                                          ': '//rule)
+      end if
+   end subroutine require
+
+   subroutine visit_integer(self, value, entry)
+      class(reader_type), intent(inout) :: self
+      integer, intent(inout) :: value
+      type(entry_type), intent(in) :: entry
+      integer(long) :: wide
+
+      wide = value
+      call self%read_integer(wide, entry, int(huge(1), long))
+      value = int(wide)
+   end subroutine visit_integer
+
+   subroutine visit_long(self, value, entry)
+      class(reader_type), intent(inout) :: self
+      integer(long), intent(inout) :: value
+      type(entry_type), intent(in) :: entry
+
+      call self%read_integer(value, entry, huge(1_long))
+   end subroutine visit_long
+
+   !> A refused value becomes 0, so that no other one is judged by it.
+   subroutine read_integer(self, value, entry, limit)
+      class(reader_type), intent(inout) :: self
+      integer(long), intent(inout) :: value
+      type(entry_type), intent(in) :: entry
+      integer(long), intent(in) :: limit
+      character(:), allocatable :: rule
+      integer :: slot
+
+      call self%gather_one(entry, slot)
+      if (slot > 0) then
+         call convert_integer(self%document%text_of(self%document%tokens(slot)), entry, limit, &
+                              value, rule)
+         if (allocated(rule)) call self%refuse_slot(slot, trim(entry%name), rule)
+      end if
+      if (self%current == 0) return
+      if (self%is_refused(self%current)) value = 0
+   end subroutine read_integer
+
+   subroutine visit_real(self, value, entry)
+      class(reader_type), intent(inout) :: self
+      real(wp), intent(inout) :: value
+      type(entry_type), intent(in) :: entry
+      character(:), allocatable :: rule
+      integer :: slot
+
+      call self%gather_one(entry, slot)
+      if (slot == 0) return
+      call convert_real(self%document%text_of(self%document%tokens(slot)), entry, value, rule)
+      if (allocated(rule)) call self%refuse_slot(slot, trim(entry%name), rule)
+   end subroutine visit_real
+
+   subroutine visit_logical(self, value, entry)
+      class(reader_type), intent(inout) :: self
+      logical, intent(inout) :: value
+      type(entry_type), intent(in) :: entry
+      character(:), allocatable :: rule
+      integer :: slot
+
+      call self%gather_one(entry, slot)
+      if (slot == 0) return
+      call parse_logical(self%document%text_of(self%document%tokens(slot)), value, rule)
+      if (allocated(rule)) call self%refuse_slot(slot, trim(entry%name), rule)
+   end subroutine visit_logical
+
+   subroutine visit_choice(self, value, entry)
+      class(reader_type), intent(inout) :: self
+      character(choice_length), intent(inout) :: value
+      type(entry_type), intent(in) :: entry
+      character(:), allocatable :: rule
+      integer :: slot
+
+      call self%gather_one(entry, slot)
+      if (slot == 0) return
+      call convert_choice(self%document, slot, entry, value, rule)
+      if (allocated(rule)) call self%refuse_slot(slot, trim(entry%name), rule)
+   end subroutine visit_choice
+
+   subroutine visit_text(self, value, entry)
+      class(reader_type), intent(inout) :: self
+      character(:), allocatable, intent(inout) :: value
+      type(entry_type), intent(in) :: entry
+      character(:), allocatable :: rule
+      integer :: slot
+
+      if (.not. allocated(value)) value = ''
+      call self%gather_one(entry, slot)
+      if (slot == 0) return
+      call convert_text(self%document, slot, value, rule)
+      if (allocated(rule)) call self%refuse_slot(slot, trim(entry%name), rule)
+   end subroutine visit_text
+
+   subroutine visit_integers(self, values, entry, default)
+      class(reader_type), intent(inout) :: self
+      integer, allocatable, intent(inout) :: values(:)
+      type(entry_type), intent(in) :: entry
+      integer, intent(in) :: default(:)
+      character(:), allocatable :: rule
+      integer, allocatable :: slots(:)
+      integer(long) :: value
+      integer :: i
+
+      call self%gather(entry, size(default), slots)
+      values = default(min([(i, i=1, size(slots))], size(default)))
+      do i = 1, size(slots)
+         if (slots(i) == 0) cycle
+         call convert_integer(self%document%text_of(self%document%tokens(slots(i))), entry, &
+                              int(huge(1), long), value, rule)
+         if (allocated(rule)) call self%refuse_slot(slots(i), element_name(entry, i, slots), rule)
+         values(i) = int(value)
+      end do
+   end subroutine visit_integers
+
+   subroutine visit_reals(self, values, entry, default)
+      class(reader_type), intent(inout) :: self
+      real(wp), allocatable, intent(inout) :: values(:)
+      type(entry_type), intent(in) :: entry
+      real(wp), intent(in), optional :: default(:)
+      character(:), allocatable :: rule
+      integer, allocatable :: slots(:)
+      integer :: i, n_default
+
+      n_default = 0
+      if (present(default)) n_default = size(default)
+      call self%gather(entry, n_default, slots)
+      values = spread(0.0_wp, 1, size(slots))
+      if (n_default > 0) values = default(min([(i, i=1, size(slots))], n_default))
+      do i = 1, size(slots)
+         if (slots(i) == 0) cycle
+         call convert_real(self%document%text_of(self%document%tokens(slots(i))), entry, &
+                           values(i), rule)
+         if (allocated(rule)) call self%refuse_slot(slots(i), element_name(entry, i, slots), rule)
+      end do
+   end subroutine visit_reals
+
+   subroutine visit_choices(self, values, entry, default)
+      class(reader_type), intent(inout) :: self
+      character(choice_length), allocatable, intent(inout) :: values(:)
+      type(entry_type), intent(in) :: entry
+      character(*), intent(in) :: default(:)
+      character(:), allocatable :: rule
+      integer, allocatable :: slots(:)
+      integer :: i
+
+      call self%gather(entry, size(default), slots)
+      values = default(min([(i, i=1, size(slots))], size(default)))
+      do i = 1, size(slots)
+         if (slots(i) == 0) cycle
+         call convert_choice(self%document, slots(i), entry, values(i), rule)
+         if (.not. allocated(rule) .and. any(values(:i - 1) == values(i))) rule = 'is named twice'
+         if (allocated(rule)) call self%refuse_slot(slots(i), element_name(entry, i, slots), rule)
+      end do
+   end subroutine visit_choices
+
+   !> The token of a single value; 0: its default.
+   subroutine gather_one(self, entry, slot)
+      class(reader_type), intent(inout) :: self
+      type(entry_type), intent(in) :: entry
+      integer, intent(out) :: slot
+      type(entry_type) :: single
+      integer, allocatable :: slots(:)
+
+      single = entry
+      single%length = 1
+      call self%gather(single, 1, slots)
+      slot = 0
+      if (size(slots) == 1) slot = slots(1)
+   end subroutine gather_one
+
+   !> The token of each value of a list; 0: its default. Empty: refused, missing, or so by default.
+   subroutine gather(self, entry, default_size, slots)
+      class(reader_type), intent(inout) :: self
+      type(entry_type), intent(in) :: entry
+      integer, intent(in) :: default_size
+      integer, allocatable, intent(out) :: slots(:)
+      character(2*name_length) :: full_name
+      integer :: i, n_before
+
+      self%known = [self%known, entry%name]
+      self%current = 0
+      do i = 1, self%document%n_assignments
+         if (.not. self%document%is_for(i, self%block, trim(entry%name))) cycle
+         self%is_known(i) = .true.
+         self%current = i
+      end do
+      if (self%current == 0) then
+         slots = spread(0, 1, default_size)
+         if (self%block == 0 .or. .not. entry%is_required) return
+         call self%document%refuse(self%block, self%document%blocks(self%block)%place, &
+                                   trim(entry%name), '', 'must be given', self%complaints)
+         return
+      end if
+      n_before = self%complaints%n
+      call find_slots(self%document, self%block, entry, default_size, slots, self%complaints)
+      self%is_refused(self%current) = self%complaints%n > n_before
+      if (entry%is_used) return
+      full_name = self%document%blocks(self%block)%name//'%'//entry%name
+      self%unused = [self%unused, full_name]
+   end subroutine gather
+
+   !> A complaint at one value.
+   subroutine refuse_slot(self, slot, name, rule)
+      class(reader_type), intent(inout) :: self
+      integer, intent(in) :: slot   !! into document%tokens
+      character(*), intent(in) :: name, rule
+
+      self%is_refused(self%current) = .true.
+      if (slot == self%last_slot) return   ! r*value: once will do
+      self%last_slot = slot
+      associate (token => self%document%tokens(slot))
+         call self%document%refuse(self%block, token, name, self%document%text_of(token), &
+                                   rule//self%document%comma_hint(slot), self%complaints)
+      end associate
+   end subroutine refuse_slot
+
+   !> A complaint at a name, with all its values.
+   subroutine refuse_assignment(self, block, assignment, rule)
+      class(reader_type), intent(inout) :: self
+      integer, intent(in) :: block, assignment
+      character(*), intent(in) :: rule
+
+      self%is_refused(assignment) = .true.
+      associate (given => self%document%assignments(assignment))
+         call self%document%refuse(block, given%place, self%document%name_text(given), &
+                                   self%document%values_text(given), rule, self%complaints)
+      end associate
+   end subroutine refuse_assignment
+
+   !> name(i) in a list of several values.
+   pure function element_name(entry, i, slots) result(text)
+      type(entry_type), intent(in) :: entry
+      integer, intent(in) :: i
+      integer, intent(in) :: slots(:)
+      character(:), allocatable :: text
+
+      text = trim(entry%name)
+      if (size(slots) > 1) text = text//'('//to_text(i)//')'
+   end function element_name
+
+end module config_text_reader

@@ -1,0 +1,170 @@
+!> Which token of the scene gives each value of an entry.
+module config_text_slots
+   use config_text_document, only: assignment_type, document_type
+   use config_text_tokens, only: comment_rule, token_comma, token_open_quote, token_quoted, &
+      token_word
+   use config_text_value_table, only: entry_type
+   use core_complaints, only: complaint_list
+   use core_text, only: to_text
+   implicit none(type, external)
+   private
+   public :: find_slots
+
+   integer, parameter :: max_length = 1000   !! values of a list
+
+contains
+
+   !> The token of each value, 0: its default; empty after a complaint.
+   !> The entry must be given at least once.
+   subroutine find_slots(document, block, entry, default_size, slots, complaints)
+      type(document_type), intent(in) :: document
+      integer, intent(in) :: block
+      type(entry_type), intent(in) :: entry
+      integer, intent(in) :: default_size   !! 0: there is no default
+      integer, allocatable, intent(out) :: slots(:)
+      type(complaint_list), intent(inout) :: complaints
+      character(:), allocatable :: hint, rule
+      integer, allocatable :: values(:)
+      integer :: i, first, last, n_before
+
+      hint = ''
+      n_before = complaints%n
+      slots = spread(0, 1, default_size)
+      first = 0
+      do i = 1, document%n_assignments
+         associate (given => document%assignments(i))
+            if (.not. document%is_for(i, block, trim(entry%name))) cycle
+            call expand_values(document, given, values, complaints)
+            if (first > 0 .and. given%lower == 0 .and. given%place%source == 1) then
+               rule = 'is given twice, first on line '// &
+                      to_text(document%assignments(first)%place%line)
+            else if (size(values) > 0) then
+               call place_values(given, entry, values, slots, rule)
+            end if
+            if (allocated(rule)) call refuse(i)
+            if (first == 0) first = i
+            last = i
+         end associate
+      end do
+      if (complaints%n == n_before) call check_length(entry, default_size, slots, rule)
+      if (allocated(rule)) then
+         do i = size(slots), 1, -1
+            if (slots(i) > 0) hint = document%comma_hint(slots(i))
+            if (hint /= '') exit
+         end do
+         rule = rule//hint
+         call refuse(last)
+      end if
+      if (complaints%n > n_before) slots = spread(0, 1, 0)
+
+   contains
+
+      subroutine refuse(i)
+         integer, intent(in) :: i
+
+         associate (given => document%assignments(i))
+            call document%refuse(block, given%place, document%name_text(given), &
+                                 document%values_text(given), rule, complaints)
+         end associate
+         deallocate (rule)
+      end subroutine refuse
+
+   end subroutine find_slots
+
+   !> The value tokens of an assignment, repeats written out; empty after a complaint.
+   subroutine expand_values(document, given, values, complaints)
+      type(document_type), intent(in) :: document
+      type(assignment_type), intent(in) :: given
+      integer, allocatable, intent(out) :: values(:)
+      type(complaint_list), intent(inout) :: complaints
+      character(:), allocatable :: rule
+      integer :: found(max_length), i, n
+      logical :: wants_value
+
+      n = 0
+      wants_value = .true.
+      do i = given%first_value, given%last_value
+         associate (token => document%tokens(i))
+            select case (token%kind)
+            case (token_comma)
+               if (wants_value) rule = 'a value is missing before the comma'
+               wants_value = .true.
+            case (token_word, token_quoted)
+               wants_value = .false.
+               if (token%first > token%last) then
+                  rule = 'a value is missing behind the *'
+               else if (index(document%text_of(token), '#') == 1) then
+                  rule = comment_rule
+               else if (token%repeat < 1) then
+                  rule = 'a value cannot be repeated 0 times'
+               else if (n + token%repeat > max_length) then
+                  rule = 'a list has at most '//to_text(max_length)//' values'
+               else
+                  found(n + 1:n + token%repeat) = i
+                  n = n + token%repeat
+               end if
+            case (token_open_quote)
+               rule = 'the quote is not closed on its line'
+            case default
+               rule = 'is not expected among values'
+            end select
+            if (allocated(rule)) then
+               call document%refuse(given%block, token, document%name_text(given), &
+                                    document%text_of(token), rule, complaints)
+               n = 0
+               exit
+            end if
+         end associate
+      end do
+      if (n == 0 .and. .not. allocated(rule)) &
+         call document%refuse(given%block, given%place, document%name_text(given), '', &
+                              'a value is missing', complaints)
+      values = found(:n)
+   end subroutine expand_values
+
+   !> Puts the values of one assignment where they belong.
+   pure subroutine place_values(given, entry, values, slots, rule)
+      type(assignment_type), intent(in) :: given
+      type(entry_type), intent(in) :: entry
+      integer, intent(in) :: values(:)
+      integer, allocatable, intent(inout) :: slots(:)
+      character(:), allocatable, intent(inout) :: rule
+      integer :: n, fill
+
+      if (given%lower == 0) then
+         slots = values
+         return
+      end if
+      n = given%upper - given%lower + 1
+      if (given%upper > max_length) then
+         rule = 'a list has at most '//to_text(max_length)//' values'
+      else if (size(values) /= n) then
+         rule = 'the index asks for '//to_text(n)//merge(' value ', ' values', n == 1)
+      else
+         n = max(size(slots), given%upper, entry%per_dof)
+         fill = 0
+         if (entry%per_dof > 0 .and. size(slots) == 1) fill = slots(1)
+         slots = [slots, spread(fill, 1, n - size(slots))]
+         slots(given%lower:given%upper) = values
+      end if
+   end subroutine place_values
+
+   pure subroutine check_length(entry, default_size, slots, rule)
+      type(entry_type), intent(in) :: entry
+      integer, intent(in) :: default_size
+      integer, intent(in) :: slots(:)
+      character(:), allocatable, intent(inout) :: rule
+
+      if (entry%per_dof > 0 .and. all(size(slots) /= [1, entry%per_dof])) then
+         rule = 'must be one value, or one for each of the '//to_text(entry%per_dof)//' dofs'
+      else if (entry%length == 1 .and. size(slots) /= 1) then
+         rule = 'must be one value'
+      else if (entry%length > 0 .and. size(slots) /= entry%length) then
+         rule = 'must be '//to_text(entry%length)//' values'
+      else if ((entry%per_dof < 0 .or. default_size == 0) .and. &
+               any(slots(min(default_size, size(slots)) + 1:) == 0)) then
+         rule = 'every value of the list must be given'
+      end if
+   end subroutine check_length
+
+end module config_text_slots

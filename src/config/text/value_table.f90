@@ -1,0 +1,259 @@
+!> Entries of a group's table, one a value, and the visitors of such a table.
+!>
+!> Reading with defaults, checking, the template, the scene reference and the fingerprint all walk
+!> the same tables: each group lists its entries once, in its procedure `visit`.
+module config_text_value_table
+   use core_kinds, only: long, wp
+   use core_text, only: to_text
+   implicit none(type, external)
+   private
+   public :: entry_type, rule_type, visitor_type
+   public :: about, at_least, between, inside, not_negative, positive
+   public :: choice_length, name_length
+
+   integer, parameter :: name_length = 24, choice_length = 16, doc_length = 100
+
+   !> The interval that a number must lie in.
+   type :: rule_type
+      real(wp) :: lower = -huge(1.0_wp), upper = huge(1.0_wp)
+      logical :: excludes_lower = .false., excludes_upper = .false.
+   contains
+      procedure :: admits
+      procedure :: text => rule_text
+   end type rule_type
+
+   !> One value of a group: its name, meaning, unit, rule and choices.
+   type :: entry_type
+      character(name_length) :: name
+      character(doc_length) :: doc = ''
+      character(8) :: unit = ''
+      type(rule_type) :: rule
+      character(choice_length) :: choices(8) = ''   !! texts: the ones to choose from
+      integer :: n_choices = 0                      !! 0: any text
+      integer :: length = 0                         !! lists: the number of values; 0: any
+      integer :: per_dof = -1                       !! lists: dofs; one value stands for all
+      character(doc_length) :: default = ''         !! in words, where no value says it
+      logical :: is_required = .false.
+      logical :: shapes_samples = .true.            !! no: left out of the fingerprint
+      logical :: is_used = .true.                   !! no: without effect beside the other values
+   contains
+      procedure :: choices_text
+   end type entry_type
+
+   !> Walks the table of a group. A list without default must be given.
+   type, abstract :: visitor_type
+   contains
+      generic :: visit => visit_integer, visit_long, visit_real, visit_logical, visit_choice
+      generic :: visit => visit_integers, visit_reals
+      procedure(visit_integer), deferred :: visit_integer
+      procedure(visit_long), deferred :: visit_long
+      procedure(visit_real), deferred :: visit_real
+      procedure(visit_logical), deferred :: visit_logical
+      procedure(visit_choice), deferred :: visit_choice
+      procedure(visit_text), deferred :: visit_text
+      procedure(visit_integers), deferred :: visit_integers
+      procedure(visit_reals), deferred :: visit_reals
+      procedure(visit_choices), deferred :: visit_choices
+   end type visitor_type
+
+   abstract interface
+      subroutine visit_integer(self, value, entry)
+         import :: entry_type, visitor_type
+         class(visitor_type), intent(inout) :: self
+         integer, intent(inout) :: value
+         type(entry_type), intent(in) :: entry
+      end subroutine visit_integer
+
+      subroutine visit_long(self, value, entry)
+         import :: entry_type, long, visitor_type
+         class(visitor_type), intent(inout) :: self
+         integer(long), intent(inout) :: value
+         type(entry_type), intent(in) :: entry
+      end subroutine visit_long
+
+      subroutine visit_real(self, value, entry)
+         import :: entry_type, visitor_type, wp
+         class(visitor_type), intent(inout) :: self
+         real(wp), intent(inout) :: value
+         type(entry_type), intent(in) :: entry
+      end subroutine visit_real
+
+      subroutine visit_logical(self, value, entry)
+         import :: entry_type, visitor_type
+         class(visitor_type), intent(inout) :: self
+         logical, intent(inout) :: value
+         type(entry_type), intent(in) :: entry
+      end subroutine visit_logical
+
+      !> One of the entry's choices.
+      subroutine visit_choice(self, value, entry)
+         import :: choice_length, entry_type, visitor_type
+         class(visitor_type), intent(inout) :: self
+         character(choice_length), intent(inout) :: value
+         type(entry_type), intent(in) :: entry
+      end subroutine visit_choice
+
+      !> Any text; its default is the empty one.
+      subroutine visit_text(self, value, entry)
+         import :: entry_type, visitor_type
+         class(visitor_type), intent(inout) :: self
+         character(:), allocatable, intent(inout) :: value
+         type(entry_type), intent(in) :: entry
+      end subroutine visit_text
+
+      subroutine visit_integers(self, values, entry, default)
+         import :: entry_type, visitor_type
+         class(visitor_type), intent(inout) :: self
+         integer, allocatable, intent(inout) :: values(:)
+         type(entry_type), intent(in) :: entry
+         integer, intent(in) :: default(:)
+      end subroutine visit_integers
+
+      subroutine visit_reals(self, values, entry, default)
+         import :: entry_type, visitor_type, wp
+         class(visitor_type), intent(inout) :: self
+         real(wp), allocatable, intent(inout) :: values(:)
+         type(entry_type), intent(in) :: entry
+         real(wp), intent(in), optional :: default(:)
+      end subroutine visit_reals
+
+      !> Some of the entry's choices, each once.
+      subroutine visit_choices(self, values, entry, default)
+         import :: choice_length, entry_type, visitor_type
+         class(visitor_type), intent(inout) :: self
+         character(choice_length), allocatable, intent(inout) :: values(:)
+         type(entry_type), intent(in) :: entry
+         character(*), intent(in) :: default(:)
+      end subroutine visit_choices
+   end interface
+
+contains
+
+   !> An entry of a table.
+   pure function about(name, doc, unit, rule, choices, length, per_dof, default, required, &
+                       shapes_samples, used) result(entry)
+      character(*), intent(in) :: name, doc
+      character(*), intent(in), optional :: unit
+      type(rule_type), intent(in), optional :: rule
+      character(*), intent(in), optional :: choices   !! separated by blanks
+      integer, intent(in), optional :: length, per_dof
+      character(*), intent(in), optional :: default
+      logical, intent(in), optional :: required, shapes_samples, used
+      type(entry_type) :: entry
+
+      entry%name = name
+      entry%doc = doc
+      if (present(unit)) entry%unit = unit
+      if (present(rule)) entry%rule = rule
+      if (present(choices)) call split_choices(choices, entry)
+      if (present(length)) entry%length = length
+      if (present(per_dof)) entry%per_dof = per_dof
+      if (present(default)) entry%default = default
+      if (present(required)) entry%is_required = required
+      if (present(shapes_samples)) entry%shapes_samples = shapes_samples
+      if (present(used)) entry%is_used = used
+   end function about
+
+   pure subroutine split_choices(choices, entry)
+      character(*), intent(in) :: choices
+      type(entry_type), intent(inout) :: entry
+      integer :: first, last
+
+      first = 1
+      do while (first <= len(choices))
+         last = index(choices(first:)//' ', ' ') + first - 2
+         entry%n_choices = entry%n_choices + 1
+         entry%choices(entry%n_choices) = choices(first:last)
+         first = last + 2
+      end do
+   end subroutine split_choices
+
+   !> 'one', 'another' or 'a third'.
+   pure function choices_text(self) result(text)
+      class(entry_type), intent(in) :: self
+      character(:), allocatable :: text
+      integer :: i
+
+      text = ''
+      do i = 1, self%n_choices
+         if (i > 1 .and. i < self%n_choices) text = text//', '
+         if (i > 1 .and. i == self%n_choices) text = text//' or '
+         text = text//"'"//trim(self%choices(i))//"'"
+      end do
+   end function choices_text
+
+   !> Zero does not belong to it.
+   pure type(rule_type) function positive()
+
+      positive = rule_type(lower=0.0_wp, excludes_lower=.true.)
+   end function positive
+
+   !> Zero belongs to it.
+   pure type(rule_type) function not_negative()
+
+      not_negative = rule_type(lower=0.0_wp)
+   end function not_negative
+
+   !> The end belongs to it.
+   elemental type(rule_type) function at_least(lower)
+      real(wp), intent(in) :: lower
+
+      at_least = rule_type(lower=lower)
+   end function at_least
+
+   !> The ends belong to it.
+   elemental type(rule_type) function between(lower, upper)
+      real(wp), intent(in) :: lower, upper
+
+      between = rule_type(lower, upper)
+   end function between
+
+   !> The ends do not belong to it.
+   elemental type(rule_type) function inside(lower, upper)
+      real(wp), intent(in) :: lower, upper
+
+      inside = rule_type(lower, upper, .true., .true.)
+   end function inside
+
+   elemental logical function admits(self, value)
+      class(rule_type), intent(in) :: self
+      real(wp), intent(in) :: value
+
+      admits = value >= self%lower .and. value <= self%upper
+      if (self%excludes_lower) admits = admits .and. value > self%lower
+      if (self%excludes_upper) admits = admits .and. value < self%upper
+   end function admits
+
+   !> Text after `must be`: `positive`, `from 1 to 200`; empty where every number will do.
+   pure function rule_text(self) result(text)
+      class(rule_type), intent(in) :: self
+      character(:), allocatable :: text
+      logical :: is_bounded
+
+      is_bounded = self%upper < huge(1.0_wp)
+      if (self%lower <= -huge(1.0_wp)) then
+         text = ''
+      else if (is_bounded .and. self%excludes_lower) then
+         text = 'above '//short(self%lower)//' and below '//short(self%upper)
+      else if (is_bounded) then
+         text = 'from '//short(self%lower)//' to '//short(self%upper)
+      else if (abs(self%lower) > 0.0_wp) then
+         text = 'at least '//short(self%lower)
+      else
+         text = trim(merge('positive        ', 'zero or positive', self%excludes_lower))
+      end if
+   end function rule_text
+
+   !> Whole numbers without their decimal point.
+   pure function short(value) result(text)
+      real(wp), intent(in) :: value
+      character(:), allocatable :: text
+
+      if (abs(value) < 1.0e15_wp .and. .not. abs(value - anint(value)) > 0.0_wp) then
+         text = to_text(nint(value, long))
+      else
+         text = to_text(value)
+      end if
+   end function short
+
+end module config_text_value_table

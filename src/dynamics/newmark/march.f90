@@ -1,0 +1,205 @@
+!> The paper's march (Sec. 3): Newmark's scheme, a step halved where it ends past a transition.
+!>
+!> Halving ends at dt/2^max_halvings, and the transition is put at the nearer end of that smallest
+!> step. From there the steps are as long as the halvings of dt allow, to the end of dt. Samples
+!> march each at its own time, so that the processor always has several at hand.
+module dynamics_newmark_march
+   use core_error, only: error_type, exit_bad_input, raise
+   use core_kinds, only: long, wp
+   use core_text, only: to_text
+   use dynamics_newmark_block, only: load_block, newmark_block, store_block
+   use dynamics_newmark_frame, only: new_newmark_frame, newmark_frame
+   use dynamics_newmark_recorder, only: newmark_recorder, start_recorder
+   use dynamics_newmark_steps, only: new_newmark_steps, newmark_steps
+   use dynamics_response, only: block_state, marcher_type
+   use structure_model, only: structure_type
+   implicit none(type, external)
+   private
+   public :: newmark_marcher, new_newmark
+
+   integer, parameter :: most_halvings = 30   !! time is a number of smallest steps, in 64 bits
+
+   !> The march by Newmark's scheme, prepared for one structure and step.
+   type, extends(marcher_type) :: newmark_marcher
+      type(newmark_frame), private :: frame
+      type(newmark_steps), private :: steps
+   contains
+      procedure :: advance
+   end type newmark_marcher
+
+contains
+
+   !> Newmark's scheme for one structure, average acceleration with beta = 1/4 and gamma = 1/2.
+   subroutine new_newmark(structure, dt, max_halvings, beta, gamma, marcher, error)
+      type(structure_type), intent(in) :: structure
+      real(wp), intent(in) :: dt                 !! [s]
+      integer, intent(in) :: max_halvings        !! smallest step dt/2^max_halvings
+      real(wp), intent(in) :: beta, gamma
+      type(newmark_marcher), intent(out) :: marcher
+      type(error_type), allocatable, intent(out) :: error
+
+      call check_parameters(structure, dt, max_halvings, beta, gamma, error)
+      if (allocated(error)) return
+      marcher%structure = structure
+      marcher%dt = dt
+      call new_newmark_frame(structure, marcher%frame, error)
+      if (allocated(error)) return
+      call new_newmark_steps(marcher%frame, dt, max_halvings, beta, gamma, marcher%steps, error)
+   end subroutine new_newmark
+
+   !> Refuses what cannot be marched. The scheme is stable for every step if 2 beta >= gamma >= 1/2;
+   !> below, if omega dt <= 1/sqrt(gamma/2 - beta) for the fastest mode, that of all joints stuck.
+   pure subroutine check_parameters(structure, dt, max_halvings, beta, gamma, error)
+      type(structure_type), intent(in) :: structure
+      real(wp), intent(in) :: dt, beta, gamma
+      integer, intent(in) :: max_halvings
+      type(error_type), allocatable, intent(out) :: error
+      real(wp), parameter :: two_pi = 8.0_wp*atan(1.0_wp)
+      real(wp) :: rate
+
+      rate = two_pi*maxval(structure%frequencies_stuck)
+      if (.not. dt > 0.0_wp) then
+         call raise(error, exit_bad_input, 'integration%dt = '//to_text(dt)//': must be positive')
+      else if (max_halvings < 0 .or. max_halvings > most_halvings) then
+         call raise(error, exit_bad_input, 'integration%max_halvings = '//to_text(max_halvings)// &
+                    ': must be 0 to '//to_text(most_halvings))
+      else if (.not. gamma >= 0.5_wp) then
+         call raise(error, exit_bad_input, 'integration%gamma = '//to_text(gamma)// &
+                    ': must be 0.5 or more, the scheme is unstable below')
+      else if (.not. beta >= 0.0_wp) then
+         call raise(error, exit_bad_input, 'integration%beta = '//to_text(beta)// &
+                    ': must not be negative')
+      else if ((rate*dt)**2*(0.5_wp*gamma - beta) > 1.0_wp) then
+         call raise(error, exit_bad_input, 'integration%beta = '//to_text(beta)// &
+                    ': with this gamma and dt must be at least '// &
+                    to_text(0.5_wp*gamma - 1.0_wp/(rate*dt)**2)//' to be stable')
+      end if
+   end subroutine check_parameters
+
+   subroutine advance(self, state, force, every, displacement, velocity, error)
+      class(newmark_marcher), intent(inout) :: self
+      type(block_state), intent(inout) :: state
+      real(wp), intent(in) :: force(0:, :)
+      integer, intent(in) :: every
+      real(wp), intent(out) :: displacement(:, :, :)
+      real(wp), intent(out), optional :: velocity(:, :, :)
+      type(error_type), allocatable, intent(out) :: error
+      integer, parameter :: steps_apart = 64   ! samples meet again after so many: data stay near
+      type(newmark_block) :: block
+      type(newmark_recorder) :: recorder
+      integer :: step, n_steps
+
+      n_steps = ubound(force, 1)
+      if (n_steps == 0) return
+      call load_block(self%frame, self%dt, self%steps%max_halvings, force, state, block)
+      call start_recorder(state, block, merge(every, 0, size(displacement) > 0), recorder)
+      do step = 0, n_steps - 1, steps_apart
+         call march_to(min(step + steps_apart, n_steps))
+      end do
+      call store_block(block, state)
+
+   contains
+
+      !> Marches every sample to the end of a step of the force, in rounds of one trial each.
+      subroutine march_to(step)
+         integer, intent(in) :: step
+         integer, dimension(block%n_samples + 1) :: sample, due, switching
+         integer(long), dimension(block%n_samples) :: has_passed, is_left, is_due, is_switching
+         integer(long) :: last
+         integer :: k, n_active, n_due, n_switching, w
+
+         last = shiftl(int(step, long), block%max_halvings)
+         sample = [(w, w=1, block%n_samples + 1)]
+         n_active = block%n_samples
+         do while (n_active > 0)
+            call self%steps%try(sample(:n_active), block, has_passed)
+            if (state%keeps_ledger) call block%add_work(sample(:n_active), has_passed)
+            call settle(block%n_samples, shiftl(1_long, block%max_halvings), last, has_passed, &
+                        recorder%next_tick, block%tick, block%ticks, block%until, block%slot, &
+                        is_left, is_due, is_switching)
+            call list_all(block%n_samples, is_left, is_due, is_switching, sample, n_active, due, &
+                          n_due, switching, n_switching)
+            do k = 1, n_switching
+               w = switching(k)
+               call block%switch_at_nearer_end(state, w)
+               if (block%tick(w) == recorder%next_tick(w)) call append(w, due, n_due)
+               if (block%tick(w) < last) call append(w, sample, n_active)
+            end do
+            do k = 1, n_due
+               if (present(velocity)) then
+                  call recorder%record(block, due(k), displacement, velocity)
+               else
+                  call recorder%record(block, due(k), displacement)
+               end if
+            end do
+         end do
+      end subroutine march_to
+
+   end subroutine advance
+
+   !> Ends the trials of all samples that have not yet come to the last tick: a step without
+   !> transition stands, another is halved, and halved again without a trial if it ends where a
+   !> transition is known to come. Marked are those that must switch at the smallest step, those
+   !> that have come to their next record, and the others that have not come to the last tick.
+   !> Without branches, for nobody can guess which it will be.
+   pure subroutine settle(n, whole, last, has_passed, next_tick, tick, ticks, until, slot, &
+                          is_left, is_due, is_switching)
+      integer, intent(in) :: n
+      integer(long), intent(in) :: whole   !! ticks of a step of dt
+      integer(long), intent(in) :: last, has_passed(n), next_tick(n)
+      integer(long), intent(inout) :: tick(n), ticks(n), until(n), slot(n)
+      integer(long), intent(out) :: is_left(n), is_due(n), is_switching(n)
+      integer :: w
+
+      !$omp simd
+      do w = 1, n
+         block
+            integer(long) :: stands, fails, now, longest, next
+
+            fails = merge(has_passed(w), 0_long, tick(w) < last)
+            stands = merge(1_long - has_passed(w), 0_long, tick(w) < last)
+            is_switching(w) = merge(fails, 0_long, ticks(w) == 1)
+            now = tick(w) + stands*ticks(w)
+            until(w) = merge(now + ticks(w), until(w), fails == 1)
+            longest = iand(ior(now, whole), -ior(now, whole))   ! a power of two that divides now
+            next = merge(longest, shiftr(ticks(w), fails), stands == 1)
+            next = merge(shiftr(next, stands), next, now + next == until(w))
+            ticks(w) = max(next, 1_long)
+            tick(w) = now
+            slot(w) = ieor(slot(w), stands)
+            is_due(w) = merge(stands, 0_long, now == next_tick(w))
+            is_left(w) = merge(1_long - is_switching(w), 0_long, now < last)
+         end block
+      end do
+   end subroutine settle
+
+   !> The numbers of those that are marked with 1, the others with 0.
+   pure subroutine list_all(n, is_left, is_due, is_switching, left, n_left, due, n_due, switching, &
+                            n_switching)
+      integer, intent(in) :: n
+      integer(long), intent(in) :: is_left(n), is_due(n), is_switching(n)
+      integer, intent(out) :: left(n + 1), n_left, due(n + 1), n_due, switching(n + 1), n_switching
+      integer :: w
+
+      n_left = 0
+      n_due = 0
+      n_switching = 0
+      do w = 1, n
+         left(n_left + 1) = w
+         n_left = n_left + int(is_left(w))
+         due(n_due + 1) = w
+         n_due = n_due + int(is_due(w))
+         switching(n_switching + 1) = w
+         n_switching = n_switching + int(is_switching(w))
+      end do
+   end subroutine list_all
+
+   pure subroutine append(number, list, n)
+      integer, intent(in) :: number
+      integer, intent(inout) :: list(:), n
+
+      n = n + 1
+      list(n) = number
+   end subroutine append
+
+end module dynamics_newmark_march

@@ -1,0 +1,114 @@
+!> What the order of a process and the length of its fit change in what is published.
+!>
+!> Against the highest order or the longest fit of the same process, on as many samples with the
+!> random numbers and the force in common. Standard errors are those of the paired differences
+!> (jackknife over samples): what is left when the friction does not follow the same numbers.
+module tradeoff_effects
+   use campaign_comparison, only: change_of_ratio, compare_slip, numerical_error
+   use core_kinds, only: wp
+   use tradeoff_tasks, only: of_variant, tradeoff_type
+   implicit none(type, external)
+   private
+   public :: variant_row, variant_rows_of
+
+   !> A variant measured. Changes are the largest over levels of force and dofs, with the standard
+   !> error that each of them has; none where it is what the others are compared with.
+   type :: variant_row
+      integer :: variant = 0                   !! of the tradeoff's scope
+      logical :: is_reference = .false.
+      real(wp) :: seconds = 0.0_wp             !! of a processor, to fit it
+      real(wp) :: slip_mean = 0.0_wp           !! of the mean slip fraction [points]
+      real(wp) :: slip_mean_error = 0.0_wp
+      real(wp) :: slip_std = 0.0_wp            !! of the standard deviation over samples [points]
+      real(wp) :: slip_std_error = 0.0_wp
+      real(wp) :: band_ratio = 0.0_wp          !! relative
+      real(wp) :: band_ratio_error = 0.0_wp
+   end type variant_row
+
+contains
+
+   !> The variants that were marched, in their order.
+   pure function variant_rows_of(tradeoff, values) result(rows)
+      type(tradeoff_type), intent(in) :: tradeoff
+      real(wp), intent(in) :: values(:, :)   !! (value, task) as run_task gives them
+      type(variant_row), allocatable :: rows(:)
+      type(variant_row) :: row
+      integer :: i, k, ours, reference, theirs
+
+      allocate (rows(0))
+      do i = 1, size(tradeoff%scope%variants)
+         reference = reference_of(tradeoff, i)
+         row = variant_row(variant=i, is_reference=i == reference)
+         if (.not. tradeoff%scope%variant_models(i)%is_solved) cycle
+         row%seconds = tradeoff%scope%variant_models(i)%seconds
+         do k = 1, size(tradeoff%levels)
+            ours = task_of(tradeoff, i, k)
+            theirs = task_of(tradeoff, reference, k)
+            if (min(ours, theirs) > 0) call compare(tradeoff, values(2:, ours), &
+                                                    values(2:, theirs), row)
+         end do
+         rows = [rows, row]
+      end do
+   end function variant_rows_of
+
+   !> The last of its family with a solution: the highest order, or the longest fit.
+   pure integer function reference_of(tradeoff, variant)
+      type(tradeoff_type), intent(in) :: tradeoff
+      integer, intent(in) :: variant
+
+      associate (all => tradeoff%scope%variants)
+         reference_of = findloc(all%process == all(variant)%process .and. &
+                                (all%is_of_fit .eqv. all(variant)%is_of_fit) .and. &
+                                tradeoff%scope%variant_models%is_solved, .true., 1, back=.true.)
+      end associate
+   end function reference_of
+
+   pure integer function task_of(tradeoff, variant, level)
+      type(tradeoff_type), intent(in) :: tradeoff
+      integer, intent(in) :: variant, level
+
+      task_of = findloc(tradeoff%tasks%kind == of_variant .and. &
+                        tradeoff%tasks%row == variant .and. tradeoff%tasks%level == level, &
+                        .true., 1)
+   end function task_of
+
+   !> Two marches of one level, as variant_numbers has them.
+   pure subroutine compare(tradeoff, tested, reference, row)
+      type(tradeoff_type), intent(in) :: tradeoff
+      real(wp), intent(in) :: tested(:), reference(:)
+      type(variant_row), intent(inout) :: row
+      integer, parameter :: endless = huge(1)   ! samples that are meant
+      type(numerical_error) :: errors
+      real(wp) :: value, standard_error
+      integer :: dof, first, joint
+
+      associate (n_dof => tradeoff%plan%structure%n_dof, m => tradeoff%plan%structure%n_joints, &
+                 n => tradeoff%n_wide)
+         call compare_slip(reshape(tested(:m*n), [m, n]), reshape(reference(:m*n), [m, n]), &
+                           endless, errors)
+         do joint = 1, m
+            call keep_largest(errors%slip_mean(joint), errors%slip_mean_error(joint), &
+                              row%slip_mean, row%slip_mean_error)
+            call keep_largest(errors%slip_std(joint), errors%slip_std_error(joint), row%slip_std, &
+                              row%slip_std_error)
+         end do
+         if (.not. tradeoff%wide%output%spectrum) return
+         do dof = 1, n_dof
+            first = m*n + (dof - 1)*(n + 1)
+            call change_of_ratio(tested(first + 1:first + n + 1), &
+                                 reference(first + 1:first + n + 1), endless, value, standard_error)
+            call keep_largest(value, standard_error, row%band_ratio, row%band_ratio_error)
+         end do
+      end associate
+   end subroutine compare
+
+   pure subroutine keep_largest(value, standard_error, largest, error_of_largest)
+      real(wp), intent(in) :: value, standard_error
+      real(wp), intent(inout) :: largest, error_of_largest
+
+      if (abs(value) < abs(largest)) return
+      largest = value
+      error_of_largest = standard_error
+   end subroutine keep_largest
+
+end module tradeoff_effects

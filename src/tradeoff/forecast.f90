@@ -1,0 +1,149 @@
+!> What a sample-step of a scene costs, measured before anything is run.
+!>
+!> Samples of all cases are marched for a moment under a short record of their force, as the
+!> campaign will march them: as many side by side, what is kept kept, spectra of as many steps. The
+!> friction is a stand-in of the right mean and scatter, so no process need be fitted.
+module tradeoff_forecast
+   use campaign_audit, only: add_audits
+   use campaign_plan, only: case_type, kept_dofs, plan_type
+   use campaign_results, only: block_result
+   use campaign_runner, only: prepare_runner, runner_type
+   use campaign_sample, only: run_block
+   use core_error, only: error_type
+   use core_kinds, only: wp
+   use tradeoff_sample, only: choose_levels, draw_level, level_type
+   use tradeoff_settings, only: expected_cost, own_setting
+   implicit none(type, external)
+   private
+   public :: cost_type, measure_cost
+
+   real(wp), parameter :: budget = 0.4_wp            !! expected cost of a measurement [s]
+   real(wp), parameter :: some_transitions = 0.3_wp  !! in a step
+   real(wp), parameter :: history_memory = 32.0e6_wp !! [byte] of a block
+   integer, parameter :: fewest_steps = 1200
+
+   !> What was found, spectra and what else is kept included: the mean over all samples.
+   type :: cost_type
+      real(wp) :: nanoseconds = 0.0_wp         !! of a processor for a sample-step
+      real(wp) :: audit_nanoseconds = 0.0_wp   !! the same of an audit; 0: none
+      real(wp) :: transitions = 0.0_wp         !! of a sample in a step, all masses
+      integer :: n_steps = 0                   !! that were marched; 0: nothing was measured
+      character(:), allocatable :: form        !! of the exact march, in words
+   end type cost_type
+
+contains
+
+   !> Marches a block of every level of force.
+   subroutine measure_cost(plan, file_force, every, cost, error)
+      type(plan_type), intent(in) :: plan          !! without audits
+      real(wp), intent(in) :: file_force(0:, :)    !! (step, 1 or sample) [N]; else of size 0
+      integer, intent(in) :: every                 !! every k-th step enters the spectra
+      type(cost_type), intent(out) :: cost
+      type(error_type), allocatable, intent(out) :: error
+      type(plan_type) :: short
+      type(runner_type) :: runner
+      type(level_type), allocatable :: levels(:)
+      type(cost_type) :: of_level
+      integer :: k
+
+      call choose_levels(plan, levels)
+      cost%n_steps = steps_for(plan, sum([(size(levels(k)%sample), k=1, size(levels))]))
+      short = plan
+      short%integration%n_steps = cost%n_steps
+      short%integration%n_discard = 0
+      call prepare_runner(short, file_force(:min(cost%n_steps, ubound(file_force, 1)), :), runner, &
+                          error)
+      if (allocated(error)) return
+      cost%form = runner%form_of_march()
+      do k = 1, size(levels)
+         call draw_level(short, runner, cost%n_steps, levels(k), error)
+         if (allocated(error)) return
+         call time_level(plan, levels(k), cost%n_steps, every, of_level, error)
+         if (allocated(error)) return
+         associate (share => real(levels(k)%n_all, wp)/sum(levels%n_all))
+            cost%nanoseconds = cost%nanoseconds + share*of_level%nanoseconds
+            cost%audit_nanoseconds = cost%audit_nanoseconds + share*of_level%audit_nanoseconds
+            cost%transitions = cost%transitions + share*of_level%transitions
+         end associate
+      end do
+   end subroutine measure_cost
+
+   !> Steps that the budget allows.
+   pure integer function steps_for(plan, n_samples)
+      type(plan_type), intent(in) :: plan
+      integer, intent(in) :: n_samples
+      real(wp) :: most
+
+      most = 1.0e9_wp*budget/(n_samples*expected_cost(own_setting(plan), plan, some_transitions))
+      if (plan%output%history) &
+         most = min(most, history_memory/(16.0_wp*size(kept_dofs(plan))*n_samples))
+      steps_for = min(plan%integration%n_steps, max(fewest_steps, int(min(most, 1.0e9_wp))))
+   end function steps_for
+
+   !> One level of force, by the scene's method and by that of audits, whose blocks are narrower.
+   subroutine time_level(plan, level, n_steps, every, cost, error)
+      type(plan_type), intent(in) :: plan
+      type(level_type), intent(in) :: level
+      integer, intent(in) :: n_steps, every
+      type(cost_type), intent(out) :: cost
+      type(error_type), allocatable, intent(out) :: error
+      type(plan_type) :: audited, short
+      type(runner_type) :: runner
+      real(wp) :: unused
+      integer :: n_audited
+
+      audited = plan
+      call add_audits(audited)
+      n_audited = min(size(level%sample), maxval(audited%cases%n_samples, &
+                                                 mask=audited%cases%audits > 0))
+      short = plan
+      short%integration%n_steps = n_steps
+      short%integration%n_discard = 0
+      short%output%segment_length = min(short%output%segment_length, every*(n_steps/every))
+      short%output%spectrum_every = every
+      short%excitation%kind = 'file'
+      short%excitation%per_sample = size(level%force, 2) > plan%structure%n_forces
+      associate (n => size(level%sample))
+         short%cases = [case_type(0, 0.0_wp, n)]
+         if (n_audited > 0) short%cases = [short%cases, case_type(0, 0.0_wp, n_audited, audits=1)]
+      end associate
+      call prepare_runner(short, level%force, runner, error)
+      if (.not. allocated(error)) call time_block(runner, 1, level%friction, cost%nanoseconds, &
+                                                  cost%transitions, error)
+      if (.not. allocated(error) .and. n_audited > 0) &
+         call time_block(runner, 2, level%friction(:, :n_audited), cost%audit_nanoseconds, unused, &
+                         error)
+   end subroutine time_level
+
+   !> A block of one case of a short plan: the lesser time of two, as the first prepares transforms.
+   subroutine time_block(runner, case_number, friction, cost, transitions, error)
+      type(runner_type), intent(inout) :: runner
+      integer, intent(in) :: case_number
+      real(wp), intent(in) :: friction(:, :)   !! (dof, sample)
+      real(wp), intent(out) :: cost            !! [ns of a processor] of a sample-step
+      real(wp), intent(out) :: transitions     !! of a sample in a step
+      type(error_type), allocatable, intent(out) :: error
+      type(block_result) :: result
+      real(wp) :: after, before, sample_steps
+      integer :: trial
+      logical :: is_abandoned
+
+      cost = huge(1.0_wp)
+      transitions = 0.0_wp
+      sample_steps = real(runner%plan%integration%n_steps, wp)*size(friction, 2)
+      do trial = 1, 2
+         call cpu_time(before)
+         call run_block(runner, case_number, friction, 1, never, result, is_abandoned, error)
+         call cpu_time(after)
+         if (allocated(error)) return
+         cost = min(cost, 1.0e9_wp*(after - before)/sample_steps)
+      end do
+      transitions = real(sum(result%slip_starts + result%stick_starts), wp)/sample_steps
+   end subroutine time_block
+
+   !> A measurement is short.
+   logical function never()
+      never = .false.
+   end function never
+
+end module tradeoff_forecast

@@ -1,0 +1,331 @@
+!> From measured tasks to what a user decides by: the error and cost of every setting, the settings
+!> that no other beats in both, the cheapest for a wanted error, and the parts of the error now.
+module tradeoff_front
+   use campaign_plan, only: plan_type
+   use core_kinds, only: long, wp
+   use numerics_correlated, only: error_of_batches, n_batches
+   use numerics_spectrum, only: error_of_density
+   use tradeoff_settings, only: expected_cost, setting_type
+   use tradeoff_tasks, only: of_batch, of_samples, of_setting, of_spectrum, tradeoff_type
+   implicit none(type, external)
+   private
+   public :: error_parts, published_error, setting_row, size_row, spectrum_row
+   public :: rows_of, size_rows_of, spectrum_rows_of, parts_of, cheapest, best, is_random, keeps, &
+             sample_steps
+
+   !> A setting measured: the largest errors over cases and dofs. A standard error is such that
+   !> twice of it covers the errors of all.
+   type :: setting_row
+      type(setting_type) :: setting
+      real(wp) :: cost = 0.0_wp               !! [ns of a processor] of a sample-step of the scene
+      real(wp) :: work = 0.0_wp               !! the same as expected from counted work
+      real(wp) :: slip = 0.0_wp               !! [points], rms over samples
+      real(wp) :: slip_error = 0.0_wp         !! its standard error
+      real(wp) :: slip_mean = 0.0_wp          !! [points] of the mean over samples
+      real(wp) :: slip_std = 0.0_wp           !! [points] of the standard deviation over samples
+      real(wp) :: psd_mean = 0.0_wp           !! of the mean spectrum, relative
+      real(wp) :: psd_percentiles = 0.0_wp    !! of the percentiles of the spectrum, relative
+      real(wp) :: band_ratio = 0.0_wp         !! relative
+      real(wp) :: band_ratio_error = 0.0_wp   !! its standard error
+      logical :: is_on_front = .false.        !! nothing cheaper has a smaller error of slip
+      logical :: is_own = .false.             !! the scene's
+   end type setting_row
+
+   !> A way to form spectra.
+   type :: spectrum_row
+      integer :: every = 1
+      integer :: segment_length = 0         !! [steps]
+      real(wp) :: cost = 0.0_wp             !! [ns] of a sample-step, march included
+      real(wp) :: band_ratio = 0.0_wp       !! largest relative change, from every step's
+   end type spectrum_row
+
+   !> The whole error that other numbers of samples and steps would leave.
+   type :: size_row
+      integer :: n_samples = 0
+      integer(long) :: n_steps = 0
+      real(wp) :: slip_mean = 0.0_wp    !! [points]
+      real(wp) :: slip_std = 0.0_wp     !! [points]
+      real(wp) :: band_ratio = 0.0_wp   !! relative
+      real(wp) :: seconds = 0.0_wp      !! of a processor
+   end type size_row
+
+   !> An error of what is published, the largest over cases and dofs; a standard error where it is
+   !> statistical. Those of spectra are integrals over frequency, relative to that of the density.
+   type :: published_error
+      real(wp) :: slip = 0.0_wp              !! [points] of the mean over samples
+      real(wp) :: slip_std = 0.0_wp          !! [points] of the standard deviation over samples
+      real(wp) :: psd_mean = 0.0_wp          !! of the mean spectrum
+      real(wp) :: psd_percentiles = 0.0_wp   !! of the percentiles of the spectrum
+      real(wp) :: ratio = 0.0_wp             !! relative, of band ratios
+   end type published_error
+
+   !> Parts of the error that the scene has now.
+   type :: error_parts
+      type(published_error) :: discretisation
+      type(published_error) :: time              !! n_steps are finite
+      type(published_error) :: samples           !! n_samples are finite
+   end type error_parts
+
+contains
+
+   !> The rows of all settings, in their order.
+   pure function rows_of(tradeoff, values) result(rows)
+      type(tradeoff_type), intent(in) :: tradeoff
+      real(wp), intent(in) :: values(:, :)   !! (value, task) as run_task gives them
+      type(setting_row), allocatable :: rows(:)
+      real(wp) :: share(size(tradeoff%levels))
+      integer :: i, k, n
+
+      n = size(tradeoff%settings)
+      share = [(real(tradeoff%levels(k)%n_all, wp), k=1, size(tradeoff%levels))]
+      share = share/sum(share)
+      allocate (rows(n))
+      do i = 1, n
+         rows(i)%setting = tradeoff%settings(i)
+         rows(i)%is_own = i == tradeoff%own
+         rows(i)%work = sum(share*[(expected_cost(rows(i)%setting, tradeoff%plan, &
+                                                  tradeoff%transitions(k)), k=1, size(share))])
+      end do
+      do i = 1, size(tradeoff%tasks)
+         associate (task => tradeoff%tasks(i), v => values(:, i))
+            if (task%kind /= of_setting) cycle
+            associate (row => rows(task%row))
+               row%cost = row%cost + share(task%level)*v(1)
+               row%slip_error = 0.5_wp*(max(row%slip + 2*row%slip_error, v(2) + 2*v(3)) &
+                                        - max(row%slip, v(2)))
+               row%slip = max(row%slip, v(2))
+               row%slip_mean = max(row%slip_mean, v(4))
+               row%slip_std = max(row%slip_std, v(5))
+               row%psd_mean = max(row%psd_mean, v(6))
+               row%psd_percentiles = max(row%psd_percentiles, v(7))
+               row%band_ratio_error = 0.5_wp*(max(row%band_ratio + 2*row%band_ratio_error, &
+                                                  v(8) + 2*v(9)) - max(row%band_ratio, v(8)))
+               row%band_ratio = max(row%band_ratio, v(8))
+            end associate
+         end associate
+      end do
+      do i = 1, n
+         rows(i)%is_on_front = .not. any(beats(rows, rows(i)))
+      end do
+   end function rows_of
+
+   !> Not worse in cost and error, and better in one of them.
+   elemental logical function beats(a, b)
+      type(setting_row), intent(in) :: a, b
+
+      beats = a%cost <= b%cost .and. a%slip <= b%slip .and. (a%cost < b%cost .or. a%slip < b%slip)
+   end function beats
+
+   !> The row of least cost that surely keeps the wanted errors, 0 where none does; by counted work
+   !> where the choice must not depend on how busy a machine is.
+   pure function cheapest(rows, slip_points, band_ratio, by_work) result(best_row)
+      type(setting_row), intent(in) :: rows(:)
+      real(wp), intent(in) :: slip_points, band_ratio   !! 0: not wanted
+      logical, intent(in) :: by_work
+      integer :: best_row
+
+      if (by_work) then
+         best_row = minloc(rows%work, 1, mask=keeps(rows, slip_points, band_ratio))
+      else
+         best_row = minloc(rows%cost, 1, mask=keeps(rows, slip_points, band_ratio))
+      end if
+   end function cheapest
+
+   !> The measured error and twice its standard error are within what is wanted.
+   elemental logical function keeps(row, slip_points, band_ratio)
+      type(setting_row), intent(in) :: row
+      real(wp), intent(in) :: slip_points, band_ratio   !! 0: not wanted
+
+      keeps = (.not. slip_points > 0.0_wp .or. row%slip + 2*row%slip_error <= slip_points) .and. &
+              (.not. band_ratio > 0.0_wp .or. &
+               row%band_ratio + 2*row%band_ratio_error <= band_ratio)
+   end function keeps
+
+   !> The row that comes nearest to what is wanted.
+   pure function best(rows, slip_points, band_ratio) result(best_row)
+      type(setting_row), intent(in) :: rows(:)
+      real(wp), intent(in) :: slip_points, band_ratio   !! 0: not wanted
+      integer :: best_row
+      real(wp) :: excess(size(rows))
+
+      excess = 0.0_wp
+      if (slip_points > 0.0_wp) excess = (rows%slip + 2*rows%slip_error)/slip_points
+      if (band_ratio > 0.0_wp) &
+         excess = max(excess, (rows%band_ratio + 2*rows%band_ratio_error)/band_ratio)
+      best_row = minloc(excess, 1)
+   end function best
+
+   !> The ways to form spectra, each compared with the first.
+   pure function spectrum_rows_of(tradeoff, values) result(rows)
+      type(tradeoff_type), intent(in) :: tradeoff
+      real(wp), intent(in) :: values(:, :)   !! (value, task)
+      type(spectrum_row), allocatable :: rows(:)
+      real(wp) :: ratio(tradeoff%plan%structure%n_dof, size(tradeoff%every), size(tradeoff%levels))
+      integer :: i, n_dof, n_levels
+
+      n_dof = size(ratio, 1)
+      n_levels = size(ratio, 3)
+      allocate (rows(size(tradeoff%every)))
+      rows%every = tradeoff%every
+      rows%segment_length = tradeoff%segment_length
+      do i = 1, size(tradeoff%tasks)
+         associate (task => tradeoff%tasks(i), v => values(:, i))
+            if (task%kind /= of_spectrum) cycle
+            rows(task%row)%cost = rows(task%row)%cost + v(1)/n_levels
+            ratio(:, task%row, task%level) = v(2:1 + n_dof)
+         end associate
+      end do
+      do i = 1, size(rows)
+         rows(i)%band_ratio = maxval(abs(ratio(:, i, :) - ratio(:, 1, :)) &
+                                     /merge(ratio(:, 1, :), 1.0_wp, ratio(:, 1, :) > 0.0_wp))
+      end do
+   end function spectrum_rows_of
+
+   !> What the error of the scene's results is made of.
+   pure function parts_of(tradeoff, values, own, n_steps) result(parts)
+      type(tradeoff_type), intent(in) :: tradeoff
+      real(wp), intent(in) :: values(:, :)   !! (value, task)
+      type(setting_row), intent(in) :: own   !! the scene's setting
+      integer, intent(in) :: n_steps         !! of the scene, after those discarded
+      type(error_parts) :: parts
+      integer :: i
+
+      parts%discretisation = published_error(own%slip, own%slip_std, own%psd_mean, &
+                                             own%psd_percentiles, own%band_ratio)
+      call add_time_averages(tradeoff, values, n_steps, parts)
+      do i = 1, size(tradeoff%tasks)
+         if (tradeoff%tasks(i)%kind == of_samples) &
+            call add_samples(tradeoff, tradeoff%cases(tradeoff%tasks(i)%row), values(:, i), parts)
+      end do
+      if (tradeoff%plan%excitation%per_sample) call part_records(tradeoff, n_steps, parts)
+   end function parts_of
+
+   !> Where each sample has its own record, the scatter over samples of a short march holds its time
+   !> average too: what a march of that length has of it is taken out.
+   pure subroutine part_records(tradeoff, n_steps, parts)
+      type(tradeoff_type), intent(in) :: tradeoff
+      integer, intent(in) :: n_steps   !! of the scene
+      type(error_parts), intent(inout) :: parts
+      real(wp) :: of_records
+
+      of_records = parts%time%slip**2*n_steps/tradeoff%plan%integration%n_steps
+      parts%samples%slip = sqrt(max(0.0_wp, parts%samples%slip**2 - of_records))
+   end subroutine part_records
+
+   !> From batches: their mean over a march of the scene's length. Where every sample has a force of
+   !> its own, the mean over samples averages their errors too.
+   pure subroutine add_time_averages(tradeoff, values, n_steps, parts)
+      type(tradeoff_type), intent(in) :: tradeoff
+      real(wp), intent(in) :: values(:, :)
+      integer, intent(in) :: n_steps
+      type(error_parts), intent(inout) :: parts
+      real(wp), allocatable :: series(:, :)   ! (value of batch_numbers, batch)
+      real(wp) :: shorter
+      integer :: i, k, m, n
+
+      m = tradeoff%plan%structure%n_joints
+      n = 2*m + tradeoff%plan%structure%n_dof
+      allocate (series(n, n_batches))
+      if (tradeoff%n_segments > 0) then
+         parts%time%psd_mean = error_of_density(tradeoff%n_segments)
+         parts%time%psd_percentiles = parts%time%psd_mean
+      end if
+      do k = 1, size(tradeoff%levels)
+         do i = 1, size(tradeoff%tasks)
+            associate (task => tradeoff%tasks(i))
+               if (task%kind == of_batch .and. task%level == k) &
+                  series(:, task%row) = values(2:1 + n, i)
+            end associate
+         end do
+         associate (level => tradeoff%levels(k), plan => tradeoff%plan, part => parts%time)
+            shorter = sqrt(real(tradeoff%long%integration%n_steps, wp)/n_steps)
+            if (plan%excitation%per_sample) &
+               shorter = shorter*sqrt(real(size(level%sample), wp) &
+                                      /maxval(plan%cases(level%case_number)%n_samples))
+            do i = 1, m
+               part%slip = max(part%slip, shorter*error_of_batches(series(i, :)))
+               part%slip_std = max(part%slip_std, shorter*error_of_batches(series(m + i, :)))
+            end do
+            do i = 2*m + 1, n
+               if (.not. minval(series(i, :)) > 0.0_wp) cycle
+               part%ratio = max(part%ratio, shorter*error_of_batches(log(series(i, :))))
+            end do
+         end associate
+      end do
+   end subroutine add_time_averages
+
+   !> From the samples of one case, for as many as the scene has of it.
+   pure subroutine add_samples(tradeoff, case_number, values, parts)
+      type(tradeoff_type), intent(in) :: tradeoff
+      integer, intent(in) :: case_number
+      real(wp), intent(in) :: values(:)
+      type(error_parts), intent(inout) :: parts
+      real(wp) :: n, w
+      integer :: last, m
+
+      m = tradeoff%plan%structure%n_joints
+      last = 1 + 2*m + tradeoff%plan%structure%n_dof   ! of the values of joints and dofs
+      n = tradeoff%plan%cases(case_number)%n_samples
+      w = values(last + 1)
+      associate (part => parts%samples)
+         part%slip = max(part%slip, maxval(values(2:1 + m))/sqrt(n))
+         part%slip_std = max(part%slip_std, sqrt(w/n)*maxval(values(2 + m:1 + 2*m)))
+         part%ratio = max(part%ratio, sqrt(w/n)*maxval(values(2 + 2*m:last)))
+         part%psd_mean = max(part%psd_mean, sqrt(w/n)*values(last + 2))
+         part%psd_percentiles = max(part%psd_percentiles, sqrt(w/n)*values(last + 3))
+      end associate
+   end subroutine add_samples
+
+   !> Quarters and multiples of the scene's samples and steps, by the laws that the parts follow:
+   !> the discretisation stays, Monte Carlo falls with the root of the samples, time averages with
+   !> that of the steps, and of both where every sample has its own force.
+   pure function size_rows_of(plan, own, parts) result(rows)
+      type(plan_type), intent(in) :: plan
+      type(setting_row), intent(in) :: own   !! the scene's setting
+      type(error_parts), intent(in) :: parts
+      type(size_row), allocatable :: rows(:)
+      real(wp), parameter :: samples(*) = 0.25_wp*[1, 4, 4, 4, 16, 16, 64]
+      real(wp), parameter :: steps(*) = 0.25_wp*[4, 1, 4, 16, 4, 16, 4]
+      integer :: i
+
+      rows = [(row(samples(i), steps(i)), i=1, size(samples))]
+      ! samples of one friction under one force are the same
+      rows = pack(rows, is_random(plan) .and. rows%n_samples > 1 .or. &
+                  abs(samples - 1.0_wp) <= 0.0_wp)
+
+   contains
+
+      pure type(size_row) function row(more_samples, more_steps)
+         real(wp), intent(in) :: more_samples, more_steps
+         real(wp) :: of_time
+
+         of_time = more_steps*merge(more_samples, 1.0_wp, plan%excitation%per_sample)
+         row%n_samples = nint(more_samples*maxval(plan%cases%n_samples))
+         row%n_steps = nint(more_steps*plan%integration%n_steps, long)
+         row%slip_mean = norm2([parts%discretisation%slip, parts%time%slip/sqrt(of_time), &
+                                parts%samples%slip/sqrt(more_samples)])
+         row%slip_std = norm2([parts%discretisation%slip_std, parts%time%slip_std/sqrt(of_time), &
+                               parts%samples%slip_std/sqrt(more_samples)])
+         row%band_ratio = norm2([parts%discretisation%ratio, parts%time%ratio/sqrt(of_time), &
+                                 parts%samples%ratio/sqrt(more_samples)])
+         row%seconds = 1.0e-9_wp*own%cost*sample_steps(plan)*more_samples*more_steps
+      end function row
+
+   end function size_rows_of
+
+   !> Whether samples of a case differ.
+   pure logical function is_random(plan)
+      type(plan_type), intent(in) :: plan
+
+      is_random = any(plan%cases%process > 0)
+   end function is_random
+
+   !> Steps that all samples of the scene march together.
+   pure function sample_steps(plan) result(n)
+      type(plan_type), intent(in) :: plan
+      real(wp) :: n
+
+      n = real(plan%integration%n_steps, wp)*sum(plan%cases%n_samples)
+   end function sample_steps
+
+end module tradeoff_front

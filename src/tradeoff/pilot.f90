@@ -1,0 +1,123 @@
+!> A short march before the campaign: which steps the spectra need.
+!>
+!> Spectra of every k-th step cost a k-th, and fold what lies above the new Nyquist frequency onto
+!> what is kept. One sample of average friction under each excitation tells how much that is.
+module tradeoff_pilot
+   use campaign_plan, only: case_type, plan_type
+   use campaign_results, only: block_result
+   use campaign_runner, only: prepare_runner, runner_type
+   use campaign_sample, only: run_block
+   use core_error, only: error_type
+   use core_kinds, only: wp
+   implicit none(type, external)
+   private
+   public :: choose_every
+
+   !> Of the variance. Where a bin holds a millionth of it, folding then still changes the bin by
+   !> 1 % at most, and Welch's estimate scatters by 10 %.
+   real(wp), parameter :: negligible = 1.0e-8_wp
+   integer, parameter :: sparsest = 16             !! every 16th step at most
+   integer, parameter :: pilot_segments = 8        !! of the march
+
+contains
+
+   !> The k of every k-th step: as the scene says, or the largest power of two that folds a
+   !> negligible share at every dof and excitation level; and the shares that k folds.
+   subroutine choose_every(plan, file_force, every, folded_share, error)
+      type(plan_type), intent(in) :: plan
+      real(wp), intent(in) :: file_force(0:, :)   !! (step, 1 or sample) [N]; else of size 0
+      integer, intent(out) :: every
+      real(wp), allocatable, intent(out) :: folded_share(:, :)   !! (dof, case) of the variance
+      type(error_type), allocatable, intent(out) :: error
+      type(plan_type) :: short
+      type(runner_type) :: runner
+      type(block_result) :: result
+      real(wp), allocatable :: psd(:, :, :)   ! (dof, frequency, case)
+      logical :: is_abandoned
+      integer :: c, n
+
+      short = shortened(plan)
+      n = short%integration%n_steps
+      call prepare_runner(short, file_force(:min(n, ubound(file_force, 1)), :), runner, error)
+      if (allocated(error)) return
+      allocate (psd(plan%structure%n_dof, size(runner%layout%frequency), size(plan%cases)))
+      do c = 1, size(short%cases)
+         if (short%cases(c)%audits > 0) then
+            psd(:, :, c) = psd(:, :, short%cases(c)%audits)
+            cycle
+         end if
+         call run_block(runner, c, average_friction(plan, short%cases(c)), 1, never, result, &
+                        is_abandoned, error)
+         if (allocated(error)) return
+         psd(:, :, c) = result%psd(:, :, 1)
+      end do
+      every = plan%output%spectrum_every
+      if (every == 0) every = sparsest_allowed(plan%output%segment_length, psd)
+      folded_share = share_above(psd, every)
+   end subroutine choose_every
+
+   !> The plan with a short march at the full rate, and nothing kept but spectra.
+   pure function shortened(plan) result(short)
+      type(plan_type), intent(in) :: plan
+      type(plan_type) :: short
+
+      short = plan
+      associate (how => short%integration, output => short%output)
+         how%n_steps = min(how%n_steps, (pilot_segments + 1)*output%segment_length/2)
+         how%n_discard = 0
+         output%segment_length = min(output%segment_length, how%n_steps)
+         output%spectrum_every = 1
+         output%energy = .false.
+         output%history = .false.
+         output%harmonic = .false.
+         output%transitions = .false.
+         output%dofs = [integer ::]
+      end associate
+   end function shortened
+
+   !> One sample: the mean of the process that the friction is drawn from, or the friction given.
+   pure function average_friction(plan, which) result(friction)
+      type(plan_type), intent(in) :: plan
+      type(case_type), intent(in) :: which
+      real(wp) :: friction(plan%structure%n_joints, 1)
+
+      if (which%process == 0) then
+         friction(:, 1) = plan%friction
+      else
+         friction = plan%processes(which%process)%mean
+      end if
+   end function average_friction
+
+   !> Share of the power above the Nyquist frequency that every k-th step leaves.
+   pure function share_above(psd, every) result(share)
+      real(wp), intent(in) :: psd(:, :, :)                 !! (dof, frequency, case)
+      integer, intent(in) :: every
+      real(wp) :: share(size(psd, 1), size(psd, 3))        !! (dof, case)
+      integer :: kept
+
+      kept = 1 + (size(psd, 2) - 1)/every
+      share = 0.0_wp
+      where (sum(psd, 2) > 0.0_wp) share = sum(psd(:, kept + 1:, :), 2)/sum(psd, 2)
+   end function share_above
+
+   !> Segments must stay whole, and be worth the name.
+   pure function sparsest_allowed(segment_length, psd) result(every)
+      integer, intent(in) :: segment_length
+      real(wp), intent(in) :: psd(:, :, :)   !! (dof, frequency, case)
+      integer :: every
+      integer, parameter :: shortest = 64
+
+      every = 1
+      do while (every < sparsest)
+         if (modulo(segment_length, 2*every) /= 0 .or. segment_length/(2*every) < shortest) return
+         if (any(share_above(psd, 2*every) > negligible)) return
+         every = 2*every
+      end do
+   end function sparsest_allowed
+
+   !> A pilot is short.
+   logical function never()
+      never = .false.
+   end function never
+
+end module tradeoff_pilot

@@ -1,0 +1,245 @@
+!> A small piece of a campaign to measure settings on: some samples of its cases, under the first
+!> part of its own force.
+!>
+!> Samples of all cases with one level of force share a block, as wide as the campaign's own blocks,
+!> so that a step costs here what it costs there.
+module tradeoff_sample
+   use campaign_plan, only: case_type, plan_type, strength_of
+   use campaign_results, only: block_result
+   use campaign_runner, only: block_width, prepare_runner, runner_type
+   use campaign_sample, only: run_block, stop_query
+   use campaign_study, only: block_range, draw_friction
+   use core_error, only: error_type
+   use core_kinds, only: wp
+   use core_random, only: label_of, new_stream, stream_type
+   use process_model, only: process_model_type
+   use tradeoff_settings, only: setting_type, with_setting
+   implicit none(type, external)
+   private
+   public :: level_type, choose_levels, draw_level, march_level
+   public :: fit_segments, shortened, stretch
+
+   integer, parameter :: most_levels = 4
+
+   !> One level of force, and the samples that are marched under it.
+   type :: level_type
+      real(wp) :: strength = 0.0_wp            !! as strength_of has it
+      real(wp) :: variance = 0.0_wp            !! of noise in a band [N^2]; else 0
+      integer :: n_all = 0                     !! samples that the campaign has at this level
+      integer, allocatable :: case_number(:)   !! (sample)
+      integer, allocatable :: sample(:)        !! (sample) its number in the case
+      real(wp), allocatable :: friction(:, :)  !! (dof, sample)
+      real(wp), allocatable :: force(:, :)     !! (0:n_steps, 1 or sample) [N]
+   end type level_type
+
+contains
+
+   !> The levels of force, at most four, the lowest and the highest among them; and their samples:
+   !> the first of each case, as many of each as a block has room for.
+   pure subroutine choose_levels(plan, levels)
+      type(plan_type), intent(in) :: plan
+      type(level_type), allocatable, intent(out) :: levels(:)
+      real(wp), allocatable :: strengths(:)
+      integer, allocatable :: cases(:)
+      integer :: i, k, n, width
+
+      allocate (strengths(0))
+      do i = 1, size(plan%cases)
+         associate (strength => strength_of(plan%cases(i)))
+            if (all(abs(strengths - strength) > 0.0_wp)) strengths = [strengths, strength]
+         end associate
+      end do
+      n = min(most_levels, size(strengths))
+      allocate (levels(n))
+      do k = 1, n
+         levels(k)%strength = ranked(strengths, 1 + nint((k - 1.0_wp)*(size(strengths) - 1) &
+                                                         /max(1, n - 1)))
+         cases = pack([(i, i=1, size(plan%cases))], &
+                      abs(strength_of(plan%cases) - levels(k)%strength) <= 0.0_wp)
+         levels(k)%variance = plan%cases(cases(1))%variance
+         levels(k)%n_all = sum(plan%cases(cases)%n_samples)
+         width = min(block_width(plan), maxval(plan%cases(cases)%n_samples))
+         call deal(plan%cases%n_samples, cases, width, levels(k))
+      end do
+   end subroutine choose_levels
+
+   !> Samples 1 of the cases in turn, then samples 2, ... until the block is full.
+   pure subroutine deal(n_samples, cases, width, level)
+      integer, intent(in) :: n_samples(:)   !! (case)
+      integer, intent(in) :: cases(:), width
+      type(level_type), intent(inout) :: level
+      integer :: i, sample
+
+      allocate (level%case_number(0), level%sample(0))
+      do sample = 1, maxval(n_samples(cases))
+         do i = 1, size(cases)
+            if (size(level%sample) == width) return
+            if (sample > n_samples(cases(i))) cycle
+            level%case_number = [level%case_number, cases(i)]
+            level%sample = [level%sample, sample]
+         end do
+      end do
+   end subroutine deal
+
+   !> The i-th smallest of different values.
+   pure function ranked(values, i) result(value)
+      real(wp), intent(in) :: values(:)
+      integer, intent(in) :: i
+      real(wp) :: value
+      integer :: k
+
+      value = values(1)
+      do k = 1, size(values)
+         if (count(values <= values(k)) == i) value = values(k)
+      end do
+   end function ranked
+
+   !> The friction and the force of a level's samples. Without models, coefficients of the right
+   !> mean and scatter stand in for those of the processes: numerical errors do not feel more.
+   subroutine draw_level(plan, runner, n_steps, level, error, models)
+      type(plan_type), intent(in) :: plan
+      type(runner_type), intent(in) :: runner   !! of the whole campaign
+      integer, intent(in) :: n_steps            !! of the force that are kept
+      type(level_type), intent(inout) :: level
+      type(error_type), allocatable, intent(out) :: error
+      type(process_model_type), intent(in), optional :: models(:)   !! (process)
+      real(wp), allocatable :: force(:, :), friction(:, :)
+      integer :: w
+
+      w = size(level%sample)
+      allocate (level%friction(plan%structure%n_joints, w))
+      do w = 1, size(level%sample)
+         associate (c => level%case_number(w), sample => level%sample(w))
+            if (present(models)) then
+               call draw_friction(plan, models, block_range(c, sample, sample), friction)
+               level%friction(:, w) = friction(:, 1)
+            else
+               level%friction(:, w) = stand_in(plan, c, sample)
+            end if
+         end associate
+      end do
+      w = merge(size(level%sample), 1, plan%excitation%per_sample)*plan%structure%n_forces
+      allocate (force(0:plan%integration%n_steps, w))
+      call runner%force_of(level%case_number(1), 1, force, error)
+      if (allocated(error)) return
+      allocate (level%force(0:n_steps, w))
+      level%force(:, :) = force(:n_steps, :)
+   end subroutine draw_level
+
+   !> Independent positive values of the mean and scatter that the case's process was asked to have.
+   pure function stand_in(plan, case_number, sample) result(friction)
+      type(plan_type), intent(in) :: plan
+      integer, intent(in) :: case_number, sample
+      real(wp) :: friction(plan%structure%n_joints), values(plan%structure%n_points)
+      type(stream_type) :: stream
+
+      friction = plan%friction
+      associate (process => plan%cases(case_number)%process)
+         if (process == 0) return
+         stream = new_stream(plan%seed, label_of(label_of('stand-in'), case_number), sample)
+         call stream%normals(values)
+         values = abs(plan%processes(process)%mean + plan%processes(process)%std*values)
+         friction = values(plan%structure%friction_point)
+      end associate
+   end function stand_in
+
+   !> A plan of about n_steps, a multiple of `unit` unless the scene has fewer, nothing discarded.
+   pure function shortened(plan, every, unit, n_steps) result(short)
+      type(plan_type), intent(in) :: plan
+      integer, intent(in) :: every, unit, n_steps
+      type(plan_type) :: short
+      integer, parameter :: least = 4096   ! steps that show something
+
+      short = plan
+      short%integration%n_steps = min(plan%integration%n_steps, max(least, n_steps))
+      if (short%integration%n_steps >= unit) &
+         short%integration%n_steps = unit*(short%integration%n_steps/unit)
+      short%integration%n_discard = 0
+      short%output%spectrum_every = every
+      call fit_segments(short%integration%n_steps, short)
+   end function shortened
+
+   !> Segments of the scene, or half of what is marched; no spectra where that is too little.
+   pure subroutine fit_segments(n_steps, plan)
+      integer, intent(in) :: n_steps
+      type(plan_type), intent(inout) :: plan
+      integer, parameter :: least = 16   ! values
+
+      associate (output => plan%output, unit => 2*plan%output%spectrum_every)
+         output%segment_length = unit*(min(output%segment_length, n_steps/2)/unit)
+         output%spectrum = output%spectrum .and. output%segment_length >= least*unit/2
+      end associate
+   end subroutine fit_segments
+
+   !> Marches the samples of a level under its force with one setting. `plan` says how many steps of
+   !> the scene are marched (not more than the level's force has), and what becomes a spectrum.
+   subroutine march_level(plan, level, setting, should_stop, result, nanoseconds, is_abandoned, &
+                          error)
+      type(plan_type), intent(in) :: plan
+      type(level_type), intent(in) :: level
+      type(setting_type), intent(in) :: setting
+      procedure(stop_query) :: should_stop
+      type(block_result), intent(out) :: result
+      real(wp), intent(out) :: nanoseconds   !! of a processor, per sample and step of the scene
+      logical, intent(out) :: is_abandoned
+      type(error_type), allocatable, intent(out) :: error
+      type(plan_type) :: short
+      type(runner_type) :: runner
+      real(wp) :: before, after
+
+      nanoseconds = 0.0_wp
+      is_abandoned = .false.
+      short = with_setting(plan, setting)
+      short%excitation%kind = 'file'
+      short%excitation%per_sample = size(level%force, 2) > plan%structure%n_forces
+      short%output%energy = .false.
+      short%output%history = .false.
+      short%output%harmonic = .false.
+      short%output%transitions = .false.
+      short%output%dofs = [integer ::]
+      short%cases = [case_type(0, 0.0_wp, size(level%sample))]
+      call prepare_runner(short, stretch(level%force(:plan%integration%n_steps, :), setting), &
+                          runner, error)
+      if (allocated(error)) return
+      call cpu_time(before)
+      call run_block(runner, 1, level%friction, 1, should_stop, result, is_abandoned, error)
+      call cpu_time(after)
+      nanoseconds = 1.0e9_wp*(after - before)/(real(plan%integration%n_steps, wp) &
+                                               *size(level%sample))
+   end subroutine march_level
+
+   !> The force at the steps of a setting: on the chords between its values, or every so many.
+   pure function stretch(force, setting) result(stretched)
+      real(wp), intent(in) :: force(0:, :)   !! (step, 1 or sample) [N]
+      type(setting_type), intent(in) :: setting
+      real(wp), allocatable :: stretched(:, :)   !! from 0
+      integer :: i, k, n
+
+      n = ubound(force, 1)
+      associate (parts => setting%parts)
+         if (parts == 1) then
+            allocate (stretched(0:n/setting%stride, size(force, 2)))
+            stretched(:, :) = force(::setting%stride, :)
+            return
+         end if
+         allocate (stretched(0:n*parts, size(force, 2)))
+         do k = 1, size(force, 2)
+            do i = 0, n - 1
+               stretched(i*parts:(i + 1)*parts, k) = between(force(i, k), force(i + 1, k), parts)
+            end do
+         end do
+      end associate
+   end function stretch
+
+   !> From a first to a last value in equal steps; both ends as they are.
+   pure function between(first, last, parts) result(values)
+      real(wp), intent(in) :: first, last
+      integer, intent(in) :: parts
+      real(wp) :: values(0:parts)
+      integer :: i
+
+      values = [(first + (last - first)*(real(i, wp)/parts), i=0, parts)]
+      values(parts) = last
+   end function between
+
+end module tradeoff_sample

@@ -1,0 +1,176 @@
+!> The settings that trade speed for accuracy in a march, those that are worth comparing, and what
+!> each is expected to cost.
+module tradeoff_settings
+   use campaign_plan, only: plan_type
+   use core_kinds, only: wp
+   use dynamics_exact_march, only: parts_of_step
+   implicit none(type, external)
+   private
+   public :: setting_type, all_settings, settings_at_dt, own_setting, same_setting, with_setting
+   public :: reference_setting, expected_cost, setting_dt
+
+   real(wp), parameter :: reference_tolerance = 1.0e-12_wp
+   integer, parameter :: longest_tabulated = 8   !! masses of a chain that Newmark marches by tables
+
+   !> A method, its step in terms of the scene's, and how closely it follows a transition.
+   type :: setting_type
+      character(7) :: method = 'event'      !! or 'newmark'
+      integer :: parts = 1                  !! equal steps that an interval of the force is cut into
+      integer :: stride = 1                 !! intervals of the force that a step takes together
+      integer :: max_halvings = 0           !! newmark
+      real(wp) :: tolerance = 0.0_wp        !! event
+   end type setting_type
+
+contains
+
+   !> A hundred times tighter than the best that is compared.
+   pure function reference_setting() result(setting)
+      type(setting_type) :: setting
+
+      setting = setting_type('event', tolerance=reference_tolerance)
+   end function reference_setting
+
+   !> The scene's own.
+   pure function own_setting(plan) result(setting)
+      type(plan_type), intent(in) :: plan
+      type(setting_type) :: setting
+
+      setting%method = plan%integration%method
+      if (setting%method == 'newmark') then
+         setting%max_halvings = plan%integration%max_halvings
+      else
+         setting%tolerance = plan%integration%tolerance
+      end if
+   end function own_setting
+
+   !> What can be chosen for the scene's own steps, its own setting last if it is not among them.
+   pure function settings_at_dt(plan) result(settings)
+      type(plan_type), intent(in) :: plan
+      type(setting_type), allocatable :: settings(:)
+      integer, parameter :: halvings(*) = [0, 1, 2, 3, 4, 6, 8, 10, 12, 15, 20]
+      integer :: i
+
+      allocate (settings(0))
+      do i = 3, 10
+         settings = [settings, setting_type('event', tolerance=10.0_wp**(-i))]
+      end do
+      do i = 1, size(halvings)
+         if (is_stable(plan, 1.0_wp)) &
+            settings = [settings, setting_type('newmark', max_halvings=halvings(i))]
+      end do
+      if (.not. any(same_setting(settings, own_setting(plan)))) &
+         settings = [settings, own_setting(plan)]
+   end function settings_at_dt
+
+   !> The same, and Newmark's scheme with steps of 1/2 to 1/16 of the scene's, under the same force;
+   !> where `can_skip`, also both methods with every second value of the force.
+   pure function all_settings(plan, can_skip) result(settings)
+      type(plan_type), intent(in) :: plan
+      logical, intent(in) :: can_skip
+      type(setting_type), allocatable :: settings(:)
+      integer, parameter :: halvings(*) = [0, 2, 4, 8], parts(*) = [2, 4, 8, 16]
+      integer :: i, k
+
+      settings = settings_at_dt(plan)
+      if (can_skip) settings = [settings, setting_type('event', stride=2, tolerance=1.0e-3_wp), &
+                                setting_type('event', stride=2, tolerance=1.0e-6_wp)]
+      do k = 1, size(halvings)
+         if (can_skip .and. is_stable(plan, 2.0_wp)) &
+            settings = [settings, setting_type('newmark', stride=2, max_halvings=halvings(k))]
+         do i = 1, size(parts)
+            if (is_stable(plan, 1.0_wp/parts(i))) &
+               settings = [settings, setting_type('newmark', parts(i), max_halvings=halvings(k))]
+         end do
+      end do
+   end function all_settings
+
+   !> Whether Newmark's scheme can take steps of so many dt (its linear stability bound).
+   pure function is_stable(plan, steps) result(is_so)
+      type(plan_type), intent(in) :: plan
+      real(wp), intent(in) :: steps
+      logical :: is_so
+      real(wp), parameter :: two_pi = 8.0_wp*atan(1.0_wp)
+
+      associate (how => plan%integration)
+         is_so = (two_pi*maxval(plan%structure%frequencies_stuck)*how%dt*steps)**2 &
+                 *(0.5_wp*how%gamma - how%beta) <= 1.0_wp
+      end associate
+   end function is_stable
+
+   !> Whether two settings march alike.
+   elemental function same_setting(a, b) result(is_same)
+      type(setting_type), intent(in) :: a, b
+      logical :: is_same
+
+      is_same = a%method == b%method .and. a%parts == b%parts .and. a%stride == b%stride &
+                .and. a%max_halvings == b%max_halvings &
+                .and. abs(a%tolerance - b%tolerance) <= 1.0e-6_wp*b%tolerance
+   end function same_setting
+
+   !> The step of a setting [s].
+   elemental function setting_dt(setting, dt) result(step)
+      type(setting_type), intent(in) :: setting
+      real(wp), intent(in) :: dt   !! the scene's
+      real(wp) :: step
+
+      step = dt*setting%stride/setting%parts
+   end function setting_dt
+
+   !> The plan marched with a setting: the same time, the same records in its spectra. n_steps,
+   !> n_discard, segment_length and spectrum_every must be multiples of the stride.
+   pure function with_setting(plan, setting) result(changed)
+      type(plan_type), intent(in) :: plan
+      type(setting_type), intent(in) :: setting
+      type(plan_type) :: changed
+
+      changed = plan
+      associate (how => changed%integration, output => changed%output)
+         how%method = trim(setting%method)
+         how%dt = setting_dt(setting, plan%integration%dt)
+         how%n_steps = how%n_steps*setting%parts/setting%stride
+         how%n_discard = how%n_discard*setting%parts/setting%stride
+         if (how%method == 'newmark') then
+            how%max_halvings = setting%max_halvings
+         else
+            how%tolerance = setting%tolerance
+         end if
+         output%segment_length = output%segment_length*setting%parts/setting%stride
+         output%spectrum_every = output%spectrum_every*setting%parts/setting%stride
+      end associate
+   end function with_setting
+
+   !> Expected cost of a sample-step of the scene, from counted work: trial steps, steps,
+   !> transitions, each in nanoseconds of a processor of 2023. It ranks settings, the same on every
+   !> machine and in every run; it is no forecast.
+   pure function expected_cost(setting, plan, transitions) result(nanoseconds)
+      type(setting_type), intent(in) :: setting
+      type(plan_type), intent(in) :: plan
+      real(wp), intent(in) :: transitions   !! of all masses in a step of the scene
+      real(wp) :: nanoseconds
+      real(wp), parameter :: at_any_rate = 25.0_wp
+      real(wp) :: n, tries
+
+      n = plan%structure%n_dof
+      if (setting%method == 'newmark') then
+         ! down by halves to a transition, and up again
+         tries = real(setting%parts, wp)/setting%stride &
+                 + transitions*(1.0_wp + 2.0_wp*setting%max_halvings)
+         nanoseconds = tries*merge(18.0_wp, 15.0_wp*n, plan%structure%n_dof <= longest_tabulated)
+      else   ! measured on AVX2, docs/accuracy.md; a degree more for every one or two powers of ten,
+         ! and no transition is local beyond some 3e-10: docs/exact_march.md (8)
+         nanoseconds = parts()*6.0_wp*n*(1.0_wp - 0.15_wp*(6.0_wp + log10(setting%tolerance))) &
+                       + transitions*merge(150.0_wp, 2500.0_wp, setting%tolerance > 3.0e-10_wp)
+      end if
+      nanoseconds = nanoseconds + at_any_rate
+
+   contains
+
+      !> Parts that the exact march makes of a step of the scene.
+      pure real(wp) function parts()
+         parts = max(1.0_wp, parts_of_step(plan%structure, &
+                                           setting_dt(setting, plan%integration%dt)))/setting%stride
+      end function parts
+
+   end function expected_cost
+
+end module tradeoff_settings

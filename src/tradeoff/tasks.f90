@@ -1,0 +1,415 @@
+!> What is marched to measure how accuracy depends on the settings, as tasks that any rank may take:
+!> each is one march, of which a few numbers are kept, and none needs another's.
+!>
+!> The error of a setting is measured against the event method at tolerance 1e-12, on the same
+!> samples. The scatter of consecutive batches of a long march gives the error of time averages,
+!> that of a case's samples the Monte Carlo error.
+module tradeoff_tasks
+   use campaign_plan, only: plan_type, strength_of
+   use campaign_results, only: block_result
+   use campaign_runner, only: block_width, prepare_runner, runner_type
+   use campaign_sample, only: stop_query
+   use core_error, only: error_type
+   use core_kinds, only: wp
+   use numerics_correlated, only: n_batches
+   use numerics_sorting, only: sort_order
+   use numerics_spectrum, only: count_segments
+   use process_model, only: process_model_type
+   use tradeoff_numbers, only: batch_numbers, ratio_numbers, sample_numbers, setting_numbers, &
+      variant_numbers
+   use tradeoff_sample, only: choose_levels, draw_level, fit_segments, level_type, march_level, &
+      shortened
+   use tradeoff_settings, only: all_settings, expected_cost, own_setting, same_setting, &
+      reference_setting, setting_type, settings_at_dt
+   use tradeoff_variants, only: remember_alike, variant_type
+   implicit none(type, external)
+   private
+   public :: tradeoff_type, task_type, scope_type, new_tradeoff
+   public :: of_setting, of_spectrum, of_batch, of_samples, of_variant
+
+   integer, parameter :: of_setting = 1, of_spectrum = 2, of_batch = 3, of_samples = 4, &
+                         of_variant = 5
+   integer, parameter :: most_cases = 16          !! whose Monte Carlo error is estimated
+   integer, parameter :: many_samples = 128       !! that variants of a process are compared on
+   real(wp), parameter :: usual_transitions = 0.3_wp   !! in a step, where nothing is known yet
+   type(setting_type), parameter :: usual = setting_type('event', tolerance=1.0e-6_wp)
+
+   !> One piece of work, to be done by any rank.
+   type :: task_type
+      integer :: kind = of_setting
+      integer :: row = 0       !! setting, way to form spectra, batch, case, or variant
+      integer :: level = 0     !! of force; none for a case
+   end type task_type
+
+   !> What a tradeoff measures. What is statistical, and variants, need models.
+   type :: scope_type
+      real(wp) :: budget = 0.0_wp         !! expected cost of the marches [s of a processor]
+      logical :: at_other_dt = .false.    !! settings with other steps than the scene's too
+      logical :: has_settings = .true.
+      logical :: is_statistical = .false.
+      type(process_model_type), allocatable :: models(:)     !! (process), solved
+      type(variant_type), allocatable :: variants(:)
+      type(process_model_type), allocatable :: variant_models(:)   !! some have no solution
+   end type scope_type
+
+   !> All that the tasks share, the same on every rank.
+   type :: tradeoff_type
+      type(plan_type) :: plan                         !! short: the marches that compare settings
+      type(plan_type) :: long                         !! those that estimate what is statistical
+      type(plan_type) :: wide                         !! of many samples: those of variants
+      type(scope_type) :: scope
+      type(setting_type), allocatable :: settings(:)
+      integer :: own = 0                              !! among them: the scene's; 0: none measured
+      type(level_type), allocatable :: levels(:)
+      real(wp), allocatable :: transitions(:)         !! (level) of a sample in a step
+      integer, allocatable :: every(:)                !! (way) every k-th step enters the spectra
+      integer, allocatable :: segment_length(:)       !! (way) steps
+      integer, allocatable :: cases(:)                !! whose Monte Carlo error is estimated
+      type(task_type), allocatable :: tasks(:)        !! the longest first
+      integer :: n_segments = 0                       !! of the scene's spectra; 0: none
+      integer :: n_wide = 0                           !! samples of a variant's march
+      integer :: n_values = 0                         !! that a task gives at most
+      type(block_result), allocatable, private :: references(:)   !! (level)
+      type(runner_type), private :: runner            !! of the whole campaign
+   contains
+      procedure :: run_task
+   end type tradeoff_type
+
+contains
+
+   !> Decides what is marched, within a budget of expected cost, and marches the references.
+   subroutine new_tradeoff(plan, file_force, every, scope, should_stop, tradeoff, error)
+      type(plan_type), intent(in) :: plan
+      real(wp), intent(in) :: file_force(0:, :)   !! (step, 1 or sample) [N]; else of size 0
+      integer, intent(in) :: every                !! every k-th step enters the scene's spectra
+      type(scope_type), intent(in) :: scope
+      procedure(stop_query) :: should_stop
+      type(tradeoff_type), intent(out) :: tradeoff
+      type(error_type), allocatable, intent(out) :: error
+      real(wp) :: of_plan, of_long   ! expected costs of a step [ns]
+      integer :: i, unit, width
+
+      unit = 2*max(every, 1)
+      tradeoff%scope = scope
+      if (.not. allocated(scope%variants)) allocate (tradeoff%scope%variants(0))
+      call choose_levels(plan, tradeoff%levels)
+      width = sum([(size(tradeoff%levels(i)%sample), i=1, size(tradeoff%levels))])
+      if (scope%at_other_dt) then
+         tradeoff%settings = all_settings(plan, plan%integration%n_steps >= 8*unit .and. &
+                                          modulo(every, 2) == 0)
+      else
+         tradeoff%settings = settings_at_dt(plan)
+      end if
+      if (.not. scope%has_settings) tradeoff%settings = tradeoff%settings(:0)
+      tradeoff%own = findloc(same_setting(tradeoff%settings, own_setting(plan)), .true., 1)
+      tradeoff%n_wide = wide_block(plan, file_force)
+      associate (settings => tradeoff%settings, usual_cost => expected_cost(usual, plan, &
+                                                                            usual_transitions))
+         if (scope%has_settings) then
+            of_plan = width*sum([(expected_cost(settings(i), plan, usual_transitions), &
+                                  i=1, size(settings))])
+            of_long = 10*width*usual_cost
+         else   ! a block of each case, and half of a long march for every batch
+            of_plan = 2*min(most_cases, size(plan%cases))*block_width(plan)*usual_cost
+            of_long = n_batches*width*usual_cost
+         end if
+         tradeoff%plan = shortened(plan, every, unit, affordable(scope%budget, of_plan))
+         tradeoff%long = shortened(plan, every, unit*n_batches, affordable(scope%budget, of_long))
+         tradeoff%wide = shortened(plan, every, unit, affordable( &
+                             0.3_wp*scope%budget, tradeoff%n_wide*usual_cost*size(tradeoff%levels) &
+                                   *max(1, size(tradeoff%scope%variants))))
+      end associate
+      call prepare_runner(with_short_record(plan, tradeoff), file_force, tradeoff%runner, error)
+      if (allocated(error)) return
+      associate (layout => tradeoff%runner%layout, how => plan%integration)
+         if (plan%output%spectrum) tradeoff%n_segments = &
+            count_segments((how%n_steps - how%n_discard)/layout%every, layout%segment_length, &
+                           layout%overlap)
+      end associate
+      call draw_and_refer(tradeoff, should_stop, error)
+      if (allocated(error)) return
+      call list_tasks(tradeoff)
+   end subroutine new_tradeoff
+
+   !> The plan with a record of its force that is drawn in a second: no march needs a longer one.
+   pure function with_short_record(plan, tradeoff) result(short)
+      type(plan_type), intent(in) :: plan
+      type(tradeoff_type), intent(in) :: tradeoff
+      type(plan_type) :: short
+      integer, parameter :: enough = 2**22   ! steps
+
+      short = plan
+      if (plan%excitation%kind == 'file') return
+      short%integration%n_steps = min(plan%integration%n_steps, &
+                                      max(enough, tradeoff%plan%integration%n_steps, &
+                                          tradeoff%long%integration%n_steps, &
+                                          tradeoff%wide%integration%n_steps))
+      if (short%integration%n_steps < plan%integration%n_steps) short%integration%n_discard = 0
+   end function with_short_record
+
+   !> Steps that a budget [s] allows when each costs so much [ns].
+   pure integer function affordable(budget, cost)
+      real(wp), intent(in) :: budget, cost
+
+      affordable = int(min(1.0e9_wp*budget/cost, 1.0e9_wp))
+   end function affordable
+
+   !> Samples of a variant's march: fewer where each carries a record of its own.
+   pure integer function wide_block(plan, file_force)
+      type(plan_type), intent(in) :: plan
+      real(wp), intent(in) :: file_force(0:, :)
+
+      wide_block = many_samples
+      if (.not. plan%excitation%per_sample) return
+      wide_block = block_width(plan)
+      if (plan%excitation%kind == 'file') wide_block = min(wide_block, size(file_force, 2))
+   end function wide_block
+
+   !> Friction, force and, where settings are compared, reference of every level.
+   subroutine draw_and_refer(tradeoff, should_stop, error)
+      type(tradeoff_type), intent(inout) :: tradeoff
+      procedure(stop_query) :: should_stop
+      type(error_type), allocatable, intent(out) :: error
+      real(wp) :: unused
+      logical :: is_abandoned
+      integer :: k, n
+
+      n = max(tradeoff%plan%integration%n_steps, tradeoff%long%integration%n_steps)
+      allocate (tradeoff%references(size(tradeoff%levels)))
+      allocate (tradeoff%transitions(size(tradeoff%levels)), source=usual_transitions)
+      do k = 1, size(tradeoff%levels)
+         associate (level => tradeoff%levels(k), reference => tradeoff%references(k), &
+                    plan => tradeoff%plan, campaign => tradeoff%runner%plan)
+            call draw_level(campaign, tradeoff%runner, n, level, error, tradeoff%scope%models)
+            if (allocated(error)) return
+            if (size(tradeoff%settings) == 0) cycle
+            call march_level(plan, level, reference_setting(), should_stop, reference, unused, &
+                             is_abandoned, error)
+            if (allocated(error) .or. is_abandoned) return
+            tradeoff%transitions(k) = &
+               real(sum(reference%slip_starts + reference%stick_starts), wp) &
+               /(real(plan%integration%n_steps, wp)*size(level%sample))
+         end associate
+      end do
+   end subroutine draw_and_refer
+
+   !> Variants first, the widest marches; every setting with every level, the dearest first; then
+   !> what is statistical: every way to form spectra and every batch with every level, and cases.
+   subroutine list_tasks(tradeoff)
+      type(tradeoff_type), intent(inout) :: tradeoff
+      type(task_type), allocatable :: tasks(:)
+      real(wp) :: cost(size(tradeoff%settings)*size(tradeoff%levels))
+      integer :: i, k, n_levels
+
+      n_levels = size(tradeoff%levels)
+      associate (n_dof => tradeoff%plan%structure%n_dof, m => tradeoff%plan%structure%n_joints, &
+                 w => tradeoff%n_wide, scope => tradeoff%scope)
+         tradeoff%n_values = 9 + 2*m + n_dof
+         if (size(scope%variants) > 0) &
+            tradeoff%n_values = max(tradeoff%n_values, 1 + m*w + n_dof*(w + 1))
+         tradeoff%tasks = [((task_type(of_variant, i, k), i=1, size(scope%variants)), &
+                            k=1, n_levels)]
+         tradeoff%tasks = pack(tradeoff%tasks, [(can_be_marched(tradeoff, tradeoff%tasks(i)), &
+                                                 i=1, size(tradeoff%tasks))])
+      end associate
+      associate (settings => tradeoff%settings)
+         tasks = [((task_type(of_setting, i, k), k=1, n_levels), i=1, size(settings))]
+         cost = [((expected_cost(settings(i), tradeoff%plan, tradeoff%transitions(k)), &
+                   k=1, n_levels), i=1, size(settings))]
+      end associate
+      tradeoff%tasks = [tradeoff%tasks, tasks(sort_order(-cost))]
+      allocate (tradeoff%every(0), tradeoff%segment_length(0), tradeoff%cases(0))
+      if (.not. tradeoff%scope%is_statistical) return
+      if (tradeoff%scope%has_settings) call choose_ways(tradeoff)
+      call choose_cases(tradeoff)
+      tasks = [((task_type(of_batch, i, k), i=1, n_batches), k=1, n_levels), &
+               ((task_type(of_spectrum, i, k), i=1, size(tradeoff%every)), k=1, n_levels), &
+               (task_type(of_samples, i, 0), i=1, size(tradeoff%cases))]
+      tradeoff%tasks = [tradeoff%tasks, tasks]
+   end subroutine list_tasks
+
+   !> A variant has a solution, and a case at this level.
+   pure logical function can_be_marched(tradeoff, task)
+      type(tradeoff_type), intent(in) :: tradeoff
+      type(task_type), intent(in) :: task
+
+      can_be_marched = tradeoff%scope%variant_models(task%row)%is_solved .and. &
+                       tradeoff%n_wide > 1 .and. case_of(tradeoff, task) > 0
+   end function can_be_marched
+
+   !> The case of a variant's process at a level; 0: none.
+   pure integer function case_of(tradeoff, task)
+      type(tradeoff_type), intent(in) :: tradeoff
+      type(task_type), intent(in) :: task
+
+      associate (cases => tradeoff%plan%cases, level => tradeoff%levels(task%level))
+         case_of = findloc(cases%process == tradeoff%scope%variants(task%row)%process .and. &
+                           abs(strength_of(cases) - level%strength) <= 0.0_wp, .true., 1)
+      end associate
+   end function case_of
+
+   !> Ways to form spectra: every step first, which the others are compared with; sparser ones; and
+   !> shorter and longer segments at the scene's own rate.
+   pure subroutine choose_ways(tradeoff)
+      type(tradeoff_type), intent(inout) :: tradeoff
+      integer, parameter :: values = 16   ! least of a segment
+      integer :: k, length
+
+      if (.not. tradeoff%long%output%spectrum .or. all_single(tradeoff%levels)) return
+      associate (own => tradeoff%long%output%segment_length, &
+                 every => tradeoff%long%output%spectrum_every)
+         do k = 0, 4
+            if (modulo(own, 2**(k + 1)) /= 0 .or. own/2**k < values) exit
+            tradeoff%every = [tradeoff%every, 2**k]
+            tradeoff%segment_length = [tradeoff%segment_length, own]
+         end do
+         do k = -3, 1
+            length = int(own*2.0_wp**k)
+            if (k == 0 .or. modulo(length, 2*every) /= 0 .or. length < values*every) cycle
+            if (2*length > tradeoff%long%integration%n_steps) cycle
+            tradeoff%every = [tradeoff%every, every]
+            tradeoff%segment_length = [tradeoff%segment_length, length]
+         end do
+      end associate
+   end subroutine choose_ways
+
+   pure logical function all_single(levels)
+      type(level_type), intent(in) :: levels(:)
+      integer :: k
+
+      all_single = all([(size(levels(k)%sample) == 1, k=1, size(levels))])
+   end function all_single
+
+   !> Cases with drawn friction, evenly among all where they are many.
+   pure subroutine choose_cases(tradeoff)
+      type(tradeoff_type), intent(inout) :: tradeoff
+      integer, allocatable :: random(:)
+      integer :: i, n
+
+      associate (cases => tradeoff%plan%cases)
+         random = pack([(i, i=1, size(cases))], cases%process > 0 .and. &
+                       [(case_width(tradeoff, i) > 1, i=1, size(cases))])
+      end associate
+      n = min(most_cases, size(random))
+      tradeoff%cases = [(random(1 + ((i - 1)*size(random))/n), i=1, n)]
+   end subroutine choose_cases
+
+   !> Samples whose scatter is that of a case: those of a block, or as many as have a record.
+   pure integer function case_width(tradeoff, case_number)
+      type(tradeoff_type), intent(in) :: tradeoff
+      integer, intent(in) :: case_number
+
+      associate (plan => tradeoff%runner%plan)
+         case_width = block_width(plan)
+         if (plan%excitation%kind == 'file' .and. plan%excitation%per_sample) &
+            case_width = min(case_width, plan%cases(case_number)%n_samples)
+      end associate
+   end function case_width
+
+   !> One march: the cost of a sample-step [ns of a processor], then the numbers of its kind, which
+   !> are those of tradeoff_numbers.
+   subroutine run_task(self, number, should_stop, values, is_abandoned, error)
+      class(tradeoff_type), intent(in) :: self
+      integer, intent(in) :: number
+      procedure(stop_query) :: should_stop
+      real(wp), intent(out) :: values(:)   !! (n_values)
+      logical, intent(out) :: is_abandoned
+      type(error_type), allocatable, intent(out) :: error
+      type(plan_type) :: plan
+      type(level_type) :: level
+      type(setting_type) :: setting
+      type(block_result) :: result
+      real(wp), allocatable :: numbers(:)
+      real(wp) :: nanoseconds
+
+      values = 0.0_wp
+      is_abandoned = .false.
+      associate (task => self%tasks(number))
+         call prepare_task(self, task, plan, level, setting, error)
+         if (allocated(error)) return
+         call march_level(plan, level, setting, should_stop, result, nanoseconds, is_abandoned, &
+                          error)
+         if (allocated(error) .or. is_abandoned) return
+         select case (task%kind)
+         case (of_setting)
+            numbers = setting_numbers(plan, level, result, self%references(task%level))
+         case (of_spectrum)
+            numbers = ratio_numbers(plan, result)
+         case (of_batch)
+            numbers = batch_numbers(plan, result)
+         case (of_samples)
+            numbers = sample_numbers(plan, result)
+         case default
+            numbers = variant_numbers(plan, result)
+         end select
+      end associate
+      values(:1 + size(numbers)) = [nanoseconds, numbers]
+   end subroutine run_task
+
+   !> What a task marches, under which force and how.
+   subroutine prepare_task(self, task, plan, level, setting, error)
+      type(tradeoff_type), intent(in) :: self
+      type(task_type), intent(in) :: task
+      type(plan_type), intent(out) :: plan
+      type(level_type), intent(out) :: level
+      type(setting_type), intent(out) :: setting
+      type(error_type), allocatable, intent(out) :: error
+      integer :: n
+
+      if (task%kind == of_setting .or. task%kind == of_samples) plan = self%plan
+      if (task%kind == of_spectrum .or. task%kind == of_batch) plan = self%long
+      if (task%kind == of_variant) plan = self%wide
+      setting = usual
+      if (task%kind == of_setting) setting = self%settings(task%row)
+      select case (task%kind)
+      case (of_samples)
+         call draw_case(self, self%cases(task%row), case_width(self, self%cases(task%row)), &
+                        plan%integration%n_steps, self%scope%models, level, error)
+      case (of_variant)
+         call draw_variant(self, task, plan%integration%n_steps, level, error)
+      case default
+         level = self%levels(task%level)
+      end select
+      if (task%kind == of_spectrum) then
+         plan%output%spectrum_every = self%every(task%row)
+         plan%output%segment_length = self%segment_length(task%row)
+      else if (task%kind == of_batch) then
+         n = plan%integration%n_steps/n_batches
+         plan%integration%n_steps = task%row*n
+         plan%integration%n_discard = (task%row - 1)*n
+         call fit_segments(n, plan)
+      end if
+   end subroutine prepare_task
+
+   !> The samples of a variant's case, their friction drawn from its model by the numbers that the
+   !> samples of the scene's own process have.
+   subroutine draw_variant(self, task, n_steps, level, error)
+      type(tradeoff_type), intent(in) :: self
+      type(task_type), intent(in) :: task
+      integer, intent(in) :: n_steps
+      type(level_type), intent(out) :: level
+      type(error_type), allocatable, intent(out) :: error
+      type(process_model_type), allocatable :: alike(:), models(:)
+
+      alike = self%scope%variant_models
+      call remember_alike(alike)
+      models = self%scope%models
+      models(self%scope%variants(task%row)%process) = alike(task%row)
+      call draw_case(self, case_of(self, task), self%n_wide, n_steps, models, level, error)
+   end subroutine draw_variant
+
+   !> Samples 1 to n of a case, as a level of force of their own.
+   subroutine draw_case(self, case_number, n, n_steps, models, level, error)
+      type(tradeoff_type), intent(in) :: self
+      integer, intent(in) :: case_number, n, n_steps
+      type(process_model_type), intent(in) :: models(:)
+      type(level_type), intent(inout) :: level
+      type(error_type), allocatable, intent(out) :: error
+      integer :: i
+
+      level%case_number = spread(case_number, 1, n)
+      level%sample = [(i, i=1, n)]
+      call draw_level(self%runner%plan, self%runner, n_steps, level, error, models)
+   end subroutine draw_case
+
+end module tradeoff_tasks

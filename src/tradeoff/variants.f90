@@ -1,0 +1,125 @@
+!> The processes of a scene fitted otherwise: with other orders (m_max of the direct method), and to
+!> other numbers of simulated values.
+!>
+!> An order is a choice of the model and a length of the fit one of its accuracy; what either does
+!> to what is published shows in marches with friction drawn from each, the random numbers and the
+!> force in common, against the highest order or the longest fit.
+module tradeoff_variants
+   use campaign_plan, only: plan_type
+   use core_kinds, only: wp
+   use process_model, only: process_model_type, process_request
+   use tradeoff_process_settings, only: same_kind
+   implicit none(type, external)
+   private
+   public :: variant_type, list_variants, remember_alike
+
+   !> A process of the plan with another order or length of its fit.
+   type :: variant_type
+      integer :: process = 0          !! of the plan, that is varied
+      logical :: is_of_fit = .false.  !! the length of the fit is varied, else the order
+      logical :: is_own = .false.     !! as the scene has it
+      type(process_request) :: request
+   end type variant_type
+
+contains
+
+   !> Of every kind of process that friction is drawn from, the one with the largest std over mean:
+   !> its orders ascending, then lengths of its fit ascending; the scene's own among either.
+   pure subroutine list_variants(plan, models, variants)
+      type(plan_type), intent(in) :: plan
+      type(process_model_type), intent(in) :: models(:)   !! (process), solved
+      type(variant_type), allocatable, intent(out) :: variants(:)
+      integer :: i
+
+      allocate (variants(0))
+      do i = 1, size(models)
+         if (.not. any(plan%cases%process == i)) cycle
+         if (i /= representative(plan, i)) cycle
+         call add_orders(plan, i, models(i)%order, variants)
+         call add_fits(plan%processes(i), i, models(i)%order, variants)
+      end do
+   end subroutine list_variants
+
+   !> The process of the same kind with the largest std over mean, the first of equals.
+   pure integer function representative(plan, process)
+      type(plan_type), intent(in) :: plan
+      integer, intent(in) :: process
+      logical :: is_candidate(size(plan%processes))
+      integer :: i
+
+      is_candidate = [(drawn_alike(plan%processes(i), plan%processes(process)) .and. &
+                       any(plan%cases%process == i), i=1, size(is_candidate))]
+      representative = maxloc(plan%processes%std/max(abs(plan%processes%mean), &
+                                                     tiny(1.0_wp)), 1, mask=is_candidate)
+   end function representative
+
+   !> Differ in order, mean or scatter at most.
+   pure logical function drawn_alike(a, b)
+      type(process_request), intent(in) :: a, b
+
+      drawn_alike = same_kind(a, b) .and. (a%positive .eqv. b%positive)
+      if (drawn_alike .and. a%positive) drawn_alike = a%sampler == b%sampler
+   end function drawn_alike
+
+   !> Up to ten beyond the scene's order, or to twice of it where that is less, but not below ten.
+   pure subroutine add_orders(plan, process, own_order, variants)
+      type(plan_type), intent(in) :: plan
+      integer, intent(in) :: process, own_order
+      type(variant_type), allocatable, intent(inout) :: variants(:)
+      integer, parameter :: usual(*) = [1, 2, 3, 5, 10, 20]
+      type(variant_type) :: variant
+      integer :: highest, order
+
+      highest = max(10, min(2*own_order, own_order + 10))
+      variant%process = process
+      variant%request = plan%processes(process)
+      do order = 1, highest
+         variant%is_own = order == own_order
+         if (.not. (any(order == [usual, highest]) .or. variant%is_own)) cycle
+         variant%request%order = order
+         variants = [variants, variant]
+      end do
+   end subroutine add_orders
+
+   !> Where values are simulated to be matched: positive ones, but for the first order.
+   pure subroutine add_fits(request, process, own_order, variants)
+      type(process_request), intent(in) :: request
+      integer, intent(in) :: process, own_order
+      type(variant_type), allocatable, intent(inout) :: variants(:)
+      integer, parameter :: steps(*) = [256, 1024, 4096, 16384, 65536]
+      type(variant_type) :: variant
+      integer :: i
+
+      if (.not. request%positive .or. own_order < 1) return
+      if (own_order == 1 .and. request%method == 'autoregressive') return
+      variant%process = process
+      variant%is_of_fit = .true.
+      variant%request = request
+      variant%request%order = own_order
+      if (all(steps /= request%fit_steps)) then
+         variant%is_own = .true.
+         variants = [variants, variant]
+      end if
+      do i = 1, size(steps)
+         variant%request%fit_steps = steps(i)
+         variant%is_own = steps(i) == request%fit_steps
+         variants = [variants, variant]
+      end do
+   end subroutine add_fits
+
+   !> Lets all one-at-a-time samplers begin as many values before the first that counts: the same
+   !> random numbers then make the same points of all.
+   pure subroutine remember_alike(models)
+      type(process_model_type), intent(inout) :: models(:)
+      logical :: is_sequential(size(models))
+      integer :: i
+
+      is_sequential = .false.
+      do i = 1, size(models)
+         if (models(i)%is_solved .and. models(i)%request%positive) &
+            is_sequential(i) = models(i)%request%sampler == 'sequential'
+      end do
+      where (is_sequential) models%memory = maxval(models%memory, mask=is_sequential)
+   end subroutine remember_alike
+
+end module tradeoff_variants
