@@ -45,6 +45,18 @@ def test_a_module_is_named_after_its_place():
     assert {path: names for path, names in named.items() if names != [room(path)]} == {}
 
 
+#: words that rooms had, and that say nothing to a reader
+GONE = {
+    "course", "crossing", "entries", "event", "existing", "foresight", "heading", "lanes", "location",
+    "measuring", "quiet", "registers", "statistical", "stretches", "tables", "tabulated", "target",
+    "verdict", "walk", "walker",
+}  # fmt: skip
+
+
+def test_rooms_have_names_that_explain_themselves():
+    assert {path.stem for path in FORTRAN if path.suffix == ".f90"} & GONE == set()
+
+
 def test_every_module_serves_the_program_or_an_example():
     modules = {room(path): used(text) for path, text in LIBRARY.items()}
     users = [
