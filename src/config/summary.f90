@@ -5,12 +5,12 @@ module config_summary
    use campaign_size, only: memory_of_rank, results_size
    use config_fingerprint, only: fingerprint
    use config_groups, only: scene_type
+   use config_process_summary, only: max_rows, process_table
    use core_kinds, only: wp
-   use core_phrases, only: brief, counted, duration, joined, labelled, numbered, padded, size_text
+   use core_phrases, only: brief, counted, duration, joined, labelled, numbered, padded, &
+      size_text
    use core_text, only: to_text
-   use process_model, only: branch_note, process_model_type, process_request
-   use process_realization, only: way_of_drawing, way_type
-   use process_reference, only: is_reference, law_name
+   use process_model, only: process_model_type, process_request
    use process_scaling, only: first_of_fit
    use structure_model, only: structure_type
    implicit none(type, external)
@@ -18,7 +18,6 @@ module config_summary
    public :: summary_text
 
    character(*), parameter :: line_feed = new_line('a')
-   integer, parameter :: max_rows = 40   !! rows of a table
 
 contains
 
@@ -99,122 +98,6 @@ contains
       names = pack(names, (is_there .eqv. wanted) .and. &
                    (plan%has_structure .or. .not. is_of_motion))
    end function parts
-
-   !> ', 2.5': L1, where both lengths are imposed.
-   pure function second(request) result(text)
-      type(process_request), intent(in) :: request
-      character(:), allocatable :: text
-
-      text = ''
-      if (request%correlation == 'both') text = ', '//brief(request%second_length)
-   end function second
-
-   !> One row per process, then the reasons why some have no solution.
-   function process_table(plan, foreseen) result(text)
-      type(plan_type), intent(in) :: plan
-      type(process_model_type), intent(in), optional :: foreseen(:)
-      character(:), allocatable :: text, order, law
-      integer :: i
-
-      text = 'process  method         correlation  order  mean   std     law'
-      if (present(foreseen)) text = text//'        verdict'
-      text = text//line_feed
-      do i = 1, min(size(plan%processes), max_rows)
-         associate (p => plan%processes(i))
-            order = to_text(p%order)
-            if (p%order == 0) order = 'chosen'
-            law = 'any sign'
-            if (p%positive) law = p%sampler
-            if (is_reference(p)) law = law_name(p)
-            text = text//padded(numbered('p', i), 9)//padded(p%method, 15)// &
-                   padded(p%correlation//' = '//brief(p%correlation_length)//second(p), 13)// &
-                   padded(order, 7)//padded(brief(p%mean), 7)//padded(brief(p%std), 8)
-         end associate
-         if (present(foreseen)) law = padded(law, 11)// &
-                                      trim(merge('ordinary  ', 'infeasible', foreseen(i)%is_solved))
-         text = text//law//line_feed
-      end do
-      if (size(plan%processes) > max_rows) then
-         text = text//'... and '//to_text(size(plan%processes) - max_rows)//' more'
-         if (present(foreseen)) text = text//', of which '// &
-                                       to_text(count(.not. foreseen(max_rows + 1:)%is_solved))// &
-                                       ' infeasible'
-         text = text//line_feed
-      end if
-      if (.not. present(foreseen)) return
-      if (plan%n_realizations > 0 .or. any(plan%cases%process > 0)) &
-         text = text//drawing_text(foreseen, plan%n_points)
-      do i = 1, size(foreseen)
-         if (.not. foreseen(i)%is_solved) &
-            text = text//labelled(numbered('p', i), foreseen(i)%reason)
-         if (len(branch_note(foreseen(i))) > 0) &
-            text = text//labelled(numbered('p', i), branch_note(foreseen(i)))
-      end do
-   end function process_table
-
-   !> How realizations of the exact law will be drawn; nothing where there is none.
-   function drawing_text(foreseen, n_points) result(text)
-      type(process_model_type), intent(in) :: foreseen(:)
-      integer, intent(in) :: n_points
-      character(:), allocatable :: text
-      type(way_type) :: ways(size(foreseen))
-      logical, dimension(size(foreseen)) :: by_sweeps, by_windows
-      integer :: i
-
-      by_windows = .false.
-      by_sweeps = .false.
-      do i = 1, size(foreseen)
-         associate (asked => foreseen(i)%request)
-            if (.not. (foreseen(i)%is_solved .and. asked%positive)) cycle
-            if (asked%sampler /= 'exact' .or. allocated(foreseen(i)%g)) cycle
-         end associate
-         ways(i) = way_of_drawing(foreseen(i), n_points)
-         by_windows(i) = ways(i)%by_windows
-         by_sweeps(i) = .not. ways(i)%by_windows
-      end do
-      text = ''
-      if (any(by_windows)) text = labelled('exact law', numbers_text(by_windows)// &
-                                           ': whole windows, redrawn until one is positive: '// &
-                            about(maxval(ways%n_windows, by_windows), by_windows)//' a realization')
-      if (any(by_sweeps)) text = text//labelled('exact law', numbers_text(by_sweeps)// &
-                                               ': values of a window redrawn one at a time, in '// &
-                            about(real(maxval(ways%n_sweeps, by_sweeps), wp), by_sweeps)//' sweeps')
-   end function drawing_text
-
-   !> The most of several.
-   pure function about(most, are_meant) result(text)
-      real(wp), intent(in) :: most
-      logical, intent(in) :: are_meant(:)
-      character(:), allocatable :: text
-
-      text = 'about '//brief(most)
-      if (count(are_meant) > 1) text = 'up to '//text
-   end function about
-
-   !> p001 to p003, p005; their number where that is long.
-   pure function numbers_text(are_meant) result(text)
-      logical, intent(in) :: are_meant(:)   !! (process)
-      character(:), allocatable :: text
-      integer, parameter :: longest = 40
-      integer :: first, last
-
-      text = ''
-      first = 1
-      do while (first <= size(are_meant))
-         last = first
-         if (are_meant(first)) then
-            do while (last < size(are_meant))
-               if (.not. are_meant(last + 1)) exit
-               last = last + 1
-            end do
-            if (text /= '') text = text//', '
-            text = text//numbered('p', first)
-            if (last > first) text = text//' to '//numbered('p', last)
-         end if
-         first = last + 1
-      end do
-      if (len(text) > longest) text = to_text(count(are_meant))//' processes'
-   end function numbers_text
 
    !> One row per process: its cases differ in the level of the force only.
    function case_table(plan) result(text)
