@@ -13,10 +13,10 @@ make_venv tests/requirements.txt
 failed=0
 say "Unit and MPI tests: release"
 ctest --preset release || failed=1
-# One process at a time keeps pytest busy for longest, so the unit tests with every check go beside it.
+# Three lanes share the cores: two of pytest, a file of tests in one of them, and the unit tests with every check.
 say "The program end to end, and the Python package; beside them unit and MPI tests: debug"
 ctest --preset debug --parallel 1 >build/ctest-debug.log 2>&1 &
 checked=$!
-.venv/bin/python -m pytest -q tests || failed=1
+.venv/bin/python -m pytest -q -n 2 --dist loadfile tests || failed=1
 if wait "$checked"; then tail -n 5 build/ctest-debug.log; else failed=1 && cat build/ctest-debug.log; fi
 exit $failed

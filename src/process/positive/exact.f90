@@ -165,24 +165,25 @@ contains
 
       call stream%uniforms(u)
       if (allocated(ring%y)) then
-         call redraw_lanes(ring%length, ring%order, ring%is_wound, ring%field, ring%g, u, ring%x, &
-                           at_zero, ring%h, ring%y)
+         call redraw_lanes(ring%length, ring%is_wound, ring%field, ring%g, u, ring%x, at_zero, &
+                           ring%h, ring%y)
       else
-         call redraw_lanes(ring%length, ring%order, ring%is_wound, ring%field, ring%g, u, ring%x, &
-                           at_zero)
+         call redraw_lanes(ring%length, ring%is_wound, ring%field, ring%g, u, ring%x, at_zero)
       end if
    end subroutine redraw
 
-   pure subroutine redraw_lanes(length, order, is_wound, field, g, u, x, at_zero, h, y)
-      integer, intent(in) :: length, order
+   pure subroutine redraw_lanes(length, is_wound, field, g, u, x, at_zero, h, y)
+      integer, intent(in) :: length
       logical, intent(in) :: is_wound
-      real(wp), intent(in) :: field, g(0:order), u(lanes, length)
-      real(wp), intent(inout) :: x(lanes, 1 - order:length + order), at_zero(lanes)
-      real(wp), intent(in), optional :: h(0:order)
-      real(wp), intent(inout), optional :: y(lanes, 1 - order:length + order)
+      real(wp), intent(in), contiguous :: g(0:)
+      real(wp), intent(in) :: field, u(lanes, length)
+      real(wp), intent(inout) :: x(lanes, 2 - size(g):length + size(g) - 1), at_zero(lanes)
+      real(wp), intent(in), optional :: h(0:size(g) - 1)
+      real(wp), intent(inout), optional :: y(lanes, 2 - size(g):length + size(g) - 1)
       real(wp) :: c(lanes), drawn(lanes), factor(lanes), hazard(lanes), scale
-      integer :: i
+      integer :: i, order
 
+      order = ubound(g, 1)
       scale = 1.0_wp/sqrt(g(0))
       do i = 1, length
          c = scale*(field - neighbours(order, g, x(:, i - order:i + order)))
