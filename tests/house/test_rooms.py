@@ -57,6 +57,20 @@ def test_rooms_have_names_that_explain_themselves():
     assert {path.stem for path in FORTRAN if path.suffix == ".f90"} & GONE == set()
 
 
+#: procedures with more arguments than nine: libraries' own, and a row of named values
+MANY_ARGUMENTS = {"numerics_lapack", "numerics_nlopt_c", "config_text_value_table"}
+
+
+def test_no_procedure_has_more_than_nine_arguments():
+    found = []
+    for path, text in LIBRARY.items():
+        joined = re.sub(r"&\s*\n\s*&?", " ", re.sub(r"!.*", "", text))
+        for name, arguments in re.findall(r"\b(?:subroutine|function) (\w+)\(([^)]*)\)", joined):
+            if arguments.count(",") > 8 and room(path) not in MANY_ARGUMENTS:
+                found.append(f"{room(path)}: {name}")
+    assert found == []
+
+
 def test_every_module_serves_the_program_or_an_example():
     modules = {room(path): used(text) for path, text in LIBRARY.items()}
     users = [

@@ -23,7 +23,6 @@ module dynamics_newmark_block
       integer, allocatable :: column(:)           !! (sample) of its first force
       integer(long), allocatable :: tick(:)       !! (sample) now
       integer(long), allocatable :: ticks(:)      !! (sample) of the next step
-      integer, allocatable :: level(:)            !! (sample) the step tried is dt/2^level
       integer(long), allocatable :: until(:)      !! (sample) a transition is known to come by then
       integer(long), allocatable :: slot(:)       !! (sample) 0 or 1: that of the present motion
       integer, allocatable :: pattern(:)          !! (sample) bit j-1: joint j is stuck; short rows
@@ -37,7 +36,6 @@ module dynamics_newmark_block
       integer(long), allocatable :: slip_begin(:, :)   !! (joint, sample) counted up to here
       real(wp), allocatable :: pull(:, :)         !! (joint, sample) force while it slips [N]
       real(wp), allocatable :: work(:, :)         !! (input viscous friction, sample) [J]
-      real(wp), allocatable :: room(:, :)         !! (dof, sample) for the steps to work in
       !> (joint) room for a list, its places and speeds at both ends of a step, and a low-rank
       !> system
       integer, allocatable :: list(:)
@@ -89,10 +87,10 @@ contains
       allocate (block%tick(samples), block%until(samples), block%slot(samples), source=0_long)
       allocate (block%ticks(samples), source=shiftl(1_long, max_halvings))
       allocate (block%slip_begin(m, samples), source=0_long)
-      allocate (block%level(samples), block%pattern(samples), source=0)
+      allocate (block%pattern(samples), source=0)
       allocate (block%pull(m, samples), block%work(3, samples), source=0.0_wp)
-      allocate (block%room(rows, samples), block%list(m + 1), block%factor(m, m), &
-                block%release(m), block%place(m, 0:1), block%speed(m, 0:1))
+      allocate (block%list(m + 1), block%factor(m, m), block%release(m), block%place(m, 0:1), &
+                block%speed(m, 0:1))
       allocate (block%memory((6*rows + 4*joint_rows)*samples + register_width), source=0.0_wp)
       first = first_aligned(block%memory)
       block%motion(1:rows, 1:3, 0:1, 1:samples) => block%memory(first:)

@@ -9,7 +9,6 @@ module dynamics_newmark_march
    use core_text, only: to_text
    use dynamics_newmark_block, only: load_block, newmark_block, store_block
    use dynamics_newmark_frame, only: new_newmark_frame, newmark_frame
-   use dynamics_newmark_recorder, only: newmark_recorder, start_recorder
    use dynamics_newmark_steps, only: new_newmark_steps, newmark_steps
    use dynamics_response, only: block_state, marcher_type
    use structure_model, only: structure_type
@@ -26,6 +25,15 @@ module dynamics_newmark_march
    contains
       procedure :: advance
    end type newmark_marcher
+
+   !> Where the records of a block go, and which comes next.
+   type :: newmark_recorder
+      integer(long), allocatable :: next_tick(:)       !! (sample) of its next record; -1: none
+      integer(long), private :: ticks_apart = 0
+      integer, allocatable, private :: n_records(:)    !! (sample) so far
+   contains
+      procedure :: record
+   end type newmark_recorder
 
 contains
 
@@ -114,11 +122,10 @@ contains
          do while (n_active > 0)
             call self%steps%try(sample(:n_active), block, has_passed)
             if (state%keeps_ledger) call block%add_work(sample(:n_active), has_passed)
-            call settle(block%n_samples, shiftl(1_long, block%max_halvings), last, has_passed, &
-                        recorder%next_tick, block%tick, block%ticks, block%until, block%slot, &
-                        is_left, is_due, is_switching)
-            call list_all(block%n_samples, is_left, is_due, is_switching, sample, n_active, due, &
-                          n_due, switching, n_switching)
+            call settle(block, last, has_passed, recorder%next_tick, is_left, is_due, is_switching)
+            call list_marked(is_left, sample, n_active)
+            call list_marked(is_due, due, n_due)
+            call list_marked(is_switching, switching, n_switching)
             do k = 1, n_switching
                w = switching(k)
                call block%switch_at_nearer_end(state, w)
@@ -142,57 +149,52 @@ contains
    !> transition is known to come. Marked are those that must switch at the smallest step, those
    !> that have come to their next record, and the others that have not come to the last tick.
    !> Without branches, for nobody can guess which it will be.
-   pure subroutine settle(n, whole, last, has_passed, next_tick, tick, ticks, until, slot, &
-                          is_left, is_due, is_switching)
-      integer, intent(in) :: n
-      integer(long), intent(in) :: whole   !! ticks of a step of dt
-      integer(long), intent(in) :: last, has_passed(n), next_tick(n)
-      integer(long), intent(inout) :: tick(n), ticks(n), until(n), slot(n)
-      integer(long), intent(out) :: is_left(n), is_due(n), is_switching(n)
+   pure subroutine settle(block, last, has_passed, next_tick, is_left, is_due, is_switching)
+      type(newmark_block), intent(inout) :: block
+      integer(long), intent(in) :: last
+      integer(long), dimension(block%n_samples), intent(in) :: has_passed, next_tick
+      integer(long), dimension(block%n_samples), intent(out) :: is_left, is_due, is_switching
+      integer(long) :: whole   ! ticks of a step of dt
       integer :: w
 
-      !$omp simd
-      do w = 1, n
-         block
-            integer(long) :: stands, fails, now, longest, next
+      whole = shiftl(1_long, block%max_halvings)
+      associate (tick => block%tick, ticks => block%ticks, until => block%until, slot => block%slot)
+         !$omp simd
+         do w = 1, block%n_samples
+            block
+               integer(long) :: stands, fails, now, longest, next
 
-            fails = merge(has_passed(w), 0_long, tick(w) < last)
-            stands = merge(1_long - has_passed(w), 0_long, tick(w) < last)
-            is_switching(w) = merge(fails, 0_long, ticks(w) == 1)
-            now = tick(w) + stands*ticks(w)
-            until(w) = merge(now + ticks(w), until(w), fails == 1)
-            longest = iand(ior(now, whole), -ior(now, whole))   ! a power of two that divides now
-            next = merge(longest, shiftr(ticks(w), fails), stands == 1)
-            next = merge(shiftr(next, stands), next, now + next == until(w))
-            ticks(w) = max(next, 1_long)
-            tick(w) = now
-            slot(w) = ieor(slot(w), stands)
-            is_due(w) = merge(stands, 0_long, now == next_tick(w))
-            is_left(w) = merge(1_long - is_switching(w), 0_long, now < last)
-         end block
-      end do
+               fails = merge(has_passed(w), 0_long, tick(w) < last)
+               stands = merge(1_long - has_passed(w), 0_long, tick(w) < last)
+               is_switching(w) = merge(fails, 0_long, ticks(w) == 1)
+               now = tick(w) + stands*ticks(w)
+               until(w) = merge(now + ticks(w), until(w), fails == 1)
+               longest = iand(ior(now, whole), -ior(now, whole))   ! a power of two that divides now
+               next = merge(longest, shiftr(ticks(w), fails), stands == 1)
+               next = merge(shiftr(next, stands), next, now + next == until(w))
+               ticks(w) = max(next, 1_long)
+               tick(w) = now
+               slot(w) = ieor(slot(w), stands)
+               is_due(w) = merge(stands, 0_long, now == next_tick(w))
+               is_left(w) = merge(1_long - is_switching(w), 0_long, now < last)
+            end block
+         end do
+      end associate
    end subroutine settle
 
-   !> The numbers of those that are marked with 1, the others with 0.
-   pure subroutine list_all(n, is_left, is_due, is_switching, left, n_left, due, n_due, switching, &
-                            n_switching)
-      integer, intent(in) :: n
-      integer(long), intent(in) :: is_left(n), is_due(n), is_switching(n)
-      integer, intent(out) :: left(n + 1), n_left, due(n + 1), n_due, switching(n + 1), n_switching
+   !> Lists the numbers of those that are marked with 1, the others with 0.
+   pure subroutine list_marked(is_marked, list, n)
+      integer(long), intent(in) :: is_marked(:)
+      integer, intent(out) :: list(:)   !! one longer than the marks
+      integer, intent(out) :: n
       integer :: w
 
-      n_left = 0
-      n_due = 0
-      n_switching = 0
-      do w = 1, n
-         left(n_left + 1) = w
-         n_left = n_left + int(is_left(w))
-         due(n_due + 1) = w
-         n_due = n_due + int(is_due(w))
-         switching(n_switching + 1) = w
-         n_switching = n_switching + int(is_switching(w))
+      n = 0
+      do w = 1, size(is_marked)
+         list(n + 1) = w
+         n = n + int(is_marked(w))
       end do
-   end subroutine list_all
+   end subroutine list_marked
 
    pure subroutine append(number, list, n)
       integer, intent(in) :: number
@@ -201,5 +203,37 @@ contains
       n = n + 1
       list(n) = number
    end subroutine append
+
+   !> Steps are counted from the start of the march, ticks from the beginning of this piece.
+   pure subroutine start_recorder(state, block, every, recorder)
+      type(block_state), intent(in) :: state
+      type(newmark_block), intent(in) :: block
+      integer, intent(in) :: every   !! 0: nothing is recorded
+      type(newmark_recorder), intent(out) :: recorder
+      integer(long) :: first
+
+      first = -1
+      if (every > 0) &
+         first = shiftl(every - modulo(state%step, int(every, long)), block%max_halvings)
+      recorder%ticks_apart = shiftl(int(every, long), block%max_halvings)
+      allocate (recorder%next_tick(block%n_samples), source=first)
+      allocate (recorder%n_records(block%n_samples), source=0)
+   end subroutine start_recorder
+
+   !> Takes down sample w now.
+   pure subroutine record(self, block, w, displacement, velocity)
+      class(newmark_recorder), intent(inout) :: self
+      type(newmark_block), intent(in) :: block
+      integer, intent(in) :: w
+      real(wp), intent(inout) :: displacement(:, :, :)         !! (record, dof, sample)
+      real(wp), intent(inout), optional :: velocity(:, :, :)
+
+      self%n_records(w) = self%n_records(w) + 1
+      self%next_tick(w) = self%next_tick(w) + self%ticks_apart
+      associate (motion => block%motion(:block%n_dof, :, block%slot(w), w), r => self%n_records(w))
+         displacement(r, :, w) = motion(:, 3)
+         if (present(velocity)) velocity(r, :, w) = motion(:, 2)
+      end associate
+   end subroutine record
 
 end module dynamics_newmark_march

@@ -77,59 +77,55 @@ contains
       integer, intent(in) :: sample(:)               !! their numbers
       type(newmark_block), intent(inout) :: block
       integer(long), intent(inout) :: has_passed(:)  !! (all samples) set for those listed
-      integer :: k, n, n_tries, w
+      real(wp) :: load(rows, size(sample))
+      integer :: k, w
 
-      n = block%n_dof
-      n_tries = size(sample)
-      associate (most => self%max_halvings, samples => block%n_samples, &
-                 share => (1.0_wp - self%gamma)/self%gamma)
-         if (allocated(self%table)) then
-            call form_loads(most, n_tries, sample, samples, block%tick, block%ticks, block%slot, &
-                            block%column, ubound(block%force, 1), size(block%force, 2), &
-                            block%force, self%share, self%weight, self%rigid, block%motion, &
-                            block%bounds, block%level, block%room)
-            call solve_loads(table_columns(n), 2**n, most, n_tries, sample, samples, block%slot, &
-                             block%level, block%pattern, share, self%table(self%first_entry), &
-                             block%room, block%motion)
-            call finish_tries(most, n_tries, sample, samples, block%slot, block%level, &
-                              self%weight, block%bounds, block%motion, has_passed)
-         else
-            do k = 1, n_tries
-               w = sample(k)
-               call try_woodbury(self%system, most - trailz(block%ticks(w)), block, w, &
-                                 has_passed(w))
-            end do
-         end if
-      end associate
+      if (allocated(self%table)) then
+         call form_loads(self, block, sample, block%motion, block%bounds, load)
+         call solve_loads(self, block, sample, table_columns(block%n_dof), &
+                          self%table(self%first_entry), load, block%motion)
+         call finish_tries(self, block, sample, block%bounds, block%motion, has_passed)
+      else
+         do k = 1, size(sample)
+            w = sample(k)
+            call try_woodbury(self%system, level_of(self, block, w), block, w, has_passed(w))
+         end do
+      end if
    end subroutine try
+
+   !> The level of halving of the step that a sample tries: h = dt/2^level.
+   pure integer function level_of(self, block, w)
+      type(newmark_steps), intent(in) :: self
+      type(newmark_block), intent(in) :: block
+      integer, intent(in) :: w
+
+      level_of = self%max_halvings - trailz(block%ticks(w))
+   end function level_of
 
    !> The tries of short chains go in three passes over the samples, so that the operations of one
    !> wait for each other while those of the next proceed. Every array has an explicit shape and is
    !> whole registers long: here the time is spent. Rows of the motion: a 1..8, v 9..16, x 17..24.
    !>
    !> First what S^-1 is applied to, b dF + M a0/gamma - h K v0: with beta = gamma/2 that is all.
-   pure subroutine form_loads(max_halvings, n_tries, sample, n_samples, tick, ticks, slot, column, &
-                              n_steps, n_records, force, share, weight, rigid, motion, bounds, &
-                              level, load)
-      integer, intent(in) :: max_halvings, n_tries, sample(n_tries), n_samples
-      integer(long), intent(in) :: tick(n_samples), ticks(n_samples), slot(n_samples)
-      integer, intent(in) :: column(n_samples), n_steps, n_records
-      real(wp), intent(in) :: force(0:n_steps, n_records)
-      real(wp), intent(in) :: share(0:max_halvings), weight(5, 0:max_halvings), rigid(rows, 5)
-      real(wp), intent(in) :: motion(3*rows, 0:1, n_samples), bounds(rows, 4, n_samples)
-      integer, intent(inout) :: level(n_samples)
-      real(wp), intent(out) :: load(rows, n_tries)
+   pure subroutine form_loads(self, block, sample, motion, bounds, load)
+      type(newmark_steps), intent(in) :: self
+      type(newmark_block), intent(in) :: block
+      integer, intent(in) :: sample(:)
+      real(wp), intent(in) :: motion(3*rows, 0:1, block%n_samples)
+      real(wp), intent(in) :: bounds(rows, 4, block%n_samples)
+      real(wp), intent(out) :: load(rows, size(sample))
       real(wp) :: change, h
       integer :: i, k, l, step, w
 
-      do k = 1, n_tries
+      do k = 1, size(sample)
          w = sample(k)
-         l = max_halvings - trailz(ticks(w))
-         level(w) = l
-         step = int(shiftr(tick(w), max_halvings))
-         change = (force(step + 1, column(w)) - force(step, column(w)))*share(l)
-         h = weight(3, l)
-         associate (z => motion(:, :, w), s => slot(w) + 1)
+         l = level_of(self, block, w)
+         step = int(shiftr(block%tick(w), self%max_halvings))
+         associate (force => block%force(step:step + 1, block%column(w)))
+            change = (force(2) - force(1))*self%share(l)
+         end associate
+         h = self%weight(3, l)
+         associate (z => motion(:, :, w), s => block%slot(w) + 1, rigid => self%rigid)
             !$omp simd
             do i = 1, rows
                load(i, k) = rigid(i, 1)*change + rigid(i, 2)*z(i, s) &
@@ -141,36 +137,30 @@ contains
    end subroutine form_loads
 
    !> Then a1 = S^-1 load - share a0, share = (1 - gamma)/gamma.
-   pure subroutine solve_loads(columns, n_patterns, max_halvings, n_tries, sample, n_samples, &
-                               slot, level, pattern, share, table, load, motion)
-      integer, intent(in) :: columns, n_patterns, max_halvings, n_tries, sample(n_tries), n_samples
-      integer(long), intent(in) :: slot(n_samples)
-      integer, intent(in) :: level(n_samples), pattern(n_samples)
-      real(wp), intent(in) :: share
-      real(wp), intent(in) :: table(rows, columns, 0:n_patterns - 1, 0:max_halvings)
-      real(wp), intent(in) :: load(rows, n_tries)
-      real(wp), intent(inout) :: motion(3*rows, 0:1, n_samples)
+   pure subroutine solve_loads(self, block, sample, columns, table, load, motion)
+      type(newmark_steps), intent(in) :: self
+      type(newmark_block), intent(in) :: block
+      integer, intent(in) :: sample(:), columns
+      real(wp), intent(in) :: table(rows, columns, 0:2**block%n_dof - 1, 0:self%max_halvings)
+      real(wp), intent(in) :: load(rows, size(sample))
+      real(wp), intent(inout) :: motion(3*rows, 0:1, block%n_samples)
+      real(wp) :: share
       integer(long) :: old
       integer :: i, k, w
 
-      if (columns == narrow) then
-         do k = 1, n_tries
-            w = sample(k)
-            old = slot(w)
-            associate (t => table(:, :, pattern(w), level(w)), f => load(:, k))
+      share = (1.0_wp - self%gamma)/self%gamma
+      do k = 1, size(sample)
+         w = sample(k)
+         old = block%slot(w)
+         associate (t => table(:, :, block%pattern(w), level_of(self, block, w)), f => load(:, k))
+            if (columns == narrow) then
                !$omp simd
                do i = 1, rows
                   motion(i, 1 - old, w) = (t(i, 1)*f(1) + t(i, 2)*f(2)) &
                                           + (t(i, 3)*f(3) + t(i, 4)*f(4)) &
                                           + t(i, 5)*f(5) - share*motion(i, old, w)
                end do
-            end associate
-         end do
-      else
-         do k = 1, n_tries
-            w = sample(k)
-            old = slot(w)
-            associate (t => table(:, :, pattern(w), level(w)), f => load(:, k))
+            else
                !$omp simd
                do i = 1, rows
                   motion(i, 1 - old, w) = ((t(i, 1)*f(1) + t(i, 2)*f(2)) &
@@ -179,27 +169,27 @@ contains
                                              + (t(i, 7)*f(7) + t(i, 8)*f(8))) &
                                           - share*motion(i, old, w)
                end do
-            end associate
-         end do
-      end if
+            end if
+         end associate
+      end do
    end subroutine solve_loads
 
    !> Last v1 and x1, and whether a slider has passed its limit.
-   pure subroutine finish_tries(max_halvings, n_tries, sample, n_samples, slot, level, weight, &
-                                bounds, motion, has_passed)
-      integer, intent(in) :: max_halvings, n_tries, sample(n_tries), n_samples
-      integer(long), intent(in) :: slot(n_samples)
-      integer, intent(in) :: level(n_samples)
-      real(wp), intent(in) :: weight(5, 0:max_halvings), bounds(rows, 4, n_samples)
-      real(wp), intent(inout) :: motion(3*rows, 0:1, n_samples)
-      integer(long), intent(inout) :: has_passed(n_samples)
+   pure subroutine finish_tries(self, block, sample, bounds, motion, has_passed)
+      type(newmark_steps), intent(in) :: self
+      type(newmark_block), intent(in) :: block
+      integer, intent(in) :: sample(:)
+      real(wp), intent(in) :: bounds(rows, 4, block%n_samples)
+      real(wp), intent(inout) :: motion(3*rows, 0:1, block%n_samples)
+      integer(long), intent(inout) :: has_passed(:)
+      real(wp) :: weight(5)
       integer(long) :: old, passed
-      integer :: i, k, l, w
+      integer :: i, k, w
 
-      do k = 1, n_tries
+      do k = 1, size(sample)
          w = sample(k)
-         l = level(w)
-         old = slot(w)
+         weight = self%weight(:, level_of(self, block, w))
+         old = block%slot(w)
          passed = 0_long
          !$omp simd reduction(ior:passed)
          do i = 1, rows
@@ -210,9 +200,8 @@ contains
                a0 = motion(i, old, w)
                v0 = motion(rows + i, old, w)
                a1 = motion(i, 1 - old, w)
-               v1 = v0 + weight(1, l)*a0 + weight(2, l)*a1
-               x1 = motion(2*rows + i, old, w) &
-                    + weight(3, l)*v0 + weight(4, l)*a0 + weight(5, l)*a1
+               v1 = v0 + weight(1)*a0 + weight(2)*a1
+               x1 = motion(2*rows + i, old, w) + weight(3)*v0 + weight(4)*a0 + weight(5)*a1
                motion(rows + i, 1 - old, w) = v1
                motion(2*rows + i, 1 - old, w) = x1
                is_out = merge(1_long, 0_long, abs(x1 - bounds(i, 1, w)) > bounds(i, 2, w))
