@@ -1,4 +1,4 @@
-"""What a scene costs by what it asks for: python bench/requirements.py
+"""The cost of a scene by what it asks for: python bench/requirements.py
 
 One scene of motion, 32 samples of 50,000 steps, and for each quantity the same scene asking for it
 too; then scenes that ask for less. Prints a Markdown table: what runs, in the words of
@@ -62,7 +62,7 @@ SCENES = {
 
 @dataclass(frozen=True)
 class Cost:
-    """Of one run: processor time [s], largest resident set [kB], size of its file [bytes]."""
+    """Costs of one run: processor time [s], largest resident set [kB], size of its file [bytes]."""
 
     seconds: float
     memory: float
@@ -80,7 +80,7 @@ class Cost:
 
 
 def started(*words: object) -> tuple[str, float, float]:
-    """What a serial start says, its processor time [s], its largest resident set [kB]."""
+    """Output of a serial start, its processor time [s], its largest resident set [kB]."""
     with subprocess.Popen(
         [PROGRAM, *map(str, words)], stdout=subprocess.PIPE, text=True,
         env=os.environ | {"OPENBLAS_NUM_THREADS": "1"},
@@ -94,7 +94,7 @@ def started(*words: object) -> tuple[str, float, float]:
 
 
 def cost(path: Path) -> Cost:
-    """Of running a scene, the least of three."""
+    """Costs of running a scene, the least of three."""
     output = path.with_suffix(".h5")
     runs = [started("run", path, "--quiet", "--fresh", "--output", output)[1:] for _ in range(3)]
     found = Cost(min(run[0] for run in runs), min(run[1] for run in runs), output.stat().st_size)

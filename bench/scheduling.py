@@ -1,4 +1,4 @@
-"""What becomes of a campaign on very many ranks: a simulation of its scheduler, and its storage.
+"""A campaign on very many ranks: a simulation of its scheduler, and its storage.
 
     cmake --build --preset release --target benchmarks
     python bench/scheduling.py build/release/bin/bench_storage

@@ -1,4 +1,4 @@
-!> What shards cost: CPU time to write, verify and read them, and to claim work, for scheduling.py.
+!> Cost of shards: CPU time to write, verify and read them, and to claim work, for scheduling.py.
 program storage
    use campaign_results, only: block_result
    use core_error, only: error_type

@@ -1,4 +1,4 @@
-"""Whether targets of accuracy are met, and costs as predicted: python bench/targets.py
+"""Tests if targets of accuracy are met, and costs as predicted: python bench/targets.py
 
 Three scenes that differ: the paper's, shortened, with processes of order 1; a chain of 20 masses
 under strong forcing; one that hardly ever slips. Each runs with every target, a quarter of its
@@ -43,7 +43,7 @@ EXACT = {"integration%method": "event", "integration%tolerance": 1e-11}
 
 
 def program(*arguments: object, **settings: object) -> tuple[str, float]:
-    """What a serial start says, and the processor time it takes [s]."""
+    """Output of a serial start, and its processor time [s]."""
     overrides = [word for k, v in settings.items() for word in ("--set", f"{k}={v}")]
     before = resource.getrusage(resource.RUSAGE_CHILDREN)
     done = subprocess.run(
@@ -77,7 +77,7 @@ def true_errors(path: Path, reference: Path) -> tuple[float, float, int, int]:
 
 
 class Tradeoff:
-    """What `tradeoff` measured of a scene: costs of a sample-step [ns] by setting."""
+    """Costs of a sample-step [ns] by setting, as `tradeoff` measured them."""
 
     def __init__(self, path: Path) -> None:
         """Reads the group."""
@@ -87,7 +87,7 @@ class Tradeoff:
         self.own_dt = self.of["dt"][self.of["is_own"] == 1][0]
 
     def cost(self, setting: dict[str, object]) -> float:
-        """Of a setting at the scene's own step."""
+        """Cost of a setting at the scene's own step."""
         is_event = setting["integration%method"] == "event"
         chosen = (self.of["method"] == is_event) & (self.of["dt"] == self.own_dt)
         if is_event:

@@ -160,7 +160,7 @@ Found = dict[Entry, list[str]]  # an entry, and what was asked for where it was 
 
 
 def kind_of(value: object) -> str:
-    """What a value is called in the tables."""
+    """Name of a value in the tables."""
     kind = getattr(value, "dtype", None)
     if kind is None or kind.kind in "SO":
         return "text"

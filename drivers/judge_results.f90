@@ -1,4 +1,4 @@
-!> Whether results are as accurate as their scene wants them, and sampling until they are.
+!> Judges whether results are as accurate as their scene wants them, and samples until they are.
 module driver_judge_results
    use campaign_audit, only: add_audits
    use campaign_estimates, only: case_estimates
@@ -83,8 +83,8 @@ contains
       end if
    end subroutine tell_errors
 
-   !> Of one case, what its audit surely finds above the targets, by twice the standard error that a
-   !> share of the samples leaves; a line each.
+   !> Numerical errors of one case that are surely above the targets, by twice the standard error
+   !> that an audit of a share of the samples leaves; a line each.
    function numerical_failures(plan, number, errors) result(text)
       type(plan_type), intent(in) :: plan
       integer, intent(in) :: number
@@ -112,7 +112,8 @@ contains
 
    end function numerical_failures
 
-   !> Of one case with a mean: its standard error where that is above the target, and what it needs.
+   !> Standard error of a case's mean where it is above the target, and what the case needs; else
+   !> empty.
    function statistical_failure(plan, number, statistics) result(text)
       type(plan_type), intent(in) :: plan
       integer, intent(in) :: number

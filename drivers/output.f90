@@ -218,7 +218,7 @@ contains
       end do
    end subroutine find_unmet
 
-   !> What the root found becomes known to all; collective.
+   !> Tells all ranks what the root found; collective.
    subroutine share_finished(world, output)
       type(world_type), intent(in) :: world
       type(output_type), intent(inout) :: output
@@ -257,7 +257,7 @@ contains
                        counted(size(is_solved), 'process is', 'processes are')//' there')
    end subroutine find_processes
 
-   !> Whether a block is this rank's to march; beside other runs, when none of them has it.
+   !> True if a block is this rank's to march; beside other runs, if none of them has it.
    function take(self, block) result(is_ours)
       class(output_type), intent(in) :: self
       type(block_range), intent(in) :: block

@@ -27,7 +27,7 @@ module driver_regression
 
    real(wp), parameter :: share_of_windows = 0.8_wp   !! independent draws in a window
 
-   !> What the tasks of all pools read and fill.
+   !> Data that the tasks of all pools read and fill.
    type :: workshop_type
       type(case_pool), allocatable :: pools(:)
       type(case_statistics), allocatable :: plain(:)   !! (case) means, deviations and percentiles
@@ -115,7 +115,7 @@ contains
       end do
    end subroutine share_list
 
-   !> What all ranks need; collective.
+   !> Prepares the data that all ranks need; collective.
    subroutine open_workshop(world, plan, frequency, statistics, workshop)
       type(world_type), intent(in) :: world
       type(plan_type), intent(in) :: plan

@@ -1,4 +1,4 @@
-!> What a statistical target will take, foreseen from a short march of the scene's own samples.
+!> Forecasts what a statistical target will take, from a short march of the scene's own samples.
 module driver_statistical_forecast
    use campaign_plan, only: plan_type
    use campaign_results, only: case_statistics

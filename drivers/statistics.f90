@@ -82,7 +82,7 @@ contains
       end do
    end subroutine take_parts
 
-   !> What all ranks have found becomes the root's. Collective.
+   !> Hands the root what all ranks have found. Collective.
    subroutine close_spectra(self, world, statistics)
       class(spectra_task), intent(inout) :: self
       type(world_type), intent(in) :: world
@@ -100,8 +100,8 @@ contains
       end associate
    end subroutine close_spectra
 
-   !> Of what the joints of one case did, group by group of its samples; on the way the samples'
-   !> small data are written, where there is a group of a results file.
+   !> Statistics of the joints of one case, from its samples group by group. Writes the samples'
+   !> small data on the way, where there is a group of a results file.
    subroutine find_slip_statistics(plan, number, store, shards, statistics, error, group)
       type(plan_type), intent(in) :: plan
       integer, intent(in) :: number

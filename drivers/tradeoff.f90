@@ -35,7 +35,7 @@ module driver_tradeoff
    !> most.
    real(wp), parameter :: budget = 30.0_wp
 
-   !> What was found out.
+   !> Findings of a tradeoff.
    type :: findings_type
       type(tradeoff_type) :: tradeoff
       type(setting_row), allocatable :: settings(:)

@@ -1,4 +1,4 @@
-!> What `entroslip tradeoff` says of processes: orders, lengths of fits, standard errors of fits.
+!> Text of `entroslip tradeoff` on processes: orders, lengths of fits, standard errors of fits.
 module driver_tradeoff_models
    use campaign_plan, only: plan_type
    use core_kinds, only: wp
@@ -16,7 +16,7 @@ module driver_tradeoff_models
 
 contains
 
-   !> What orders and lengths of fits change in what is published.
+   !> Table: the change of published numbers with orders and lengths of fits.
    pure function variants_text(plan, variants, rows) result(text)
       type(plan_type), intent(in) :: plan
       type(variant_type), intent(in) :: variants(:)
@@ -91,7 +91,7 @@ contains
       text = brief(value)//'+-'//brief(standard_error)
    end function with_error
 
-   !> What orders of the processes cost in entropy and time.
+   !> Table: entropy and time by the order of the processes.
    pure function orders_text(rows) result(text)
       type(order_row), intent(in) :: rows(:)
       character(:), allocatable :: text, other

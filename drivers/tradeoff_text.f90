@@ -1,4 +1,4 @@
-!> What `entroslip tradeoff` says of marches: settings, wanted errors, parts of the error, spectra.
+!> Text of `entroslip tradeoff` on marches: settings, wanted errors, parts of the error, spectra.
 module driver_tradeoff_text
    use campaign_plan, only: plan_type
    use core_kinds, only: wp
@@ -31,7 +31,7 @@ contains
       end if
    end function setting_text
 
-   !> What was marched, and the front as a table, the scene's own setting with it.
+   !> Marches that were made, and the front as a table with the scene's own setting.
    pure function settings_text(plan, tradeoff, rows, n_ranks) result(text)
       type(plan_type), intent(in) :: plan
       type(tradeoff_type), intent(in) :: tradeoff
@@ -144,7 +144,7 @@ contains
 
    end function wanted_text
 
-   !> What the error is made of, which part is the largest, and what halving that costs.
+   !> Parts of the error, the largest of them, and the cost of halving it.
    pure function parts_text(plan, rows, own, parts, n_ranks) result(text)
       type(plan_type), intent(in) :: plan
       type(setting_row), intent(in) :: rows(:)
@@ -274,7 +274,7 @@ contains
       end do
    end function sizes_text
 
-   !> What the ways to form spectra change and cost.
+   !> Table: change and cost of the ways to form spectra.
    pure function spectra_text(rows) result(text)
       type(spectrum_row), intent(in) :: rows(:)
       character(:), allocatable :: text

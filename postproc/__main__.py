@@ -65,7 +65,7 @@ def _compare(files: list[Results], folder: Path) -> str:
 
 
 def _draw(files: list[Results], options: argparse.Namespace) -> str:
-    """What was drawn. Datasets are read as they are needed: a damaged one shows here."""
+    """Draws all figures. Datasets are read as they are needed: a damaged one shows here."""
     statements, tables = assess(files), make_tables(files)
     correlations = next(filter(None, map(table_correlations, files)), None)
     of_paper = (table_numbers(files, statements), correlations)

@@ -113,7 +113,7 @@ def widest_bands(std: float, widest: float, number: str) -> Callable[[Study], St
 
 
 def uncertainty_lowers(study: Study) -> Statement:
-    """Whether the 95th percentile falls anywhere when the friction varies more."""
+    """The 95th percentile at the larger scatter of friction, against the smaller."""
     findings = []
     for rest in study.lengths_and_variances():
         stuck = study.slip_mean((SMALL, *rest)).value < MOSTLY_STUCK

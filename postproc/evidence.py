@@ -19,7 +19,7 @@ class NoEvidence(Exception):
 
 
 class Verdict(StrEnum):
-    """What a sample of this size says."""
+    """Verdict by a sample of this size."""
 
     CONFIRMED = "confirmed"
     REFUTED = "not confirmed"
@@ -40,7 +40,7 @@ class Finding:
 
 @dataclass(frozen=True)
 class Judgement:
-    """What the findings come to: a verdict and its p-value (of an undecided one, for the claim)."""
+    """Verdict over all findings, and its p-value (of an undecided one, for the claim)."""
 
     verdict: Verdict
     p_value: float

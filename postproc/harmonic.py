@@ -27,7 +27,7 @@ class Sweep:
 
     @property
     def frequency(self) -> NDArray[np.float64]:
-        """Of each case [Hz]."""
+        """Frequencies of the cases [Hz]."""
         return np.array([case.frequency for case in self.cases])
 
     @property

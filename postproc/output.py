@@ -1,4 +1,4 @@
-"""What leaves the package: files written whole, words, exit codes; a refusal is one line."""
+"""Output of the package: files written whole, words, exit codes; a refusal is one line."""
 
 from __future__ import annotations
 
@@ -17,13 +17,13 @@ class Refusal(Exception):
 
 
 class InputError(Refusal):
-    """What was given cannot be used."""
+    """Something given cannot be used."""
 
     code = 2
 
 
 class OutputError(Refusal):
-    """What was made cannot be written."""
+    """A file cannot be written."""
 
     code = 3
 

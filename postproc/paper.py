@@ -1,4 +1,4 @@
-"""What the paper printed, to be set beside ours."""
+"""The paper's printed numbers, to be set beside ours."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ LEVELS = {3.7: "low", 41.1: "high"}  # the paper's names of its two variances
 
 
 def is_paper_chain(n_dof: int, frequencies_stuck: list[float]) -> bool:
-    """Whether Tables 1 and 2 speak of this chain: the stuck frequencies at printed digits."""
+    """True if Tables 1 and 2 speak of this chain: the stuck frequencies at printed digits."""
     return n_dof == len(STUCK_HZ) and all(
         abs(ours - theirs) <= 0.006
         for ours, theirs in zip(frequencies_stuck, STUCK_HZ, strict=True)

@@ -33,12 +33,12 @@ def length_of(process: xr.Dataset) -> float:
 
 
 def kind_of(process: xr.Dataset) -> tuple[str, float, int]:
-    """What a positive process shares with the one that it stands beside in Fig. 6."""
+    """Key that a positive process shares with the one beside it in Fig. 6."""
     return str(process.attrs["correlation"]), length_of(process), int(process.attrs["order"])
 
 
 def is_positive(process: xr.Dataset) -> bool:
-    """Whether its values may not be negative."""
+    """True if its values may not be negative."""
     return bool(int(process.attrs["positive"]))
 
 

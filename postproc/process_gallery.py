@@ -129,7 +129,7 @@ def _beside_free(
 
 
 def _shape_of_covariances(panel: list[xr.Dataset]) -> str:
-    """What the curves of one length do with the order and with the lag, in numbers."""
+    """Change of the curves of one length with the order and with the lag, in numbers."""
     ordered = sorted(panel, key=process_figures.order_of)
     orders = [process_figures.order_of(process) for process in ordered]
     sizes = [

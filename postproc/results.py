@@ -52,17 +52,17 @@ class Case:
 
     @property
     def variance(self) -> float:
-        """Of noise in a band; else 0."""
+        """Variance of noise in a band; else 0."""
         return float(self.data.attrs.get("variance", 0.0))
 
     @property
     def is_sine(self) -> bool:
-        """Whether the force is a sine."""
+        """True if the force is a sine."""
         return "amplitude" in self.data.attrs
 
     @property
     def frequency(self) -> float:
-        """Of the sine [Hz]."""
+        """Frequency of the sine [Hz]."""
         return float(self.data.attrs.get("frequency", 0.0))
 
     @property
@@ -96,7 +96,7 @@ class Case:
 
     @property
     def std(self) -> float:
-        """Of the friction coefficients."""
+        """Standard deviation of the friction coefficients."""
         return float(self.data.attrs.get("std", 0.0))
 
     @property
@@ -153,7 +153,7 @@ class Case:
             return None
 
     def has(self, *names: str) -> bool:
-        """Whether the scene asked for all of these."""
+        """True if the scene asked for all of these."""
         return all(name in self.data for name in names)
 
 
@@ -181,7 +181,7 @@ class Results:
 
     @property
     def is_chain(self) -> bool:
-        """Whether joint i holds dof i to the ground, as in the paper's row of masses."""
+        """True if joint i holds dof i to the ground, as in the paper's row of masses."""
         if self.structure is None or "directions" not in self.structure:
             return False
         directions = self.structure["directions"].values
@@ -206,7 +206,7 @@ class Results:
 
     @property
     def title(self) -> str:
-        """Of the scene, or else the file's name."""
+        """Title of the scene, or else the file's name."""
         return str(self.attrs.get("title") or self.stem)
 
     @property

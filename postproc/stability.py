@@ -166,7 +166,7 @@ def _height(row: Row) -> float:
 
 
 def _size(row: Row) -> float:
-    """Of a mark [points], from 2.5 at 1e-16 by decades."""
+    """Size of a mark [points], from 2.5 at 1e-16 by decades."""
     error = float(row["error"] or 1e-12)
     return 2.5 + 0.5 * (math.log10(max(error, 1e-16)) + 16)
 

@@ -1,4 +1,4 @@
-"""What the paper says, each statement put to a stated test."""
+"""The paper's statements, each put to a stated test."""
 
 from __future__ import annotations
 

@@ -36,7 +36,7 @@ class Estimates:
     record: Array  # due to the force record
 
     def __getitem__(self, joints: int | np.integer | NDArray[np.bool_]) -> Estimates:
-        """Of some joints."""
+        """Estimates of some joints."""
         value, error, record = (
             np.atleast_1d(part[joints]) for part in (self.value, self.error, self.record)
         )
@@ -87,13 +87,13 @@ class Study:
 
     @property
     def has_spectra(self) -> bool:
-        """Whether the percentiles of the spectra are there."""
+        """True if the percentiles of the spectra are there."""
         names = ("psd_percentiles", "pseudo_variance_percentiles", "band_ratio")
         return all(case.has(*names) for case in self.cases.values())
 
     @property
     def has_certain_spectra(self) -> bool:
-        """Whether the spectra of Fig. 8 are there."""
+        """True if the spectra of Fig. 8 are there."""
         return set(self.certain) == set(LEVELS)
 
     def lengths_and_variances(self) -> list[tuple[float, float]]:
@@ -120,14 +120,14 @@ class Study:
         return Estimates(found.value, found.error, record)
 
     def ln_ratio(self, key: Key) -> Estimates:
-        """Of the pseudo-variances of the 95th and the 5th percentile."""
+        """ln of the ratio of the pseudo-variances of the 95th and the 5th percentile."""
         data = self.cases[key].data
         ends = np.log(_values(data, "band_ratio_high") / _values(data, "band_ratio_low"))
         ratio = self._of(key, "band_ratio", "band_ratio", "band_ratio_time_error")
         return Estimates(np.log(ratio.value), ends / (2 * WIDTH), ratio.record / ratio.value)
 
     def pseudo_variance(self, key: Key, which: str) -> Estimates:
-        """Of the 'low' or 'high' percentile, or of the 'mean' (Eq. 46)."""
+        """Pseudo-variance of the 'low' or 'high' percentile, or of the 'mean' (Eq. 46)."""
         if which == "mean":
             name = "pseudo_variance_mean"
             return self._of(key, name, f"{name}_error", f"{name}_time_error")

@@ -70,7 +70,7 @@ def table_statements(statements: Sequence[Statement]) -> Table:
 
 
 def of_processes(results: Results) -> Iterator[Table]:
-    """What was asked of the processes, and what was found."""
+    """Requests and solutions of the processes."""
     if results.processes:
         yield table_processes(results)
         if any("other_mean" in data for data in results.processes.values()):
@@ -195,7 +195,7 @@ def table_joints(cases: Sequence[Case], quantity: joints.OfJoints) -> Table:
 def beside_paper(
     slip: NDArray[np.float64], error: NDArray[np.float64], paper: Sequence[int]
 ) -> str:
-    """Whether percentages agree with printed whole ones, within two errors and the rounding."""
+    """True if percentages agree with printed whole ones, within two errors and the rounding."""
     difference = slip - paper
     if (abs(difference) <= 0.5 + 2.0 * error).all():
         return "all agree with the paper's within two standard errors and its rounding"
@@ -205,7 +205,7 @@ def beside_paper(
 
 
 def table_processes(results: Results) -> Table:
-    """What was asked of each process and what was found."""
+    """Request and solution of each process."""
     header = (
         "process", "asked", "model", "mean", "std", "L0", "L1", "entropy", "of white noise",
         "status",

@@ -1,4 +1,4 @@
-"""What accuracy costs in a scene: work-precision diagrams and the settings on the front."""
+"""The cost of accuracy in a scene: work-precision diagrams and the settings on the front."""
 
 from __future__ import annotations
 

@@ -29,7 +29,7 @@ Result = tuple[float, np.ndarray, np.ndarray]
 
 
 def output_of(*command: str | Path) -> str:
-    """What a program prints."""
+    """Output of a program."""
     return subprocess.run(command, check=True, capture_output=True, text=True).stdout
 
 
@@ -75,7 +75,7 @@ PEERS: list[tuple[str, int, Callable[[], Callable[[Problem, str], Result]], str]
 
 
 def ours(program: str, folder: Path, case: str) -> dict[str, list[float]]:
-    """Of our own bench, for one case: [ns, rms error, slip error in points] of each setting."""
+    """Rows of our own bench for a case: [ns, rms error, slip error in points] of each setting."""
     lines = output_of(program, folder).splitlines()
     rows = [line.split() for line in lines if line.startswith(case)]
     return {

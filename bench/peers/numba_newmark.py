@@ -13,7 +13,7 @@ STRIDE = 100
 def inverse(
     pattern: int, h: float, contact: float, stiffness: np.ndarray, damping: np.ndarray
 ) -> np.ndarray:
-    """Of the effective stiffness of a step h; bit i of the pattern tells that mass i is stuck."""
+    """Inverse of the effective stiffness of a step h; bit i of the pattern: mass i is stuck."""
     m = stiffness + 2 / h * damping
     for i in range(len(m)):
         m[i, i] += 4 / h**2 + (contact if pattern >> i & 1 else 0.0)

@@ -10,7 +10,7 @@ N = 5
 
 @dataclass
 class Problem:
-    """What is marched, and what is known to come out."""
+    """The march, and its known results."""
 
     dt: float  # [s]
     contact: float  # stiffness of a Jenkins spring [N/m]
@@ -24,7 +24,7 @@ class Problem:
 
     @property
     def steps(self) -> int:
-        """Of the march, which may be shorter than the reference."""
+        """Steps of the march, which may be shorter than the reference."""
         return len(self.force) - 1
 
     def write(self, path: Path) -> None:

@@ -36,7 +36,7 @@ class Joint:
 
 @dataclass(frozen=True)
 class SceneOptions:
-    """What the scene says beside the structure."""
+    """Values of the scene beside the structure."""
 
     title: str
     damping_ratio: float = 0.005  # of every mode; unused where the pair has C or rayleigh is given

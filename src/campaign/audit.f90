@@ -54,7 +54,7 @@ contains
       if (integration%method == 'newmark') reference%tolerance = newmark_reference
    end function reference_for
 
-   !> What is kept of a case's samples: of an audit's that which is compared, and the energies.
+   !> Results kept of a case's samples; of an audit's, those that are compared, and the energies.
    pure function kept_of(plan, case_number) result(kept)
       type(plan_type), intent(in) :: plan
       integer, intent(in) :: case_number

@@ -16,7 +16,7 @@ module campaign_band_batches
    private
    public :: batch_collector, start_batches
 
-   !> Of ratios of what does not move.
+   !> Ratio of two powers that vanish.
    real(wp), parameter, public :: not_a_number = transfer(int(z'7FF8000000000000', long), 0.0_wp)
 
    !> Collects one case. Ranges of frequencies may be taken by different ranks: sums over the ranks

@@ -265,7 +265,7 @@ contains
       if (allocated(self%batches%level)) call self%batches%finish(statistics)
    end subroutine finish
 
-   !> What the bootstrap tells. Replicates scatter about the value of their group, and groups are
+   !> Errors by the bootstrap. Replicates scatter about the value of their group, and groups are
    !> independent: variances of the mean over groups are the groups' over their number squared.
    pure subroutine find_ratios(self, statistics)
       class(band_collector), intent(in) :: self

@@ -19,8 +19,9 @@ module campaign_comparison
 
    real(wp), parameter :: points = 100.0_wp   !! of percent in a fraction
 
-   !> Of the first march against the second. What was not compared, or needs two samples and has
-   !> one, is not allocated. Each `*_error` is the standard error of what stands before it.
+   !> Differences of the first march from the second. A difference that was not asked for, or needs
+   !> two samples and has one, is not allocated. Each `*_error` is the standard error of what stands
+   !> before it.
    type :: numerical_error
       integer :: n_samples = 0                         !! compared
       real(wp), allocatable :: slip_mean(:)            !! (dof) of the mean slip fraction [points]

@@ -1,4 +1,4 @@
-!> What a scene asks for, as numbers: processes to fit, cases to run, how to march, what to keep.
+!> A scene as numbers: processes to fit, cases to run, how to march, results to keep.
 module campaign_plan
    use core_kinds, only: long, wp
    use process_model, only: process_request
@@ -45,7 +45,7 @@ module campaign_plan
       real(wp) :: tolerance = 0.0_wp         !! event: displacement error relative to its rms
    end type integration_settings
 
-   !> What is kept; what is not asked for is not computed.
+   !> Results to keep; others are not computed.
    type :: output_settings
       logical :: slip = .false.
       logical :: spectrum = .false.

@@ -79,7 +79,7 @@ contains
       end do
    end function estimators_of
 
-   !> Whether a further case belongs to those of a pool, and finds room. The same process twice has
+   !> True if a further case belongs to those of a pool, and finds room. The same process twice has
    !> the same friction values, so it is no further knowledge.
    pure logical function takes(plan, members, number)
       type(plan_type), intent(in) :: plan

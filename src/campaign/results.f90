@@ -1,5 +1,5 @@
-!> What samples hand back, and what becomes of them over a case. Index orders are Fortran's;
-!> the results file, read from Python, has them reversed.
+!> Results of samples, and statistics of a case. Index orders are Fortran's; the results file, read
+!> from Python, has them reversed.
 module campaign_results
    use core_kinds, only: long, wp
    use dynamics_response, only: transition_list

@@ -1,4 +1,4 @@
-!> What all blocks of a plan share: the marcher, the force record, the layout of the spectra.
+!> Data that all blocks of a plan share: the marcher, the force record, the layout of the spectra.
 module campaign_runner
    use campaign_audit, only: reference_for
    use campaign_plan, only: integration_settings, kept_dofs, plan_type, scale_of
@@ -21,7 +21,7 @@ module campaign_runner
    integer, parameter :: records_per_piece = 264      !! between two looks at the spectra
    real(wp), parameter :: block_memory = 128.0e6_wp   !! [byte] of forces and histories in a block
 
-   !> What a rank needs to run any block of a plan.
+   !> Data that a rank needs to run any block of a plan.
    type :: runner_type
       type(plan_type) :: plan
       class(marcher_type), allocatable :: marcher

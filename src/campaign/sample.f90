@@ -16,7 +16,7 @@ module campaign_sample
    public :: run_block, stop_query
 
    abstract interface
-      !> Whether the run has been asked to end.
+      !> True if the run has been asked to end.
       logical function stop_query()
       end function stop_query
    end interface
@@ -235,7 +235,7 @@ contains
       end associate
    end subroutine keep_span
 
-   !> Of the displacements recorded every so many steps, those of the layout enter the spectra.
+   !> Hands displacements recorded every so many steps to the spectra, those of the layout's dofs.
    subroutine listen(runner, from, every, x)
       type(runner_type), intent(inout) :: runner
       integer, intent(in) :: from, every     !! steps before the first record; steps between records
@@ -291,7 +291,7 @@ contains
       end do
    end function by_dof
 
-   !> What the march has left behind becomes the block's result.
+   !> Forms the block's result from the state at the end of the march.
    subroutine collect(runner, march, result)
       type(runner_type), intent(in) :: runner
       type(march_type), intent(inout) :: march

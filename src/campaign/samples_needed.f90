@@ -26,7 +26,7 @@ contains
       error = points*maxval(hypot(statistics%slip%mean_error, statistics%slip_mean_time_error))
    end function statistical_error
 
-   !> Whether the error is above the target and more samples alone can bring it there.
+   !> True if the error is above the target and more samples alone can bring it there.
    pure function needs_more_samples(statistics, target) result(is_so)
       type(case_statistics), intent(in) :: statistics
       real(wp), intent(in) :: target   !! [points]

@@ -41,7 +41,7 @@ contains
       end associate
    end subroutine check_excitation
 
-   !> What belongs to the kind must be given, and what belongs to another must not.
+   !> Refuses a value that belongs to another kind of force, and misses one that belongs to this.
    subroutine check_presence(scene, reader)
       type(scene_type), intent(in) :: scene
       type(reader_type), intent(inout) :: reader

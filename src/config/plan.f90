@@ -222,7 +222,7 @@ contains
       end associate
    end subroutine plan_march
 
-   !> What can be judged only with the chain and the force file at hand.
+   !> Checks the values that need the structure and the force file.
    subroutine check_march(scene, plan, complaints)
       type(scene_type), intent(in) :: scene
       type(plan_type), intent(in) :: plan

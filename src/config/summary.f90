@@ -152,7 +152,7 @@ contains
       end do
    end function levels_text
 
-   !> What the levels of the force differ by.
+   !> Name of the quantity by which levels of the force differ.
    pure function level_name(plan) result(name)
       type(plan_type), intent(in) :: plan
       character(:), allocatable :: name

@@ -1,4 +1,4 @@
-!> What arrays must keep to so that the processor loads a whole register at once.
+!> Alignment and padding of arrays, so that the processor loads a whole register at once.
 module dynamics_alignment
    use, intrinsic :: iso_c_binding, only: c_intptr_t, c_loc
    use core_kinds, only: wp

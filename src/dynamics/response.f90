@@ -1,4 +1,4 @@
-!> What a block of samples carries through the march, and what a marcher must do with it.
+!> State of a block of samples, and the interface of the marchers that advance it.
 module dynamics_response
    use core_error, only: error_type
    use core_kinds, only: long, wp

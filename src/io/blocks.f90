@@ -45,7 +45,8 @@ contains
       if (allocated(w%error)) call move_alloc(w%error, error)
    end subroutine write_block
 
-   !> What the file has of a block; the numbers of case and samples are the caller's to fill.
+   !> Reads the parts of a block that the file has; the caller fills the numbers of case and
+   !> samples.
    subroutine read_block(file, group, block, error, skips_long)
       type(hdf5_file), intent(in) :: file
       character(*), intent(in) :: group   !! with its last slash
@@ -62,7 +63,7 @@ contains
       if (allocated(w%error)) call move_alloc(w%error, error)
    end subroutine read_block
 
-   !> Of every value of a block and of its place in the campaign.
+   !> Checksum of every value of a block and of its place in the campaign.
    subroutine find_checksum(block, checksum)
       type(block_result), intent(inout) :: block   !! left as it was
       integer(long), intent(out) :: checksum
@@ -252,7 +253,7 @@ contains
       end do
    end subroutine lay_out_transitions
 
-   !> Whether the rows are as many as counted, each of a dof and a kind: damage goes no further.
+   !> True if the rows are as many as counted, each of a joint and a kind: damage goes no further.
    pure logical function are_transitions(counts, rows)
       integer(long), intent(in) :: counts(:, :)   !! (1, sample)
       real(wp), intent(in) :: rows(:, :)          !! (time dof kind, row)

@@ -74,7 +74,7 @@ contains
       call make_samples(group, plan, plan%output, plan%cases(number)%n_samples)
    end subroutine begin_case
 
-   !> What is long, from the shards; takes the first error of all.
+   !> Writes the long data, from the shards; takes the first error of all.
    subroutine finish_case(group, plan, number, layout, store, shards, error)
       type(group_type), intent(inout) :: group
       type(plan_type), intent(in) :: plan

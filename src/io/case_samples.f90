@@ -1,4 +1,4 @@
-!> What the samples of a case handed back, in its group of the results file: small data by groups of
+!> Results of the samples of a case, in its group of the results file: small data by groups of
 !> samples, spectra, histories and transitions shard by shard, so that memory does not grow with the
 !> number of samples.
 module io_case_samples

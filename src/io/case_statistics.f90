@@ -66,7 +66,7 @@ contains
       call group%take_error(error)
    end subroutine write_estimates
 
-   !> Of each best estimate: how it came about and what that gains.
+   !> Notes with each best estimate how it came about and what that gains.
    subroutine describe_estimators(group, estimates)
       type(group_type), intent(inout) :: group
       type(case_estimates), intent(in) :: estimates
@@ -214,7 +214,7 @@ contains
                      label_type(units, 'upper end of the 95 % interval', 'percentile joint'))
    end subroutine put_joints
 
-   !> What the bands are, without their errors.
+   !> Writes the bands without their errors.
    subroutine put_bands(group, axes, statistics)
       type(group_type), intent(inout) :: group
       type(band_axes), intent(in) :: axes
@@ -265,7 +265,7 @@ contains
                                           axes%dof))
    end subroutine put_band_errors
 
-   !> What the march adds to errors, whatever the estimator: its length is finite.
+   !> Writes the errors that the finite length of the march adds, whatever the estimator.
    subroutine write_time_errors(group, plan, statistics)
       type(group_type), intent(inout) :: group
       type(plan_type), intent(in) :: plan

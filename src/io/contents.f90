@@ -1,4 +1,4 @@
-!> What a results file holds: noted in the file when it is finished, and compared and read before
+!> Contents of a results file: noted in the file when it is finished, and compared and read before
 !> the file is called whole.
 !>
 !> The attribute `contents` of each group lists its members, a group as `c001/`, a dataset with its
@@ -16,7 +16,7 @@ module io_contents
    character(*), parameter :: list = 'contents'   !! name of the attribute
    integer, parameter :: most_named = 3           !! faults that a message names
 
-   !> What is wrong with a file.
+   !> Faults of a file.
    type :: fault_list
       integer :: n = 0
       character(:), allocatable :: text

@@ -21,8 +21,8 @@ module io_earlier_results
 
 contains
 
-   !> What stands at the place of an output may be thrown away when the same command wrote it: not
-   !> the results of another command, a record of the force, or the scene itself.
+   !> Fails unless the same command wrote what stands at the place of an output: the results of
+   !> another command, a record of the force and the scene itself are not thrown away.
    subroutine check_replaceable(path, command, takes_damaged, error)
       character(*), intent(in) :: path
       character(*), intent(in) :: command        !! run, replay, tradeoff

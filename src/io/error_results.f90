@@ -1,4 +1,4 @@
-!> What a results file tells of the errors of its cases: targets are judged by what was written.
+!> Errors of the cases as a results file states them: targets are judged by what was written.
 module io_error_results
    use campaign_results, only: case_statistics
    use core_error, only: error_type
@@ -9,7 +9,7 @@ module io_error_results
    private
    public :: case_errors, read_errors
 
-   !> Of one case. Of the statistics only errors of slip fractions are there, where they are known.
+   !> Errors of one case. The statistics hold only errors of slip fractions, where they are known.
    type :: case_errors
       type(case_statistics) :: statistics
       character(:), allocatable :: estimator   !! of the statistics; empty without statistics
@@ -23,7 +23,7 @@ module io_error_results
 
 contains
 
-   !> What was written of them.
+   !> Reads the errors that were written.
    subroutine read_errors(path, n_cases, n_joints, errors, error)
       character(*), intent(in) :: path
       integer, intent(in) :: n_cases, n_joints

@@ -20,7 +20,7 @@ module io_files
 
 contains
 
-   !> Whether there is a file or folder of this name.
+   !> True if there is a file or folder of this name.
    function exists(path)
       character(*), intent(in) :: path
       logical :: exists
@@ -28,7 +28,7 @@ contains
       exists = c_access(path//c_null_char, ask_exists) == 0
    end function exists
 
-   !> Whether there is a folder of this name.
+   !> True if there is a folder of this name.
    function is_folder(path)
       character(*), intent(in) :: path
       logical :: is_folder
@@ -259,7 +259,7 @@ contains
       end do
    end function host_name
 
-   !> Whether a person sees standard output as it comes. mpirun gives every rank a terminal of its
+   !> True if a person sees standard output as it comes. mpirun gives every rank a terminal of its
    !> own and passes on what is written there: then it is mpirun's output that counts.
    function shows_on_terminal()
       logical :: shows_on_terminal

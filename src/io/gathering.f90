@@ -1,5 +1,5 @@
-!> What the shards of one case hold together: small data of all samples, spectra a range of
-!> frequencies at a time.
+!> Data of all shards of one case: small data of all samples, spectra a range of frequencies at a
+!> time.
 module io_gathering
    use campaign_results, only: block_result
    use core_error, only: error_type, exit_file, raise

@@ -201,7 +201,7 @@ contains
       call self%put(name, values, label_type(units, long_name, trim(self%axis)))
    end subroutine real_column
 
-   !> Of numbers and of flags, which are 0 or 1: without a unit.
+   !> Column of numbers, or of flags, which are 0 or 1: without a unit.
    subroutine integer_column(self, name, values, long_name)
       class(group_type), intent(inout) :: self
       character(*), intent(in) :: name, long_name

@@ -11,7 +11,7 @@ module io_identity
    integer, parameter :: format_version = 3   !! of shards and of results files
    character(*), parameter :: unused = 'unused'   !! for a value that has no line in the settings
 
-   !> What must be the same for two files to hold samples of one campaign.
+   !> Identity of a campaign: equal in two files that hold samples of one.
    type :: identity_type
       character(:), allocatable :: fingerprint    !! of the settings
       character(:), allocatable :: version        !! of the program

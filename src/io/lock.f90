@@ -188,7 +188,7 @@ contains
                  'was at work, and stays as it is: start again to see what it lacks')
    end subroutine refuse_change
 
-   !> Whether a piece of work is now this process's: no other that shares the lock has it.
+   !> True if a piece of work is now this process's: no other that shares the lock has it.
    function claim(self, number) result(is_ours)
       class(lock_type), intent(in) :: self
       integer(long), intent(in) :: number   !! of the piece, from 0
@@ -341,7 +341,7 @@ contains
       if (c_stat(path//c_null_char, facts) == 0) content = facts(content_words)
    end function content_of
 
-   !> What the holder wrote into the file.
+   !> Text that the holder wrote into the file.
    function holder_of(path) result(holder)
       character(*), intent(in) :: path
       character(:), allocatable :: holder

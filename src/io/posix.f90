@@ -134,7 +134,7 @@ module io_posix
          integer(c_long) :: length
       end function c_pread
 
-      !> Of `length` bytes from where the descriptor stands; 0: to the end of all files.
+      !> Locks `length` bytes from where the descriptor stands; 0: to the end of all files.
       function c_lockf(descriptor, command, length) result(status) bind(c, name='lockf')
          import :: c_int, c_long
          integer(c_int), value :: descriptor, command

@@ -1,4 +1,4 @@
-!> What was asked of a process and what was found, as a group of the results file.
+!> A process as a group of the results file: the request and the solution.
 module io_process_results
    use core_error, only: error_type, exit_file, raise
    use core_kinds, only: long, wp

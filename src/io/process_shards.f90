@@ -132,7 +132,7 @@ contains
       if (.not. allocated(error)) call remove_file(store%folder, ignored)   ! fails, rightly, if not
    end subroutine remove_kept
 
-   !> Whether a path of a store is that of a process, by its name alone.
+   !> True if a path of a store is that of a process, by its name alone.
    pure function is_process_shard(path)
       character(*), intent(in) :: path
       logical :: is_process_shard

@@ -97,7 +97,8 @@ contains
              time(5:6)//zone(1:3)//':'//zone(4:5)
    end function now
 
-   !> What was marched, and how: M, C and K by their entries, the joints, the load.
+   !> Writes the structure, and how it was marched: M, C and K by their entries, the joints, the
+   !> load.
    subroutine write_structure(self, structure, how, error)
       class(results_writer), intent(in) :: self
       type(structure_type), intent(in) :: structure

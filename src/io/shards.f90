@@ -72,7 +72,7 @@ contains
       shard%n_samples = n_samples
    end function named_shard
 
-   !> Whether a block is there, by its name alone.
+   !> True if a block is there, by its name alone.
    function has_shard(store, case_number, first_sample, n_samples)
       type(shard_store), intent(in) :: store
       integer, intent(in) :: case_number, first_sample, n_samples

@@ -1,4 +1,4 @@
-!> What settings cost and what they buy, as the group /tradeoff of a file of its own.
+!> Costs and errors of settings, as the group /tradeoff of a file of its own.
 module io_tradeoff_results
    use campaign_plan, only: plan_type
    use core_error, only: error_type
@@ -59,7 +59,7 @@ contains
       call group%take_error(error)
    end subroutine write_settings
 
-   !> What the error of the scene's own results is made of.
+   !> Writes the parts of the error of the scene's own results.
    subroutine write_parts(writer, parts, error)
       type(results_writer), intent(in) :: writer
       type(error_parts), intent(in) :: parts

@@ -59,8 +59,8 @@ contains
       window%weight = matmul(terms, unit)
    end subroutine new_harmonic_window
 
-   !> What values of the window add to the fundamental s + i c of x = s sin(2 pi f t) +
-   !> c cos(2 pi f t): its shares sum to it. `first` is the place of the first value in the window,
+   !> Share of some values of the window in the fundamental s + i c of x = s sin(2 pi f t) + c cos(2
+   !> pi f t): shares sum to it. `first` is the place of the first value in the window,
    !> `start` the time one interval before the window, on the clock of the sine.
    pure function fundamental_share(self, first, start, values) result(share)
       class(harmonic_window), intent(in) :: self

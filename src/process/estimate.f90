@@ -42,7 +42,7 @@ module process_estimate
       real(wp), allocatable :: value(:)   !! (point) [unit of X]
    end type measured_record
 
-   !> What was found. Errors are standard errors; ranges hold 95 % of the realizations' estimates.
+   !> Estimates. Errors are standard errors; ranges hold 95 % of the realizations' estimates.
    type :: process_estimate_type
       integer :: n_values = 0, n_records = 0, n_gaps = 0
       type(process_request) :: request          !! the process that explains the values

@@ -75,8 +75,8 @@ contains
                      'most '//to_text(widest_margin(model))//": take 'stationary'"
    end subroutine accept_simulation
 
-   !> What is known before the fit, in a fraction of a second as a rule: not solved, by the rules of
-   !> the fit itself, where it would not even begin. Of the model otherwise only what draws a
+   !> Foresees a fit, as a rule in a fraction of a second: not solved, by the rules of the fit
+   !> itself, where it would not even begin. Of the model it fills otherwise only what draws a
    !> realization of the exact law, Eq. (25), roughly.
    subroutine foresee_process(request, seed, model)
       type(process_request), intent(in) :: request

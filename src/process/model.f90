@@ -1,4 +1,4 @@
-!> What is asked of a maximum-entropy process, and what was found (Sec. 2).
+!> A maximum-entropy process: the request and the solution (Sec. 2).
 module process_model
    use core_kinds, only: long, wp
    use core_random, only: label_of

@@ -150,8 +150,8 @@ contains
                  to_text(other_length(request, model))//', by order '//to_text(order))
    end subroutine refuse_bound
 
-   !> Whether a bound ends the orders that keep it, rather than only begins them; so too without
-   !> any.
+   !> True if a bound ends the orders that keep it, rather than only begins them, or if there is
+   !> none.
    pure function limits_drift(request) result(does_limit)
       type(process_request), intent(in) :: request
       logical :: does_limit
@@ -161,7 +161,7 @@ contains
                    (request%bound_side == 'upper' .eqv. request%correlation == 'L0')
    end function limits_drift
 
-   !> Whether the drift has come to the orders that keep the bounds.
+   !> True if the drift has come to the orders that keep the bounds.
    pure logical function has_begun(request, model)
       type(process_request), intent(in) :: request
       type(process_model_type), intent(in) :: model
@@ -177,7 +177,7 @@ contains
       end if
    end function has_begun
 
-   !> Whether the drift has not left the orders that keep the bounds.
+   !> True if the drift has not left the orders that keep the bounds.
    pure logical function is_within(request, model)
       type(process_request), intent(in) :: request
       type(process_model_type), intent(in) :: model

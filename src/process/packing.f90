@@ -57,7 +57,7 @@ contains
       end if
    end subroutine unpack_model
 
-   !> What a search has found, as far as a merged search needs it.
+   !> Numbers of a search that a merged search needs.
    function pack_search(search) result(numbers)
       type(search_result), intent(in) :: search
       real(wp), allocatable :: numbers(:)
@@ -211,7 +211,7 @@ contains
       end if
    end subroutine real_value
 
-   !> What is read as a whole number must be one of at most this size; else it is taken as 0.
+   !> Notes a fault where a number is not whole or larger than this; then it is 0.
    subroutine check_whole(self, largest, number)
       class(tape), intent(inout) :: self
       real(wp), intent(in) :: largest

@@ -35,7 +35,7 @@ contains
       has_one_value = request%correlation_length >= longest .and. request%method /= 'values'
    end function has_one_value
 
-   !> What kind of law a request asks for.
+   !> Kind of law that a request asks for.
    pure function law_name(request) result(name)
       type(process_request), intent(in) :: request
       character(:), allocatable :: name

@@ -118,7 +118,7 @@ contains
       end do
    end subroutine carry_over
 
-   !> Whether the request can be met at all, as far as mean and std tell.
+   !> True if the request can be met at all, as far as mean and std tell.
    pure function is_scalable(request) result(is_so)
       type(process_request), intent(in) :: request
       logical :: is_so
@@ -128,7 +128,7 @@ contains
       if (request%positive) is_so = is_so .and. request%mean > 0.0_wp
    end function is_scalable
 
-   !> What one unit of the unit process is [unit of X].
+   !> One unit of the unit process [unit of X].
    pure function unit_of(request) result(unit)
       type(process_request), intent(in) :: request
       real(wp) :: unit

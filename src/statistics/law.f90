@@ -38,7 +38,7 @@ module statistics_law
 
 contains
 
-   !> What is kept of draws, which take the place of those before.
+   !> Selects the draws to keep; they take the place of those before.
    pure subroutine keep_draws(x, n_independent, draws)
       real(wp), intent(in) :: x(:, :)          !! (draw, input) standardised
       real(wp), intent(in) :: n_independent    !! draws that they are worth

@@ -136,8 +136,8 @@ contains
          best%high(p) = unbend(both%value(1) + two_sided*reach, is_fraction(number))
       end subroutine estimate_percentile
 
-      !> That of the regression, and of the points of the law for its share of the estimate; and
-      !> how much larger plain sampling's is.
+      !> States the error of the regression and of the points of the law for its share of the
+      !> estimate, and how much larger plain sampling's is.
       pure subroutine state_error(both, theirs, share, efficiency, n_samples, stated, ratio)
          type(estimates_type), intent(in) :: both, theirs
          real(wp), intent(in) :: share(1)     !! of plain sampling
@@ -164,7 +164,7 @@ contains
       if (is_fraction) bend = asin(min(bend, 1.0_wp))
    end function bend
 
-   !> What was bent.
+   !> Value whose angle was taken.
    elemental real(wp) function unbend(value, is_fraction)
       real(wp), intent(in) :: value
       logical, intent(in) :: is_fraction

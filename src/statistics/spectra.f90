@@ -46,7 +46,7 @@ module statistics_spectra
 
 contains
 
-   !> Of every case of a pool.
+   !> Estimates the spectra of one dof for every case of a pool.
    subroutine estimate_spectrum(pool, density, step, share_below, plain, estimates, error)
       type(pool_type), intent(in) :: pool
       real(wp), intent(in) :: density(:, :)        !! (sample, frequency)
@@ -178,8 +178,8 @@ contains
          integral%value = integral%value + step*sum(exp(both%value))
       end subroutine estimate_percentiles
 
-      !> That of the regression, and of the points of the law for its share of the estimate; and
-      !> how much larger plain sampling's is.
+      !> States the error of the regression and of the points of the law for its share of the
+      !> estimate, and how much larger plain sampling's is.
       pure subroutine state_error(number, efficiency, influence, bias, of_plain, share, stated, &
                                   ratio)
          integer, intent(in) :: number

@@ -1,5 +1,5 @@
-!> What a few samples tell of a response as a function of its friction values: kriging, written as a
-!> ridge regression on the leading eigenvectors of the kernel's matrix over the samples.
+!> A response as a function of its friction values, from a few samples: kriging, written as a ridge
+!> regression on the leading eigenvectors of the kernel's matrix over the samples.
 !>
 !> With K the kernel over n samples, rows and columns freed of their means, K V = V diag(ev):
 !> phi_k(x) = V_k'(k(x) - mean of the rows of K)/ev_k are orthonormal over the samples, and

@@ -1,4 +1,4 @@
-!> What the order of a process and the length of its fit change in what is published.
+!> Effects of the order of a process and of the length of its fit on published numbers.
 !>
 !> Against the highest order or the longest fit of the same process, on as many samples with the
 !> random numbers and the force in common. Standard errors are those of the paired differences

@@ -1,4 +1,4 @@
-!> What a sample-step of a scene costs, measured before anything is run.
+!> Cost of a sample-step of a scene, measured before anything is run.
 !>
 !> Samples of all cases are marched for a moment under a short record of their force, as the
 !> campaign will march them: as many side by side, what is kept kept, spectra of as many steps. The
@@ -22,7 +22,7 @@ module tradeoff_forecast
    real(wp), parameter :: history_memory = 32.0e6_wp !! [byte] of a block
    integer, parameter :: fewest_steps = 1200
 
-   !> What was found, spectra and what else is kept included: the mean over all samples.
+   !> Measured cost, spectra and other kept results included: the mean over all samples.
    type :: cost_type
       real(wp) :: nanoseconds = 0.0_wp         !! of a processor for a sample-step
       real(wp) :: audit_nanoseconds = 0.0_wp   !! the same of an audit; 0: none

@@ -181,7 +181,7 @@ contains
       end do
    end function spectrum_rows_of
 
-   !> What the error of the scene's results is made of.
+   !> Parts of the error of the scene's results.
    pure function parts_of(tradeoff, values, own, n_steps) result(parts)
       type(tradeoff_type), intent(in) :: tradeoff
       real(wp), intent(in) :: values(:, :)   !! (value, task)
@@ -313,7 +313,7 @@ contains
 
    end function size_rows_of
 
-   !> Whether samples of a case differ.
+   !> True if samples of a case differ.
    pure logical function is_random(plan)
       type(plan_type), intent(in) :: plan
 

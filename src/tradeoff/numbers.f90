@@ -1,4 +1,4 @@
-!> What the marches of a tradeoff are reduced to: the few numbers that each gives.
+!> Numbers to which each march of a tradeoff is reduced.
 module tradeoff_numbers
    use campaign_bands, only: band_collector, start_bands
    use campaign_comparison, only: band_ratio_error, band_ratios, compare_slip, compare_spectra, &
@@ -149,7 +149,7 @@ contains
       end associate
    end function sample_numbers
 
-   !> Of an integral, from intervals of 95 % of what it is over; 0 of nothing.
+   !> Relative error of an integral, from 95 % intervals of its integrand; 0 of nothing.
    pure real(wp) function relative_error(values, low, high)
       real(wp), intent(in) :: values(:), low(:), high(:)
 

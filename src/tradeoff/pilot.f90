@@ -13,8 +13,8 @@ module tradeoff_pilot
    private
    public :: choose_every
 
-   !> Of the variance. Where a bin holds a millionth of it, folding then still changes the bin by
-   !> 1 % at most, and Welch's estimate scatters by 10 %.
+   !> Share of the variance. Where a bin holds a millionth of it, folding then still changes the bin
+   !> by 1 % at most, and Welch's estimate scatters by 10 %.
    real(wp), parameter :: negligible = 1.0e-8_wp
    integer, parameter :: sparsest = 16             !! every 16th step at most
    integer, parameter :: pilot_segments = 8        !! of the march

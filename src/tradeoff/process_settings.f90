@@ -1,4 +1,4 @@
-!> What the order of a process buys: its entropy, and the correlation length that is not imposed.
+!> Entropy and the correlation length that is not imposed, by the order of a process.
 !>
 !> Measured on the process without sign constraint, as the order is a matter of its autocovariance.
 module tradeoff_process_settings

@@ -43,7 +43,7 @@ contains
       end if
    end function own_setting
 
-   !> What can be chosen for the scene's own steps, its own setting last if it is not among them.
+   !> Settings for the scene's own steps, its own setting last if it is not among them.
    pure function settings_at_dt(plan) result(settings)
       type(plan_type), intent(in) :: plan
       type(setting_type), allocatable :: settings(:)
@@ -84,7 +84,7 @@ contains
       end do
    end function all_settings
 
-   !> Whether Newmark's scheme can take steps of so many dt (its linear stability bound).
+   !> True if Newmark's scheme can take steps of so many dt (its linear stability bound).
    pure function is_stable(plan, steps) result(is_so)
       type(plan_type), intent(in) :: plan
       real(wp), intent(in) :: steps
@@ -97,7 +97,7 @@ contains
       end associate
    end function is_stable
 
-   !> Whether two settings march alike.
+   !> True if two settings march alike.
    elemental function same_setting(a, b) result(is_same)
       type(setting_type), intent(in) :: a, b
       logical :: is_same

@@ -1,5 +1,5 @@
-!> What is marched to measure how accuracy depends on the settings, as tasks that any rank may take:
-!> each is one march, of which a few numbers are kept, and none needs another's.
+!> Marches that measure how accuracy depends on the settings, as tasks that any rank may take: each
+!> is one march, of which a few numbers are kept, and none needs another's.
 !>
 !> The error of a setting is measured against the event method at tolerance 1e-12, on the same
 !> samples. The scatter of consecutive batches of a long march gives the error of time averages,
@@ -41,7 +41,7 @@ module tradeoff_tasks
       integer :: level = 0     !! of force; none for a case
    end type task_type
 
-   !> What a tradeoff measures. What is statistical, and variants, need models.
+   !> Scope of a tradeoff. Statistical parts and variants need models.
    type :: scope_type
       real(wp) :: budget = 0.0_wp         !! expected cost of the marches [s of a processor]
       logical :: at_other_dt = .false.    !! settings with other steps than the scene's too
@@ -346,7 +346,7 @@ contains
       values(:1 + size(numbers)) = [nanoseconds, numbers]
    end subroutine run_task
 
-   !> What a task marches, under which force and how.
+   !> Prepares the march of a task: its samples, force and setting.
    subroutine prepare_task(self, task, plan, level, setting, error)
       type(tradeoff_type), intent(in) :: self
       type(task_type), intent(in) :: task

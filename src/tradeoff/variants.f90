@@ -23,8 +23,8 @@ module tradeoff_variants
 
 contains
 
-   !> Of every kind of process that friction is drawn from, the one with the largest std over mean:
-   !> its orders ascending, then lengths of its fit ascending; the scene's own among either.
+   !> Lists, for the process of largest std over mean of every kind that friction is drawn from, its
+   !> orders ascending, then lengths of its fit ascending; the scene's own among either.
    pure subroutine list_variants(plan, models, variants)
       type(plan_type), intent(in) :: plan
       type(process_model_type), intent(in) :: models(:)   !! (process), solved

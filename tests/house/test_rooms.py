@@ -47,9 +47,9 @@ def test_a_module_is_named_after_its_place():
 
 #: words that rooms had, and that say nothing to a reader
 GONE = {
-    "course", "crossing", "entries", "event", "existing", "foresight", "heading", "lanes", "location",
-    "measuring", "quiet", "registers", "statistical", "stretches", "tables", "tabulated", "target",
-    "verdict", "walk", "walker",
+    "course", "crossing", "entries", "event", "existing", "foresight", "heading", "lanes",
+    "location", "measuring", "quiet", "registers", "statistical", "stretches", "tables",
+    "tabulated", "target", "verdict", "walk", "walker",
 }  # fmt: skip
 
 
@@ -59,6 +59,19 @@ def test_rooms_have_names_that_explain_themselves():
 
 #: procedures with more arguments than nine: libraries' own, and a row of named values
 MANY_ARGUMENTS = {"numerics_lapack", "numerics_nlopt_c", "config_text_value_table"}
+
+
+def test_docstrings_open_with_a_noun_a_verb_or_true_if():
+    """None with Of, That, What or Whether: the thing itself comes first."""
+    riddle = re.compile(r'(?:^\s*!>|""")\s*(?:Of|That|What|Whether)\b.*', re.MULTILINE)
+    folders = ("src", "drivers", "postproc", "bench")
+    found = [
+        f"{path.relative_to(ROOT)}: {line}"
+        for path in CODE
+        if path.relative_to(ROOT).parts[0] in folders
+        for line in riddle.findall(path.read_text())
+    ]
+    assert found == []
 
 
 def test_no_procedure_has_more_than_nine_arguments():

@@ -210,7 +210,7 @@ contains
       end do
    end subroutine enter_group
 
-   !> Whether a joint moves one that switches in the same part of its sample too much (9).
+   !> True if a joint moves one that switches in the same part of its sample too much (9).
    pure subroutine note_joint(base, joint, seen, n_seen, is_involved)
       class(base_system), intent(in) :: base
       integer, intent(in) :: joint

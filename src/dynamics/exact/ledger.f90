@@ -15,7 +15,7 @@ module dynamics_exact_ledger
 
    integer, parameter :: lanes = 8, vectors = width/lanes
 
-   !> What one transition adds to the path of its dof: d_3 (t - tau)^3 + ...
+   !> Terms that one transition adds to the path of its dof: d_3 (t - tau)^3 + ...
    type :: answer_type
       integer :: lane, row
       real(wp) :: time                   !! tau [parts]

@@ -9,7 +9,7 @@ module dynamics_exact_local_answers
    private
    public :: local_answers, new_local_answers
 
-   !> What a dof does to those around it.
+   !> Responses of the dofs around one that is moved.
    type :: local_answers
       logical, allocatable :: is_local(:)       !! (joint)
       !> (joint + 1), (entry): dofs whose joints must not switch in one part with this one (9)

@@ -387,7 +387,7 @@ contains
                                           self%now, self%ahead, self%pushed, self%taken, work)
    end subroutine add_works
 
-   !> What integrals of the sliders' motion push (M6).
+   !> Push of the integrals of the sliders' motion (M6).
    subroutine form_taken(self)
       class(modal_form), intent(inout) :: self
       integer :: k

@@ -20,7 +20,7 @@ module dynamics_exact_modal_operators
    private
    public :: modal_operators, new_modal_operators
 
-   !> What one part of a step needs; rows and columns are modes or joints.
+   !> Operators of one part of a step; rows and columns are modes or joints.
    type, extends(modal_terms) :: modal_operators
       integer :: n_modes = 0, n_joints = 0
       logical :: decouples = .true.   !! C^ is diagonal

@@ -1,5 +1,5 @@
-!> What the modal form needs for a tolerance: parts of a step, and the terms of its formulas that
-!> matter (M7), (M8) of docs/exact_march.md.
+!> Parts of a step and terms of the formulas that the modal form needs for a tolerance: (M7), (M8)
+!> of docs/exact_march.md.
 module dynamics_exact_modal_terms
    use core_kinds, only: wp
    implicit none(type, external)

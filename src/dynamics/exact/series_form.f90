@@ -165,7 +165,7 @@ contains
       if (self%keeps_ledger) call note_answer(self, group, entry)
    end subroutine correct
 
-   !> What the ledger needs of a transition: the answer of its dof, and the integrals of the answers
+   !> Notes a transition for the ledger: the answer of its dof, and the integrals of the answers
    !> of loaded dofs, which are the next of the sums (7).
    pure subroutine note_answer(self, group, entry)
       class(series_form), intent(inout) :: self

@@ -1,4 +1,4 @@
-!> What Newmark's scheme asks of a structure where a joint changes its regime.
+!> Matrices that Newmark's scheme needs where a joint changes its regime.
 module dynamics_newmark_frame
    use core_error, only: error_type
    use core_kinds, only: wp

@@ -213,7 +213,7 @@ contains
       end do
    end subroutine finish_tries
 
-   !> What does not depend on the sliders, in whole registers.
+   !> Notes the coefficients that do not depend on the sliders, in whole registers.
    pure subroutine note_rigid_part(self, structure)
       type(newmark_steps), intent(inout) :: self
       type(structure_type), intent(in) :: structure

@@ -15,7 +15,7 @@ module dynamics_newmark_woodbury
    private
    public :: newmark_level, newmark_system, inverse_of, new_newmark_system, try_woodbury
 
-   !> What a length of step needs.
+   !> Matrices of one length of step.
    type :: newmark_level
       real(wp) :: share = 1.0_wp                   !! h/dt
       real(wp) :: weight(5) = 0.0_wp               !! of a0, a1 in v1; of v0 (so h), a0, a1 in x1

@@ -30,7 +30,7 @@ module io_hdf5_attributes
 
 contains
 
-   !> Whether an object has an attribute of this name.
+   !> True if an object has an attribute of this name.
    function has_attribute(file, object, name)
       type(hdf5_file), intent(in) :: file
       character(*), intent(in) :: object, name

@@ -67,7 +67,7 @@ contains
       call outcome%conclude(path//': cannot be made', error)
    end subroutine create_hdf5
 
-   !> Whether an existing file is HDF5, whole or damaged.
+   !> True if an existing file is HDF5, whole or damaged.
    function has_hdf5_signature(path) result(has)
       character(*), intent(in) :: path
       logical :: has
@@ -118,7 +118,7 @@ contains
       call self%close(error)
    end subroutine abandon
 
-   !> Whether there is a group or dataset of this path, whose parents may be missing too.
+   !> True if there is a group or dataset of this path, whose parents may be missing too.
    function has(self, path)
       class(hdf5_file), intent(in) :: self
       character(*), intent(in) :: path

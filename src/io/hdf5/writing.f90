@@ -17,7 +17,7 @@ module io_hdf5_writing
    private
    public :: label_type, make_dataset, write_dataset, write_part
 
-   !> What a dataset says of itself.
+   !> Label of a dataset.
    type :: label_type
       character(:), allocatable :: units       !! '1' for pure numbers
       character(:), allocatable :: long_name

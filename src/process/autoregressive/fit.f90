@@ -383,7 +383,7 @@ contains
       curvature = -matmul(transpose(turn), matmul(jacobian(:order - 1, :order - 1), turn))
    end function optimal_curvature
 
-   !> What is left of the entropy's gradient in atanh(kappa), which is -kappa, when its part along
+   !> Residual of the entropy's gradient in atanh(kappa), which is -kappa, when its part along
    !! the gradients of the lengths is taken away: largest component, relative to the largest of all.
    pure function optimality_residual(correlation, kappa, sums) result(residual)
       character(*), intent(in) :: correlation

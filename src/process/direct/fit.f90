@@ -170,7 +170,7 @@ contains
       end if
    end subroutine search_as_affordable
 
-   !> Whether no signs can give the length.
+   !> True if no signs can give the length.
    pure function is_hopeless(request)
       type(process_request), intent(in) :: request
       logical :: is_hopeless

@@ -63,7 +63,7 @@ contains
       where (.not. is_free) s = sign(1.0_wp, s)
    end subroutine hold_at_zero
 
-   !> Whether g stays positive however far x is followed: then D has no maximum.
+   !> True if g stays positive however far x is followed: then D has no maximum.
    function is_hopeless(constraint, x, workspace)
       type(length_constraint), intent(in) :: constraint
       real(wp), intent(in) :: x(0:)

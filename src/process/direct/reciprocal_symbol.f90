@@ -16,7 +16,7 @@ module process_direct_reciprocal_symbol
 
    integer, parameter :: n_levels = 16   !! lengths tried: the first one times 2**(level - 1)
 
-   !> What is known of a symbol g. Derivatives of the mean of ln g are taken along directions: the
+   !> Values at a symbol g. Derivatives of the mean of ln g are taken along directions: the
    !! first one is a symbol A, the others are cosines, cos(mt).
    type :: symbol_evaluation
       logical :: is_positive = .false.             !! g > 0; all else holds only then

@@ -1,4 +1,4 @@
-!> What is wrong with a request to the direct method, and which m_max would do (Sec. 2.2).
+!> Reason why the direct method refuses a request, and the m_max that would do (Sec. 2.2).
 module process_direct_refusal
    use core_kinds, only: long, wp
    use core_text, only: to_text

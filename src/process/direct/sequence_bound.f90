@@ -12,7 +12,7 @@ module process_direct_sequence_bound
    private
    public :: sequence_bound
 
-   !> What sequences of signs must beat, and what those with the same leading signs share.
+   !> Bound on the entropy of sign sequences, and data that those with the same leading signs share.
    type :: sequence_bound
       private
       real(wp) :: to_beat = 0.0_wp                !! entropy of the known solution
@@ -48,7 +48,7 @@ contains
       end do
    end subroutine prepare
 
-   !> Whether a sequence has certainly less entropy than the known solution.
+   !> True if a sequence has certainly less entropy than the known solution.
    function excludes(self, signs) result(is_excluded)
       class(sequence_bound), intent(inout) :: self
       integer, intent(in) :: signs(:)   !! of the rewarded lags

@@ -20,7 +20,7 @@ module process_direct_sign_search
    public :: search_result, count_sequences, search_all_signs, add_search, search_structured, &
              is_all_plus_best, limit_of_entropy
 
-   !> What a search, or a part of one, has found.
+   !> Result of a search, or of a part of one.
    type :: search_result
       integer(long) :: n_examined = 0     !! sequences
       integer(long) :: n_excluded = 0     !! of them: by an upper bound of their entropy
@@ -41,7 +41,7 @@ contains
       n = shiftl(1_long, min(size(searched_positions(constraint)), 62))
    end function count_sequences
 
-   !> Whether theory says that all plus wins.
+   !> True if all plus has the largest entropy, by theory.
    pure function is_all_plus_best(constraint) result(is_best)
       type(length_constraint), intent(in) :: constraint
       logical :: is_best

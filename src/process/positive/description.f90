@@ -1,5 +1,5 @@
-!> What was found of a positive process, in the unit of X, and what the other law makes of the same
-!> parameters.
+!> Describes a fitted positive process in the unit of X, and the process of the other law with the
+!> same parameters.
 module process_positive_description
    use core_error, only: error_type
    use core_kinds, only: wp
@@ -52,7 +52,7 @@ contains
       model%other_entropy = model%entropy
    end subroutine describe_white
 
-   !> Of the last evaluation, in the unit of X: what a realization is drawn by, moments, entropy.
+   !> Describes the last evaluation in the unit of X: parameters of realizations, moments, entropy.
    subroutine outline_sampled(request, law, model)
       type(process_request), intent(in) :: request
       type(sampled_objective), intent(inout) :: law
@@ -78,7 +78,7 @@ contains
       call note_acceptances(law, model%entropy_error, model)
    end subroutine outline_sampled
 
-   !> What was found, in the unit of X.
+   !> Describes the solution in the unit of X.
    subroutine describe_sampled(request, law, point, multipliers, spread, model, error)
       type(process_request), intent(in) :: request
       type(sampled_objective), intent(inout) :: law
@@ -132,7 +132,7 @@ contains
                              error_of_runs(reshape(rest, [lanes, size(rest)/lanes])))
    end function error_of_maximum
 
-   !> Of an average over batches whose runs alone are independent.
+   !> Standard error of an average over batches whose runs alone are independent.
    pure function error_of_runs(rests) result(standard_error)
       real(wp), intent(in) :: rests(:, :)   !! (run, batch of it)
       real(wp) :: standard_error
@@ -207,8 +207,8 @@ contains
                              abs(unit) > 0.0_wp))
    end subroutine name_multipliers
 
-   !> What the same a_q, b0 and mu give under the other law, and the acceptances of both. Of the
-   !> exact law, nothing where it remembers more than its fits carry; of either, nothing where its
+   !> Describes the process of the same a_q, b0 and mu under the other law, and the acceptances of
+   !> both. The exact law is left out where it remembers more than its fits carry, either where its
    !> mu is beyond what is sampled.
    subroutine compare_laws(request, law, point, model)
       type(process_request), intent(in) :: request

@@ -81,8 +81,8 @@ contains
       if (allocated(error)) model%reason = error%message
    end subroutine fit_positive
 
-   !> What is known before the fit: fails where `fit_positive` would not even begin. Of the exact
-   !> law also what its realizations are drawn by, roughly where it is sampled.
+   !> Foresees a fit: fails where `fit_positive` would not even begin. Of the exact law it also
+   !> fills what realizations are drawn by, roughly where it is sampled.
    subroutine foresee_positive(request, seed, model, error)
       type(process_request), intent(in) :: request
       integer(long), intent(in) :: seed
@@ -115,7 +115,7 @@ contains
       end if
    end subroutine foresee_positive
 
-   !> What quadrature solves.
+   !> True if quadrature solves the request.
    pure function is_first_order(request) result(is_so)
       type(process_request), intent(in) :: request
       logical :: is_so
@@ -185,8 +185,8 @@ contains
       call raise(error, exit_no_solution, message)
    end subroutine name_what_exists
 
-   !> Of the orders below the request's that have a process of its ratio and length; order 1 has.
-   !> What is in reach becomes less as the order grows.
+   !> Highest order below the request's that has a process of its ratio and length; order 1 has.
+   !> Fewer ratios are in reach as the order grows.
    function highest_order(request, seed) result(order)
       type(process_request), intent(in) :: request
       integer(long), intent(in) :: seed

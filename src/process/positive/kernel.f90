@@ -270,7 +270,7 @@ contains
       vector = vector*sign(1.0_wp, sum(vector))
    end subroutine find_perron
 
-   !> Of the largest eigenvalue (Collatz, Wielandt), by the components that count.
+   !> Bound of the largest eigenvalue (Collatz, Wielandt), by the components that count.
    pure function bound_above(image, vector) result(bound)
       real(wp), intent(in) :: image(:), vector(:)   !! A v, v
       real(wp) :: bound

@@ -1,6 +1,5 @@
-!> What a sampled positive process says of itself: moments, lengths, entropy, with their standard
-!> errors. Averages over independent batches are freed of the noise that they share with quantities
-!> of known mean.
+!> Moments, lengths and entropy of a sampled positive process with their standard errors. Averages
+!> over independent batches are freed of the noise that they share with quantities of known mean.
 module process_positive_moments
    use core_kinds, only: wp
    use process_positive_truncated_normal, only: lanes
@@ -199,7 +198,7 @@ contains
       moments%acceptance_geometric = exp(unused)
    end function estimate_moments
 
-   !> What the rows of the batches stand for, up to the last lag of the companion.
+   !> Arranges weights and known values of the rows of the batches, to the companion's last lag.
    pure subroutine arrange_rows(batches, companion, weights, known, n_products)
       type(batch_averages), intent(in) :: batches
       real(wp), intent(in) :: companion(0:)
@@ -246,7 +245,7 @@ contains
       standard_error = control%standard_error(rest)
    end subroutine estimate_products
 
-   !> What is known of the companion: its mean, the weighted sums of its lags, the first lags.
+   !> Known values of the companion: its mean, the weighted sums of its lags, the first lags.
    pure function controls_of(batches, companion, weights, order) result(control)
       type(batch_averages), intent(in) :: batches
       real(wp), intent(in) :: companion(0:), weights(:, :)   !! (row), (row, sum)
@@ -348,8 +347,8 @@ contains
       end do
    end subroutine free
 
-   !> Of an average, from what is left of its batches. Batches of one run may depend on each other,
-   !> runs do not.
+   !> Standard error of an average, from the residuals of its batches. Batches of one run may depend
+   !> on each other, runs do not.
    pure function standard_error(self, rest) result(error)
       class(control_type), intent(in) :: self
       real(wp), intent(in) :: rest(:)     !! (batch)

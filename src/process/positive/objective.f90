@@ -268,7 +268,7 @@ contains
       end associate
    end function features_of
 
-   !> Of the entropy of x/std. That of the exact law is known by its differences: along a change of
+   !> Gain of entropy of x/std. That of the exact law is known by its differences: along a change of
    !> the multipliers, dh = - sum (multiplier) d(moment), by the trapezoidal rule.
    pure real(wp) function gain(self, from, to)
       class(sampled_objective), intent(in) :: self

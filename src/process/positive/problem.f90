@@ -19,8 +19,8 @@ module process_positive_problem
    private
    public :: sampled_problem, new_problem
 
-   !> What is wanted of the law of one-at-a-time rejection (Sec. 2.4) or of that of Eq. (25), and
-   !> the unconstrained process of the wanted length, its companion.
+   !> Targets under the law of one-at-a-time rejection (Sec. 2.4) or of Eq. (25), and the
+   !> unconstrained process of the wanted length, its companion.
    type :: sampled_problem
       logical :: is_exact = .false.                  !! the law is that of Eq. (25)
       character(:), allocatable :: correlation       !! 'L0' or 'L1'

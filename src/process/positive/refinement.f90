@@ -148,7 +148,7 @@ contains
       errors = error_of_sums(series)
    end function correlation_errors
 
-   !> Of a sum over independent shares.
+   !> Standard errors of sums over independent shares.
    pure function error_of_sums(shares) result(errors)
       real(wp), intent(in) :: shares(:, :)   !! (run, sum)
       real(wp) :: errors(size(shares, 2))
