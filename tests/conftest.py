@@ -4,15 +4,20 @@ from __future__ import annotations
 
 import os
 import subprocess
+import tempfile
 from pathlib import Path
 
 import pytest
 
 ROOT = Path(__file__).resolve().parent.parent
 PROGRAM = Path(os.environ.get("ENTROSLIP", ROOT / "build/release/bin/entroslip")).resolve()
+# Open MPI's starts and ends meet in one folder, and a start can find it just removed: a folder of
+# one's own for each process of tests.
+SESSIONS = tempfile.TemporaryDirectory(prefix="ompi-")
 ENVIRONMENT = os.environ | {
     "OMPI_ALLOW_RUN_AS_ROOT": "1",
     "OMPI_ALLOW_RUN_AS_ROOT_CONFIRM": "1",
+    "OMPI_MCA_orte_tmpdir_base": SESSIONS.name,
 }
 
 

@@ -12,7 +12,7 @@ module dynamics_exact_powers
 
    integer, parameter :: lanes = 8, vectors = width/lanes
 
-   !> What gives power k + 2 from powers k and k + 1, entries of K^ and of C^ in one list. Places
+   !> Coefficients of power k + 2 by powers k and k + 1, entries of K^ and of C^ in one list. Places
    !> are those of rows in the paths, all layers one after another: those of powers 0 and 1 change
    !> from part to part, see exchange_ends of joint_paths.
    type :: power_operator
