@@ -1,4 +1,4 @@
-"""Whether results depend on how a scene is run: ranks, binding, threads of BLAS, cores, members.
+"""Compares results of a scene over ways to run it: ranks, binding, threads of BLAS, cores, members.
 
     python bench/same_bits.py build/release/bin/entroslip input/smallest.nml input/paper_process.nml
 

@@ -17,7 +17,7 @@ _REFERENCES = ("DIMENSION_LIST", "REFERENCE_LIST")  # addresses within the file
 
 
 def is_of_the_run(attribute: str) -> bool:
-    """Whether an attribute tells of the run and not of the scene."""
+    """True if an attribute tells of the run and not of the scene."""
     return attribute in _OF_THE_RUN or attribute.endswith(_TIME)
 
 

@@ -160,7 +160,7 @@ def of_drawn_friction(results: Results) -> Iterator[Figure]:
 
 
 def _along(results: Results, cases: list[Case]) -> Iterator[Figure]:
-    """What the joints and the dofs of a structure do, from its first to its last."""
+    """Joints and dofs along the structure, from its first to its last."""
     for quantity in joints.QUANTITIES:
         own = [case for case in cases if quantity.is_in(case)]
         if own:

@@ -1,4 +1,4 @@
-"""What each joint does: its time in slip, its way, its power, its largest displacement."""
+"""The joints of a structure: its time in slip, its way, its power, its largest displacement."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ class OfJoints:
     errors: str = "Monte Carlo"
 
     def is_in(self, case: Case) -> bool:
-        """Whether the case has it, with its error."""
+        """True if the case has it, with its error."""
         if self.name == "displacement":
             return case.has(self.dataset) and case.n_samples > 1
         return case.has(f"{self.dataset}_mean", f"{self.dataset}_mean_error")

@@ -87,7 +87,7 @@ class Case:
 
     @property
     def given_friction(self) -> str:
-        """Of a deterministic case: its friction coefficients and where the scene has them."""
+        """Friction coefficients of a deterministic case, and where the scene has them."""
         values = self.data["friction"].values
         some = f"{values.min():g}"
         if values.max() > values.min():
@@ -120,7 +120,7 @@ class Case:
 
     @property
     def duration(self) -> float:
-        """Of the march that is measured [s]."""
+        """Duration of the march that is measured [s]."""
         return float(self.data.attrs["duration"])
 
     @property
@@ -191,7 +191,7 @@ class Results:
 
     @property
     def place(self) -> str:
-        """What a dof is called: each mass of a chain has one."""
+        """Name of a dof: each mass of a chain has one."""
         return "mass" if self.is_chain else "dof"
 
     @property
