@@ -25,7 +25,7 @@ contains
       type(process_request), intent(in) :: request
 
       is_reference = request%method == 'values' .or. has_one_value(request) .or. &
-                     .not. request%correlation_length > 0.0_wp
+                     abs(request%correlation_length) <= 0.0_wp
    end function is_reference
 
    !> True if all points have the same value.
