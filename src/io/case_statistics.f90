@@ -22,7 +22,7 @@ module io_case_statistics
 
    !> Axes of what is told of each dof whose spectra are kept, in Python's order.
    type :: band_axes
-      character(:), allocatable :: dof, spectrum, percentile, percentile_spectrum
+      character(64) :: dof, spectrum, percentile, percentile_spectrum
    end type band_axes
 
 contains
@@ -155,9 +155,9 @@ contains
       type(band_axes) :: axes
 
       axes%dof = kept_axis(plan)
-      axes%spectrum = 'frequency '//axes%dof
-      axes%percentile = 'percentile '//axes%dof
-      axes%percentile_spectrum = 'percentile frequency '//axes%dof
+      axes%spectrum = 'frequency '//trim(axes%dof)
+      axes%percentile = 'percentile '//trim(axes%dof)
+      axes%percentile_spectrum = 'percentile frequency '//trim(axes%dof)
    end function axes_of
 
    subroutine write_methods(group, is_regression, has_bands)
@@ -221,18 +221,19 @@ contains
       type(case_statistics), intent(in) :: statistics
 
       call group%put_allocated('psd_mean', statistics%psd_mean, &
-                     label_type('m^2/Hz', 'mean of psd', axes%spectrum))
+                     label_type('m^2/Hz', 'mean of psd', trim(axes%spectrum)))
       call group%put_allocated('psd_percentiles', statistics%psd_percentiles, &
-                     label_type('m^2/Hz', 'percentiles of psd', axes%percentile_spectrum))
+                     label_type('m^2/Hz', 'percentiles of psd', trim(axes%percentile_spectrum)))
       call group%put_allocated('pseudo_variance_mean', statistics%pseudo_variance_mean, &
-                     label_type('m^2', 'integral of psd_mean over frequency, Eq. (46)', axes%dof))
+                     label_type('m^2', 'integral of psd_mean over frequency, Eq. (46)', &
+                                trim(axes%dof)))
       call group%put_allocated('pseudo_variance_percentiles', &
                                statistics%pseudo_variance_percentiles, &
                                label_type('m^2', 'integral of each percentile, Eq. (46)', &
-                                          axes%percentile))
+                                          trim(axes%percentile)))
       call group%put_allocated('band_ratio', statistics%band_ratio, &
                      label_type('1', 'pseudo-variance of the last over the first percentile', &
-                                axes%dof))
+                                trim(axes%dof)))
    end subroutine put_bands
 
    subroutine put_band_errors(group, axes, statistics)
@@ -241,28 +242,30 @@ contains
       type(case_statistics), intent(in) :: statistics
 
       call group%put_allocated('psd_mean_error', statistics%psd_mean_error, &
-                     label_type('m^2/Hz', 'standard error of psd_mean', axes%spectrum))
+                     label_type('m^2/Hz', 'standard error of psd_mean', trim(axes%spectrum)))
       call group%put_allocated('psd_percentiles_low', statistics%psd_percentiles_low, &
                      label_type('m^2/Hz', 'lower end of the 95 % interval', &
-                                axes%percentile_spectrum))
+                                trim(axes%percentile_spectrum)))
       call group%put_allocated('psd_percentiles_high', statistics%psd_percentiles_high, &
                      label_type('m^2/Hz', 'upper end of the 95 % interval', &
-                                axes%percentile_spectrum))
+                                trim(axes%percentile_spectrum)))
       call group%put_allocated('pseudo_variance_mean_error', &
                                statistics%pseudo_variance_mean_error, &
                                label_type('m^2', 'standard error of pseudo_variance_mean', &
-                                          axes%dof))
+                                          trim(axes%dof)))
       call group%put_allocated('pseudo_variance_percentiles_error', &
                      statistics%pseudo_variance_percentiles_error, &
                      label_type('m^2', 'standard error of pseudo_variance_percentiles', &
-                                axes%percentile))
+                                trim(axes%percentile)))
       call group%put_allocated('band_ratio_low', statistics%band_ratio_low, &
-                     label_type('1', 'lower end of the 95 % interval of band_ratio', axes%dof))
+                     label_type('1', 'lower end of the 95 % interval of band_ratio', &
+                                trim(axes%dof)))
       call group%put_allocated('band_ratio_high', statistics%band_ratio_high, &
-                     label_type('1', 'upper end of the 95 % interval of band_ratio', axes%dof))
+                     label_type('1', 'upper end of the 95 % interval of band_ratio', &
+                                trim(axes%dof)))
       call group%put_allocated('band_ratio_bias', statistics%band_ratio_bias, &
                                label_type('1', 'relative bias of band_ratio, by bootstrap', &
-                                          axes%dof))
+                                          trim(axes%dof)))
    end subroutine put_band_errors
 
    !> Writes the errors that the finite length of the march adds, whatever the estimator.
@@ -285,13 +288,13 @@ contains
       call group%put_allocated('pseudo_variance_mean_time_error', &
                      statistics%pseudo_variance_mean_time_error, &
                      label_type('m^2', 'standard error of pseudo_variance_mean'//not_lowered, &
-                                axes%dof))
+                                trim(axes%dof)))
       call group%put_allocated('pseudo_variance_percentiles_time_error', &
                      statistics%pseudo_variance_percentiles_time_error, &
                      label_type('m^2', 'standard error of pseudo_variance_percentiles'// &
-                                not_lowered, axes%percentile))
+                                not_lowered, trim(axes%percentile)))
       call group%put_allocated('band_ratio_time_error', statistics%band_ratio_time_error, &
-                     label_type('1', 'standard error of band_ratio'//not_lowered, axes%dof))
+                     label_type('1', 'standard error of band_ratio'//not_lowered, trim(axes%dof)))
    end subroutine write_time_errors
 
    !> How much larger the standard errors of plain sampling are, by the names of the estimates.
@@ -308,14 +311,14 @@ contains
       call put_of_joints('slip_distance', ratio%slip_distance)
       call put_of_joints('dissipation', ratio%dissipation)
       if (.not. allocated(ratio%psd_mean)) return
-      call group%put('psd_mean', ratio%psd_mean, label_type('1', meaning, axes%spectrum))
+      call group%put('psd_mean', ratio%psd_mean, label_type('1', meaning, trim(axes%spectrum)))
       call group%put('psd_percentiles', ratio%psd_percentiles, &
-                     label_type('1', meaning, axes%percentile_spectrum))
+                     label_type('1', meaning, trim(axes%percentile_spectrum)))
       call group%put('pseudo_variance_mean', ratio%pseudo_variance_mean, &
-                     label_type('1', meaning, axes%dof))
+                     label_type('1', meaning, trim(axes%dof)))
       call group%put('pseudo_variance_percentiles', ratio%pseudo_variance_percentiles, &
-                     label_type('1', meaning, axes%percentile))
-      call group%put('band_ratio', ratio%band_ratio, label_type('1', meaning, axes%dof))
+                     label_type('1', meaning, trim(axes%percentile)))
+      call group%put('band_ratio', ratio%band_ratio, label_type('1', meaning, trim(axes%dof)))
 
    contains
 
