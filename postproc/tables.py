@@ -195,7 +195,7 @@ def table_joints(cases: Sequence[Case], quantity: joints.OfJoints) -> Table:
 def beside_paper(
     slip: NDArray[np.float64], error: NDArray[np.float64], paper: Sequence[int]
 ) -> str:
-    """True if percentages agree with printed whole ones, within two errors and the rounding."""
+    """Agreement of percentages with printed whole ones, within two errors and the rounding."""
     difference = slip - paper
     if (abs(difference) <= 0.5 + 2.0 * error).all():
         return "all agree with the paper's within two standard errors and its rounding"

@@ -6,6 +6,7 @@ from pathlib import Path
 
 import numpy as np
 
+from entroslip.joints import QUANTITIES
 from entroslip.paper_numbers import table_correlations, table_numbers
 from entroslip.results import Results
 from entroslip.statements import assess
@@ -70,8 +71,9 @@ def test_forces_and_given_friction_are_named():
     for case in cases:
         case.data["slip_mean"] = case.data["slip_fraction"].mean("sample")
         case.data["slip_mean_error"] = ("joint", np.full(5, 0.03))
-    assert [name.split(", ")[-1] for name in table_joints(cases).header[1:]] == [
-        f"variance {LOW:g}", "2 N at 0.5 Hz", "force factor 3",
+    slip = next(quantity for quantity in QUANTITIES if quantity.name == "slip")
+    assert [name.split(", ")[-1] for name in table_joints(cases, slip).header[1:]] == [
+        f"variance {LOW:g} [%]", "2 N at 0.5 Hz [%]", "force factor 3 [%]",
     ]  # fmt: skip
 
 
