@@ -77,14 +77,14 @@ def claim_range(
 def claim_range_of_draws(
     text: str, draws: NDArray[np.float64], above: float = -inf, below: float = inf
 ) -> Finding:
-    """The same of a bootstrap sample that is near normal: its first entry is the estimate."""
+    """The same of draws that are near normal: the first is the estimate."""
     return claim_range(text, float(draws[0]), float(draws[1:].std(ddof=1)), above, below)
 
 
 def claim_range_by_quantiles(
     text: str, draws: NDArray[np.float64], above: float = -inf, below: float = inf
 ) -> Finding:
-    """The same of a bootstrap sample that need not be normal, by its quantiles."""
+    """The same of draws that need not be normal, by their quantiles."""
     estimate, rest = float(draws[0]), draws[1:]
 
     def share(outside: NDArray[np.bool_]) -> float:

@@ -14,18 +14,23 @@ module campaign_size
    use core_text, only: to_text
    use numerics_correlated, only: n_batches
    use numerics_spectrum, only: can_follow_power, count_segments, last_of_ranges
+   use process_direct_sign_search, only: max_listed
+   use process_model, only: process_model_type, process_request
    use structure_sizes, only: matrices_alone => memory_of_matrices
    implicit none(type, external)
    private
-   public :: memory_of_rank, refuse_oversize, results_size
+   public :: is_fitted_to_values, memory_of_rank, refuse_oversize, results_size
 
    real(wp), parameter :: word = 8.0_wp            !! bytes of a number
    real(wp), parameter :: of_dataset = 760.0_wp    !! bytes beside its values (measured, HDF5 1.10)
    real(wp), parameter :: margin = 1.01_wp         !! three digits are told, never too few bytes
    real(wp), parameter :: of_entry = 16.0_wp       !! bytes of a matrix's row, column and value
-   real(wp), parameter :: of_process = 30.0e3_wp   !! bytes of one in the results (measured)
-   real(wp), parameter :: of_file = 4.0e3_wp       !! bytes of an empty results file (measured)
-   real(wp), parameter :: of_program = 38.0e6_wp   !! resident bytes of libraries (measured)
+   real(wp), parameter :: of_process = 23.5e3_wp   !! bytes of one beside its values (measured)
+   real(wp), parameter :: of_refused = 3.5e3_wp    !! bytes of a process without a solution
+   real(wp), parameter :: of_file = 6.0e3_wp       !! bytes of an empty results file (measured)
+   real(wp), parameter :: of_fit = 32.0e6_wp       !! bytes of a fit to sampled values (measured)
+   real(wp), parameter :: with_march = 38.0e6_wp      !! resident bytes of libraries (measured)
+   real(wp), parameter :: without_march = 30.0e6_wp   !! the same where nothing is marched
    real(wp), parameter :: of_transition = 20.0_wp  !! bytes of its time, sample, dof and kind
    real(wp), parameter :: growth = 1.3_wp          !! of transitions behind the start from rest
    real(wp), parameter :: of_shard = 400.0_wp      !! bytes of one in the lists of a rank
@@ -33,16 +38,24 @@ module campaign_size
 contains
 
    !> Size of the results file [byte]: its values, chunks that are not full, and headers.
-   pure function results_size(plan, every, transitions) result(bytes)
-      type(plan_type), intent(in) :: plan      !! without audits
-      integer, intent(in) :: every             !! every k-th step enters the spectra
-      real(wp), intent(in) :: transitions      !! of a sample in a step
+   pure function results_size(plan, every, transitions, foreseen) result(bytes)
+      type(plan_type), intent(in) :: plan           !! without audits
+      integer, intent(in) :: every                  !! every k-th step enters the spectra
+      real(wp), intent(in) :: transitions           !! of a sample in a step
+      type(process_model_type), intent(in), optional :: foreseen(:)   !! (process)
       real(wp) :: bytes
       type(plan_type) :: all_cases
       integer :: c
 
-      bytes = of_file + of_process*size(plan%processes)
-      bytes = bytes + word*plan%n_realizations*(plan%n_points*size(plan%processes) + 1.0_wp)
+      bytes = of_file
+      if (plan%n_realizations > 0) bytes = bytes + margin*size(plan%processes)* &
+                                           (word*(plan%n_realizations + plan%n_points) &
+                                            + stored_bytes([plan%n_points, plan%n_realizations]))
+      if (present(foreseen)) then
+         bytes = bytes + sum(size_of_process(plan%processes, foreseen))
+      else
+         bytes = bytes + sum(size_of_process(plan%processes))
+      end if
       if (.not. plan%has_structure) return
       all_cases = plan
       call add_audits(all_cases)
@@ -57,6 +70,34 @@ contains
                              + count(abs(structure%direction) > 0.0_wp))
       end associate
    end function results_size
+
+   !> A process with its autocovariance, in datasets and once more in a row (`packed`); of a search
+   !> over all signs, as many solutions as are kept.
+   elemental function size_of_process(request, foreseen) result(bytes)
+      type(process_request), intent(in) :: request
+      type(process_model_type), intent(in), optional :: foreseen
+      real(wp) :: bytes
+      real(wp), parameter :: of_lag = 4.5_wp, of_order = 6.0_wp, &
+                             most_lags = 4097.0_wp, most_of_positive = 601.0_wp
+      real(wp) :: n_lags, n_solutions, order
+
+      bytes = of_refused
+      if (present(foreseen)) then
+         if (.not. foreseen%is_solved) return
+      end if
+      order = request%order
+      if (request%order == 0) order = request%max_order
+      n_lags = min(10.0_wp + 12*request%correlation_length &
+                   + order*(5.0_wp + 4.5_wp*request%correlation_length), &
+                   merge(most_of_positive, most_lags, request%positive))   ! a bound
+      if (present(foreseen)) then
+         if (allocated(foreseen%a)) order = size(foreseen%a)
+         if (allocated(foreseen%autocovariance)) n_lags = size(foreseen%autocovariance)
+      end if
+      n_solutions = 1.0_wp
+      if (request%all_signs) n_solutions = min(2.0_wp**min(order, 30.0_wp), 1.0_wp*max_listed)
+      bytes = of_process + word*(of_lag*n_lags + of_order*order + n_solutions*2*(order + 3))
+   end function size_of_process
 
    pure function size_of_case(plan, number, every, transitions) result(bytes)
       type(plan_type), intent(in) :: plan
@@ -160,7 +201,7 @@ contains
          n_powers = n_batches*size(last_of_ranges(n_frequencies(plan, every)))
    end function n_powers
 
-   !> Largest resident memory of a rank [byte]: while it marches, or while it finds statistics.
+   !> Largest resident memory of a rank [byte]: of fits and realizations, the march, or statistics.
    pure function memory_of_rank(plan, every, transitions) result(bytes)
       type(plan_type), intent(in) :: plan
       integer, intent(in) :: every
@@ -168,14 +209,22 @@ contains
       real(wp) :: bytes
       real(wp) :: n_samples
 
-      bytes = of_program
+      bytes = without_march + word*plan%n_realizations*plan%n_points
+      if (any(is_fitted_to_values(plan%processes))) bytes = bytes + of_fit
       if (.not. plan%has_structure) return
       n_samples = maxval(plan%cases%n_samples)
-      bytes = bytes + 4*n_samples*size(plan%cases) &
-              + of_shard*size(plan%cases)*(1 + n_samples/block_width(plan)) &
-              + max(memory_of_march(plan, every, transitions), memory_of_statistics(plan, every), &
-                    memory_of_regression(plan, every))
+      bytes = max(bytes, with_march + 4*n_samples*size(plan%cases) &
+                  + of_shard*size(plan%cases)*(1 + n_samples/block_width(plan)) &
+                  + max(memory_of_march(plan, every, transitions), &
+                        memory_of_statistics(plan, every), memory_of_regression(plan, every)))
    end function memory_of_rank
+
+   !> True if a fit takes seconds, not milliseconds.
+   elemental logical function is_fitted_to_values(request)
+      type(process_request), intent(in) :: request
+
+      is_fitted_to_values = request%positive .and. request%order /= 1
+   end function is_fitted_to_values
 
    !> The force as it is drawn (or in a file, prepared, and in the march) and a block of samples.
    pure function memory_of_march(plan, every, transitions) result(bytes)

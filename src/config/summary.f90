@@ -2,7 +2,7 @@
 module config_summary
    use campaign_audit, only: add_audits, reference_for
    use campaign_plan, only: integration_settings, plan_type, strength_of
-   use campaign_size, only: memory_of_rank, results_size
+   use campaign_size, only: is_fitted_to_values, memory_of_rank, results_size
    use config_fingerprint, only: fingerprint
    use config_groups, only: scene_type
    use config_process_summary, only: max_rows, process_table
@@ -10,7 +10,7 @@ module config_summary
    use core_phrases, only: brief, counted, duration, joined, labelled, numbered, padded, &
       size_text
    use core_text, only: to_text
-   use process_model, only: process_model_type, process_request
+   use process_model, only: process_model_type
    use process_scaling, only: first_of_fit
    use structure_model, only: structure_type
    implicit none(type, external)
@@ -47,8 +47,8 @@ contains
                                           any(is_fitted_to_values(plan%processes)))))
          if (repeats(plan)) text = text//labelled('audit', audit_text(plan, n_ranks, &
                                                                       audit_nanoseconds))
-         text = text//sizes_text(plan, every, transitions)
       end if
+      text = text//sizes_text(plan, every, transitions, foreseen)
       if (size(scene%unused) > 0) &
          text = text//labelled('note', 'given and not used: '//joined(scene%unused))
       if (plan%has_structure) text = text//damping_note(scene%chain%damping_ratio)
@@ -306,13 +306,6 @@ contains
       if (present(nanoseconds)) text = text//': '//work_text(audited, n_ranks, nanoseconds)
    end function audit_text
 
-   !> True if a fit takes seconds, not milliseconds.
-   elemental logical function is_fitted_to_values(request)
-      type(process_request), intent(in) :: request
-
-      is_fitted_to_values = request%positive .and. request%order /= 1
-   end function is_fitted_to_values
-
    !> The march of all samples, and its time where the cost of a sample-step is known.
    pure function work_text(plan, n_ranks, nanoseconds) result(text)
       type(plan_type), intent(in) :: plan
@@ -329,15 +322,17 @@ contains
    end function work_text
 
    !> Memory of a rank and size of the results.
-   function sizes_text(plan, every, transitions) result(text)
+   function sizes_text(plan, every, transitions, foreseen) result(text)
       type(plan_type), intent(in) :: plan
       integer, intent(in) :: every
       real(wp), intent(in) :: transitions
+      type(process_model_type), intent(in), optional :: foreseen(:)   !! (process)
       character(:), allocatable :: text
 
       text = labelled('memory', 'about '//size_text(memory_of_rank(plan, every, transitions))// &
                       ' a rank')// &
-             labelled('results', 'up to '//size_text(results_size(plan, every, transitions)))
+             labelled('results', 'up to '//size_text(results_size(plan, every, transitions, &
+                                                                      foreseen)))
    end function sizes_text
 
 end module config_summary

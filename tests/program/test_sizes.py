@@ -34,6 +34,15 @@ CASES = {
     "transitions": {"n_steps": 20000, "n_samples": 32, "kept": "'slip', 'transitions'"},
     "long_march": {"n_dof": 1, "n_steps": 2000000, "n_samples": 1, "kept": "'slip', 'spectrum'"},
 }
+PROCESSES = {
+    "one": "correlation_length = 1.0 order = 1 mean = 0.2 std = 0.067",
+    "fitted": "correlation_length = 0.3, 1.0 order = 10 mean = 0.2 std = 0.067",
+    "signs": "method = 'direct' positive = .false. correlation_length = 1.0, 3.0 order = 8 "
+    "mean = 0.0 std = 1.0 all_signs = .true.",
+    "refused": "correlation_length = 1.0, 3.0, 100.0 order = 1 mean = 0.2 std = 0.067, 0.3",
+    "realizations": "correlation_length = 1.0 order = 1 mean = 0.2 std = 0.067 "
+    "n_points = 50000 n_realizations = 200",
+}
 BYTES = {"kB": 1e3, "MB": 1e6, "GB": 1e9}
 
 
@@ -52,7 +61,19 @@ print(resource.getrusage(resource.RUSAGE_CHILDREN).ru_maxrss)
 
 @pytest.mark.parametrize("name", CASES)
 def test_check_tells_the_size_of_results_and_memory(entroslip, program, tmp_path, name):
-    (tmp_path / "s.nml").write_text(SCENE.format(**USUAL | CASES[name]))
+    size, said = size_and_memory(SCENE.format(**USUAL | CASES[name]), entroslip, program, tmp_path)
+    assert size <= told(said, "results") <= 1.25 * size + 20e3
+
+
+@pytest.mark.parametrize("name", PROCESSES)
+def test_check_tells_the_same_of_processes_alone(entroslip, program, tmp_path, name):
+    size, said = size_and_memory(f"&process {PROCESSES[name]} /", entroslip, program, tmp_path)
+    assert size <= told(said, "results") <= 1.25 * size
+
+
+def size_and_memory(scene: str, entroslip, program, tmp_path) -> tuple[int, str]:
+    """Bytes of the results of a run, and the words of `check`, held to the memory of the run."""
+    (tmp_path / "s.nml").write_text(scene)
     said = entroslip("check", "s.nml").stdout
     run = subprocess.run(
         [sys.executable, "-c", MEASURE, program, "run", "s.nml", "--quiet"],
@@ -60,9 +81,9 @@ def test_check_tells_the_size_of_results_and_memory(entroslip, program, tmp_path
     )  # fmt: skip
     size = (tmp_path / "s.h5").stat().st_size
     memory = 1024 * int(run.stdout.split()[-1])
-    assert size <= told(said, "results") <= 1.25 * size + 20e3
     # what libraries take differs from one system to another
     assert abs(told(said, "memory") - memory) <= 0.25 * memory + 15e6
+    return size, said
 
 
 def test_spectra_are_cut_evenly_on_the_disk(entroslip, tmp_path):

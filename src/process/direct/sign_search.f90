@@ -29,7 +29,7 @@ module process_direct_sign_search
       type(sequence_solution), allocatable :: solutions(:)   !! consistent, by descending entropy
    end type search_result
 
-   integer, parameter :: max_listed = 100   !! solutions kept of a search
+   integer, parameter, public :: max_listed = 100   !! solutions kept of a search
 
 contains
 
