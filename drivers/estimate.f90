@@ -54,6 +54,8 @@ contains
          call raise(error, exit_file, line%output//': exists already: choose another name')
       else
          call write_scene(line%output, group_text(line%scene, found), error)
+         if (.not. (allocated(error) .or. line%is_quiet)) &
+            call say(how_to_draw(line%scene, line%output, found))
       end if
    end subroutine hand_out
 
@@ -105,6 +107,22 @@ contains
       text = text//labelled('', 'errors are the scatter of the same estimates from '// &
                             'realizations of the process at the same points')
    end function findings
+
+   !> Commands that draw the values beside realizations of the process.
+   pure function how_to_draw(data, scene, found) result(text)
+      character(*), intent(in) :: data, scene   !! paths
+      type(process_estimate_type), intent(in) :: found
+      integer, parameter :: n_copies = 400      ! of the measurement
+      character(:), allocatable :: results, text
+
+      results = scene(index(scene, '/', back=.true.) + 1:)
+      if (index(results, '.', back=.true.) > 1) &
+         results = results(:index(results, '.', back=.true.) - 1)
+      text = 'written to '//scene//'; to draw the values beside the process:'//lf// &
+             '  entroslip run '//scene//' --set process%n_points='//to_text(found%n_points)// &
+             ' --set process%n_realizations='//to_text(n_copies*found%n_records)//lf// &
+             '  python -m entroslip '//results//'.h5 --measured '//data//' --out figures'
+   end function how_to_draw
 
    pure function with_error(value, error) result(text)
       real(wp), intent(in) :: value, error

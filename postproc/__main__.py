@@ -14,8 +14,9 @@ from pathlib import Path
 from . import headless  # noqa: F401  (before matplotlib)
 from .compare import change_table, compare, lines_of, pair_cases
 from .decision import table_designs
-from .figure import Ranges
+from .figure import Figure, Ranges
 from .gallery import make_figures
+from .measured import measured_figure, read_measured
 from .output import InputError, Parser, exit_code, make_folder, say
 from .paper import AXES
 from .paper_numbers import table_correlations, table_numbers
@@ -66,6 +67,7 @@ def _compare(files: list[Results], folder: Path) -> str:
 
 def _draw(files: list[Results], options: argparse.Namespace) -> str:
     """Draws all figures. Datasets are read as they are needed: a damaged one shows here."""
+    planned = _figures(files, options)
     statements, tables = assess(files), make_tables(files)
     correlations = next(filter(None, map(table_correlations, files)), None)
     of_paper = (table_numbers(files, statements), correlations)
@@ -74,11 +76,18 @@ def _draw(files: list[Results], options: argparse.Namespace) -> str:
     for table in [*tables, *judged]:
         table.write_csv(options.out)
     ranges = (AXES if options.paper_axes else {}) | dict(options.axes)
-    figures = [(figure, figure.save(options.out, ranges)) for figure in make_figures(files)]
+    figures = [(figure, figure.save(options.out, ranges)) for figure in planned]
     report = options.out / "report.html"
     write_report(files, statements, tables, figures, report)
     n_tables = len(tables) + len(judged)
     return f"{len(figures)} figures and {n_tables} tables in {options.out}; report: {report}"
+
+
+def _figures(files: list[Results], options: argparse.Namespace) -> list[Figure]:
+    figures = make_figures(files)
+    if options.measured is not None:
+        figures.insert(0, measured_figure(read_measured(options.measured), files[0]))
+    return figures
 
 
 def _damages(paths: list[Path]) -> list[str]:
@@ -98,6 +107,10 @@ def _parser() -> Parser:
     parser.add_argument(
         "--axes", type=_ranges, action="append", default=[], metavar="NAME=X0,X1,Y0,Y1",
         help="ranges of the axes of the figures whose name starts so (repeatable)",
+    )  # fmt: skip
+    parser.add_argument(
+        "--measured", type=Path, metavar="DATA",
+        help="values that `entroslip estimate` read, to draw beside the process of the first file",
     )  # fmt: skip
     return parser
 

@@ -45,6 +45,7 @@ module process_estimate
    !> Estimates. Errors are standard errors; ranges hold 95 % of the realizations' estimates.
    type :: process_estimate_type
       integer :: n_values = 0, n_records = 0, n_gaps = 0
+      integer :: n_points = 0                   !! of the longest record, gaps among them
       type(process_request) :: request          !! the process that explains the values
       type(process_model_type) :: model         !! solved
       real(wp) :: mean = 0.0_wp, mean_error = 0.0_wp
@@ -135,6 +136,7 @@ contains
          associate (value => records(i)%value)
             there = pack([(k, k=1, size(value))], mask=.not. ieee_is_nan(value))
             estimate%n_gaps = estimate%n_gaps + size(value) - size(there)
+            estimate%n_points = max(estimate%n_points, size(value))
          end associate
          do first = 1, size(there), longest_piece
             last = min(first + longest_piece - 1, size(there))

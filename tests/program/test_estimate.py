@@ -25,6 +25,9 @@ def test_measured_values_become_a_scene_that_is_solved(entroslip, data):
     assert "17 values in 2 records, 1 gap" in done.stdout
     mean, _, error = re.search(r"mean +(\S+) (\S+) (\S+)", done.stdout).groups()
     assert abs(float(mean) - 5.31 / 17) < float(error)  # near the plain mean
+    how = "entroslip run joints.nml --set process%n_points=10 --set process%n_realizations=800"
+    assert how in done.stdout
+    assert f"joints.h5 --measured {data} --out figures" in done.stdout
     scene = (data.parent / "joints.nml").read_text()
     assert "positive = .true." in scene
     assert entroslip("run", "joints.nml").returncode == 0
