@@ -3,9 +3,9 @@
 !>
 !>    bench_regression RESULTS N REPLICATES SEED EVERY CASE...
 !>
-!> The cases are one pool; EVERY: frequencies taken. A line of output per case, joint, quantity and
-!> frequency: root mean square errors of plain sampling and of the estimate, coverage of the
-!> intervals of both, median of stated over observed error.
+!> The cases are one pool, of the first 600 samples drawn; EVERY: frequencies taken. A line of
+!> output per case, joint, quantity and frequency: root mean square errors of plain sampling and of
+!> the estimate, coverage of the intervals of both, median of stated over observed error.
 program regression
    use core_error, only: error_type
    use core_kinds, only: long, wp
@@ -36,7 +36,8 @@ program regression
    type(spectrum_plain), allocatable :: spectrum_truth(:, :) ! (dof, case)
    real(wp), allocatable :: frequency(:)
    character(64), allocatable :: words(:)
-   integer :: every, i, n, n_cases, n_joints, replicate, replicates
+   integer, parameter :: most_samples = 600   ! of a pool, as campaign_pooling has it
+   integer :: every, i, n, n_cases, n_fitted, n_joints, replicate, replicates
    integer(long) :: seed
    real(wp) :: began, ended, seconds
 
@@ -46,6 +47,7 @@ program regression
    end do
    read (words(2:5), *) n, replicates, seed, every
    n_cases = size(words) - 5
+   n_fitted = min(n, most_samples/n_cases)
    allocate (cases(n_cases))
    do i = 1, n_cases
       call read_case(trim(words(1)), trim(words(5 + i)), cases(i))
@@ -156,12 +158,13 @@ contains
       real(wp), allocatable :: friction(:, :)
       integer :: c, chosen(n, n_cases), j
 
-      allocate (friction(n*n_cases, size(cases(1)%friction, 1)))
+      allocate (friction(n_fitted*n_cases, size(cases(1)%friction, 1)))
       do c = 1, n_cases
          chosen(:, c) = choose(size(cases(c)%friction, 2), c)
-         friction((c - 1)*n + 1:c*n, :) = transpose(cases(c)%friction(:, chosen(:, c)))
+         friction((c - 1)*n_fitted + 1:c*n_fitted, :) = &
+            transpose(cases(c)%friction(:, chosen(:n_fitted, c)))
       end do
-      call new_pool(friction, [(1 + c*n, c=0, n_cases)], [(n, c=1, n_cases)], pool)
+      call new_pool(friction, [(1 + c*n_fitted, c=0, n_cases)], [(n, c=1, n_cases)], pool)
       do c = 1, n_cases   ! all there are: exact
          call pool%add_law(c, transpose(cases(c)%friction), 1.0e9_wp)
       end do
@@ -177,11 +180,11 @@ contains
       type(scalar_plain) :: plain(1, n_cases)
       type(scalar_type) :: estimates(1, n_cases)
       type(error_type), allocatable :: error
-      real(wp) :: y(n*n_cases, 1)
+      real(wp) :: y(n_fitted*n_cases, 1)
       integer :: c, p
 
       do c = 1, n_cases
-         y((c - 1)*n + 1:c*n, 1) = cases(c)%slip(j, chosen(:, c))
+         y((c - 1)*n_fitted + 1:c*n_fitted, 1) = cases(c)%slip(j, chosen(:n_fitted, c))
          plain(1, c) = plain_of(cases(c)%slip(j, chosen(:, c)))
       end do
       call estimate_scalars(pool, y, [.true.], share_below, plain, estimates, error)
@@ -215,18 +218,18 @@ contains
       type(spectrum_plain) :: plain(n_cases)
       type(spectrum_type) :: estimates(n_cases)
       type(error_type), allocatable :: error
-      real(wp) :: y(n*n_cases, size(frequency))
+      real(wp) :: y(n_fitted*n_cases, size(frequency))
+      real(wp) :: own(n, size(frequency))
       integer :: c, f, p
 
       do c = 1, n_cases
          allocate (plain(c)%mean(size(frequency)), plain(c)%percentile(size(frequency), 2))
-         associate (own => y((c - 1)*n + 1:c*n, :))
-            own = transpose(cases(c)%density(j, :, chosen(:, c)))
-            plain(c)%mean = sum(own, 1)/n
-            do f = 1, size(frequency)
-               plain(c)%percentile(f, :) = [(percentile(own(:, f), share_below(p)), p=1, 2)]
-            end do
-         end associate
+         own = transpose(cases(c)%density(j, :, chosen(:, c)))
+         y((c - 1)*n_fitted + 1:c*n_fitted, :) = own(:n_fitted, :)
+         plain(c)%mean = sum(own, 1)/n
+         do f = 1, size(frequency)
+            plain(c)%percentile(f, :) = [(percentile(own(:, f), share_below(p)), p=1, 2)]
+         end do
       end do
       call estimate_spectrum(pool, y, frequency(2) - frequency(1), share_below, plain, &
                              estimates, error)

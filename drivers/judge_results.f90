@@ -3,8 +3,10 @@ module driver_judge_results
    use campaign_audit, only: add_audits
    use campaign_estimates, only: case_estimates
    use campaign_plan, only: plan_type
+   use campaign_pooling, only: fewest_samples, most_fitted
    use campaign_results, only: case_statistics
-   use campaign_samples_needed, only: find_need, needs_more_samples, statistical_error
+   use campaign_samples_needed, only: find_need, needs_more_samples, slip_error, slip_error_of, &
+      statistical_error, with_own_records
    use core_error, only: error_type, exit_no_solution, raise
    use core_kinds, only: long, wp
    use core_phrases, only: brief, counted
@@ -19,7 +21,9 @@ module driver_judge_results
    use process_model, only: process_model_type
    implicit none(type, external)
    private
-   public :: judge, take_more, tell_errors
+   public :: judge, need_words, take_more, tell_errors
+
+   real(wp), parameter :: most_of_a_march = 1.5_wp   !! steps, of one that draws its record too
 
 contains
 
@@ -30,7 +34,7 @@ contains
       type(error_type), allocatable, intent(out) :: error
       type(case_errors), allocatable :: errors(:)
       character(:), allocatable :: failures
-      integer :: i, n_own
+      integer :: i, most(size(plan%cases)), n_own
 
       associate (wanted => plan%accuracy)
       if (.not. (plan%has_structure .and. max(wanted%target_slip_points, wanted%target_band_ratio, &
@@ -40,9 +44,12 @@ contains
       call read_errors(path, n_own, plan%structure%n_joints, errors, error)
       if (allocated(error)) return
       failures = ''
+      most = most_fitted(plan)
       do i = 1, n_own
-         failures = failures//numerical_failures(plan, i, errors(i))// &
-                    statistical_failure(plan, i, errors(i)%statistics)
+         failures = failures//numerical_failures(plan, i, errors(i))
+         if (errors(i)%statistics%n_samples > 1) failures = failures// &
+            statistical_failure(plan, i, slip_error_of(errors(i)%statistics, errors(i)%ratio, &
+                                                       most(i), plan%excitation%per_sample))
       end do
       if (failures /= '') call raise(error, exit_no_solution, path//' is written, and not as '// &
                                      'accurate as wanted'//failures)
@@ -64,7 +71,8 @@ contains
       statistical = 0.0_wp
       do i = 1, size(errors)
          if (allocated(errors(i)%statistics%slip%mean_error)) &
-            statistical = max(statistical, statistical_error(errors(i)%statistics))
+            statistical = max(statistical, statistical_error( &
+                              slip_error_of(errors(i)%statistics, errors(i)%ratio, 0, .false.)))
       end do
       if (statistical > 0.0_wp .and. statistical < huge(1.0_wp)) &
          text = 'mean time in slip: standard error at most '//brief(statistical)//' points'
@@ -114,29 +122,46 @@ contains
 
    !> Standard error of a case's mean where it is above the target, and what the case needs; else
    !> empty.
-   function statistical_failure(plan, number, statistics) result(text)
+   function statistical_failure(plan, number, error) result(text)
       type(plan_type), intent(in) :: plan
       integer, intent(in) :: number
-      type(case_statistics), intent(in) :: statistics
+      type(slip_error), intent(in) :: error
       character(:), allocatable :: text
-      integer(long) :: n_samples, n_steps
-      real(wp) :: error
 
       text = ''
-      associate (wanted => plan%accuracy%target_statistical, how => plan%integration)
-         if (.not. wanted > 0.0_wp .or. statistics%n_samples < 2) return
-         error = statistical_error(statistics)
-         if (error <= wanted) return
-         if (error >= huge(1.0_wp)) then
+      associate (wanted => plan%accuracy%target_statistical)
+         if (.not. wanted > 0.0_wp .or. statistical_error(error) <= wanted) return
+         if (statistical_error(error) >= huge(1.0_wp)) then
             text = failure('target_statistical', wanted, number, 'too short a march to tell')
-            return
+         else
+            text = failure('target_statistical', wanted, number, &
+                           brief(statistical_error(error))//' points; '// &
+                           need_words(plan, error, ''))
          end if
-         call find_need(statistics, wanted, how%n_steps - how%n_discard, n_samples, n_steps)
-         text = failure('target_statistical', wanted, number, brief(error)//' points; about '// &
-                        to_text(n_samples)//' samples and '//to_text(n_steps + how%n_discard)// &
-                        ' steps would do')
       end associate
    end function statistical_failure
+
+   !> Words on how to bring an error to the target: samples and steps, or, where that is less to
+   !> march, samples with a record of noise for each.
+   pure function need_words(plan, error, duration) result(text)
+      type(plan_type), intent(in) :: plan
+      type(slip_error), intent(in) :: error      !! that is known
+      character(*), intent(in) :: duration       !! of the samples and steps; may be empty
+      character(:), allocatable :: text
+      integer(long) :: n_own, n_samples, n_steps, unused
+
+      associate (wanted => plan%accuracy%target_statistical, how => plan%integration)
+         call find_need(error, wanted, how%n_steps - how%n_discard, n_samples, n_steps)
+         text = 'about '//to_text(n_samples)//' samples and '//to_text(n_steps + how%n_discard)// &
+                ' steps would do'//duration
+         if (error%has_own_records) return
+         if (all(plan%excitation%kind /= ['band_limited', 'psd         '])) return
+         call find_need(with_own_records(error), wanted, how%n_steps - how%n_discard, n_own, unused)
+         if (most_of_a_march*n_own*how%n_steps &
+             < real(n_samples, wp)*real(n_steps + how%n_discard, wp)) &
+            text = text//', or '//to_text(n_own)//' samples with excitation%per_sample = .true.'
+      end associate
+   end function need_words
 
    function failure(name, wanted, number, found) result(line)
       character(*), intent(in) :: name, found
@@ -211,20 +236,38 @@ contains
       integer, intent(in) :: batch
       type(case_estimates), intent(in) :: estimates(:)   !! (case)
       integer, intent(inout) :: n_samples(:)             !! (case)
+      type(slip_error) :: error
       integer(long) :: n, n_steps
-      integer :: i, n_batches
+      integer :: i, most(size(plan%cases)), n_batches
 
+      most = most_fitted(plan)
       associate (wanted => plan%accuracy%target_statistical)
          do i = 1, size(plan%cases)
             if (plan%cases(i)%audits > 0 .or. plan%cases(i)%process == 0) cycle
-            if (.not. needs_more_samples(estimates(i)%best, wanted)) cycle
-            call find_need(estimates(i)%best, wanted, plan%integration%n_steps, n, n_steps)
+            error = slip_error_of(estimates(i)%best, ratio_of(estimates(i)), most(i), &
+                                  plan%excitation%per_sample)
+            if (.not. needs_more_samples(error, wanted)) cycle
+            call find_need(error, wanted, plan%integration%n_steps, n, n_steps)
+            if (most(i) > 0 .and. n_samples(i) < fewest_samples) n = min(n, 2_long*fewest_samples)
             ! half of what seems to be needed: an error that came out too large wastes nothing
             n_batches = n_samples(i)/batch
-            n_batches = max(n_batches + 1, int(min(n/2/batch, 10_long*n_batches)))
+            n_batches = max(n_batches + 1, int(min((n/2 - 1)/batch + 1, 10_long*n_batches)))
             n_samples(i) = n_batches*batch
          end do
       end associate
    end subroutine decide
+
+   !> Standard errors of plain sampling over those of the best estimates of slip_mean.
+   pure function ratio_of(estimates) result(ratio)
+      type(case_estimates), intent(in) :: estimates
+      real(wp), allocatable :: ratio(:)   !! (joint)
+
+      if (estimates%estimator == 'plain') then
+         allocate (ratio, mold=estimates%best%slip%mean)
+         ratio = 1.0_wp
+      else
+         ratio = estimates%error_ratio%slip%mean
+      end if
+   end function ratio_of
 
 end module driver_judge_results

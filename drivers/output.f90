@@ -3,7 +3,7 @@ module driver_output
    use campaign_plan, only: plan_type
    use campaign_pooling, only: estimators_of
    use campaign_runner, only: block_width
-   use campaign_samples_needed, only: needs_more_samples
+   use campaign_samples_needed, only: needs_more_samples, slip_error_of
    use campaign_study, only: block_range
    use config_scene, only: scene_type
    use core_error, only: error_type
@@ -211,8 +211,8 @@ contains
       wanted = estimators_of(plan)
       do i = 1, size(errors)
          if (plan%accuracy%sample_until_met .and. &
-             needs_more_samples(errors(i)%statistics, plan%accuracy%target_statistical)) &
-            output%is_complete = .false.
+             needs_more_samples(slip_error_of(errors(i)%statistics, errors(i)%ratio, 0, .false.), &
+                                plan%accuracy%target_statistical)) output%is_complete = .false.
          if (errors(i)%estimator /= '' .and. errors(i)%estimator /= wanted(i) .and. &
              n_samples(i) == plan%cases(i)%n_samples) output%is_complete = .false.
       end do

@@ -2,20 +2,18 @@
 !> joint or a dof at a time.
 module driver_regression
    use campaign_estimates, only: case_estimates, n_quantities
+   use campaign_law, only: draw_law
    use campaign_plan, only: kept_dofs, plan_type
-   use campaign_pooling, only: case_pool, estimators_of, find_points, find_pools, plan_draws, &
-      reason_for_plain
+   use campaign_pooling, only: case_pool, estimators_of, find_points, find_pools, reason_for_plain
    use campaign_results, only: block_result, case_statistics, joint_statistics
    use core_error, only: error_type
    use core_kinds, only: long, wp
-   use core_random, only: label_of, new_stream, stream_type
    use io_gathering, only: read_density, read_samples, shards_of
    use io_shards, only: named_shard, shard_type
    use io_store, only: shard_store
    use parallel_work, only: new_counter, work_counter
    use parallel_world, only: attend_to_others, world_type
-   use process_model, only: process_model_type, request_label
-   use process_realization, only: draw_points
+   use process_model, only: process_model_type
    use statistics_pool, only: new_pool, pool_type
    use statistics_scalars, only: estimate_scalars, scalar_from, scalar_plain, scalar_type, &
       scalar_values
@@ -24,8 +22,6 @@ module driver_regression
    implicit none(type, external)
    private
    public :: find_estimates, share_list
-
-   real(wp), parameter :: share_of_windows = 0.8_wp   !! independent draws in a window
 
    !> Data that the tasks of all pools read and fill.
    type :: workshop_type
@@ -209,6 +205,7 @@ contains
       type(workshop_type), intent(inout) :: workshop
       type(error_type), allocatable, intent(out) :: error
       real(wp), allocatable :: friction(:, :), draws(:, :)
+      real(wp) :: n_independent
       type(block_result) :: samples
       integer, allocatable :: first(:), wanted(:, :)
       integer :: i
@@ -244,44 +241,13 @@ contains
          do i = 1, size(members%cases)
             call attend_to_others()
             associate (model => models(wanted(1, i)))
-               call draw_law(plan%seed, model, workshop%points, draws)
-               call workshop%pool%add_law(i, draws, share_of_windows*size(draws, 1))
+               call draw_law(plan%seed, model, workshop%points, draws, n_independent)
+               call workshop%pool%add_law(i, draws, n_independent)
             end associate
          end do
          workshop%drawn = wanted
       end associate
    end subroutine gather_pool
-
-   !> Windows of one long realization, or each from a stream of its own.
-   subroutine draw_law(seed, model, points, draws)
-      integer(long), intent(in) :: seed
-      type(process_model_type), intent(in) :: model
-      integer, intent(in) :: points(:)                    !! of the process, ascending
-      real(wp), allocatable, intent(out) :: draws(:, :)   !! (draw, point)
-      type(stream_type) :: stream
-      real(wp), allocatable :: values(:)
-      integer(long) :: label
-      integer :: i, n, stride
-
-      label = label_of(request_label(model%request), label_of('law'))
-      call plan_draws(points(size(points)), model%request%sampler == 'exact', model%l0, n, stride)
-      allocate (draws(n, size(points)))
-      if (stride == 0) then
-         allocate (values(points(size(points))))
-         do i = 1, n
-            stream = new_stream(seed, label, i)
-            call draw_points(model, stream, values)
-            draws(i, :) = values(points)
-         end do
-      else
-         allocate (values(stride*n))
-         stream = new_stream(seed, label, 0)
-         call draw_points(model, stream, values)
-         do i = 1, n
-            draws(i, :) = values((i - 1)*stride + points)
-         end do
-      end if
-   end subroutine draw_law
 
    subroutine estimate_joint(workshop, joint, error)
       type(workshop_type), intent(inout) :: workshop

@@ -139,7 +139,8 @@ contains
       found%spectra = spectrum_rows_of(found%tradeoff, values)
       found%parts = parts_of(found%tradeoff, values, found%settings(found%tradeoff%own), &
                              plan%integration%n_steps - plan%integration%n_discard)
-      found%sizes = size_rows_of(plan, found%settings(found%tradeoff%own), found%parts)
+      found%sizes = size_rows_of(plan, found%tradeoff, values, &
+                                 found%settings(found%tradeoff%own), found%parts)
       found%variants = variant_rows_of(found%tradeoff, values)
    end subroutine measure_march
 

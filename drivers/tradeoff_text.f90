@@ -167,15 +167,27 @@ contains
       case (1)
          text = text//labelled('largest', 'of slip: discretisation; to halve it: '//halved())
       case (2)
-         text = text//labelled('largest', 'of slip: time average; to halve it: '//longer()// &
-                               ', '//four_times())
+         text = text//labelled('largest', 'of slip: time average; to halve it: '//own_records()// &
+                               longer()//', '//as_long(4.0_wp))
       case (3)
          text = text//labelled('largest', 'of slip: Monte Carlo; to halve it: '// &
-                               'campaign%n_samples = '//to_text(4*maxval(plan%cases%n_samples))// &
-                               ', '//four_times())
+                               'campaign%n_samples = '//to_text( &
+                               ceiling(parts%times_to_halve*maxval(plan%cases%n_samples)))// &
+                               ', '//as_long(parts%times_to_halve))
       end select
 
    contains
+
+      !> With a record of noise for each sample, samples lower the time average too.
+      pure function own_records() result(words)
+         character(:), allocatable :: words
+
+         words = ''
+         if (plan%excitation%per_sample .or. plan%excitation%kind == 'file') return
+         if (.not. is_random(plan) .or. maxval(plan%cases%n_samples) < 4) return
+         words = 'excitation%per_sample = .true. ('//brief(slip(2)/sqrt(real( &
+                 maxval(plan%cases%n_samples), wp)))//' points are left), or '
+      end function own_records
 
       pure function longer() result(words)
          character(:), allocatable :: words
@@ -197,11 +209,12 @@ contains
          end associate
       end function halved
 
-      pure function four_times() result(words)
+      pure function as_long(times) result(words)
+         real(wp), intent(in) :: times
          character(:), allocatable :: words
 
-         words = run_time(plan, rows(own), n_ranks, 4.0_wp)//' instead of '//now()
-      end function four_times
+         words = run_time(plan, rows(own), n_ranks, times)//' instead of '//now()
+      end function as_long
 
       pure function now() result(words)
          character(:), allocatable :: words

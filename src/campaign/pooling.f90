@@ -9,10 +9,10 @@ module campaign_pooling
    use structure_model, only: structure_type
    implicit none(type, external)
    private
-   public :: case_pool, estimators_of, find_points, find_pools, plan_draws, &
+   public :: case_pool, estimators_of, find_points, find_pools, most_fitted, plan_draws, &
              reason_for_plain
 
-   integer, parameter :: fewest_samples = 20    !! of a case
+   integer, parameter, public :: fewest_samples = 20   !! of a case
    integer, parameter :: most_inputs = 64       !! friction values of a sample
    integer, parameter :: most_samples = 600     !! of a pool
    integer, parameter :: enough_samples = 100   !! that no case of a pool has to go below
@@ -64,6 +64,24 @@ contains
       end function members_of
 
    end function find_pools
+
+   !> Samples of each case that a regression takes when there are many; 0: plain sampling, however
+   !> many.
+   pure function most_fitted(plan) result(most)
+      type(plan_type), intent(in) :: plan
+      integer :: most(size(plan%cases))
+      type(plan_type) :: larger
+      type(case_pool), allocatable :: pools(:)
+      integer :: p
+
+      larger = plan
+      larger%cases%n_samples = max(fewest_samples, plan%cases%n_samples)
+      most = 0
+      pools = find_pools(larger)
+      do p = 1, size(pools)
+         most(pools(p)%cases) = most_samples/size(pools(p)%cases)
+      end do
+   end function most_fitted
 
    !> 'pooled', 'regression' or 'plain' for each case.
    pure function estimators_of(plan) result(name)

@@ -1,60 +1,153 @@
 !> The standard error of mean slip fractions as a whole, and what would bring it to a target.
 !>
 !> With one record of the force for all samples, samples lower the error of the mean that is due to
-!> friction, and only a longer march lowers what the record adds. With a record for each sample, the
-!> scatter over samples holds both.
+!> friction, and only a longer march lowers what the record adds. With a record for each sample,
+!> samples lower both.
+!>
+!> With n samples, plain sampling's error falls as 1/sqrt(n). A regression's falls as 1/n while it
+!> takes more samples, down to what the points that stand for the law leave; a sample's own record
+!> is noise to it, whose error falls as 1/sqrt(n). On the paper's chain stated errors of 32 samples
+!> are 3 to 9 times those of 128 (docs/accuracy.md).
 module campaign_samples_needed
+   use campaign_pooling, only: fewest_samples
    use campaign_results, only: case_statistics
    use core_kinds, only: long, wp
    implicit none(type, external)
    private
-   public :: statistical_error, find_need, needs_more_samples
+   public :: error_with, find_need, needs_more_samples, slip_error, slip_error_of, &
+             statistical_error, with_own_records
 
    real(wp), parameter :: points = 100.0_wp     !! of percent in a fraction
    real(wp), parameter :: largest = 1.0e15_wp   !! number that is told
+   !> Share of the scatter that 131,072 windows and 4096 points leave: see statistics_law.
+   real(wp), parameter, public :: law_share = 1.0_wp/280.0_wp
+
+   !> Standard errors of the mean slip fractions of a case [points], a value a joint.
+   type :: slip_error
+      integer :: n_samples = 0
+      integer :: most_fitted = 0             !! samples that a regression takes; 0: plain sampling
+      real(wp), allocatable :: samples(:)    !! due to the samples, their own records included
+      real(wp), allocatable :: ratio(:)      !! plain sampling's over `samples`
+      real(wp), allocatable :: record(:)     !! due to a record that all samples share
+      real(wp), allocatable :: own(:)        !! of one sample, due to a record of its own
+      logical :: has_own_records = .false.
+   end type slip_error
 
 contains
 
-   !> The largest over the dofs of the standard error of slip_mean [points]; huge when the march is
-   !> too short to tell it.
-   pure function statistical_error(statistics) result(error)
+   !> The errors of statistics; not allocated where the march is too short to tell them.
+   pure function slip_error_of(statistics, ratio, most_fitted, has_own_records) result(error)
       type(case_statistics), intent(in) :: statistics   !! of two samples or more
-      real(wp) :: error
+      real(wp), intent(in) :: ratio(:)                  !! (joint) as in slip_error
+      integer, intent(in) :: most_fitted
+      logical, intent(in) :: has_own_records
+      type(slip_error) :: error
 
-      error = huge(1.0_wp)
+      error%n_samples = statistics%n_samples
+      error%most_fitted = most_fitted
+      error%has_own_records = has_own_records
       if (.not. allocated(statistics%slip_mean_time_error)) return
-      error = points*maxval(hypot(statistics%slip%mean_error, statistics%slip_mean_time_error))
+      error%samples = points*statistics%slip%mean_error
+      error%ratio = max(1.0_wp, ratio)
+      error%record = points*statistics%slip_mean_time_error
+      error%own = error%record
+      if (allocated(statistics%slip_std_time_part)) &
+         error%own = hypot(error%record, points*statistics%slip_std_time_part)
+   end function slip_error_of
+
+   !> The largest over the joints of the standard error of slip_mean [points]; huge when the march
+   !> is too short to tell it.
+   pure real(wp) function statistical_error(error)
+      type(slip_error), intent(in) :: error
+
+      statistical_error = huge(1.0_wp)
+      if (allocated(error%record)) statistical_error = maxval(hypot(error%samples, error%record))
    end function statistical_error
 
    !> True if the error is above the target and more samples alone can bring it there.
-   pure function needs_more_samples(statistics, target) result(is_so)
-      type(case_statistics), intent(in) :: statistics
+   pure logical function needs_more_samples(error, target)
+      type(slip_error), intent(in) :: error
       real(wp), intent(in) :: target   !! [points]
-      logical :: is_so
 
-      is_so = allocated(statistics%slip_mean_time_error)
-      if (is_so) is_so = points*maxval(statistics%slip_mean_time_error) < target .and. &
-                         statistical_error(statistics) > target
+      needs_more_samples = allocated(error%record)
+      if (needs_more_samples) needs_more_samples = maxval(error%record) < target .and. &
+                                                   statistical_error(error) > target
    end function needs_more_samples
 
-   !> Samples and steps that bring the error to the target, as the statistics of some have it. Steps
-   !> are added where the record alone takes more than half of the variance allowed, and then so
-   !> many that it takes half; errors fall with the root of the number.
-   pure subroutine find_need(statistics, target, n_steps, samples_needed, steps_needed)
-      type(case_statistics), intent(in) :: statistics   !! that has a statistical error
+   !> The same case with a record for each sample instead of one for all.
+   pure function with_own_records(shared) result(own)
+      type(slip_error), intent(in) :: shared
+      type(slip_error) :: own
+
+      own = shared
+      own%has_own_records = .true.
+      own%record = 0.0_wp*shared%record
+      own%samples = hypot(shared%samples, shared%own/sqrt(real(shared%n_samples, wp)))
+      own%ratio = hypot(shared%samples*shared%ratio, &
+                        shared%own/sqrt(real(shared%n_samples, wp)))/max(own%samples, tiny(1.0_wp))
+   end function with_own_records
+
+   !> Standard error with n samples instead of n_now.
+   elemental real(wp) function error_with(n, n_now, now, ratio, own, most_fitted) result(error)
+      real(wp), intent(in) :: n, n_now
+      real(wp), intent(in) :: now     !! standard error with n_now samples
+      real(wp), intent(in) :: ratio   !! plain sampling's over it
+      real(wp), intent(in) :: own     !! as in slip_error; 0 where all samples share a record
+      integer, intent(in) :: most_fitted
+      real(wp) :: of_law, of_records, shrink
+
+      error = ratio*now*sqrt(n_now/n)
+      if (most_fitted == 0 .or. n < fewest_samples .or. ratio <= 1.0_wp) return
+      shrink = n_now/min(n, max(n_now, real(most_fitted, wp)))
+      of_records = min(own**2/n_now, now**2)
+      of_law = min((law_share*ratio*now)**2*n_now, now**2 - of_records)
+      error = min(error, sqrt(of_law + of_records*shrink &
+                              + (now**2 - of_records - of_law)*shrink**2))
+   end function error_with
+
+   !> Samples and steps that bring the error to the target. Steps are added where the record alone
+   !> takes more than half of the variance allowed, and then so many that it takes half; time
+   !> averages fall with the root of the steps.
+   pure subroutine find_need(error, target, n_steps, samples_needed, steps_needed)
+      type(slip_error), intent(in) :: error   !! that is known
       real(wp), intent(in) :: target          !! [points]
-      integer, intent(in) :: n_steps          !! of the march that the statistics are of
+      integer, intent(in) :: n_steps          !! of the march that the errors are of
       integer(long), intent(out) :: samples_needed, steps_needed
       real(wp), parameter :: share = 0.5_wp   ! of the variance, that the record may take
-      real(wp) :: friction(size(statistics%slip%mean_error)), record(size(friction))
+      real(wp) :: allowed(size(error%record)), record(size(error%record))
+      integer(long) :: too_few
 
-      friction = (points*statistics%slip%mean_error/target)**2
-      record = (points*statistics%slip_mean_time_error/target)**2
+      record = (error%record/target)**2
       steps_needed = n_steps
       if (maxval(record) > share) &
          steps_needed = ceiling(min(largest, n_steps*maxval(record)/share), long)
-      samples_needed = ceiling(min(largest, statistics%n_samples &
-                                   *maxval(friction/(1.0_wp - min(record, share)))), long)
+      allowed = target*sqrt(1.0_wp - min(record, share))*(1.0_wp + 1.0e-12_wp)
+      too_few = 0
+      samples_needed = 1
+      do while (.not. suffices(samples_needed) .and. samples_needed < largest)
+         too_few = samples_needed
+         samples_needed = 2*samples_needed
+      end do
+      do while (samples_needed - too_few > 1)
+         associate (middle => too_few + (samples_needed - too_few)/2)
+            if (suffices(middle)) then
+               samples_needed = middle
+            else
+               too_few = middle
+            end if
+         end associate
+      end do
+
+   contains
+
+      pure logical function suffices(n)
+         integer(long), intent(in) :: n
+
+         suffices = all(error_with(real(n, wp), real(error%n_samples, wp), error%samples, &
+                                   error%ratio, merge(error%own, 0.0_wp, error%has_own_records), &
+                                   error%most_fitted) <= allowed)
+      end function suffices
+
    end subroutine find_need
 
 end module campaign_samples_needed

@@ -13,6 +13,7 @@ module io_error_results
    type :: case_errors
       type(case_statistics) :: statistics
       character(:), allocatable :: estimator   !! of the statistics; empty without statistics
+      real(wp), allocatable :: ratio(:)        !! (joint) plain sampling's errors over them
       integer :: n_audited = 0
       integer :: n_unsteady = -1         !! samples under a sine that are not steady; -1: no sine
       real(wp) :: slip_points = 0.0_wp   !! numerical error found by the audit [points]
@@ -37,8 +38,8 @@ contains
       allocate (errors(n_cases))
       do i = 1, n_cases
          call read_statistics(file, case_group(i, n_cases), n_joints, errors(i)%statistics, error)
-         if (.not. allocated(error)) call read_estimator(file, case_group(i, n_cases), &
-                                                         errors(i)%estimator, error)
+         if (.not. allocated(error)) call read_estimator(file, case_group(i, n_cases), n_joints, &
+                                                         errors(i), error)
          if (.not. allocated(error)) &
             call read_steady(file, case_group(i, n_cases), errors(i), error)
          if (.not. allocated(error)) &
@@ -66,17 +67,26 @@ contains
       allocate (statistics%slip_mean_time_error(n_joints))
       call read_dataset(file, group//'/slip_mean_time_error', statistics%slip_mean_time_error, &
                         error)
+      if (allocated(error)) return
+      if (.not. file%has(group//'/slip_std_time_part')) return
+      allocate (statistics%slip_std_time_part(n_joints))
+      call read_dataset(file, group//'/slip_std_time_part', statistics%slip_std_time_part, error)
    end subroutine read_statistics
 
-   subroutine read_estimator(file, group, estimator, error)
+   subroutine read_estimator(file, group, n_joints, errors, error)
       type(hdf5_file), intent(in) :: file
       character(*), intent(in) :: group
-      character(:), allocatable, intent(out) :: estimator
+      integer, intent(in) :: n_joints
+      type(case_errors), intent(inout) :: errors
       type(error_type), allocatable, intent(out) :: error
 
-      estimator = ''
+      errors%estimator = ''
+      allocate (errors%ratio(n_joints), source=1.0_wp)
       if (has_attribute(file, group, 'estimator')) &
-         call read_attribute(file, group, 'estimator', estimator, error)
+         call read_attribute(file, group, 'estimator', errors%estimator, error)
+      if (allocated(error)) return
+      if (file%has(group//'/error_ratio')) &
+         call read_dataset(file, group//'/error_ratio/slip_mean', errors%ratio, error)
    end subroutine read_estimator
 
    subroutine read_steady(file, group, errors, error)

@@ -2,16 +2,18 @@
 !> that no other beats in both, the cheapest for a wanted error, and the parts of the error now.
 module tradeoff_front
    use campaign_plan, only: plan_type
+   use campaign_samples_needed, only: error_with, slip_error
    use core_kinds, only: long, wp
    use numerics_correlated, only: error_of_batches, n_batches
    use numerics_spectrum, only: error_of_density
+   use tradeoff_samples_part, only: mean_slip_errors, noise_of_one, part_of_samples, published_error
    use tradeoff_settings, only: expected_cost, setting_type
    use tradeoff_tasks, only: of_batch, of_samples, of_setting, of_spectrum, tradeoff_type
    implicit none(type, external)
    private
    public :: error_parts, published_error, setting_row, size_row, spectrum_row
-   public :: rows_of, size_rows_of, spectrum_rows_of, parts_of, cheapest, best, is_random, keeps, &
-             sample_steps
+   public :: rows_of, size_rows_of, slip_error_to_come, spectrum_rows_of, parts_of, cheapest, &
+             best, is_random, keeps, sample_steps
 
    !> A setting measured: the largest errors over cases and dofs. A standard error is such that
    !> twice of it covers the errors of all.
@@ -49,21 +51,12 @@ module tradeoff_front
       real(wp) :: seconds = 0.0_wp      !! of a processor
    end type size_row
 
-   !> An error of what is published, the largest over cases and dofs; a standard error where it is
-   !> statistical. Those of spectra are integrals over frequency, relative to that of the density.
-   type :: published_error
-      real(wp) :: slip = 0.0_wp              !! [points] of the mean over samples
-      real(wp) :: slip_std = 0.0_wp          !! [points] of the standard deviation over samples
-      real(wp) :: psd_mean = 0.0_wp          !! of the mean spectrum
-      real(wp) :: psd_percentiles = 0.0_wp   !! of the percentiles of the spectrum
-      real(wp) :: ratio = 0.0_wp             !! relative, of band ratios
-   end type published_error
-
    !> Parts of the error that the scene has now.
    type :: error_parts
       type(published_error) :: discretisation
       type(published_error) :: time              !! n_steps are finite
-      type(published_error) :: samples           !! n_samples are finite
+      type(published_error) :: samples           !! n_samples are finite: of the scene's estimator
+      real(wp) :: times_to_halve = 4.0_wp        !! as many samples halve that of slip
    end type error_parts
 
 contains
@@ -188,29 +181,68 @@ contains
       type(setting_row), intent(in) :: own   !! the scene's setting
       integer, intent(in) :: n_steps         !! of the scene, after those discarded
       type(error_parts) :: parts
+      type(published_error) :: fewer
+      real(wp) :: few, many
       integer :: i
 
       parts%discretisation = published_error(own%slip, own%slip_std, own%psd_mean, &
                                              own%psd_percentiles, own%band_ratio)
       call add_time_averages(tradeoff, values, n_steps, parts)
-      do i = 1, size(tradeoff%tasks)
-         if (tradeoff%tasks(i)%kind == of_samples) &
-            call add_samples(tradeoff, tradeoff%cases(tradeoff%tasks(i)%row), values(:, i), parts)
+      parts%samples = part_of_samples(tradeoff, values, parts%time%slip, n_steps, 1.0_wp)
+      few = 1.0_wp
+      many = 4.0_wp   ! plain sampling; no estimator falls more slowly
+      do i = 1, 12
+         fewer = part_of_samples(tradeoff, values, parts%time%slip, n_steps, sqrt(few*many))
+         if (fewer%slip > 0.5_wp*parts%samples%slip) then
+            few = sqrt(few*many)
+         else
+            many = sqrt(few*many)
+         end if
       end do
-      if (tradeoff%plan%excitation%per_sample) call part_records(tradeoff, n_steps, parts)
+      parts%times_to_halve = many
    end function parts_of
 
-   !> Where each sample has its own record, the scatter over samples of a short march holds its time
-   !> average too: what a march of that length has of it is taken out.
-   pure subroutine part_records(tradeoff, n_steps, parts)
+   !> Standard errors of mean slip fractions that the scene's results will have, the joints of all
+   !> cases that were looked at in a row.
+   pure function slip_error_to_come(plan, tradeoff, values) result(error)
+      type(plan_type), intent(in) :: plan
       type(tradeoff_type), intent(in) :: tradeoff
-      integer, intent(in) :: n_steps   !! of the scene
-      type(error_parts), intent(inout) :: parts
-      real(wp) :: of_records
+      real(wp), intent(in) :: values(:, :)   !! (value, task)
+      type(slip_error) :: error
+      type(error_parts) :: parts
+      real(wp), allocatable :: now(:), ratio(:)
+      real(wp) :: w
+      integer :: i, n_steps
 
-      of_records = parts%time%slip**2*n_steps/tradeoff%plan%integration%n_steps
-      parts%samples%slip = sqrt(max(0.0_wp, parts%samples%slip**2 - of_records))
-   end subroutine part_records
+      n_steps = plan%integration%n_steps - plan%integration%n_discard
+      call add_time_averages(tradeoff, values, n_steps, parts)
+      error%n_samples = maxval(plan%cases%n_samples)
+      error%has_own_records = plan%excitation%per_sample
+      error%most_fitted = maxval(tradeoff%most_fitted)
+      allocate (error%samples(0), error%ratio(0))
+      associate (n => real(error%n_samples, wp))
+         do i = 1, size(tradeoff%tasks)
+            if (tradeoff%tasks(i)%kind /= of_samples) cycle
+            associate (most => tradeoff%most_fitted(tradeoff%cases(tradeoff%tasks(i)%row)))
+               call mean_slip_errors(tradeoff, values(:, i), &
+                                     noise_of_one(tradeoff, parts%time%slip, n_steps), now, &
+                                     ratio, w)
+               error%samples = [error%samples, error_with(n, w, now, ratio, 0.0_wp, most)]
+               error%ratio = [error%ratio, now*ratio*sqrt(w/n)]   ! plain sampling's error
+               if (most > 0) error%most_fitted = min(error%most_fitted, most)
+            end associate
+         end do
+         if (error%has_own_records) then   ! samples lower both
+            error%samples = hypot(error%samples, parts%time%slip)
+            error%ratio = hypot(error%ratio, parts%time%slip)
+         end if
+         error%ratio = max(1.0_wp, error%ratio/max(error%samples, tiny(1.0_wp)))
+         error%record = 0.0_wp*error%samples
+         if (.not. error%has_own_records) error%record = error%record + parts%time%slip
+         error%own = 0.0_wp*error%samples + parts%time%slip &
+                     *merge(sqrt(n), 1.0_wp, error%has_own_records)
+      end associate
+   end function slip_error_to_come
 
    !> From batches: their mean over a march of the scene's length. Where every sample has a force of
    !> its own, the mean over samples averages their errors too.
@@ -254,33 +286,13 @@ contains
       end do
    end subroutine add_time_averages
 
-   !> From the samples of one case, for as many as the scene has of it.
-   pure subroutine add_samples(tradeoff, case_number, values, parts)
-      type(tradeoff_type), intent(in) :: tradeoff
-      integer, intent(in) :: case_number
-      real(wp), intent(in) :: values(:)
-      type(error_parts), intent(inout) :: parts
-      real(wp) :: n, w
-      integer :: last, m
-
-      m = tradeoff%plan%structure%n_joints
-      last = 1 + 2*m + tradeoff%plan%structure%n_dof   ! of the values of joints and dofs
-      n = tradeoff%plan%cases(case_number)%n_samples
-      w = values(last + 1)
-      associate (part => parts%samples)
-         part%slip = max(part%slip, maxval(values(2:1 + m))/sqrt(n))
-         part%slip_std = max(part%slip_std, sqrt(w/n)*maxval(values(2 + m:1 + 2*m)))
-         part%ratio = max(part%ratio, sqrt(w/n)*maxval(values(2 + 2*m:last)))
-         part%psd_mean = max(part%psd_mean, sqrt(w/n)*values(last + 2))
-         part%psd_percentiles = max(part%psd_percentiles, sqrt(w/n)*values(last + 3))
-      end associate
-   end subroutine add_samples
-
    !> Quarters and multiples of the scene's samples and steps, by the laws that the parts follow:
-   !> the discretisation stays, Monte Carlo falls with the root of the samples, time averages with
-   !> that of the steps, and of both where every sample has its own force.
-   pure function size_rows_of(plan, own, parts) result(rows)
+   !> the discretisation stays, Monte Carlo falls as the scene's estimator lets it, time averages
+   !> with the root of the steps, and of the samples too where every sample has its own force.
+   pure function size_rows_of(plan, tradeoff, values, own, parts) result(rows)
       type(plan_type), intent(in) :: plan
+      type(tradeoff_type), intent(in) :: tradeoff
+      real(wp), intent(in) :: values(:, :)   !! (value, task)
       type(setting_row), intent(in) :: own   !! the scene's setting
       type(error_parts), intent(in) :: parts
       type(size_row), allocatable :: rows(:)
@@ -297,17 +309,21 @@ contains
 
       pure type(size_row) function row(more_samples, more_steps)
          real(wp), intent(in) :: more_samples, more_steps
+         type(published_error) :: of_samples
          real(wp) :: of_time
 
+         of_samples = part_of_samples(tradeoff, values, parts%time%slip, &
+                                      plan%integration%n_steps - plan%integration%n_discard, &
+                                      more_samples)
          of_time = more_steps*merge(more_samples, 1.0_wp, plan%excitation%per_sample)
          row%n_samples = nint(more_samples*maxval(plan%cases%n_samples))
          row%n_steps = nint(more_steps*plan%integration%n_steps, long)
          row%slip_mean = norm2([parts%discretisation%slip, parts%time%slip/sqrt(of_time), &
-                                parts%samples%slip/sqrt(more_samples)])
+                                of_samples%slip])
          row%slip_std = norm2([parts%discretisation%slip_std, parts%time%slip_std/sqrt(of_time), &
-                               parts%samples%slip_std/sqrt(more_samples)])
+                               of_samples%slip_std])
          row%band_ratio = norm2([parts%discretisation%ratio, parts%time%ratio/sqrt(of_time), &
-                                 parts%samples%ratio/sqrt(more_samples)])
+                                 of_samples%ratio])
          row%seconds = 1.0e-9_wp*own%cost*sample_steps(plan)*more_samples*more_steps
       end function row
 

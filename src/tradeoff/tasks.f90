@@ -6,6 +6,7 @@
 !> that of a case's samples the Monte Carlo error.
 module tradeoff_tasks
    use campaign_plan, only: plan_type, strength_of
+   use campaign_pooling, only: most_fitted
    use campaign_results, only: block_result
    use campaign_runner, only: block_width, prepare_runner, runner_type
    use campaign_sample, only: stop_query
@@ -15,6 +16,7 @@ module tradeoff_tasks
    use numerics_sorting, only: sort_order
    use numerics_spectrum, only: count_segments
    use process_model, only: process_model_type
+   use tradeoff_estimators, only: find_gains
    use tradeoff_numbers, only: batch_numbers, ratio_numbers, sample_numbers, setting_numbers, &
       variant_numbers
    use tradeoff_sample, only: choose_levels, draw_level, fit_segments, level_type, march_level, &
@@ -65,6 +67,7 @@ module tradeoff_tasks
       integer, allocatable :: every(:)                !! (way) every k-th step enters the spectra
       integer, allocatable :: segment_length(:)       !! (way) steps
       integer, allocatable :: cases(:)                !! whose Monte Carlo error is estimated
+      integer, allocatable :: most_fitted(:)          !! (case) as campaign_pooling has them
       type(task_type), allocatable :: tasks(:)        !! the longest first
       integer :: n_segments = 0                       !! of the scene's spectra; 0: none
       integer :: n_wide = 0                           !! samples of a variant's march
@@ -204,7 +207,7 @@ contains
       n_levels = size(tradeoff%levels)
       associate (n_dof => tradeoff%plan%structure%n_dof, m => tradeoff%plan%structure%n_joints, &
                  w => tradeoff%n_wide, scope => tradeoff%scope)
-         tradeoff%n_values = 9 + 2*m + n_dof
+         tradeoff%n_values = 9 + 4*m + 2*n_dof
          if (size(scope%variants) > 0) &
             tradeoff%n_values = max(tradeoff%n_values, 1 + m*w + n_dof*(w + 1))
          tradeoff%tasks = [((task_type(of_variant, i, k), i=1, size(scope%variants)), &
@@ -219,6 +222,7 @@ contains
       end associate
       tradeoff%tasks = [tradeoff%tasks, tasks(sort_order(-cost))]
       allocate (tradeoff%every(0), tradeoff%segment_length(0), tradeoff%cases(0))
+      tradeoff%most_fitted = most_fitted(tradeoff%plan)
       if (.not. tradeoff%scope%is_statistical) return
       if (tradeoff%scope%has_settings) call choose_ways(tradeoff)
       call choose_cases(tradeoff)
@@ -339,12 +343,31 @@ contains
             numbers = batch_numbers(plan, result)
          case (of_samples)
             numbers = sample_numbers(plan, result)
+            call add_gains(self, self%cases(task%row), level, result, numbers, error)
+            if (allocated(error)) return
          case default
             numbers = variant_numbers(plan, result)
          end select
       end associate
       values(:1 + size(numbers)) = [nanoseconds, numbers]
    end subroutine run_task
+
+   !> Appends what the scene's estimator gains on the samples of a case, as find_gains has it.
+   subroutine add_gains(self, case_number, level, result, numbers, error)
+      class(tradeoff_type), intent(in) :: self
+      integer, intent(in) :: case_number
+      type(level_type), intent(in) :: level
+      type(block_result), intent(in) :: result
+      real(wp), allocatable, intent(inout) :: numbers(:)
+      type(error_type), allocatable, intent(out) :: error
+      real(wp) :: gain(size(numbers) - 1)
+
+      gain = 1.0_wp
+      if (self%most_fitted(case_number) > 0) &
+         call find_gains(self%plan, self%scope%models(self%plan%cases(case_number)%process), &
+                         level%friction, result, self%scope%has_settings, gain, error)
+      numbers = [numbers, gain]
+   end subroutine add_gains
 
    !> Prepares the march of a task: its samples, force and setting.
    subroutine prepare_task(self, task, plan, level, setting, error)

@@ -36,7 +36,7 @@ MOTION = """\
 &excitation variance = 1.0 /
 &integration method = 'event' n_steps = 20000 /
 &campaign n_samples = 32 /
-&accuracy target_statistical = 0.4 sample_until_met = .true. audit = 0.1 /
+&accuracy target_statistical = 0.15 sample_until_met = .true. audit = 0.1 /
 &output quantities = 'slip' /
 """
 

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import re
+
 import h5py
 import numpy as np
 import pytest
@@ -57,6 +59,43 @@ def test_sampling_goes_on_until_the_target_is_met(entroslip, scene, tmp_path):
     assert entroslip("run", scene, "--output", "b.h5", ranks=3).returncode == 0
     expected, found = scene_bits(tmp_path / "a.h5"), scene_bits(tmp_path / "b.h5")
     assert not {key for key in expected if expected[key] != found.get(key)}
+
+
+PAPER = """\
+&scene seed = 5 /
+&process correlation_length = 1.0 order = 1 mean = 0.2 std = 0.05 /
+&chain n_dof = 3 /
+&excitation variance = 41.1 per_sample = .true. /
+&integration method = 'event' n_steps = 20000 /
+&campaign n_samples = 20 /
+&accuracy target_statistical = 0.25 sample_until_met = .true. /
+&output quantities = 'slip' /
+"""
+
+
+def test_a_regression_meets_the_target_with_fewer_samples(entroslip, tmp_path):
+    """The estimator's error is the one that counts: plain sampling would need ten times as many."""
+    (tmp_path / "paper.nml").write_text(PAPER)
+    done = entroslip("run", "paper.nml")
+    assert done.returncode == 0, done.stderr
+    with h5py.File(tmp_path / "paper.h5") as file:
+        case = file["campaign/c001"]
+        n = case.attrs["n_samples"]
+        assert case.attrs["estimator"] == "regression"
+        assert standard_errors(case) <= 0.25
+        assert n * (standard_errors(case["plain"]) / 0.25) ** 2 > 10 * n
+    plain = ("--set", "campaign%estimator='plain'")
+    foreseen = [
+        int(re.search(r"about (\d+) samples", " ".join(said.split())).group(1))
+        for said in (entroslip("check", "paper.nml", *more).stdout for more in ((), plain))
+    ]
+    assert n / 2 <= foreseen[0] <= 4 * n
+    assert foreseen[1] > 10 * foreseen[0]
+    few = entroslip("run", "paper.nml", "--output", "few.h5",
+                    "--set", "accuracy%sample_until_met=.false.",
+                    "--set", "excitation%per_sample=.false.")  # fmt: skip
+    assert few.returncode == 4
+    assert "samples with excitation%per_sample = .true." in few.stderr
 
 
 def test_what_samples_cannot_mend_is_told(entroslip, scene, tmp_path):
