@@ -13,6 +13,7 @@ import h5py
 import numpy as np
 import xarray as xr
 
+from .groups import open_group
 from .output import InputError, readable
 
 #: transitions of a sample whose joints stick, springs of a free body, dampers of none
@@ -145,11 +146,8 @@ class Case:
         if source is None:  # nothing was read
             return None
         try:
-            with xr.open_dataset(
-                source, group=f"campaign/{self.name}/plain", engine="h5netcdf"
-            ) as data:
-                return data.load()
-        except (OSError, ValueError):  # no such group
+            return open_group(Path(source), f"campaign/{self.name}/plain").load()
+        except KeyError:  # no such group
             return None
 
     def has(self, *names: str) -> bool:
@@ -260,7 +258,7 @@ def open_results(path: str | Path) -> Results:
         raise ResultsError(f"{path}: is a folder")
     try:
         return _read(path)
-    except (OSError, KeyError, RuntimeError) as error:  # h5py has all three for damaged files
+    except (OSError, KeyError, RuntimeError, ValueError) as error:  # of damaged files
         words = " ".join(str(error).split())  # on one line
         raise ResultsError(f"{path}: cannot be read as HDF5: {words}") from error
 
@@ -299,13 +297,12 @@ def _read(path: Path) -> Results:
         )
 
     def view(group: str) -> xr.Dataset:
-        data = xr.open_dataset(path, group=group, engine="h5netcdf")
+        data = open_group(path, group)
         _require_axes(data, f"{path}: /{group}")
         return data
 
     def load(group: str) -> xr.Dataset:
-        with view(group) as data:
-            return data.load()
+        return view(group).load()
 
     processes = {name: load(f"process/{name}") for name in groups.get("process", [])}
 

@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping
 from functools import partial
 
-import h5py
 import numpy as np
 import xarray as xr
 from matplotlib.axes import Axes
@@ -13,6 +12,7 @@ from matplotlib.ticker import LogLocator, NullFormatter
 
 from . import style
 from .figure import SECTIONS, Figure
+from .groups import open_group
 from .results import Results
 from .table import Table, value_with_error
 
@@ -243,11 +243,10 @@ def _error_of(setting: xr.Dataset, name: str, scale: float) -> str:
 
 def _part(results: Results, name: str) -> xr.Dataset | None:
     """A group of the tradeoff; absent where nothing of the kind was compared."""
-    with h5py.File(results.path) as file:
-        if f"tradeoff/{name}" not in file:
-            return None
-    with xr.open_dataset(results.path, group=f"tradeoff/{name}", engine="h5netcdf") as data:
-        return data.load()
+    try:
+        return open_group(results.path, f"tradeoff/{name}").load()
+    except KeyError:  # no such group
+        return None
 
 
 def _settings(results: Results) -> xr.Dataset | None:
