@@ -59,13 +59,13 @@ def monotony_of_bands(study: Study) -> Statement:
     for std in STDS:
         for length in LENGTHS:
             points = [
-                (float(mean.value[i]), ratio[i])
-                for mean, ratio in _curve(study, std, length)
+                (float(mean.value[i]), f"mass {i + 1} at {variance:g}", ratio[i])
+                for variance, (mean, ratio) in zip(LEVELS, _curve(study, std, length), strict=True)
                 for i in range(study.n_dof)
             ]
             points.sort(key=lambda point: point[0])
-            for (x, before), (beyond, after) in pairwise(points):
-                text = f"step at {x:.2f} to {beyond:.2f}, std {std:g}, L {length:g}"
+            for (_, name, before), (_, other, after) in pairwise(points):
+                text = f"step from {name} to {other}, std {std:g}, L0 = {length:g}"
                 step = contrast([after], [before], one_record=False)
                 findings.append(claim_range(text, *step, below=NEGLIGIBLE))
     return Statement(
@@ -80,7 +80,7 @@ def effect_of_length(study: Study) -> Statement:
     findings = []
     for std in STDS:
         for one, other in combinations(LENGTHS, 2):
-            text = f"ln ratio, L {one:g} against {other:g}, std {std:g}"
+            text = f"ln ratio, L0 = {one:g} against {other:g}, std {std:g}"
             findings.append(claim_difference(text, *_wider(study, std, one, other), NEGLIGIBLE))
     return Statement(
         "4a", "The correlation length has a definite effect on the width of the bands.",
@@ -121,7 +121,7 @@ def uncertainty_lowers(study: Study) -> Statement:
         peaks_of = {std: _power_of_peaks(study, (std, *rest)) for std in STDS}
         for i in np.flatnonzero(stuck):
             for name, power in (("all", of), ("peaks", peaks_of)):
-                text = f"{name}: mass {i + 1}, L {rest[0]:g}, variance {rest[1]:g}"
+                text = f"{name}: mass {i + 1}, L0 = {rest[0]:g}, variance {rest[1]:g}"
                 growth = contrast([power[LARGE][i]], [power[SMALL][i]], one_record=False)
                 findings.append(claim_range(text, *growth, below=0.0))
     return Statement(

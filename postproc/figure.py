@@ -43,7 +43,7 @@ class Figure:
 
     def renamed(self, ending: str) -> Figure:
         """The same under another name, where two files have the same figure."""
-        return replace(self, name=f"{self.name}_{ending}", title=f"{self.title} ({ending})")
+        return replace(self, name=f"{self.name}_{ending}", title=f"{self.title} ({ending}.h5)")
 
     def save(self, folder: Path, ranges: Mapping[str, Ranges] | None = None) -> Path:
         """PNG and PDF into the folder; returns the PNG. Ranges go by the start of the name."""

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import Any
 
 import numpy as np
 import xarray as xr
@@ -20,8 +21,10 @@ from .peaks import scatter_of_ln_psd
 from .results import MAXIMUM_ENTROPY, Case, Results
 from .slip_statements import ABOUT_03
 
+_Marks = tuple[NDArray[np.float64], NDArray[np.float64], Any]  # x, y (joint), colour
 PERCENT = 100.0  # of a fraction of time
 _BEYOND_STUCK = 1.6  # drawn of a spectrum: to this multiple of the highest stuck frequency
+_BESIDE = 0.04  # of the axis: half the width of a curve's name
 _DECADES = 7.0  # drawn of a spectrum
 _MOST_MODES = 20  # marked; more would hide the curves
 _MOST_NUMBERED = 6  # marks of a case
@@ -29,6 +32,7 @@ _MOST_NAMES = 8  # of a legend within the axes
 _BELOW = -0.12  # below the axes and the name of the lower one, in heights of the axes
 _MOST_FILLINGS = 2  # of marks: open and full; more levels of the force differ in size too
 _SMALLEST_MARK, _LARGEST_MARK = 4.0, 8.0  # [points]
+_MEET = 25.0  # [pixels] between marks that share a number
 _SLIP_AXIS = "mean time in slip [%]"
 
 
@@ -89,6 +93,7 @@ def plot_slip_scatter(axes: Axes, cases: Sequence[Case], is_paper: bool = False)
     if is_paper:
         low, high = (PERCENT * edge for edge in ABOUT_03)
         axes.axvspan(low, high, color="0.94", zorder=0, label="the paper's 30 %, as tested")
+    marks: list[_Marks] = []
     for case, look, label in _by_length(cases):
         mean, scatter = (PERCENT * case.data[name].values for name in ("slip_mean", "slip_std"))
         if (plain := case.plain) is not None:
@@ -98,11 +103,12 @@ def plot_slip_scatter(axes: Axes, cases: Sequence[Case], is_paper: bool = False)
             yerr=PERCENT * WIDTH * case.data["slip_std_error"],
             label=label, elinewidth=0.8, **look,
         )  # fmt: skip
-        _number(axes, mean, scatter, look)
+        marks.append((mean, scatter, look["color"]))
     axes.set(
         xlabel=_SLIP_AXIS, ylabel="standard deviation over samples [%]",
         xlim=(0, None), ylim=(0, None),
     )  # fmt: skip
+    _number(axes, marks)
     _legend_of_marks(axes)
 
 
@@ -174,14 +180,15 @@ def _name_curves(axes: Axes, alike: Sequence[xr.Dataset], last: float) -> None:
     apart = high[:, shown].min(axis=0) / low[:, shown].max(axis=0)
     wide = shown[np.argmax(apart)]
     first, final = alike[0]["percentile"].values[[0, -1]]
+    around = np.abs(frequency - frequency[wide]) < _BESIDE * last
     names = [
-        (f"{first:g} %", wide, low[:, wide].min(), "top"),
-        ("mean", wide, mean[:, wide].max(), "bottom"),
-        (f"{final:g} %", wide, high[:, wide].max(), "bottom"),
+        (f"{first:g} %", low[:, around].min(), "top", -4),
+        ("mean", np.median(mean[:, wide]), "center", 0),
+        (f"{final:g} %", high[:, around].max(), "bottom", 4),
     ]
-    for text, at, value, side in names:
+    for text, value, side, apart_by in names:
         axes.annotate(
-            text, (frequency[at], value), (0, 3 if side == "bottom" else -3),
+            text, (frequency[wide], value), (0, apart_by),
             textcoords="offset points", ha="center", va=side, fontsize=8.5,
             path_effects=[withStroke(linewidth=2.5, foreground="w")],
         )  # fmt: skip
@@ -194,13 +201,20 @@ def _plot_plain(axes: Axes, x: xr.DataArray, y: xr.DataArray, look: style.Look) 
     axes.plot(x, y, **look | pale)
 
 
-def _number(axes: Axes, x: NDArray[np.float64], y: NDArray[np.float64], look: style.Look) -> None:
-    """The joints' numbers at their marks, as many as can be told apart."""
-    for dof in style.some_of(x.size, _MOST_NUMBERED):
-        axes.annotate(
-            str(dof), (x[dof - 1], y[dof - 1]), (4, 3), textcoords="offset points", fontsize=6.5,
-            color=look["color"],
-        )  # fmt: skip
+def _number(axes: Axes, marks: Sequence[_Marks]) -> None:
+    """The joints' numbers at their marks, as many as can be told apart; once where marks meet."""
+    placed: list[tuple[int, NDArray[np.float64]]] = []
+    for x, y, colour in marks:
+        pixels = axes.transData.transform(np.column_stack([x, y]))
+        for joint in style.some_of(x.size, _MOST_NUMBERED):
+            here = pixels[joint - 1]
+            if any(joint == other and np.hypot(*(here - at)) < _MEET for other, at in placed):
+                continue
+            placed.append((joint, here))
+            axes.annotate(
+                str(joint), (x[joint - 1], y[joint - 1]), (5, 4), textcoords="offset points",
+                fontsize=7.5, color=colour if len(marks) == 1 else "0.2",
+            )  # fmt: skip
 
 
 def plot_band_ratio(axes: Axes, cases: Sequence[Case]) -> None:
@@ -208,6 +222,7 @@ def plot_band_ratio(axes: Axes, cases: Sequence[Case]) -> None:
 
     Pale: the same by plain sampling.
     """
+    marks: list[_Marks] = []
     for case, look, label in _by_length(cases):
         ratio = case.data["band_ratio"].values
         low, high = band_ratio_interval(case)
@@ -219,7 +234,7 @@ def plot_band_ratio(axes: Axes, cases: Sequence[Case]) -> None:
             yerr=np.clip([ratio - low, high - ratio], 0.0, None),
             label=label, elinewidth=0.8, **look,
         )  # fmt: skip
-        _number(axes, mean, ratio, look)
+        marks.append((mean, ratio, look["color"]))
     first, last = cases[0].data["percentile"].values[[0, -1]]
     axes.set_yscale("log")
     for ticks in (axes.yaxis.set_major_formatter, axes.yaxis.set_minor_formatter):
@@ -230,6 +245,7 @@ def plot_band_ratio(axes: Axes, cases: Sequence[Case]) -> None:
         ylabel=rf"band ratio $\sigma_{{{last:g}}}^2\,/\,\sigma_{{{first:g}}}^2$",
         xlim=(0, None),
     )
+    _number(axes, marks)
 
 
 def plot_along(axes: Axes, cases: Sequence[Case], quantity: OfJoints) -> None:
@@ -315,6 +331,13 @@ def _mark_chain(axes: Axes, results: Results) -> None:
     if chain is not None and chain.sizes["mode"] <= _MOST_MODES:
         style.mark_frequencies(axes, chain["frequencies_stuck"].values, "modes, stuck", "-")
         style.mark_frequencies(axes, chain["frequencies_slip"].values, "modes, slipping", ":")
+
+
+def marks_of_levels(cases: Sequence[Case]) -> str:
+    """How marks differ with the level of the force."""
+    if len({case.strength for case in cases}) > _MOST_FILLINGS:
+        return "fuller and larger with the excitation"
+    return "open at the low and full at the high excitation"
 
 
 def _by_length(cases: Sequence[Case]) -> list[tuple[Case, style.Look, str]]:

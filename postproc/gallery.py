@@ -21,7 +21,7 @@ from . import (
     tradeoff,
 )
 from .figure import SECTIONS, Figure
-from .paper import is_paper_study
+from .paper import LEVELS, is_paper_study
 from .peaks import scatter_of_ln_psd
 from .results import Case, Results
 
@@ -96,7 +96,7 @@ def of_certain_friction(results: Results) -> Iterator[Figure]:
             " mostly slip it has moved out of it. Slip softens the structure, so that its peaks lie"
             f" below the stuck frequencies. {_welch(case)} The bar at the lower left shows it.",
             _STUDY, (partial(figures.plot_spectra, case=case, results=results),),
-            ("7a", "7b", "7c"),
+            ("7a",) if case.variance == min(LEVELS) else ("7b", "7c"),
         )  # fmt: skip
 
 
@@ -111,7 +111,7 @@ def of_drawn_friction(results: Results) -> Iterator[Figure]:
         yield Figure(
             f"fig_09{letter}", f"Fig. 9{letter}. Scatter of the time in slip, friction std {std:g}",
             "Standard deviation over samples of the time in slip, over its mean; a mark"
-            " per joint with its number, fuller and larger with the excitation; bars are 95 %"
+            f" per joint with its number, {figures.marks_of_levels(cases)}; bars are 95 %"
             " intervals, of the mean with Monte Carlo and time average together; pale: by plain"
             " sampling. To look for: where the marks stand highest, and whether the lengths"
             " differ.",
@@ -150,10 +150,10 @@ def of_drawn_friction(results: Results) -> Iterator[Figure]:
             f"fig_11{letter}",
             f"Fig. 11{letter}. Width of the band of uncertainty, friction std {std:g}",
             "Ratio of the pseudo-variances (Eq. 46) of the outer percentiles, over the mean"
-            " time in slip; a mark per joint with its number, fuller and larger with the"
-            " excitation; 95 % intervals, Monte Carlo and time average together; pale: by plain"
-            " sampling. To look for: a fall with the time in slip, and whether the lengths differ"
-            " where it is long.",
+            f" time in slip; a mark per joint with its number, {figures.marks_of_levels(cases)};"
+            " 95 % intervals, Monte Carlo and time average together; pale: by plain sampling. To"
+            " look for: a fall with the time in slip, and whether the lengths differ where it is"
+            " long.",
             _STUDY, (partial(figures.plot_band_ratio, cases=cases),),
             ("3a", "3b", "4a", "4b", "4c"),
         )  # fmt: skip
@@ -197,7 +197,8 @@ def of_responses(results: Results) -> Iterator[Figure]:
         yield Figure(
             f"history_{case.name}", f"Displacements, {name}",
             "Of the first sample, the last minute at most.",
-            _RESPONSES, (partial(response_figures.plot_history, case=case),), height=3.2,
+            _RESPONSES,
+            (partial(response_figures.plot_history, case=case, place=results.place),), height=3.2,
         )  # fmt: skip
         if results.structure is None or not case.has("transition_time"):
             continue

@@ -17,6 +17,12 @@ ORDER_OF_FIG_4 = 6  # "L0 = 0.3 and L1 at most 1 leads to M = 6"
 PEAK_MEAN = "about 30"  # [%], of the scatter of the time in slip
 STDS = (0.067, 0.10)  # of the friction coefficients
 LENGTHS = (0.3, 1.0, 3.0)  # L0 of the friction coefficients
+GIVEN = {  # Sec. 3: what the paper prescribes
+    "mass [kg]": "1", "k1 [N/m]": "25", "k2 [N/m]": "50", "N [N]": "10",
+    "friction coefficient, mean": "0.2", "modal damping, stuck": "0.005",
+    "time step [s]": "0.00843", "steps": "400,000", "samples of a case": "100",
+}  # fmt: skip
+NYQUIST_OVER_PI = 120  # Eq. 46 [1/s]
 LEVELS = {3.7: "low", 41.1: "high"}  # the paper's names of its two variances
 
 

@@ -18,6 +18,7 @@ _TOLD_APART = {
     "correlation": "", "correlation_length": "$L$ = ", "order": "order ", "mean": "mean ",
     "std": "std ", "sampler": "",
 }  # fmt: skip
+Kind = tuple[str, str, float, int]
 _ZERO = 1.0e-9  # of an autocovariance, relative to the variance: exact to 1e-8 and better
 _PALE = 0.3  # what no equation constrains
 
@@ -32,9 +33,16 @@ def length_of(process: xr.Dataset) -> float:
     return float(process.attrs["correlation_length"])
 
 
-def kind_of(process: xr.Dataset) -> tuple[str, float, int]:
-    """Key that a positive process shares with the one beside it in Fig. 6."""
-    return str(process.attrs["correlation"]), length_of(process), int(process.attrs["order"])
+def kind_of(process: xr.Dataset) -> Kind:
+    """Method, correlation, length and order: a positive process shares them with its free twin."""
+    of = process.attrs
+    return str(of["method"]), str(of["correlation"]), length_of(process), int(of["order"])
+
+
+def model_of(process: xr.Dataset) -> str:
+    """'M = 10' of an autoregressive process, 'm_max = 4' of the direct method."""
+    name = "m_max" if process.attrs["method"] == "direct" else "M"
+    return f"{name} = {order_of(process)}"
 
 
 def is_positive(process: xr.Dataset) -> bool:

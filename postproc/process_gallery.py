@@ -36,6 +36,7 @@ def of_processes(results: Results) -> Iterator[Figure]:
                 f"Fig. {number}{name[0]}. Autocovariance, {method}, {length}",
                 _shape_of_covariances(panel),
                 _PROCESSES, (partial(process_figures.plot_autocovariances, processes=panel),),
+                ("S1",) if method == "autoregressive" else ("S1", "S2a", "S2b"),
             )  # fmt: skip
     if len({process_figures.order_of(p) for p in regressive}) > 1:
         yield Figure(
@@ -43,6 +44,7 @@ def of_processes(results: Results) -> Iterator[Figure]:
             "The order needed to come near white noise rises with the correlation length, and is"
             " higher where L0 is imposed (full lines) than where L1 is (dashed).",
             _PROCESSES, (partial(process_figures.plot_entropies, processes=regressive),),
+            ("S3",),
         )  # fmt: skip
         yield Figure(
             "fig_04", "Fig. 4. The correlation length that was not imposed",
@@ -50,6 +52,7 @@ def of_processes(results: Results) -> Iterator[Figure]:
             " falls. Infinite sums. The paper reads off its figure that 6 is the largest order with"
             " L0 = 0.3 and L1 at most 1; it is 5 here, at 6 L1 is 1.03.",
             _PROCESSES, (partial(process_figures.plot_achieved_lengths, processes=regressive),),
+            ("S4", "S5"),
         )  # fmt: skip
     chosen = [p for p in free if int(p.attrs["order"]) == 0]
     if chosen:
@@ -60,7 +63,7 @@ def of_processes(results: Results) -> Iterator[Figure]:
             _PROCESSES, (partial(process_figures.plot_chosen_orders, processes=chosen),),
         )  # fmt: skip
     refused = [p for p in results.processes.values() if p.attrs["status"] == "infeasible"]
-    yield from _positive(solved, regressive, refused)
+    yield from _positive(solved, asked, refused)
     for name, process in results.processes.items():
         if "realizations" in process:
             yield Figure(
@@ -71,16 +74,17 @@ def of_processes(results: Results) -> Iterator[Figure]:
 
 
 def _positive(
-    solved: list[xr.Dataset], regressive: list[xr.Dataset], refused: list[xr.Dataset]
+    solved: list[xr.Dataset], asked: list[xr.Dataset], refused: list[xr.Dataset]
 ) -> Iterator[Figure]:
-    """Fig. 6: positive processes of one length and order, beside the free one; else all alone."""
+    """Fig. 6: positive processes of one method, length and order beside the free one; or alone."""
     positive = [p for p in solved if process_figures.is_positive(p)]
     if not positive:
         return
     kinds = sorted(
-        {process_figures.kind_of(p) for p in positive}, key=lambda kind: -kind[1]
-    )  # L0 = 3 as the paper
-    twins = {process_figures.kind_of(p): p for p in regressive}
+        {process_figures.kind_of(p) for p in positive},
+        key=lambda kind: (kind[0] == "direct", -kind[2], -kind[3]),
+    )  # L0 = 3 of order 10 first, as the paper
+    twins = {process_figures.kind_of(p): p for p in asked}
     if not set(kinds) <= set(twins):
         yield Figure(
             "positive", "Autocovariances of positive processes",
@@ -95,13 +99,23 @@ def _positive(
             for p in refused
             if process_figures.is_positive(p) and process_figures.kind_of(p) == kind
         ]
-        yield _beside_free(twins[kind], own, not_drawn, is_first=kind == kinds[0])
+        yield _beside_free(twins[kind], own, not_drawn, _name_of(kind, kinds))
+
+
+def _name_of(kind: process_figures.Kind, kinds: list[process_figures.Kind]) -> str:
+    """fig_06 of the first; others have what sets them apart: method, length, order."""
+    method, _, length, order = kind
+    if kind == kinds[0]:
+        return "fig_06"
+    if method == "direct":
+        return f"fig_06_direct_{length:g}_{order}"
+    return f"fig_06_{length:g}" if order == kinds[0][3] else f"fig_06_{length:g}_{order}"
 
 
 def _beside_free(
-    free: xr.Dataset, positive: list[xr.Dataset], refused: list[xr.Dataset], is_first: bool
+    free: xr.Dataset, positive: list[xr.Dataset], refused: list[xr.Dataset], name: str
 ) -> Figure:
-    """Fig. 6 of one length and order."""
+    """Fig. 6 of one method, length and order."""
     largest = "; ".join(
         f"{_largest(process_figures.difference_from_free(p, free)):.2g} at mean"
         f" {p.attrs['mean']:g} ({p.attrs['sampler']})"
@@ -111,21 +125,28 @@ def _beside_free(
         f" Not drawn, mean {p.attrs['mean']:g} ({p.attrs['sampler']}): {p.attrs['reason']}."
         for p in refused
     )
-    definition, length, order = process_figures.kind_of(free)
+    imposed = f"{free.attrs['correlation']} = {process_figures.length_of(free):g}"
     return Figure(
-        "fig_06" if is_first else f"fig_06_{length:g}",
-        f"Fig. 6. Positive processes and the one without sign constraint, {definition} ="
-        f" {length:g}, order {order}",
-        "Autocovariances of positive processes, by the sequential law (open marks) and the exact"
-        " one (dashed), beside that of the process without sign constraint; below, the differences"
-        " with bars of two standard errors, the scatter of fits from other random numbers among"
-        f" them. The paper finds them very close. The largest differences: {largest}.{missing}",
+        name,
+        f"Fig. 6. Positive processes and the one without sign constraint, {imposed},"
+        f" {process_figures.model_of(free)}",
+        f"Autocovariances of positive processes, {_laws(positive)}, beside that of the process"
+        " without sign constraint; below, the differences with bars of two standard errors, the"
+        " scatter of fits from other random numbers among them. The paper finds them very close."
+        f" The largest differences: {largest}.{missing}",
         _PROCESSES,
         (
             partial(process_figures.plot_positive, processes=[free, *positive]),
             partial(process_figures.plot_positive_difference, processes=[free, *positive]),
-        ), height=3.6,
+        ), statements=("S6",), height=3.6,
     )  # fmt: skip
+
+
+def _laws(positive: list[xr.Dataset]) -> str:
+    """'by the sequential law (open marks) and by the exact law (dashed)', those that there are."""
+    marks = {"sequential": "open marks", "exact": "dashed"}
+    laws = {str(process.attrs["sampler"]) for process in positive}
+    return " and ".join(f"by the {law} law ({marks[law]})" for law in marks if law in laws)
 
 
 def _shape_of_covariances(panel: list[xr.Dataset]) -> str:
@@ -140,10 +161,12 @@ def _shape_of_covariances(panel: list[xr.Dataset]) -> str:
     said = (
         f"The largest value beyond lag 0 goes from {sizes[0].max():.3g} at {name} {orders[0]} to"
         f" {sizes[-1].max():.3g} at {name} {orders[-1]}, where lag 1 has {sizes[-1][0]:.3g} and lag"
-        f" {orders[-1]} {sizes[-1][-1]:.3g} (the paper:"
-        f" {'constant' if panel[0].attrs['correlation'] == 'L0' else 'linear'} in the lag up to"
-        f" {'m_max' if name == 'm_max' else 'M'}). Exact to 1e-8."
+        f" {orders[-1]} {sizes[-1][-1]:.3g}"
     )
+    if name == "m_max":
+        shape = "constant" if panel[0].attrs["correlation"] == "L0" else "linear"
+        said += f" (the paper: {shape} in the lag up to m_max)"
+    said += ". Exact to 1e-8."
     if name == "m_max":
         said += " Pale: lags beyond m_max, which Eq. 11 does not constrain."
     if any((process["autocovariance"] < 0).any() for process in panel):

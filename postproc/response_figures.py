@@ -30,14 +30,14 @@ class Episode:
     direction: int
 
 
-def plot_history(axes: Axes, case: Case) -> None:
+def plot_history(axes: Axes, case: Case, place: str) -> None:
     """Displacements of the first sample, the last minute of it at most."""
     time = case.data["time"].values
     first = int(np.searchsorted(time, time[-1] - _SHOWN))
     for dof in style.some_of(case.n_dof, 5):
         axes.plot(
             time[first:], case.data["displacement"].isel(sample=0, dof=dof - 1).values[first:],
-            label=f"dof {dof}", **style.line_of_dof(dof, case.n_dof) | {"linewidth": 1.0},
+            label=f"{place} {dof}", **style.line_of_dof(dof, case.n_dof) | {"linewidth": 1.0},
         )  # fmt: skip
     axes.set(xlabel="time [s]", ylabel="displacement [m]", xlim=(time[first], time[-1]))
     axes.legend(ncols=3)

@@ -47,7 +47,7 @@ def make_tables(files: Sequence[Results]) -> list[Table]:
                 if table == found[table.name]:
                     continue
                 table = replace(
-                    table, name=f"{table.name}_{ending}", title=f"{table.title} ({ending})"
+                    table, name=f"{table.name}_{ending}", title=f"{table.title} ({ending}.h5)"
                 )
             found[table.name] = table
     return sorted(found.values(), key=lambda table: not table.title.startswith("Table "))
@@ -144,7 +144,8 @@ def table_slip(results: Results) -> Table:
             rows.append((f"{name}, paper", *(f"{p:d}" for p in paper)))
             rows += _with_random_friction(results, case.variance)
             beside.append(f" At {name}: {beside_paper(100.0 * slip, 100.0 * error, paper)}.")
-    note = f"{_friction(cases)} {_ERRORS} They are those of the time average over one force record."
+    note = f"{_friction(cases)} {_ERRORS} They are those of the time average over one force record"
+    note += ", and of the samples too where friction is random." if beside else "."
     if beside:
         note += (
             f"{''.join(beside)} The paper's two rows are not consistent under one flat force"
@@ -173,8 +174,13 @@ def _with_random_friction(results: Results, variance: float) -> list[tuple[str, 
     if not cases:
         return []
     mean = np.mean([case.data["slip_mean"].values for case in cases], axis=0)
+    times = [
+        case.data["slip_mean_time_error"].values
+        for case in cases if case.has("slip_mean_time_error")
+    ]  # fmt: skip
+    time = np.mean(times, axis=0) if times else 0.0  # one record moves all lengths alike
     errors = [case.data["slip_mean_error"].values for case in cases]
-    error = np.sqrt(np.sum(np.square(errors), axis=0)) / len(cases)
+    error = np.hypot(np.sqrt(np.sum(np.square(errors), axis=0)) / len(cases), time)
     cells = map(value_with_error, 100.0 * mean, 100.0 * error)
     return [(f"variance {variance:g}, mean at random friction, std {min(STDS):g}", *cells)]
 

@@ -70,9 +70,14 @@ def test_positive_processes_of_every_length_are_drawn():
         process(length, 10, method="autoregressive", positive=1, mean=mean)
         for length in (0.3, 1.0, 3.0) for mean in (2.0, 3.0)
     ]  # fmt: skip
-    found = figures_of(*family)
-    assert {"fig_06", "fig_06_0.3", "fig_06_1"} <= set(found)
-    assert "L0 = 3, order 10" in found["fig_06"].title
+    others = [
+        process(1.0, order, method=method, positive=positive)
+        for order, method in ((5, "autoregressive"), (4, "direct")) for positive in (0, 1)
+    ]  # fmt: skip
+    found = figures_of(*family, *others)
+    names = {name for name in found if name.startswith("fig_06")}
+    assert names == {"fig_06", "fig_06_0.3", "fig_06_1", "fig_06_1_5", "fig_06_direct_1_4"}
+    assert "L0 = 3, M = 10" in found["fig_06"].title
     picture, axes = plt.subplots()
     process_figures.plot_positive(axes, [family[0], *family[3:5]])
     sizes = [line.get_markersize() for line in axes.lines[1:]]

@@ -44,11 +44,20 @@ def test_towards_white_noise(sign, verdict):
 
 @pytest.mark.parametrize(
     ("correlation", "power", "verdict"),
-    [("L0", 0, YES), ("L0", 1, NO), ("L1", 1, YES), ("L1", 0, NO)],
+    [("L0", 0, YES), ("L0", 1, NO), ("L1", 1, YES), ("L1", 2, NO)],
 )
 def test_shape_in_the_lag(correlation, power, verdict):
+    """Of the direct method alone, and of the lengths that are asked for."""
     curves = family(lambda order: np.where(LAGS == 0, 1.0, 0.01 * LAGS**power), correlation)
-    assert process_statements.shape_in_the_lag(file_of(*curves)).verdict == verdict
+    direct = [one.assign_attrs(method="direct") for one in curves]
+    test = process_statements.shape_in_the_lag("S2b", (1.0, 3.0))
+    statement = test(file_of(*direct))
+    assert statement.verdict == verdict
+    assert [finding.text.split(",")[1] for finding in statement.findings] == [
+        f" {correlation} = {length}" for length in (1, 3)
+    ]
+    with pytest.raises(NoEvidence):
+        test(file_of(*curves))
 
 
 @pytest.mark.parametrize(("rises", "verdict"), [(True, YES), (False, NO)])
@@ -87,9 +96,19 @@ def test_positive_processes(apart, verdict):
     assert process_statements.positive_processes(file_of(*found)).verdict == verdict
 
 
+def test_positive_processes_stand_beside_those_of_their_own_method():
+    """The direct method sums to m_max: its K is not that of the autoregressive process."""
+    found = family(lengths=(1.0,))
+    direct = process(1.0, 4, 0.7**LAGS, method="direct")
+    positive = process(1.0, 4, 0.7**LAGS, method="direct", positive=1, mean=3.0)
+    statement = process_statements.positive_processes(file_of(*found, direct, positive))
+    assert statement.verdict == YES
+    assert "m_max = 4" in statement.findings[0].text
+
+
 def test_they_are_judged_for_the_papers_processes_alone():
     numbers = {statement.number for statement in assess([file_of(*family())])}
-    assert {"S1", "S2"} <= numbers
+    assert {"S1", "S3"} <= numbers
     other = [one.assign_attrs(correlation_length=0.7) for one in family(lengths=(1.0,))]
     assert assess([file_of(*other)]) == []
     with pytest.raises(NoEvidence):
