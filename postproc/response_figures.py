@@ -117,9 +117,8 @@ def plot_hysteresis(axes: Axes, case: Case, structure: xr.Dataset, joint: int) -
     times, place, force = joint_force(case, structure, joint, finer=4)
     shown = times >= times[-1] - _SHOWN_LOOPS
     look = style.line_of_dof(joint, case.n_joints) | {"linewidth": 0.9, "linestyle": "-"}
-    axes.plot(place[shown], force[shown], label=f"joint {joint}", **look)
-    axes.set(xlabel="displacement of the joint [m]", ylabel="force of the joint [N]")
-    axes.legend(loc="upper left")
+    axes.plot(place[shown], force[shown], **look)
+    axes.set(xlabel=f"displacement of joint {joint} [m]", ylabel=f"force of joint {joint} [N]")
 
 
 def joint_force(
