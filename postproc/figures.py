@@ -9,7 +9,7 @@ import numpy as np
 import xarray as xr
 from matplotlib.axes import Axes
 from matplotlib.patheffects import withStroke
-from matplotlib.ticker import FuncFormatter, MaxNLocator
+from matplotlib.ticker import MaxNLocator
 from numpy.typing import NDArray
 
 from . import style
@@ -237,8 +237,7 @@ def plot_band_ratio(axes: Axes, cases: Sequence[Case]) -> None:
         marks.append((mean, ratio, look["color"]))
     first, last = cases[0].data["percentile"].values[[0, -1]]
     axes.set_yscale("log")
-    for ticks in (axes.yaxis.set_major_formatter, axes.yaxis.set_minor_formatter):
-        ticks(FuncFormatter(style.short_tick))
+    style.label_logarithmic(axes.yaxis)
     _legend_of_marks(axes)
     axes.set(
         xlabel=_SLIP_AXIS,

@@ -6,7 +6,6 @@ from collections.abc import Sequence
 
 import numpy as np
 from matplotlib.axes import Axes
-from matplotlib.ticker import FuncFormatter
 
 from . import style
 from .harmonic import Equivalent, Sweep, linear_receptance
@@ -64,13 +63,13 @@ def plot_equivalent(
     for rank, (sweep, mode) in enumerate(zip(sweeps, found, strict=True)):
         values = getattr(mode, name)
         look = style.of_rank(rank, len(sweeps)) | {"linestyle": "none"}
-        axes.plot(mode.amplitude, values, label=f"{sweep.amplitude:g} N", alpha=0.7, **look)
+        if np.isfinite(values).any():
+            axes.plot(mode.amplitude, values, label=f"{sweep.amplitude:g} N", alpha=0.7, **look)
     label = {
         "stiffness": "modal stiffness / stuck",
         "damping": "damping ratio",
     }[name]
     axes.set_xscale("log")
-    for ticks in (axes.xaxis.set_major_formatter, axes.xaxis.set_minor_formatter):
-        ticks(FuncFormatter(style.short_tick))
+    style.label_logarithmic(axes.xaxis)
     axes.set(xlabel="amplitude of the forced point at resonance [m]", ylabel=label, ylim=(0, None))
     axes.legend()

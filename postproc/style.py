@@ -8,6 +8,8 @@ from typing import Any
 import matplotlib as mpl
 import matplotlib.style
 from matplotlib.axes import Axes
+from matplotlib.axis import Axis
+from matplotlib.ticker import FuncFormatter, MaxNLocator, NullLocator, ScalarFormatter
 
 from .output import InputError
 from .paper import LENGTHS
@@ -19,6 +21,7 @@ _COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#B8860B", "#56B4E9", "#
 _MARKS = ("o", "s", "^", "D", "v", "P", "X")
 _DASHES = ("-", "--", "-.", (0, (1, 1)), (0, (5, 1, 1, 1, 1, 1)), (0, (8, 2)), (0, (1, 2)))
 _LIGHTEST = 0.78  # of viridis, still seen on white
+_NARROW = 4.0  # ends of a logarithmic axis whose 1, 2, 3 and 5 may be none
 
 
 def apply_style(*others: str) -> None:
@@ -107,8 +110,19 @@ def mark_frequencies(axes: Axes, frequencies: Iterable[float], label: str, lines
         )  # fmt: skip
 
 
-def short_tick(value: float, _: int) -> str:
-    """Plain numbers on a logarithmic axis, where there is room for them."""
+def label_logarithmic(axis: Axis) -> None:
+    """Plain numbers on a logarithmic axis that is drawn: its 1, 2, 3 and 5, or a few in between."""
+    low, high = sorted(axis.get_view_interval())
+    if high < _NARROW * low:
+        axis.set_major_locator(MaxNLocator(4))
+        axis.set_major_formatter(ScalarFormatter())
+        axis.set_minor_locator(NullLocator())
+    else:
+        axis.set_major_formatter(FuncFormatter(_short_tick))
+        axis.set_minor_formatter(FuncFormatter(_short_tick))
+
+
+def _short_tick(value: float, _: int) -> str:
     leading = float(f"{value:e}".split("e")[0])
     return f"{value:g}" if leading in (1.0, 2.0, 3.0, 5.0) else ""
 
