@@ -1,6 +1,6 @@
 """Writes the gallery in docs: a page, and small pictures of every figure of results files.
 
-python -m entroslip.gallery_page results/paper/*.h5 --out docs/gallery.md
+python -m entroslip.gallery_page RESULTS.h5 ... --out docs/gallery.md
 """
 
 from __future__ import annotations
@@ -28,7 +28,8 @@ Every figure of the paper, drawn by `python -m entroslip` from the scenes in `in
 the same command sets the paper's numbers beside ours. This page and its pictures are written, from
 the results of `./quickstart.sh`, by
 
-    python -m entroslip.gallery_page results/paper/*.h5 --out docs/gallery.md
+    python -m entroslip.gallery_page --out docs/gallery.md \\
+      results/paper/{paper_process,paper,deterministic,sweep,one_sample,tradeoff}.h5
 """
 
 
