@@ -6,7 +6,7 @@ module statistics_percentiles
    private
    public :: find_quantile
 
-   real(wp), parameter :: margin = 0.01_wp   !! weight that is sorted beyond the window
+   integer, parameter :: narrowings = 2   !! before the rest is sorted
 
 contains
 
@@ -17,13 +17,19 @@ contains
       real(wp), intent(in) :: p, half_width
       real(wp), intent(out) :: quantile
       integer, allocatable, intent(out) :: near(:)
-      real(wp) :: at, before, below, from, reach, to
+      real(wp) :: at, before, below, from, reach, to, under
       integer, allocatable :: places(:)
       integer :: first, k, last
 
       reach = half_width + maxval(weight)   ! so that a point on either side of p is there
-      call bracket(values, weight, p - reach, p + reach, from, to, below)
-      places = pack([(k, k=1, size(values))], values > from .and. values <= to)
+      places = [(k, k=1, size(values))]
+      below = 0.0_wp
+      do k = 1, narrowings
+         call bracket(values(places), weight(places), p - reach - below, p + reach - below, from, &
+                      to, under)
+         places = places(between(values(places), from, to))
+         below = below + under
+      end do
       places = places(sort_order(values(places)))
       quantile = values(places(1))
       before = p
@@ -43,43 +49,56 @@ contains
       near = places(first:max(first, last))
    end subroutine find_quantile
 
-   !> Thresholds with at most the weight `low` and at least the weight `high` at or below them, by
-   !> bisection until they are near; the weight at or below the first one.
+   !> The places of the values above one threshold and not above the other.
+   pure function between(values, from, to) result(places)
+      real(wp), intent(in) :: values(:), from, to
+      integer, allocatable :: places(:)
+      integer :: found(size(values)), m, n
+
+      n = 0
+      do m = 1, size(values)
+         if (values(m) > from .and. values(m) <= to) then
+            n = n + 1
+            found(n) = m
+         end if
+      end do
+      places = found(:n)
+   end function between
+
+   !> Thresholds with at most the weight `low` and at least the weight `high` at or below them; the
+   !> weight at or below the first one. Some of the values, sorted, tell where to look.
    pure subroutine bracket(values, weight, low, high, from, to, below)
       real(wp), intent(in) :: values(:), weight(:), low, high
       real(wp), intent(out) :: from, to, below
-      integer, parameter :: most = 40
-      real(wp) :: middle, until, weight_there
-      integer :: i
+      integer, parameter :: looked_at = 64, reach = 2   ! values, ranks
+      real(wp) :: some(looked_at), total
+      integer :: first, i, last
 
       to = maxval(values)
       from = minval(values)
       from = from - max(abs(from), to - from, 1.0_wp)*1.0e-6_wp
       below = 0.0_wp
-      until = to
-      do i = 1, most
-         if (low - below <= margin) exit
-         middle = 0.5_wp*(from + until)
-         weight_there = weight_below(values, weight, middle)
-         if (weight_there <= low) then
-            from = middle
-            below = weight_there
-         else
-            until = middle
-         end if
+      if (size(values) < 2*looked_at) return
+      some = values([(1 + ((i - 1)*size(values))/looked_at, i=1, looked_at)])
+      some = some(sort_order(some))
+      total = sum(weight)
+      first = floor(low/total*looked_at) - reach
+      last = ceiling(high/total*looked_at) + reach
+      do while (first >= 1)
+         below = weight_below(values, weight, some(first))
+         if (below <= low) exit
+         first = first - reach
       end do
-      until = from
-      weight_there = 1.0_wp
-      do i = 1, most
-         if (weight_there - high <= margin) exit
-         middle = 0.5_wp*(until + to)
-         if (weight_below(values, weight, middle) >= high) then
-            to = middle
-            weight_there = weight_below(values, weight, middle)
-         else
-            until = middle
-         end if
+      if (first >= 1) then
+         from = some(first)
+      else
+         below = 0.0_wp
+      end if
+      do while (last <= looked_at)
+         if (weight_below(values, weight, some(last)) >= high) exit
+         last = last + reach
       end do
+      if (last <= looked_at) to = some(last)
    end subroutine bracket
 
    pure real(wp) function weight_below(values, weight, threshold)

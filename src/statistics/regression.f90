@@ -8,7 +8,6 @@
 module statistics_regression
    use core_kinds, only: wp
    use numerics_lapack, only: multiply
-   use numerics_sorting, only: sort_order
    use statistics_estimates, only: estimates_type
    use statistics_law, only: law_type
    use statistics_percentiles, only: find_quantile
@@ -169,19 +168,48 @@ contains
       mean = mean/n
    end function mean_of_some
 
-   !> The samples whose predictions are next in rank to a value, as many on either side.
+   !> The samples whose predictions are next in rank to a value, as many on either side where there
+   !> are as many.
    pure function samples_near(predicted, value, n_near) result(near)
       real(wp), intent(in) :: predicted(:)   !! (sample)
       real(wp), intent(in) :: value
       integer, intent(in) :: n_near
       integer :: near(n_near)
-      integer :: order(size(predicted)), before
+      integer :: n_below, n_from_below
 
-      order = sort_order(predicted)
-      before = count(predicted < value) - n_near/2
-      before = max(0, min(before, size(predicted) - n_near))
-      near = order(before + 1:before + n_near)
+      n_below = count(predicted < value)
+      n_from_below = max(min(n_near/2, n_below), n_near - (size(predicted) - n_below))
+      near(:n_from_below) = places_of_least(value - predicted, predicted < value, n_from_below)
+      near(n_from_below + 1:) = places_of_least(predicted - value, predicted >= value, &
+                                        n_near - n_from_below)
    end function samples_near
+
+   !> The places of the least values among some, the least first.
+   pure function places_of_least(values, is_meant, n) result(places)
+      real(wp), intent(in) :: values(:)
+      logical, intent(in) :: is_meant(:)   !! n or more
+      integer, intent(in) :: n
+      integer :: places(n)
+      integer :: found, i, k
+
+      found = 0
+      do i = 1, size(values)
+         if (.not. is_meant(i)) cycle
+         if (found == n) then
+            if (n == 0) return
+            if (values(i) >= values(places(n))) cycle
+         else
+            found = found + 1
+         end if
+         k = found
+         do while (k > 1)
+            if (values(places(k - 1)) <= values(i)) exit
+            places(k) = places(k - 1)
+            k = k - 1
+         end do
+         places(k) = i
+      end do
+   end function places_of_least
 
    !> Mean of y = exp(output): between the mean of exp(G) and the ratio estimate from it, with half
    !> of their difference as bias.
