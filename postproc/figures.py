@@ -333,10 +333,11 @@ def _mark_chain(axes: Axes, results: Results) -> None:
 
 
 def marks_of_levels(cases: Sequence[Case]) -> str:
-    """How marks differ with the level of the force."""
-    if len({case.strength for case in cases}) > _MOST_FILLINGS:
-        return "fuller and larger with the excitation"
-    return "open at the low and full at the high excitation"
+    """', and how marks differ with the level of the force'; nothing of a single level."""
+    n_levels = len({case.strength for case in cases})
+    if n_levels > _MOST_FILLINGS:
+        return ", fuller and larger with the excitation"
+    return ", open at the low and full at the high excitation" if n_levels > 1 else ""
 
 
 def _by_length(cases: Sequence[Case]) -> list[tuple[Case, style.Look, str]]:

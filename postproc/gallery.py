@@ -111,7 +111,7 @@ def of_drawn_friction(results: Results) -> Iterator[Figure]:
         yield Figure(
             f"fig_09{letter}", f"Fig. 9{letter}. Scatter of the time in slip, friction std {std:g}",
             "Standard deviation over samples of the time in slip, over its mean; a mark"
-            f" per joint with its number, {figures.marks_of_levels(cases)}; bars are 95 %"
+            f" per joint with its number{figures.marks_of_levels(cases)}; bars are 95 %"
             " intervals, of the mean with Monte Carlo and time average together; pale: by plain"
             " sampling. To look for: where the marks stand highest, and whether the lengths"
             " differ.",
@@ -150,7 +150,7 @@ def of_drawn_friction(results: Results) -> Iterator[Figure]:
             f"fig_11{letter}",
             f"Fig. 11{letter}. Width of the band of uncertainty, friction std {std:g}",
             "Ratio of the pseudo-variances (Eq. 46) of the outer percentiles, over the mean"
-            f" time in slip; a mark per joint with its number, {figures.marks_of_levels(cases)};"
+            f" time in slip; a mark per joint with its number{figures.marks_of_levels(cases)};"
             " 95 % intervals, Monte Carlo and time average together; pale: by plain sampling. To"
             " look for: a fall with the time in slip, and whether the lengths differ where it is"
             " long.",

@@ -141,6 +141,11 @@ def test_every_level_of_the_force_has_marks_of_its_own(axes):
     assert np.diff(sizes).min() > 1.0
     assert {mark.get_markeredgecolor() for mark in marks} == {marks[0].get_color()}
     assert [name.split(", ")[1] for name in drawn(axes)] == [f"variance {v:g}" for v in levels]
+    told = [figures.marks_of_levels(cases[:n]) for n in (1, 2, 4)]
+    assert told == [
+        "", ", open at the low and full at the high excitation",
+        ", fuller and larger with the excitation",
+    ]  # fmt: skip
 
 
 def test_a_figure_outside_the_paper_says_nothing_of_it():
