@@ -25,6 +25,8 @@ def open_group(path: Path, name: str) -> xr.Dataset:
     """The datasets of one group, with those above it that are their axes."""
     with h5py.File(path) as file:
         group = file[name]
+        if not isinstance(group, h5py.Group):
+            raise OSError(f"/{name} is not a group")
         axes = _axes(group)
         own = {
             key: _variable(path, item, axes) for key, item in group.items()
