@@ -6,6 +6,7 @@ program bench_process_positive
    use process_autoregressive_model, only: coefficients_of
    use process_fit, only: fit_process
    use process_model, only: process_model_type, process_request
+   use process_autoregressive_spectral_factor, only: symbol_of_process
    use process_positive_exact, only: sample_exact, sweeps_to_forget
    use process_positive_moments, only: batch_averages, new_batches
    use process_positive_sequential, only: sample_sequential
@@ -59,10 +60,11 @@ contains
             call cpu_time(start)
             call sample_sequential(a, 1.0_wp, a, 2.0_wp, n_burn_in, 4096, stream, batches)
          else
-            n_burn_in = sweeps_to_forget(a, 2.0_wp, 1.0_wp, 1.0e-5_wp)
+            n_burn_in = sweeps_to_forget(2.0_wp*(1.0_wp + sum(a**2)), 1.0_wp, 1.0e-5_wp)
             n_values = lanes*real(ring_length, wp)*(n_burn_in + n_stretches*8)
             call cpu_time(start)
-            call sample_exact(a, 1.0_wp, a, 2.0_wp, ring_length, n_burn_in, 8, stream, batches)
+            call sample_exact(symbol_of_process(a, 1.0_wp), 1.0_wp, a, 2.0_wp, ring_length, &
+                              n_burn_in, 8, stream, batches)
          end if
          call cpu_time(finish)
          best = min(best, finish - start)

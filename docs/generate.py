@@ -107,7 +107,7 @@ ATTRIBUTES = {
     "psd_time_error": "relative standard error of a density at one frequency: the march is finite",
     "order": "M, or m_max of the direct method",
     "overlap": "of neighbouring segments [kept displacements]",
-    "branch": "signs of K(m): nonnegative, or alternating",
+    "branch": "signs of K(m): nonnegative, alternating or mixed",
     "branch_asked": "as in the scene",
     "sign_of_first_lag": "of K(1)",
     "overrides": "the --set options",

@@ -156,6 +156,14 @@ contains
                               'larger one')
    end subroutine write_branch
 
+   !> True if the process is positive and its K(m) change their sign with every lag.
+   pure logical function alternates(model)
+      type(process_model_type), intent(in) :: model
+
+      alternates = .false.
+      if (allocated(model%branch)) alternates = model%branch == 'alternating'
+   end function alternates
+
    !> Moments as achieved, with the standard errors of those that were sampled.
    subroutine write_correlation(group, model)
       type(group_type), intent(inout) :: group
@@ -201,10 +209,11 @@ contains
       call group%put_value('optimality', model%optimality, '1', &
                            'largest residual of the optimality conditions')
       if (allocated(model%g)) return
-      call group%put_value('lambda', model%lambda, '1', &
-                           'limit of the acceptance of one more point, Eq. (45), of the '// &
-                           'exact law with these a, b0 and mu', &
-                           model%lambda_error)
+      if (.not. alternates(model)) &
+         call group%put_value('lambda', model%lambda, '1', &
+                              'limit of the acceptance of one more point, Eq. (45), of the '// &
+                              'exact law with these a, b0 and mu', &
+                              model%lambda_error)
       call group%put_value('acceptance_ratio', model%acceptance_ratio, '1', &
                            'points accepted of those proposed')
       call group%put_value('acceptance_mean', model%acceptance_mean, '1', &

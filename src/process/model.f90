@@ -76,14 +76,14 @@ module process_model
       real(wp) :: acceptance_mean = 1.0_wp       !! E[alpha]
       real(wp) :: acceptance_geometric = 1.0_wp  !! exp E[ln alpha]
       real(wp) :: seconds = 0.0_wp               !! of a processor, to fit it
-      !> positive: the signs of K(m), 'nonnegative' or 'alternating'; else unallocated
+      !> positive: the signs of K(m), 'nonnegative', 'alternating' or 'mixed'; else unallocated
       character(:), allocatable :: branch
-      !> alternating, exact law: row of G, lags 0..order [1/unit of X squared]; it may be
-      !> indefinite, so that a, poles and Lambda are none, b0 = 1/sqrt(G_0) and mu is what the law
-      !> is centred on
+      !> exact law beyond the unconstrained optimum's shape: row of G [1/unit of X squared]; it may
+      !> be indefinite, so that a, poles and Lambda are none, b0 = 1/sqrt(G_0) and mu is what the
+      !> law is centred on
       real(wp), allocatable :: g(:)
-      !> with it: p(y|x) ~ exp(-G_0 y^2/2 + (field - G_1 x) y) sum w_j exp(-G_1 x_j y), field = mu
-      !> (G_0 + 2 G_1), nodes x_j [unit of X] and weights w_j
+      !> with it at order 1: p(y|x) ~ exp(-G_0 y^2/2 + (field - G_1 x) y) sum w_j exp(-G_1 x_j y),
+      !> field = mu (G_0 + 2 G_1), nodes x_j [unit of X] and weights w_j
       real(wp), allocatable :: nodes(:), weights(:)
       !> alternating: entropy of the other law's process with K(m) >= 0 where that is larger, else 0
       real(wp) :: nonnegative_entropy = 0.0_wp

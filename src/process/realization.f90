@@ -5,6 +5,7 @@
 module process_realization
    use core_kinds, only: wp
    use core_random, only: stream_type
+   use process_autoregressive_spectral_factor, only: symbol_of_process
    use process_gaussian, only: draw_as_requested, draw_gaussian
    use process_model, only: process_model_type
    use process_positive_exact, only: draw_window, sweeps_to_forget
@@ -37,8 +38,11 @@ contains
          call draw_reference(model, stream, values)
       else if (.not. model%request%positive) then
          call draw_as_requested(model, stream, values)
-      else if (allocated(model%g)) then
+      else if (allocated(model%nodes)) then
          call draw_alternating(model, stream, values)
+      else if (allocated(model%g)) then
+         call draw_window(model%g, model%mu*(model%g(0) + 2.0_wp*sum(model%g(1:))), model%mean, &
+                          model%memory, sweeps_of(model), stream, values)
       else if (model%request%sampler == 'sequential') then
          call march_sequential(model%a, model%mu/model%b0*(1.0_wp + sum(model%a)), &
                                model%mean/model%b0, model%memory, stream, values)
@@ -48,8 +52,17 @@ contains
       end if
    end subroutine draw_points
 
-   !> Eq. (25) where K(m) alternates: a Markov chain. Its transition density is a mixture of
-   !> truncated normal laws, one for each value that may follow next but one.
+   !> Sweeps that forget the start where G is given alone: those of the Gaussian law, or the square
+   !> of the memory, which is 62/(1 - |K(m + 1)/K(m)|) at least.
+   pure integer function sweeps_of(model)
+      type(process_model_type), intent(in) :: model
+
+      sweeps_of = max(sweeps_to_forget(model%g(0)*model%std**2, model%l0, forgotten), &
+                      ceiling(24.0_wp*(model%memory/62.0_wp)**2))
+   end function sweeps_of
+
+   !> Eq. (25) of order 1 where K(m) alternates: a Markov chain. Its transition density is a mixture
+   !> of truncated normal laws, one for each value that may follow next but one.
    subroutine draw_alternating(model, stream, values)
       type(process_model_type), intent(in) :: model   !! with G, order 1
       type(stream_type), intent(inout) :: stream
@@ -94,7 +107,8 @@ contains
          end do
          values = window(model%memory + 1:model%memory + size(values))
       else
-         call draw_window(model%a, model%mu/model%b0*(1.0_wp + sum(model%a))**2, &
+         call draw_window(symbol_of_process(model%a, 1.0_wp), &
+                          model%mu/model%b0*(1.0_wp + sum(model%a))**2, &
                           model%mean/model%b0, model%memory, way%n_sweeps, stream, values)
          values = model%b0*values
       end if
@@ -108,7 +122,8 @@ contains
       real(wp), parameter :: cost_of_trial = 1.5_wp   ! of a sweep over the same window
       real(wp) :: ln_windows
 
-      way%n_sweeps = sweeps_to_forget(model%a, (model%std/model%b0)**2, model%l0, forgotten)
+      way%n_sweeps = sweeps_to_forget((1.0_wp + sum(model%a**2))*(model%std/model%b0)**2, &
+                                      model%l0, forgotten)
       ln_windows = -log(model%lambda)*window_size(model, n_points)
       way%by_windows = ln_windows < log(way%n_sweeps/cost_of_trial)
       if (way%by_windows) way%n_windows = exp(ln_windows)

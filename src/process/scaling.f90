@@ -90,7 +90,7 @@ contains
          model%mean = unit*model%mean
          if (allocated(model%g)) then
             model%g(:) = model%g/unit**2
-            model%nodes(:) = unit*model%nodes
+            if (allocated(model%nodes)) model%nodes(:) = unit*model%nodes
          end if
          if (abs(model%nonnegative_entropy) > 0.0_wp) &
             model%nonnegative_entropy = model%nonnegative_entropy + gain

@@ -60,9 +60,18 @@ contains
 
       model%request = request
       model%order = request%order
-      model%a = law%last%a
       model%b0 = request%std/law%last%moments%std
-      model%mu = model%b0*law%last%coordinate/law%problem%coordinate_of(model%a, 1.0_wp)
+      associate (last => law%last)
+         if (allocated(last%a)) then
+            model%a = last%a
+            model%mu = model%b0*last%coordinate &
+                       /(1.0_wp + sum(last%a))**merge(2, 1, law%problem%is_exact)
+         else
+            allocate (model%a(0), model%g(0:model%order))
+            model%g(:) = last%g/model%b0**2
+            model%mu = model%b0*last%coordinate/(last%g(0) + 2.0_wp*sum(last%g(1:)))
+         end if
+      end associate
       model%l0 = law%last%moments%l0
       model%l0_error = law%last%moments%l0_error
       model%l1 = law%last%moments%l1
@@ -72,11 +81,22 @@ contains
       model%std = request%std
       model%std_error = model%b0*law%last%moments%std_error
       model%memory = law%problem%memory
+      model%branch = branch_of(law%signs(1:))
       call law%find_entropy(model%entropy, model%entropy_error)
       model%entropy = model%entropy + log(model%b0)
       model%entropy_bound = white_noise_entropy(request%std)
       call note_acceptances(law, model%entropy_error, model)
    end subroutine outline_sampled
+
+   !> Name of the signs of K(m), m = 1..
+   pure function branch_of(signs) result(branch)
+      real(wp), intent(in) :: signs(:)
+      character(:), allocatable :: branch
+
+      branch = 'mixed'
+      if (all(signs > 0.0_wp)) branch = 'nonnegative'
+      if (all(signs(::2) < 0.0_wp) .and. all(signs(2::2) > 0.0_wp)) branch = 'alternating'
+   end function branch_of
 
    !> Describes the solution in the unit of X.
    subroutine describe_sampled(request, law, point, multipliers, spread, model, error)
@@ -96,8 +116,12 @@ contains
       model%l0_error = hypot(model%l0_error, by_shape(1))
       model%l1_error = hypot(model%l1_error, by_shape(2))
       model%entropy_error = error_of_maximum(law, multipliers, model%entropy_error)
-      call find_poles(model%a, model%poles, error)
-      if (allocated(error)) return
+      if (allocated(law%last%a)) then
+         call find_poles(model%a, model%poles, error)
+         if (allocated(error)) return
+      else
+         allocate (model%poles(0))
+      end if
       call describe_lags(law, point, spread, model, error)
       if (allocated(error)) return
       m = min(request%order, law%problem%n_lags)
@@ -209,7 +233,7 @@ contains
 
    !> Describes the process of the same a_q, b0 and mu under the other law, and the acceptances of
    !> both. The exact law is left out where it remembers more than its fits carry, either where its
-   !> mu is beyond what is sampled.
+   !> mu is beyond what is sampled. Not for a law that is given by G alone.
    subroutine compare_laws(request, law, point, model)
       type(process_request), intent(in) :: request
       type(sampled_objective), intent(in) :: law
@@ -219,21 +243,23 @@ contains
       type(error_type), allocatable :: error
       type(sampled_problem) :: problem
       type(sampled_objective) :: other
-      real(wp), allocatable :: state(:)
+      real(wp), allocatable :: state(:), there(:)
       real(wp) :: coordinate, other_error
       logical :: is_inside
 
       call new_problem(request, merge('exact     ', 'sequential', &
                                       request%sampler == 'sequential'), law%problem%stream, &
-                       problem, error)
+                       problem, error, law%problem%decay)
       if (allocated(error)) return   ! longer than it is sampled: not known
       call new_objective(problem, other)
       other%family = law%family
-      other%known = law%known
-      coordinate = problem%coordinate_of(model%a, model%mu/model%b0)
+      other%signs = law%signs
+      other%centre = law%centre
+      coordinate = model%mu/model%b0*(1.0_wp + sum(model%a))**merge(2, 1, problem%is_exact)
+      there = [point(:size(point) - 1), asinh(coordinate)]
       other%n_steps = moment_steps
-      call other%settle(model%a)
-      call other%evaluate([point(:size(point) - 1), asinh(coordinate)], state, is_inside)
+      call other%settle(there)
+      call other%evaluate(there, state, is_inside)
       if (.not. is_inside) return
       other%n_steps = entropy_steps
       call other%find_entropy(model%other_entropy, other_error)
@@ -255,7 +281,7 @@ contains
          model%acceptance_ratio = law%last%moments%acceptance_ratio
          model%acceptance_mean = law%last%moments%acceptance_mean
          model%acceptance_geometric = law%last%moments%acceptance_geometric
-      else
+      else if (.not. (allocated(model%g) .or. law%problem%decay > 0.0_wp)) then
          entropy = merge(model%entropy, model%other_entropy, model%request%sampler == 'exact') &
             - log(model%b0)
          field = model%mu/model%b0*(1.0_wp + sum(model%a))**2

@@ -32,7 +32,7 @@ module process_positive_exact
       integer :: length = 0              !! values per lane
       integer :: order = 0
       logical :: is_wound = .false.      !! the next lane continues where this one ends
-      real(wp) :: field = 0.0_wp         !! mu (1 + sum a_q)^2/b0
+      real(wp) :: field = 0.0_wp         !! mu (G_0 + 2 sum G_m)
       real(wp), allocatable :: g(:)      !! (0:order) precision of the law, Eq. (25)
       real(wp), allocatable :: x(:, :)   !! (lane, 1-order:length+order)
       !> (0:order) precision of the linear companion; unallocated: none
@@ -45,25 +45,24 @@ contains
    !> Sweeps after which a start has lost all but `tolerance` of its weight: the rate of the
    !> Gaussian law of this variance and length, the smallest over the mean of 1/(power spectral
    !> density).
-   pure function sweeps_to_forget(a, variance, l0, tolerance) result(n)
-      real(wp), intent(in) :: a(:)       !! a_q, Eq. (39)
-      real(wp), intent(in) :: variance   !! K(0)/b0^2
+   pure function sweeps_to_forget(strength, l0, tolerance) result(n)
+      real(wp), intent(in) :: strength   !! G_0 K(0)
       real(wp), intent(in) :: l0         !! [lags]
       real(wp), intent(in) :: tolerance
       integer :: n
       real(wp) :: smallest
 
-      smallest = 1.0_wp/(max(1.0_wp, variance*(1.0_wp + sum(a**2)))*(1.0_wp + 2.0_wp*l0))
+      smallest = 1.0_wp/(max(1.0_wp, strength)*(1.0_wp + 2.0_wp*l0))
       n = max(ceiling(log(tolerance)/log((1.0_wp - min(smallest, 0.999_wp))/(1.0_wp + smallest))), &
               4)
    end function sweeps_to_forget
 
    !> Averages over batches, a lane over a stretch of sweeps each; rows as in the sequential law, of
    !> the acceptance sums only the density at 0.
-   subroutine sample_exact(a, field, companion, centre, ring_length, n_burn_in, n_sweeps, stream, &
+   subroutine sample_exact(g, field, companion, centre, ring_length, n_burn_in, n_sweeps, stream, &
                            batches)
-      real(wp), intent(in) :: a(:)           !! a_q, Eq. (39)
-      real(wp), intent(in) :: field          !! mu (1 + sum a_q)^2/b0
+      real(wp), intent(in) :: g(0:)          !! row of G, lags 0..order
+      real(wp), intent(in) :: field          !! mu (G_0 + 2 sum G_m)
       !> coefficients of the linear companion, unit innovations
       real(wp), intent(in) :: companion(:)
       real(wp), intent(in) :: centre         !! start, near the mean
@@ -77,7 +76,7 @@ contains
       integer :: first, last, stretch, sweep
 
       batches%centre = centre
-      ring = new_ring(a, field, ring_length, .false.)
+      ring = new_ring(g, field, ring_length, .false.)
       ring%x = centre
       ring%h = symbol_of_process(companion, 1.0_wp)
       allocate (ring%y(lanes, 1 - ring%order:ring%length + ring%order), source=0.0_wp)
@@ -117,8 +116,8 @@ contains
 
    !> Consecutive values of one stationary run: the middle of a ring that has forgotten its start
    !> and is longer than the memory by margins on both sides.
-   subroutine draw_window(a, field, start, margin, n_sweeps, stream, values)
-      real(wp), intent(in) :: a(:), field
+   subroutine draw_window(g, field, start, margin, n_sweeps, stream, values)
+      real(wp), intent(in) :: g(0:), field  !! see `sample_exact`
       real(wp), intent(in) :: start         !! near the mean
       integer, intent(in) :: margin         !! steps beyond which nothing is felt
       integer, intent(in) :: n_sweeps
@@ -128,8 +127,7 @@ contains
       real(wp) :: at_zero(lanes)
       integer :: n, sweep
 
-      ring = new_ring(a, field, max((size(values) + 2*margin + lanes - 1)/lanes, size(a) + 1), &
-                      .true.)
+      ring = new_ring(g, field, max((size(values) + 2*margin + lanes - 1)/lanes, size(g)), .true.)
       ring%x = start
       at_zero = 0.0_wp
       do sweep = 1, n_sweeps
@@ -140,19 +138,19 @@ contains
       end do
    end subroutine draw_window
 
-   pure function new_ring(a, field, length, is_wound) result(ring)
-      real(wp), intent(in) :: a(:), field
+   pure function new_ring(g, field, length, is_wound) result(ring)
+      real(wp), intent(in) :: g(0:), field
       integer, intent(in) :: length
       logical, intent(in) :: is_wound
       type(ring_type) :: ring
 
       ring%length = length
-      ring%order = size(a)
+      ring%order = ubound(g, 1)
       ring%is_wound = is_wound
       ring%field = field
-      allocate (ring%g(0:size(a)))
-      ring%g(:) = symbol_of_process(a, 1.0_wp)
-      allocate (ring%x(lanes, 1 - size(a):length + size(a)))
+      allocate (ring%g(0:ring%order))
+      ring%g(:) = g
+      allocate (ring%x(lanes, 1 - ring%order:length + ring%order))
    end function new_ring
 
    !> One sweep: every value redrawn given its neighbours. Places as far apart as a lane is long do
@@ -225,21 +223,19 @@ contains
       if (i > length - order) x(:, i - length) = merge(cshift(value, -1), value, is_wound)
    end subroutine place
 
-   !> psi = ln sqrt(2 pi) + mu field/2 + ln Lambda (b0 = 1), and its standard error.
-   subroutine log_partition(a, field, ring_length, n_burn_in, n_sweeps, stream, psi, standard_error)
-      real(wp), intent(in) :: a(:)
-      real(wp), intent(in) :: field         !! mu (1 + sum a_q)^2/b0
+   !> psi, and its standard error.
+   subroutine log_partition(g, field, ring_length, n_burn_in, n_sweeps, stream, psi, standard_error)
+      real(wp), intent(in) :: g(0:), field  !! see `sample_exact`
       integer, intent(in) :: ring_length
       integer, intent(in) :: n_burn_in, n_sweeps   !! sweeps, and sweeps of a batch
       class(stream_type), intent(inout) :: stream
       real(wp), intent(out) :: psi, standard_error
       integer, parameter :: n_nodes = 16
-      real(wp) :: error, g(0:size(a)), mu, nodes(n_nodes), slope, symbol(0:size(a)), variance, &
+      real(wp) :: error, mu, nodes(n_nodes), slope, symbol(0:ubound(g, 1)), variance, &
          weights(n_nodes)
       integer :: i
 
-      g = symbol_of_process(a, 1.0_wp)
-      mu = max(field, 0.0_wp)/(1.0_wp + sum(a))**2
+      mu = max(field, 0.0_wp)/(g(0) + 2.0_wp*sum(g(1:)))
       psi = log_sqrt_two_pi - 0.5_wp*log(g(0))
       if (field > 0.0_wp) then
          psi = psi + 0.5_wp*mu*field + log_acceptance(mu*sqrt(g(0)))
@@ -261,7 +257,8 @@ contains
       standard_error = norm2([sqrt(variance), between_nodes])
    end subroutine log_partition
 
-   !> - sum G_k E[(z_i - mu)(z_(i+k) - mu)], k > 0, under the law of this G, centred on mu.
+   !> - sum G_k E[(z_i - mu)(z_(i+k) - mu)], k > 0, under the law of this G, centred on mu. Where G
+   !> is indefinite its companion is that of a weaker one.
    subroutine sample_slope(g, mu, field, ring_length, n_burn_in, n_sweeps, stream, slope, &
                            standard_error)
       real(wp), intent(in) :: g(0:)
@@ -272,24 +269,29 @@ contains
       real(wp), intent(out) :: slope, standard_error
       integer, parameter :: n_batches = 8*lanes
       type(batch_averages) :: batches
-      real(wp) :: a(ubound(g, 1)), b0, companion(0:ubound(g, 1)), field_here, kappa(ubound(g, 1)), &
-         weights(0:ubound(g, 1))
+      real(wp), dimension(ubound(g, 1)) :: a, kappa
+      real(wp), dimension(0:ubound(g, 1)) :: companion, weaker, weights
+      real(wp) :: b0
       integer :: order
       logical :: is_positive
 
       order = ubound(g, 1)
-      a = 0.0_wp
-      b0 = 1.0_wp/sqrt(g(0))
-      call factor_symbol(g, a, b0, is_positive)
+      weaker = g
+      do
+         a = 0.0_wp
+         b0 = 1.0_wp/sqrt(g(0))
+         call factor_symbol(weaker, a, b0, is_positive)
+         if (is_positive) exit
+         weaker(1:) = 0.8_wp*weaker(1:)
+      end do
       kappa = reflection_of(a)
       companion = autocovariance_of(kappa, order)/innovation_std(kappa, 1.0_wp)**2
-      field_here = mu/b0*(1.0_wp + sum(a))**2 + b0*field
       batches = new_batches(order, order, n_batches)
-      call sample_exact(a, field_here, a, max(mu/b0, 0.5_wp), ring_length, n_burn_in, n_sweeps, &
-                        stream, batches)
-      weights = -b0**2*g
+      call sample_exact(g, mu*(g(0) + 2.0_wp*sum(g(1:))) + field, a, max(mu, 0.5_wp*b0), &
+                        ring_length, n_burn_in, n_sweeps, stream, batches)
+      weights = -g
       weights(0) = 0.0_wp
-      call estimate_products(batches, companion, weights, mu/b0, slope, standard_error)
+      call estimate_products(batches, companion, weights, mu, slope, standard_error)
    end subroutine sample_slope
 
    !> Entropy per point of x/b0, by E[x_i (G (x - mu))_i] = 1: Eq. (43) with its factor 1/2.

@@ -12,12 +12,12 @@ module process_positive_fit
    use process_model, only: process_model_type, process_request
    use process_positive_description, only: compare_laws, describe_sampled, describe_white, &
       name_multipliers, outline_sampled
-   use process_positive_first_order, only: describe_first_order, find_limit, match_first_order, &
-      stated
+   use process_positive_branches, only: branch_difference, search_branches
+   use process_positive_first_order, only: describe_first_order, match_first_order
    use process_positive_kernel, only: first_order_law
    use process_positive_objective, only: sampled_objective
-   use process_positive_refinement, only: shape_spread
-   use process_positive_search, only: approach, end_of_family, find_shape
+   use process_positive_refinement, only: refine, shape_spread
+   use process_positive_search, only: approach, find_shape
    use process_positive_signs, only: settle_signs, zero_lags
    use process_positive_truncated_normal, only: fit_truncated_normal
    implicit none(type, external)
@@ -34,7 +34,7 @@ module process_positive_fit
 contains
 
    !> Solves the request or says why not: `model%is_solved`, `model%reason`.
-   subroutine fit_positive(request, seed, model)
+   recursive subroutine fit_positive(request, seed, model)
       type(process_request), intent(in) :: request
       integer(long), intent(in) :: seed
       type(process_model_type), intent(out) :: model
@@ -45,7 +45,7 @@ contains
       type(zero_lags) :: zeros
       type(error_type), allocatable :: error
       real(wp), allocatable :: point(:)
-      real(wp) :: mu, passed_limit, sigma, violation
+      real(wp) :: mu, sigma, violation
 
       model%request = request
       if (.not. abs(request%correlation_length) > 0.0_wp) then
@@ -55,8 +55,7 @@ contains
          call match_first_order(request, first_order, error)
          if (.not. allocated(error)) call describe_first_order(request, first_order, model, error)
       else
-         call approach(request, seed, law, point, found, error, passed_limit=passed_limit)
-         if (.not. allocated(error)) call find_shape(law, point, found, error, spread)
+         call search_all(request, seed, law, point, found, error, spread)
          if (request%method == 'direct' .and. .not. allocated(error)) &
             call settle_signs(law, point, found, zeros, error)
          if (.not. allocated(error)) &
@@ -69,12 +68,11 @@ contains
                call describe_sampled(request, law, point, found%multipliers, spread, model, error)
             end if
          end if
-         if (allocated(error)) then
-            call name_what_exists(request, seed, passed_limit, error)
-         else
-            call compare_laws(request, law, point, model)
+         if (.not. allocated(error)) then
+            if (allocated(law%last%a)) call compare_laws(request, law, point, model)
             model%optimality = found%residual
             if (request%method == 'direct') call name_multipliers(law, violation, model)
+            call look_beside(request, seed, model)
          end if
       end if
       model%is_solved = .not. allocated(error)
@@ -92,7 +90,7 @@ contains
       type(first_order_law) :: first_order
       type(search_result) :: found
       real(wp), allocatable :: point(:), unused(:)
-      real(wp) :: mu, passed_limit, sigma
+      real(wp) :: mu, sigma
       logical :: is_exact, is_inside
 
       model%request = request
@@ -105,15 +103,53 @@ contains
          if ((is_exact .or. first_order%r < 0.0_wp) .and. .not. allocated(error)) &
             call describe_first_order(request, first_order, model, error)
       else
-         call approach(request, seed, law, point, found, error, passed_limit=passed_limit)
-         if (allocated(error)) then
-            call name_what_exists(request, seed, passed_limit, error)
-         else if (is_exact) then
-            call law%evaluate(point, unused, is_inside)
-            call outline_sampled(request, law, model)
-         end if
+         call approach(request, seed, law, point, found, error)
+         if (allocated(error)) call search_branches(request, seed, law, point, found, error)
+         if (allocated(error)) return
+         call law%evaluate(point, unused, is_inside)
+         if (is_exact .or. law%problem%decay > 0.0_wp) call outline_sampled(request, law, model)
+         call look_beside(request, seed, model)
       end if
    end subroutine foresee_positive
+
+   !> The largest entropy: in the shape of the unconstrained optimum, then with every coefficient
+   !> free; where that ends, on the branches that go on from order 1.
+   subroutine search_all(request, seed, law, point, found, error, spread)
+      type(process_request), intent(in) :: request
+      integer(long), intent(in) :: seed
+      type(sampled_objective), intent(out) :: law
+      real(wp), allocatable, intent(out) :: point(:)
+      type(search_result), intent(out) :: found
+      type(error_type), allocatable, intent(out) :: error
+      type(shape_spread), intent(out) :: spread
+
+      call approach(request, seed, law, point, found, error)
+      if (.not. allocated(error)) call find_shape(law, point, found, error, spread)
+      if (.not. allocated(error)) return
+      call search_branches(request, seed, law, point, found, error)
+      if (.not. allocated(error)) call refine(law, branch_difference, point, found, spread)
+   end subroutine search_all
+
+   !> Where K(m) alternates: the entropy of the other law's process with K(m) >= 0 where that is
+   !> larger.
+   recursive subroutine look_beside(request, seed, model)
+      type(process_request), intent(in) :: request
+      integer(long), intent(in) :: seed
+      type(process_model_type), intent(inout) :: model
+      integer, parameter :: rough_steps = 256
+      type(process_request) :: beside
+      type(process_model_type) :: other
+
+      if (.not. allocated(model%branch)) return
+      if (model%branch /= 'alternating' .or. request%std >= request%mean) return
+      beside = request
+      beside%sampler = trim(merge('exact     ', 'sequential', request%sampler == 'sequential'))
+      beside%branch = 'nonnegative'
+      beside%fit_steps = rough_steps
+      call fit_positive(beside, seed, other)
+      if (other%is_solved .and. other%entropy > model%entropy) &
+         model%nonnegative_entropy = other%entropy
+   end subroutine look_beside
 
    !> True if quadrature solves the request.
    pure function is_first_order(request) result(is_so)
@@ -148,70 +184,5 @@ contains
          call solve_along(law, point, found%jacobian, found%metric, matched, 20, violation)
       end if
    end subroutine match_targets
-
-   !> Adds to a refusal where the family ends that the search has left behind, how far order 1 goes
-   !> with either sign of K(1), and the highest order that has the request. The direct method's
-   !> orders do not contain each other.
-   subroutine name_what_exists(request, seed, passed_limit, error)
-      type(process_request), intent(in) :: request   !! of order 2 or more
-      integer(long), intent(in) :: seed
-      real(wp), intent(in) :: passed_limit           !! see `approach`
-      type(error_type), allocatable, intent(inout) :: error
-      type(error_type), allocatable :: unknown
-      character(:), allocatable :: message
-      integer :: order
-      real(wp) :: farther, limit
-
-      if (request%method == 'direct' .or. error%exit_code /= exit_no_solution .or. &
-          .not. request%mean > 0.0_wp) return
-      message = error%message
-      if (passed_limit > 0.0_wp) message = message//'; '//end_of_family(passed_limit)
-      call find_limit(request, .false., limit, unknown)
-      if (allocated(unknown)) return
-      message = message//'; order = 1 has them up to '//stated(limit)//' with K(m) >= 0'
-      if (request%branch == 'any') then
-         call find_limit(request, .true., farther, unknown)
-         if (allocated(unknown)) return
-         if (farther < huge(farther)) then
-            message = message//', up to '//stated(farther)
-         else
-            message = message//', beyond any limit'
-         end if
-         message = message//' with alternating K(m), which higher orders are not searched for'
-      end if
-      order = 1
-      if (request%std <= limit*request%mean) order = highest_order(request, seed)
-      if (order > 1) message = message//', order = '//to_text(order)//' has this one'
-      call raise(error, exit_no_solution, message)
-   end subroutine name_what_exists
-
-   !> Highest order below the request's that has a process of its ratio and length; order 1 has.
-   !> Fewer ratios are in reach as the order grows.
-   function highest_order(request, seed) result(order)
-      type(process_request), intent(in) :: request
-      integer(long), intent(in) :: seed
-      integer :: order
-      type(sampled_objective) :: law
-      type(error_type), allocatable :: error
-      type(process_request) :: lower
-      type(search_result) :: found
-      real(wp), parameter :: most_effort = 3.0e8_wp   ! each, of some five orders tried
-      real(wp), allocatable :: point(:)
-      integer :: refused
-
-      order = 1
-      refused = request%order
-      lower = request
-      do while (refused - order > 1)
-         lower%order = (order + refused)/2
-         call approach(lower, seed, law, point, found, error, most_effort)
-         if (.not. allocated(error)) call find_shape(law, point, found, error)
-         if (allocated(error)) then
-            refused = lower%order
-         else
-            order = lower%order
-         end if
-      end do
-   end function highest_order
 
 end module process_positive_fit

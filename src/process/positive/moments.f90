@@ -134,10 +134,11 @@ contains
       end do
    end subroutine add_far_products
 
-   !> Everything but the autocovariance lag by lag. Signs of K(m), and what lies beyond the last
-   !> lag, are taken from the companion; lags without a row of their own are positive. The std is 0
+   !> Everything but the autocovariance lag by lag. What lies beyond the last lag is taken from the
+   !> companion; lags without a row of their own are positive. The std is 0
    !> where the variance is lost in rounding: nothing else is known then.
-   pure function estimate_moments(batches, companion, order, tail_l0, tail_moment) result(moments)
+   pure function estimate_moments(batches, companion, order, tail_l0, tail_moment, signs) &
+      result(moments)
       type(batch_averages), intent(in) :: batches
       !> autocovariance of y, m = 0..n_lags, or up to less than n_single: sums are then cut there
       real(wp), intent(in) :: companion(0:)
@@ -145,6 +146,8 @@ contains
       integer, intent(in) :: order
       real(wp), intent(in) :: tail_l0          !! sum of |rho(m)| beyond n_lags
       real(wp), intent(in) :: tail_moment      !! sum of m |rho(m)| beyond n_lags
+      !> (0:) of K(m), as many as of the companion; absent: those of the companion
+      real(wp), intent(in), optional :: signs(0:)
       type(positive_moments) :: moments
       type(control_type) :: control
       real(wp), allocatable :: weights(:, :)   ! (0:last, 3) of rows: K(0), sum |K|, sum m |K|
@@ -155,7 +158,7 @@ contains
       real(wp) :: k(3), n, offset, unused
       integer :: i, last
 
-      call arrange_rows(batches, companion, weights, known, n_products)
+      call arrange_rows(batches, companion, weights, known, n_products, signs)
       last = size(known) - 1
       control = controls_of(batches, known, weights, order)
 
@@ -199,10 +202,11 @@ contains
    end function estimate_moments
 
    !> Arranges weights and known values of the rows of the batches, to the companion's last lag.
-   pure subroutine arrange_rows(batches, companion, weights, known, n_products)
+   pure subroutine arrange_rows(batches, companion, weights, known, n_products, signs)
       type(batch_averages), intent(in) :: batches
       real(wp), intent(in) :: companion(0:)
       real(wp), allocatable, intent(out) :: weights(:, :), known(:), n_products(:)
+      real(wp), intent(in), optional :: signs(0:)
       integer :: last, m, n_lags
 
       n_lags = ubound(companion, 1)
@@ -214,6 +218,7 @@ contains
       n_products(0) = 1.0_wp
       do m = 1, min(n_lags, batches%n_single)
          weights(m, 2) = sign(1.0_wp, companion(m))
+         if (present(signs)) weights(m, 2) = signs(m)
          weights(m, 3) = m*weights(m, 2)
          known(m) = companion(m)
          n_products(m) = 1.0_wp

@@ -9,6 +9,7 @@ module process_positive_objective
    use numerics_constrained_maximum, only: objective_type
    use process_autoregressive_model, only: coefficients_of, reflection_of
    use process_autoregressive_spectral_factor, only: factor_symbol, symbol_of_process
+   use process_positive_confinement, only: is_confined_law, is_confined_sequence
    use process_positive_exact, only: entropy_of_exact_law, log_partition, sample_exact, &
       sweeps_to_forget
    use process_positive_moments, only: batch_averages, estimate_autocovariance, estimate_moments, &
@@ -19,15 +20,19 @@ module process_positive_objective
    implicit none(type, external)
    private
    public :: sampled_objective, new_objective, parameter_family, law_estimate
-   public :: by_shape, by_symbol, free
+   public :: by_coefficients, by_precision, by_shape, by_symbol, free
 
    integer, parameter, public :: n_constraints = 2
    integer, parameter :: n_batches = 16*lanes
    real(wp), parameter :: largest_kappa = 0.9999_wp
+   real(wp), parameter, public :: margin = 1.0e-5_wp   !! of a face
+   real(wp), parameter :: largest_ratio = 20.0_wp   !! std/mean: beyond, chains run away
 
-   !> (ln factor of a shape, coordinate), (ln factor of a symbol, coordinate), or (atanh(kappa_m)
-   !> over a factor, m = 1..order, coordinate).
-   integer, parameter :: by_shape = 1, by_symbol = 2, free = 3
+   !> (ln factor of a shape, coordinate), (ln factor of a symbol, coordinate), (atanh(kappa_m) over
+   !> a factor, m = 1..order, coordinate), (a_1..a_order, coordinate), or (G_1..G_order over G_0,
+   !> coordinate): of the last two no Gaussian process need exist.
+   integer, parameter :: by_shape = 1, by_symbol = 2, free = 3, by_coefficients = 4, &
+                         by_precision = 5
 
    !> How points become parameters.
    type :: parameter_family
@@ -35,13 +40,18 @@ module process_positive_objective
       !> by_shape: atanh(kappa_m); by_symbol: G_m/G_0 of the direct method
       real(wp), allocatable :: direction(:)
       real(wp) :: factor = 1.0_wp   !! free: by which points are multiplied
+      !> by_coefficients, by_precision: values this far apart could just grow together; the
+      !> coefficient of that lag follows from the others and is not in a point; 0: none does
+      integer :: face = 0
    contains
+      procedure :: room
       procedure :: unfold
    end type parameter_family
 
    !> Parameters of a law, and what the simulated values say of it.
    type :: law_estimate
-      real(wp), allocatable :: a(:)                  !! a_q, Eq. (39)
+      real(wp), allocatable :: g(:)                  !! (0:order) row of G
+      real(wp), allocatable :: a(:)                  !! a_q, Eq. (39); by_precision: none
       real(wp) :: coordinate = 0.0_wp                !! see `sampled_problem`
       type(batch_averages) :: batches
       type(positive_moments) :: moments
@@ -64,8 +74,8 @@ module process_positive_objective
    type, extends(objective_type) :: sampled_objective
       type(sampled_problem) :: problem
       type(parameter_family) :: family
-      !> (0:n_lags) autocovariance of the companion, where it is 0 with the sign of K(m)
-      real(wp), allocatable :: known(:)
+      real(wp), allocatable :: known(:)              !! (0:n_lags) autocovariance of the companion
+      real(wp), allocatable :: signs(:)              !! (0:n_lags) of K(m), by which sums are taken
       integer :: n_burn_in = 0                       !! steps, or sweeps
       integer :: n_steps = 0                         !! of a batch
       !> near the mean: where chains start, and products are taken about it, so that hardly anything
@@ -81,6 +91,7 @@ module process_positive_objective
       procedure :: gain
       procedure :: settle
       procedure :: keep_every_lag
+      procedure :: keep_lags
       procedure :: is_exhausted
       procedure :: state_rests
       procedure :: find_entropy
@@ -97,8 +108,9 @@ contains
 
       objective%problem = problem
       objective%known = problem%autocovariance
-      objective%centre = problem%centre
+      allocate (objective%signs(0:problem%n_lags), source=sign(1.0_wp, problem%autocovariance))
       objective%numbers%origin = problem%stream
+      allocate (objective%last%g(0:size(problem%companion)), source=0.0_wp)
       objective%last%batches = new_batches(problem%n_lags, problem%n_single, n_batches)
       if (allocated(problem%symbol)) then
          objective%family%kind = by_symbol
@@ -109,24 +121,68 @@ contains
       end if
    end subroutine new_objective
 
-   !> Reflection coefficients and coordinate of a point. Where no process is, a coefficient is 1.
-   pure subroutine unfold(self, point, kappa, coordinate)
+   !> The law of a point, in units of b0 or, by_precision, of 1/sqrt(G_0).
+   pure subroutine unfold(self, point, law, is_inside)
       class(parameter_family), intent(in) :: self
       real(wp), intent(in) :: point(:)
-      real(wp), allocatable, intent(out) :: kappa(:)
-      real(wp), intent(out) :: coordinate
+      type(law_estimate), intent(inout) :: law   !! its coefficients, G and coordinate
+      logical, intent(out) :: is_inside          !! false: no process is there
       real(wp), parameter :: outside = 40.0_wp   ! of any process: nothing overflows
+      real(wp) :: kappa(size(law%g) - 1)
 
+      law%coordinate = sinh(max(-outside, min(point(size(point)), outside)))
+      is_inside = abs(law%coordinate) < 1.0e6_wp
+      if (self%face > 0) is_inside = is_inside .and. law%coordinate < 0.0_wp   ! else they do grow
       select case (self%kind)
-      case (by_symbol)
-         kappa = reflection_of_symbol([1.0_wp, exp(min(point(1), outside))*self%direction])
-      case (by_shape)
-         kappa = tanh(exp(min(point(1), outside))*self%direction)
+      case (by_precision)
+         law%g(:) = [1.0_wp, 0.5_wp*couplings(self, point)]
+         is_inside = is_inside .and. all(self%room(point) > 0.0_wp)
+         if (is_inside) is_inside = is_confined_law(law%g)
+         return
+      case (by_coefficients)
+         law%a = couplings(self, point)
+         is_inside = is_inside .and. all(self%room(point) > 0.0_wp)
+         if (is_inside) is_inside = is_confined_sequence(law%a)
       case default
-         kappa = tanh(self%factor*point(:size(point) - 1))
+         if (self%kind == by_symbol) then
+            kappa = reflection_of_symbol([1.0_wp, exp(min(point(1), outside))*self%direction])
+         else if (self%kind == by_shape) then
+            kappa = tanh(exp(min(point(1), outside))*self%direction)
+         else
+            kappa = tanh(self%factor*point(:size(kappa)))
+         end if
+         is_inside = is_inside .and. all(abs(kappa) < largest_kappa)
+         if (is_inside) law%a = coefficients_of(kappa)
       end select
-      coordinate = sinh(max(-outside, min(point(size(point)), outside)))
+      if (is_inside) law%g(:) = symbol_of_process(law%a, 1.0_wp)
    end subroutine unfold
+
+   !> a_q, or 2 G_m/G_0, lags 1..order: that of a face from the others.
+   pure function couplings(family, point) result(all_lags)
+      type(parameter_family), intent(in) :: family
+      real(wp), intent(in) :: point(:)
+      real(wp), allocatable :: all_lags(:)
+
+      all_lags = merge(2.0_wp, 1.0_wp, family%kind == by_precision)*point(:size(point) - 1)
+      associate (p => family%face)
+         if (p == 0) return
+         all_lags = [all_lags(:p - 1), 0.0_wp, all_lags(p:)]
+         all_lags(p) = margin - 1.0_wp - sum(all_lags(p::p))
+      end associate
+   end function couplings
+
+   !> How far, for each p, values p apart with all others near 0 are from driving each other to
+   !> infinity.
+   pure function room(self, point)
+      class(parameter_family), intent(in) :: self   !! by_coefficients or by_precision
+      real(wp), intent(in) :: point(:)
+      real(wp), allocatable :: room(:)
+      integer :: p
+
+      associate (coupling => couplings(self, point))
+         room = [(1.0_wp + sum(coupling(p::p)) - 0.5_wp*margin, p=1, size(coupling))]
+      end associate
+   end function room
 
    pure function reflection_of_symbol(symbol) result(kappa)
       real(wp), intent(in) :: symbol(0:)
@@ -147,27 +203,25 @@ contains
       real(wp), intent(in) :: point(:)
       real(wp), allocatable, intent(out) :: state(:)
       logical, intent(out) :: is_inside
-      real(wp), allocatable :: kappa(:)
       type(positive_moments) :: cut
 
       associate (problem => self%problem, last => self%last)
-         call self%family%unfold(point, kappa, last%coordinate)
-         is_inside = all(abs(kappa) < largest_kappa) .and. abs(last%coordinate) < 1.0e6_wp &
-                     .and. .not. self%is_exhausted()
+         call self%family%unfold(point, last, is_inside)
+         is_inside = is_inside .and. .not. self%is_exhausted()
          if (.not. is_inside) return
-         last%a = coefficients_of(kappa)
          if (problem%is_exact) then
             call simulate_exact(self)
          else
             call simulate_sequential(self)
          end if
-         last%moments = estimate_moments(last%batches, self%known, size(last%a), &
-                                         problem%tail_l0, problem%tail_moment)
-         is_inside = last%moments%std > 0.0_wp
+         last%moments = estimate_moments(last%batches, self%known, ubound(last%g, 1), &
+                                         problem%tail_l0, problem%tail_moment, self%signs)
+         is_inside = last%moments%std > 0.0_wp .and. last%moments%ratio < largest_ratio
          if (.not. is_inside) return
          cut = last%moments
          if (problem%cut > 0) cut = estimate_moments(last%batches, self%known(:problem%cut), &
-                                                     problem%cut, 0.0_wp, 0.0_wp)
+                                                     problem%cut, 0.0_wp, 0.0_wp, &
+                                                     self%signs(:problem%cut))
          state = [last%moments%ratio/problem%ratio - 1.0_wp, &
                   merge(cut%l0, cut%l1, problem%correlation == 'L0')/problem%length - 1.0_wp, &
                   features_of(self)]
@@ -194,7 +248,7 @@ contains
       n_values = (self%n_burn_in + n_batches/lanes*n_sweeps)*ring_length(self)
       call self%numbers%rewind(real(lanes, wp)*n_values)
       call count_values(self, n_values)
-      call sample_exact(self%last%a, self%last%coordinate, self%problem%companion, self%centre, &
+      call sample_exact(self%last%g, self%last%coordinate, self%problem%companion, self%centre, &
                         ring_length(self), self%n_burn_in, n_sweeps, self%numbers, &
                         self%last%batches)
    end subroutine simulate_exact
@@ -212,7 +266,7 @@ contains
       integer, intent(in) :: n_steps   !! of all lanes
 
       self%effort = self%effort + real(lanes, wp)*n_steps &
-                    *(1.0_wp + 0.05_wp*(size(self%last%a) + self%last%batches%n_single))
+                    *(1.0_wp + 0.05_wp*(ubound(self%last%g, 1) + self%last%batches%n_single))
    end subroutine count_values
 
    pure function is_exhausted(self)
@@ -222,30 +276,44 @@ contains
       is_exhausted = self%effort >= self%most_effort
    end function is_exhausted
 
-   !> Chooses the burn-in for points near these coefficients. Sequential law: the companion's memory
-   !> measures that of every process of the wanted length. Exact law: by the variance of the last
-   !> evaluation; before the first one, by the companion's.
-   pure subroutine settle(self, a)
+   !> Chooses the burn-in for points near this one. Sequential law: the companion's memory measures
+   !> that of every process of the wanted length. Exact law: by the variance of the last evaluation;
+   !> before the first one, by the companion's.
+   pure subroutine settle(self, point)
       class(sampled_objective), intent(inout) :: self
-      real(wp), intent(in) :: a(:)
+      real(wp), intent(in) :: point(:)
+      type(law_estimate) :: here
       real(wp) :: variance
+      logical :: is_inside
 
       variance = self%known(0)
       if (self%last%moments%std > 0.0_wp) then
          variance = self%last%moments%std**2
          self%centre = self%last%moments%mean
       end if
-      self%n_burn_in = max(self%problem%memory, size(a))
-      if (self%problem%is_exact) &
-         self%n_burn_in = sweeps_to_forget(a, variance, self%problem%l0, 1.0e-5_wp)
+      self%n_burn_in = max(self%problem%memory, size(self%problem%companion))
+      if (.not. self%problem%is_exact) return
+      here%g = self%last%g
+      call self%family%unfold(point, here, is_inside)
+      self%n_burn_in = sweeps_to_forget(here%g(0)*variance, self%problem%l0, 1.0e-5_wp)
+      if (self%problem%decay > 0.0_wp) &   ! as neighbours of a Markov process forget
+         self%n_burn_in = max(self%n_burn_in, ceiling(12.0_wp/(1.0_wp - self%problem%decay)**2))
    end subroutine settle
 
    !> From now on averages of every lag, at the cost of every lag.
    pure subroutine keep_every_lag(self)
       class(sampled_objective), intent(inout) :: self
 
-      self%last%batches = new_batches(self%problem%n_lags, self%problem%n_lags, n_batches)
+      call self%keep_lags(self%problem%n_lags)
    end subroutine keep_every_lag
+
+   !> From now on averages of so many lags one by one.
+   pure subroutine keep_lags(self, n_single)
+      class(sampled_objective), intent(inout) :: self
+      integer, intent(in) :: n_single
+
+      self%last%batches = new_batches(self%problem%n_lags, n_single, n_batches)
+   end subroutine keep_lags
 
    !> Sequential law: the entropy of x/std. Exact law: moments m, K(0..order), and their
    !> multipliers.
@@ -253,18 +321,18 @@ contains
       class(sampled_objective), intent(in) :: self
       real(wp), allocatable :: features(:)
       real(wp), allocatable :: k(:), unused(:)
-      real(wp) :: g(0:size(self%last%a))
+      real(wp) :: g(0:ubound(self%last%g, 1))
 
       associate (last => self%last)
          if (.not. self%problem%is_exact) then
             features = [last%moments%entropy]
             return
          end if
-         call estimate_autocovariance(last%batches, self%known, size(last%a), k, unused)
-         g = symbol_of_process(last%a, 1.0_wp)
+         call estimate_autocovariance(last%batches, self%known, ubound(g, 1), k, unused)
+         g = last%g
          g(0) = 0.5_wp*g(0)
          features = [last%moments%mean, k, &
-                     last%moments%mean*(1.0_wp + sum(last%a))**2 - last%coordinate, g]
+                     2.0_wp*last%moments%mean*sum(g) - last%coordinate, g]
       end associate
    end function features_of
 
@@ -292,8 +360,8 @@ contains
       real(wp), allocatable :: unused_k(:), unused(:)
       integer :: n
 
-      associate (from => self%last%moments%rests, a => self%last%a)
-         n = merge(size(a), 0, self%problem%is_exact)
+      associate (from => self%last%moments%rests, g => self%last%g)
+         n = merge(ubound(g, 1), 0, self%problem%is_exact)
          allocate (rests(size(from, 1), n_constraints + merge(2*n + 4, 1, self%problem%is_exact)), &
                    source=0.0_wp)
          rests(:, 1) = from(:, 2)/self%problem%ratio
@@ -303,7 +371,7 @@ contains
          rests(:, 3) = from(:, 1)
          call estimate_autocovariance(self%last%batches, self%known, n, unused_k, unused, &
                                       rests(:, 4:n + 4))
-         rests(:, n + 5) = from(:, 1)*(1.0_wp + sum(a))**2
+         rests(:, n + 5) = from(:, 1)*(2.0_wp*sum(g) - g(0))
       end associate
    end function state_rests
 
@@ -320,7 +388,7 @@ contains
          standard_error = last%moments%entropy_error
          if (.not. self%problem%is_exact) return
          call self%numbers%rewind(huge(1.0_wp))
-         call log_partition(last%a, last%coordinate, ring_length(self), self%n_burn_in, &
+         call log_partition(last%g, last%coordinate, ring_length(self), self%n_burn_in, &
                             max(min(self%n_steps, enough)/ring_length(self), 2), self%numbers, &
                             psi, psi_error)
          entropy = entropy_of_exact_law(psi, last%coordinate, last%moments%mean)

@@ -14,7 +14,6 @@ module process_positive_problem
    use process_direct_fit, only: fit_direct
    use process_model, only: process_model_type, process_request
    use process_positive_sequential, only: memory_of
-   use process_positive_truncated_normal, only: fit_truncated_normal
    implicit none(type, external)
    private
    public :: sampled_problem, new_problem
@@ -36,10 +35,8 @@ module process_positive_problem
       integer :: n_lags = 0
       integer :: n_single = 0                        !! lags that are kept one by one
       integer :: memory = 0                          !! steps beyond which nothing is felt, to 1e-9
-      real(wp) :: coordinate = 0.0_wp                !! first guess: of the univariate law
-      real(wp) :: centre = 1.0_wp                    !! the same of the mean
+      real(wp) :: decay = 0.0_wp                     !! alternating: |K(m + 1)/K(m)| at order 1
    contains
-      procedure :: coordinate_of
       procedure :: name
    end type sampled_problem
 
@@ -47,18 +44,20 @@ contains
 
    !> Problem of a request under the law of a sampler's name. Fails for bad numbers and where more
    !> lags count than a search carries in a minute or two.
-   subroutine new_problem(request, sampler, stream, problem, error)
+   subroutine new_problem(request, sampler, stream, problem, error, decay)
       type(process_request), intent(in) :: request
       character(*), intent(in) :: sampler
       type(stream_type), intent(in) :: stream
       type(sampled_problem), intent(out) :: problem
       type(error_type), allocatable, intent(out) :: error
+      !> |K(m + 1)/K(m)| of order 1 for large m, where signs alternate, else 0: the companion is the
+      !> mirror image then, and lags of twice that memory count
+      real(wp), intent(in), optional :: decay
       integer, parameter :: most_lags(2) = [4000, 600]        ! sequential, exact
       real(wp), parameter :: longest = 10.0_wp*(1.0_wp + 1.0e-9_wp)   ! exact: sweeps grow with L0^2
       type(process_model_type) :: unconstrained
       type(correlation_sums) :: sums
       real(wp), allocatable :: g(:), kappa(:), rho(:)
-      real(wp) :: b0, mu, sigma
       integer :: m
 
       if (sampler /= 'sequential' .and. sampler /= 'exact') then
@@ -67,23 +66,27 @@ contains
          return
       end if
       problem%is_exact = sampler == 'exact'
-      call fit_truncated_normal(request%mean, request%std, mu, sigma, error)
-      if (allocated(error) .and. request%mean > 0.0_wp .and. request%correlation_length > 0.0_wp) &
-         call raise(error, exit_no_solution, 'positive process with std/mean = '// &
-                    to_text(request%std/request%mean)//': K(m) >= 0 needs std < mean')
-      if (allocated(error)) return
       call solve_unconstrained(request, unconstrained, error)
       if (allocated(error)) return
       kappa = reflection_of(unconstrained%a)
       call sum_correlation(kappa, sums, error)
       if (allocated(error)) return
-      problem%companion = unconstrained%a
       problem%correlation = request%correlation
       problem%ratio = request%std/request%mean
       problem%length = request%correlation_length
       problem%l0 = sums%l0
       problem%stream = stream
       problem%n_lags = max(size(kappa), memory_of(unconstrained%poles, 1.0e-4_wp))
+      problem%memory = ceiling(1.5_wp*memory_of(unconstrained%poles, 1.0e-9_wp))
+      if (present(decay)) problem%decay = decay
+      if (problem%decay > 0.0_wp) then
+         kappa(1::2) = -kappa(1::2)
+         associate (pole => cmplx(problem%decay, 0.0_wp, wp))
+            problem%n_lags = max(problem%n_lags, 2*memory_of([pole], 1.0e-4_wp))
+            problem%memory = max(problem%memory, 3*memory_of([pole], 1.0e-9_wp))
+         end associate
+      end if
+      problem%companion = coefficients_of(kappa)
       if (problem%n_lags > most_lags(merge(2, 1, problem%is_exact)) .or. &
           problem%is_exact .and. problem%l0 > longest) then
          call raise(error, exit_no_solution, 'positive process ('//sampler//' law) with '// &
@@ -104,10 +107,6 @@ contains
                             - sum([(m*abs(rho(m + 1)), m=1, problem%n_lags)])
       allocate (problem%autocovariance(0:problem%n_lags))
       problem%autocovariance(:) = rho/innovation_std(kappa, 1.0_wp)**2
-      b0 = sigma*innovation_std(kappa, 1.0_wp)   ! univariate law, innovations of the companion
-      problem%coordinate = problem%coordinate_of(problem%companion, mu/b0)
-      problem%centre = request%mean/b0
-      problem%memory = ceiling(1.5_wp*memory_of(unconstrained%poles, 1.0e-9_wp))
       problem%n_single = min(max(request%order, problem%cut), problem%n_lags)
       if (any(rho(problem%n_single + 2:) < 0.0_wp)) problem%n_single = problem%n_lags
    end subroutine new_problem
@@ -132,17 +131,6 @@ contains
          call describe_ar(coefficients_of(kappa), 1.0_wp, model, error)
       end if
    end subroutine solve_unconstrained
-
-   !> mu (1 + sum a_q)/b0 of the sequential law, mu (1 + sum a_q)^2/b0 of the exact one: what stays
-   !> finite where mu does not.
-   pure function coordinate_of(self, a, location) result(coordinate)
-      class(sampled_problem), intent(in) :: self
-      real(wp), intent(in) :: a(:)
-      real(wp), intent(in) :: location   !! mu/b0
-      real(wp) :: coordinate
-
-      coordinate = location*(1.0_wp + sum(a))**merge(2, 1, self%is_exact)
-   end function coordinate_of
 
    !> For messages.
    pure function name(self, order) result(text)

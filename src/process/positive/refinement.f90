@@ -51,13 +51,13 @@ contains
 
       n = size(point)
       law%n_steps = refinement_steps
-      call law%settle(law%last%a)
+      call law%settle(point)
       call law%evaluate(point, state, is_inside)
       if (.not. is_inside) return
       rests = law%state_rests()
       trial%correlation = correlation_of(law)
       lengths = [law%last%moments%l0, law%last%moments%l1]
-      allocate (trial%by_correlation(0:n - 1, n), trial%by_length(2, n))
+      allocate (trial%by_correlation(0:size(trial%correlation) - 1, n), trial%by_length(2, n))
       do i = 1, n
          moved = point
          moved(i) = moved(i) + step
@@ -110,11 +110,10 @@ contains
    !> K(m)/K(0), m = 0..order, of the last evaluation.
    function correlation_of(law) result(correlation)
       type(sampled_objective), intent(in) :: law
-      real(wp) :: correlation(0:size(law%last%a))
+      real(wp) :: correlation(0:ubound(law%last%g, 1))
       real(wp), allocatable :: k(:), unused(:)
 
-      call estimate_autocovariance(law%last%batches, law%known, size(law%last%a), k, &
-                                   unused)
+      call estimate_autocovariance(law%last%batches, law%known, ubound(law%last%g, 1), k, unused)
       correlation = k/k(0)
    end function correlation_of
 

@@ -13,17 +13,18 @@ module process_positive_search
    use numerics_lapack, only: solve_positive_definite
    use numerics_root_search, only: new_root_search, root_search
    use process_autoregressive_fit, only: optimal_curvature
-   use process_autoregressive_model, only: coefficients_of, reflection_of
+   use process_autoregressive_model, only: reflection_of
    use process_model, only: process_request
-   use process_positive_objective, only: by_symbol, free, n_constraints, new_objective, &
-      sampled_objective
+   use process_positive_objective, only: by_symbol, free, law_estimate, n_constraints, &
+      new_objective, sampled_objective
    use process_positive_moments, only: estimate_autocovariance, positive_moments
    use process_positive_problem, only: new_problem, sampled_problem
    use process_positive_refinement, only: refine, shape_spread
    use process_positive_signs, only: require_signs
+   use process_positive_truncated_normal, only: fit_truncated_normal
    implicit none(type, external)
    private
-   public :: approach, end_of_family, find_shape
+   public :: approach, find_shape
 
    integer, parameter :: quick_steps = 128     !! of a batch on the way to a first solution
    integer, parameter :: limit_steps = 1024    !! of a batch where std/mean may end
@@ -41,7 +42,7 @@ contains
 
    !> The unconstrained optimum of another length that has the targets under the law, on few
    !> simulated values: `point` is (ln factor, coordinate). Fails where that family ends before.
-   subroutine approach(request, seed, law, point, found, error, most_effort, passed_limit)
+   subroutine approach(request, seed, law, point, found, error, most_effort)
       type(process_request), intent(in) :: request
       integer(long), intent(in) :: seed
       type(sampled_objective), intent(out) :: law
@@ -49,30 +50,33 @@ contains
       type(search_result), intent(out) :: found
       type(error_type), allocatable, intent(out) :: error
       real(wp), intent(in), optional :: most_effort   !! see `positive_law`
-      !> std/mean at which the family ends, where a far branch goes on beyond it; else 0
-      real(wp), intent(out), optional :: passed_limit
       type(sampled_problem) :: problem
       real(wp), allocatable :: state(:)
-      real(wp) :: far_point(2), limit
+      real(wp) :: b0, centre, coordinate, far_point(2), limit, mu, sigma
       logical :: is_inside, is_reached
       type(search_result) :: far
 
-      if (present(passed_limit)) passed_limit = 0.0_wp
+      call fit_univariate(request, mu, sigma, error)
+      if (allocated(error)) return
       call new_problem(request, request%sampler, &
                        new_stream(seed, label_of('positive process'), 0), problem, error)
       if (allocated(error)) return
+      b0 = sigma/sqrt(problem%autocovariance(0))   ! a guess, with the companion's innovations
+      coordinate = mu/b0*(1.0_wp + sum(problem%companion))**merge(2, 1, problem%is_exact)
+      centre = request%mean/b0
       call new_objective(problem, law)
       if (present(most_effort)) law%most_effort = most_effort
-      point = [0.0_wp, asinh(problem%coordinate)]
+      law%centre = centre
+      point = [0.0_wp, asinh(coordinate)]
       law%n_steps = quick_steps
-      call law%settle(problem%companion)
+      call law%settle(point)
       call maximize(law, point, n_constraints, 1.0e-4_wp, close_enough, 12, found)
       ! far from the unconstrained optimum another branch may have the targets too: it is taken only
       ! where the family that is followed from there ends before them
       if (found%violation > close_enough .or. point(1) > farthest) then
          far = found
          far_point = point
-         point = [0.0_wp, asinh(problem%coordinate)]
+         point = [0.0_wp, asinh(coordinate)]
          law%n_steps = limit_steps
          call follow_family(law, point, limit, is_reached)
          if (is_reached) then
@@ -80,8 +84,7 @@ contains
          else if (far%violation <= close_enough) then
             point = far_point
             found = far
-            if (present(passed_limit)) passed_limit = limit
-            law%centre = problem%centre   ! where the family's end has left it, chains begin far off
+            law%centre = centre   ! where the family's end has left it, chains begin far off
             law%n_steps = quick_steps
             call law%evaluate(point, state, is_inside)
          else if (.not. law%is_exhausted()) then
@@ -94,26 +97,30 @@ contains
       call require_converged(law, found, size(problem%companion), error)
    end subroutine approach
 
+   !> The normal law that has mean and std where it is positive.
+   subroutine fit_univariate(request, mu, sigma, error)
+      type(process_request), intent(in) :: request
+      real(wp), intent(out) :: mu, sigma
+      type(error_type), allocatable, intent(out) :: error
+
+      call fit_truncated_normal(request%mean, request%std, mu, sigma, error)
+      if (allocated(error) .and. request%mean > 0.0_wp .and. request%correlation_length > 0.0_wp) &
+         call raise(error, exit_no_solution, 'positive process with std/mean = '// &
+                    to_text(request%std/request%mean)//': K(m) >= 0 needs std < mean')
+   end subroutine fit_univariate
+
    !> Why a family does not have the wanted ratio.
    pure function reason_of_end(limit) result(reason)
       real(wp), intent(in) :: limit   !! the largest std/mean met, less its error; 0: none
       character(:), allocatable :: reason
 
       if (limit > 0.0_wp) then
-         reason = ': '//end_of_family(limit)//', where mu runs away to minus infinity'
+         reason = ': with the shape of the unconstrained optimum std/mean ends at '// &
+                  to_text(floor(1.0e3_wp*limit)/1.0e3_wp)
       else
          reason = ': nothing was found with the shape of the unconstrained optimum'
       end if
    end function reason_of_end
-
-   !> For messages.
-   pure function end_of_family(limit) result(statement)
-      real(wp), intent(in) :: limit   !! of std/mean
-      character(:), allocatable :: statement
-
-      statement = 'with the shape of the unconstrained optimum std/mean ends at '// &
-                  to_text(floor(1.0e3_wp*limit)/1.0e3_wp)
-   end function end_of_family
 
    !> Every coefficient free. The direct method's form is that of the maximum already.
    subroutine find_shape(law, point, found, error, spread)
@@ -152,7 +159,7 @@ contains
 
       order = size(point) - 1
       family = point
-      call law%settle(coefficients_of(tanh(law%family%factor*point(:order))))
+      call law%settle(point)
       strength = maxval(abs(tanh(point(:order))))
       step = min(1.0e-5_wp, 0.01_wp*strength)
       is_free = strength > feeble
@@ -325,12 +332,13 @@ contains
       type(sampled_objective), intent(in) :: law
       real(wp), intent(in) :: factor
       real(wp) :: slack
-      real(wp), allocatable :: kappa(:)
-      real(wp) :: unused
+      type(law_estimate) :: there
+      logical :: is_inside
 
-      call law%family%unfold([log(factor), 0.0_wp], kappa, unused)
+      there%g = law%last%g
+      call law%family%unfold([log(factor), 0.0_wp], there, is_inside)
       slack = 0.0_wp
-      if (all(abs(kappa) < 1.0_wp)) slack = 1.0_wp + sum(coefficients_of(kappa))
+      if (is_inside) slack = 1.0_wp + sum(there%a)
    end function slack_at
 
    !> The coordinate that gives the wanted length at this factor, and std/mean there. The length
@@ -344,14 +352,12 @@ contains
       integer, parameter :: max_steps = 20
       type(root_search) :: search
       type(positive_moments) :: before
-      real(wp), allocatable :: kappa(:), state(:)
-      real(wp) :: unused
+      real(wp), allocatable :: state(:)
       logical :: is_inside
       integer :: i
 
       before = law%last%moments
-      call law%family%unfold(point, kappa, unused)
-      call law%settle(coefficients_of(kappa))
+      call law%settle(point)
       search = new_root_search(0.25_wp)
       ratio = 0.0_wp
       do i = 1, max_steps

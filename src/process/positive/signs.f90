@@ -35,9 +35,9 @@ contains
       integer :: m
 
       do m = 1, ubound(autocovariance, 1)
-         if (.not. is_opposite(sign(1.0_wp, law%known(m)), autocovariance(m), &
+         if (.not. is_opposite(law%signs(m), autocovariance(m), &
                                standard_error(m), autocovariance(0))) cycle
-         call raise(error, exit_no_solution, law%problem%name(size(law%last%a))// &
+         call raise(error, exit_no_solution, law%problem%name(ubound(law%last%g, 1))// &
                     ': the search ended where K('//to_text(m)//') has changed its sign')
          return
       end do
@@ -183,8 +183,7 @@ contains
 
    end subroutine make_zero
 
-   !> G of these signs. A lag without correlation in the companion carries its sign in a zero, by
-   !> which lengths are summed.
+   !> G of these signs. A lag without correlation in the companion is summed by its own.
    pure subroutine take_signs(law, s, unit)
       type(sampled_objective), intent(inout) :: law
       real(wp), intent(in) :: s(:), unit(:)
@@ -192,9 +191,7 @@ contains
 
       law%family%direction(:) = s*unit
       do m = 1, min(size(s), law%problem%n_lags)
-         associate (k => law%known)
-            if (abs(k(m)) <= 1.0e-9_wp*k(0)) k(m) = sign(1.0e-9_wp*k(0), s(m))
-         end associate
+         if (abs(law%known(m)) <= 1.0e-9_wp*law%known(0)) law%signs(m) = sign(1.0_wp, s(m))
       end do
    end subroutine take_signs
 

@@ -1,0 +1,283 @@
+!> Positive processes of higher order by continuation from order 1, which every order contains: with
+!> K(m) >= 0 beyond the end of the unconstrained optimum's shape, and with K(m) whose sign changes
+!> with every lag.
+!>
+!> No Gaussian process need have these coefficients: the sequential law is searched in its a_q, Eq.
+!> (25) in the row of G, which may be indefinite; positive values alone keep both finite. A maximum
+!> often lies where the law is about to lose that: where all values, or every other one, could just
+!> grow together. There one coefficient follows from the others, and the field holds values back.
+module process_positive_branches
+   use core_error, only: error_type, exit_no_solution, raise
+   use core_kinds, only: long, wp
+   use core_random, only: label_of, new_stream
+   use core_text, only: to_text
+   use numerics_constrained_maximum, only: maximize, search_result
+   use process_model, only: process_request
+   use process_positive_first_order, only: find_limit, match_branch
+   use process_positive_kernel, only: first_order_law
+   use process_positive_moments, only: estimate_autocovariance
+   use process_positive_objective, only: by_coefficients, by_precision, n_constraints, &
+      new_objective, parameter_family, sampled_objective
+   use process_positive_problem, only: new_problem, sampled_problem
+   implicit none(type, external)
+   private
+   public :: search_branches
+
+   integer, parameter :: shape_steps = 128      !! of a batch during the search
+   integer, parameter :: max_iterations = 40    !! of a search
+   real(wp), parameter, public :: branch_difference = 1.0e-5_wp   !! step of a difference
+   real(wp), parameter :: acceptable = 1.0e-3_wp   !! gradient of the entropy left
+   real(wp), parameter :: least_step = 0.004_wp    !! relative, of std/mean towards a limit
+
+contains
+
+   !> After a search in the unconstrained optimum's shape has failed: the maximum with K(m) >= 0, or
+   !> the alternating one where that is not asked for or has ended. The direct method's orders do
+   !> not contain each other.
+   subroutine search_branches(request, seed, law, point, found, error)
+      type(process_request), intent(in) :: request   !! of order 2 or more
+      integer(long), intent(in) :: seed
+      type(sampled_objective), intent(inout) :: law
+      real(wp), allocatable, intent(inout) :: point(:)
+      type(search_result), intent(inout) :: found
+      type(error_type), allocatable, intent(inout) :: error   !! of that search; or none
+      type(error_type), allocatable :: failure
+      character(:), allocatable :: message
+      real(wp) :: limit
+      integer :: branch
+
+      if (request%method == 'direct' .or. error%exit_code /= exit_no_solution .or. &
+          .not. request%mean > 0.0_wp) return
+      message = error%message
+      do branch = 1, merge(2, 1, request%branch == 'any')
+         if (branch == 1 .and. request%std >= request%mean) cycle
+         call continue_first_order(request, seed, branch == 2, law, point, found, limit, failure)
+         if (.not. allocated(failure)) then
+            deallocate (error)
+            return
+         end if
+         if (failure%message == message) return
+         message = message//'; '//failure%message
+      end do
+      call raise(error, exit_no_solution, message)
+   end subroutine search_branches
+
+   !> The maximum of one branch, or the std/mean at which it ends: `limit`.
+   subroutine continue_first_order(request, seed, is_alternating, law, point, found, limit, error)
+      type(process_request), intent(in) :: request   !! of order 2 or more
+      integer(long), intent(in) :: seed
+      logical, intent(in) :: is_alternating
+      type(sampled_objective), intent(out) :: law
+      real(wp), allocatable, intent(out) :: point(:)
+      type(search_result), intent(out) :: found
+      real(wp), intent(out) :: limit      !! the largest that was found; 0: none
+      type(error_type), allocatable, intent(out) :: error
+      real(wp), parameter :: inside = 0.97_wp   ! of the limit of order 1
+      real(wp), allocatable :: autocovariance(:)
+      type(process_request) :: one
+      type(first_order_law) :: first
+      real(wp) :: decay, wanted
+      integer :: pass
+      integer, parameter :: max_passes = 4
+
+      wanted = request%std/request%mean
+      one = request
+      one%order = 1
+      call find_limit(one, is_alternating, limit, error)
+      if (allocated(error)) return
+      one%std = request%mean*min(wanted, inside*limit)
+      limit = 0.0_wp
+      call match_branch(one, is_alternating, first, error)
+      if (allocated(error)) return
+      decay = first%memory
+      do pass = 1, max_passes
+         call rise_to_order(request, seed, first, one%std/request%mean, decay, law, point, error)
+         if (allocated(error)) return
+         call climb(law, one%std/request%mean, wanted, point, found, limit)
+         if (.not. found%is_converged) exit
+         call adopt_signs(law, point, found, autocovariance)
+         if (.not. found%is_converged) exit
+         if (request%branch == 'nonnegative' .and. any(law%signs < 0.0_wp)) then
+            call raise(error, exit_no_solution, &
+                       'followed from order 1, some K(m) change their sign')
+            return
+         end if
+         if (.not. is_alternating .or. fades(law%signs*autocovariance)) return
+         decay = sqrt(decay)   ! lags of twice the memory
+      end do
+      if (is_alternating) then
+         call raise(error, exit_no_solution, &
+                    'followed from order 1, alternating K(m) ends at std/mean = '//text_of(limit))
+      else
+         call raise(error, exit_no_solution, &
+                    'followed from order 1, K(m) >= 0 ends at std/mean = '//text_of(limit))
+      end if
+   end subroutine continue_first_order
+
+   !> A limit that was found, or '0: none was found'.
+   pure function text_of(limit) result(text)
+      real(wp), intent(in) :: limit
+      character(:), allocatable :: text
+
+      text = '0: none was found'
+      if (limit > 0.0_wp) text = to_text(floor(1.0e3_wp*limit)/1.0e3_wp)
+   end function text_of
+
+   !> From the law of order 1 by maxima of order 2, 4, 8, .. to a start in the wanted order.
+   subroutine rise_to_order(request, seed, first, ratio, decay, law, point, error)
+      type(process_request), intent(in) :: request
+      integer(long), intent(in) :: seed
+      type(first_order_law), intent(in) :: first
+      real(wp), intent(in) :: ratio   !! std/mean of the law of order 1
+      real(wp), intent(in) :: decay   !! of K(m), where it alternates
+      type(sampled_objective), intent(out) :: law
+      real(wp), allocatable, intent(out) :: point(:)
+      type(error_type), allocatable, intent(out) :: error
+      type(process_request) :: lower
+      type(sampled_problem) :: problem
+      type(parameter_family) :: family
+      type(search_result) :: found
+      real(wp), allocatable :: reached(:)
+      real(wp) :: moments(2), unit   ! 1/sqrt(G_0) in the unit of `first`
+
+      lower = request
+      lower%order = 1
+      family%kind = merge(by_precision, by_coefficients, request%sampler == 'exact')
+      unit = 1.0_wp
+      if (request%sampler == 'exact' .and. first%r > 0.0_wp) unit = 1.0_wp/sqrt(1.0_wp + first%r**2)
+      point = [-first%r*unit**2, asinh(first%field*unit)]
+      moments = [first%mean, first%std]/unit
+      do
+         lower%order = min(2*lower%order, request%order)
+         call new_problem(lower, request%sampler, &
+                          new_stream(seed, label_of('positive process'), 0), problem, error, &
+                          merge(decay, 0.0_wp, first%r < 0.0_wp))
+         if (allocated(error)) return
+         problem%ratio = ratio
+         call new_objective(problem, law)
+         law%family = family
+         point = [point(:size(point) - 1), spread(0.0_wp, 1, lower%order + merge(0, 1, &
+                                                  family%face > 0) - size(point)), &
+                  point(size(point))]
+         law%last%moments%mean = moments(1)
+         law%last%moments%std = moments(2)
+         law%n_steps = shape_steps
+         call law%settle(point)
+         if (lower%order == request%order) return
+         reached = point
+         call find_maximum(law, reached, found)
+         if (.not. found%is_converged) cycle
+         point = reached
+         family = law%family
+         moments = [law%last%moments%mean, law%last%moments%std]
+      end do
+   end subroutine rise_to_order
+
+   !> Maxima at larger and larger std/mean, from that of the start to the wanted one. Where they end
+   !> before `found` is not converged.
+   subroutine climb(law, start, wanted, point, found, limit)
+      type(sampled_objective), intent(inout) :: law
+      real(wp), intent(in) :: start, wanted
+      real(wp), allocatable, intent(inout) :: point(:)
+      type(search_result), intent(inout) :: found
+      real(wp), intent(out) :: limit
+      real(wp), allocatable :: reached(:)
+      real(wp) :: step
+      integer :: face
+
+      law%problem%ratio = start
+      limit = 0.0_wp
+      step = 0.04_wp   ! relative
+      do
+         reached = point
+         face = law%family%face
+         call find_maximum(law, point, found)
+         if (found%is_converged) then
+            limit = law%problem%ratio
+            if (limit >= wanted) return
+            call law%settle(point)
+         else
+            point = reached
+            law%family%face = face
+            step = 0.5_wp*step
+            if (step < least_step .or. .not. limit > 0.0_wp .or. law%is_exhausted()) return
+         end if
+         law%problem%ratio = min(wanted, limit*(1.0_wp + step))
+      end do
+   end subroutine climb
+
+   !> Maximum in the interior or on the face that the search runs into.
+   subroutine find_maximum(law, point, found)
+      type(sampled_objective), intent(inout) :: law
+      real(wp), allocatable, intent(inout) :: point(:)
+      type(search_result), intent(inout) :: found   !! its metric is begun with, where it fits
+      real(wp), parameter :: near = 0.05_wp
+      real(wp), allocatable :: metric(:, :)
+      integer :: i, p, pass
+
+      do pass = 1, 3
+         metric = 0.0_wp*spread(point, 2, size(point))
+         do i = 1, size(point)
+            metric(i, i) = 1.0_wp
+         end do
+         if (allocated(found%metric)) then
+            if (size(found%metric, 1) == size(point)) metric = found%metric
+         end if
+         call maximize(law, point, n_constraints, branch_difference, acceptable, max_iterations, &
+                       found, metric)
+         if (found%is_converged .or. law%family%face > 0) return
+         associate (room => law%family%room(point))
+            p = minloc(room, 1)
+            if (room(p) > near) return
+         end associate
+         point = [point(:p - 1), point(p + 1:)]
+         law%family%face = p
+      end do
+   end subroutine find_maximum
+
+   !> Signs of K(m) as they came out, and the maximum with these; not converged where they do not
+   !> come to rest.
+   subroutine adopt_signs(law, point, found, autocovariance)
+      type(sampled_objective), intent(inout) :: law
+      real(wp), allocatable, intent(inout) :: point(:)
+      type(search_result), intent(inout) :: found
+      real(wp), allocatable, intent(out) :: autocovariance(:)   !! (0:n_lags)
+      integer, parameter :: sure_steps = 2048, max_passes = 5
+      real(wp), parameter :: unclear = 5.0e-4_wp   ! of K(m)/K(0): half of what is refused
+      real(wp), allocatable :: standard_error(:), state(:)
+      logical, allocatable :: is_wrong(:)
+      logical :: is_inside
+      integer :: pass
+
+      do pass = 1, max_passes
+         call law%keep_every_lag()
+         law%n_steps = sure_steps
+         call law%evaluate(point, state, is_inside)
+         found%is_converged = is_inside
+         if (.not. is_inside) return
+         call estimate_autocovariance(law%last%batches, law%known, law%problem%n_lags, &
+                                      autocovariance, standard_error)
+         is_wrong = law%signs*autocovariance < -max(3.0_wp*standard_error, &
+                                                    unclear*autocovariance(0))
+         law%n_steps = shape_steps
+         if (.not. any(is_wrong)) exit
+         found%is_converged = pass < max_passes
+         if (.not. found%is_converged) return
+         where (is_wrong) law%signs = -law%signs
+         call find_maximum(law, point, found)
+         if (.not. found%is_converged) return
+      end do
+      if (all(law%signs > 0.0_wp)) call law%keep_lags(law%problem%n_single)
+   end subroutine adopt_signs
+
+   !> True if hardly anything is left of K(m) at the last lags.
+   pure function fades(k) result(is_so)
+      real(wp), intent(in) :: k(0:)
+      logical :: is_so
+
+      associate (n => ubound(k, 1))
+         is_so = abs(sum(k(n - n/5:))) <= 5.0e-3_wp*sum(k(1:))
+      end associate
+   end function fades
+
+end module process_positive_branches
