@@ -84,6 +84,27 @@ def test_no_procedure_has_more_than_nine_arguments():
     assert found == []
 
 
+def test_a_small_room_serves_more_than_one_of_its_floor():
+    """Under 60 lines of code, used by one room of the same floor alone: it belongs there."""
+    floor = {room(path): path.relative_to(ROOT / "src").parts[0] for path in LIBRARY}
+    lonely = []
+    for path, text in LIBRARY.items():
+        lines = [line for line in text.splitlines() if re.match(r"\s*[^!\s]", line)]
+        users = {room(other) for other, words in LIBRARY.items() if room(path) in used(words)}
+        elsewhere = any(room(path) in used(t) for p, t in FORTRAN.items() if "drivers" in p.parts)
+        if len(lines) < 60 and len(users) == 1 and "groups" not in path.parts and not elsewhere:
+            lonely += [room(path)] if floor[users.pop()] == floor[room(path)] else []
+    assert lonely == []
+
+
+def test_no_word_of_the_glossary_has_two_meanings():
+    text = (ROOT / "docs/glossary.md").read_text()
+    words = [word for row in re.findall(r"^\| (\*\*.*?) \|", text, re.MULTILINE)
+             for word in re.findall(r"\*\*(.*?)\*\*", row)]  # fmt: skip
+    assert len(words) > 30
+    assert sorted({word for word in words if words.count(word) > 1}) == []
+
+
 def test_every_module_serves_the_program_or_an_example():
     modules = {room(path): used(text) for path, text in LIBRARY.items()}
     users = [
