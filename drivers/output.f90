@@ -6,7 +6,7 @@ module driver_output
    use campaign_samples_needed, only: needs_more_samples, slip_error_of
    use campaign_study, only: block_range
    use config_scene, only: scene_type
-   use core_error, only: error_type
+   use core_error, only: error_type, exit_file, raise
    use core_kinds, only: long
    use core_phrases, only: counted
    use core_terminal, only: say_line => say
@@ -139,8 +139,11 @@ contains
          do c = 1, size(plan%cases)
             output%is_finished(:min(n_samples(c), plan%cases(c)%n_samples), c) = .true.
          end do
-         if (.not. output%is_complete) &
-            call extract_processes(output%path, size(plan%processes), output%store, error)
+         if (.not. output%is_complete) then
+            call refuse_extension(plan, n_samples, output%path, error)
+            if (.not. allocated(error)) &
+               call extract_processes(output%path, size(plan%processes), output%store, error)
+         end if
          if (allocated(error)) return
       end if
       call mark_finished(plan, shards, output)
@@ -188,11 +191,27 @@ contains
       if (output%is_complete) then
          call remove_covered(output%store, output%lock, n_samples, error)
       else
+         call refuse_extension(plan, n_samples, output%path, error)
+         if (allocated(error)) return
          call extract_processes(output%path, size(plan%processes), output%store, error)
          if (allocated(error)) return
          call extract_shards(output%path, n_samples, block_width(plan), output%store, error)
       end if
    end subroutine take_up_results
+
+   !> Refuses to go on from results that have not all of their samples.
+   pure subroutine refuse_extension(plan, n_samples, path, error)
+      type(plan_type), intent(in) :: plan
+      integer, intent(in) :: n_samples(:)   !! (case and audit) in the file
+      character(*), intent(in) :: path
+      type(error_type), allocatable, intent(out) :: error
+
+      if (.not. plan%output%spectrum .or. all(n_samples == 0)) return
+      if (plan%output%keeps_spectra(maxval(n_samples))) return
+      call raise(error, exit_file, path//': has no spectra of its samples (output%samples = '// &
+                 '.false.), so that nothing can be added: choose another --output, or discard it '// &
+                 'with --fresh')
+   end subroutine refuse_extension
 
    !> A results file is not complete while a case in it needs more samples for the scene's target,
    !> or has estimates of another kind than are wanted now.

@@ -58,6 +58,9 @@ module campaign_plan
       real(wp), allocatable :: percentiles(:)   !! [%], ascending
       integer :: segment_length = 0             !! steps of a Welch segment
       integer :: spectrum_every = 0             !! every k-th step enters the spectra; 0: chosen
+      logical :: samples = .true.               !! spectra of each of several samples
+   contains
+      procedure :: keeps_spectra
    end type output_settings
 
    !> Errors that are wanted, and how they are watched; 0: none.
@@ -93,6 +96,14 @@ module campaign_plan
    end type plan_type
 
 contains
+
+   !> True if the results have the spectrum of each of so many samples.
+   pure logical function keeps_spectra(self, n_samples)
+      class(output_settings), intent(in) :: self
+      integer, intent(in) :: n_samples
+
+      keeps_spectra = self%spectrum .and. (self%samples .or. n_samples == 1)
+   end function keeps_spectra
 
    !> Factor of the record that all cases share.
    elemental function scale_of(case) result(scale)

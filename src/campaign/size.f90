@@ -130,9 +130,10 @@ contains
       if (kept%energy) n_datasets = n_datasets + 5
       if (kept%spectrum) then
          n_datasets = n_datasets + 9
-         once = once + word*n_frequencies(plan, every) &
-                + stored_bytes([n_kept, n_frequencies(plan, every), n_samples]) &
-                + stored_bytes([n_kept, n_powers(plan, every), n_samples])
+         once = once + word*n_frequencies(plan, every)
+         if (kept%keeps_spectra(n_samples)) once = once &
+               + stored_bytes([n_kept, n_frequencies(plan, every), n_samples]) &
+               + stored_bytes([n_kept, n_powers(plan, every), n_samples])
       end if
       if (kept%history) then
          if (plan%excitation%per_sample) of_sample = of_sample + word*n_steps

@@ -219,6 +219,7 @@ contains
          plan%output%segment_length = min(output%segment_length, &
                                           plan%integration%n_steps - integration%n_discard)
          plan%output%spectrum_every = output%spectrum_every
+         plan%output%samples = output%samples
       end associate
    end subroutine plan_march
 

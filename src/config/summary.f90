@@ -208,12 +208,22 @@ contains
          text = text//labelled('integration', method//', '//steps)
          if (how%method == 'newmark') &
             text = text//resolution_text(chain%frequencies_stuck(n)*how%dt)
-         if (plan%output%spectrum) &
-            text = text//labelled('spectra', 'segments of '// &
-                                  to_text(plan%output%segment_length)//' steps, '// &
-                                  brief(1.0_wp/(plan%output%segment_length*how%dt))//' Hz apart')
+         if (plan%output%spectrum) text = text//labelled('spectra', spectra_text(plan))
       end associate
    end function motion_text
+
+   !> How spectra are estimated, and what of them is not kept.
+   pure function spectra_text(plan) result(text)
+      type(plan_type), intent(in) :: plan
+      character(:), allocatable :: text
+
+      associate (length => plan%output%segment_length)
+         text = 'segments of '//to_text(length)//' steps, '// &
+                brief(1.0_wp/(length*plan%integration%dt))//' Hz apart'
+      end associate
+      if (.not. plan%output%samples) text = text//'; those of the samples are not kept: none '// &
+                                            'can be added later'
+   end function spectra_text
 
    !> Sizes, mass, natural frequencies, and modes that move without force.
    pure function structure_text(structure) result(text)

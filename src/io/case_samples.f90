@@ -167,9 +167,11 @@ contains
          n = min(block%n_samples, n_samples - first + 1)
          if (kept%slip) &
             call group%put_part('slip_series', [1, 1, first], block%slip_series(:, :, :n))
-         if (kept%spectrum) call group%put_part('psd', [1, 1, first], block%psd(:, :, :n))
-         if (allocated(block%power_series)) &
-            call group%put_part('power_series', [1, 1, first], block%power_series(:, :, :n))
+         if (kept%keeps_spectra(n_samples)) then
+            call group%put_part('psd', [1, 1, first], block%psd(:, :, :n))
+            if (allocated(block%power_series)) &
+               call group%put_part('power_series', [1, 1, first], block%power_series(:, :, :n))
+         end if
          if (kept%history) then
             call group%put_part('displacement', [1, 1, first], block%displacement(:, :, :n))
             call group%put_part('velocity', [1, 1, first], block%velocity(:, :, :n))
@@ -197,11 +199,11 @@ contains
                          [plan%structure%n_joints, count_spans(plan%integration), n_samples], &
                          sample_label('slip_series'))
       end if
-      if (kept%spectrum) then
+      if (kept%keeps_spectra(n_samples)) then
          call group%make('psd', 0.0_wp, [n_kept, size(layout%frequency), n_samples], &
                          label_of_kept('psd'))
       end if
-      if (kept%spectrum .and. layout%follows_power) then
+      if (kept%keeps_spectra(n_samples) .and. layout%follows_power) then
          call group%make('power_series', 0.0_wp, &
                          [n_kept, size(batch_frequencies(layout)), n_samples], &
                          label_of_kept('power_series'))

@@ -114,7 +114,7 @@ contains
       if (.not. allocated(error)) &
          call read_largest('slip_rms_difference_error', errors%slip_points_error)
       if (allocated(error)) return
-      if (.not. file%has(group//'/psd')) return
+      if (.not. file%has(group//'/band_ratio_difference')) return
       call read_attribute(file, group, 'band_ratio', errors%band_ratio, error)
       if (.not. allocated(error)) &
          call read_largest('band_ratio_difference_error', errors%band_ratio_error)

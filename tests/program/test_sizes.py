@@ -30,6 +30,7 @@ CASES = {
     "long_spectra": {"n_dof": 12, "n_steps": 9000, "n_samples": 64},
     "cut_samples": {"n_dof": 24, "n_steps": 1600, "n_samples": 64, "segment": 750},
     "many_samples": {"n_steps": 600, "n_samples": 3000, "segment": 512},
+    "without_spectra": {"n_samples": 64, "kept": "'slip', 'spectrum' samples = .false."},
     "histories": {"n_steps": 40000, "kept": "'slip', 'history'"},
     "transitions": {"n_steps": 20000, "n_samples": 32, "kept": "'slip', 'transitions'"},
     "long_march": {"n_dof": 1, "n_steps": 2000000, "n_samples": 1, "kept": "'slip', 'spectrum'"},

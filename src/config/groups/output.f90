@@ -14,6 +14,7 @@ module config_groups_output
       real(wp), allocatable :: percentiles(:)
       integer :: segment_length = 8192
       integer :: spectrum_every = 0
+      logical :: samples = .true.
    contains
       procedure :: visit
       procedure :: keeps
@@ -45,6 +46,9 @@ contains
                     'every so many steps enter the spectra; 0: chosen and stated', &
                     rule=not_negative(), used=self%keeps('spectrum'))
       call visitor%visit(self%spectrum_every, entry)
+      entry = about('samples', 'spectra of every sample are kept; else their statistics alone, '// &
+                    'and no samples can be added later', used=self%keeps('spectrum'))
+      call visitor%visit(self%samples, entry)
    end subroutine visit
 
    pure logical function keeps(self, quantity)
