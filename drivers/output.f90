@@ -209,8 +209,8 @@ contains
       if (.not. plan%output%spectrum .or. all(n_samples == 0)) return
       if (plan%output%keeps_spectra(maxval(n_samples))) return
       call raise(error, exit_file, path//': has no spectra of its samples (output%samples = '// &
-                 '.false.), so that nothing can be added: choose another --output, or discard it '// &
-                 'with --fresh')
+                 '.false.), so that nothing can be added: choose another --output, or '// &
+                 'discard it with --fresh')
    end subroutine refuse_extension
 
    !> A results file is not complete while a case in it needs more samples for the scene's target,
