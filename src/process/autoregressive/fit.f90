@@ -16,23 +16,20 @@ module process_autoregressive_fit
    use core_text, only: to_text
    use numerics_elementary, only: log_one_plus
    use numerics_lapack, only: solve_linear_system
+   use process_autoregressive_description, only: describe
    use process_autoregressive_gradient, only: length_gradient
-   use process_autoregressive_model, only: autocovariance_of, coefficients_of, find_poles, &
-      innovation_std, reflection_of
+   use process_autoregressive_model, only: coefficients_of, innovation_std
    use process_autoregressive_search, only: ar_rival, find_best
    use process_autoregressive_sums, only: correlation_sums, log_spectral_ratios, sum_correlation
-   use process_correlation, only: correlation_length_l0, correlation_length_l1
-   use process_entropy, only: gaussian_entropy, white_noise_entropy
    use process_model, only: process_model_type
    implicit none(type, external)
    private
-   public :: fit_ar, describe_ar, optimal_reflection, optimal_curvature
+   public :: fit_ar, optimal_reflection, optimal_curvature
 
    real(wp), parameter :: length_tolerance = 1.0e-10_wp      !! relative, of the length reached
    real(wp), parameter :: optimality_tolerance = 1.0e-8_wp   !! relative, of its conditions
    real(wp), parameter :: search_tolerance = 1.0e-4_wp       !! the same, of a search by NLopt
    real(wp), parameter :: longest = 1.0e6_wp                 !! [lags]
-   integer, parameter :: max_stored_lags = 4096
 
 contains
 
@@ -139,55 +136,6 @@ contains
       if (present(second_length) .and. correlation == 'both') &
          name = name//', L1 = '//to_text(second_length)
    end function name_of_lengths
-
-   !> Everything that follows from a_q and b0: poles, autocovariance, both lengths, entropy.
-   subroutine describe_ar(a, b0, model, error, known_sums)
-      real(wp), intent(in) :: a(:)   !! a_q, q = 1..order; stationary
-      real(wp), intent(in) :: b0     !! [unit of X]
-      type(process_model_type), intent(out) :: model
-      type(error_type), allocatable, intent(out) :: error
-      type(correlation_sums), intent(in), optional :: known_sums   !! else they are computed
-      type(correlation_sums) :: sums
-      real(wp) :: kappa(size(a))
-
-      kappa = reflection_of(a)
-      if (present(known_sums)) then
-         sums = known_sums
-      else
-         call sum_correlation(kappa, sums, error)
-         if (allocated(error)) return
-      end if
-      call describe(kappa, a, b0, sums, model, error)
-   end subroutine describe_ar
-
-   !> The same where the reflection coefficients and the sums are known.
-   subroutine describe(kappa, a, b0, sums, model, error)
-      real(wp), intent(in) :: kappa(:), a(:), b0
-      type(correlation_sums), intent(in) :: sums
-      type(process_model_type), intent(out) :: model
-      type(error_type), allocatable, intent(out) :: error
-      real(wp), parameter :: smallest_stored = 1.0e-6_wp   !! of K(m)/K(0)
-      integer :: n_lags
-
-      call find_poles(a, model%poles, error)
-      if (allocated(error)) return
-      model%order = size(a)
-      model%a = a
-      model%b0 = b0
-      model%std = b0/innovation_std(kappa, 1.0_wp)
-      n_lags = size(a)
-      if (any(abs(model%poles) > 0.0_wp)) &
-         n_lags = max(n_lags, ceiling(min(real(max_stored_lags, wp), &
-                                          log(smallest_stored)/log(abs(model%poles(1))))))
-      allocate (model%autocovariance(0:n_lags), model%autocovariance_error(0:n_lags), source=0.0_wp)
-      model%autocovariance(:) = model%std**2*autocovariance_of(kappa, n_lags)
-      model%l0 = sums%l0
-      model%l1 = sums%l1
-      model%l0_cut = correlation_length_l0(model%autocovariance(:size(a)))
-      model%l1_cut = correlation_length_l1(model%autocovariance(:size(a)))
-      model%entropy = gaussian_entropy(b0)
-      model%entropy_bound = white_noise_entropy(model%std)
-   end subroutine describe
 
    !> Reflection coefficients of the maximum; none is positive, so K(1) >= 0. That the length is
    !! reached is for `fit_ar` to check.

@@ -7,7 +7,7 @@
 module process_direct_fit
    use core_error, only: error_type
    use core_kinds, only: long, wp
-   use process_autoregressive_fit, only: describe_ar
+   use process_autoregressive_description, only: describe_ar
    use process_autoregressive_model, only: autocovariance_of, innovation_std, reflection_of
    use process_autoregressive_spectral_factor, only: factor_symbol, symbol_of_process
    use process_autoregressive_sums, only: correlation_sums

@@ -13,11 +13,11 @@ module process_positive_branches
    use core_text, only: to_text
    use numerics_constrained_maximum, only: maximize, search_result
    use process_model, only: process_request
+   use process_positive_family, only: by_coefficients, by_precision, parameter_family
    use process_positive_first_order, only: find_limit, match_branch
    use process_positive_kernel, only: first_order_law
    use process_positive_moments, only: estimate_autocovariance
-   use process_positive_objective, only: by_coefficients, by_precision, n_constraints, &
-      new_objective, parameter_family, sampled_objective
+   use process_positive_objective, only: n_constraints, new_objective, sampled_objective
    use process_positive_problem, only: new_problem, sampled_problem
    implicit none(type, external)
    private

@@ -6,7 +6,8 @@ module process_positive_problem
    use core_kinds, only: wp
    use core_random, only: stream_type
    use core_text, only: to_text
-   use process_autoregressive_fit, only: describe_ar, optimal_reflection
+   use process_autoregressive_description, only: describe_ar
+   use process_autoregressive_fit, only: optimal_reflection
    use process_autoregressive_model, only: autocovariance_of, coefficients_of, innovation_std, &
       reflection_of
    use process_autoregressive_spectral_factor, only: symbol_of_process

@@ -15,8 +15,8 @@ module process_positive_search
    use process_autoregressive_fit, only: optimal_curvature
    use process_autoregressive_model, only: reflection_of
    use process_model, only: process_request
-   use process_positive_objective, only: by_symbol, free, law_estimate, n_constraints, &
-      new_objective, sampled_objective
+   use process_positive_family, only: by_symbol, free, law_estimate
+   use process_positive_objective, only: n_constraints, new_objective, sampled_objective
    use process_positive_moments, only: estimate_autocovariance, positive_moments
    use process_positive_problem, only: new_problem, sampled_problem
    use process_positive_refinement, only: refine, shape_spread

@@ -1,0 +1,124 @@
+!> Families of positive processes: how a point, whose last component is asinh of the coordinate for
+!> mu, becomes the parameters of a law. All is in units of b0.
+module process_positive_family
+   use core_kinds, only: wp
+   use process_autoregressive_model, only: coefficients_of, reflection_of
+   use process_autoregressive_spectral_factor, only: factor_symbol, symbol_of_process
+   use process_positive_confinement, only: is_confined_law, is_confined_sequence
+   use process_positive_moments, only: batch_averages, positive_moments
+   implicit none(type, external)
+   private
+   public :: law_estimate, parameter_family
+   public :: by_coefficients, by_precision, by_shape, by_symbol, free
+
+   real(wp), parameter :: largest_kappa = 0.9999_wp
+   real(wp), parameter :: margin = 1.0e-5_wp   !! of a face
+
+   !> (ln factor of a shape, coordinate), (ln factor of a symbol, coordinate), (atanh(kappa_m) over
+   !> a factor, m = 1..order, coordinate), (a_1..a_order, coordinate), or (G_1..G_order over G_0,
+   !> coordinate): of the last two no Gaussian process need exist.
+   integer, parameter :: by_shape = 1, by_symbol = 2, free = 3, by_coefficients = 4, &
+                         by_precision = 5
+
+   !> How points become parameters.
+   type :: parameter_family
+      integer :: kind = free
+      !> by_shape: atanh(kappa_m); by_symbol: G_m/G_0 of the direct method
+      real(wp), allocatable :: direction(:)
+      real(wp) :: factor = 1.0_wp   !! free: by which points are multiplied
+      !> by_coefficients, by_precision: values this far apart could just grow together; the
+      !> coefficient of that lag follows from the others and is not in a point; 0: none does
+      integer :: face = 0
+   contains
+      procedure :: room
+      procedure :: unfold
+   end type parameter_family
+
+   !> Parameters of a law, and what the simulated values say of it.
+   type :: law_estimate
+      real(wp), allocatable :: g(:)                  !! (0:order) row of G
+      real(wp), allocatable :: a(:)                  !! a_q, Eq. (39); by_precision: none
+      real(wp) :: coordinate = 0.0_wp                !! see `sampled_problem`
+      type(batch_averages) :: batches
+      type(positive_moments) :: moments
+   end type law_estimate
+
+contains
+
+   !> The law of a point, in units of b0 or, by_precision, of 1/sqrt(G_0).
+   pure subroutine unfold(self, point, law, is_inside)
+      class(parameter_family), intent(in) :: self
+      real(wp), intent(in) :: point(:)
+      type(law_estimate), intent(inout) :: law   !! its coefficients, G and coordinate
+      logical, intent(out) :: is_inside          !! false: no process is there
+      real(wp), parameter :: outside = 40.0_wp   ! of any process: nothing overflows
+      real(wp) :: kappa(size(law%g) - 1)
+
+      law%coordinate = sinh(max(-outside, min(point(size(point)), outside)))
+      is_inside = abs(law%coordinate) < 1.0e6_wp
+      if (self%face > 0) is_inside = is_inside .and. law%coordinate < 0.0_wp   ! else they do grow
+      select case (self%kind)
+      case (by_precision)
+         law%g(:) = [1.0_wp, 0.5_wp*couplings(self, point)]
+         is_inside = is_inside .and. all(self%room(point) > 0.0_wp)
+         if (is_inside) is_inside = is_confined_law(law%g)
+         return
+      case (by_coefficients)
+         law%a = couplings(self, point)
+         is_inside = is_inside .and. all(self%room(point) > 0.0_wp)
+         if (is_inside) is_inside = is_confined_sequence(law%a)
+      case default
+         if (self%kind == by_symbol) then
+            kappa = reflection_of_symbol([1.0_wp, exp(min(point(1), outside))*self%direction])
+         else if (self%kind == by_shape) then
+            kappa = tanh(exp(min(point(1), outside))*self%direction)
+         else
+            kappa = tanh(self%factor*point(:size(kappa)))
+         end if
+         is_inside = is_inside .and. all(abs(kappa) < largest_kappa)
+         if (is_inside) law%a = coefficients_of(kappa)
+      end select
+      if (is_inside) law%g(:) = symbol_of_process(law%a, 1.0_wp)
+   end subroutine unfold
+
+   !> a_q, or 2 G_m/G_0, lags 1..order: that of a face from the others.
+   pure function couplings(family, point) result(all_lags)
+      type(parameter_family), intent(in) :: family
+      real(wp), intent(in) :: point(:)
+      real(wp), allocatable :: all_lags(:)
+
+      all_lags = merge(2.0_wp, 1.0_wp, family%kind == by_precision)*point(:size(point) - 1)
+      associate (p => family%face)
+         if (p == 0) return
+         all_lags = [all_lags(:p - 1), 0.0_wp, all_lags(p:)]
+         all_lags(p) = margin - 1.0_wp - sum(all_lags(p::p))
+      end associate
+   end function couplings
+
+   !> How far, for each p, values p apart with all others near 0 are from driving each other to
+   !> infinity.
+   pure function room(self, point)
+      class(parameter_family), intent(in) :: self   !! by_coefficients or by_precision
+      real(wp), intent(in) :: point(:)
+      real(wp), allocatable :: room(:)
+      integer :: p
+
+      associate (coupling => couplings(self, point))
+         room = [(1.0_wp + sum(coupling(p::p)) - 0.5_wp*margin, p=1, size(coupling))]
+      end associate
+   end function room
+
+   pure function reflection_of_symbol(symbol) result(kappa)
+      real(wp), intent(in) :: symbol(0:)
+      real(wp) :: kappa(ubound(symbol, 1))
+      real(wp) :: a(ubound(symbol, 1)), b0
+      logical :: is_positive
+
+      a = 0.0_wp
+      b0 = 1.0_wp/sqrt(symbol(0))
+      call factor_symbol(symbol, a, b0, is_positive)
+      kappa = 1.0_wp
+      if (is_positive) kappa = reflection_of(a)
+   end function reflection_of_symbol
+
+end module process_positive_family
