@@ -86,10 +86,11 @@ def spoilt(text: str, dice: random.Random) -> str:
 
 
 def test_a_spoilt_scene_is_accepted_or_refused(entroslip, tmp_path):
+    """Or asks, with other numbers, for a process that does not exist: code 4."""
     print(f"seed {SEED}")
     dice = random.Random(SEED)
     path = tmp_path / "mutated.nml"
-    outcomes = {0: 0, 2: 0}
+    outcomes = {0: 0, 2: 0, 4: 0}
     for number in range(COUNT):
         text = spoilt(SCENE, dice)
         path.write_text(text, encoding="utf-8", newline="")
@@ -100,8 +101,10 @@ def test_a_spoilt_scene_is_accepted_or_refused(entroslip, tmp_path):
             assert PLACE.search(done.stderr), f"{number}:\n{text}\n{done.stderr}"
             if number % 10 == 0:
                 assert entroslip("run", path, timeout=60).returncode == 2
+        elif done.returncode == 4:
+            assert "process 1: " in done.stderr, f"{number}:\n{text}\n{done.stderr}"
         assert [p.name for p in tmp_path.iterdir()] == ["mutated.nml"]
-    assert min(outcomes.values()) > COUNT / 20  # both ends were seen
+    assert min(outcomes[0], outcomes[2]) > COUNT / 20  # both ends were seen
 
 
 def test_a_spoilt_structure_is_accepted_or_refused(entroslip, tmp_path):
