@@ -65,7 +65,9 @@ FILES = {
     "load.txt": "0.0\n0.5\n# at the end\n1.0\n",
 }
 PIECES = [*"/&'=,()-*%!", "1e400", "nan", "-1", "0", "é"]
-PLACE = re.compile(r"mutated\.nml(:\d+: .+|: must have &process, &chain or &structure)")
+PLACE = re.compile(
+    r"mutated\.nml(:\d+: .+|: must have &process, &chain or &structure|: is not plain text)"
+)
 
 
 def spoilt(text: str, dice: random.Random) -> str:
