@@ -47,8 +47,7 @@ contains
                    padded(p%correlation//' = '//brief(p%correlation_length)//second(p), 13)// &
                    padded(order, 7)//padded(brief(p%mean), 7)//padded(brief(p%std), 8)
          end associate
-         if (present(foreseen)) law = padded(law, 11)// &
-                                      trim(merge('feasible  ', 'infeasible', foreseen(i)%is_solved))
+         if (present(foreseen)) law = padded(law, 11)//verdict(foreseen(i))
          text = text//law//line_feed
       end do
       if (size(plan%processes) > max_rows) then
@@ -68,6 +67,16 @@ contains
             text = text//labelled(numbered('p', i), branch_note(foreseen(i)))
       end do
    end function process_table
+
+   !> Verdict on a process that is not fitted yet.
+   pure function verdict(foreseen) result(text)
+      type(process_model_type), intent(in) :: foreseen
+      character(:), allocatable :: text
+
+      text = trim(merge('feasible  ', 'infeasible', foreseen%is_solved))
+      if (.not. allocated(foreseen%branch)) return
+      if (foreseen%branch == 'open') text = 'open'
+   end function verdict
 
    !> How realizations of the exact law will be drawn; nothing where there is none.
    function drawing_text(foreseen, n_points) result(text)

@@ -76,7 +76,8 @@ module process_model
       real(wp) :: acceptance_mean = 1.0_wp       !! E[alpha]
       real(wp) :: acceptance_geometric = 1.0_wp  !! exp E[ln alpha]
       real(wp) :: seconds = 0.0_wp               !! of a processor, to fit it
-      !> positive: the signs of K(m), 'nonnegative', 'alternating' or 'mixed'; else unallocated
+      !> positive: the signs of K(m), 'nonnegative', 'alternating' or 'mixed', or 'open' where a
+      !> fit is only foreseen; else unallocated
       character(:), allocatable :: branch
       !> exact law beyond the unconstrained optimum's shape: row of G [1/unit of X squared]; it may
       !> be indefinite, so that a, poles and Lambda are none, b0 = 1/sqrt(G_0) and mu is what the
@@ -102,13 +103,16 @@ module process_model
 
 contains
 
-   !> One line on a process whose K(m) alternates; empty for others.
+   !> One line on a process whose K(m) alternates, or whose branch is left to the fit; empty for
+   !> others.
    pure function branch_note(model) result(note)
       type(process_model_type), intent(in) :: model
       character(:), allocatable :: note
 
       note = ''
       if (.not. (model%is_solved .and. allocated(model%branch))) return
+      if (model%branch == 'open') &
+         note = "beyond the unconstrained optimum's shape: a run searches further"
       if (model%branch /= 'alternating') return
       note = "K(m) alternates: neighbours are anticorrelated; branch = 'nonnegative' refuses it"
       if (abs(model%nonnegative_entropy) > 0.0_wp) &

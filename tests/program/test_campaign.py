@@ -165,9 +165,9 @@ def test_two_runs_on_one_output_do_not_meet(campaign, output, reference):
 def test_runs_that_share_do_each_block_once_and_a_plain_run_merges(campaign, output, reference):
     members = [campaign(0, "--share"), campaign(2, "--share"), campaign(0, "--share")]
     wait_for_shards(members[0], output, 3)
-    assert_refused(campaign(), "r.h5.lock is locked by process", "another run is at work")
     members[0].signal(signal.SIGKILL, members[0].ranks())
     members[1].signal(signal.SIGUSR1, [members[1].process.pid])
+    assert_refused(campaign(), "r.h5.lock is locked by process", "another run is at work")
     members[0].wait()
     code, said, errors = members[1].wait()
     assert code == STOPPED, errors

@@ -27,6 +27,15 @@ def test_what_has_no_solution_is_said_before_it_is_computed(entroslip, tmp_path)
         assert entroslip("run", f"{name}.nml").returncode == code
 
 
+def test_a_long_search_is_left_to_the_run(entroslip, tmp_path):
+    scene = "&process correlation_length = 3.0 order = 10 mean = 1 std = 0.9 sampler = 'exact' /\n"
+    (tmp_path / "far.nml").write_text(scene)
+    done = entroslip("check", "far.nml")
+    assert done.returncode == 0, done.stderr
+    assert done.stdout.split("solution\n")[1].splitlines()[0].endswith("open")
+    assert "a run searches further" in done.stdout
+
+
 NO_TARGET = (
     "--set", "accuracy%target_statistical=0", "--set", "accuracy%sample_until_met=.false.",
 )  # fmt: skip

@@ -34,9 +34,10 @@ contains
    !> After a search in the unconstrained optimum's shape has failed: the maximum with K(m) >= 0, or
    !> the alternating one where that is not asked for or has ended. The direct method's orders do
    !> not contain each other.
-   subroutine search_branches(request, seed, law, point, found, error)
+   subroutine search_branches(request, seed, effort, law, point, found, error)
       type(process_request), intent(in) :: request   !! of order 2 or more
       integer(long), intent(in) :: seed
+      real(wp), intent(inout) :: effort   !! values that may be simulated yet; 0: given up
       type(sampled_objective), intent(inout) :: law
       real(wp), allocatable, intent(inout) :: point(:)
       type(search_result), intent(inout) :: found
@@ -51,22 +52,26 @@ contains
       message = error%message
       do branch = 1, merge(2, 1, request%branch == 'any')
          if (branch == 1 .and. request%std >= request%mean) cycle
-         call continue_first_order(request, seed, branch == 2, law, point, found, limit, failure)
+         call continue_first_order(request, seed, branch == 2, effort, law, point, found, limit, &
+                                   failure)
          if (.not. allocated(failure)) then
             deallocate (error)
             return
          end if
          if (failure%message == message) return
          message = message//'; '//failure%message
+         if (.not. effort > 0.0_wp) exit
       end do
       call raise(error, exit_no_solution, message)
    end subroutine search_branches
 
    !> The maximum of one branch, or the std/mean at which it ends: `limit`.
-   subroutine continue_first_order(request, seed, is_alternating, law, point, found, limit, error)
+   subroutine continue_first_order(request, seed, is_alternating, effort, law, point, found, &
+                                   limit, error)
       type(process_request), intent(in) :: request   !! of order 2 or more
       integer(long), intent(in) :: seed
       logical, intent(in) :: is_alternating
+      real(wp), intent(inout) :: effort   !! see `search_branches`
       type(sampled_objective), intent(out) :: law
       real(wp), allocatable, intent(out) :: point(:)
       type(search_result), intent(out) :: found
@@ -91,11 +96,12 @@ contains
       if (allocated(error)) return
       decay = first%memory
       do pass = 1, max_passes
-         call rise_to_order(request, seed, first, one%std/request%mean, decay, law, point, error)
+         call rise_to_order(request, seed, first, one%std/request%mean, decay, effort, law, &
+                            point, error)
          if (allocated(error)) return
          call climb(law, one%std/request%mean, wanted, point, found, limit)
-         if (.not. found%is_converged) exit
-         call adopt_signs(law, point, found, autocovariance)
+         if (found%is_converged) call adopt_signs(law, point, found, autocovariance)
+         effort = max(0.0_wp, effort - law%effort)
          if (.not. found%is_converged) exit
          if (request%branch == 'nonnegative' .and. any(law%signs < 0.0_wp)) then
             call raise(error, exit_no_solution, &
@@ -105,7 +111,10 @@ contains
          if (.not. is_alternating .or. fades(law%signs*autocovariance)) return
          decay = sqrt(decay)   ! lags of twice the memory
       end do
-      if (is_alternating) then
+      if (.not. effort > 0.0_wp) then
+         call raise(error, exit_no_solution, &
+                    'followed from order 1, the search was given up at its bound of values')
+      else if (is_alternating) then
          call raise(error, exit_no_solution, &
                     'followed from order 1, alternating K(m) ends at std/mean = '//text_of(limit))
       else
@@ -124,12 +133,13 @@ contains
    end function text_of
 
    !> From the law of order 1 by maxima of order 2, 4, 8, .. to a start in the wanted order.
-   subroutine rise_to_order(request, seed, first, ratio, decay, law, point, error)
+   subroutine rise_to_order(request, seed, first, ratio, decay, effort, law, point, error)
       type(process_request), intent(in) :: request
       integer(long), intent(in) :: seed
       type(first_order_law), intent(in) :: first
       real(wp), intent(in) :: ratio   !! std/mean of the law of order 1
       real(wp), intent(in) :: decay   !! of K(m), where it alternates
+      real(wp), intent(inout) :: effort   !! see `search_branches`; that of the last law is not taken
       type(sampled_objective), intent(out) :: law
       real(wp), allocatable, intent(out) :: point(:)
       type(error_type), allocatable, intent(out) :: error
@@ -155,6 +165,7 @@ contains
          if (allocated(error)) return
          problem%ratio = ratio
          call new_objective(problem, law)
+         law%most_effort = effort
          law%family = family
          point = [point(:size(point) - 1), spread(0.0_wp, 1, lower%order + merge(0, 1, &
                                                   family%face > 0) - size(point)), &
@@ -166,6 +177,7 @@ contains
          if (lower%order == request%order) return
          reached = point
          call find_maximum(law, reached, found)
+         effort = max(0.0_wp, effort - law%effort)
          if (.not. found%is_converged) cycle
          point = reached
          family = law%family

@@ -80,7 +80,8 @@ contains
    end subroutine fit_positive
 
    !> Foresees a fit: fails where `fit_positive` would not even begin. Of the exact law it also
-   !> fills what realizations are drawn by, roughly where it is sampled.
+   !> fills what realizations are drawn by, roughly where it is sampled. A search that is long is
+   !> left to the fit: the branch is then 'open'.
    subroutine foresee_positive(request, seed, model, error)
       type(process_request), intent(in) :: request
       integer(long), intent(in) :: seed
@@ -89,8 +90,9 @@ contains
       type(sampled_objective) :: law
       type(first_order_law) :: first_order
       type(search_result) :: found
+      real(wp), parameter :: quick_effort = 2.0e8_wp   ! values: some 2 s
       real(wp), allocatable :: point(:), unused(:)
-      real(wp) :: mu, sigma
+      real(wp) :: effort, mu, sigma
       logical :: is_exact, is_inside
 
       model%request = request
@@ -104,7 +106,13 @@ contains
             call describe_first_order(request, first_order, model, error)
       else
          call approach(request, seed, law, point, found, error)
-         if (allocated(error)) call search_branches(request, seed, law, point, found, error)
+         effort = quick_effort
+         if (allocated(error)) call search_branches(request, seed, effort, law, point, found, error)
+         if (allocated(error) .and. .not. effort > 0.0_wp) then
+            deallocate (error)
+            model%branch = 'open'
+            return
+         end if
          if (allocated(error)) return
          call law%evaluate(point, unused, is_inside)
          if (is_exact .or. law%problem%decay > 0.0_wp) call outline_sampled(request, law, model)
@@ -122,11 +130,13 @@ contains
       type(search_result), intent(out) :: found
       type(error_type), allocatable, intent(out) :: error
       type(shape_spread), intent(out) :: spread
+      real(wp) :: effort
 
       call approach(request, seed, law, point, found, error)
       if (.not. allocated(error)) call find_shape(law, point, found, error, spread)
       if (.not. allocated(error)) return
-      call search_branches(request, seed, law, point, found, error)
+      effort = law%most_effort
+      call search_branches(request, seed, effort, law, point, found, error)
       if (.not. allocated(error)) call refine(law, branch_difference, point, found, spread)
    end subroutine search_all
 
