@@ -139,7 +139,7 @@ contains
       type(first_order_law), intent(in) :: first
       real(wp), intent(in) :: ratio   !! std/mean of the law of order 1
       real(wp), intent(in) :: decay   !! of K(m), where it alternates
-      real(wp), intent(inout) :: effort   !! see `search_branches`; that of the last law is not taken
+      real(wp), intent(inout) :: effort   !! see `search_branches`; less all but the last law
       type(sampled_objective), intent(out) :: law
       real(wp), allocatable, intent(out) :: point(:)
       type(error_type), allocatable, intent(out) :: error
