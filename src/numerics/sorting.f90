@@ -5,53 +5,82 @@ module numerics_sorting
    private
    public :: sort_order
 
+   integer, parameter :: first_run = 8   !! values that are sorted by insertion
+
 contains
 
    !> Positions of the values in ascending order; equal values stay as they came (merge sort).
    pure function sort_order(values) result(order)
       real(wp), intent(in) :: values(:)   !! no NaN
       integer :: order(size(values))
-      integer :: other(size(values))
-      integer :: n, run, first, middle, last
+      real(wp), allocatable :: key(:, :)
+      integer, allocatable :: place(:, :)
+      integer :: first, from, last, middle, n, run, to
 
       n = size(values)
-      order = [(first, first=1, n)]
-      run = 1
+      allocate (key(n, 2), place(n, 2))
+      do first = 1, n, first_run
+         last = min(first + first_run - 1, n)
+         call insert(values(first:last), first, key(first:last, 1), place(first:last, 1))
+      end do
+      from = 1
+      run = first_run
       do while (run < n)
+         to = 3 - from
          do first = 1, n, 2*run
             middle = min(first + run, n + 1)
             last = min(first + 2*run - 1, n)
-            call merge_runs(values, order(first:middle - 1), order(middle:last), other(first:last))
+            call merge_runs(middle - first, key(first:last, from), place(first:last, from), &
+                            key(first:last, to), place(first:last, to))
          end do
-         order = other
+         from = to
          run = 2*run
       end do
+      order = place(:, from)
    end function sort_order
 
-   !> Two ascending runs of positions become one.
-   pure subroutine merge_runs(values, left, right, merged)
+   !> Sorts a few values, the first of which has a place among all.
+   pure subroutine insert(values, first, key, place)
       real(wp), intent(in) :: values(:)
-      integer, intent(in) :: left(:), right(:)
-      integer, intent(out) :: merged(:)
-      integer :: i, j, k
+      integer, intent(in) :: first
+      real(wp), intent(out) :: key(:)
+      integer, intent(out) :: place(:)
+      integer :: i, k
 
-      i = 1
-      j = 1
-      do k = 1, size(merged)
-         if (i > size(left)) then
-            merged(k:) = right(j:)
-            return
-         else if (j > size(right)) then
-            merged(k:) = left(i:)
-            return
-         else if (values(right(j)) < values(left(i))) then
-            merged(k) = right(j)
-            j = j + 1
-         else
-            merged(k) = left(i)
-            i = i + 1
-         end if
+      do i = 1, size(values)
+         do k = i, 2, -1
+            if (key(k - 1) <= values(i)) exit
+            key(k) = key(k - 1)
+            place(k) = place(k - 1)
+         end do
+         key(k) = values(i)
+         place(k) = first + i - 1
       end do
-   end subroutine merge_runs
+   end subroutine insert
 
+   !> Two ascending runs, of n_left values and of the rest, become one. Which of two values is the
+   !> smaller one is not to be foreseen, so there is no branch on it.
+   pure subroutine merge_runs(n_left, key, place, merged_key, merged_place)
+      integer, intent(in) :: n_left
+      real(wp), intent(in), contiguous :: key(:)
+      integer, intent(in), contiguous :: place(:)
+      real(wp), intent(out), contiguous :: merged_key(:)
+      integer, intent(out), contiguous :: merged_place(:)
+      integer :: from, left, right, k
+
+      left = 1
+      right = n_left + 1
+      k = 0
+      do while (left <= n_left .and. right <= size(key))
+         k = k + 1
+         from = merge(right, left, key(right) < key(left))
+         merged_key(k) = key(from)
+         merged_place(k) = place(from)
+         right = right + merge(1, 0, from == right)
+         left = k + n_left + 2 - right
+      end do
+      from = merge(left, right, left <= n_left)
+      merged_key(k + 1:) = key(from:from + size(key) - k - 1)
+      merged_place(k + 1:) = place(from:from + size(key) - k - 1)
+   end subroutine merge_runs
 end module numerics_sorting
