@@ -4,7 +4,7 @@ module campaign_law
    use core_kinds, only: long, wp
    use core_random, only: label_of, new_stream, stream_type
    use process_model, only: process_model_type, request_label
-   use process_realization, only: draw_points
+   use process_realization, only: chains_of, draw_chains, draw_points
    implicit none(type, external)
    private
    public :: draw_law
@@ -13,8 +13,7 @@ module campaign_law
 
 contains
 
-   !> Windows of one long realization, or each from a stream of its own; fewer where fewer are
-   !> wanted.
+   !> Windows of long realizations, or each from a stream of its own; fewer where fewer are wanted.
    subroutine draw_law(seed, model, points, draws, n_independent, at_most)
       integer(long), intent(in) :: seed
       type(process_model_type), intent(in) :: model
@@ -23,9 +22,9 @@ contains
       real(wp), intent(out) :: n_independent              !! draws that all windows are worth
       integer, intent(in), optional :: at_most            !! windows
       type(stream_type) :: stream
-      real(wp), allocatable :: values(:)
+      real(wp), allocatable :: chains(:, :), values(:)
       integer(long) :: label
-      integer :: i, n, stride
+      integer :: i, n, n_chains, stride
 
       label = label_of(request_label(model%request), label_of('law'))
       call plan_draws(points(size(points)), model%request%sampler == 'exact', model%l0, n, stride)
@@ -40,11 +39,12 @@ contains
             draws(i, :) = values(points)
          end do
       else
-         allocate (values(stride*n))
+         n_chains = chains_of(model)
+         allocate (chains(n_chains, stride*((n - 1)/n_chains + 1)))
          stream = new_stream(seed, label, 0)
-         call draw_points(model, stream, values)
+         call draw_chains(model, stream, chains)
          do i = 1, n
-            draws(i, :) = values((i - 1)*stride + points)
+            draws(i, :) = chains(1 + modulo(i - 1, n_chains), ((i - 1)/n_chains)*stride + points)
          end do
       end if
    end subroutine draw_law

@@ -146,7 +146,7 @@ contains
       end associate
    end function reason_for_plain
 
-   !> How a law is drawn: windows of one long realization, a correlation length apart; or windows
+   !> How a law is drawn: windows of long realizations, a correlation length apart; or windows
    !> from streams of their own (stride 0), where the sampler's cost is that of a window or a long
    !> realization would take much memory.
    pure subroutine plan_draws(n_points, is_exact, correlation_length, n_draws, stride)

@@ -9,12 +9,12 @@ module process_realization
    use process_gaussian, only: draw_as_requested, draw_gaussian
    use process_model, only: process_model_type
    use process_positive_exact, only: draw_window, sweeps_to_forget
-   use process_positive_sequential, only: march_sequential
-   use process_positive_truncated_normal, only: draw_truncated, log_acceptance
+   use process_positive_sequential, only: march_chains, march_sequential
+   use process_positive_truncated_normal, only: draw_truncated, lanes, log_acceptance
    use process_reference, only: draw_reference, is_reference
    implicit none(type, external)
    private
-   public :: draw_points, way_of_drawing, way_type
+   public :: chains_of, draw_chains, draw_points, way_of_drawing, way_type
 
    real(wp), parameter :: forgotten = 1.0e-10_wp   !! weight of the start when the sweeps end
 
@@ -43,7 +43,7 @@ contains
       else if (allocated(model%g)) then
          call draw_window(model%g, model%mu*(model%g(0) + 2.0_wp*sum(model%g(1:))), model%mean, &
                           model%memory, sweeps_of(model), stream, values)
-      else if (model%request%sampler == 'sequential') then
+      else if (is_sequential(model)) then
          call march_sequential(model%a, model%mu/model%b0*(1.0_wp + sum(model%a)), &
                                model%mean/model%b0, model%memory, stream, values)
          values = model%b0*values
@@ -51,6 +51,39 @@ contains
          call draw_exact(model, stream, values)
       end if
    end subroutine draw_points
+
+   !> Realizations that are independent of each other, for a large number of values: a value of many
+   !> chains costs a fifth of one of a single chain. The first values do not depend on how many are
+   !> drawn.
+   subroutine draw_chains(model, stream, values)
+      type(process_model_type), intent(in) :: model   !! solved
+      type(stream_type), intent(inout) :: stream
+      real(wp), intent(out) :: values(:, :)           !! (chain, point) chains_of [unit of X]
+
+      if (is_sequential(model)) then
+         call march_chains(model%a, model%mu/model%b0*(1.0_wp + sum(model%a)), &
+                           model%mean/model%b0, model%memory, stream, values)
+         values = model%b0*values
+      else
+         call draw_points(model, stream, values(1, :))
+      end if
+   end subroutine draw_chains
+
+   !> Chains that draw_chains has; one where the sampler knows no more.
+   pure integer function chains_of(model)
+      type(process_model_type), intent(in) :: model
+
+      chains_of = merge(lanes, 1, is_sequential(model))
+   end function chains_of
+
+   !> True if values are drawn one after the other by the rejection of Sec. 2.4.
+   pure logical function is_sequential(model)
+      type(process_model_type), intent(in) :: model
+
+      is_sequential = model%request%positive .and. model%request%sampler == 'sequential' &
+                      .and. .not. (is_reference(model%request) .or. allocated(model%nodes) &
+                                   .or. allocated(model%g))
+   end function is_sequential
 
    !> Sweeps that forget the start where G is given alone: those of the Gaussian law, or the square
    !> of the memory, which is 62/(1 - |K(m + 1)/K(m)|) at least.

@@ -11,7 +11,7 @@ module process_positive_sequential
       draw_truncated_lanes, lanes, scale_below, truncated_variance
    implicit none(type, external)
    private
-   public :: memory_of, march_sequential, numbers_needed, sample_sequential
+   public :: memory_of, march_chains, march_sequential, numbers_needed, sample_sequential
 
    integer, parameter :: block_steps = 128
    integer, parameter :: product_steps = 8   !! share one logarithm of their acceptances
@@ -150,6 +150,30 @@ contains
       end do
       values = x(n_burn_in + 1:)
    end subroutine march_sequential
+
+   !> Consecutive values of independent chains side by side, after their burn-in [b0].
+   subroutine march_chains(a, offset, start, n_burn_in, stream, values)
+      real(wp), intent(in) :: a(:), offset
+      real(wp), intent(in) :: start           !! each chain's past, near the mean [b0]
+      integer, intent(in) :: n_burn_in
+      class(stream_type), intent(inout) :: stream
+      real(wp), intent(out) :: values(:, :)   !! (lane, step), `lanes` of them
+      real(wp), allocatable :: x(:, :)
+      real(wp) :: c(lanes), factor(lanes), hazard(lanes), u(lanes)
+      integer :: n, q
+
+      allocate (x(lanes, 1 - size(a):n_burn_in + size(values, 2)))
+      x(:, :0) = start
+      do n = 1, ubound(x, 2)
+         c = offset
+         do q = 1, size(a)
+            c = c - a(q)*x(:, n - q)
+         end do
+         call stream%uniforms(u)
+         call draw_truncated_lanes(c, u, x(:, n), hazard, factor)
+      end do
+      values = x(:, n_burn_in + 1:)
+   end subroutine march_chains
 
    !> Steps until what went before has lost all but a tolerance of its weight. The Gaussian's
    !> largest pole is a conservative measure: truncation only shortens the memory.
