@@ -57,9 +57,10 @@ contains
 
    !> Percentile between order statistics (Hyndman and Fan, type 7). The density comes from those
    !> one binomial standard deviation of the rank to both sides.
-   pure function plain_percentile(y, p) result(plain)
+   pure function plain_percentile(y, p, order) result(plain)
       real(wp), intent(in) :: y(:, :)   !! (sample, output)
       real(wp), intent(in) :: p         !! share of the law below
+      integer, intent(in), optional :: order(:, :)   !! (rank, output) samples, where known
       type(estimates_type) :: plain
       real(wp) :: sorted(size(y, 1)), rank, reach, low, high, slope
       integer :: n, o
@@ -71,7 +72,11 @@ contains
       low = max(rank - reach, 1.0_wp)
       high = min(rank + reach, real(n, wp))
       do o = 1, size(y, 2)
-         sorted = y(sort_order(y(:, o)), o)
+         if (present(order)) then
+            sorted = y(order(:, o), o)
+         else
+            sorted = y(sort_order(y(:, o)), o)
+         end if
          plain%value(o) = at_rank(sorted, rank)
          slope = (at_rank(sorted, high) - at_rank(sorted, low))/(high - low)
          plain%influence(:, o) = slope*merge(p - 1.0_wp, p, y(:, o) <= plain%value(o))
@@ -123,12 +128,22 @@ contains
       real(wp), intent(in) :: bias
       integer, intent(in) :: n_samples       !! of the case
       real(wp) :: error
-      real(wp) :: square, fourth, factor
+      real(wp) :: scale, square, fourth, factor
+      integer :: i
 
-      square = sum(influence**2)
+      square = 0.0_wp
+      !$omp simd reduction(+:square)
+      do i = 1, size(influence)
+         square = square + influence(i)**2
+      end do
       error = abs(bias)
       if (.not. square > 0.0_wp) return
-      fourth = sum((influence/sqrt(square))**4)
+      scale = 1.0_wp/sqrt(square)
+      fourth = 0.0_wp
+      !$omp simd reduction(+:fourth)
+      do i = 1, size(influence)
+         fourth = fourth + (scale*influence(i))**4
+      end do
       factor = student_point(1.0_wp/fourth)/normal_point
       error = hypot(factor*sqrt(square*n_samples/(n_samples - 1.0_wp)), bias)
    end function stated_error

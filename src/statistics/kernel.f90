@@ -13,6 +13,7 @@ module statistics_kernel
 
    real(wp), parameter :: sum_of_squares = 5.0_wp   !! of the weights
    real(wp), parameter :: linear = 10.0_wp, additive = 0.5_wp, joint = 0.5_wp   !! shares
+   real(wp), parameter :: third = 1.0_wp/3.0_wp
    real(wp), parameter :: smallest = 1.0e-3_wp      !! q_j of an additive part that is not left out
 
    !> A kernel of given weights and length.
@@ -40,7 +41,8 @@ contains
       real(wp), intent(in), contiguous :: x_prime(:, :)   !! (sample, input)
       real(wp), intent(out), contiguous :: rows(:, :)     !! (point, sample)
       real(wp) :: a(size(x, 1), size(x, 2)), b(size(x, 2), size(x_prime, 1))
-      real(wp) :: grown(size(x, 1), size(x, 2)), square(size(x, 1)), of_product(size(x, 1))
+      real(wp) :: grown(size(x, 1), size(x, 2)), shrunk(size(x, 1), size(x, 2))
+      real(wp) :: square(size(x, 1)), of_product(size(x, 1))
       real(wp) :: rate, share, square_prime
       integer :: i, j
 
@@ -51,6 +53,7 @@ contains
       end do
       square = sum(a**2, 2)
       grown = exp(rate*x)
+      shrunk = 1.0_wp/grown
       call multiply(a, b, rows)
       do i = 1, size(x_prime, 1)
          square_prime = sum(b(:, i)**2)
@@ -59,8 +62,8 @@ contains
          do j = 1, size(x, 2)
             share = kernel%weight(j)**2/sum_of_squares
             if (share < smallest) cycle
-            call add_function_of_one(additive*share, x(:, j), grown(:, j), x_prime(i, j), &
-                                     exp(rate*x_prime(i, j)), rate, rows(:, i))
+            call add_function_of_one(additive*share, x(:, j), grown(:, j), shrunk(:, j), &
+                                     x_prime(i, j), rate, rows(:, i))
          end do
       end do
    end subroutine kernel_rows
@@ -84,23 +87,26 @@ contains
       series = c(6) + r*(c(7) + r*(c(8) + r*(c(9) + r*series)))
       series = 1.0_wp + r*(1.0_wp + r*(c(2) + r*(c(3) + r*(c(4) + r*(c(5) + r*series)))))
       series = series*transfer(shiftl(int(exponent_bias - k, long), fraction_bits), series)
-      matern = (1.0_wp + s + s**2/3.0_wp)*series
+      matern = (1.0_wp + s*(1.0_wp + third*s))*series
    end function matern
 
-   !> One input's part: exp(-rate |x - x'|) is the smaller one of the ratios of the exponentials.
-   pure subroutine add_function_of_one(share, x, grown, x_prime, grown_prime, rate, row)
+   !> One input's part: exp(-rate |x - x'|) is one of the products of an exponential that grows and
+   !> one that falls.
+   pure subroutine add_function_of_one(share, x, grown, shrunk, x_prime, rate, row)
       real(wp), intent(in) :: share
-      real(wp), intent(in) :: x(:), grown(:)         !! (point), exp(rate x)
-      real(wp), intent(in) :: x_prime, grown_prime
-      real(wp), intent(in) :: rate
+      real(wp), intent(in) :: x(:)                   !! (point)
+      real(wp), intent(in) :: grown(:), shrunk(:)    !! (point) exp(rate x), exp(-rate x)
+      real(wp), intent(in) :: x_prime, rate
       real(wp), intent(inout) :: row(:)
-      real(wp) :: ratio, s
+      real(wp) :: decay, grown_prime, s, shrunk_prime
       integer :: m
 
+      grown_prime = exp(rate*x_prime)
+      shrunk_prime = 1.0_wp/grown_prime
       do m = 1, size(x)
-         ratio = grown(m)/grown_prime
+         decay = merge(grown(m)*shrunk_prime, shrunk(m)*grown_prime, x(m) < x_prime)
          s = rate*abs(x(m) - x_prime)
-         row(m) = row(m) + share*(1.0_wp + s + s**2/3.0_wp)*min(ratio, 1.0_wp/ratio)
+         row(m) = row(m) + share*(1.0_wp + s*(1.0_wp + third*s))*decay
       end do
    end subroutine add_function_of_one
 

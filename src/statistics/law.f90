@@ -12,7 +12,6 @@ module statistics_law
    use core_error, only: error_type
    use core_kinds, only: wp
    use numerics_lapack, only: multiply, solve_positive_definite
-   use numerics_sorting, only: sort_order
    implicit none(type, external)
    private
    public :: draws_type, law_type, choose_points, error_share, keep_draws
@@ -75,7 +74,7 @@ contains
       do j = 1, size(direction)
          along = along + direction(j)*draws%x(:, j)
       end do
-      order = sort_order(along)
+      order = rough_order(along)
       associate (stride => real(size(draws%x, 1), wp)/n)
          order = order([(1 + int((m - 0.5_wp)*stride), m=1, n)])
       end associate
@@ -83,6 +82,32 @@ contains
       law%n_independent = draws%n_independent
       call weigh(draws%mean, law, error)
    end subroutine choose_points
+
+   !> Positions in ascending order of values, to a fraction of their range: a bucket each, in which
+   !> they stay as they came.
+   pure function rough_order(values) result(order)
+      real(wp), intent(in) :: values(:)
+      integer :: order(size(values))
+      integer, parameter :: n_buckets = 2**14
+      integer :: bucket(size(values)), i
+      integer, allocatable :: last(:)
+      real(wp) :: least, scale
+
+      least = minval(values)
+      scale = n_buckets/max(maxval(values) - least, n_buckets*tiny(least))
+      allocate (last(0:n_buckets), source=0)
+      do i = 1, size(values)
+         bucket(i) = min(int((values(i) - least)*scale), n_buckets - 1)
+         last(bucket(i) + 1) = last(bucket(i) + 1) + 1
+      end do
+      do i = 1, n_buckets
+         last(i) = last(i) + last(i - 1)
+      end do
+      do i = 1, size(values)
+         last(bucket(i)) = last(bucket(i)) + 1
+         order(last(bucket(i))) = i
+      end do
+   end function rough_order
 
    !> Standard error that the points leave, over that of plain sampling.
    pure real(wp) function error_share(law, efficiency, n_samples)

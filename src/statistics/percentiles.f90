@@ -6,8 +6,6 @@ module statistics_percentiles
    private
    public :: find_quantile
 
-   integer, parameter :: narrowings = 2   !! before the rest is sorted
-
 contains
 
    !> The value below which the weight p lies: linear between points, each at the middle of its
@@ -17,19 +15,16 @@ contains
       real(wp), intent(in) :: p, half_width
       real(wp), intent(out) :: quantile
       integer, allocatable, intent(out) :: near(:)
-      real(wp) :: at, before, below, from, reach, to, under
-      integer, allocatable :: places(:)
+      real(wp) :: at, before, below, reach, under
+      integer, allocatable :: inner(:), places(:)
       integer :: first, k, last
 
-      reach = half_width + maxval(weight)   ! so that a point on either side of p is there
-      places = [(k, k=1, size(values))]
-      below = 0.0_wp
-      do k = 1, narrowings
-         call bracket(values(places), weight(places), p - reach - below, p + reach - below, from, &
-                      to, under)
-         places = places(between(values(places), from, to))
-         below = below + under
-      end do
+      reach = half_width + largest(weight)   ! so that a point on either side of p is there
+      call narrow(values, weight, 1.0_wp, p - reach, p + reach, places, under)
+      call narrow(values(places), weight(places), sum(weight(places)), p - reach - under, &
+                  p + reach - under, inner, below)
+      below = below + under
+      places = places(inner)
       places = places(sort_order(values(places)))
       quantile = values(places(1))
       before = p
@@ -49,6 +44,42 @@ contains
       near = places(first:max(first, last))
    end subroutine find_quantile
 
+   !> The places of the values that have the weights between `low` and `high`, and of some around;
+   !> the weight below them. Some of the values, sorted, tell where to look.
+   pure subroutine narrow(values, weight, total, low, high, places, below)
+      real(wp), intent(in) :: values(:), weight(:)
+      real(wp), intent(in) :: total       !! of the weights
+      real(wp), intent(in) :: low, high
+      integer, allocatable, intent(out) :: places(:)
+      real(wp), intent(out) :: below
+      integer, parameter :: looked_at = 64, reach = 2   ! values, ranks
+      real(wp) :: from, some(looked_at), to
+      integer :: first, i, last
+
+      below = 0.0_wp
+      from = -huge(from)
+      to = huge(to)
+      if (size(values) >= 2*looked_at) then
+         some = values([(1 + ((i - 1)*size(values))/looked_at, i=1, looked_at)])
+         some = some(sort_order(some))
+         first = floor(low/total*looked_at) - reach
+         do while (first >= 1)
+            below = weight_below(values, weight, some(first))
+            if (below <= low) exit
+            first = first - reach
+         end do
+         if (first >= 1) from = some(first)
+         if (first < 1) below = 0.0_wp
+         last = ceiling(high/total*looked_at) + reach
+         do while (last <= looked_at)
+            if (weight_below(values, weight, some(last)) >= high) exit
+            last = last + reach
+         end do
+         if (last <= looked_at) to = some(last)
+      end if
+      places = between(values, from, to)
+   end subroutine narrow
+
    !> The places of the values above one threshold and not above the other.
    pure function between(values, from, to) result(places)
       real(wp), intent(in) :: values(:), from, to
@@ -65,41 +96,16 @@ contains
       places = found(:n)
    end function between
 
-   !> Thresholds with at most the weight `low` and at least the weight `high` at or below them; the
-   !> weight at or below the first one. Some of the values, sorted, tell where to look.
-   pure subroutine bracket(values, weight, low, high, from, to, below)
-      real(wp), intent(in) :: values(:), weight(:), low, high
-      real(wp), intent(out) :: from, to, below
-      integer, parameter :: looked_at = 64, reach = 2   ! values, ranks
-      real(wp) :: some(looked_at), total
-      integer :: first, i, last
+   pure real(wp) function largest(values)
+      real(wp), intent(in) :: values(:)
+      integer :: m
 
-      to = maxval(values)
-      from = minval(values)
-      from = from - max(abs(from), to - from, 1.0_wp)*1.0e-6_wp
-      below = 0.0_wp
-      if (size(values) < 2*looked_at) return
-      some = values([(1 + ((i - 1)*size(values))/looked_at, i=1, looked_at)])
-      some = some(sort_order(some))
-      total = sum(weight)
-      first = floor(low/total*looked_at) - reach
-      last = ceiling(high/total*looked_at) + reach
-      do while (first >= 1)
-         below = weight_below(values, weight, some(first))
-         if (below <= low) exit
-         first = first - reach
+      largest = -huge(largest)
+      !$omp simd reduction(max:largest)
+      do m = 1, size(values)
+         largest = max(largest, values(m))
       end do
-      if (first >= 1) then
-         from = some(first)
-      else
-         below = 0.0_wp
-      end if
-      do while (last <= looked_at)
-         if (weight_below(values, weight, some(last)) >= high) exit
-         last = last + reach
-      end do
-      if (last <= looked_at) to = some(last)
-   end subroutine bracket
+   end function largest
 
    pure real(wp) function weight_below(values, weight, threshold)
       real(wp), intent(in) :: values(:), weight(:), threshold

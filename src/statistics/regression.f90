@@ -11,7 +11,7 @@ module statistics_regression
    use statistics_estimates, only: estimates_type
    use statistics_law, only: law_type
    use statistics_percentiles, only: find_quantile
-   use statistics_surrogate, only: features_of, fit_type, surrogate_type
+   use statistics_surrogate, only: average_features, fit_type, rows_of, surrogate_type
    implicit none(type, external)
    private
    public :: view_type, view_law, law_mean, law_deviation, law_percentile, law_mean_of_exponential
@@ -20,26 +20,25 @@ module statistics_regression
    real(wp), parameter :: share_of_near = 0.08_wp  !! of a case's samples, on either side
    integer, parameter :: least_near = 4
    integer, parameter :: most_in_window = 24       !! points whose features are averaged
+   integer, parameter :: thinning = 4   !! of the points for influences of a mean of exponentials
 
    !> A law as a surrogate sees it, and which of the samples were drawn from it.
    type :: view_type
-      real(wp), allocatable :: feature(:, :)    !! (point, feature)
-      real(wp), allocatable :: by_point(:, :)   !! (feature, point)
+      real(wp), allocatable :: rows(:, :)       !! (landmark, point) of the kernel
       real(wp), allocatable :: weight(:)        !! (point)
       integer :: first = 0, last = 0            !! samples of the law
    end type view_type
 
 contains
 
-   !> The features of a surrogate at the points of a law.
+   !> The kernel of a surrogate at the points of a law.
    subroutine view_law(surrogate, law, first, last, view)
       type(surrogate_type), intent(in) :: surrogate
       type(law_type), intent(in) :: law
       integer, intent(in) :: first, last
       type(view_type), intent(out) :: view
 
-      call features_of(surrogate, law%x, view%feature)
-      view%by_point = transpose(view%feature)
+      call rows_of(surrogate, law%x, view%rows)
       view%weight = law%weight
       view%first = first
       view%last = last
@@ -51,13 +50,12 @@ contains
       type(fit_type), intent(in) :: fit
       type(view_type), intent(in) :: view
       type(estimates_type), intent(out) :: estimate
-      real(wp) :: average(size(view%feature, 2), size(fit%mean))
-      integer :: o
+      real(wp) :: average_row(size(view%rows, 1), 1)
+      real(wp) :: average(size(surrogate%eigenvalue), size(fit%mean))
 
-      average(:, 1) = matmul(view%weight, view%feature)
-      do o = size(fit%mean), 1, -1
-         average(:, o) = average(:, 1)
-      end do
+      average_row(:, 1) = matmul(view%rows, view%weight)
+      call average_features(surrogate, average_row, 1.0_wp, average(:, 1:1))
+      average = spread(average(:, 1), 2, size(average, 2))
       estimate%value = fit%mean + matmul(average(:, 1), fit%coefficient)
       allocate (estimate%bias(size(fit%mean)), source=0.0_wp)
       call find_influence(surrogate, fit, average, 1.0_wp, estimate%influence)
@@ -86,7 +84,8 @@ contains
       type(view_type), intent(in) :: view
       real(wp), intent(in) :: values(:, :)    !! (point, output) G
       type(estimates_type), intent(out) :: estimate
-      real(wp) :: covariance(size(view%feature, 2), size(values, 2))
+      real(wp) :: of_rows(size(view%rows, 1), size(values, 2))
+      real(wp) :: covariance(size(surrogate%eigenvalue), size(values, 2))
       real(wp) :: of_values(size(values, 2)), of_residuals(size(values, 2))
       real(wp) :: centred(size(values, 1)), residual(view%last - view%first + 1)
       integer :: o
@@ -94,8 +93,9 @@ contains
       do o = 1, size(values, 2)
          centred = view%weight*(values(:, o) - dot_product(view%weight, values(:, o)))
          of_values(o) = dot_product(centred, values(:, o))
-         covariance(:, o) = matmul(centred, view%feature)
+         of_rows(:, o) = matmul(view%rows, centred)
       end do
+      call average_features(surrogate, of_rows, 0.0_wp, covariance)
       call find_influence(surrogate, fit, covariance, 0.0_wp, estimate%influence)
       allocate (estimate%value(size(values, 2)), estimate%bias(size(values, 2)))
       do o = 1, size(values, 2)
@@ -120,25 +120,26 @@ contains
       real(wp), intent(in) :: values(:, :)    !! (point, output) G
       real(wp), intent(in) :: p               !! share of the law below
       type(estimates_type), intent(out) :: estimate
-      real(wp) :: average(size(view%feature, 2), size(values, 2)), smeared(size(values, 1))
-      integer :: near(2*half_of_near(view), size(values, 2)), m, o
+      real(wp) :: average_row(size(view%rows, 1), size(values, 2))
+      real(wp) :: average(size(surrogate%eigenvalue), size(values, 2)), smeared(size(values, 1))
+      integer :: near(2*half_of_near(view), size(values, 2)), o
       real(wp) :: residual(size(near, 1)), bare, full
       integer, allocatable :: around(:)
 
       allocate (estimate%value(size(values, 2)), estimate%bias(size(values, 2)))
       do o = 1, size(values, 2)
          call find_quantile(values(:, o), view%weight, p, window, bare, around)
-         average(:, o) = mean_of_some(view%by_point, around)
+         average_row(:, o) = mean_of_some(view%rows, around)
          near(:, o) = samples_near(fit%predicted(:, o), bare, size(near, 1))
          associate (own => fit%residual(view%first:view%last, o))
             residual = fit%residual(near(:, o), o) - sum(own)/size(own)
          end associate
-         smeared = [(values(m, o) + residual(1 + modulo(m - 1, size(residual))), &
-                     m=1, size(smeared))]
+         smeared = plus_in_turn(values(:, o), residual)
          call find_quantile(smeared, view%weight, p, 0.0_wp, full, around)
          estimate%value(o) = 0.5_wp*(bare + full)
          estimate%bias(o) = 0.5_wp*(full - bare)
       end do
+      call average_features(surrogate, average_row, 1.0_wp, average)
       call find_influence(surrogate, fit, average, 1.0_wp, estimate%influence)
       do o = 1, size(values, 2)
          residual = fit%residual(near(:, o), o)
@@ -146,6 +147,18 @@ contains
          estimate%influence(near(:, o), o) = estimate%influence(near(:, o), o) + residual
       end do
    end subroutine law_percentile
+
+   !> Values plus residuals, which are taken in turn.
+   pure function plus_in_turn(values, residual) result(smeared)
+      real(wp), intent(in) :: values(:), residual(:)
+      real(wp) :: smeared(size(values))
+      integer :: first, n
+
+      do first = 1, size(values), size(residual)
+         n = min(size(residual), size(values) - first + 1)
+         smeared(first:first + n - 1) = values(first:first + n - 1) + residual(:n)
+      end do
+   end function plus_in_turn
 
    pure integer function half_of_near(view)
       type(view_type), intent(in) :: view
@@ -220,22 +233,25 @@ contains
       real(wp), intent(in) :: values(:, :)    !! (point, output) G
       real(wp), intent(in) :: y(:, :)         !! (own sample, output)
       type(estimates_type), intent(out) :: estimate
-      real(wp), allocatable :: weighted(:, :), average(:, :)
-      real(wp) :: mean, ratio
+      real(wp), allocatable :: some(:, :), weighted(:, :), average_row(:, :), average(:, :)
+      real(wp) :: each(size(values, 1)), mean, ratio
       integer :: o
 
-      allocate (weighted, source=values)
-      allocate (average(size(view%feature, 2), size(values, 2)))
+      some = view%rows(:, ::thinning)
+      allocate (weighted(size(some, 2), size(values, 2)))
+      allocate (average_row(size(view%rows, 1), size(values, 2)))
+      allocate (average(size(surrogate%eigenvalue), size(values, 2)))
       allocate (estimate%value(size(values, 2)), estimate%bias(size(values, 2)))
       do o = 1, size(values, 2)
-         weighted(:, o) = view%weight*exp(values(:, o))
-         mean = sum(weighted(:, o))
-         weighted(:, o) = weighted(:, o)/mean
+         each = view%weight*exp(values(:, o))
+         mean = sum(each)
+         weighted(:, o) = each(::thinning)/sum(each(::thinning))
          ratio = sum(y(:, o))/sum(exp(fit%predicted(view%first:view%last, o)))
          estimate%value(o) = mean*sqrt(ratio)
          estimate%bias(o) = 0.5_wp*mean*(ratio - 1.0_wp)
       end do
-      call multiply(view%feature, weighted, average, transposes_a=.true.)
+      call multiply(some, weighted, average_row)
+      call average_features(surrogate, average_row, 1.0_wp, average)
       call find_influence(surrogate, fit, average, 1.0_wp, estimate%influence)
       do o = 1, size(values, 2)
          associate (mean => estimate%value(o))   ! of order one apart from mean of exp(G)

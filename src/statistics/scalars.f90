@@ -86,7 +86,7 @@ contains
 
          associate (own => outputs(view%first:view%last, raw:raw, number), &
                     n => pool%n_samples(case_number), sampled => plain(number, case_number))
-            call predict(fits(raw, number), view%feature, values)
+            call predict(surrogate, fits(raw, number), view%rows, values)
             call law_mean(surrogate, fits(raw, number), view, ours)
             theirs = among_all(pool, case_number, plain_mean(own), [sampled%mean])
             call blend(ours, theirs, [0.0_wp], both, share)
@@ -106,7 +106,7 @@ contains
          end associate
          allocate (best%percentile(size(share_below)))
          allocate (best%low, best%high, best%percentile_ratio, mold=best%percentile)
-         call predict(fits(bent, number), view%feature, values)
+         call predict(surrogate, fits(bent, number), view%rows, values)
          values = max(0.0_wp, values)
          if (is_fraction(number)) values = min(values, right_angle)
          do p = 1, size(share_below)

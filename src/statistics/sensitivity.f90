@@ -9,7 +9,7 @@ module statistics_sensitivity
    use statistics_estimates, only: estimates_type, stated_error
    use statistics_law, only: law_type
    use statistics_regression, only: view_type
-   use statistics_surrogate, only: fit_type, surrogate_type
+   use statistics_surrogate, only: average_features, fit_type, surrogate_type
    implicit none(type, external)
    private
    public :: find_sensitivity
@@ -31,7 +31,7 @@ contains
       real(wp), allocatable, intent(out) :: share(:), share_error(:)   !! (input)
       type(error_type), allocatable, intent(out) :: error
       real(wp), allocatable :: a(:, :), weighted(:, :), square(:, :), both(:, :)
-      real(wp), allocatable :: to_u(:, :), change(:, :), step(:), functional(:)
+      real(wp), allocatable :: of_rows(:, :), to_u(:, :), change(:, :), step(:), functional(:)
       real(wp) :: variance
       integer :: d, i, j, k, n_terms
 
@@ -54,8 +54,10 @@ contains
       end do
       both(:, 1) = matmul(values, weighted)
       both(:, 2) = both(:, 1)
-      allocate (to_u(n_terms, size(view%feature, 2)))
-      call multiply(weighted, view%feature, to_u, transposes_a=.true.)
+      allocate (of_rows(size(view%rows, 1), n_terms), to_u(size(surrogate%eigenvalue), n_terms))
+      call multiply(view%rows, weighted, of_rows)
+      call average_features(surrogate, of_rows, 0.0_wp, to_u)
+      to_u = transpose(to_u)
       change = to_u
       call solve_both(square, both(:, 2:2), change, error)
       if (allocated(error)) return

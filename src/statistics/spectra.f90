@@ -6,6 +6,7 @@
 module statistics_spectra
    use core_error, only: error_type
    use core_kinds, only: wp
+   use numerics_sorting, only: sort_order
    use statistics_estimates, only: blend, estimates_type, plain_mean, plain_percentile, stated_error
    use statistics_law, only: choose_points, error_share, law_type, of_means, of_percentiles
    use statistics_pool, only: among_all, pool_type, residual_share
@@ -89,17 +90,22 @@ contains
          type(spectrum_type), intent(inout) :: best
          type(integral_type) :: of_mean, of_percentile(size(share_below))
          real(wp), allocatable :: values(:, :)
-         integer :: k, p
+         integer, allocatable :: order(:, :)   ! (rank, frequency) the case's samples
+         integer :: f, k, p
 
          call make_room(best, size(outputs, 2), size(share_below))
          do k = 1, size(starts) - 1
             allocate (values(size(law%weight), starts(k + 1) - starts(k)))
-            if (k <= size(fits)) call predict(fits(k), view%feature, values)
+            if (k <= size(fits)) call predict(surrogate, fits(k), view%rows, values)
             call estimate_means(number, k, values, best, of_mean)
-            do p = 1, size(share_below)
-               call estimate_percentiles(number, k, p, values, best, of_percentile(p))
+            allocate (order(view%last - view%first + 1, size(values, 2)))
+            do f = 1, size(values, 2)
+               order(:, f) = sort_order(outputs(view%first:view%last, starts(k) + f - 1))
             end do
-            deallocate (values)
+            do p = 1, size(share_below)
+               call estimate_percentiles(number, k, p, order, values, best, of_percentile(p))
+            end do
+            deallocate (values, order)
          end do
          call close_integral(number, of_means, of_mean, best%variance_mean, &
                              best%variance_mean_error, best%variance_mean_ratio)
@@ -142,8 +148,8 @@ contains
          integral%value = integral%value + step*sum(both%value)
       end subroutine estimate_means
 
-      subroutine estimate_percentiles(number, k, p, values, best, integral)
-         integer, intent(in) :: number, k, p
+      subroutine estimate_percentiles(number, k, p, order, values, best, integral)
+         integer, intent(in) :: number, k, p, order(:, :)
          real(wp), intent(in) :: values(:, :)
          type(spectrum_type), intent(inout) :: best
          type(integral_type), intent(inout) :: integral
@@ -153,7 +159,7 @@ contains
 
          associate (first => starts(k), last => starts(k + 1) - 1)
             associate (own => outputs(view%first:view%last, first:last))
-               theirs = among_all(pool, number, plain_percentile(own, share_below(p)), &
+               theirs = among_all(pool, number, plain_percentile(own, share_below(p), order), &
                                   log(max(plain(number)%percentile(first:last, p), least_density)))
                both = theirs
                share = 1.0_wp
@@ -190,8 +196,9 @@ contains
 
          associate (n => pool%n_samples(number))
             plain = stated_error(of_plain, 0.0_wp, n)
-            stated = hypot(stated_error(influence, bias, n), &
-                           share*plain*error_share(law, efficiency, n))
+            stated = plain
+            if (share > 0.0_wp) stated = hypot(stated_error(influence, bias, n), &
+                                               share*plain*error_share(law, efficiency, n))
          end associate
          ratio = 1.0_wp
          if (stated > 0.0_wp) ratio = plain/stated

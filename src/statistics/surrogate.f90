@@ -5,6 +5,8 @@
 !> phi_k(x) = V_k'(k(x) - mean of the rows of K)/ev_k are orthonormal over the samples, and
 !> G(x) = mean y + sum_k s_k (V_k'y) phi_k(x), s_k = ev_k/(ev_k + ratio), is the kriging prediction
 !> for the noise ratio. With all eigenvectors it is that of the kernel with a constant trend.
+!> With many samples K is projected on the functions k(., landmark), landmarks being some of the
+!> samples (Nystroem), so that the cost of a point does not grow with the samples.
 !> Leave-one-out residuals are e_i = (y_i - fit_i)/(1 - h_i), h_i = 1/n + sum_k s_k V_ik^2: leaving
 !> sample i out is replacing y_i by y_i - e_i. The noise ratio of each output has the least
 !> generalised cross-validation; kernel and weights of the inputs, shared by all outputs, the least
@@ -16,10 +18,10 @@ module statistics_surrogate
    use statistics_kernel, only: kernel_rows, kernel_type, new_kernel
    implicit none(type, external)
    private
-   public :: fit_type, surrogate_type, features_of, fit_outputs, learn_kernel, predict
+   public :: fit_type, surrogate_type, average_features, fit_outputs, learn_kernel, predict, rows_of
 
    integer, parameter :: samples_of_choice = 128   !! that choose the kernel
-   integer, parameter :: most_features = 160
+   integer, parameter :: most_landmarks = 256, most_features = 160
    real(wp), parameter :: smallest_eigenvalue = 1.0e-10_wp   !! over the largest
    real(wp), parameter :: lengths(*) = [1.0_wp, 2.0_wp, 4.0_wp, 8.0_wp, 16.0_wp]
    real(wp), parameter :: powers(*) = [0.5_wp, 1.0_wp]   !! of the weights
@@ -29,14 +31,15 @@ module statistics_surrogate
                           10.0_wp**[-5.0_wp, -4.5_wp, -4.0_wp, -3.5_wp, -3.0_wp, -2.5_wp, &
                                     -2.0_wp, -1.5_wp, -1.0_wp, -0.5_wp, 0.0_wp, 0.5_wp, 1.0_wp]
 
-   !> The samples' inputs and the features over them.
+   !> The features, as functions of the inputs and over the samples.
    type :: surrogate_type
       type(kernel_type) :: kernel
-      real(wp), allocatable :: x(:, :)           !! (sample, input) standardised
       real(wp), allocatable :: feature(:, :)     !! (sample, feature) V
       real(wp), allocatable :: eigenvalue(:)     !! (feature)
       real(wp), allocatable :: direction(:)      !! (input) along which the outputs vary most
-      real(wp), allocatable, private :: row_mean(:)   !! (sample) of K
+      real(wp), allocatable, private :: landmark(:, :)    !! (landmark, input) standardised
+      !> (landmark, feature), (feature): phi(x) = sum of transform*k(x, landmark) - offset
+      real(wp), allocatable, private :: transform(:, :), offset(:)
    end type surrogate_type
 
    !> Outputs as functions of the inputs.
@@ -69,10 +72,7 @@ contains
       if (allocated(error)) return
       proportion = sqrt(sum(slope**2, 2)/size(y, 2))
       proportion = max(proportion/max(maxval(proportion), tiny(1.0_wp)), least_weight)
-      associate (n => size(x, 1))
-         chosen = [(1 + int((i - 1)*real(n, wp)/min(n, samples_of_choice)), &
-                    i=1, min(n, samples_of_choice))]
-      end associate
+      chosen = spread_out(size(x, 1), samples_of_choice)
       some_x = x(chosen, :)
       some_y = y(chosen, :)
       best = huge(best)
@@ -85,8 +85,19 @@ contains
             best = min(best, score)
          end do
       end do
-      call find_features(x, most_features, surrogate, error)
+      call find_features(x, most_landmarks, most_features, surrogate, error)
    end subroutine learn_kernel
+
+   !> Places of at most some of n, at equal distances.
+   pure function spread_out(n, most) result(places)
+      integer, intent(in) :: n, most
+      integer, allocatable :: places(:)
+      integer :: i
+
+      associate (some => min(n, most))
+         places = [(1 + int((i - 1)*real(n, wp)/some), i=1, some)]
+      end associate
+   end function spread_out
 
    !> Outputs with mean 0 and mean square 1, or 0 throughout.
    pure subroutine standardise(outputs, y)
@@ -137,59 +148,159 @@ contains
       type(error_type), allocatable, intent(out) :: error
       real(wp), parameter :: least = 1.0e-12_wp   ! relative mean square that is told apart
       type(surrogate_type) :: trial
-      type(fit_type) :: fit
-      real(wp) :: square(n_ratios, size(outputs, 2)), variance
-      integer :: o, r
-
-      trial%kernel = kernel
-      call find_features(x, size(x, 1), trial, error)
-      if (allocated(error)) return
-      do r = 1, n_ratios
-         call fit_outputs(trial, outputs, fit, only_ratio=r)
-         square(r, :) = sum(fit%residual**2, 1)
-      end do
-      score = 0.0_wp
-      do o = 1, size(outputs, 2)
-         variance = sum((outputs(:, o) - sum(outputs(:, o))/size(x, 1))**2)
-         score = score + log(minval(square(:, o))/max(variance, tiny(1.0_wp)) + least)
-      end do
-      score = score/size(outputs, 2)
-   end subroutine judge
-
-   !> Eigenvectors of the centred kernel over the samples, the largest first.
-   subroutine find_features(x, most, surrogate, error)
-      real(wp), intent(in), contiguous :: x(:, :)   !! (sample, input)
-      integer, intent(in) :: most
-      type(surrogate_type), intent(inout) :: surrogate
-      type(error_type), allocatable, intent(out) :: error
-      real(wp), allocatable :: matrix(:, :)
-      real(wp) :: eigenvalue(size(x, 1)), mean
-      integer :: i, n, rank
+      real(wp), allocatable :: projection(:, :), fitted(:, :), leverage(:), shrink(:)
+      real(wp) :: square(n_ratios, size(outputs, 2)), y(size(outputs, 1), size(outputs, 2))
+      integer :: n, o, r
 
       n = size(x, 1)
-      allocate (matrix(n, n), surrogate%row_mean(n))
-      call kernel_rows(surrogate%kernel, x, x, matrix)
-      surrogate%x = x
-      surrogate%row_mean(:) = sum(matrix, 1)/n
-      mean = sum(surrogate%row_mean)/n
-      do i = 1, n
-         matrix(:, i) = matrix(:, i) - surrogate%row_mean - (surrogate%row_mean(i) - mean)
-      end do
-      call find_symmetric_eigenvectors(matrix, eigenvalue, error)
+      trial%kernel = kernel
+      call find_features(x, n, n, trial, error)
       if (allocated(error)) return
-      rank = min(most, n - 1, count(eigenvalue > smallest_eigenvalue*eigenvalue(n)))
-      surrogate%eigenvalue = eigenvalue(n:n - rank + 1:-1)
-      surrogate%feature = matrix(:, n:n - rank + 1:-1)
+      do o = 1, size(outputs, 2)
+         y(:, o) = outputs(:, o) - sum(outputs(:, o))/n
+      end do
+      allocate (projection(size(trial%eigenvalue), size(y, 2)))
+      allocate (fitted, mold=y)
+      call multiply(trial%feature, y, projection, transposes_a=.true.)
+      do r = 1, n_ratios
+         shrink = trial%eigenvalue/(trial%eigenvalue + noise_ratios(r))
+         leverage = matmul(trial%feature**2, shrink)
+         call multiply(trial%feature, projection*spread(shrink, 2, size(y, 2)), fitted)
+         do o = 1, size(y, 2)
+            square(r, o) = sum(((y(:, o) - fitted(:, o))/(1.0_wp - 1.0_wp/n - leverage))**2)
+         end do
+      end do
+      score = 0.0_wp
+      do o = 1, size(y, 2)
+         score = score + log(minval(square(:, o))/max(sum(y(:, o)**2), tiny(1.0_wp)) + least)
+      end do
+      score = score/size(y, 2)
+   end subroutine judge
+
+   !> Eigenvectors over the samples of the centred kernel, or of its projection on the functions
+   !> k(., landmark); the largest first.
+   subroutine find_features(x, most_landmarks, most, surrogate, error)
+      real(wp), intent(in), contiguous :: x(:, :)   !! (sample, input)
+      integer, intent(in) :: most_landmarks
+      integer, intent(in) :: most                   !! features
+      type(surrogate_type), intent(inout) :: surrogate
+      type(error_type), allocatable, intent(out) :: error
+      real(wp), allocatable :: basis(:, :), eigenvalue(:), rows(:, :)
+      integer :: k, n
+
+      n = size(x, 1)
+      surrogate%landmark = x(spread_out(n, most_landmarks), :)
+      call rows_of(surrogate, surrogate%landmark, rows)
+      call centre_both(rows)
+      call find_leading(rows, basis, eigenvalue, error)
+      if (allocated(error)) return
+      call centre_columns(basis)   ! to all digits: small eigenvalues divide them
+      surrogate%feature = scaled_columns(basis, sqrt(eigenvalue))
+      basis = scaled_columns(basis, 1.0_wp/sqrt(eigenvalue))
+      call rows_of(surrogate, x, rows)
+      surrogate%offset = matmul(sum(rows, 2)/n, basis)
+      if (size(rows, 1) < n) call rotate(surrogate, rows, basis, eigenvalue, error)
+      if (allocated(error)) return
+      k = min(most, size(eigenvalue))
+      surrogate%eigenvalue = eigenvalue(:k)
+      associate (scale => 1.0_wp/sqrt(eigenvalue(:k)))
+         surrogate%feature = scaled_columns(surrogate%feature(:, :k), scale)
+         surrogate%transform = scaled_columns(basis(:, :k), scale)
+         surrogate%offset = surrogate%offset(:k)*scale
+      end associate
    end subroutine find_features
 
-   !> Fits outputs, each with its own noise ratio, or all with one.
-   subroutine fit_outputs(surrogate, outputs, fit, only_ratio)
+   !> k(landmark, x) at points or samples.
+   subroutine rows_of(surrogate, x, rows)
+      type(surrogate_type), intent(in) :: surrogate
+      real(wp), intent(in), contiguous :: x(:, :)         !! (point, input) standardised
+      real(wp), allocatable, intent(out) :: rows(:, :)    !! (landmark, point)
+
+      allocate (rows(size(surrogate%landmark, 1), size(x, 1)))
+      call kernel_rows(surrogate%kernel, surrogate%landmark, x, rows)
+   end subroutine rows_of
+
+   !> Frees rows and columns of a symmetric matrix of their means.
+   pure subroutine centre_both(matrix)
+      real(wp), intent(inout) :: matrix(:, :)
+      real(wp) :: mean(size(matrix, 1)), mean_of_all
+      integer :: i
+
+      mean = sum(matrix, 1)/size(mean)
+      mean_of_all = sum(mean)/size(mean)
+      do i = 1, size(mean)
+         matrix(:, i) = matrix(:, i) - mean - (mean(i) - mean_of_all)
+      end do
+   end subroutine centre_both
+
+   pure subroutine centre_columns(matrix)
+      real(wp), intent(inout) :: matrix(:, :)
+      integer :: k
+
+      do k = 1, size(matrix, 2)
+         matrix(:, k) = matrix(:, k) - sum(matrix(:, k))/size(matrix, 1)
+      end do
+   end subroutine centre_columns
+
+   !> The leading eigenvectors, the largest first; a centred matrix has one less than it has rows.
+   subroutine find_leading(matrix, vector, eigenvalue, error)
+      real(wp), intent(inout), contiguous :: matrix(:, :)   !! symmetric; on return of no use
+      real(wp), allocatable, intent(out) :: vector(:, :)    !! (row, eigenvalue)
+      real(wp), allocatable, intent(out) :: eigenvalue(:)
+      type(error_type), allocatable, intent(out) :: error
+      real(wp) :: ascending(size(matrix, 1))
+      integer :: n, rank
+
+      n = size(matrix, 1)
+      call find_symmetric_eigenvectors(matrix, ascending, error)
+      if (allocated(error)) return
+      rank = min(n - 1, count(ascending > smallest_eigenvalue*ascending(n)))
+      vector = matrix(:, n:n - rank + 1:-1)
+      eigenvalue = ascending(n:n - rank + 1:-1)
+   end subroutine find_leading
+
+   pure function scaled_columns(matrix, scale) result(scaled)
+      real(wp), intent(in) :: matrix(:, :), scale(:)
+      real(wp) :: scaled(size(matrix, 1), size(matrix, 2))
+      integer :: k
+
+      do k = 1, size(scale)
+         scaled(:, k) = matrix(:, k)*scale(k)
+      end do
+   end function scaled_columns
+
+   !> Features of all samples, from functions of the landmarks that are turned such that they are
+   !> orthogonal over the samples.
+   subroutine rotate(surrogate, rows, basis, eigenvalue, error)
+      type(surrogate_type), intent(inout) :: surrogate
+      real(wp), intent(in), contiguous :: rows(:, :)          !! (landmark, sample)
+      real(wp), allocatable, intent(inout) :: basis(:, :)     !! (landmark, feature)
+      real(wp), allocatable, intent(out) :: eigenvalue(:)     !! squares of the features
+      type(error_type), allocatable, intent(out) :: error
+      real(wp), allocatable :: feature(:, :), square(:, :), vector(:, :), turned(:, :)
+
+      allocate (feature(size(rows, 2), size(basis, 2)), square(size(basis, 2), size(basis, 2)))
+      call multiply(rows, basis, feature, transposes_a=.true.)
+      call centre_columns(feature)
+      call multiply(feature, feature, square, transposes_a=.true.)
+      call find_leading(square, vector, eigenvalue, error)
+      if (allocated(error)) return
+      allocate (turned(size(basis, 1), size(vector, 2)))
+      call multiply(basis, vector, turned)
+      call move_alloc(turned, basis)
+      allocate (turned(size(feature, 1), size(vector, 2)))
+      call multiply(feature, vector, turned)
+      call move_alloc(turned, surrogate%feature)
+      surrogate%offset = matmul(surrogate%offset, vector)
+   end subroutine rotate
+
+   !> Fits outputs, each with its own noise ratio.
+   subroutine fit_outputs(surrogate, outputs, fit)
       type(surrogate_type), intent(in) :: surrogate
       real(wp), intent(in), contiguous :: outputs(:, :)   !! (sample, output)
       type(fit_type), intent(out) :: fit
-      integer, intent(in), optional :: only_ratio         !! of noise_ratios
       real(wp), allocatable :: square(:, :), leverage(:, :), y(:, :), projection(:, :)
-      integer :: n, o, n_out
+      integer :: n, n_out, o
 
       n = size(outputs, 1)
       n_out = size(outputs, 2)
@@ -202,7 +313,8 @@ contains
       end do
       call multiply(surrogate%feature, y, projection, transposes_a=.true.)
       do o = 1, n_out
-         associate (ratio => noise_ratios(ratio_of(o)))
+         associate (ratio => noise_ratios(best_ratio(surrogate%eigenvalue, projection(:, o), &
+                                                     sum(y(:, o)**2), n)))
             fit%shrink(:, o) = surrogate%eigenvalue/(surrogate%eigenvalue + ratio)
          end associate
       end do
@@ -212,19 +324,6 @@ contains
       call multiply(square, fit%shrink, leverage)
       fit%residual = (y - fit%residual)/(1.0_wp - 1.0_wp/n - leverage)
       fit%predicted = outputs - fit%residual
-
-   contains
-
-      integer function ratio_of(o)
-         integer, intent(in) :: o
-
-         if (present(only_ratio)) then
-            ratio_of = only_ratio
-         else
-            ratio_of = best_ratio(surrogate%eigenvalue, projection(:, o), sum(y(:, o)**2), n)
-         end if
-      end function ratio_of
-
    end subroutine fit_outputs
 
    !> The noise ratio with the least generalised cross-validation.
@@ -243,37 +342,34 @@ contains
       best_ratio = minloc(score, 1)
    end function best_ratio
 
-   !> phi_k at points of the law.
-   subroutine features_of(surrogate, x, feature)
+   !> Averages of the features, from the same averages of kernel rows.
+   subroutine average_features(surrogate, average_row, constant, average)
       type(surrogate_type), intent(in) :: surrogate
-      real(wp), intent(in), contiguous :: x(:, :)          !! (point, input) standardised
-      real(wp), allocatable, intent(out) :: feature(:, :)  !! (point, feature)
-      real(wp), allocatable :: rows(:, :), over_eigenvalue(:, :)
-      integer :: i, k
-
-      allocate (rows(size(x, 1), size(surrogate%x, 1)))
-      allocate (feature(size(x, 1), size(surrogate%eigenvalue)))
-      allocate (over_eigenvalue, mold=surrogate%feature)
-      call kernel_rows(surrogate%kernel, x, surrogate%x, rows)
-      do i = 1, size(rows, 2)
-         rows(:, i) = rows(:, i) - surrogate%row_mean(i)
-      end do
-      do k = 1, size(feature, 2)
-         over_eigenvalue(:, k) = surrogate%feature(:, k)/surrogate%eigenvalue(k)
-      end do
-      call multiply(rows, over_eigenvalue, feature)
-   end subroutine features_of
-
-   !> G at points of the law.
-   subroutine predict(fit, feature, values)
-      type(fit_type), intent(in) :: fit
-      real(wp), intent(in), contiguous :: feature(:, :)   !! (point, feature)
-      real(wp), intent(out), contiguous :: values(:, :)   !! (point, output)
+      real(wp), intent(in), contiguous :: average_row(:, :)   !! (landmark, average)
+      real(wp), intent(in) :: constant                        !! the same average of 1
+      real(wp), intent(out), contiguous :: average(:, :)      !! (feature, average)
       integer :: o
 
-      call multiply(feature, fit%coefficient, values)
+      call multiply(surrogate%transform, average_row, average, transposes_a=.true.)
+      do o = 1, size(average, 2)
+         average(:, o) = average(:, o) - constant*surrogate%offset
+      end do
+   end subroutine average_features
+
+   !> G at points of the law.
+   subroutine predict(surrogate, fit, rows, values)
+      type(surrogate_type), intent(in) :: surrogate
+      type(fit_type), intent(in) :: fit
+      real(wp), intent(in), contiguous :: rows(:, :)      !! (landmark, point), see rows_of
+      real(wp), intent(out), contiguous :: values(:, :)   !! (point, output)
+      real(wp) :: of_row(size(rows, 1), size(values, 2))
+      integer :: o
+
+      call multiply(surrogate%transform, fit%coefficient, of_row)
+      call multiply(rows, of_row, values, transposes_a=.true.)
       do o = 1, size(values, 2)
-         values(:, o) = values(:, o) + fit%mean(o)
+         values(:, o) = values(:, o) &
+                        + (fit%mean(o) - dot_product(surrogate%offset, fit%coefficient(:, o)))
       end do
    end subroutine predict
 
