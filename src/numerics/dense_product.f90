@@ -1,20 +1,22 @@
 !> Products of a matrix with 32 columns side by side.
 !>
-!> The sums of two rows fill eight arrays of four columns, which stay in registers; x is read once
-!> for both rows. A matrix is packed by pairs of rows and padded with a row of zeros.
+!> The sums of four rows and eight columns fill eight arrays of four numbers, which stay in
+!> registers; x is read once for the four rows. A matrix is packed by four rows and padded with rows
+!> of zeros. Columns that are zero in a group of eight can be left out: no bit of y changes.
 module numerics_dense_product
    use core_kinds, only: wp
    implicit none(type, external)
    private
-   public :: packed_matrix, pack_matrix, padded_rows, product_width
+   public :: packed_matrix, pack_matrix, padded_rows, product_width, groups
 
-   integer, parameter :: lanes = 4, vectors = 4, groups = 2, rows_together = 2
-   integer, parameter :: product_width = lanes*vectors*groups
+   integer, parameter :: lanes = 4, vectors = 2, groups = 4, rows_together = 4
+   integer, parameter :: product_width = lanes*vectors*groups   !! 32: four groups of eight
 
-   !> A matrix by pairs of rows.
+   !> A matrix by fours of rows.
    type :: packed_matrix
-      integer :: n_pairs = 0, n_columns = 0
-      real(wp), allocatable :: value(:, :, :)   !! (row of the pair, column, pair)
+      integer :: n_fours = 0
+      real(wp), allocatable :: value(:, :, :)   !! (row of the four, column, four)
+      integer, allocatable :: all_columns(:, :) !! (entry, group) 1, 2, ...
    contains
       procedure :: multiply
       procedure :: multiply_add
@@ -22,7 +24,7 @@ module numerics_dense_product
 
 contains
 
-   !> n, padded to whole pairs.
+   !> n, padded to whole fours.
    elemental integer function padded_rows(n)
       integer, intent(in) :: n
 
@@ -33,12 +35,12 @@ contains
    pure function pack_matrix(a) result(packed)
       real(wp), intent(in) :: a(:, :)   !! (row, column)
       type(packed_matrix) :: packed
-      integer :: q, r
+      integer :: j, q, r
 
-      packed%n_columns = size(a, 2)
-      packed%n_pairs = padded_rows(size(a, 1))/rows_together
-      allocate (packed%value(rows_together, packed%n_columns, packed%n_pairs), source=0.0_wp)
-      do q = 1, packed%n_pairs
+      packed%n_fours = padded_rows(size(a, 1))/rows_together
+      packed%all_columns = spread([(j, j=1, size(a, 2))], 2, groups)
+      allocate (packed%value(rows_together, size(a, 2), packed%n_fours), source=0.0_wp)
+      do q = 1, packed%n_fours
          do r = 1, min(rows_together, size(a, 1) - rows_together*(q - 1))
             packed%value(r, :, q) = a(rows_together*(q - 1) + r, :)
          end do
@@ -46,87 +48,126 @@ contains
    end function pack_matrix
 
    !> y = A x. Padded rows of y become zero.
-   pure subroutine multiply(self, x, y)
+   pure subroutine multiply(self, x, y, columns, n_columns)
       class(packed_matrix), intent(in) :: self
       real(wp), intent(in) :: x(product_width, *)      !! (32, column)
       real(wp), intent(inout) :: y(product_width, *)   !! (32, padded row)
+      !> columns(:n_columns(group), group) that are not zero there; all if absent
+      integer, intent(in), optional, contiguous :: columns(:, :)
+      integer, intent(in), optional :: n_columns(groups)
 
-      call add_rows(self%n_pairs, self%n_columns, is_added=.false., a=self%value, x=x, y=y)
+      if (present(columns)) then
+         call add_rows(self, columns, n_columns, .false., x, y)
+      else
+         call add_rows(self, self%all_columns, spread(size(self%value, 2), 1, groups), .false., &
+                       x, y)
+      end if
    end subroutine multiply
 
    !> y = y + A x.
-   pure subroutine multiply_add(self, x, y)
+   pure subroutine multiply_add(self, x, y, columns, n_columns)
       class(packed_matrix), intent(in) :: self
       real(wp), intent(in) :: x(product_width, *)      !! (32, column)
       real(wp), intent(inout) :: y(product_width, *)   !! (32, padded row)
+      !> columns(:n_columns(group), group) that are not zero there; all if absent
+      integer, intent(in), optional, contiguous :: columns(:, :)
+      integer, intent(in), optional :: n_columns(groups)
 
-      call add_rows(self%n_pairs, self%n_columns, is_added=.true., a=self%value, x=x, y=y)
+      if (present(columns)) then
+         call add_rows(self, columns, n_columns, .true., x, y)
+      else
+         call add_rows(self, self%all_columns, spread(size(self%value, 2), 1, groups), .true., x, y)
+      end if
    end subroutine multiply_add
 
-   !> y = A x, or y + A x.
-   pure subroutine add_rows(n_pairs, n_columns, is_added, a, x, y)
-      integer, intent(in) :: n_pairs, n_columns
+   !> y = A x, or y + A x, group by group, so that one group of x stays in the cache.
+   pure subroutine add_rows(self, columns, n_columns, is_added, x, y)
+      type(packed_matrix), intent(in) :: self
+      integer, intent(in), contiguous :: columns(:, :)
+      integer, intent(in) :: n_columns(groups)
       logical, intent(in) :: is_added
-      real(wp), intent(in) :: a(rows_together, n_columns, n_pairs)
-      real(wp), intent(in) :: x(lanes, vectors, groups, n_columns)
-      real(wp), intent(inout) :: y(lanes, vectors, groups, rows_together, n_pairs)
-      real(wp), dimension(lanes) :: a1, a2, a3, a4, b1, b2, b3, b4
-      real(wp) :: x1, x2, x3, x4
-      integer :: g, j, l, q
+      real(wp), intent(in) :: x(product_width, *)
+      real(wp), intent(inout) :: y(product_width, *)
+      integer :: g
 
-      do q = 1, n_pairs
-         do g = 1, groups
-            a1 = 0.0_wp
-            a2 = 0.0_wp
-            a3 = 0.0_wp
-            a4 = 0.0_wp
-            b1 = 0.0_wp
-            b2 = 0.0_wp
-            b3 = 0.0_wp
-            b4 = 0.0_wp
-            if (is_added) then
-               !$omp simd
-               do l = 1, lanes
-                  a1(l) = y(l, 1, g, 1, q)
-                  a2(l) = y(l, 2, g, 1, q)
-                  a3(l) = y(l, 3, g, 1, q)
-                  a4(l) = y(l, 4, g, 1, q)
-                  b1(l) = y(l, 1, g, 2, q)
-                  b2(l) = y(l, 2, g, 2, q)
-                  b3(l) = y(l, 3, g, 2, q)
-                  b4(l) = y(l, 4, g, 2, q)
-               end do
-            end if
-            do j = 1, n_columns
-               !$omp simd
-               do l = 1, lanes
-                  x1 = x(l, 1, g, j)
-                  x2 = x(l, 2, g, j)
-                  x3 = x(l, 3, g, j)
-                  x4 = x(l, 4, g, j)
-                  a1(l) = a1(l) + a(1, j, q)*x1
-                  a2(l) = a2(l) + a(1, j, q)*x2
-                  a3(l) = a3(l) + a(1, j, q)*x3
-                  a4(l) = a4(l) + a(1, j, q)*x4
-                  b1(l) = b1(l) + a(2, j, q)*x1
-                  b2(l) = b2(l) + a(2, j, q)*x2
-                  b3(l) = b3(l) + a(2, j, q)*x3
-                  b4(l) = b4(l) + a(2, j, q)*x4
-               end do
+      do g = 1, groups
+         if (n_columns(g) > 0) then
+            call add_group(g, self%n_fours, size(self%value, 2), self%value, &
+                           columns(:n_columns(g), g), is_added, x, y)
+         else if (.not. is_added) then
+            y(lanes*vectors*(g - 1) + 1:lanes*vectors*g, :rows_together*self%n_fours) = 0.0_wp
+         end if
+      end do
+   end subroutine add_rows
+
+   pure subroutine add_group(g, n_fours, n_columns, a, columns, is_added, x, y)
+      integer, intent(in) :: g, n_fours, n_columns
+      real(wp), intent(in) :: a(rows_together, n_columns, n_fours)
+      integer, intent(in), contiguous :: columns(:)   !! not none
+      logical, intent(in) :: is_added
+      real(wp), intent(in) :: x(lanes, vectors, groups, *)
+      real(wp), intent(inout) :: y(lanes, vectors, groups, rows_together, *)
+      real(wp), dimension(lanes) :: a1, a2, b1, b2, c1, c2, d1, d2
+      real(wp) :: x1, x2
+      integer :: c, j, l, q
+
+      do q = 1, n_fours
+         j = columns(1)
+         !$omp simd
+         do l = 1, lanes
+            x1 = x(l, 1, g, j)
+            x2 = x(l, 2, g, j)
+            a1(l) = a(1, j, q)*x1
+            a2(l) = a(1, j, q)*x2
+            b1(l) = a(2, j, q)*x1
+            b2(l) = a(2, j, q)*x2
+            c1(l) = a(3, j, q)*x1
+            c2(l) = a(3, j, q)*x2
+            d1(l) = a(4, j, q)*x1
+            d2(l) = a(4, j, q)*x2
+         end do
+         do c = 2, size(columns)
+            j = columns(c)
+            !$omp simd
+            do l = 1, lanes
+               x1 = x(l, 1, g, j)
+               x2 = x(l, 2, g, j)
+               a1(l) = a1(l) + a(1, j, q)*x1
+               a2(l) = a2(l) + a(1, j, q)*x2
+               b1(l) = b1(l) + a(2, j, q)*x1
+               b2(l) = b2(l) + a(2, j, q)*x2
+               c1(l) = c1(l) + a(3, j, q)*x1
+               c2(l) = c2(l) + a(3, j, q)*x2
+               d1(l) = d1(l) + a(4, j, q)*x1
+               d2(l) = d2(l) + a(4, j, q)*x2
             end do
+         end do
+         if (is_added) then
+            !$omp simd
+            do l = 1, lanes
+               y(l, 1, g, 1, q) = y(l, 1, g, 1, q) + a1(l)
+               y(l, 2, g, 1, q) = y(l, 2, g, 1, q) + a2(l)
+               y(l, 1, g, 2, q) = y(l, 1, g, 2, q) + b1(l)
+               y(l, 2, g, 2, q) = y(l, 2, g, 2, q) + b2(l)
+               y(l, 1, g, 3, q) = y(l, 1, g, 3, q) + c1(l)
+               y(l, 2, g, 3, q) = y(l, 2, g, 3, q) + c2(l)
+               y(l, 1, g, 4, q) = y(l, 1, g, 4, q) + d1(l)
+               y(l, 2, g, 4, q) = y(l, 2, g, 4, q) + d2(l)
+            end do
+         else
             !$omp simd
             do l = 1, lanes
                y(l, 1, g, 1, q) = a1(l)
                y(l, 2, g, 1, q) = a2(l)
-               y(l, 3, g, 1, q) = a3(l)
-               y(l, 4, g, 1, q) = a4(l)
                y(l, 1, g, 2, q) = b1(l)
                y(l, 2, g, 2, q) = b2(l)
-               y(l, 3, g, 2, q) = b3(l)
-               y(l, 4, g, 2, q) = b4(l)
+               y(l, 1, g, 3, q) = c1(l)
+               y(l, 2, g, 3, q) = c2(l)
+               y(l, 1, g, 4, q) = d1(l)
+               y(l, 2, g, 4, q) = d2(l)
             end do
-         end do
+         end if
       end do
-   end subroutine add_rows
+   end subroutine add_group
 
 end module numerics_dense_product
