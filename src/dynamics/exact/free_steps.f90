@@ -109,29 +109,26 @@ contains
       integer, intent(inout) :: list(:)
       integer, intent(out) :: found
 
-      associate (x => paths%x, start => paths%layer, finish => paths%finish(0))
+      associate (x => paths%x, start => paths%layer(0), finish => paths%finish(0))
          select case (paths%degree)   ! a constant degree makes loops over powers straight
          case (6)
-            call finish_rows(6, paths, x(1, 1, start(0)), x(1, 1, start(1)), x(1, 1, 2), &
-                             x(1, 1, finish), list, found)
+            call finish_rows(6, paths, x(1, 1, start), x(1, 1, 2), x(1, 1, finish), list, found)
          case (7)
-            call finish_rows(7, paths, x(1, 1, start(0)), x(1, 1, start(1)), x(1, 1, 2), &
-                             x(1, 1, finish), list, found)
+            call finish_rows(7, paths, x(1, 1, start), x(1, 1, 2), x(1, 1, finish), list, found)
          case (8)
-            call finish_rows(8, paths, x(1, 1, start(0)), x(1, 1, start(1)), x(1, 1, 2), &
-                             x(1, 1, finish), list, found)
+            call finish_rows(8, paths, x(1, 1, start), x(1, 1, 2), x(1, 1, finish), list, found)
          case default
-            call finish_rows(paths%degree, paths, x(1, 1, start(0)), x(1, 1, start(1)), &
-                             x(1, 1, 2), x(1, 1, finish), list, found)
+            call finish_rows(paths%degree, paths, x(1, 1, start), x(1, 1, 2), x(1, 1, finish), &
+                             list, found)
          end select
       end associate
    end subroutine finish_part
 
    !> Rows two at a time: their suspects are the bits of one word.
-   subroutine finish_rows(degree, paths, x0, x1, x, finish, list, found)
+   subroutine finish_rows(degree, paths, start, x, finish, list, found)
       integer, value :: degree
       type(joint_paths), intent(in) :: paths
-      real(wp), intent(in), dimension(width, paths%top) :: x0, x1
+      real(wp), intent(in) :: start(width, paths%top, 0:1)   !! powers 0 and 1
       real(wp), intent(in) :: x(width, paths%top, 2:degree)
       real(wp), intent(inout) :: finish(width, paths%top, 0:1)
       integer, intent(inout) :: list(:)
@@ -142,9 +139,10 @@ contains
       found = 0
       last = paths%first(paths%n_rows + 1) - 1
       do first = 1, last, 2
-         call finish_row(degree, paths, first, x0, x1, x, paths%regime, finish, pair)
+         call finish_row(degree, paths, first, start, x, paths%regime, paths%slack, finish, pair)
          if (first < last) then
-            call finish_row(degree, paths, first + 1, x0, x1, x, paths%regime, finish, word)
+            call finish_row(degree, paths, first + 1, start, x, paths%regime, paths%slack, finish, &
+                            word)
             pair = ior(pair, shiftl(word, width))
          end if
          do while (pair /= 0_long)
@@ -159,14 +157,15 @@ contains
 
    !> A path leaves its chord by at most max |x''|/8 <= sum k (k - 1)/8 |x_k|, a velocity by sum k
    !> (k - 1)(k - 2)/8 |x_k| (3); the guards of the chords have their least values at its ends.
-   subroutine finish_row(degree, paths, entry, x0, x1, x, regime, finish, word)
+   subroutine finish_row(degree, paths, entry, start, x, regime, slack, finish, word)
       integer, value :: degree
       type(joint_paths), intent(in) :: paths
       integer, intent(in) :: entry
-      real(wp), intent(in), dimension(width, paths%top) :: x0, x1
+      real(wp), intent(in) :: start(width, paths%top, 0:1)   !! powers 0 and 1
       real(wp), intent(in) :: x(width, paths%top, 2:degree)
       real(wp), intent(in) :: regime(width, paths%n_joints + 1, 6)
       real(wp), intent(inout) :: finish(width, paths%top, 0:1)
+      real(wp), intent(inout) :: slack(width, paths%n_joints + 1)
       integer(long), intent(out) :: word   !! a bit for every lane whose joint is suspect
       real(wp) :: offset, path, turn, velocity
       integer :: i, j, k, l
@@ -183,16 +182,18 @@ contains
             velocity = velocity + k*x(l, i, k)
             turn = turn + (0.125_wp*k*(k - 1)*(k - 2))*abs(x(l, i, k))
          end do
-         path = x0(l, i) + (x1(l, i) + (x(l, i, 2) + path))
-         velocity = x1(l, i) + (2.0_wp*x(l, i, 2) + velocity)
+         path = start(l, i, 0) + (start(l, i, 1) + (x(l, i, 2) + path))
+         velocity = start(l, i, 1) + (2.0_wp*x(l, i, 2) + velocity)
          finish(l, i, 0) = path
          finish(l, i, 1) = velocity
-         offset = max(abs(x0(l, i) - regime(l, j, layer_slider)), &
+         offset = max(abs(start(l, i, 0) - regime(l, j, layer_slider)), &
                       abs(path - regime(l, j, layer_slider)))
          offset = regime(l, j, layer_hold) - offset - 0.25_wp*abs(x(l, i, 2))
-         velocity = min(regime(l, j, layer_side)*x1(l, i), regime(l, j, layer_side)*velocity) &
-                    + regime(l, j, layer_lift)
-         word = ior(word, merge(bit(l), 0_long, min(offset, velocity) - turn < 0.0_wp))
+         velocity = min(regime(l, j, layer_side)*start(l, i, 1), &
+                        regime(l, j, layer_side)*velocity) + regime(l, j, layer_lift)
+         offset = min(offset, velocity) - turn
+         if (paths%keeps_slack) slack(l, j) = offset
+         word = ior(word, merge(bit(l), 0_long, offset < 0.0_wp))
       end do
    end subroutine finish_row
 

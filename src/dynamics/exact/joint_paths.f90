@@ -41,6 +41,9 @@ module dynamics_exact_joint_paths
       !> its row's equation, 0 without friction; what finish_part adds to the guards, see `watch`.
       !> The last joint is none: it is never suspect
       real(wp), pointer, contiguous :: regime(:, :, :) => null()
+      logical :: keeps_slack = .false.
+      !> (lane, joint) where it is kept: lower bound of its guard in the part; suspects: negative
+      real(wp), pointer, contiguous :: slack(:, :) => null()
       real(wp), pointer, contiguous :: stiffness(:, :) => null()     !! (lane, row) of stuck joints
       real(wp), pointer, contiguous :: pull(:, :) => null()          !! (lane, row) force at x = 0
       real(wp), allocatable :: base(:)          !! (row) stiffness without joints
@@ -99,7 +102,7 @@ contains
 
       rows = self%n_rows + merge(1, 0, modulo(self%n_rows, 2) == 0)   ! layers not 4096 bytes apart
       self%top = rows
-      associate (many => rows*(degree + 5) + 6*(self%n_joints + 1))
+      associate (many => rows*(degree + 5) + 7*(self%n_joints + 1))
          allocate (self%memory(width*many + 8), source=0.0_wp)
       end associate
       begin = first_aligned(self%memory)
@@ -111,6 +114,8 @@ contains
       call c_f_pointer(c_loc(self%memory(begin)), self%pull, [width, rows])
       begin = begin + width*rows
       call c_f_pointer(c_loc(self%memory(begin)), self%regime, [width, self%n_joints + 1, 6])
+      begin = begin + size(self%regime)
+      call c_f_pointer(c_loc(self%memory(begin)), self%slack, [width, self%n_joints + 1])
    end subroutine start
 
    !> Gives the memory back; the next march starts anew.

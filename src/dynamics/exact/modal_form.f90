@@ -15,14 +15,14 @@ module dynamics_exact_modal_form
    use dynamics_exact_joint_paths, only: layer_reach, layer_side, layer_slider, layer_spring, width
    use dynamics_exact_modal_lane, only: lane_paths
    use dynamics_exact_modal_operators, only: modal_operators, new_modal_operators
-   use dynamics_exact_modal_steps, only: follow, integrate_motion, mask, put_free_paths, rotate, &
-                                         take_motion
+   use dynamics_exact_modal_sliders, only: moving_sliders
+   use dynamics_exact_modal_steps, only: put_free_paths, rotate, take_motion
    use dynamics_exact_modal_terms, only: path_degree
    use dynamics_exact_transitions, only: transition_group
    use dynamics_joint, only: enter_transition, slip_direction
    use dynamics_alignment, only: first_aligned
    use dynamics_response, only: block_state
-   use numerics_dense_product, only: padded_rows
+   use numerics_dense_product, only: groups, padded_rows
    use structure_model, only: structure_type
    implicit none(type, external)
    private
@@ -37,9 +37,7 @@ module dynamics_exact_modal_form
       real(wp), pointer, contiguous :: pushed(:, :) => null()      !! (lane, mode) by sliders: S z
       real(wp), pointer, contiguous :: taken(:, :, :) => null()    !! (lane, mode, 0:moment) S I
       real(wp), pointer, contiguous :: value(:, :, :) => null()    !! (lane, joint, 1:4) G ahead
-      real(wp), pointer, contiguous :: motion(:, :, :) => null()   !! (.., 1:4) sliders, by powers
-      real(wp), pointer, contiguous :: moves(:, :) => null()       !! (lane, joint) 1: slider moves
-      real(wp), pointer, contiguous :: moments(:, :, :) => null()  !! (.., 0:moment) of sliders
+      type(moving_sliders) :: sliders
       !> (lane, force, power) where a ledger is kept
       real(wp), allocatable, private :: force(:, :, :)
       real(wp), pointer, contiguous, private :: memory(:) => null()
@@ -81,12 +79,14 @@ contains
       class(modal_form), intent(inout) :: self
       integer :: at, j, last
 
+      call self%sliders%start(self%operators%n_joints, self%m_padded, self%operators%n_moments)
       call self%paths%start(path_degree, [(0.0_wp, j=1, self%m_padded)], &
                             [(j, j=1, self%operators%n_joints)], &
                             [(1.0_wp, j=1, self%operators%n_joints)])
+      self%paths%keeps_slack = .true.
       if (associated(self%memory)) deallocate (self%memory)
       last = self%operators%n_moments
-      allocate (self%memory(width*((9 + last)*self%n_padded + (10 + last)*self%m_padded) + 8), &
+      allocate (self%memory(width*((9 + last)*self%n_padded + 4*self%m_padded) + 8), &
                 source=0.0_wp)
       at = first_aligned(self%memory)
       call c_f_pointer(c_loc(self%memory(at)), self%now, [width, self%n_padded, 3])
@@ -98,19 +98,8 @@ contains
       call c_f_pointer(c_loc(self%memory(at)), self%taken, [width, self%n_padded, last + 1])
       self%taken(1:, 1:, 0:) => self%taken
       at = at + size(self%taken)
-      if (self%m_padded == 0) then
-         allocate (self%moves(width, 0), self%value(width, 0, 4), self%motion(width, 0, 4), &
-                   self%moments(width, 0, 0:last))
-         return
-      end if
-      call c_f_pointer(c_loc(self%memory(at)), self%value, [width, self%m_padded, 4])
-      at = at + size(self%value)
-      call c_f_pointer(c_loc(self%memory(at)), self%moves, [width, self%m_padded])
-      at = at + size(self%moves)
-      call c_f_pointer(c_loc(self%memory(at)), self%motion, [width, self%m_padded, 4])
-      at = at + size(self%motion)
-      call c_f_pointer(c_loc(self%memory(at)), self%moments, [width, self%m_padded, last + 1])
-      self%moments(1:, 1:, 0:) => self%moments
+      call c_f_pointer(c_loc(self%memory(min(at, size(self%memory)))), self%value, &
+                       [width, self%m_padded, 4])
    end subroutine begin
 
    !> Takes what `give` has kept where displacements, velocities and step are as it left them.
@@ -124,6 +113,7 @@ contains
       m = self%operators%n_joints
       self%now = 0.0_wp
       self%pushed = 0.0_wp
+      self%sliders%has_switched = .true.   ! regimes are given
       associate (x => self%paths%x, layer => self%paths%layer)
          x = 0.0_wp
          do l = 1, self%paths%n_samples
@@ -206,57 +196,35 @@ contains
       m = self%m_padded
       if (self%keeps_ledger) self%force = force
       if (self%operators%decouples) then
-         call rotate(n, self%operators%rotation, self%operators%load, force, self%now, &
+         call rotate(n, merge(4, self%operators%n_reads, self%keeps_ledger), &
+                     self%operators%rotation, self%operators%load, force, self%now, &
                      self%pushed, self%ahead)
       else
-         call propagate(self, force)
+         call self%operators%propagate(force, self%pushed, self%now, self%ahead)
       end if
       do i = 1, self%operators%n_reads
          call self%operators%read%multiply(self%ahead(:, :, i), self%value(:, :, i))
       end do
       associate (x => self%paths%x, v => self%paths%layer(1), u => self%paths%layer(0), &
-                 regime => self%paths%regime, motion => self%motion)
+                 regime => self%paths%regime, sliders => self%sliders)
          call put_free_paths(m, size(x, 2), self%operators%n_reads, self%value, x(:, :, u), &
                              x(:, :, v), x(:, :, 2:6))
-         call follow(self%operators%n_joints, regime(:, :, layer_side), &
-                     regime(:, :, layer_spring), self%moves)
-         call mask(m, self%moves, x(:, :, v), motion(:, :, 1))
-         call mask(m, self%moves, x(:, :, 2), motion(:, :, 2))
+         call sliders%follow(regime(:, :, layer_side), regime(:, :, layer_spring))
+         call sliders%mask(1, x(:, :, v))
+         call sliders%mask(2, x(:, :, 2))
          do k = 3, path_degree
             associate (first => self%operators%first_power(k))
                if (first <= k - 2) &
-                  call self%operators%answer(k)%multiply_add(motion(:, :, first:), x(:, :, k))
+                  call self%operators%answer(k)%multiply_add(sliders%motion(:, :, first:), &
+                                                             x(:, :, k), sliders%moved, &
+                                                             (k - 1 - first)*sliders%n_moved)
             end associate
-            if (k <= 4) call mask(m, self%moves, x(:, :, k), motion(:, :, k))
+            if (k <= 4) call sliders%mask(k, x(:, :, k))
          end do
-         call integrate_motion(m, size(x, 2), self%operators%n_moments, self%moves, x(:, :, v), &
-                               x(:, :, 2:6), self%moments)
+         call sliders%integrate_motion(size(x, 2), x(:, :, v), x(:, :, 2:6))
       end associate
       call finish_part(self%paths, list, found)
    end subroutine run_part
-
-   !> All modes together (M3).
-   subroutine propagate(self, force)
-      class(modal_form), intent(inout) :: self
-      real(wp), intent(in) :: force(:, :, 0:)
-      integer :: f, r, row
-
-      do r = 1, self%operators%n_modes
-         self%now(:, r, 3) = self%pushed(:, r)
-         do f = 1, self%n_forces
-            self%now(:, r, 3) = self%now(:, r, 3) + self%operators%load(r, f)*force(:, f, 0)
-         end do
-      end do
-      call self%operators%propagator%multiply(self%now, self%ahead)
-      do f = 1, self%n_forces
-         do r = 1, 4
-            do row = 1, self%n_padded
-               self%ahead(:, row, r) = self%ahead(:, row, r) + force(:, f, 1)* &
-                                       self%operators%rise((r - 1)*self%n_padded + row, f)
-            end do
-         end do
-      end do
-   end subroutine propagate
 
    !> Never called: joints act on each other, so no joint is local.
    subroutine correct(self, group, entry)
@@ -275,74 +243,96 @@ contains
       real(wp), intent(in) :: begin
       type(block_state), intent(inout) :: state
       type(error_type), allocatable, intent(out) :: error
-      real(wp) :: first, power, slope, value
-      integer :: j, k, m, round
+      real(wp) :: first
+      integer :: round
 
-      m = self%operators%n_joints
-      associate (paths => self%lane, x => self%paths%x, regime => self%paths%regime)
-         if (.not. allocated(paths%side)) call paths%start(m, self%operators%n_moments)
-         do j = 1, m
-            paths%side(j) = regime(lane, j, layer_side)
-            paths%slider(j) = regime(lane, j, layer_slider)
-            paths%reach(j) = regime(lane, j, layer_reach)
-            paths%follows(j) = self%moves(lane, j)
-            do k = 0, path_degree
-               paths%path(j, k) = x(lane, j, self%paths%layer(k))
-            end do
-            paths%moments(j, :) = self%moments(lane, j, :)
-         end do
-         paths%left = 1.0_wp
+      associate (paths => self%lane)
+         if (.not. allocated(paths%slack)) call paths%start(self%operators%n_joints, &
+                                                            self%operators%n_moments)
+         call paths%begin(self%paths%slack(lane, :self%operators%n_joints), &
+                          self%sliders%moves(lane, :self%operators%n_joints))
          do round = 0, self%max_transitions
+            call adopt_suspects(paths)
             call paths%find_crossings()
-            first = minval(paths%crossing)
+            first = minval(paths%crossing(:paths%n_suspects))
             if (.not. first < no_crossing) exit
             call paths%move_on(first)
-            call switch_joints(paths)
+            call switch_suspects(paths)
          end do
          if (round > self%max_transitions) then
-            call raise_too_many(self, minloc(paths%crossing, 1), lane, begin, error)
+            call raise_too_many(self, paths%suspect(minloc(paths%crossing(:paths%n_suspects), 1)), &
+                                lane, begin, error)
             return
          end if
-         do j = 1, m
-            self%moments(lane, j, :) = paths%moments(j, :)
-            value = 0.0_wp
-            slope = 0.0_wp
-            power = paths%left
-            do k = path_degree, 0, -1
-               slope = slope*power + value
-               value = value*power + paths%path(j, k)
-            end do
-            x(lane, j, self%paths%finish(0)) = value
-            x(lane, j, self%paths%finish(1)) = slope
-         end do
+         if (round > 0) call put_changes(paths)
       end associate
 
    contains
 
-      !> All joints that cross now, in their order.
-      subroutine switch_joints(paths)
+      !> Joints whose guards may have a zero.
+      subroutine adopt_suspects(paths)
+         type(lane_paths), intent(inout) :: paths
+         real(wp) :: path(0:path_degree)
+         integer :: j, k
+
+         do j = 1, self%operators%n_joints
+            if (paths%slack(j) > 0.0_wp) cycle
+            do k = 0, path_degree
+               path(k) = self%paths%x(lane, j, self%paths%layer(k))
+            end do
+            associate (regime => self%paths%regime(lane, j, :))
+               call paths%adopt(j, path, regime(layer_side), regime(layer_slider), &
+                                regime(layer_reach))
+            end associate
+         end do
+      end subroutine adopt_suspects
+
+      !> All suspects that cross now, in their order.
+      subroutine switch_suspects(paths)
          type(lane_paths), intent(inout) :: paths
          real(wp), parameter :: same_instant = 1.0e-12_wp   ! rounding of sliders over velocity
          real(wp) :: time
-         integer :: direction, i, sample
+         integer :: direction, e, i, sample
 
          sample = self%paths%first_sample + lane - 1
          time = (begin + 1.0_wp - paths%left)*self%h
-         do i = 1, m
-            if (paths%crossing(i) > first + same_instant) cycle
-            associate (place => paths%path(i, 0))
-               if (abs(paths%side(i)) > 0.0_wp) then
-                  direction = nint(paths%side(i))
+         do e = 1, paths%n_suspects
+            if (paths%crossing(e) > first + same_instant) cycle
+            i = paths%suspect(e)
+            associate (place => paths%path(0, e))
+               if (abs(paths%side(e)) > 0.0_wp) then
+                  direction = nint(paths%side(e))
                   call enter_transition(state, i, sample, time, place, 0)
                else
-                  direction = slip_direction(paths%path(i, 1))
+                  direction = slip_direction(paths%path(1, e))
                   call enter_transition(state, i, sample, time, place, direction)
                end if
                call self%paths%switch(lane, i, direction, place)
             end associate
-            call paths%switch_slider(self%operators, i, real(direction, wp))
+            call self%sliders%switch(i, lane)
+            call paths%switch_slider(self%operators, e, real(direction, wp))
          end do
-      end subroutine switch_joints
+      end subroutine switch_suspects
+
+      !> Adds to the ends of paths and to the sliders' integrals.
+      subroutine put_changes(paths)
+         type(lane_paths), intent(in) :: paths
+         real(wp) :: place, velocity
+         integer :: j, s
+
+         associate (x => self%paths%x, finish => self%paths%finish)
+            do j = 1, self%operators%n_joints
+               call paths%end_changes(j, place, velocity)
+               x(lane, j, finish(0)) = x(lane, j, finish(0)) + place
+               x(lane, j, finish(1)) = x(lane, j, finish(1)) + velocity
+               if (.not. self%sliders%has_moved(1 + (lane - 1)*groups/width, j)) cycle
+               do s = 0, self%operators%n_moments
+                  self%sliders%moments(lane, j, s) = self%sliders%moments(lane, j, s) &
+                                                     + paths%moments(j, s)
+               end do
+            end do
+         end associate
+      end subroutine put_changes
 
    end subroutine redo
 
@@ -352,13 +342,17 @@ contains
 
       if (self%operators%decouples) then
          if (.not. self%keeps_ledger) call form_taken(self)
-         call take_motion(self%n_padded, self%operators%n_moments, self%operators%weight, &
-                          self%ahead, self%taken, self%now)
-         self%pushed = self%pushed + self%taken(:, :, 0)
+         call take_motion(self%n_padded, self%operators%weight, self%ahead, self%taken, self%now, &
+                          self%pushed)
       else
-         call self%operators%push%multiply_add(self%moments(:, :, 0), self%pushed)
-         self%now(:, :, 1:2) = self%ahead(:, :, 1:2)
-         call self%operators%kick%multiply_add(self%moments, self%now)
+         call self%sliders%list_moved()
+         associate (sliders => self%sliders, many => self%operators%n_moments + 1)
+            call self%operators%push%multiply_add(sliders%moments, self%pushed, sliders%moved, &
+                                                  sliders%n_moved)
+            self%now(:, :, 1:2) = self%ahead(:, :, 1:2)
+            call self%operators%kick%multiply_add(sliders%moments, self%now, sliders%moved, &
+                                                  many*sliders%n_moved)
+         end associate
       end if
       call self%paths%exchange_ends()
    end subroutine go_on
@@ -392,8 +386,10 @@ contains
       class(modal_form), intent(inout) :: self
       integer :: k
 
+      call self%sliders%list_moved()
       do k = 0, self%operators%n_moments
-         call self%operators%push%multiply(self%moments(:, :, k), self%taken(:, :, k))
+         call self%operators%push%multiply(self%sliders%moments(:, :, k), self%taken(:, :, k), &
+                                           self%sliders%moved, self%sliders%n_moved)
       end do
    end subroutine form_taken
 

@@ -1,9 +1,11 @@
-!> Transitions of one sample within a part of a step, in the modal form: paths of all its joints,
-!> one transition after another, and the integrals of its sliders' motion that the modes need.
+!> Transitions of one sample within a part of a step, in the modal form: one after another, what
+!> they change in the paths of its joints, and the integrals of its sliders' motion that the modes
+!> need.
 !>
 !> A joint that changes its regime moves its slider otherwise than before: by what it slips from
 !> then on, or back by what it would have slipped. That motion changes the paths of all joints (M5)
-!> and, with them, the motion of the sliders of all that slip.
+!> and, with them, the motion of the sliders of all that slip. Only suspects are followed; another
+!> joint becomes one when the changes may exceed the slack of its guard (M10).
 module dynamics_exact_modal_lane
    use core_kinds, only: wp
    use dynamics_exact_guard_zeros, only: first_transition, no_crossing
@@ -20,134 +22,209 @@ module dynamics_exact_modal_lane
 
    !> Joints of one sample; time runs from the last transition, in parts.
    type :: lane_paths
-      real(wp), allocatable :: path(:, :)      !! (joint, power from 0)
-      real(wp), allocatable :: side(:)         !! (joint) direction of slip, 0 stuck
-      real(wp), allocatable :: slider(:)       !! (joint) z of a stuck joint [m]
-      real(wp), allocatable :: reach(:)        !! (joint) mu N/k [m]
-      real(wp), allocatable :: follows(:)      !! (joint) 1 where the slider moves with the joint
-      real(wp), allocatable :: moments(:, :)   !! (joint, 0:moments): slider's motion, its integrals
-      real(wp), allocatable :: crossing(:)     !! (joint) time of its next transition
-      real(wp) :: left = 1.0_wp                !! of the part
+      integer :: n_suspects = 0
+      integer, allocatable :: suspect(:)        !! (entry) joint
+      real(wp), allocatable :: path(:, :)       !! (power from 0, entry)
+      real(wp), allocatable :: side(:)          !! (entry) direction of slip, 0 stuck
+      real(wp), allocatable :: slider(:)        !! (entry) z of a stuck joint [m]
+      real(wp), allocatable :: reach(:)         !! (entry) mu N/k [m]
+      real(wp), allocatable :: crossing(:)      !! (entry) time of its next transition
+      real(wp), allocatable :: change(:, :)     !! (joint, power from 0) of paths by transitions
+      real(wp), allocatable :: slack(:)         !! (joint) lower bound of its guard
+      real(wp), allocatable :: follows(:)       !! (joint) 1 where the slider moves with the joint
+      real(wp), allocatable :: moments(:, :)    !! (joint, 0:moments) added to sliders' integrals
+      !> (joint, power from 1) room for what moves otherwise; (joint) for answers and their bound
+      real(wp), allocatable, private :: motion(:, :), answer(:), bound(:)
+      real(wp) :: left = 1.0_wp                 !! of the part
    contains
       procedure :: start
+      procedure :: begin
+      procedure :: adopt
       procedure :: find_crossings
       procedure :: move_on
       procedure :: switch_slider
+      procedure :: end_changes
       procedure, private :: add_moments
    end type lane_paths
 
 contains
 
    !> Gets memory.
-   subroutine start(self, n_joints, n_moments)
+   pure subroutine start(self, n_joints, n_moments)
       class(lane_paths), intent(inout) :: self
       integer, intent(in) :: n_joints, n_moments
 
-      allocate (self%path(n_joints, 0:path_degree), self%moments(n_joints, 0:n_moments))
-      allocate (self%side(n_joints), self%slider(n_joints), self%reach(n_joints), &
-                self%follows(n_joints), self%crossing(n_joints))
+      allocate (self%path(0:path_degree, n_joints), self%change(n_joints, 0:path_degree))
+      allocate (self%moments(n_joints, 0:n_moments), self%motion(n_joints, path_degree))
+      allocate (self%answer(n_joints), self%bound(n_joints))
+      allocate (self%suspect(n_joints), self%side(n_joints), self%slider(n_joints), &
+                self%reach(n_joints), self%crossing(n_joints), self%slack(n_joints), &
+                self%follows(n_joints))
    end subroutine start
 
-   !> Next transition of each joint in what is left of the part. Guards that cannot reach zero, by
-   !> the bounds (3), are not looked at.
-   subroutine find_crossings(self)
+   !> The start of a part: no suspects, no changes.
+   pure subroutine begin(self, slack, follows)
       class(lane_paths), intent(inout) :: self
-      real(wp) :: bend, finish, least(size(self%side)), rest, speed, turn, weight(path_degree, 4)
-      real(wp) :: path(0:path_degree), power
-      real(wp), parameter :: margin = 1.0e-6_wp   !! as (5)
-      integer :: j, k
+      real(wp), intent(in) :: slack(:), follows(:)   !! (joint)
 
-      power = 1.0_wp
-      do k = 1, path_degree
-         weight(k, 1) = power*self%left
-         weight(k, 2) = k*power
-         weight(k, 3) = 0.125_wp*k*(k - 1)*weight(k, 1)
-         weight(k, 4) = 0.125_wp*k*(k - 1)*(k - 2)*power
-         power = power*self%left
-      end do
-      do j = 1, size(self%side)
-         finish = self%path(j, 0)
-         speed = 0.0_wp
-         bend = 0.0_wp
-         turn = 0.0_wp
-         do k = 1, path_degree
-            finish = finish + weight(k, 1)*self%path(j, k)
-            speed = speed + weight(k, 2)*self%path(j, k)
-            bend = bend + weight(k, 3)*abs(self%path(j, k))
-            turn = turn + weight(k, 4)*abs(self%path(j, k))
-         end do
-         rest = max(abs(self%path(j, 0) - self%slider(j)), abs(finish - self%slider(j)))
-         bend = self%reach(j)*(1.0_wp - margin) - bend - rest
-         turn = min(self%side(j)*self%path(j, 1), self%side(j)*speed) - turn - margin*self%reach(j)
-         least(j) = merge(turn, bend, abs(self%side(j)) > 0.0_wp)
-      end do
-      do j = 1, size(self%side)
-         self%crossing(j) = no_crossing
-         if (least(j) > 0.0_wp) cycle
-         path = self%path(j, :)
-         self%crossing(j) = first_transition(path, self%side(j), self%slider(j), self%reach(j), &
-                                             self%left)
+      self%n_suspects = 0
+      self%left = 1.0_wp
+      self%change = 0.0_wp
+      self%moments = 0.0_wp
+      self%slack = slack
+      self%follows = follows
+   end subroutine begin
+
+   !> Follows a joint from now on, whose path was given at the start of the part.
+   pure subroutine adopt(self, joint, path, side, slider, reach)
+      class(lane_paths), intent(inout) :: self
+      integer, intent(in) :: joint
+      real(wp), intent(in) :: path(0:path_degree)
+      real(wp), intent(in) :: side, slider, reach
+
+      self%n_suspects = self%n_suspects + 1
+      associate (e => self%n_suspects)
+         self%suspect(e) = joint
+         self%side(e) = side
+         self%slider(e) = slider
+         self%reach(e) = reach
+         self%path(:, e) = path
+         call shift(self%path(:, e), 1.0_wp - self%left)
+         self%path(:, e) = self%path(:, e) + self%change(joint, :)
+      end associate
+      self%slack(joint) = huge(1.0_wp)
+   end subroutine adopt
+
+   !> Next transition of each suspect in what is left of the part.
+   pure subroutine find_crossings(self)
+      class(lane_paths), intent(inout) :: self
+      integer :: e
+
+      do e = 1, self%n_suspects
+         self%crossing(e) = first_transition(self%path(:, e), self%side(e), self%slider(e), &
+                                             self%reach(e), self%left)
       end do
    end subroutine find_crossings
 
    !> Moves the origin of time on.
-   subroutine move_on(self, span)
+   pure subroutine move_on(self, span)
       class(lane_paths), intent(inout) :: self
       real(wp), intent(in) :: span
-      integer :: k, m
+      integer :: e, k, m
 
-      if (span > 0.0_wp) then
+      do e = 1, self%n_suspects
+         call shift(self%path(:, e), span)
+      end do
+      if (self%left < 1.0_wp) then
          do m = 0, path_degree - 1
             do k = path_degree - 1, m, -1
-               self%path(:, k) = self%path(:, k) + span*self%path(:, k + 1)
+               self%change(:, k) = self%change(:, k) + span*self%change(:, k + 1)
             end do
          end do
       end if
       self%left = self%left - span
    end subroutine move_on
 
-   !> Joint i changes its regime now: its slider begins to move with it (towards `way`), or stops.
-   subroutine switch_slider(self, operators, i, way)
-      class(lane_paths), intent(inout) :: self
-      type(modal_operators), intent(in) :: operators
-      integer, intent(in) :: i
-      real(wp), intent(in) :: way   !! +1 or -1
-      real(wp) :: motion(size(self%side), path_degree)   ! what moves otherwise than before
-      real(wp) :: share
-      integer :: d, e, j, k, u
+   !> A polynomial about a later time.
+   pure subroutine shift(path, span)
+      real(wp), intent(inout) :: path(0:path_degree)
+      real(wp), intent(in) :: span
+      integer :: k, m
 
-      motion = 0.0_wp
-      if (abs(self%side(i)) > 0.0_wp) then
-         self%path(i, 1) = 0.0_wp
-         self%slider(i) = self%path(i, 0) - way*self%reach(i)
-         motion(i, :) = -self%path(i, 1:)
-         self%side(i) = 0.0_wp
-         self%follows(i) = 0.0_wp
-      else
-         motion(i, :) = self%path(i, 1:)
-         self%side(i) = way
-         self%follows(i) = 1.0_wp
-      end if
-      do k = 3, path_degree
-         do e = max(operators%first_power(k), k - 1 - n_markov), k - 2
-            d = k - 2 - e
-            do j = 1, size(self%side)
-               if (e < 3 .and. j /= i) cycle   ! the others answer from power 3 on
-               if (.not. abs(motion(j, e)) > 0.0_wp) cycle
-               share = motion(j, e)*(factorial(e)/factorial(k))
-               do u = 1, size(self%side)
-                  self%path(u, k) = self%path(u, k) + operators%markov(u, j, d)*share
-                  motion(u, k) = motion(u, k) + self%follows(u)*(operators%markov(u, j, d)*share)
-               end do
-            end do
+      do m = 0, path_degree - 1
+         do k = path_degree - 1, m, -1
+            path(k) = path(k) + span*path(k + 1)
          end do
       end do
-      call self%add_moments(motion)
+   end subroutine shift
+
+   !> A suspect changes its regime now: its slider begins to move with it (towards `way`), or stops.
+   pure subroutine switch_slider(self, operators, entry, way)
+      class(lane_paths), intent(inout) :: self
+      type(modal_operators), intent(in) :: operators
+      integer, intent(in) :: entry
+      real(wp), intent(in) :: way   !! +1 or -1
+      real(wp) :: power
+      integer :: d, e, i, j, k, m, s
+
+      m = size(self%slack)
+      associate (motion => self%motion, answer => self%answer, bound => self%bound)
+         motion = 0.0_wp
+         i = self%suspect(entry)
+         if (abs(self%side(entry)) > 0.0_wp) then
+            self%path(1, entry) = 0.0_wp
+            self%slider(entry) = self%path(0, entry) - way*self%reach(entry)
+            motion(i, :) = -self%path(1:, entry)
+            self%side(entry) = 0.0_wp
+            self%follows(i) = 0.0_wp
+         else
+            motion(i, :) = self%path(1:, entry)
+            self%side(entry) = way
+            self%follows(i) = 1.0_wp
+         end if
+         bound = 0.0_wp
+         power = self%left
+         do k = 3, path_degree
+            power = power*self%left
+            if (operators%first_power(k) > k - 2) cycle
+            answer = 0.0_wp
+            do e = max(operators%first_power(k), k - 1 - n_markov), k - 2
+               d = k - 2 - e
+               do j = merge(i, 1, e < 3), merge(i, m, e < 3)   ! the others answer from power 3 on
+                  if (abs(motion(j, e)) > 0.0_wp) &
+                     call add_answer(m, operators%markov(1, j, d), &
+                                     motion(j, e)*(factorial(e)/factorial(k)), answer)
+               end do
+            end do
+            call take_answer(m, k*power, answer, self%follows, motion(1, k), self%change(1, k), &
+                             bound)
+            do s = 1, self%n_suspects
+               self%path(k, s) = self%path(k, s) + answer(self%suspect(s))
+            end do
+         end do
+         self%slack = self%slack - bound
+         call self%add_moments(motion)
+      end associate
    end subroutine switch_slider
+
+   pure subroutine add_answer(m, markov, share, answer)
+      integer, intent(in) :: m
+      real(wp), intent(in) :: markov(m), share
+      real(wp), intent(inout) :: answer(m)
+
+      answer = answer + markov*share
+   end subroutine add_answer
+
+   !> One power of the answers goes to the sliders that follow, the paths, and the bound of changes
+   !> of velocities, and so of paths.
+   pure subroutine take_answer(m, weight, answer, follows, motion, change, bound)
+      integer, intent(in) :: m
+      real(wp), intent(in) :: weight, answer(m), follows(m)
+      real(wp), intent(inout), dimension(m) :: motion, change, bound
+
+      motion = motion + follows*answer
+      change = change + answer
+      bound = bound + weight*abs(answer)
+   end subroutine take_answer
+
+   !> Changes of the path and of the velocity of a joint at the end of the part.
+   pure subroutine end_changes(self, joint, place, velocity)
+      class(lane_paths), intent(in) :: self
+      integer, intent(in) :: joint
+      real(wp), intent(out) :: place, velocity
+      integer :: k
+
+      place = self%change(joint, path_degree)
+      velocity = 0.0_wp
+      do k = path_degree - 1, 0, -1
+         velocity = velocity*self%left + place
+         place = place*self%left + self%change(joint, k)
+      end do
+   end subroutine end_changes
 
    !> Adds a motion of the sliders from now on to their integrals at the end of the part: I_s of t^k
    !> is k!/(k + s)! t^(k + s).
-   subroutine add_moments(self, motion)
+   pure subroutine add_moments(self, motion)
       class(lane_paths), intent(inout) :: self
       real(wp), intent(in), contiguous :: motion(:, :)   !! (joint, power from 1)
       real(wp) :: power(path_degree), share(path_degree)

@@ -42,6 +42,7 @@ module dynamics_exact_modal_operators
       real(wp), allocatable :: markov(:, :, :)  !! Y_d (joint, joint of the slider, d) (M5)
    contains
       procedure :: work
+      procedure :: propagate
    end type modal_operators
 
 contains
@@ -63,6 +64,32 @@ contains
          work = work + size(self%propagator%value) + size(self%kick%value) + size(self%push%value)
       end if
    end function work
+
+   !> All modes ahead together (M3).
+   pure subroutine propagate(self, force, pushed, now, ahead)
+      class(modal_operators), intent(in) :: self
+      real(wp), intent(in) :: force(:, :, 0:)          !! (lane, force, power) [N]
+      real(wp), intent(in) :: pushed(:, :)             !! (lane, mode) S z
+      real(wp), intent(inout), contiguous :: now(:, :, :)     !! (.., 1:3) q, q', f(0)
+      real(wp), intent(inout), contiguous :: ahead(:, :, :)   !! (.., 1:4) q, q' at 1, at 1/2
+      integer :: f, r, row
+
+      do r = 1, self%n_modes
+         now(:, r, 3) = pushed(:, r)
+         do f = 1, size(self%load, 2)
+            now(:, r, 3) = now(:, r, 3) + self%load(r, f)*force(:, f, 0)
+         end do
+      end do
+      call self%propagator%multiply(now, ahead)
+      do f = 1, size(self%load, 2)
+         do r = 1, 4
+            do row = 1, size(ahead, 2)
+               ahead(:, row, r) = ahead(:, row, r) + force(:, f, 1)* &
+                                  self%rise((r - 1)*size(ahead, 2) + row, f)
+            end do
+         end do
+      end do
+   end subroutine propagate
 
    !> Prepares the form for as many parts a step as the tolerance needs, relative to the rms.
    subroutine new_modal_operators(structure, dt, tolerance, operators, error)

@@ -4,13 +4,14 @@ module dynamics_exact_modal_steps
    use dynamics_exact_joint_paths, only: width
    implicit none(type, external)
    private
-   public :: follow, integrate_motion, mask, put_free_paths, rotate, take_motion
+   public :: put_free_paths, rotate, take_motion
 
 contains
 
    !> Modes ahead, one by one (M3).
-   pure subroutine rotate(rows, rotation, load, force, now, pushed, ahead)
+   pure subroutine rotate(rows, n_ahead, rotation, load, force, now, pushed, ahead)
       integer, intent(in) :: rows
+      integer, intent(in) :: n_ahead                       !! 3 or 4 of q, q' at 1, at 1/2
       real(wp), intent(in) :: rotation(:, :)               !! (entry, mode)
       real(wp), intent(in) :: load(:, :)                   !! (mode, force)
       real(wp), intent(in) :: force(:, :, 0:)              !! (lane, force, power) [N]
@@ -38,6 +39,9 @@ contains
             ahead(l, r, 2) = (c(5)*now(l, r, 1) + c(6)*now(l, r, 2)) + (c(7)*push(l) + c(8)*rise(l))
             ahead(l, r, 3) = (c(9)*now(l, r, 1) + c(10)*now(l, r, 2)) &
                              + (c(11)*push(l) + c(12)*rise(l))
+         end do
+         if (n_ahead < 4) cycle
+         do l = 1, width
             ahead(l, r, 4) = (c(13)*now(l, r, 1) + c(14)*now(l, r, 2)) &
                              + (c(15)*push(l) + c(16)*rise(l))
          end do
@@ -86,86 +90,32 @@ contains
       end do
    end subroutine put_free_paths
 
-   !> Which sliders move with their joints: those of slipping joints, and of joints without
-   !> friction, which have no spring and slip for ever.
-   pure subroutine follow(joints, side, spring, moves)
-      integer, intent(in) :: joints
-      real(wp), intent(in), dimension(width, joints) :: side, spring
-      real(wp), intent(inout) :: moves(width, joints)   !! 1 or 0
-      integer :: j, l
-
-      do j = 1, joints
-         do l = 1, width
-            moves(l, j) = merge(1.0_wp, 0.0_wp, abs(side(l, j)) + (1.0_wp - spring(l, j)) > 0.0_wp)
-         end do
-      end do
-   end subroutine follow
-
-   !> One power of the motion of the sliders.
-   pure subroutine mask(joints, moves, x, motion)
-      integer, intent(in) :: joints
-      real(wp), intent(in) :: moves(width, joints), x(width, joints)
-      real(wp), intent(inout) :: motion(width, joints)
-      integer :: j, l
-
-      do j = 1, joints
-         do l = 1, width
-            motion(l, j) = moves(l, j)*x(l, j)
-         end do
-      end do
-   end subroutine mask
-
-   !> Motion of the sliders over the part and its integrals: I_s of t^k is k!/(k + s)! (M6).
-   pure subroutine integrate_motion(joints, rows, n_moments, moves, x1, x, moments)
-      integer, intent(in) :: joints, rows, n_moments
-      real(wp), intent(in) :: moves(width, joints), x1(width, rows), x(width, rows, 2:6)
-      real(wp), intent(inout) :: moments(width, joints, 0:n_moments)
-      real(wp) :: share(6, 0:n_moments), total
-      integer :: j, k, l, s
-
-      do k = 1, 6
-         share(k, 0) = 1.0_wp
-         do s = 1, n_moments
-            share(k, s) = share(k, s - 1)/(k + s)
-         end do
-      end do
-      do s = 0, n_moments
-         do j = 1, joints
-            do l = 1, width
-               total = share(6, s)*x(l, j, 6) + share(5, s)*x(l, j, 5)
-               total = total + (share(4, s)*x(l, j, 4) + share(3, s)*x(l, j, 3))
-               total = total + (share(2, s)*x(l, j, 2) + share(1, s)*x1(l, j))
-               moments(l, j, s) = moves(l, j)*total
-            end do
-         end do
-      end do
-   end subroutine integrate_motion
-
    !> The modes at the end of the part take the motion of the sliders (M6).
-   pure subroutine take_motion(rows, n_moments, weight, ahead, taken, now)
-      integer, intent(in) :: rows, n_moments
-      real(wp), intent(in) :: weight(0:, :, :)                 !! (moment, q or q', mode)
+   pure subroutine take_motion(rows, weight, ahead, taken, now, pushed)
+      integer, intent(in) :: rows
+      real(wp), intent(in) :: weight(0:, :, :)        !! (moment, q or q', mode)
       real(wp), intent(in) :: ahead(width, rows, 2)
-      real(wp), intent(in) :: taken(width, rows, 0:n_moments)  !! S I
+      real(wp), intent(in) :: taken(width, rows, 0:ubound(weight, 1))  !! S I
       real(wp), intent(inout) :: now(width, rows, 2)
-      real(wp) :: q(width), p(width)
+      real(wp), intent(inout) :: pushed(width, rows)  !! S z
       integer :: k, l, r
 
       do r = 1, size(weight, 3)
-         do l = 1, width
-            q(l) = ahead(l, r, 1)
-            p(l) = ahead(l, r, 2)
-         end do
-         do k = 0, n_moments
+         associate (q => weight(:, 1, r), p => weight(:, 2, r))
             do l = 1, width
-               q(l) = q(l) + weight(k, 1, r)*taken(l, r, k)
-               p(l) = p(l) + weight(k, 2, r)*taken(l, r, k)
+               now(l, r, 1) = (ahead(l, r, 1) + q(1)*taken(l, r, 0)) &
+                              + (q(2)*taken(l, r, 1) + q(3)*taken(l, r, 2))
+               now(l, r, 2) = (ahead(l, r, 2) + p(1)*taken(l, r, 0)) &
+                              + (p(2)*taken(l, r, 1) + p(3)*taken(l, r, 2))
+               pushed(l, r) = pushed(l, r) + taken(l, r, 0)
             end do
-         end do
-         do l = 1, width
-            now(l, r, 1) = q(l)
-            now(l, r, 2) = p(l)
-         end do
+            do k = 3, ubound(weight, 1)
+               do l = 1, width
+                  now(l, r, 1) = now(l, r, 1) + q(k + 1)*taken(l, r, k)
+                  now(l, r, 2) = now(l, r, 2) + p(k + 1)*taken(l, r, k)
+               end do
+            end do
+         end associate
       end do
    end subroutine take_motion
 
