@@ -8,7 +8,7 @@
 !> march at 1e-12 (the references have too few records). CPU time, the best of several of each
 !> thousand steps: another process on the same core makes some of them half as fast again. Run from
 !> the root of the repository:
-!> build/release/bin/bench_dynamics [folder]
+!> build/release/bin/bench_dynamics [folder [settings | chains | dense | newmark | idle]]
 program bench_dynamics
    use core_error, only: error_type
    use core_kinds, only: long, wp
@@ -33,25 +33,45 @@ program bench_dynamics
       call get_command_argument(1, argument)
       folder = trim(argument)//'/'
    end if
-   print '(a)', '# case setting ns_per_sample_step error_rms_x error_slip_fraction '// &
-      'error_spectrum missed'
-   call compare('p1_low')
-   call compare('p2_high')
-   print '(a)', '# event method at 1e-6: dofs ns_per_sample_step transitions_per_sample_step'
-   call lengthen('event', [1, 2, 3, 5, 8, 9, 10, 20, 50, 100, 200, 1000])
-print '(a)', '# event method at 1e-6, mass matrix not diagonal: dofs joints ns_per_sample_step '// &
-      'transitions_per_sample_step'
-   call march_dense(50, 20, 600)
-   call march_dense(200, 50, 200)
-   print '(a)', '# newmark, 15 halvings: dofs ns_per_sample_step transitions_per_sample_step'
-   print '(a)', '# up to 8 dofs by tables; beyond, each of some 26 tries per transition is a'
-   print '(a)', '# product with what counts of the inverse of the stuck chain: n times its width'
-   print '(a)', '# of up to 45 dofs'
-   call lengthen('newmark', [1, 2, 3, 5, 8, 9, 10, 20, 50, 100, 200])
-   print '(a)', '# when nothing happens: motion setting ns_per_sample_step'
-   call idle()
+   if (is_wanted('settings')) then
+      print '(a)', '# case setting ns_per_sample_step error_rms_x error_slip_fraction '// &
+         'error_spectrum missed'
+      call compare('p1_low')
+      call compare('p2_high')
+   end if
+   if (is_wanted('chains')) then
+      print '(a)', '# event method at 1e-6: dofs ns_per_sample_step transitions_per_sample_step'
+      call lengthen('event', [1, 2, 3, 5, 8, 9, 10, 20, 50, 100, 200, 1000])
+   end if
+   if (is_wanted('dense')) then
+      print '(a)', '# event method at 1e-6, mass matrix not diagonal: dofs joints '// &
+         'ns_per_sample_step transitions_per_sample_step'
+      call march_dense(50, 20, 600)
+      call march_dense(200, 50, 200)
+   end if
+   if (is_wanted('newmark')) then
+      print '(a)', '# newmark, 15 halvings: dofs ns_per_sample_step transitions_per_sample_step'
+      print '(a)', '# up to 8 dofs by tables; beyond, each of some 26 tries per transition is a'
+      print '(a)', '# product with what counts of the inverse of the stuck chain: n times its width'
+      print '(a)', '# of up to 45 dofs'
+      call lengthen('newmark', [1, 2, 3, 5, 8, 9, 10, 20, 50, 100, 200])
+   end if
+   if (is_wanted('idle')) then
+      print '(a)', '# when nothing happens: motion setting ns_per_sample_step'
+      call idle()
+   end if
 
 contains
+
+   !> True if a part of the comparison is asked for, or none is.
+   logical function is_wanted(part)
+      character(*), intent(in) :: part
+
+      is_wanted = .true.
+      if (command_argument_count() < 2) return
+      call get_command_argument(2, argument)
+      is_wanted = argument == part
+   end function is_wanted
 
    !> Chains that cannot slip (a force a thousand times smaller), and that always slip (without
    !> friction): what is left is the linear step.
