@@ -142,7 +142,7 @@ contains
          if (.not. output%is_complete) then
             call refuse_extension(plan, n_samples, output%path, error)
             if (.not. allocated(error)) &
-               call extract_processes(output%path, size(plan%processes), output%store, error)
+               call extract_processes(output%path, plan%processes, output%store, error)
          end if
          if (allocated(error)) return
       end if
@@ -193,7 +193,7 @@ contains
       else
          call refuse_extension(plan, n_samples, output%path, error)
          if (allocated(error)) return
-         call extract_processes(output%path, size(plan%processes), output%store, error)
+         call extract_processes(output%path, plan%processes, output%store, error)
          if (allocated(error)) return
          call extract_shards(output%path, n_samples, block_width(plan), output%store, error)
       end if

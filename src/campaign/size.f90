@@ -25,8 +25,8 @@ module campaign_size
    real(wp), parameter :: of_dataset = 760.0_wp    !! bytes beside its values (measured, HDF5 1.10)
    real(wp), parameter :: margin = 1.01_wp         !! three digits are told, never too few bytes
    real(wp), parameter :: of_entry = 16.0_wp       !! bytes of a matrix's row, column and value
-   real(wp), parameter :: of_process = 23.5e3_wp   !! bytes of one beside its values (measured)
-   real(wp), parameter :: of_refused = 3.5e3_wp    !! bytes of a process without a solution
+   real(wp), parameter :: of_process = 20.0e3_wp   !! bytes of one beside its values (measured)
+   real(wp), parameter :: of_refused = 2.6e3_wp    !! bytes of a process without a solution
    real(wp), parameter :: of_file = 6.0e3_wp       !! bytes of an empty results file (measured)
    real(wp), parameter :: of_fit = 32.0e6_wp       !! bytes of a fit to sampled values (measured)
    real(wp), parameter :: with_march = 38.0e6_wp      !! resident bytes of libraries (measured)
@@ -71,13 +71,12 @@ contains
       end associate
    end function results_size
 
-   !> A process with its autocovariance, in datasets and once more in a row (`packed`); of a search
-   !> over all signs, as many solutions as are kept.
+   !> A process with its autocovariance; of a search over all signs, as many solutions as are kept.
    elemental function size_of_process(request, foreseen) result(bytes)
       type(process_request), intent(in) :: request
       type(process_model_type), intent(in), optional :: foreseen
       real(wp) :: bytes
-      real(wp), parameter :: of_lag = 4.5_wp, of_order = 6.0_wp, &
+      real(wp), parameter :: of_lag = 2.5_wp, of_order = 3.5_wp, of_node = 2.5_wp, &
                              most_lags = 4097.0_wp, most_of_positive = 601.0_wp
       real(wp) :: n_lags, n_solutions, order
 
@@ -96,7 +95,9 @@ contains
       end if
       n_solutions = 1.0_wp
       if (request%all_signs) n_solutions = min(2.0_wp**min(order, 30.0_wp), 1.0_wp*max_listed)
-      bytes = of_process + word*(of_lag*n_lags + of_order*order + n_solutions*2*(order + 3))
+      bytes = of_process + word*(of_lag*n_lags + of_order*order + n_solutions*(0.5_wp*order + 4))
+      if (.not. present(foreseen)) return
+      if (allocated(foreseen%nodes)) bytes = bytes + word*of_node*size(foreseen%nodes)
    end function size_of_process
 
    pure function size_of_case(plan, number, every, transitions) result(bytes)
@@ -132,8 +133,8 @@ contains
          n_datasets = n_datasets + 9
          once = once + word*n_frequencies(plan, every)
          if (kept%keeps_spectra(n_samples)) once = once &
-               + stored_bytes([n_kept, n_frequencies(plan, every), n_samples]) &
-               + stored_bytes([n_kept, n_powers(plan, every), n_samples])
+                                   + stored_bytes([n_kept, n_frequencies(plan, every), n_samples]) &
+                                          + stored_bytes([n_kept, n_powers(plan, every), n_samples])
       end if
       if (kept%history) then
          if (plan%excitation%per_sample) of_sample = of_sample + word*n_steps
@@ -172,7 +173,7 @@ contains
          if (len(reason_for_plain(plan, number)) > 0) return
          call find_points(plan%structure, points, joints)
          bytes = bytes + word*(n_values + n_bands + nj*(n_quantities*(2 + np) &
-                                                          + 2*size(points)))
+                                                        + 2*size(points)))
          n_datasets = n_datasets + 5 + 10*n_quantities
          if (.not. plan%output%spectrum) return
          bytes = bytes + word*size(kept_dofs(plan))*(nf*(1 + np) + 2 + np)
@@ -285,7 +286,7 @@ contains
       at_once = min(2, count(plan%cases%n_samples > 1))
       n_group = min(maxval(plan%cases%n_samples), largest_group)
       bytes = word*n_group*plan%structure%n_joints*(10 + count_spans(plan%integration)/ &
-                                                 max(1, n_group/block_width(plan)))
+                                                    max(1, n_group/block_width(plan)))
       if (.not. plan%output%spectrum .or. n_group < 2) return
       associate (n_kept => size(kept_dofs(plan)), n_percentiles => size(plan%output%percentiles))
          together = (n_frequencies(plan, every) - 1)/max(values_together/n_kept, 1) + 1
@@ -315,7 +316,7 @@ contains
       do p = 1, size(pools)
          n = sum(pools(p)%n_fitted)
          associate (d => plan%structure%n_points, request => plan%processes(plan%cases(pools(p)% &
-                                                                            cases(1))%process))
+                                                                                 cases(1))%process))
             call plan_draws(d, request%sampler == 'exact', request%correlation_length, n_draws, &
                             stride)
             of_draws = real(n_draws, wp)*(stride + 3*d)
@@ -343,10 +344,10 @@ contains
       bytes = memory_of_march(plan, plan%output%segment_length, 0.0_wp)
       if (.not. gives_memory(bytes)) call raise(error, exit_bad_input, 'integration%n_steps = '// &
                            to_text(plan%integration%n_steps)//': the force and what is kept of '// &
-                                  'a block take '//to_text(nint(bytes/1.0e6_wp))// &
-                                  ' MB on each rank, which the system does not give: fewer '// &
-                                  'steps, histories of fewer output%dofs, or more memory '// &
-                                  '(ulimit -v)')
+                                                'a block take '//to_text(nint(bytes/1.0e6_wp))// &
+                                      ' MB on each rank, which the system does not give: fewer '// &
+                                        'steps, histories of fewer output%dofs, or more memory '// &
+                                                '(ulimit -v)')
    end subroutine refuse_oversize
 
 end module campaign_size

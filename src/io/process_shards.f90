@@ -5,16 +5,17 @@ module io_process_shards
    use core_kinds, only: long, wp
    use io_checksum, only: checksum_type
    use io_files, only: exists, remove_file
-   use io_hdf5, only: hdf5_file, label_type, open_hdf5, read_attribute, read_dataset, read_extent, &
-                      write_attribute, write_dataset
-   use io_process_results, only: process_name, read_process
+   use io_group, only: group_type, new_group
+   use io_hdf5, only: hdf5_file, open_hdf5, read_attribute, write_attribute
+   use io_process_results, only: process_name, read_solution, write_solution
    use io_store, only: finish_file, list_finished, name_of, open_own, shard_store, start_file
-   use process_model, only: process_model_type
-   use process_packing, only: pack_model, unpack_model
+   use process_model, only: process_model_type, process_request
+   use process_packing, only: pack_model
    implicit none(type, external)
    private
    public :: extract_processes, is_process_shard, keep_process, read_kept, remove_kept
 
+   character(*), parameter :: solution = '/solution'   !! group of a shard
    character(*), parameter :: advice = '; remove it to have its process solved again'
 
 contains
@@ -26,18 +27,19 @@ contains
       integer, intent(in) :: number   !! of the process
       type(process_model_type), intent(in) :: model
       type(error_type), allocatable, intent(out) :: error
-
-      real(wp), allocatable :: row(:)
+      type(group_type) :: group
       type(hdf5_file) :: file
 
-      row = pack_model(model)
       call start_file(store, shard_name(number), file, error)
       if (allocated(error)) return
       call write_attribute(file, '/', 'process', number, error)
       if (.not. allocated(error)) &
-         call write_attribute(file, '/', 'checksum', checksum_of(number, row), error)
-      if (.not. allocated(error)) &
-         call write_dataset(file, '/packed', row, label_type('1', 'all that was found', ''), error)
+         call write_attribute(file, '/', 'checksum', checksum_of(number, model), error)
+      if (.not. allocated(error)) then
+         group = new_group(file, solution)
+         call write_solution(group, model, is_sealed=.true.)
+         call group%take_error(error)
+      end if
       call finish_file(store, shard_name(number), file, error)
    end subroutine keep_process
 
@@ -48,28 +50,23 @@ contains
       type(process_model_type), intent(inout) :: models(:)   !! (process), their requests known
       logical, intent(out) :: is_kept(:)
       type(error_type), allocatable, intent(out) :: error
-      real(wp), allocatable :: row(:)
       integer :: i
 
       is_kept = .false.
       do i = 1, size(models)
          if (.not. exists(path_of(store, i))) cycle
-         call read_row(store, i, row, error)
+         call read_one(store, i, models(i), error)
          if (allocated(error)) return
-         call unpack_model(row, models(i), is_kept(i))
-         if (.not. is_kept(i)) call raise(error, exit_file, path_of(store, i)// &
-                                          ' does not hold a process'//advice)
-         if (allocated(error)) return
+         is_kept(i) = .true.
       end do
    end subroutine read_kept
 
-   subroutine read_row(store, number, row, error)
+   subroutine read_one(store, number, model, error)
       type(shard_store), intent(in) :: store
       integer, intent(in) :: number
-      real(wp), allocatable, intent(out) :: row(:)
+      type(process_model_type), intent(inout) :: model
       type(error_type), allocatable, intent(out) :: error
       type(hdf5_file) :: file
-      integer(long), allocatable :: n(:)
       integer(long) :: expected
       integer :: found
 
@@ -77,44 +74,49 @@ contains
       if (allocated(error)) return
       call read_attribute(file, '/', 'process', found, error)
       if (.not. allocated(error)) call read_attribute(file, '/', 'checksum', expected, error)
-      if (.not. allocated(error)) call read_extent(file, '/packed', 1, n, error)
-      if (.not. allocated(error)) then
-         allocate (row(n(1)))
-         call read_dataset(file, '/packed', row, error)
-      end if
+      if (.not. allocated(error)) call read_solution(file, solution, model, error)
       call file%abandon()
       if (allocated(error)) then
          error%message = error%message//advice
       else if (found /= number) then
          call raise(error, exit_file, file%path// &
                     ' does not hold the process that its name tells'//advice)
-      else if (checksum_of(number, row) /= expected) then
+      else if (checksum_of(number, model) /= expected) then
          call raise(error, exit_file, file%path// &
                     ' is damaged: its values do not have its checksum'//advice)
       end if
-   end subroutine read_row
+   end subroutine read_one
 
    !> Keeps the processes of a results file, but for those that the store has already.
-   subroutine extract_processes(path, n_processes, store, error)
+   subroutine extract_processes(path, requests, store, error)
       character(*), intent(in) :: path
-      integer, intent(in) :: n_processes
+      type(process_request), intent(in) :: requests(:)   !! (process)
       type(shard_store), intent(in) :: store
       type(error_type), allocatable, intent(out) :: error
       type(process_model_type) :: model
       type(hdf5_file) :: file
-      logical :: is_there
       integer :: i
 
       call open_hdf5(path, file, error)
       if (allocated(error)) return
-      do i = 1, n_processes
+      do i = 1, size(requests)
          if (exists(path_of(store, i))) cycle
-         call read_process(file, i, model, is_there, error)
-         if (is_there .and. .not. allocated(error)) call keep_process(store, i, model, error)
+         if (.not. file%has('/process/'//process_name(i))) cycle
+         call start_model(requests(i), model)
+         call read_solution(file, '/process/'//process_name(i), model, error)
+         if (.not. allocated(error)) call keep_process(store, i, model, error)
          if (allocated(error)) exit
       end do
       call file%abandon()
    end subroutine extract_processes
+
+   !> A model that knows its request alone.
+   subroutine start_model(request, model)
+      type(process_request), intent(in) :: request
+      type(process_model_type), intent(out) :: model
+
+      model%request = request
+   end subroutine start_model
 
    !> Removes all processes of a store, and the store if nothing else is in it.
    subroutine remove_kept(store, error)
@@ -163,12 +165,14 @@ contains
       name = 'process_'//process_name(number)//'.h5'
    end function shard_name
 
-   function checksum_of(number, row) result(value)
+   function checksum_of(number, model) result(value)
       integer, intent(in) :: number
-      real(wp), intent(in), contiguous :: row(:)
+      type(process_model_type), intent(in) :: model
       integer(long) :: value
+      real(wp), allocatable :: row(:)
       type(checksum_type) :: checksum
 
+      row = pack_model(model)
       call checksum%add([number, size(row)])
       call checksum%add(row)
       value = checksum%value()

@@ -6,7 +6,7 @@ module process_model
    implicit none(type, external)
    private
    public :: process_request, process_model_type, process_solution, inversion_check, &
-             branch_note, request_label
+             branch_note, innovation_scale, request_label
 
    !> A wanted process. Lengths are in lags; mean and std in the unit of X.
    type :: process_request
@@ -122,6 +122,15 @@ contains
                 to_text(nint(1.0e4_wp*(model%nonnegative_entropy - model%entropy))/1.0e4_wp)// &
                 ' nat more entropy'
    end function branch_note
+
+   !> b0 of a law that is given by the row of G, Eq. (25); 0 where it has none.
+   pure real(wp) function innovation_scale(g) result(b0)
+      real(wp), intent(in) :: g(0:)   !! [1/unit of X squared]
+
+      b0 = 0.0_wp
+      if (size(g) == 0) return
+      if (g(0) > 0.0_wp) b0 = 1.0_wp/sqrt(g(0))
+   end function innovation_scale
 
    !> Names the streams of random numbers that belong to a process: its own values, whatever stands
    !> beside it in the scene.

@@ -2,25 +2,30 @@
 !> other ranks.
 module process_packing
    use core_kinds, only: long, wp
+   use core_random, only: label_of
+   use process_components, only: axis_type, component, component_visitor, visit_components
    use process_direct_sign_search, only: search_result
    use process_direct_sign_sequence, only: sequence_solution
-   use process_model, only: process_model_type, process_solution
+   use process_model, only: process_model_type
    implicit none(type, external)
    private
    public :: pack_model, unpack_model, pack_search, unpack_search
 
    !> Walks through a model and a row of numbers together, in either direction: one list of
    !> components serves both.
-   type :: tape
+   type, extends(component_visitor) :: tape
       logical :: is_writing = .true.
       real(wp), allocatable :: numbers(:)
       integer :: position = 0   !! numbers already read
       logical :: is_sound = .true.   !! so far each was there, and what it should be
    contains
-      procedure, private :: real_value, integer_value, long_value, logical_value, text_value
-      procedure, private :: real_array, integer_array, complex_array
-      generic :: pass => real_value, integer_value, long_value, logical_value, text_value, &
-         real_array, integer_array, complex_array
+      procedure :: visit_real, visit_integer, visit_text, visit_reals, visit_integers, &
+         visit_table, visit_seconds
+      procedure, private :: real_value, integer_value, long_value, logical_value
+      procedure, private :: real_array, integer_array
+      procedure, private :: check_name
+      generic :: pass => real_value, integer_value, long_value, logical_value, real_array, &
+         integer_array
    end type tape
 
 contains
@@ -34,7 +39,7 @@ contains
 
       copy = model
       allocate (t%numbers(0))
-      call walk(t, copy)
+      call visit_components(t, copy)
       call move_alloc(t%numbers, numbers)
    end function pack_model
 
@@ -44,11 +49,14 @@ contains
       real(wp), intent(in) :: numbers(:)
       type(process_model_type), intent(inout) :: model
       logical, intent(out), optional :: is_sound   !! else the model is worth nothing
+      type(process_model_type) :: blank
       type(tape) :: t
 
+      blank%request = model%request
+      model = blank
       t%is_writing = .false.
       t%numbers = numbers
-      call walk(t, model)
+      call visit_components(t, model)
       t%is_sound = t%is_sound .and. t%position == size(numbers)
       if (present(is_sound)) then
          is_sound = t%is_sound
@@ -113,88 +121,6 @@ contains
       call t%pass(solution%number)
       call t%pass(solution%factor, first=0)
    end subroutine walk_sequence
-
-   !> The list of components.
-   subroutine walk(t, model)
-      type(tape), intent(inout) :: t
-      type(process_model_type), intent(inout) :: model
-
-      call t%pass(model%is_solved)
-      call t%pass(model%reason)
-      call t%pass(model%order)
-      call t%pass(model%a)
-      call t%pass(model%b0)
-      call t%pass(model%mu)
-      call t%pass(model%poles)
-      call t%pass(model%autocovariance, first=0)
-      call t%pass(model%autocovariance_error, first=0)
-      call t%pass(model%l0)
-      call t%pass(model%l1)
-      call t%pass(model%l0_cut)
-      call t%pass(model%l1_cut)
-      call t%pass(model%mean)
-      call t%pass(model%std)
-      call t%pass(model%mean_error)
-      call t%pass(model%std_error)
-      call t%pass(model%l0_error)
-      call t%pass(model%l1_error)
-      call t%pass(model%entropy)
-      call t%pass(model%entropy_error)
-      call t%pass(model%entropy_bound)
-      call t%pass(model%optimality)
-      call t%pass(model%lambda)
-      call t%pass(model%lambda_error)
-      call t%pass(model%acceptance_ratio)
-      call t%pass(model%acceptance_mean)
-      call t%pass(model%acceptance_geometric)
-      call t%pass(model%seconds)
-      call t%pass(model%branch)
-      call t%pass(model%g, first=0)
-      call t%pass(model%nodes)
-      call t%pass(model%weights)
-      call t%pass(model%nonnegative_entropy)
-      call t%pass(model%memory)
-      call t%pass(model%other_mean)
-      call t%pass(model%other_std)
-      call t%pass(model%other_l0)
-      call t%pass(model%other_entropy)
-      call t%pass(model%signs)
-      call t%pass(model%delta)
-      call t%pass(model%lambda_3)
-      call t%pass(model%n_examined)
-      call t%pass(model%n_consistent)
-      call t%pass(model%entropy_ceiling)
-      call t%pass(model%search)
-      call t%pass(model%inversion%half_width)
-      call t%pass(model%inversion%autocovariance, first=0)
-      call t%pass(model%inversion%error)
-      call t%pass(model%inversion%expected_error)
-      call t%pass(model%inversion%seconds)
-      call t%pass(model%inversion%seconds_of_fit)
-      call walk_solutions(t, model%solutions)
-   end subroutine walk
-
-   !> As for any array, the number stands in front; -1: not allocated.
-   subroutine walk_solutions(t, solutions)
-      type(tape), intent(inout) :: t
-      type(process_solution), allocatable, intent(inout) :: solutions(:)
-      integer :: i, n
-
-      n = -1
-      if (t%is_writing .and. allocated(solutions)) n = size(solutions)
-      call t%pass(n)
-      if (.not. t%is_writing) then
-         if (allocated(solutions)) deallocate (solutions)
-         call check_length(t, n)
-         if (n >= 0) allocate (solutions(n))
-      end if
-      do i = 1, n
-         call t%pass(solutions(i)%signs)
-         call t%pass(solutions(i)%delta)
-         call t%pass(solutions(i)%lambda_3)
-         call t%pass(solutions(i)%entropy)
-      end do
-   end subroutine walk_solutions
 
    subroutine real_value(self, value)
       class(tape), intent(inout) :: self
@@ -308,41 +234,108 @@ contains
       values = nint(numbers)
    end subroutine integer_array
 
-   subroutine complex_array(self, values)
+   subroutine visit_real(self, what, value, error, none)
       class(tape), intent(inout) :: self
-      complex(wp), allocatable, intent(inout) :: values(:)
-      real(wp), allocatable :: re(:), im(:)
+      type(component), intent(in) :: what
+      real(wp), intent(inout) :: value
+      real(wp), intent(inout), optional :: error
+      real(wp), intent(in), optional :: none
 
-      if (allocated(values)) then
-         re = real(values, wp)
-         im = aimag(values)
-      end if
-      call self%real_array(re)
-      call self%real_array(im)
-      if (allocated(values)) deallocate (values)
-      if (.not. (allocated(re) .and. allocated(im))) then
-         self%is_sound = self%is_sound .and. (allocated(re) .eqv. allocated(im))
-      else if (size(re) /= size(im)) then
-         self%is_sound = .false.
-      else
-         values = cmplx(re, im, wp)
-      end if
-   end subroutine complex_array
+      call self%check_name(what)
+      call self%pass(value)
+      if (present(error)) call self%pass(error)
+      if (present(none) .and. .not. self%is_sound) value = none
+   end subroutine visit_real
 
-   subroutine text_value(self, value)
+   subroutine visit_integer(self, what, value)
       class(tape), intent(inout) :: self
+      type(component), intent(in) :: what
+      integer, intent(inout) :: value
+
+      call self%check_name(what)
+      call self%pass(value)
+   end subroutine visit_integer
+
+   subroutine visit_text(self, what, value)
+      class(tape), intent(inout) :: self
+      type(component), intent(in) :: what
       character(:), allocatable, intent(inout) :: value
       integer, allocatable :: codes(:)
       integer :: i
 
+      call self%check_name(what)
       if (allocated(value)) codes = [(iachar(value(i:i)), i=1, len(value))]
-      call self%integer_array(codes)
+      call self%pass(codes)
       if (allocated(value)) deallocate (value)
       if (.not. allocated(codes)) return
       allocate (character(size(codes)) :: value)
       do i = 1, size(codes)
          value(i:i) = achar(modulo(codes(i), 128))
       end do
-   end subroutine text_value
+   end subroutine visit_text
+
+   subroutine visit_reals(self, what, values)
+      class(tape), intent(inout) :: self
+      type(component), intent(in) :: what
+      real(wp), allocatable, intent(inout) :: values(:)
+
+      call self%check_name(what)
+      call self%pass(values, what%axis%first)
+   end subroutine visit_reals
+
+   subroutine visit_integers(self, what, values)
+      class(tape), intent(inout) :: self
+      type(component), intent(in) :: what
+      integer, allocatable, intent(inout) :: values(:)
+
+      call self%check_name(what)
+      call self%pass(values)
+   end subroutine visit_integers
+
+   !> Behind its values stands the number of rows.
+   subroutine visit_table(self, what, values, rows)
+      class(tape), intent(inout) :: self
+      type(component), intent(in) :: what
+      integer, allocatable, intent(inout) :: values(:, :)
+      type(axis_type), intent(in) :: rows
+      integer, allocatable :: flat(:)
+      integer :: n_columns, n_rows
+
+      call self%check_name(what)
+      call self%check_name(component(rows%name))
+      n_rows = 0
+      if (allocated(values)) then
+         flat = reshape(values, [size(values)])
+         n_rows = size(values, 1)
+         deallocate (values)
+      end if
+      call self%pass(flat)
+      call self%pass(n_rows)
+      if (.not. allocated(flat)) return
+      n_columns = size(flat)/max(1, n_rows)
+      self%is_sound = self%is_sound .and. n_columns*n_rows == size(flat)
+      if (self%is_sound) values = reshape(flat, [n_rows, n_columns])
+   end subroutine visit_table
+
+   subroutine visit_seconds(self, what, value)
+      class(tape), intent(inout) :: self
+      type(component), intent(in) :: what
+      real(wp), intent(inout) :: value
+
+      call self%check_name(what)
+      call self%pass(value)
+   end subroutine visit_seconds
+
+   !> Notes a fault where another component stands than this one.
+   subroutine check_name(self, what)
+      class(tape), intent(inout) :: self
+      type(component), intent(in) :: what
+      integer :: expected, number
+
+      expected = int(modulo(label_of(what%name), 2_long**30))
+      number = expected
+      call self%pass(number)
+      self%is_sound = self%is_sound .and. number == expected
+   end subroutine check_name
 
 end module process_packing

@@ -5,7 +5,7 @@
 !> is fitted depends on the request alone, so that its bits do not depend on what else is asked for.
 module process_scaling
    use core_kinds, only: wp
-   use process_model, only: process_model_type, process_request
+   use process_model, only: innovation_scale, process_model_type, process_request
    implicit none(type, external)
    private
    public :: unit_request, first_of_fit, carry_over
@@ -90,6 +90,7 @@ contains
          model%mean = unit*model%mean
          if (allocated(model%g)) then
             model%g(:) = model%g/unit**2
+            model%b0 = innovation_scale(model%g)
             if (allocated(model%nodes)) model%nodes(:) = unit*model%nodes
          end if
          if (abs(model%nonnegative_entropy) > 0.0_wp) &

@@ -180,6 +180,7 @@ contains
       model%request%mean = 0.2_wp
       model%request%std = 0.067_wp
       model%request%positive = .true.
+      model%request%inversion_half_width = 4
       model%is_solved = .true.
       model%order = 2
       model%a = [-0.25_wp, 0.0625_wp]

@@ -104,7 +104,7 @@ def test_a_damaged_process_is_refused_by_name(campaign, output, reference, inter
     name = min(interrupted)
     victim = Path(f"{output}.shards") / name
     with h5py.File(victim) as file:
-        place = file["packed"].id.get_chunk_info(0).byte_offset
+        place = file["solution/autocovariance"].id.get_chunk_info(0).byte_offset
     content = bytearray(victim.read_bytes())
     content[place] ^= 1
     victim.write_bytes(content)

@@ -1,0 +1,340 @@
+!> Components of a solved process, each said once: its name, unit, meaning and axis. Whoever hands a
+!> process on, to another rank, to a file or back, walks this list.
+module process_components
+   use core_kinds, only: wp
+   use process_model, only: innovation_scale, process_model_type
+   use process_reference, only: has_one_value
+   implicit none(type, external)
+   private
+   public :: axis_type, component, component_visitor, visit_components
+
+   !> Axis that the values of a row are counted along.
+   type :: axis_type
+      character(16) :: name = ''
+      character(32) :: about = ''
+      integer :: first = 1
+   end type axis_type
+
+   !> Name, unit and meaning of a component; a text or a whole number has its name alone.
+   type :: component
+      character(24) :: name = ''
+      character(20) :: units = '1'   !! '1': a pure number
+      character(112) :: about = ''
+      type(axis_type) :: axis = axis_type()
+   end type component
+
+   !> Acts on each component: reads it or sets it. An array or a text that is not allocated is not
+   !> there; nor is a number that is `none`. A standard error stands beside its number.
+   type, abstract :: component_visitor
+   contains
+      generic :: visit => visit_real, visit_integer, visit_text, visit_reals, visit_integers, &
+         visit_table
+      procedure(act_on_real), deferred :: visit_real
+      procedure(act_on_integer), deferred :: visit_integer
+      procedure(act_on_text), deferred :: visit_text
+      procedure(act_on_reals), deferred :: visit_reals
+      procedure(act_on_integers), deferred :: visit_integers
+      procedure(act_on_table), deferred :: visit_table
+      procedure(act_on_seconds), deferred :: visit_seconds
+   end type component_visitor
+
+   abstract interface
+      subroutine act_on_real(self, what, value, error, none)
+         import :: component, component_visitor, wp
+         implicit none(type, external)
+         class(component_visitor), intent(inout) :: self
+         type(component), intent(in) :: what
+         real(wp), intent(inout) :: value
+         real(wp), intent(inout), optional :: error
+         real(wp), intent(in), optional :: none
+      end subroutine act_on_real
+
+      subroutine act_on_integer(self, what, value)
+         import :: component, component_visitor
+         implicit none(type, external)
+         class(component_visitor), intent(inout) :: self
+         type(component), intent(in) :: what
+         integer, intent(inout) :: value
+      end subroutine act_on_integer
+
+      subroutine act_on_text(self, what, value)
+         import :: component, component_visitor
+         implicit none(type, external)
+         class(component_visitor), intent(inout) :: self
+         type(component), intent(in) :: what
+         character(:), allocatable, intent(inout) :: value
+      end subroutine act_on_text
+
+      subroutine act_on_reals(self, what, values)
+         import :: component, component_visitor, wp
+         implicit none(type, external)
+         class(component_visitor), intent(inout) :: self
+         type(component), intent(in) :: what
+         real(wp), allocatable, intent(inout) :: values(:)
+      end subroutine act_on_reals
+
+      subroutine act_on_integers(self, what, values)
+         import :: component, component_visitor
+         implicit none(type, external)
+         class(component_visitor), intent(inout) :: self
+         type(component), intent(in) :: what
+         integer, allocatable, intent(inout) :: values(:)
+      end subroutine act_on_integers
+
+      subroutine act_on_table(self, what, values, rows)
+         import :: axis_type, component, component_visitor
+         implicit none(type, external)
+         class(component_visitor), intent(inout) :: self
+         type(component), intent(in) :: what   !! its axis is the last one
+         integer, allocatable, intent(inout) :: values(:, :)
+         type(axis_type), intent(in) :: rows   !! the first one
+      end subroutine act_on_table
+
+      !> Processor time: it tells of the run, not of the process.
+      subroutine act_on_seconds(self, what, value)
+         import :: component, component_visitor, wp
+         implicit none(type, external)
+         class(component_visitor), intent(inout) :: self
+         type(component), intent(in) :: what
+         real(wp), intent(inout) :: value
+      end subroutine act_on_seconds
+   end interface
+
+   type(axis_type), parameter :: &
+      by_order = axis_type('order', 'number of the coefficient', 1), &
+      by_lag = axis_type('lag', 'lag', 0), &
+      by_g_lag = axis_type('g_lag', 'lag of G', 0), &
+      by_node = axis_type('node', 'number of the node', 1), &
+      by_sign = axis_type('sign', 'lag of the sign', 1), &
+      by_solution = axis_type('solution', 'number of the solution', 1), &
+      by_inversion_lag = axis_type('inversion_lag', 'lag', 0)
+
+contains
+
+   !> Visits every component but the request, which is known and decides with them what is there.
+   subroutine visit_components(visitor, model)
+      class(component_visitor), intent(inout) :: visitor
+      type(process_model_type), intent(inout) :: model
+      character(:), allocatable :: status
+
+      status = trim(merge('solved    ', 'infeasible', model%is_solved))
+      call visitor%visit(component('status'), status)
+      call visitor%visit(component('reason'), model%reason)
+      call visitor%visit_seconds(component('fit_seconds'), model%seconds)
+      model%is_solved = .false.
+      if (allocated(status)) model%is_solved = status == 'solved'
+      if (.not. model%is_solved) return
+      if (model%request%method == 'values') then
+         call visit_moments(visitor, model)
+         return
+      end if
+      call visitor%visit(component('order_found'), model%order)
+      call visit_law(visitor, model)
+      call visit_correlation(visitor, model)
+      if (model%request%positive) call visit_positive(visitor, model)
+      if (.not. has_one_value(model%request)) call visit_entropies(visitor, model)
+      call visit_direct(visitor, model)
+   end subroutine visit_components
+
+   !> The recursion of Eq. (39), or the matrix of Eq. (25) where that has none.
+   subroutine visit_law(visitor, model)
+      class(component_visitor), intent(inout) :: visitor
+      type(process_model_type), intent(inout) :: model
+      real(wp), allocatable :: im(:), re(:)
+
+      call visitor%visit(component('g', '1/unit of x squared', 'row of the matrix G, Eq. (25)', &
+                                   by_g_lag), model%g)
+      if (allocated(model%g)) then
+         model%b0 = innovation_scale(model%g)
+         call visitor%visit(component('centre', 'unit of x', &
+                           'value c of the density exp(-(x - c)'' G (x - c)/2) on x > 0'), model%mu)
+         call visitor%visit(component('nodes', 'unit of x', &
+                      'values x_j by which the transition density is summed', by_node), model%nodes)
+         call visitor%visit(component('weights', '1', 'weights w_j of that sum', by_node), &
+                            model%weights)
+         return
+      end if
+      call visitor%visit(component('a', '1', 'a_q of z_n = b0 w_n - sum a_q z_(n-q)', by_order), &
+                         model%a)
+      call visitor%visit(component('b0', 'unit of x', 'scale of the innovations'), model%b0)
+      call visitor%visit(component('mu', 'unit of x', 'mean of the underlying Gaussian process'), &
+                         model%mu)
+      if (allocated(model%poles)) then
+         re = real(model%poles, wp)
+         im = aimag(model%poles)
+      end if
+      call visitor%visit(component('poles_real', '1', 'real part of the poles', by_order), re)
+      call visitor%visit(component('poles_imag', '1', 'imaginary part of the poles', by_order), im)
+      if (allocated(model%poles)) deallocate (model%poles)
+      if (.not. (allocated(re) .and. allocated(im))) return
+      if (size(re) == size(im)) model%poles = cmplx(re, im, wp)   ! else damaged
+   end subroutine visit_law
+
+   subroutine visit_correlation(visitor, model)
+      class(component_visitor), intent(inout) :: visitor
+      type(process_model_type), intent(inout) :: model
+
+      call visitor%visit(component('autocovariance', 'unit of x squared', 'autocovariance K_XX', &
+                                   by_lag), model%autocovariance)
+      call visitor%visit(component('autocovariance_error', 'unit of x squared', &
+                        'standard error of the autocovariance', by_lag), model%autocovariance_error)
+      call visit_moments(visitor, model)
+      call visitor%visit(component('L0', 'lag', 'correlation length, Eq. (8), infinite sum'), &
+                         model%l0, model%l0_error)
+      call visitor%visit(component('L1', 'lag', 'correlation length, Eq. (9), infinite sum'), &
+                         model%l1, model%l1_error)
+      call visitor%visit(component('L0_cut', 'lag', &
+                                   'correlation length, Eq. (8), cut at the order'), model%l0_cut)
+      call visitor%visit(component('L1_cut', 'lag', &
+                                   'correlation length, Eq. (9), cut at the order'), model%l1_cut)
+   end subroutine visit_correlation
+
+   !> Moments as achieved, with the standard errors of those that were sampled.
+   subroutine visit_moments(visitor, model)
+      class(component_visitor), intent(inout) :: visitor
+      type(process_model_type), intent(inout) :: model
+
+      call visitor%visit(component('mean_found', 'unit of x', 'mean achieved'), model%mean, &
+                         model%mean_error)
+      call visitor%visit(component('std_found', 'unit of x', 'standard deviation achieved'), &
+                         model%std, model%std_error)
+   end subroutine visit_moments
+
+   !> Signs of the autocovariance, what realizations need, and what the same parameters give under
+   !> the other law, where that is known.
+   subroutine visit_positive(visitor, model)
+      class(component_visitor), intent(inout) :: visitor
+      type(process_model_type), intent(inout) :: model
+      character(*), parameter :: same = ' of the other law with the same a, b0 and mu'
+      integer :: first_sign
+
+      call visitor%visit(component('memory'), model%memory)
+      call visitor%visit(component('branch'), model%branch)
+      if (allocated(model%branch)) then
+         first_sign = sign_of_first_lag(model%autocovariance)
+         call visitor%visit(component('sign_of_first_lag'), first_sign)
+         call visitor%visit(component('nonnegative_entropy', 'nat', &
+                              'entropy per point of the other law''s process with K(m) >= 0, a '// &
+                                      'larger one'), model%nonnegative_entropy, none=0.0_wp)
+      end if
+      call visitor%visit(component('other_std', 'unit of x', 'standard deviation'//same), &
+                         model%other_std, none=0.0_wp)
+      if (.not. model%other_std > 0.0_wp) return
+      call visitor%visit(component('other_mean', 'unit of x', 'mean'//same), model%other_mean)
+      call visitor%visit(component('other_L0', 'lag', 'correlation length'//same), model%other_l0)
+      call visitor%visit(component('other_entropy', 'nat', 'entropy per point'//same), &
+                         model%other_entropy)
+   end subroutine visit_positive
+
+   !> Sign of K(1); 0 where a damaged process has none.
+   pure integer function sign_of_first_lag(autocovariance) result(first_sign)
+      real(wp), allocatable, intent(in) :: autocovariance(:)   !! from lag 0
+
+      first_sign = 0
+      if (.not. allocated(autocovariance)) return
+      if (size(autocovariance) > 1) first_sign = nint(sign(1.0_wp, autocovariance(1)))
+   end function sign_of_first_lag
+
+   subroutine visit_entropies(visitor, model)
+      class(component_visitor), intent(inout) :: visitor
+      type(process_model_type), intent(inout) :: model
+
+      call visitor%visit(component('entropy', 'nat', 'entropy per point'), model%entropy, &
+                         model%entropy_error)
+      call visitor%visit(component('entropy_bound', 'nat', &
+            'entropy per point of white noise of the same variance, Eq. (42)'), model%entropy_bound)
+      call visitor%visit(component('optimality', '1', &
+                                 'largest residual of the optimality conditions'), model%optimality)
+      if (allocated(model%g)) return
+      if (.not. alternates(model)) &
+         call visitor%visit(component('lambda', '1', &
+                                  'limit of the acceptance of one more point, Eq. (45), of the '// &
+                             'exact law with these a, b0 and mu'), model%lambda, model%lambda_error)
+      call visitor%visit(component('acceptance_ratio', '1', 'points accepted of those proposed'), &
+                         model%acceptance_ratio)
+      call visitor%visit(component('acceptance_mean', '1', &
+                          'mean over the past of the probability to accept'), model%acceptance_mean)
+      call visitor%visit(component('acceptance_geometric', '1', &
+           'geometric mean over the past of the probability to accept'), model%acceptance_geometric)
+   end subroutine visit_entropies
+
+   !> True if the process is positive and its K(m) change their sign with every lag.
+   pure logical function alternates(model)
+      type(process_model_type), intent(in) :: model
+
+      alternates = .false.
+      if (allocated(model%branch)) alternates = model%branch == 'alternating'
+   end function alternates
+
+   !> Multipliers of the direct method, all solutions that its sign search found, and the paper's
+   !> finite matrix beside them: how far off, and at what cost.
+   subroutine visit_direct(visitor, model)
+      class(component_visitor), intent(inout) :: visitor
+      type(process_model_type), intent(inout) :: model
+
+      call visitor%visit(component('signs', '1', 'sign s_m of the autocovariance', by_sign), &
+                         model%signs)
+      if (allocated(model%signs)) then
+         call visitor%visit(component('delta', '1', 'multiplier lambda_2/lambda_3'), model%delta)
+         call visitor%visit(component('lambda_3', '1', 'multiplier of the variance'), &
+                            model%lambda_3)
+         call visitor%visit(component('search'), model%search)
+         call visitor%visit(component('n_examined'), model%n_examined)
+         call visitor%visit(component('n_consistent'), model%n_consistent)
+         if (.not. model%request%positive) &
+            call visitor%visit(component('entropy_ceiling', 'nat', &
+                          'entropy per point that no sign sequence exceeds'), model%entropy_ceiling)
+         call visit_solutions(visitor, model)
+      end if
+      if (model%request%inversion_half_width == 0) return
+      associate (check => model%inversion)
+         call visitor%visit(component('inversion_half_width'), check%half_width)
+         call visitor%visit_seconds(component('inversion_seconds'), check%seconds)
+         call visitor%visit_seconds(component('direct_seconds'), check%seconds_of_fit)
+         call visitor%visit(component('inversion_autocovariance', 'unit of x squared', &
+                             'K_XX by inversion, Eq. (35)', by_inversion_lag), check%autocovariance)
+         call visitor%visit(component('inversion_error', '1', &
+                                      'largest error of the inversion, over K_XX(0)'), check%error)
+         call visitor%visit(component('inversion_expected_error', '1', &
+                         'largest pole to the power of twice the half-width'), check%expected_error)
+      end associate
+   end subroutine visit_direct
+
+   subroutine visit_solutions(visitor, model)
+      class(component_visitor), intent(inout) :: visitor
+      type(process_model_type), intent(inout) :: model
+      integer, allocatable :: signs(:, :)   ! (sign, solution)
+      real(wp), allocatable :: delta(:), entropy(:), lambda_3(:)
+      integer :: i, n
+
+      if (allocated(model%solutions)) then
+         n = size(model%solutions)
+         allocate (signs(size(model%signs), n))
+         do i = 1, n
+            signs(:, i) = model%solutions(i)%signs
+         end do
+         delta = model%solutions%delta
+         lambda_3 = model%solutions%lambda_3
+         entropy = model%solutions%entropy
+         deallocate (model%solutions)
+      end if
+      call visitor%visit(component('solutions_signs', '1', 'signs of each solution', by_solution), &
+                         signs, by_sign)
+      call visitor%visit(component('solutions_delta', '1', 'delta of each', by_solution), delta)
+      call visitor%visit(component('solutions_lambda_3', '1', 'lambda_3 of each', by_solution), &
+                         lambda_3)
+      call visitor%visit(component('solutions_entropy', 'nat', 'entropy per point of each', &
+                                   by_solution), entropy)
+      if (.not. (allocated(signs) .and. allocated(delta) .and. allocated(lambda_3) .and. &
+                 allocated(entropy))) return
+      n = minval([size(signs, 2), size(delta), size(lambda_3), size(entropy)])
+      allocate (model%solutions(n))
+      do i = 1, n
+         model%solutions(i)%signs = signs(:, i)
+         model%solutions(i)%delta = delta(i)
+         model%solutions(i)%lambda_3 = lambda_3(i)
+         model%solutions(i)%entropy = entropy(i)
+      end do
+   end subroutine visit_solutions
+
+end module process_components
