@@ -25,7 +25,7 @@ module campaign_size
    real(wp), parameter :: of_dataset = 760.0_wp    !! bytes beside its values (measured, HDF5 1.10)
    real(wp), parameter :: margin = 1.01_wp         !! three digits are told, never too few bytes
    real(wp), parameter :: of_entry = 16.0_wp       !! bytes of a matrix's row, column and value
-   real(wp), parameter :: of_process = 20.0e3_wp   !! bytes of one beside its values (measured)
+   real(wp), parameter :: of_process = 20.5e3_wp   !! bytes of one beside its values (measured)
    real(wp), parameter :: of_refused = 2.6e3_wp    !! bytes of a process without a solution
    real(wp), parameter :: of_file = 6.0e3_wp       !! bytes of an empty results file (measured)
    real(wp), parameter :: of_fit = 32.0e6_wp       !! bytes of a fit to sampled values (measured)
@@ -116,7 +116,7 @@ contains
       associate (n_dof => plan%structure%n_dof, n_joints => plan%structure%n_joints)
          of_sample = word*(1 + 5*n_joints)
          once = word*(n_dof + n_joints)
-         n_datasets = 14
+         n_datasets = 18
          if (n_samples > 1 .and. plan%cases(number)%audits == 0) &
             call add_statistics(plan, number, every, once, n_datasets)
          if (kept%slip) then
@@ -304,7 +304,8 @@ contains
       type(plan_type), intent(in) :: plan
       integer, intent(in) :: every
       real(wp) :: bytes
-      integer, parameter :: kept_draws = 2**15, points = 4096, features = 160, together = 128
+      integer, parameter :: kept_draws = 2**15, points = 4096, features = 160, landmarks = 256, &
+                            together = 128
       type(case_pool), allocatable :: pools(:)
       real(wp) :: of_dof, of_draws, of_law
       integer :: n, n_draws, nf, p, stride
@@ -324,7 +325,7 @@ contains
          end associate
          of_dof = 0.0_wp
          if (nf > 0) of_dof = real(nf, wp)*(4*n + 2*min(features, n)) &
-                              + real(points, wp)*(2*features + n + 4*together)
+                              + real(points, wp)*(min(landmarks, n) + 4*together)
          bytes = max(bytes, word*(of_law + max(of_draws, of_dof)))
       end do
       associate (np => size(plan%output%percentiles))
