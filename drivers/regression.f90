@@ -35,10 +35,12 @@ module driver_regression
       !> (value, quantity, joint, case) as scalar_values; quantities as in by_quantity
       real(wp), allocatable :: scalars(:, :, :, :)
       real(wp), allocatable :: spectra(:, :, :)        !! (number, dof, case) as spectrum_values
-      integer :: at_hand = 0                           !! the pool of the next three
+      real(wp), allocatable :: harmonics(:, :, :)      !! (value, dof, case) as scalar_values
+      integer :: at_hand = 0                           !! the pool of the next four
       type(pool_type) :: pool
       integer, allocatable :: drawn(:, :)              !! (process and samples fitted, case) of it
       real(wp), allocatable :: responses(:, :, :)      !! (sample, quantity, joint)
+      real(wp), allocatable :: amplitudes(:, :)        !! (sample, dof) under a sine
    end type workshop_type
 
 contains
@@ -67,7 +69,7 @@ contains
       workshop%pools = find_pools(plan)
       if (size(workshop%pools) == 0) return
       call open_workshop(world, plan, frequency, statistics, workshop)
-      n_tasks = workshop%n_joints + size(workshop%dofs)
+      n_tasks = workshop%n_joints + size(workshop%dofs) + size(workshop%harmonics, 2)
       call new_counter(world, int(n_tasks*size(workshop%pools), long), counter)
       do
          if (allocated(error)) call counter%request_stop()
@@ -81,6 +83,7 @@ contains
       if (world%any_true(allocated(error))) return
       call world%add_up(size(workshop%scalars), workshop%scalars)
       call world%add_up(size(workshop%spectra), workshop%spectra)
+      call world%add_up(size(workshop%harmonics), workshop%harmonics)
       if (.not. world%is_root()) return
       do p = 1, size(workshop%pools)
          do c = 1, size(workshop%pools(p)%cases)
@@ -135,6 +138,9 @@ contains
          allocate (workshop%scalars(6 + 4*np + 2*size(workshop%points), n_quantities, nj, &
                                     n_cases), source=0.0_wp)
          allocate (workshop%spectra(7 + 3*np + (3 + 4*np)*nf, nd, n_cases), source=0.0_wp)
+         allocate (workshop%harmonics(size(workshop%scalars, 1), &
+                                     merge(plan%structure%n_dof, 0, &
+                                           plan%excitation%kind == 'sine'), n_cases), source=0.0_wp)
          allocate (workshop%plain(n_cases))
          do p = 1, size(workshop%pools)
             do i = 1, size(workshop%pools(p)%cases)
@@ -143,6 +149,8 @@ contains
                call share_joints(workshop%plain(c)%slip)
                call share_joints(workshop%plain(c)%slip_distance)
                call share_joints(workshop%plain(c)%dissipation)
+               if (size(workshop%harmonics) > 0) &
+                  call share_joints(workshop%plain(c)%harmonic_amplitude)
                if (nd == 0) cycle
                call world%broadcast(workshop%plain(c)%psd_mean)
                call share_cube(workshop%plain(c)%psd_percentiles, [nd, nf, np])
@@ -172,14 +180,15 @@ contains
 
    end subroutine open_workshop
 
-   !> The quantities of one joint, or the spectra of one dof, for all cases of a pool.
+   !> The quantities of one joint, or the spectra or the amplitude of one dof, for all cases of a
+   !> pool.
    subroutine do_task(plan, models, store, shards, number, part, workshop, error)
       type(plan_type), intent(in) :: plan
       type(process_model_type), intent(in) :: models(:)
       type(shard_store), intent(in) :: store
       type(shard_type), intent(in) :: shards(:)
       integer, intent(in) :: number   !! of the pool
-      integer, intent(in) :: part     !! a joint, or behind all joints a dof
+      integer, intent(in) :: part     !! a joint, or behind those a dof: of spectra, of amplitudes
       type(workshop_type), intent(inout) :: workshop
       type(error_type), allocatable, intent(inout) :: error
 
@@ -187,11 +196,15 @@ contains
          call gather_pool(plan, models, store, shards, number, workshop, error)
          if (allocated(error)) return
       end if
-      if (part <= workshop%n_joints) then
-         call estimate_joint(workshop, part, error)
-      else
-         call estimate_dof(store, shards, part - workshop%n_joints, workshop, error)
-      end if
+      associate (dof => part - workshop%n_joints, n_spectra => size(workshop%dofs))
+         if (dof <= 0) then
+            call estimate_joint(workshop, part, error)
+         else if (dof <= n_spectra) then
+            call estimate_dof(store, shards, dof, workshop, error)
+         else
+            call estimate_amplitude(workshop, dof - n_spectra, error)
+         end if
+      end associate
    end subroutine do_task
 
    !> The samples of a pool that the regression uses, and draws of each case's law. Under another
@@ -217,6 +230,8 @@ contains
          if (allocated(workshop%responses)) deallocate (workshop%responses)
          allocate (friction(first(size(first)) - 1, size(workshop%points)))
          allocate (workshop%responses(size(friction, 1), n_quantities, workshop%n_joints))
+         if (allocated(workshop%amplitudes)) deallocate (workshop%amplitudes)
+         allocate (workshop%amplitudes(size(friction, 1), size(workshop%harmonics, 2)))
          do i = 1, size(members%cases)
             call read_samples(store, shards_of(shards, members%cases(i), members%n_fitted(i)), &
                               members%cases(i), 1, members%n_fitted(i), samples, error)
@@ -227,6 +242,9 @@ contains
                ours(:, 2, :) = transpose(samples%slip_distance)
                ours(:, 3, :) = transpose(samples%dissipation)
             end associate
+            if (size(workshop%amplitudes) > 0) &
+               workshop%amplitudes(first(i):first(i + 1) - 1, :) = &
+                  transpose(samples%harmonic_amplitude)
          end do
          workshop%at_hand = number
          if (allocated(workshop%drawn)) then
@@ -260,9 +278,9 @@ contains
       associate (cases => workshop%pools(workshop%at_hand)%cases)
          allocate (plain(n_quantities, size(cases)), estimates(n_quantities, size(cases)))
          do i = 1, size(cases)
-            plain(1, i) = plain_of(workshop%plain(cases(i))%slip)
-            plain(2, i) = plain_of(workshop%plain(cases(i))%slip_distance)
-            plain(3, i) = plain_of(workshop%plain(cases(i))%dissipation)
+            plain(1, i) = plain_of(workshop%plain(cases(i))%slip, joint)
+            plain(2, i) = plain_of(workshop%plain(cases(i))%slip_distance, joint)
+            plain(3, i) = plain_of(workshop%plain(cases(i))%dissipation, joint)
          end do
          call estimate_scalars(workshop%pool, workshop%responses(:, :, joint), &
                                [.true., .false., .false.], workshop%share_below, plain, estimates, &
@@ -275,18 +293,40 @@ contains
          end do
       end associate
 
-   contains
-
-      pure function plain_of(statistics) result(plain)
-         type(joint_statistics), intent(in) :: statistics
-         type(scalar_plain) :: plain
-
-         plain%mean = statistics%mean(joint)
-         plain%deviation = statistics%std(joint)
-         plain%percentile = statistics%percentiles(joint, :)
-      end function plain_of
-
    end subroutine estimate_joint
+
+   !> Plain statistics of one joint or dof.
+   pure function plain_of(statistics, place) result(plain)
+      type(joint_statistics), intent(in) :: statistics
+      integer, intent(in) :: place
+      type(scalar_plain) :: plain
+
+      plain%mean = statistics%mean(place)
+      plain%deviation = statistics%std(place)
+      plain%percentile = statistics%percentiles(place, :)
+   end function plain_of
+
+   subroutine estimate_amplitude(workshop, dof, error)
+      type(workshop_type), intent(inout) :: workshop
+      integer, intent(in) :: dof
+      type(error_type), allocatable, intent(out) :: error
+      type(scalar_plain), allocatable :: plain(:, :)
+      type(scalar_type), allocatable :: estimates(:, :)
+      integer :: i
+
+      associate (cases => workshop%pools(workshop%at_hand)%cases)
+         allocate (plain(1, size(cases)), estimates(1, size(cases)))
+         do i = 1, size(cases)
+            plain(1, i) = plain_of(workshop%plain(cases(i))%harmonic_amplitude, dof)
+         end do
+         call estimate_scalars(workshop%pool, workshop%amplitudes(:, dof:dof), [.false.], &
+                               workshop%share_below, plain, estimates, error)
+         if (allocated(error)) return
+         do i = 1, size(cases)
+            workshop%harmonics(:, dof, cases(i)) = scalar_values(estimates(1, i))
+         end do
+      end associate
+   end subroutine estimate_amplitude
 
    subroutine estimate_dof(store, shards, dof, workshop, error)
       type(shard_store), intent(in) :: store
@@ -336,6 +376,10 @@ contains
                call estimates%take_scalar(q, joint, &
                                    scalar_from(workshop%scalars(:, q, joint, cases(place)), np))
             end do
+         end do
+         do dof = 1, size(workshop%harmonics, 2)
+            call estimates%take_amplitude(dof, &
+                                          scalar_from(workshop%harmonics(:, dof, cases(place)), np))
          end do
          do dof = 1, size(workshop%dofs)
             call estimates%take_spectrum(dof, &

@@ -111,19 +111,21 @@ contains
       type(error_type), allocatable, intent(out) :: error
       type(group_type), intent(inout), optional :: group
       type(block_result) :: samples
-      type(joint_collector) :: slip, slip_distance, dissipation
+      type(joint_collector) :: slip, slip_distance, dissipation, harmonic_amplitude
       type(span_collector) :: spans
       real(wp), allocatable :: errors(:, :)   ! (dof, sample) of slip fractions
       integer, allocatable :: first(:)
       integer :: g
-      logical :: has_series
+      logical :: has_series, is_sine
 
       has_series = plan%output%slip .and. count_spans(plan%integration) >= fewest_spans
+      is_sine = plan%excitation%kind == 'sine'
       first = sample_groups(plan%cases(number)%n_samples)
       if (plan%cases(number)%n_samples > 1) then
-         call start(slip)
-         call start(slip_distance)
-         call start(dissipation)
+         call start(plan%structure%n_joints, slip)
+         call start(plan%structure%n_joints, slip_distance)
+         call start(plan%structure%n_joints, dissipation)
+         if (is_sine) call start(plan%structure%n_dof, harmonic_amplitude)
       end if
       do g = 1, size(first) - 1
          call attend_to_others()
@@ -133,6 +135,7 @@ contains
             call slip%add(g, samples%slip_fraction)
             call slip_distance%add(g, samples%slip_distance)
             call dissipation%add(g, samples%dissipation)
+            if (is_sine) call harmonic_amplitude%add(g, samples%harmonic_amplitude)
          end if
          if (has_series) call take_series(shards, samples, spans, errors, error)
          if (allocated(error)) return
@@ -143,17 +146,19 @@ contains
       call slip%finish(statistics%slip)
       call slip_distance%finish(statistics%slip_distance)
       call dissipation%finish(statistics%dissipation)
+      if (is_sine) call harmonic_amplitude%finish(statistics%harmonic_amplitude)
       if (.not. has_series) return
       call spans%finish(statistics)
       if (plan%excitation%per_sample) statistics%slip_mean_time_error = 0.0_wp   ! samples lower it
 
    contains
 
-      subroutine start(collector)
+      subroutine start(n_numbers, collector)
+         integer, intent(in) :: n_numbers   !! of a sample
          type(joint_collector), intent(out) :: collector
 
-         call start_joints(plan%cases(number)%n_samples, plan%structure%n_joints, &
-                           plan%output%percentiles, plan%seed, collector)
+         call start_joints(plan%cases(number)%n_samples, n_numbers, plan%output%percentiles, &
+                           plan%seed, collector)
       end subroutine start
 
    end subroutine find_slip_statistics

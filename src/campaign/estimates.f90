@@ -24,6 +24,7 @@ module campaign_estimates
    contains
       procedure :: start
       procedure :: take_scalar
+      procedure :: take_amplitude
       procedure :: take_spectrum
    end type case_estimates
 
@@ -41,6 +42,7 @@ contains
          ratio%slip = best%slip
          ratio%slip_distance = best%slip_distance
          ratio%dissipation = best%dissipation
+         ratio%harmonic_amplitude = best%harmonic_amplitude
          if (.not. allocated(best%psd_mean)) return
          ratio%psd_mean = best%psd_mean
          ratio%psd_percentiles = best%psd_percentiles
@@ -70,6 +72,15 @@ contains
          end select
       end associate
    end subroutine take_scalar
+
+   !> The amplitude of a dof under a sine.
+   pure subroutine take_amplitude(self, dof, scalar)
+      class(case_estimates), intent(inout) :: self
+      integer, intent(in) :: dof
+      type(scalar_type), intent(in) :: scalar
+
+      call replace(dof, scalar, self%best%harmonic_amplitude, self%error_ratio%harmonic_amplitude)
+   end subroutine take_amplitude
 
    pure subroutine replace(joint, scalar, best, ratio)
       integer, intent(in) :: joint

@@ -44,7 +44,7 @@ module campaign_results
       type(transition_list), allocatable :: transitions(:)   !! (sample)
    end type block_result
 
-   !> Statistics of one number per sample and joint, with standard errors and 95 % intervals.
+   !> Statistics of one number per sample and joint or dof, with standard errors and 95 % intervals.
    type :: joint_statistics
       real(wp), allocatable :: mean(:), std(:)               !! (joint)
       real(wp), allocatable :: mean_error(:), std_error(:)   !! (joint)
@@ -58,6 +58,7 @@ module campaign_results
       type(joint_statistics) :: slip            !! of slip fractions
       type(joint_statistics) :: slip_distance   !! [m]
       type(joint_statistics) :: dissipation     !! [J]
+      type(joint_statistics) :: harmonic_amplitude   !! of dofs in place of joints, sine alone [m]
       !> (joint) of what the samples have in common, for a march of finite length
       real(wp), allocatable :: slip_mean_time_error(:)
       real(wp), allocatable :: slip_std_time_part(:)     !! (joint) standard deviation it adds

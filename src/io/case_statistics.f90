@@ -72,9 +72,11 @@ contains
       type(case_estimates), intent(in) :: estimates
 
       associate (ratio => estimates%error_ratio)
-         call describe_joints('slip', ratio%slip)
-         call describe_joints('slip_distance', ratio%slip_distance)
-         call describe_joints('dissipation', ratio%dissipation)
+         call describe_numbers('slip', ratio%slip)
+         call describe_numbers('slip_distance', ratio%slip_distance)
+         call describe_numbers('dissipation', ratio%dissipation)
+         if (allocated(ratio%harmonic_amplitude%mean)) &
+            call describe_numbers('harmonic_amplitude', ratio%harmonic_amplitude)
          if (.not. allocated(ratio%psd_mean)) return
          call describe('psd_mean', [ratio%psd_mean])
          call describe('psd_percentiles', [ratio%psd_percentiles])
@@ -85,14 +87,14 @@ contains
 
    contains
 
-      subroutine describe_joints(name, ratio)
+      subroutine describe_numbers(name, ratio)
          character(*), intent(in) :: name
          type(joint_statistics), intent(in) :: ratio
 
          call describe(name//'_mean', ratio%mean)
          call describe(name//'_std', ratio%std)
          call describe(name//'_percentiles', [ratio%percentiles])
-      end subroutine describe_joints
+      end subroutine describe_numbers
 
       subroutine describe(name, ratio)
          character(*), intent(in) :: name
@@ -133,7 +135,7 @@ contains
       names = names(2:)
    end function names_of
 
-   !> Quantities of joints, then bands.
+   !> Quantities of joints, amplitudes under a sine, then bands.
    subroutine write_statistics(group, plan, statistics, is_regression)
       type(group_type), intent(inout) :: group
       type(plan_type), intent(in) :: plan
@@ -142,9 +144,13 @@ contains
 
       if (.not. allocated(statistics%slip%mean)) return
       call write_methods(group, is_regression, allocated(statistics%psd_mean))
-      call put_joints(group, 'slip', '1', 'slip_fraction', statistics%slip)
-      call put_joints(group, 'slip_distance', 'm', 'slip_distance', statistics%slip_distance)
-      call put_joints(group, 'dissipation', 'J', 'dissipation', statistics%dissipation)
+      call put_numbers(group, 'slip', '1', 'slip_fraction', 'joint', statistics%slip)
+      call put_numbers(group, 'slip_distance', 'm', 'slip_distance', 'joint', &
+                       statistics%slip_distance)
+      call put_numbers(group, 'dissipation', 'J', 'dissipation', 'joint', statistics%dissipation)
+      if (allocated(statistics%harmonic_amplitude%mean)) &
+         call put_numbers(group, 'harmonic_amplitude', 'm', 'harmonic_amplitude', 'dof', &
+                          statistics%harmonic_amplitude)
       if (.not. allocated(statistics%psd_mean)) return
       call put_bands(group, axes_of(plan), statistics)
       call put_band_errors(group, axes_of(plan), statistics)
@@ -186,33 +192,34 @@ contains
 
    end subroutine write_methods
 
-   !> A quantity of the joints with its errors.
-   subroutine put_joints(group, name, units, quantity, statistics)
+   !> A quantity of the joints or dofs with its errors.
+   subroutine put_numbers(group, name, units, quantity, axis, statistics)
       type(group_type), intent(inout) :: group
       character(*), intent(in) :: name, units
       character(*), intent(in) :: quantity   !! dataset of the samples
+      character(*), intent(in) :: axis       !! 'joint' or 'dof'
       type(joint_statistics), intent(in) :: statistics
       ! gfortran does not free text that is joined inside of a structure constructor
       character(:), allocatable :: meaning
 
       meaning = 'mean of '//quantity
-      call group%put_allocated(name//'_mean', statistics%mean, label_type(units, meaning, 'joint'))
+      call group%put_allocated(name//'_mean', statistics%mean, label_type(units, meaning, axis))
       meaning = 'standard error of '//name//'_mean'
       call group%put_allocated(name//'_mean_error', statistics%mean_error, &
-                     label_type(units, meaning, 'joint'))
+                     label_type(units, meaning, axis))
       meaning = 'standard deviation of '//quantity
-      call group%put_allocated(name//'_std', statistics%std, label_type(units, meaning, 'joint'))
+      call group%put_allocated(name//'_std', statistics%std, label_type(units, meaning, axis))
       meaning = 'standard error of '//name//'_std'
       call group%put_allocated(name//'_std_error', statistics%std_error, &
-                     label_type(units, meaning, 'joint'))
+                     label_type(units, meaning, axis))
       meaning = 'percentiles of '//quantity
       call group%put_allocated(name//'_percentiles', statistics%percentiles, &
-                     label_type(units, meaning, 'percentile joint'))
+                     label_type(units, meaning, 'percentile '//axis))
       call group%put_allocated(name//'_percentiles_low', statistics%low, &
-                     label_type(units, 'lower end of the 95 % interval', 'percentile joint'))
+                     label_type(units, 'lower end of the 95 % interval', 'percentile '//axis))
       call group%put_allocated(name//'_percentiles_high', statistics%high, &
-                     label_type(units, 'upper end of the 95 % interval', 'percentile joint'))
-   end subroutine put_joints
+                     label_type(units, 'upper end of the 95 % interval', 'percentile '//axis))
+   end subroutine put_numbers
 
    !> Writes the bands without their errors.
    subroutine put_bands(group, axes, statistics)
@@ -307,9 +314,11 @@ contains
       type(band_axes) :: axes
 
       axes = axes_of(plan)
-      call put_of_joints('slip', ratio%slip)
-      call put_of_joints('slip_distance', ratio%slip_distance)
-      call put_of_joints('dissipation', ratio%dissipation)
+      call put_numbers_of('slip', 'joint', ratio%slip)
+      call put_numbers_of('slip_distance', 'joint', ratio%slip_distance)
+      call put_numbers_of('dissipation', 'joint', ratio%dissipation)
+      if (allocated(ratio%harmonic_amplitude%mean)) &
+         call put_numbers_of('harmonic_amplitude', 'dof', ratio%harmonic_amplitude)
       if (.not. allocated(ratio%psd_mean)) return
       call group%put('psd_mean', ratio%psd_mean, label_type('1', meaning, trim(axes%spectrum)))
       call group%put('psd_percentiles', ratio%psd_percentiles, &
@@ -322,15 +331,15 @@ contains
 
    contains
 
-      subroutine put_of_joints(name, of)
-         character(*), intent(in) :: name
+      subroutine put_numbers_of(name, axis, of)
+         character(*), intent(in) :: name, axis
          type(joint_statistics), intent(in) :: of
 
-         call group%put(name//'_mean', of%mean, label_type('1', meaning, 'joint'))
-         call group%put(name//'_std', of%std, label_type('1', meaning, 'joint'))
+         call group%put(name//'_mean', of%mean, label_type('1', meaning, axis))
+         call group%put(name//'_std', of%std, label_type('1', meaning, axis))
          call group%put(name//'_percentiles', of%percentiles, &
-                        label_type('1', meaning, 'percentile joint'))
-      end subroutine put_of_joints
+                        label_type('1', meaning, 'percentile '//axis))
+      end subroutine put_numbers_of
 
    end subroutine write_ratios
 

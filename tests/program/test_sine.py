@@ -39,6 +39,35 @@ def test_sines_are_told_to_be_steady_and_go_on_with_the_same_bits(entroslip, tmp
     assert scene_bits(tmp_path / "s.h5") == scene_bits(tmp_path / "at_once.h5")
 
 
+def test_amplitudes_are_estimated_by_regression(entroslip, tmp_path):
+    """Mean and spread of amplitudes to a third of plain sampling's error, against 600 samples."""
+    (tmp_path / "s.nml").write_text(SINES)
+    one = ("--set", "excitation%frequency=1.2", "--set", "excitation%amplitude=3.0")
+    for name, words in (
+        ("few", ("campaign%n_samples=40",)),
+        ("many", ("campaign%n_samples=600", "campaign%estimator='plain'")),
+    ):
+        options = [option for word in words for option in ("--set", word)]
+        done = entroslip("run", "s.nml", *one, *options, "--output", f"{name}.h5")
+        assert done.returncode == 0, done.stderr
+    with h5py.File(tmp_path / "few.h5") as few, h5py.File(tmp_path / "many.h5") as many:
+        case, truth = few["campaign/c002"], many["campaign/c002"]
+        of_samples = case["harmonic_amplitude"][()]
+        np.testing.assert_allclose(case["plain/harmonic_amplitude_mean"], of_samples.mean(axis=0))
+        np.testing.assert_allclose(
+            truth["harmonic_amplitude_std"], truth["harmonic_amplitude"][()].std(axis=0, ddof=1)
+        )
+        assert case["harmonic_amplitude_percentiles"].shape == (2, 2)
+        assert case["harmonic_amplitude_mean"].attrs["estimator"] == "regression"
+        for name in ("mean", "std"):
+            ours = case[f"harmonic_amplitude_{name}"]
+            stated = np.hypot(
+                case[f"harmonic_amplitude_{name}_error"], truth[f"harmonic_amplitude_{name}_error"]
+            )
+            assert (case[f"error_ratio/harmonic_amplitude_{name}"][()] > 3).all()
+            assert (abs(ours[()] - truth[f"harmonic_amplitude_{name}"][()]) < 4 * stated).all()
+
+
 def test_a_short_march_is_told_to_be_unsteady(entroslip, tmp_path):
     (tmp_path / "s.nml").write_text(SINES)
     done = entroslip("run", "s.nml", "--set", "integration%n_steps=1400", "--set",
