@@ -2,10 +2,13 @@
 !> K(m) >= 0 beyond the end of the unconstrained optimum's shape, and with K(m) whose sign changes
 !> with every lag.
 !>
-!> No Gaussian process need have these coefficients: the sequential law is searched in its a_q, Eq.
+!> With K(m) >= 0 the unknowns are atanh(kappa_m): 1 + sum a_q is their product of 1 + kappa_m, and a
+!> maximum at 0, where the field alone holds values back, is approached as one of them grows.
+!>
+!> No Gaussian process need have alternating K(m): the sequential law is searched in its a_q, Eq.
 !> (25) in the row of G, which may be indefinite; positive values alone keep both finite. A maximum
-!> often lies where the law is about to lose that: where all values, or every other one, could just
-!> grow together. There one coefficient follows from the others, and the field holds values back.
+!> often lies where the law is about to lose that: where every other value could just grow. There
+!> one coefficient follows from the others.
 module process_positive_branches
    use core_error, only: error_type, exit_no_solution, raise
    use core_kinds, only: long, wp
@@ -13,7 +16,8 @@ module process_positive_branches
    use core_text, only: to_text
    use numerics_constrained_maximum, only: maximize, search_result
    use process_model, only: process_request
-   use process_positive_family, only: by_coefficients, by_precision, parameter_family
+   use process_positive_family, only: by_coefficients, by_precision, free, &
+      parameter_family
    use process_positive_first_order, only: find_limit, match_branch
    use process_positive_kernel, only: first_order_law
    use process_positive_moments, only: estimate_autocovariance
@@ -32,8 +36,9 @@ module process_positive_branches
 contains
 
    !> After a search in the unconstrained optimum's shape has failed: the maximum with K(m) >= 0, or
-   !> the alternating one where that is not asked for or has ended. The direct method's orders do
-   !> not contain each other.
+   !> the alternating one where that is not asked for or has ended; where some K(m) have changed
+   !> their sign on the way, that of the larger entropy. The direct method's orders do not contain
+   !> each other.
    subroutine search_branches(request, seed, effort, law, point, found, error)
       type(process_request), intent(in) :: request   !! of order 2 or more
       integer(long), intent(in) :: seed
@@ -43,6 +48,9 @@ contains
       type(search_result), intent(inout) :: found
       type(error_type), allocatable, intent(inout) :: error   !! of that search; or none
       type(error_type), allocatable :: failure
+      type(sampled_objective) :: trial
+      type(search_result) :: trial_found
+      real(wp), allocatable :: trial_point(:)
       character(:), allocatable :: message
       real(wp) :: limit
       integer :: branch
@@ -52,18 +60,35 @@ contains
       message = error%message
       do branch = 1, merge(2, 1, request%branch == 'any')
          if (branch == 1 .and. request%std >= request%mean) cycle
-         call continue_first_order(request, seed, branch == 2, effort, law, point, found, limit, &
-                                   failure)
+         call continue_first_order(request, seed, branch == 2, effort, trial, trial_point, &
+                                   trial_found, limit, failure)
          if (.not. allocated(failure)) then
-            deallocate (error)
-            return
+            if (.not. allocated(error)) then
+               if (relative_entropy(trial) < relative_entropy(law)) return
+            end if
+            law = trial
+            point = trial_point
+            found = trial_found
+            if (allocated(error)) deallocate (error)
+            if (branch == 2 .or. all(law%signs > 0.0_wp)) return
+         else
+            if (failure%message == message) return
+            message = message//'; '//failure%message
          end if
-         if (failure%message == message) return
-         message = message//'; '//failure%message
          if (.not. effort > 0.0_wp) exit
       end do
-      call raise(error, exit_no_solution, message)
+      if (allocated(error)) call raise(error, exit_no_solution, message)
    end subroutine search_branches
+
+   !> Entropy of x/std at the point of the last evaluation.
+   function relative_entropy(law) result(entropy)
+      type(sampled_objective), intent(inout) :: law
+      real(wp) :: entropy
+      real(wp) :: unused
+
+      call law%find_entropy(entropy, unused)
+      entropy = entropy - log(law%last%moments%std)
+   end function relative_entropy
 
    !> The maximum of one branch, or the std/mean at which it ends: `limit`.
    subroutine continue_first_order(request, seed, is_alternating, effort, law, point, found, &
@@ -77,7 +102,7 @@ contains
       type(search_result), intent(out) :: found
       real(wp), intent(out) :: limit      !! the largest that was found; 0: none
       type(error_type), allocatable, intent(out) :: error
-      real(wp), parameter :: inside = 0.97_wp   ! of the limit of order 1
+      real(wp), parameter :: inside = 0.97_wp   ! of the limit of order 1, beyond it
       real(wp), allocatable :: autocovariance(:)
       type(process_request) :: one
       type(first_order_law) :: first
@@ -90,7 +115,7 @@ contains
       one%order = 1
       call find_limit(one, is_alternating, limit, error)
       if (allocated(error)) return
-      one%std = request%mean*min(wanted, inside*limit)
+      one%std = request%mean*merge(wanted, inside*limit, wanted < limit)
       limit = 0.0_wp
       call match_branch(one, is_alternating, first, error)
       if (allocated(error)) return
@@ -148,15 +173,17 @@ contains
       type(parameter_family) :: family
       type(search_result) :: found
       real(wp), allocatable :: reached(:)
-      real(wp) :: moments(2), unit   ! 1/sqrt(G_0) in the unit of `first`
+      real(wp) :: moments(2)
 
       lower = request
       lower%order = 1
-      family%kind = merge(by_precision, by_coefficients, request%sampler == 'exact')
-      unit = 1.0_wp
-      if (request%sampler == 'exact' .and. first%r > 0.0_wp) unit = 1.0_wp/sqrt(1.0_wp + first%r**2)
-      point = [-first%r*unit**2, asinh(first%field*unit)]
-      moments = [first%mean, first%std]/unit
+      family%kind = free
+      point = [-atanh(first%r), asinh(first%field)]
+      if (first%r < 0.0_wp) then
+         family%kind = merge(by_precision, by_coefficients, request%sampler == 'exact')
+         point(1) = -first%r
+      end if
+      moments = [first%mean, first%std]
       do
          lower%order = min(2*lower%order, request%order)
          call new_problem(lower, request%sampler, &
@@ -237,7 +264,7 @@ contains
          end if
          call maximize(law, point, n_constraints, branch_difference, acceptable, max_iterations, &
                        found, metric)
-         if (found%is_converged .or. law%family%face > 0) return
+         if (found%is_converged .or. law%family%face > 0 .or. law%family%kind == free) return
          associate (room => law%family%room(point))
             p = minloc(room, 1)
             if (room(p) > near) return

@@ -286,7 +286,8 @@ contains
             - log(model%b0)
          field = model%mu/model%b0*(1.0_wp + sum(model%a))**2
          psi = entropy - 0.5_wp + 0.5_wp*field*law%last%moments%mean
-         model%lambda = exp(psi - log_sqrt_two_pi - 0.5_wp*field*model%mu/model%b0)
+         model%lambda = exp(max(psi - log_sqrt_two_pi - 0.5_wp*field*model%mu/model%b0, &
+                                log(tiny(1.0_wp))))
          model%lambda_error = model%lambda*error_of_partition(law, entropy_error)
       end if
    end subroutine note_acceptances

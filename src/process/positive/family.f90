@@ -11,7 +11,7 @@ module process_positive_family
    public :: law_estimate, parameter_family
    public :: by_coefficients, by_precision, by_shape, by_symbol, free
 
-   real(wp), parameter :: largest_kappa = 0.9999_wp
+   real(wp), parameter :: largest_kappa = 1.0_wp - 1.0e-6_wp
    real(wp), parameter :: margin = 1.0e-5_wp   !! of a face
 
    !> (ln factor of a shape, coordinate), (ln factor of a symbol, coordinate), (atanh(kappa_m) over
