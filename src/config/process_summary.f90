@@ -92,7 +92,8 @@ contains
       do i = 1, size(foreseen)
          associate (asked => foreseen(i)%request)
             if (.not. (foreseen(i)%is_solved .and. asked%positive)) cycle
-            if (asked%sampler /= 'exact' .or. allocated(foreseen(i)%g)) cycle
+            if (asked%sampler /= 'exact' .or. .not. allocated(foreseen(i)%a)) cycle
+            if (allocated(foreseen(i)%g)) cycle
          end associate
          ways(i) = way_of_drawing(foreseen(i), n_points)
          by_windows(i) = ways(i)%by_windows

@@ -2,8 +2,8 @@
 !> K(m) >= 0 beyond the end of the unconstrained optimum's shape, and with K(m) whose sign changes
 !> with every lag.
 !>
-!> With K(m) >= 0 the unknowns are atanh(kappa_m): 1 + sum a_q is their product of 1 + kappa_m, and a
-!> maximum at 0, where the field alone holds values back, is approached as one of them grows.
+!> With K(m) >= 0 the unknowns are atanh(kappa_m): 1 + sum a_q is the product of 1 + kappa_m, and
+!> a maximum at 0, where the field alone holds values back, is approached as one of them grows.
 !>
 !> No Gaussian process need have alternating K(m): the sequential law is searched in its a_q, Eq.
 !> (25) in the row of G, which may be indefinite; positive values alone keep both finite. A maximum

@@ -17,7 +17,8 @@ module process_positive_first_order
    use process_positive_truncated_normal, only: fit_truncated_normal
    implicit none(type, external)
    private
-   public :: match_first_order, match_branch, find_limit, stated, describe_first_order
+   public :: match_first_order, match_branch, find_limit, stated, describe_first_order, &
+      look_beside_first_order
 
    !> [lags] seconds of matrices of order 800
    real(wp), parameter :: longest_first_order = 1000.0_wp
@@ -299,12 +300,12 @@ contains
          model%other_entropy = other%entropy + log(model%b0)
          call note_acceptances(other, model)
       end if
-      if (law%r < 0.0_wp) call look_beside(request, model)
+      if (law%r < 0.0_wp) call look_beside_first_order(request, model)
    end subroutine describe_first_order
 
-   !> Entropy of the other law's process with K(m) >= 0, where it is larger than an alternating
-   !> one's.
-   subroutine look_beside(request, model)
+   !> Entropy of the other law's process of order 1 with K(m) >= 0, where it is larger than an
+   !> alternating one's.
+   subroutine look_beside_first_order(request, model)
       type(process_request), intent(in) :: request
       type(process_model_type), intent(inout) :: model
       type(process_request) :: beside
@@ -318,7 +319,7 @@ contains
       if (allocated(refusal)) return
       law%entropy = law%entropy + log(request%std/law%std)
       if (law%entropy > model%entropy) model%nonnegative_entropy = law%entropy
-   end subroutine look_beside
+   end subroutine look_beside_first_order
 
    subroutine describe_correlation(request, law, model)
       type(process_request), intent(in) :: request

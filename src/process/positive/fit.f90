@@ -13,7 +13,8 @@ module process_positive_fit
    use process_positive_description, only: compare_laws, describe_sampled, describe_white, &
       name_multipliers, outline_sampled
    use process_positive_branches, only: branch_difference, search_branches
-   use process_positive_first_order, only: describe_first_order, match_first_order
+   use process_positive_first_order, only: describe_first_order, look_beside_first_order, &
+      match_first_order
    use process_positive_kernel, only: first_order_law
    use process_positive_objective, only: sampled_objective
    use process_positive_refinement, only: refine, shape_spread
@@ -80,8 +81,9 @@ contains
    end subroutine fit_positive
 
    !> Foresees a fit: fails where `fit_positive` would not even begin. Of the exact law it also
-   !> fills what realizations are drawn by, roughly where it is sampled. A search that is long is
-   !> left to the fit: the branch is then 'open'.
+   !> fills what realizations are drawn by, roughly where it is sampled and found soon. A process of
+   !> order 1 with K(m) >= 0 is one of every order. A search that is long is left to the fit: the
+   !> branch is then 'open'.
    subroutine foresee_positive(request, seed, model, error)
       type(process_request), intent(in) :: request
       integer(long), intent(in) :: seed
@@ -90,10 +92,10 @@ contains
       type(sampled_objective) :: law
       type(first_order_law) :: first_order
       type(search_result) :: found
-      real(wp), parameter :: quick_effort = 2.0e8_wp   ! values: some 2 s
+      real(wp), parameter :: quick_effort(2) = [1.0e8_wp, 4.0e7_wp]   ! sequential, exact: 1 s or 2
       real(wp), allocatable :: point(:), unused(:)
       real(wp) :: effort, mu, sigma
-      logical :: is_exact, is_inside
+      logical :: has_first_order, is_exact, is_inside
 
       model%request = request
       is_exact = request%sampler == 'exact'
@@ -105,20 +107,45 @@ contains
          if ((is_exact .or. first_order%r < 0.0_wp) .and. .not. allocated(error)) &
             call describe_first_order(request, first_order, model, error)
       else
-         call approach(request, seed, law, point, found, error)
-         effort = quick_effort
-         if (allocated(error)) call search_branches(request, seed, effort, law, point, found, error)
+         has_first_order = first_order_has(request)
+         if (has_first_order .and. .not. is_exact) return
+         effort = quick_effort(merge(2, 1, is_exact))
+         call approach(request, seed, law, point, found, error, effort)
+         effort = max(0.0_wp, effort - law%effort)
+         if (has_first_order .and. allocated(error)) then
+            deallocate (error)
+            return
+         end if
+         if (allocated(error) .and. effort > 0.0_wp) &
+            call search_branches(request, seed, effort, law, point, found, error)
          if (allocated(error) .and. .not. effort > 0.0_wp) then
             deallocate (error)
             model%branch = 'open'
             return
          end if
          if (allocated(error)) return
+         law%most_effort = huge(1.0_wp)
          call law%evaluate(point, unused, is_inside)
          if (is_exact .or. law%problem%decay > 0.0_wp) call outline_sampled(request, law, model)
-         call look_beside(request, seed, model)
+         if (is_alternating_below_mean(model)) call look_beside_first_order(request, model)
       end if
    end subroutine foresee_positive
+
+   !> True if order 1 has a process with K(m) >= 0 that meets a request of higher order.
+   logical function first_order_has(request)
+      type(process_request), intent(in) :: request
+      type(process_request) :: one
+      type(first_order_law) :: unused
+      type(error_type), allocatable :: refusal
+
+      one = request
+      one%order = 1
+      one%branch = 'nonnegative'
+      first_order_has = is_first_order(one)
+      if (.not. first_order_has) return
+      call match_first_order(one, unused, refusal)
+      first_order_has = .not. allocated(refusal)
+   end function first_order_has
 
    !> The largest entropy: in the shape of the unconstrained optimum, then with every coefficient
    !> free; where that ends, on the branches that go on from order 1.
@@ -150,8 +177,7 @@ contains
       type(process_request) :: beside
       type(process_model_type) :: other
 
-      if (.not. allocated(model%branch)) return
-      if (model%branch /= 'alternating' .or. request%std >= request%mean) return
+      if (.not. is_alternating_below_mean(model)) return
       beside = request
       beside%sampler = trim(merge('exact     ', 'sequential', request%sampler == 'sequential'))
       beside%branch = 'nonnegative'
@@ -160,6 +186,15 @@ contains
       if (other%is_solved .and. other%entropy > model%entropy) &
          model%nonnegative_entropy = other%entropy
    end subroutine look_beside
+
+   !> True if K(m) alternates where the other law may have K(m) >= 0.
+   pure logical function is_alternating_below_mean(model)
+      type(process_model_type), intent(in) :: model
+
+      is_alternating_below_mean = .false.
+      if (allocated(model%branch)) is_alternating_below_mean = &
+         model%branch == 'alternating' .and. model%request%std < model%request%mean
+   end function is_alternating_below_mean
 
    !> True if quadrature solves the request.
    pure function is_first_order(request) result(is_so)
