@@ -5,9 +5,10 @@
 !> every k-th is taken; weights give the polynomials the means that they have over all draws:
 !> w = (1 + B (B'B/M)^-1 (mean over all of B - mean of B))/M.
 !>
-!> A mean over M such points is as good as over 80 M independent draws, a percentile as over 2 M, or
-!> 8 M where the response varies along the direction alone (measured on slip fractions and spectra
-!> of the paper's chain, M = 2048 and 4096).
+!> A mean of slip fractions over M such points is as good as over 80 M independent draws, one of
+!> densities as over 7 M, their integral as over 20 M; a percentile as over 2 M, or 8 M where the
+!> response varies along the direction alone (measured on slip fractions and spectra of the paper's
+!> chain, M = 1024 to 4096).
 module statistics_law
    use core_error, only: error_type
    use core_kinds, only: wp
@@ -18,7 +19,8 @@ module statistics_law
 
    integer, parameter :: most_with_products = 12   !! inputs
    integer, parameter :: most_kept = 2**15         !! draws
-   real(wp), parameter, public :: of_means = 80.0_wp, of_percentiles = 2.0_wp, &
+   real(wp), parameter, public :: of_means = 80.0_wp, of_mean_densities = 7.0_wp, &
+                                  of_mean_powers = 20.0_wp, of_percentiles = 2.0_wp, &
                                   of_percentiles_along = 8.0_wp   !! efficiencies
 
    !> Draws of a law.

@@ -8,7 +8,8 @@ module statistics_spectra
    use core_kinds, only: wp
    use numerics_sorting, only: sort_order
    use statistics_estimates, only: blend, estimates_type, plain_mean, plain_percentile, stated_error
-   use statistics_law, only: choose_points, error_share, law_type, of_means, of_percentiles
+   use statistics_law, only: choose_points, error_share, law_type, of_mean_densities, &
+                             of_mean_powers, of_percentiles
    use statistics_pool, only: among_all, pool_type, residual_share
    use statistics_regression, only: law_mean_of_exponential, law_percentile, view_law, view_type
    use statistics_surrogate, only: fit_outputs, fit_type, learn_kernel, predict, surrogate_type
@@ -107,7 +108,7 @@ contains
             end do
             deallocate (values, order)
          end do
-         call close_integral(number, of_means, of_mean, best%variance_mean, &
+         call close_integral(number, of_mean_powers, of_mean, best%variance_mean, &
                              best%variance_mean_error, best%variance_mean_ratio)
          do p = 1, size(share_below)
             call close_integral(number, of_percentiles, of_percentile(p), best%variance(p), &
@@ -139,7 +140,7 @@ contains
          do o = 1, size(values, 2)
             f = starts(k) + o - 1
             best%mean(f) = both%value(o)
-            call state_error(number, of_means, both%influence(:, o), both%bias(o), &
+            call state_error(number, of_mean_densities, both%influence(:, o), both%bias(o), &
                              theirs%influence(:, o), 1.0_wp - share(o), best%mean_error(f), &
                              best%mean_ratio(f))
          end do
