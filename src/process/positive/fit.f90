@@ -95,7 +95,7 @@ contains
       real(wp), parameter :: quick_effort(2) = [1.0e8_wp, 4.0e7_wp]   ! sequential, exact: 1 s or 2
       real(wp), allocatable :: point(:), unused(:)
       real(wp) :: effort, mu, sigma
-      logical :: has_first_order, is_exact, is_inside
+      logical :: has_first_order, is_exact, is_inside, is_maximum_sure
 
       model%request = request
       is_exact = request%sampler == 'exact'
@@ -108,11 +108,13 @@ contains
             call describe_first_order(request, first_order, model, error)
       else
          has_first_order = first_order_has(request)
-         if (has_first_order .and. .not. is_exact) return
+         is_maximum_sure = request%branch /= 'nonnegative'   ! else it may lie where K(m) = 0
+         if (has_first_order .and. is_maximum_sure .and. .not. is_exact) return
          effort = quick_effort(merge(2, 1, is_exact))
          call approach(request, seed, law, point, found, error, effort)
          effort = max(0.0_wp, effort - law%effort)
          if (has_first_order .and. allocated(error)) then
+            if (.not. is_maximum_sure) model%branch = 'open'
             deallocate (error)
             return
          end if
