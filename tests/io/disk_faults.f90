@@ -6,7 +6,7 @@ program disk_faults
    use campaign_results, only: block_result
    use core_error, only: error_type
    use core_terminal, only: end_program
-   use io_campaign, only: made_block, made_identity, made_model, write_made_results, &
+   use io_campaign, only: ask_all, made_block, made_identity, made_model, write_made_results, &
       write_made_shards
    use io_process_shards, only: keep_process, read_kept
    use io_shards, only: list_shards, shard_type, verify_shard, write_shard
@@ -69,6 +69,7 @@ contains
       integer :: i
 
       allocate (models(60))
+      call ask_all(models)
       call list_shards(store, shards, error)
       if (allocated(error)) return
       do i = 1, size(shards)

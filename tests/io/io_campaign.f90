@@ -26,7 +26,7 @@ module io_campaign
    use structure_chain, only: build_chain
    implicit none(type, external)
    private
-   public :: fresh_folder, made_audit_block, made_block, made_identity, made_model, &
+   public :: ask_all, fresh_folder, made_audit_block, made_block, made_identity, made_model, &
              made_provenance, write_made_results, write_made_shards
 
    integer, parameter, public :: n_dof = 3, n_frequencies = 130, n_steps = 20
@@ -195,6 +195,18 @@ contains
       model%inversion%seconds = 0.75_wp
       model%inversion%seconds_of_fit = 0.125_wp
    end function made_model
+
+   !> Every process is that of made_model, as far as the scene knows.
+   subroutine ask_all(models)
+      type(process_model_type), intent(inout) :: models(:)
+      type(process_model_type) :: asked
+      integer :: i
+
+      asked = made_model()
+      do i = 1, size(models)
+         models(i)%request = asked%request
+      end do
+   end subroutine ask_all
 
    function made_provenance() result(provenance)
       type(provenance_type) :: provenance
