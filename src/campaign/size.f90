@@ -16,6 +16,7 @@ module campaign_size
    use numerics_spectrum, only: can_follow_power, count_segments, last_of_ranges
    use process_direct_sign_search, only: max_listed
    use process_model, only: process_model_type, process_request
+   use statistics_surrogate, only: most_features, most_landmarks
    use structure_sizes, only: matrices_alone => memory_of_matrices
    implicit none(type, external)
    private
@@ -304,8 +305,7 @@ contains
       type(plan_type), intent(in) :: plan
       integer, intent(in) :: every
       real(wp) :: bytes
-      integer, parameter :: kept_draws = 2**15, points = 4096, features = 160, landmarks = 256, &
-                            together = 128
+      integer, parameter :: kept_draws = 2**15, points = 4096, together = 128
       type(case_pool), allocatable :: pools(:)
       real(wp) :: of_dof, of_draws, of_law
       integer :: n, n_draws, nf, p, stride
@@ -324,8 +324,8 @@ contains
             of_law = real(min(n_draws, kept_draws), wp)*d*size(pools(p)%cases)
          end associate
          of_dof = 0.0_wp
-         if (nf > 0) of_dof = real(nf, wp)*(4*n + 2*min(features, n)) &
-                              + real(points, wp)*(min(landmarks, n) + 4*together)
+         if (nf > 0) of_dof = real(nf, wp)*(4*n + 2*min(most_features, n)) &
+                              + real(points, wp)*(min(most_landmarks, n) + 4*together)
          bytes = max(bytes, word*(of_law + max(of_draws, of_dof)))
       end do
       associate (np => size(plan%output%percentiles))

@@ -6,7 +6,8 @@ module io_process_results
    use io_hdf5, only: has_attribute, hdf5_file, label_type, read_attribute, read_dataset, &
                       read_extent, write_sealed_attribute
    use io_results, only: results_writer
-   use process_components, only: axis_type, component, component_visitor, visit_components
+   use process_components, only: axis_type, component, component_visitor, forget_components, &
+                                 visit_components
    use process_model, only: process_model_type, process_request
    use process_reference, only: law_name
    implicit none(type, external)
@@ -97,6 +98,7 @@ contains
 
       visitor%file = file
       visitor%group = group
+      call forget_components(model)
       call visit_components(visitor, model)
       if (allocated(visitor%error)) then
          call move_alloc(visitor%error, error)

@@ -102,21 +102,13 @@ contains
       do i = 1, size(requests)
          if (exists(path_of(store, i))) cycle
          if (.not. file%has('/process/'//process_name(i))) cycle
-         call start_model(requests(i), model)
+         model%request = requests(i)
          call read_solution(file, '/process/'//process_name(i), model, error)
          if (.not. allocated(error)) call keep_process(store, i, model, error)
          if (allocated(error)) exit
       end do
       call file%abandon()
    end subroutine extract_processes
-
-   !> A model that knows its request alone.
-   subroutine start_model(request, model)
-      type(process_request), intent(in) :: request
-      type(process_model_type), intent(out) :: model
-
-      model%request = request
-   end subroutine start_model
 
    !> Removes all processes of a store, and the store if nothing else is in it.
    subroutine remove_kept(store, error)

@@ -6,7 +6,7 @@ module process_components
    use process_reference, only: has_one_value
    implicit none(type, external)
    private
-   public :: axis_type, component, component_visitor, visit_components
+   public :: axis_type, component, component_visitor, forget_components, visit_components
 
    !> Axis that the values of a row are counted along.
    type :: axis_type
@@ -110,6 +110,15 @@ module process_components
       by_inversion_lag = axis_type('inversion_lag', 'lag', 0)
 
 contains
+
+   !> Leaves the request alone, as it is before components are read.
+   subroutine forget_components(model)
+      type(process_model_type), intent(inout) :: model
+      type(process_model_type) :: blank
+
+      blank%request = model%request
+      model = blank
+   end subroutine forget_components
 
    !> Visits every component but the request, which is known and decides with them what is there.
    subroutine visit_components(visitor, model)

@@ -3,7 +3,8 @@
 module process_packing
    use core_kinds, only: long, wp
    use core_random, only: label_of
-   use process_components, only: axis_type, component, component_visitor, visit_components
+   use process_components, only: axis_type, component, component_visitor, forget_components, &
+                                 visit_components
    use process_direct_sign_search, only: search_result
    use process_direct_sign_sequence, only: sequence_solution
    use process_model, only: process_model_type
@@ -49,11 +50,9 @@ contains
       real(wp), intent(in) :: numbers(:)
       type(process_model_type), intent(inout) :: model
       logical, intent(out), optional :: is_sound   !! else the model is worth nothing
-      type(process_model_type) :: blank
       type(tape) :: t
 
-      blank%request = model%request
-      model = blank
+      call forget_components(model)
       t%is_writing = .false.
       t%numbers = numbers
       call visit_components(t, model)

@@ -21,7 +21,7 @@ module statistics_surrogate
    public :: fit_type, surrogate_type, average_features, fit_outputs, learn_kernel, predict, rows_of
 
    integer, parameter :: samples_of_choice = 128   !! that choose the kernel
-   integer, parameter :: most_landmarks = 256, most_features = 160
+   integer, parameter, public :: most_landmarks = 256, most_features = 160
    real(wp), parameter :: smallest_eigenvalue = 1.0e-10_wp   !! over the largest
    real(wp), parameter :: lengths(*) = [1.0_wp, 2.0_wp, 4.0_wp, 8.0_wp, 16.0_wp]
    real(wp), parameter :: powers(*) = [0.5_wp, 1.0_wp]   !! of the weights

@@ -17,7 +17,7 @@ module process_positive_branches
    use numerics_constrained_maximum, only: maximize, search_result
    use process_model, only: process_request
    use process_positive_family, only: by_coefficients, by_precision, free, &
-      parameter_family
+                                      parameter_family
    use process_positive_first_order, only: find_limit, match_branch
    use process_positive_kernel, only: first_order_law
    use process_positive_moments, only: estimate_autocovariance
@@ -195,7 +195,7 @@ contains
          law%most_effort = effort
          law%family = family
          point = [point(:size(point) - 1), spread(0.0_wp, 1, lower%order + merge(0, 1, &
-                                                  family%face > 0) - size(point)), &
+                                                                  family%face > 0) - size(point)), &
                   point(size(point))]
          law%last%moments%mean = moments(1)
          law%last%moments%std = moments(2)
@@ -252,13 +252,10 @@ contains
       type(search_result), intent(inout) :: found   !! its metric is begun with, where it fits
       real(wp), parameter :: near = 0.05_wp
       real(wp), allocatable :: metric(:, :)
-      integer :: i, p, pass
+      integer :: p, pass
 
       do pass = 1, 3
-         metric = 0.0_wp*spread(point, 2, size(point))
-         do i = 1, size(point)
-            metric(i, i) = 1.0_wp
-         end do
+         if (allocated(metric)) deallocate (metric)
          if (allocated(found%metric)) then
             if (size(found%metric, 1) == size(point)) metric = found%metric
          end if

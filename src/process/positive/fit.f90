@@ -11,10 +11,10 @@ module process_positive_fit
    use numerics_constrained_maximum, only: search_result, solve_along
    use process_model, only: process_model_type, process_request
    use process_positive_description, only: compare_laws, describe_sampled, describe_white, &
-      name_multipliers, outline_sampled
+                                           name_multipliers, outline_sampled
    use process_positive_branches, only: branch_difference, search_branches
    use process_positive_first_order, only: describe_first_order, look_beside_first_order, &
-      match_first_order
+                                           match_first_order
    use process_positive_kernel, only: first_order_law
    use process_positive_objective, only: sampled_objective
    use process_positive_refinement, only: refine, shape_spread
@@ -95,7 +95,7 @@ contains
       real(wp), parameter :: quick_effort(2) = [1.0e8_wp, 4.0e7_wp]   ! sequential, exact: 1 s or 2
       real(wp), allocatable :: point(:), unused(:)
       real(wp) :: effort, mu, sigma
-      logical :: has_first_order, is_exact, is_inside, is_maximum_sure
+      logical :: has_first_order, is_exact, is_feasible, is_inside
 
       model%request = request
       is_exact = request%sampler == 'exact'
@@ -108,24 +108,20 @@ contains
             call describe_first_order(request, first_order, model, error)
       else
          has_first_order = first_order_has(request)
-         is_maximum_sure = request%branch /= 'nonnegative'   ! else it may lie where K(m) = 0
-         if (has_first_order .and. is_maximum_sure .and. .not. is_exact) return
+         ! with K(m) >= 0 alone the maximum may lie where one is 0, which no search reaches
+         is_feasible = has_first_order .and. request%branch /= 'nonnegative'
+         if (is_feasible .and. .not. is_exact) return
          effort = quick_effort(merge(2, 1, is_exact))
          call approach(request, seed, law, point, found, error, effort)
          effort = max(0.0_wp, effort - law%effort)
-         if (has_first_order .and. allocated(error)) then
-            if (.not. is_maximum_sure) model%branch = 'open'
-            deallocate (error)
-            return
-         end if
-         if (allocated(error) .and. effort > 0.0_wp) &
+         if (allocated(error) .and. effort > 0.0_wp .and. .not. has_first_order) &
             call search_branches(request, seed, effort, law, point, found, error)
-         if (allocated(error) .and. .not. effort > 0.0_wp) then
+         if (allocated(error)) then
+            if (effort > 0.0_wp .and. .not. has_first_order) return
             deallocate (error)
-            model%branch = 'open'
+            if (.not. is_feasible) model%branch = 'open'
             return
          end if
-         if (allocated(error)) return
          law%most_effort = huge(1.0_wp)
          call law%evaluate(point, unused, is_inside)
          if (is_exact .or. law%problem%decay > 0.0_wp) call outline_sampled(request, law, model)

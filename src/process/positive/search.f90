@@ -49,7 +49,7 @@ contains
       real(wp), allocatable, intent(out) :: point(:)
       type(search_result), intent(out) :: found
       type(error_type), allocatable, intent(out) :: error
-      real(wp), intent(in), optional :: most_effort   !! see `positive_law`
+      real(wp), intent(in), optional :: most_effort   !! see `sampled_objective`
       type(sampled_problem) :: problem
       real(wp), allocatable :: state(:)
       real(wp) :: b0, centre, coordinate, far_point(2), limit, mu, sigma
