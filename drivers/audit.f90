@@ -6,7 +6,7 @@ module driver_audit
    use core_error, only: error_type
    use core_kinds, only: wp
    use io_audit_results, only: write_audit
-   use io_blocks, only: frequencies_together
+   use io_dataset_visitor, only: frequencies_together
    use io_gathering, only: read_band, read_samples, shards_of
    use io_results, only: results_writer
    use io_shards, only: shard_type

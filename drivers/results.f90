@@ -191,7 +191,7 @@ contains
       type(error_type), allocatable, intent(out) :: error
       integer :: audit
 
-      call finish_case(group, plan, task%number, runner%layout, store, task%shards, error)
+      call finish_case(group, plan, task%number, store, task%shards, error)
       if (allocated(error)) return
       audit = audit_of(plan, task%number)
       if (audit > 0) call finish_audit(plan, audit, runner%layout, store, shards, writer, error)

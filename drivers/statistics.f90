@@ -7,8 +7,8 @@ module driver_statistics
    use campaign_time_average, only: count_spans, fewest_spans, span_collector
    use core_error, only: error_type
    use core_kinds, only: long, wp
-   use io_blocks, only: frequencies_together
-   use io_case_samples, only: put_samples
+   use io_blocks, only: put_short
+   use io_dataset_visitor, only: frequencies_together
    use io_gathering, only: read_band, read_samples, read_slip_series
    use io_group, only: group_type
    use io_shards, only: shard_type
@@ -113,7 +113,6 @@ contains
       type(block_result) :: samples
       type(joint_collector) :: slip, slip_distance, dissipation, harmonic_amplitude
       type(span_collector) :: spans
-      real(wp), allocatable :: errors(:, :)   ! (dof, sample) of slip fractions
       integer, allocatable :: first(:)
       integer :: g
       logical :: has_series, is_sine
@@ -137,9 +136,9 @@ contains
             call dissipation%add(g, samples%dissipation)
             if (is_sine) call harmonic_amplitude%add(g, samples%harmonic_amplitude)
          end if
-         if (has_series) call take_series(shards, samples, spans, errors, error)
+         if (has_series) call take_series(shards, samples, spans, error)
          if (allocated(error)) return
-         if (present(group)) call put_samples(group, samples, errors)
+         if (present(group)) call put_short(group, plan, samples)
       end do
       if (plan%cases(number)%n_samples < 2) return
       statistics%n_samples = plan%cases(number)%n_samples
@@ -164,24 +163,23 @@ contains
    end subroutine find_slip_statistics
 
    !> The slip series of some samples, shard by shard, and the errors they tell.
-   subroutine take_series(shards, samples, spans, errors, error)
+   subroutine take_series(shards, samples, spans, error)
       type(shard_type), intent(in) :: shards(:)
-      type(block_result), intent(in) :: samples
+      type(block_result), intent(inout) :: samples   !! slip_fraction_error is found
       type(span_collector), intent(inout) :: spans
-      real(wp), allocatable, intent(out) :: errors(:, :)   !! (dof, sample)
       type(error_type), allocatable, intent(out) :: error
       real(wp), allocatable :: series(:, :, :)   ! (dof, span, sample)
       integer :: i, last, n
 
       n = 0
       last = samples%first_sample + samples%n_samples - 1
-      allocate (errors(size(samples%slip_fraction, 1), samples%n_samples))
+      samples%slip_fraction_error = 0.0_wp*samples%slip_fraction
       do i = 1, size(shards)
          if (shards(i)%first_sample > last) exit
          if (shards(i)%first_sample + shards(i)%n_samples <= samples%first_sample) cycle
          call read_slip_series(shards(i), samples%first_sample + n, last, series, error)
          if (allocated(error)) return
-         call spans%add(series, errors(:, n + 1:n + size(series, 3)))
+         call spans%add(series, samples%slip_fraction_error(:, n + 1:n + size(series, 3)))
          n = n + size(series, 3)
       end do
    end subroutine take_series

@@ -24,6 +24,7 @@ module campaign_results
       integer :: n_samples = 0
       real(wp), allocatable :: friction(:, :)            !! (joint, sample) mu
       real(wp), allocatable :: slip_fraction(:, :)       !! (joint, sample) of the time
+      real(wp), allocatable :: slip_fraction_error(:, :)   !! (joint, sample); found when merged
       real(wp), allocatable :: slip_series(:, :, :)      !! (joint, span, sample) of a span's time
       integer(long), allocatable :: slip_starts(:, :)    !! (joint, sample)
       integer(long), allocatable :: stick_starts(:, :)   !! (joint, sample)
@@ -38,7 +39,9 @@ module campaign_results
       !> (dof, sample) fundamental under a sine [m], and its phase against the force [rad]
       real(wp), allocatable :: harmonic_amplitude(:, :), harmonic_phase(:, :)
       real(wp), allocatable :: steady_since(:)   !! (sample) [s]; not a number: not steady
-      real(wp), allocatable :: energy(:, :)   !! (input viscous friction stored defect, sample) [J]
+      integer, allocatable :: steady(:)          !! (sample) 1: steady at the end
+      real(wp), allocatable :: energy_input(:), energy_viscous(:), energy_friction(:)   !! [J]
+      real(wp), allocatable :: energy_stored(:), energy_defect(:)                       !! (sample)
       real(wp), allocatable :: displacement(:, :, :)     !! (dof, 0:n_steps, sample) [m]
       real(wp), allocatable :: velocity(:, :, :)         !! (dof, 0:n_steps, sample) [m/s]
       type(transition_list), allocatable :: transitions(:)   !! (sample)

@@ -297,7 +297,6 @@ contains
       type(march_type), intent(inout) :: march
       type(block_result), intent(inout) :: result
       real(wp) :: duration
-      real(wp), allocatable :: stored(:)   ! (sample) [J]
 
       associate (state => march%state, output => march%keeps, how => runner%plan%integration)
          duration = how%dt*(how%n_steps - how%n_discard)
@@ -308,14 +307,12 @@ contains
          result%dissipation = state%slip_limit*state%slip_distance
          if (output%transitions) call move_alloc(state%transitions, result%transitions)
          if (output%energy) then
-            stored = stored_energy(runner%plan%structure, state) - march%energy_before
-            allocate (result%energy(5, result%n_samples))
-            result%energy(1, :) = state%work_input
-            result%energy(2, :) = state%work_viscous
-            result%energy(3, :) = state%work_friction
-            result%energy(4, :) = stored
-            result%energy(5, :) = state%work_input - state%work_viscous - state%work_friction &
-                                  - stored
+            result%energy_input = state%work_input
+            result%energy_viscous = state%work_viscous
+            result%energy_friction = state%work_friction
+            result%energy_stored = stored_energy(runner%plan%structure, state) - march%energy_before
+            result%energy_defect = state%work_input - state%work_viscous - state%work_friction &
+                                   - result%energy_stored
          end if
          if (output%harmonic) call march%harmonics%finish(result)
          if (output%spectrum) call collect_spectra(runner, march, result)

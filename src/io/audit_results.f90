@@ -7,8 +7,8 @@ module io_audit_results
    use campaign_results, only: block_result, spectrum_layout
    use core_error, only: error_type
    use core_kinds, only: wp
-   use io_case_results, only: case_group, write_frequency
-   use io_case_samples, only: kept_axis, make_samples, put_samples, write_dofs, write_long
+   use io_blocks, only: kept_axis, put_short
+   use io_case_results, only: case_group, finish_case, write_dofs, write_frequency
    use io_gathering, only: shards_of
    use io_group, only: counted, group_type, new_group
    use io_hdf5, only: label_type
@@ -26,7 +26,7 @@ contains
       type(results_writer), intent(in) :: writer
       type(plan_type), intent(in) :: plan
       integer, intent(in) :: number   !! of the audit among the plan's cases
-      type(block_result), intent(in) :: samples
+      type(block_result), intent(inout) :: samples   !! left as it was
       type(spectrum_layout), intent(in) :: layout
       type(numerical_error), intent(in) :: errors
       type(shard_store), intent(in) :: store
@@ -34,8 +34,6 @@ contains
       type(error_type), allocatable, intent(out) :: error
       type(group_type) :: group
       type(integration_settings) :: reference
-      type(spectrum_layout) :: bare   ! what tells time averages is the case's
-      real(wp), allocatable :: no_errors(:, :)   ! of slip fractions: for the case itself
 
       group = new_group(writer%file, case_group(number, count(plan%cases%audits == 0)))
       call group%attribute('n_samples', samples%n_samples)
@@ -47,8 +45,7 @@ contains
                            'values at least the root mean square over joints or dofs')
       call group%put('sample', counted(samples%n_samples), label_type('1', 'sample', 'sample'))
       call write_dofs(group, plan)
-      call make_samples(group, plan, kept_of(plan, number), samples%n_samples)
-      call put_samples(group, samples, no_errors)
+      call put_short(group, plan, samples)
       call write_slip_errors(group, errors)
       if (plan%output%spectrum) then
          call write_frequency(group, layout)
@@ -56,11 +53,8 @@ contains
                         label_type('%', 'percentile over samples', 'percentile'))
          call write_spectrum_errors(group, kept_axis(plan), errors)
       end if
-      bare = layout
-      bare%follows_power = .false.
-      call write_long(group, plan, kept_of(plan, number), bare, samples%n_samples, store, &
-                      shards_of(shards, number, samples%n_samples))
-      call group%take_error(error)
+      call finish_case(group, plan, number, store, shards_of(shards, number, samples%n_samples), &
+                       error)
    end subroutine write_audit
 
    !> The case less its reference, in points of percent.

@@ -1,34 +1,16 @@
-!> A block of samples as datasets of one HDF5 file, whole or without what is long.
+!> Datasets of the samples of a block, each said once: its name, unit, axes, meaning and place. A
+!> shard, its checksum, the results file and the way back from either walk this list.
 module io_blocks
+   use campaign_plan, only: kept_dofs, plan_type
    use campaign_results, only: block_result
-   use core_error, only: error_type, exit_file, raise
+   use core_error, only: error_type
    use core_kinds, only: long, wp
-   use core_text, only: to_text
-   use io_checksum, only: checksum_type
-   use io_hdf5, only: hdf5_file, label_type, read_dataset, read_extent, write_dataset
+   use io_group, only: group_type
+   use io_hdf5, only: hdf5_file, read_extent
+   use io_dataset_visitor, only: checks, dataset_type, dataset_visitor, puts, reads
    implicit none(type, external)
    private
-   public :: find_checksum, frequencies_together, read_block, sample_label, write_block
-
-   integer, parameter :: writes = 1, reads = 2, checks = 3
-
-   !> Walks through the components of a block; one list of them serves all that is done with it.
-   type :: walker
-      integer :: deed = writes
-      logical :: skips_long = .false.   !! series, spectra, histories and transitions left out
-      type(hdf5_file) :: file
-      character(:), allocatable :: group   !! with its last slash
-      type(checksum_type) :: checksum
-      type(error_type), allocatable :: error
-   contains
-      generic :: pass => pass_vector, pass_matrix, pass_counts, pass_cube
-      procedure, private :: pass_vector, pass_matrix, pass_counts, pass_cube
-   end type walker
-
-   !> The deed itself, on a component that is there.
-   interface treat
-      module procedure treat_reals, treat_longs
-   end interface treat
+   public :: find_checksum, kept_axis, put_long, put_short, read_block, write_block
 
 contains
 
@@ -37,29 +19,36 @@ contains
       type(hdf5_file), intent(in) :: file
       type(block_result), intent(inout) :: block   !! left as it was
       type(error_type), allocatable, intent(out) :: error
-      type(walker) :: w
+      type(dataset_visitor) :: w
 
       w%file = file
       w%group = '/'
-      call walk(w, block)
+      w%n = block%n_samples
+      call visit_short(w, block)
+      call visit_long(w, block)
       if (allocated(w%error)) call move_alloc(w%error, error)
    end subroutine write_block
 
-   !> Reads the parts of a block that the file has; the caller fills the numbers of case and
-   !> samples.
-   subroutine read_block(file, group, block, error, skips_long)
+   !> Reads what a file has of its samples before + 1 to before + n, into samples place + 1 to
+   !> place + n of a block; the caller fills the numbers of case and samples.
+   subroutine read_block(file, group, block, before, place, n, is_short, error)
       type(hdf5_file), intent(in) :: file
       character(*), intent(in) :: group   !! with its last slash
       type(block_result), intent(inout) :: block
+      integer, intent(in) :: before, place, n
+      logical, intent(in) :: is_short     !! series, spectra, histories, transitions left out
       type(error_type), allocatable, intent(out) :: error
-      logical, intent(in), optional :: skips_long   !! as in walker
-      type(walker) :: w
+      type(dataset_visitor) :: w
 
       w%deed = reads
-      if (present(skips_long)) w%skips_long = skips_long
       w%file = file
       w%group = group
-      call walk(w, block)
+      w%before = before
+      w%place = place
+      w%n = n
+      w%n_all = block%n_samples
+      call visit_short(w, block)
+      if (.not. is_short) call visit_long(w, block)
       if (allocated(w%error)) call move_alloc(w%error, error)
    end subroutine read_block
 
@@ -67,308 +56,221 @@ contains
    subroutine find_checksum(block, checksum)
       type(block_result), intent(inout) :: block   !! left as it was
       integer(long), intent(out) :: checksum
-      type(walker) :: w
+      type(dataset_visitor) :: w
 
       w%deed = checks
+      w%n = block%n_samples
       call w%checksum%add([block%case_number, block%first_sample, block%n_samples])
-      call walk(w, block)
+      call visit_short(w, block)
+      call visit_long(w, block)
       checksum = w%checksum%value()
    end subroutine find_checksum
 
-   subroutine walk(w, block)
-      type(walker), intent(inout) :: w
-      type(block_result), intent(inout) :: block
-      real(wp), allocatable :: rows(:, :)
-      integer(long), allocatable :: counts(:, :)
+   !> Puts the short datasets of a block among those of all samples of its case.
+   subroutine put_short(group, plan, block)
+      type(group_type), intent(inout) :: group
+      type(plan_type), intent(in) :: plan
+      type(block_result), intent(inout) :: block   !! left as it was
+      type(dataset_visitor) :: w
 
-      call w%pass('friction', block%friction)
-      call w%pass('slip_fraction', block%slip_fraction)
-      call w%pass('slip_starts', block%slip_starts)
-      call w%pass('stick_starts', block%stick_starts)
-      call w%pass('slip_distance', block%slip_distance)
-      call w%pass('dissipation', block%dissipation)
-      call w%pass('joint_displacement_max', block%joint_displacement_max)
-      call w%pass('energy', block%energy)
-      call w%pass('harmonic_amplitude', block%harmonic_amplitude)
-      call w%pass('harmonic_phase', block%harmonic_phase)
-      call w%pass('steady_since', block%steady_since)
-      if (w%skips_long) return
-      call w%pass('slip_series', block%slip_series)
-      call w%pass('psd', block%psd)
-      call w%pass('power_series', block%power_series)
-      call w%pass('displacement', block%displacement)
-      call w%pass('velocity', block%velocity)
-      if (w%deed /= reads) call lay_out_transitions(block, counts, rows)
-      call w%pass('transition_count', counts)
-      call w%pass('transitions', rows)
-      if (w%deed /= reads .or. .not. (allocated(counts) .and. allocated(rows))) return
-      if (are_transitions(counts, rows)) then
-         call take_up_transitions(counts, rows, block)
-      else
-         call raise(w%error, exit_file, w%file%path//': '//w%group// &
-                    'transitions: not a list of transitions')
-      end if
-   end subroutine walk
+      if (allocated(group%error)) return
+      call start_putting(group, plan, block, w)
+      call visit_short(w, block)
+      if (allocated(w%error)) call move_alloc(w%error, group%error)
+   end subroutine put_short
 
-   subroutine pass_vector(self, name, values)
-      class(walker), intent(inout) :: self
-      character(*), intent(in) :: name
-      real(wp), allocatable, intent(inout) :: values(:)
-      integer(long), allocatable :: n(:)
-      integer :: status
+   !> Puts its series, spectra and histories there, and its transitions below those of the samples
+   !> before it.
+   subroutine put_long(group, plan, block, rows, n_rows)
+      type(group_type), intent(inout) :: group
+      type(plan_type), intent(in) :: plan
+      type(block_result), intent(inout) :: block   !! left as it was
+      integer, intent(inout) :: rows               !! transitions that are there
+      integer, intent(in) :: n_rows                !! transitions of all samples
+      type(dataset_visitor) :: w
 
-      call look(self, name, allocated(values), 1, n)
-      if (.not. allocated(n)) return
-      status = 0
-      if (self%deed == reads) allocate (values(n(1)), stat=status)
-      if (status /= 0) call refuse_size(self, name, n)
-      if (.not. allocated(self%error)) call treat(self, name, values)
-   end subroutine pass_vector
+      if (allocated(group%error)) return
+      call start_putting(group, plan, block, w)
+      call visit_long(w, block, plan%cases(block%case_number)%first_sample - 1, rows, n_rows)
+      if (allocated(w%error)) call move_alloc(w%error, group%error)
+   end subroutine put_long
 
-   subroutine pass_matrix(self, name, values)
-      class(walker), intent(inout) :: self
-      character(*), intent(in) :: name
-      real(wp), allocatable, intent(inout) :: values(:, :)
-      integer(long), allocatable :: n(:)
-      integer :: status
-
-      call look(self, name, allocated(values), 2, n)
-      if (.not. allocated(n)) return
-      status = 0
-      if (self%deed == reads) allocate (values(n(1), n(2)), stat=status)
-      if (status /= 0) call refuse_size(self, name, n)
-      if (.not. allocated(self%error)) call treat(self, name, values)
-   end subroutine pass_matrix
-
-   subroutine pass_cube(self, name, values)
-      class(walker), intent(inout) :: self
-      character(*), intent(in) :: name
-      real(wp), allocatable, intent(inout) :: values(:, :, :)
-      integer(long), allocatable :: n(:)
-      integer :: status
-
-      call look(self, name, allocated(values), 3, n)
-      if (.not. allocated(n)) return
-      status = 0
-      if (self%deed == reads) allocate (values(n(1), n(2), n(3)), stat=status)
-      if (status /= 0) call refuse_size(self, name, n)
-      if (.not. allocated(self%error)) call treat(self, name, values)
-   end subroutine pass_cube
-
-   subroutine pass_counts(self, name, values)
-      class(walker), intent(inout) :: self
-      character(*), intent(in) :: name
-      integer(long), allocatable, intent(inout) :: values(:, :)
-      integer(long), allocatable :: n(:)
-      integer :: status
-
-      call look(self, name, allocated(values), 2, n)
-      if (.not. allocated(n)) return
-      status = 0
-      if (self%deed == reads) allocate (values(n(1), n(2)), stat=status)
-      if (status /= 0) call refuse_size(self, name, n)
-      if (.not. allocated(self%error)) call treat(self, name, values)
-   end subroutine pass_counts
-
-   !> Extents of a component that there is something to do with: of the file when reading, else 0.
-   subroutine look(self, name, is_there, n_axes, extents)
-      class(walker), intent(inout) :: self
-      character(*), intent(in) :: name
-      logical, intent(in) :: is_there
-      integer, intent(in) :: n_axes
-      integer(long), allocatable, intent(out) :: extents(:)
-
-      if (allocated(self%error)) return
-      if (self%deed /= reads) then
-         if (is_there) allocate (extents(n_axes), source=0_long)
-      else if (self%file%has(self%group//name)) then
-         call read_extent(self%file, self%group//name, n_axes, extents, self%error)
-         if (allocated(self%error)) deallocate (extents)
-      end if
-   end subroutine look
-
-   !> An error for a component that the memory cannot hold: a damaged file names any extent.
-   subroutine refuse_size(self, name, extents)
-      class(walker), intent(inout) :: self
-      character(*), intent(in) :: name
-      integer(long), intent(in) :: extents(:)
-
-      call raise(self%error, exit_file, self%file%path//': '//self%group//name// &
-                 ' does not fit into memory: '//to_text(product(extents))//' values')
-   end subroutine refuse_size
-
-   subroutine treat_reals(self, name, values)
-      class(walker), intent(inout) :: self
-      character(*), intent(in) :: name
-      real(wp), intent(inout), contiguous :: values(..)
-
-      select case (self%deed)
-      case (writes)
-         call write_dataset(self%file, self%group//name, values, bare_label(name, shape(values)), &
-                            self%error)
-      case (reads)
-         call read_dataset(self%file, self%group//name, values, self%error)
-      case (checks)
-         call self%checksum%add(name)
-         call self%checksum%add(values)
-      end select
-   end subroutine treat_reals
-
-   subroutine treat_longs(self, name, values)
-      class(walker), intent(inout) :: self
-      character(*), intent(in) :: name
-      integer(long), intent(inout), contiguous :: values(..)
-
-      select case (self%deed)
-      case (writes)
-         call write_dataset(self%file, self%group//name, values, bare_label(name, shape(values)), &
-                            self%error)
-      case (reads)
-         call read_dataset(self%file, self%group//name, values, self%error)
-      case (checks)
-         call self%checksum%add(name)
-         call self%checksum%add(values)
-      end select
-   end subroutine treat_longs
-
-   !> The lists of all samples one below the other.
-   subroutine lay_out_transitions(block, counts, rows)
+   subroutine start_putting(group, plan, block, w)
+      type(group_type), intent(in) :: group
+      type(plan_type), intent(in) :: plan
       type(block_result), intent(in) :: block
-      integer(long), allocatable, intent(out) :: counts(:, :)   !! (1, sample)
-      real(wp), allocatable, intent(out) :: rows(:, :)          !! (time dof kind, row)
-      integer :: first, i
+      type(dataset_visitor), intent(inout) :: w
 
-      if (.not. allocated(block%transitions)) return
-      counts = reshape(int(block%transitions%n, long), [1, size(block%transitions)])
-      allocate (rows(3, sum(block%transitions%n)))
-      first = 1
-      do i = 1, size(block%transitions)
-         associate (list => block%transitions(i), last => first + block%transitions(i)%n - 1)
-            if (list%n == 0) cycle
-            rows(1, first:last) = list%time(:list%n)
-            rows(2, first:last) = list%joint(:list%n)
-            rows(3, first:last) = list%kind(:list%n)
-         end associate
-         first = first + block%transitions(i)%n
-      end do
-   end subroutine lay_out_transitions
+      w%deed = puts
+      w%file = group%file
+      w%group = group%path//'/'
+      w%dof = kept_axis(plan)
+      w%before = block%first_sample - 1
+      w%n_all = plan%cases(block%case_number)%n_samples
+      w%n = min(block%n_samples, w%n_all - w%before)
+   end subroutine start_putting
 
-   !> True if the rows are as many as counted, each of a joint and a kind: damage goes no further.
-   pure logical function are_transitions(counts, rows)
-      integer(long), intent(in) :: counts(:, :)   !! (1, sample)
-      real(wp), intent(in) :: rows(:, :)          !! (time dof kind, row)
-
-      are_transitions = all(counts >= 0 .and. counts <= size(rows, 2)) &
-                        .and. all(is_within(rows(2, :), 1.0_wp, real(huge(1), wp))) &
-                        .and. all(is_within(rows(3, :), -1.0_wp, 1.0_wp))
-      if (are_transitions) are_transitions = sum(counts) == size(rows, 2)
-   end function are_transitions
-
-   !> Also of a NaN, which would trap in an ordering.
-   elemental logical function is_within(x, low, high)
-      real(wp), intent(in) :: x, low, high
-
-      is_within = x == x
-      if (is_within) is_within = x >= low .and. x <= high
-   end function is_within
-
-   subroutine take_up_transitions(counts, rows, block)
-      integer(long), intent(in) :: counts(:, :)   !! (1, sample)
-      real(wp), intent(in) :: rows(:, :)          !! (time dof kind, row)
+   !> Visits what is small whatever the length of the march.
+   subroutine visit_short(w, block)
+      type(dataset_visitor), intent(inout) :: w
       type(block_result), intent(inout) :: block
-      integer :: first, i, last
+      character(*), parameter :: by_sample = 'sample', by_joint = 'sample joint', &
+                                 by_dof = 'sample dof'
 
-      allocate (block%transitions(size(counts, 2)))
-      first = 1
-      do i = 1, size(counts, 2)
-         last = first + int(counts(1, i)) - 1
-         block%transitions(i)%n = int(counts(1, i))
-         block%transitions(i)%time = rows(1, first:last)
-         block%transitions(i)%joint = nint(rows(2, first:last))
-         block%transitions(i)%kind = nint(rows(3, first:last))
-         first = last + 1
-      end do
-   end subroutine take_up_transitions
+      call w%visit(dataset_type('friction', '1', by_joint, 'friction coefficient'), block%friction)
+      call w%visit(dataset_type('slip_fraction', '1', by_joint, 'fraction of time in slip'), &
+                   block%slip_fraction)
+      call w%visit(dataset_type('slip_fraction_error', '1', by_joint, &
+                                'standard error of slip_fraction: the march is finite'), &
+                   block%slip_fraction_error)
+      call w%visit(dataset_type('slip_starts', '1', by_joint, &
+                                'number of transitions from stick to slip'), block%slip_starts)
+      call w%visit(dataset_type('stick_starts', '1', by_joint, &
+                                'number of transitions from slip to stick'), block%stick_starts)
+      call w%visit(dataset_type('slip_distance', 'm', by_joint, &
+                                'way of the joint while it slips'), block%slip_distance)
+      call w%visit(dataset_type('dissipation', 'J', by_joint, 'work that the joint dissipates'), &
+                   block%dissipation)
+      call w%visit(dataset_type('joint_displacement_max', 'm', by_joint, &
+                                'largest displacement between the ends of the joint, at the '// &
+                                'steps that enter the spectra'), block%joint_displacement_max)
+      call w%visit(dataset_type('harmonic_amplitude', 'm', by_dof, &
+                                'amplitude of the fundamental, last ten periods'), &
+                   block%harmonic_amplitude)
+      call w%visit(dataset_type('harmonic_phase', 'rad', by_dof, &
+                                'phase of the fundamental against the force, negative: behind'), &
+                   block%harmonic_phase)
+      call w%visit(dataset_type('steady_since', 's', by_sample, 'time from which on the '// &
+                                'fundamentals of ten periods agree to 1e-3; not a number: never'), &
+                   block%steady_since)
+      call w%visit(dataset_type('steady', '1', by_sample, &
+                                '1: the last two windows of ten periods agree to 1e-3'), &
+                   block%steady)
+      call w%visit(dataset_type('energy_input', 'J', by_sample, 'work of the force'), &
+                   block%energy_input)
+      call w%visit(dataset_type('energy_viscous', 'J', by_sample, 'work of the viscous damping'), &
+                   block%energy_viscous)
+      call w%visit(dataset_type('energy_friction', 'J', by_sample, 'work of the friction'), &
+                   block%energy_friction)
+      call w%visit(dataset_type('energy_stored', 'J', by_sample, &
+                                'kinetic and strain energy at the end'), block%energy_stored)
+      call w%visit(dataset_type('energy_defect', 'J', by_sample, &
+                                'what the balance of energies lacks'), block%energy_defect)
+   end subroutine visit_short
 
-   !> Label of a dataset in a block's own file: without axes, and with spectra cut into ranges of
-   !> frequencies, which is how statistics read them.
-   pure function bare_label(name, extents) result(label)
-      character(*), intent(in) :: name
-      integer, intent(in) :: extents(:)
-      type(label_type) :: label
+   !> Visits what grows with the march. Transitions are rows of their own: they come last.
+   subroutine visit_long(w, block, first_number, rows, n_rows)
+      type(dataset_visitor), intent(inout) :: w
+      type(block_result), intent(inout) :: block
+      integer, intent(in), optional :: first_number   !! samples before the first of the case
+      integer, intent(inout), optional :: rows        !! where they are put: transitions there
+      integer, intent(in), optional :: n_rows         !! of all samples
 
-      label = sample_label(name)
-      label%axes = ''
-      if (name == 'psd') then
-         label%chunk = [extents(1), frequencies_together(extents(1), extents(2)), extents(3)]
+      call w%visit(dataset_type('slip_series', '1', 'sample span joint', &
+                                'fraction of time in slip within each of equal spans of time'), &
+                   block%slip_series)
+      call w%visit(dataset_type('psd', 'm^2/Hz', 'sample frequency kept', &
+                                'power spectral density of the displacement, one-sided'), block%psd)
+      call w%visit(dataset_type('power_series', 'm^2', 'sample batch kept', &
+                                'mean square of the displacement in consecutive batches of '// &
+                                'segments, within ranges of frequencies; those of a range '// &
+                                'together'), &
+                   block%power_series)
+      call w%visit(dataset_type('displacement', 'm', 'sample time kept', 'displacement'), &
+                   block%displacement)
+      call w%visit(dataset_type('velocity', 'm/s', 'sample time kept', 'velocity'), block%velocity)
+      if (w%deed == reads) then
+         call read_transitions(w, block)
+      else if (allocated(block%transitions)) then
+         call hand_on_transitions(w, block, first_number, rows, n_rows)
       end if
-   end function bare_label
+   end subroutine visit_long
 
-   !> Neighbouring frequencies that a shard keeps together and that are best read together: ranges
-   !> of equal length, with some 320 values for each sample.
-   pure function frequencies_together(n_dof, n_frequencies) result(n)
-      integer, intent(in) :: n_dof, n_frequencies
-      integer :: n
-      integer, parameter :: values_together = 320
+   !> Visits the columns of a list of transitions.
+   subroutine visit_columns(w, sample, time, joint, kind)
+      type(dataset_visitor), intent(inout) :: w
+      integer, allocatable, intent(inout) :: sample(:), joint(:), kind(:)
+      real(wp), allocatable, intent(inout) :: time(:)   !! [s]
+      character(*), parameter :: by_row = 'transition'
 
-      n = (n_frequencies - 1)/max(values_together/n_dof, 1) + 1   ! ranges
-      n = (n_frequencies - 1)/n + 1
-   end function frequencies_together
+      call w%visit(dataset_type('transition_sample', '1', by_row, 'sample of the transition'), &
+                   sample)
+      call w%visit(dataset_type('transition_time', 's', by_row, 'time of the transition'), time)
+      call w%visit(dataset_type('transition_joint', '1', by_row, 'joint of the transition'), joint)
+      call w%visit(dataset_type('transition_kind', '1', by_row, &
+                                '+1, -1: slip starts in that direction; 0: sticks'), kind)
+   end subroutine visit_columns
 
-   !> Units, meaning and axes of what a sample hands back.
-   pure function sample_label(name) result(label)
-      character(*), intent(in) :: name
-      type(label_type) :: label
+   subroutine hand_on_transitions(w, block, first_number, rows, n_rows)
+      type(dataset_visitor), intent(inout) :: w
+      type(block_result), intent(in) :: block
+      integer, intent(in), optional :: first_number, n_rows
+      integer, intent(inout), optional :: rows
+      integer, allocatable :: sample(:), joint(:), kind(:)
+      real(wp), allocatable :: time(:)
+      integer :: first, i, last, number
 
-      select case (name)
-      case ('friction')
-         label = label_type('1', 'friction coefficient', 'sample joint')
-      case ('slip_fraction')
-         label = label_type('1', 'fraction of time in slip', 'sample joint')
-      case ('slip_series')
-         label = label_type('1', 'fraction of time in slip within each of equal spans of time', &
-                            'sample span joint')
-      case ('slip_starts')
-         label = label_type('1', 'number of transitions from stick to slip', 'sample joint')
-      case ('stick_starts')
-         label = label_type('1', 'number of transitions from slip to stick', 'sample joint')
-      case ('slip_distance')
-         label = label_type('m', 'way of the joint while it slips', 'sample joint')
-      case ('dissipation')
-         label = label_type('J', 'work that the joint dissipates', 'sample joint')
-      case ('joint_displacement_max')
-         label = label_type('m', 'largest displacement between the ends of the joint, at the '// &
-                            'steps that enter the spectra', 'sample joint')
-      case ('energy')
-         label = label_type('J', 'work (input, viscous, friction), energy stored, defect', &
-                            'sample term')
-      case ('harmonic_amplitude')
-         label = label_type('m', 'amplitude of the fundamental, last ten periods', 'sample dof')
-      case ('harmonic_phase')
-         label = label_type('rad', 'phase of the fundamental against the force, negative: behind', &
-                            'sample dof')
-      case ('steady_since')
-         label = label_type('s', 'time from which on the fundamentals of ten periods agree to '// &
-                            '1e-3; not a number: never', 'sample')
-      case ('psd')
-         label = label_type('m^2/Hz', 'power spectral density of the displacement, one-sided', &
-                            'sample frequency dof')
-      case ('power_series')
-         label = label_type('m^2', 'mean square of the displacement in consecutive batches of '// &
-                            'segments, within ranges of frequencies; those of a range together', &
-                            'sample batch dof')
-      case ('displacement')
-         label = label_type('m', 'displacement', 'sample time dof')
-      case ('velocity')
-         label = label_type('m/s', 'velocity', 'sample time dof')
-      case ('transitions')
-         label = label_type('1', 'time [s], joint and kind of each transition', &
-                            'transition column')
-      case ('transition_count')
-         label = label_type('1', 'number of transitions', 'sample one')
-      case default
-         error stop 'io_blocks: sample_label of an unknown name'
-      end select
-   end function sample_label
+      associate (lists => block%transitions(:w%n))
+         w%n = sum(lists%n)
+         allocate (sample(w%n), time(w%n), joint(w%n), kind(w%n))
+         number = block%first_sample
+         if (present(first_number)) number = number + first_number
+         last = 0
+         do i = 1, size(lists)
+            first = last + 1
+            last = last + lists(i)%n
+            if (last < first) cycle
+            sample(first:last) = number + i - 1
+            time(first:last) = lists(i)%time(:lists(i)%n)
+            joint(first:last) = lists(i)%joint(:lists(i)%n)
+            kind(first:last) = lists(i)%kind(:lists(i)%n)
+         end do
+      end associate
+      if (present(rows)) then
+         w%before = rows
+         w%n_all = n_rows
+         rows = rows + w%n
+      end if
+      call visit_columns(w, sample, time, joint, kind)
+   end subroutine hand_on_transitions
+
+   !> Reads those of the samples of the block, out of all that the file has.
+   subroutine read_transitions(w, block)
+      type(dataset_visitor), intent(inout) :: w
+      type(block_result), intent(inout) :: block
+      integer(long), allocatable :: n(:)
+      integer, allocatable :: sample(:), joint(:), kind(:)
+      real(wp), allocatable :: time(:)
+      integer :: i
+
+      if (allocated(w%error)) return
+      if (.not. w%file%has(w%group//'transition_time')) return
+      call read_extent(w%file, w%group//'transition_time', 1, n, w%error)
+      if (allocated(w%error)) return
+      w%before = 0
+      w%place = 0
+      w%n = int(n(1))
+      w%n_all = w%n
+      call visit_columns(w, sample, time, joint, kind)
+      if (allocated(w%error)) return
+      allocate (block%transitions(block%n_samples))
+      do i = 1, block%n_samples
+         associate (list => block%transitions(i), is_its => sample == block%first_sample + i - 1)
+            list%time = pack(time, is_its)
+            list%joint = pack(joint, is_its)
+            list%kind = pack(kind, is_its)
+            list%n = size(list%time)
+         end associate
+      end do
+   end subroutine read_transitions
+
+   !> The axis of the dofs whose spectra and histories are kept.
+   pure function kept_axis(plan) result(name)
+      type(plan_type), intent(in) :: plan
+      character(:), allocatable :: name
+
+      name = 'dof'
+      if (size(kept_dofs(plan)) < plan%structure%n_dof) name = 'kept_dof'
+   end function kept_axis
 
 end module io_blocks

@@ -1,22 +1,25 @@
-!> One case of a campaign as a group of the results file: its axes and attributes. What each sample
-!> handed back is io_case_samples', statistics are io_case_statistics'.
+!> One case of a campaign as a group of the results file: its axes and attributes, and what its
+!> samples handed back. Statistics are io_case_statistics'.
 module io_case_results
-   use campaign_plan, only: plan_type
-   use campaign_results, only: spectrum_layout
-   use campaign_time_average, only: count_spans
+   use campaign_audit, only: kept_of
+   use campaign_plan, only: kept_dofs, output_settings, plan_type
+   use campaign_results, only: block_result, spectrum_layout
+   use campaign_time_average, only: count_spans, fewest_spans, time_average_method
    use core_error, only: error_type
    use core_kinds, only: wp
-   use io_case_samples, only: batch_frequencies, make_samples, write_dofs, write_long
+   use io_blocks, only: kept_axis, put_long
+   use io_gathering, only: count_transitions
    use io_group, only: counted, group_type, new_group
    use io_hdf5, only: label_type
    use io_process_results, only: process_name
    use io_results, only: results_writer
-   use io_shards, only: shard_type
+   use io_shards, only: read_shard, shard_type
    use io_store, only: shard_store
-   use numerics_spectrum, only: error_of_density
+   use numerics_correlated, only: n_batches
+   use numerics_spectrum, only: error_of_density, last_of_ranges
    implicit none(type, external)
    private
-   public :: begin_case, case_group, finish_case, write_frequency
+   public :: begin_case, case_group, finish_case, write_dofs, write_frequency
 
 contains
 
@@ -66,27 +69,63 @@ contains
       if (plan%output%slip) then
          call group%put('span', counted(count_spans(plan%integration)), &
                         label_type('1', 'equal span of the time that is measured', 'span'))
+         if (count_spans(plan%integration) >= fewest_spans) &
+            call group%attribute('time_average_method', time_average_method)
       end if
       call group%put('percentile', plan%output%percentiles, &
                      label_type('%', 'percentile over samples', 'percentile'))
       if (plan%output%spectrum) call write_spectrum_axes(group, layout, folded_share)
       if (plan%output%history) call write_history_axes(group, plan, force)
-      call make_samples(group, plan, plan%output, plan%cases(number)%n_samples)
    end subroutine begin_case
 
-   !> Writes the long data, from the shards; takes the first error of all.
-   subroutine finish_case(group, plan, number, layout, store, shards, error)
+   !> Puts the long datasets, shard by shard: memory does not grow with the number of samples. Takes
+   !> the first error of all.
+   subroutine finish_case(group, plan, number, store, shards, error)
       type(group_type), intent(inout) :: group
       type(plan_type), intent(in) :: plan
       integer, intent(in) :: number
-      type(spectrum_layout), intent(in) :: layout
       type(shard_store), intent(in) :: store
       type(shard_type), intent(in) :: shards(:)   !! of the case, as shards_of has them
       type(error_type), allocatable, intent(out) :: error
+      type(output_settings) :: kept
+      type(block_result) :: block
+      integer :: i, n_rows, rows
 
-      call write_long(group, plan, plan%output, layout, plan%cases(number)%n_samples, store, shards)
+      kept = kept_of(plan, number)
+      n_rows = 0
+      rows = 0
+      if (kept%transitions .and. .not. allocated(group%error)) then
+         call count_transitions(shards, plan%cases(number)%n_samples, n_rows, group%error)
+         call group%put('transition', counted(n_rows), label_type('1', 'transition', 'transition'))
+      end if
+      do i = 1, size(shards)
+         if (allocated(group%error)) exit
+         call read_shard(store, shards(i), block, group%error)
+         if (allocated(group%error)) exit
+         if (.not. kept%keeps_spectra(plan%cases(number)%n_samples)) then
+            if (allocated(block%psd)) deallocate (block%psd)
+            if (allocated(block%power_series)) deallocate (block%power_series)
+         end if
+         call put_long(group, plan, block, rows, n_rows)
+      end do
       call group%take_error(error)
    end subroutine finish_case
+
+   !> The dofs and joints, and the dofs of the spectra and histories where they are not all.
+   subroutine write_dofs(group, plan)
+      type(group_type), intent(inout) :: group
+      type(plan_type), intent(in) :: plan
+      character(:), allocatable :: kept
+
+      call group%put('dof', counted(plan%structure%n_dof), &
+                     label_type('1', 'degree of freedom; of a chain: mass, from the wall', 'dof'))
+      call group%put('joint', counted(plan%structure%n_joints), &
+                     label_type('1', 'joint; of a chain: that of the mass of this number', 'joint'))
+      kept = kept_axis(plan)
+      if (kept /= 'dof') &
+         call group%put(kept, kept_dofs(plan), &
+                        label_type('1', 'dof whose spectra and histories are kept', kept))
+   end subroutine write_dofs
 
    subroutine write_attributes(group, plan, number)
       type(group_type), intent(inout) :: group
@@ -138,6 +177,17 @@ contains
                      label_type('1', 'share of the power that thinning folds below the highest '// &
                                 'frequency, in a pilot march', 'dof'))
    end subroutine write_spectrum_axes
+
+   !> The highest frequency [Hz] of the range of each place in a power series.
+   pure function batch_frequencies(layout) result(highest)
+      type(spectrum_layout), intent(in) :: layout
+      real(wp), allocatable :: highest(:)
+      integer :: i
+
+      associate (last => last_of_ranges(size(layout%frequency)))
+         highest = [(spread(layout%frequency(last(i)), 1, n_batches), i=1, size(last))]
+      end associate
+   end function batch_frequencies
 
    !> The axis of the spectra.
    subroutine write_frequency(group, layout)

@@ -7,7 +7,7 @@ module io_case_statistics
    use core_error, only: error_type
    use core_kinds, only: wp
    use core_text, only: to_text
-   use io_case_samples, only: kept_axis
+   use io_blocks, only: kept_axis
    use io_group, only: group_type, new_group
    use io_hdf5, only: label_type
    use numerics_sorting, only: sort_order

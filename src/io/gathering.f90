@@ -55,20 +55,23 @@ contains
       integer, intent(out) :: n_transitions
       type(error_type), allocatable, intent(out) :: error
       type(hdf5_file) :: file
-      integer(long), allocatable :: counts(:, :)
-      integer :: i, n
+      integer(long), allocatable :: n_rows(:)
+      integer, allocatable :: sample(:)
+      integer :: i
 
       n_transitions = 0
       do i = 1, size(shards)
          call open_hdf5(shards(i)%path, file, error)
          if (allocated(error)) return
-         allocate (counts(1, shards(i)%n_samples))
-         call read_dataset(file, '/transition_count', counts, error)
+         call read_extent(file, '/transition_sample', 1, n_rows, error)
+         if (.not. allocated(error)) then
+            allocate (sample(n_rows(1)))
+            call read_dataset(file, '/transition_sample', sample, error)
+         end if
          call file%abandon()
          if (allocated(error)) return
-         n = min(shards(i)%n_samples, n_samples - shards(i)%first_sample + 1)
-         n_transitions = n_transitions + int(sum(counts(1, :n)))
-         deallocate (counts)
+         n_transitions = n_transitions + count(sample <= n_samples)
+         deallocate (sample)
       end do
    end subroutine count_transitions
 
@@ -100,9 +103,9 @@ contains
       integer, intent(in) :: case_number, first, last
       type(block_result), intent(out) :: block
       type(error_type), allocatable, intent(out) :: error
-      type(block_result) :: part
+      type(block_result) :: header
       type(hdf5_file) :: file
-      integer :: before, i, n, place
+      integer :: before, i, n
 
       call require_all(store, shards, case_number, first, last, error)
       if (allocated(error)) return
@@ -112,54 +115,13 @@ contains
       do i = 1, size(shards)
          call common_samples(shards(i), first, last, before, n)
          if (n < 1) cycle
-         call open_shard(store, shards(i), file, part, error)
+         call open_shard(store, shards(i), file, header, error)
          if (allocated(error)) return
-         call read_block(file, '/', part, error, skips_long=.true.)
+         call read_block(file, '/', block, before, shards(i)%first_sample + before - first, n, &
+                         .true., error)
          call file%abandon()
          if (allocated(error)) return
-         place = shards(i)%first_sample + before - first
-         call put(part%friction, block%friction)
-         call put(part%slip_fraction, block%slip_fraction)
-         call put(part%slip_distance, block%slip_distance)
-         call put(part%dissipation, block%dissipation)
-         call put(part%joint_displacement_max, block%joint_displacement_max)
-         call put(part%energy, block%energy)
-         call put(part%harmonic_amplitude, block%harmonic_amplitude)
-         call put(part%harmonic_phase, block%harmonic_phase)
-         call put_vector(part%steady_since, block%steady_since)
-         call put_counts(part%slip_starts, block%slip_starts)
-         call put_counts(part%stick_starts, block%stick_starts)
       end do
-
-   contains
-
-      subroutine put_vector(values, all_values)
-         real(wp), allocatable, intent(in) :: values(:)
-         real(wp), allocatable, intent(inout) :: all_values(:)
-
-         if (.not. allocated(values)) return
-         if (.not. allocated(all_values)) allocate (all_values(block%n_samples))
-         all_values(place + 1:place + n) = values(before + 1:before + n)
-      end subroutine put_vector
-
-      subroutine put(values, all_values)
-         real(wp), allocatable, intent(in) :: values(:, :)
-         real(wp), allocatable, intent(inout) :: all_values(:, :)
-
-         if (.not. allocated(values)) return
-         if (.not. allocated(all_values)) allocate (all_values(size(values, 1), block%n_samples))
-         all_values(:, place + 1:place + n) = values(:, before + 1:before + n)
-      end subroutine put
-
-      subroutine put_counts(values, all_values)
-         integer(long), allocatable, intent(in) :: values(:, :)
-         integer(long), allocatable, intent(inout) :: all_values(:, :)
-
-         if (.not. allocated(values)) return
-         if (.not. allocated(all_values)) allocate (all_values(size(values, 1), block%n_samples))
-         all_values(:, place + 1:place + n) = values(:, before + 1:before + n)
-      end subroutine put_counts
-
    end subroutine read_samples
 
    !> Spectra of samples first_sample, first_sample + 1, ... at frequencies first_place,

@@ -126,7 +126,8 @@ contains
       call open_shard(store, shard, file, block, error)
       if (allocated(error)) return
       call read_attribute(file, '/', 'checksum', expected, error)
-      if (.not. allocated(error)) call read_block(file, '/', block, error)
+      if (.not. allocated(error)) &
+         call read_block(file, '/', block, 0, 0, block%n_samples, .false., error)
       call file%abandon()
       if (allocated(error)) then
          error%message = error%message//advice

@@ -11,7 +11,7 @@ module io_campaign
    use core_text, only: to_text
    use io_audit_results, only: write_audit
    use io_case_results, only: begin_case, finish_case
-   use io_case_samples, only: put_samples
+   use io_blocks, only: put_short
    use io_case_statistics, only: write_estimates
    use io_files, only: make_folder, process_id
    use io_gathering, only: read_samples, shards_of
@@ -116,7 +116,11 @@ contains
       block%stick_starts = block%slip_starts + 1
       block%slip_distance = 3.0_wp*block%slip_fraction
       block%dissipation = 0.25_wp*block%slip_distance
-      block%energy = reshape([((value(3, d, s), d=1, 5), s=first, last)], [5, n])
+      block%energy_input = [(value(3, 1, s), s=first, last)]
+      block%energy_viscous = [(value(3, 2, s), s=first, last)]
+      block%energy_friction = [(value(3, 3, s), s=first, last)]
+      block%energy_stored = [(value(3, 4, s), s=first, last)]
+      block%energy_defect = [(value(3, 5, s), s=first, last)]
       block%psd = reshape([(((value(10 + f, d, s), d=1, n_dof), f=1, n_frequencies), s=first, &
                             last)], [n_dof, n_frequencies, n])
       block%power_series = reshape([(((value(200 + f, d, s), d=1, n_dof), f=1, n_places), s=first, &
@@ -271,7 +275,6 @@ contains
       type(block_result) :: samples
       type(group_type) :: group
       type(case_estimates) :: estimates
-      real(wp), allocatable :: no_errors(:, :)
       real(wp) :: force(n_steps + 1, 1)
       integer :: dof, i
 
@@ -285,8 +288,8 @@ contains
          call begin_case(writer, plan, i, made_layout(), [(0.001_wp, dof=1, n_dof)], group, force)
          call read_samples(store, ours, i, 1, plan%cases(i)%n_samples, samples, error)
          if (allocated(error)) exit
-         call put_samples(group, samples, no_errors)
-         call finish_case(group, plan, i, made_layout(), store, ours, error)
+         call put_short(group, plan, samples)
+         call finish_case(group, plan, i, store, ours, error)
          if (allocated(error)) exit
          estimates%best = made_statistics()
          estimates%reason = ''

@@ -18,6 +18,11 @@ module io_hdf5_reading
       module procedure read_real, read_integer, read_long
    end interface read_dataset
 
+   !> The part of a dataset that begins at `first` (counted from 1, Fortran's order).
+   interface read_part
+      module procedure read_real_part, read_integer_part, read_long_part
+   end interface read_part
+
 contains
 
    !> Extent of each axis of a dataset in Fortran's order; none of a scalar.
@@ -118,26 +123,58 @@ contains
       call outcome%conclude(file%path//': '//path//': cannot be read', error)
    end subroutine read_whole
 
-   !> The part of a dataset that begins at `first` (counted from 1, Fortran's order).
-   subroutine read_part(file, path, first, values, error)
+   subroutine read_real_part(file, path, first, values, error)
       type(hdf5_file), intent(in) :: file
       character(*), intent(in) :: path
       integer, intent(in) :: first(:)
       real(wp), intent(out), target, contiguous :: values(..)
       type(error_type), allocatable, intent(out) :: error
+
+      call read_any_part(file, path, H5T_NATIVE_DOUBLE, first, extents_of(values), c_loc(values), &
+                         error)
+   end subroutine read_real_part
+
+   subroutine read_integer_part(file, path, first, values, error)
+      type(hdf5_file), intent(in) :: file
+      character(*), intent(in) :: path
+      integer, intent(in) :: first(:)
+      integer, intent(out), target, contiguous :: values(..)
+      type(error_type), allocatable, intent(out) :: error
+
+      call read_any_part(file, path, H5T_NATIVE_INTEGER, first, extents_of(values), &
+                         c_loc(values), error)
+   end subroutine read_integer_part
+
+   subroutine read_long_part(file, path, first, values, error)
+      type(hdf5_file), intent(in) :: file
+      character(*), intent(in) :: path
+      integer, intent(in) :: first(:)
+      integer(long), intent(out), target, contiguous :: values(..)
+      type(error_type), allocatable, intent(out) :: error
+
+      call read_any_part(file, path, h5kind_to_type(long, H5_INTEGER_KIND), first, &
+                         extents_of(values), c_loc(values), error)
+   end subroutine read_long_part
+
+   subroutine read_any_part(file, path, kind, first, extents, values, error)
+      type(hdf5_file), intent(in) :: file
+      character(*), intent(in) :: path
+      integer(hid_t), intent(in) :: kind
+      integer, intent(in) :: first(:)
+      integer(hsize_t), intent(in) :: extents(:)
+      type(c_ptr), value :: values
+      type(error_type), allocatable, intent(out) :: error
       type(outcome_type) :: outcome
-      type(c_ptr) :: address
       integer(hid_t) :: dataset, part, memory
       integer :: status
 
-      if (size(values) == 0) return
-      call select_part(file, path, first, extents_of(values), dataset, part, memory, outcome)
-      address = c_loc(values)
-      call h5dread_f(dataset, H5T_NATIVE_DOUBLE, address, status, memory, part)
+      if (any(extents <= 0)) return
+      call select_part(file, path, first, extents, dataset, part, memory, outcome)
+      call h5dread_f(dataset, kind, values, status, memory, part)
       call outcome%note(status)
       call close_part(dataset, part, memory, outcome)
       call outcome%conclude(file%path//': '//path//': cannot be read', error)
-   end subroutine read_part
+   end subroutine read_any_part
 
    !> Reads all of a dataset, a piece at a time, for HDF5 to see that its checksums are right.
    subroutine check_dataset(file, path, error)

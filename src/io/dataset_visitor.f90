@@ -1,0 +1,286 @@
+!> Visitor of the datasets of a block of samples: writes them into a file of their own, reads them,
+!> adds them to a checksum, or puts them among those of all samples.
+module io_dataset_visitor
+   use core_error, only: error_type, exit_file, raise
+   use core_kinds, only: long, wp
+   use core_text, only: to_text
+   use io_checksum, only: checksum_type
+   use io_hdf5, only: hdf5_file, label_type, make_dataset, read_extent, read_part, write_dataset, &
+                      write_part
+   implicit none(type, external)
+   private
+   public :: dataset_type, dataset_visitor, frequencies_together
+   public :: checks, puts, reads, writes
+
+   integer, parameter :: writes = 1, reads = 2, checks = 3, puts = 4   !! what a visitor does
+
+   !> Dataset of the samples of a block.
+   type :: dataset_type
+      character(24) :: name
+      character(8) :: units    !! '1': a pure number
+      character(24) :: axes    !! Python's order
+      character(128) :: about
+   end type dataset_type
+
+   !> Does one thing with each dataset that it visits.
+   type :: dataset_visitor
+      integer :: deed = writes
+      type(hdf5_file) :: file
+      character(:), allocatable :: group   !! with its last slash
+      character(:), allocatable :: dof     !! the axis of the dofs whose spectra are kept
+      type(checksum_type) :: checksum
+      integer :: before = 0                !! rows of the file before those concerned
+      integer :: place = 0                 !! rows of the block before those concerned
+      integer :: n = 0                     !! rows concerned: samples, at last transitions
+      integer :: n_all = 0                 !! rows of what is made: in the block, in the file
+      type(error_type), allocatable :: error
+   contains
+      generic :: visit => visit_row, visit_integers, visit_matrix, visit_longs, visit_cube
+      procedure, private :: visit_row, visit_integers, visit_matrix, visit_longs, visit_cube
+   end type dataset_visitor
+
+   !> The deed itself, on the rows concerned.
+   interface act
+      module procedure act_on_reals, act_on_integers, act_on_longs
+   end interface act
+
+contains
+
+   subroutine visit_row(self, what, values)
+      class(dataset_visitor), intent(inout) :: self
+      type(dataset_type), intent(in) :: what
+      real(wp), allocatable, intent(inout) :: values(:)
+      integer(long), allocatable :: n(:)
+      integer :: status
+
+      call look(self, what, allocated(values), 1, n)
+      if (.not. allocated(n)) return
+      status = 0
+      if (.not. allocated(values)) allocate (values(self%n_all), stat=status)
+      if (status /= 0) call refuse_size(self, what, n)
+      if (.not. allocated(self%error)) &
+         call act(self, what, values(self%place + 1:self%place + self%n))
+   end subroutine visit_row
+
+   subroutine visit_integers(self, what, values)
+      class(dataset_visitor), intent(inout) :: self
+      type(dataset_type), intent(in) :: what
+      integer, allocatable, intent(inout) :: values(:)
+      integer(long), allocatable :: n(:)
+      integer :: status
+
+      call look(self, what, allocated(values), 1, n)
+      if (.not. allocated(n)) return
+      status = 0
+      if (.not. allocated(values)) allocate (values(self%n_all), stat=status)
+      if (status /= 0) call refuse_size(self, what, n)
+      if (.not. allocated(self%error)) &
+         call act(self, what, values(self%place + 1:self%place + self%n))
+   end subroutine visit_integers
+
+   subroutine visit_matrix(self, what, values)
+      class(dataset_visitor), intent(inout) :: self
+      type(dataset_type), intent(in) :: what
+      real(wp), allocatable, intent(inout) :: values(:, :)
+      integer(long), allocatable :: n(:)
+      integer :: status
+
+      call look(self, what, allocated(values), 2, n)
+      if (.not. allocated(n)) return
+      status = 0
+      if (.not. allocated(values)) allocate (values(n(1), self%n_all), stat=status)
+      if (status /= 0) call refuse_size(self, what, n)
+      if (.not. allocated(self%error)) &
+         call act(self, what, values(:, self%place + 1:self%place + self%n))
+   end subroutine visit_matrix
+
+   subroutine visit_longs(self, what, values)
+      class(dataset_visitor), intent(inout) :: self
+      type(dataset_type), intent(in) :: what
+      integer(long), allocatable, intent(inout) :: values(:, :)
+      integer(long), allocatable :: n(:)
+      integer :: status
+
+      call look(self, what, allocated(values), 2, n)
+      if (.not. allocated(n)) return
+      status = 0
+      if (.not. allocated(values)) allocate (values(n(1), self%n_all), stat=status)
+      if (status /= 0) call refuse_size(self, what, n)
+      if (.not. allocated(self%error)) &
+         call act(self, what, values(:, self%place + 1:self%place + self%n))
+   end subroutine visit_longs
+
+   subroutine visit_cube(self, what, values)
+      class(dataset_visitor), intent(inout) :: self
+      type(dataset_type), intent(in) :: what
+      real(wp), allocatable, intent(inout) :: values(:, :, :)
+      integer(long), allocatable :: n(:)
+      integer :: status
+
+      call look(self, what, allocated(values), 3, n)
+      if (.not. allocated(n)) return
+      status = 0
+      if (.not. allocated(values)) allocate (values(n(1), n(2), self%n_all), stat=status)
+      if (status /= 0) call refuse_size(self, what, n)
+      if (.not. allocated(self%error)) &
+         call act(self, what, values(:, :, self%place + 1:self%place + self%n))
+   end subroutine visit_cube
+
+   !> Extents of a dataset that there is something to do with: of the file when reading, else 0.
+   subroutine look(self, what, is_there, n_axes, extents)
+      class(dataset_visitor), intent(inout) :: self
+      type(dataset_type), intent(in) :: what
+      logical, intent(in) :: is_there   !! in the block
+      integer, intent(in) :: n_axes
+      integer(long), allocatable, intent(out) :: extents(:)
+
+      if (allocated(self%error)) return
+      if (self%deed /= reads) then
+         if (is_there) allocate (extents(n_axes), source=0_long)
+      else if (self%file%has(path_of(self, what))) then
+         call read_extent(self%file, path_of(self, what), n_axes, extents, self%error)
+         if (allocated(self%error)) deallocate (extents)
+      end if
+   end subroutine look
+
+   !> An error for a dataset that the memory cannot hold: a damaged file names any extent.
+   subroutine refuse_size(self, what, extents)
+      class(dataset_visitor), intent(inout) :: self
+      type(dataset_type), intent(in) :: what
+      integer(long), intent(in) :: extents(:)
+
+      call raise(self%error, exit_file, self%file%path//': '//path_of(self, what)// &
+                 ' does not fit into memory: '//to_text(product(extents))//' values')
+   end subroutine refuse_size
+
+   subroutine act_on_reals(self, what, values)
+      class(dataset_visitor), intent(inout) :: self
+      type(dataset_type), intent(in) :: what
+      real(wp), intent(inout), contiguous :: values(..)
+      character(:), allocatable :: path
+      integer :: first(rank(values))
+
+      path = path_of(self, what)
+      first = 1
+      first(rank(values)) = self%before + 1
+      select case (self%deed)
+      case (writes)
+         call write_dataset(self%file, path, values, bare_label(what, shape(values)), self%error)
+      case (reads)
+         call read_part(self%file, path, first, values, self%error)
+      case (checks)
+         call self%checksum%add(trim(what%name))
+         call self%checksum%add(values)
+      case (puts)
+         call make_room(self, what, 0.0_wp, shape(values))
+         if (.not. allocated(self%error)) &
+            call write_part(self%file, path, first, values, self%error)
+      end select
+   end subroutine act_on_reals
+
+   subroutine act_on_integers(self, what, values)
+      class(dataset_visitor), intent(inout) :: self
+      type(dataset_type), intent(in) :: what
+      integer, intent(inout), contiguous :: values(:)
+      character(:), allocatable :: path
+      integer :: first(rank(values))
+
+      path = path_of(self, what)
+      first = 1
+      first(rank(values)) = self%before + 1
+      select case (self%deed)
+      case (writes)
+         call write_dataset(self%file, path, values, bare_label(what, shape(values)), self%error)
+      case (reads)
+         call read_part(self%file, path, first, values, self%error)
+      case (checks)
+         call self%checksum%add(trim(what%name))
+         call self%checksum%add(values)
+      case (puts)
+         call make_room(self, what, 0, shape(values))
+         if (.not. allocated(self%error)) &
+            call write_part(self%file, path, first, values, self%error)
+      end select
+   end subroutine act_on_integers
+
+   subroutine act_on_longs(self, what, values)
+      class(dataset_visitor), intent(inout) :: self
+      type(dataset_type), intent(in) :: what
+      integer(long), intent(inout), contiguous :: values(..)
+      character(:), allocatable :: path
+      integer :: first(rank(values))
+
+      path = path_of(self, what)
+      first = 1
+      first(rank(values)) = self%before + 1
+      select case (self%deed)
+      case (writes)
+         call write_dataset(self%file, path, values, bare_label(what, shape(values)), self%error)
+      case (reads)
+         call read_part(self%file, path, first, values, self%error)
+      case (checks)
+         call self%checksum%add(trim(what%name))
+         call self%checksum%add(values)
+      case (puts)
+         call make_room(self, what, 0_long, shape(values))
+         if (.not. allocated(self%error)) &
+            call write_part(self%file, path, first, values, self%error)
+      end select
+   end subroutine act_on_longs
+
+   !> The dataset of all samples, where it is not there yet.
+   subroutine make_room(self, what, mold, extents)
+      class(dataset_visitor), intent(inout) :: self
+      type(dataset_type), intent(in) :: what
+      class(*), intent(in) :: mold
+      integer, intent(in) :: extents(:)   !! of the rows concerned
+      type(label_type) :: label
+      integer :: last
+
+      if (self%file%has(path_of(self, what))) return
+      label%units = trim(what%units)
+      label%long_name = trim(what%about)
+      label%axes = trim(what%axes)
+      last = index(label%axes, ' ', back=.true.)
+      if (label%axes(last + 1:) == 'kept') label%axes = label%axes(:last)//self%dof
+      call make_dataset(self%file, path_of(self, what), mold, &
+                        [extents(:size(extents) - 1), self%n_all], label, self%error)
+   end subroutine make_room
+
+   !> Place of a dataset in the file.
+   pure function path_of(self, what) result(path)
+      class(dataset_visitor), intent(in) :: self
+      type(dataset_type), intent(in) :: what
+      character(:), allocatable :: path
+
+      path = trim(what%name)
+      if (allocated(self%group)) path = self%group//path
+   end function path_of
+
+   !> Label of a dataset in a block's own file: without axes, and with spectra cut into ranges of
+   !> frequencies, which is how statistics read them.
+   pure function bare_label(what, extents) result(label)
+      type(dataset_type), intent(in) :: what
+      integer, intent(in) :: extents(:)
+      type(label_type) :: label
+
+      label%units = trim(what%units)
+      label%long_name = trim(what%about)
+      label%axes = ''
+      if (what%name == 'psd') then
+         label%chunk = [extents(1), frequencies_together(extents(1), extents(2)), extents(3)]
+      end if
+   end function bare_label
+
+   !> Neighbouring frequencies that a shard keeps together and that are best read together: ranges
+   !> of equal length, with some 320 values for each sample.
+   pure function frequencies_together(n_dof, n_frequencies) result(n)
+      integer, intent(in) :: n_dof, n_frequencies
+      integer :: n
+      integer, parameter :: values_together = 320
+
+      n = (n_frequencies - 1)/max(values_together/n_dof, 1) + 1   ! ranges
+      n = (n_frequencies - 1)/n + 1
+   end function frequencies_together
+
+end module io_dataset_visitor
