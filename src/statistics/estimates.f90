@@ -10,9 +10,11 @@ module statistics_estimates
    use statistics_order, only: at_rank
    implicit none(type, external)
    private
-   public :: estimates_type, plain_mean, plain_deviation, plain_percentile, blend, stated_error
+   public :: estimates_type, plain_mean, plain_deviation, plain_percentile, blend, &
+             stated_error, upward_error
 
    real(wp), parameter :: normal_point = 1.959964_wp   !! two-sided 95 %
+   real(wp), parameter :: largest_relative = 1.0_wp    !! error that is taken as one of a logarithm
    real(wp), parameter :: fewest_freedoms = 3.0_wp     !! of Student's law
 
    !> Several outputs estimated from the same samples.
@@ -20,6 +22,9 @@ module statistics_estimates
       real(wp), allocatable :: value(:)          !! (output)
       real(wp), allocatable :: influence(:, :)   !! (sample, output)
       real(wp), allocatable :: bias(:)           !! (output) allowance, signed
+      !> (output) by how much the influences are too small where the samples lack a tail of the law
+      !> that the fit knows; absent: 1
+      real(wp), allocatable :: excess(:)
    end type estimates_type
 
 contains
@@ -94,7 +99,7 @@ contains
 
    !> The share of plain sampling with the least variance, and at least `least`; all of it where
    !> plain sampling has no error. Both are estimates of the same samples, correlated as their
-   !> influences are; plain sampling may have further ones behind.
+   !> influences are; plain sampling may have further ones behind, whose samples have the tail.
    pure subroutine blend(surrogate, plain, least, both, share)
       type(estimates_type), intent(in) :: surrogate, plain
       real(wp), intent(in) :: least(:)               !! (output) share of plain
@@ -120,6 +125,10 @@ contains
       end do
       both%value = (1.0_wp - share)*surrogate%value + share*plain%value
       both%bias = (1.0_wp - share)*surrogate%bias
+      if (allocated(surrogate%excess)) then
+         both%excess = surrogate%excess
+         if (size(plain%influence, 1) > size(surrogate%influence, 1)) both%excess = 1.0_wp
+      end if
    end subroutine blend
 
    !> Standard error of one output.
@@ -147,6 +156,18 @@ contains
       factor = student_point(1.0_wp/fourth)/normal_point
       error = hypot(factor*sqrt(square*n_samples/(n_samples - 1.0_wp)), bias)
    end function stated_error
+
+   !> The standard error of a number that is not negative, such that 1.96 of it reach as far as
+   !> those of its logarithm do upwards: where the large samples that carry it are missing, the
+   !> number and its error are both too small.
+   elemental real(wp) function upward_error(value, error)
+      real(wp), intent(in) :: value, error   !! standard
+      real(wp) :: relative
+
+      upward_error = error
+      relative = normal_point*min(error, largest_relative*value)/max(value, tiny(value))
+      if (relative > 0.0_wp) upward_error = error*(exp(relative) - 1.0_wp)/relative
+   end function upward_error
 
    !> Two-sided 95 % point of Student's law, by the expansion of Cornish and Fisher to 1/v^3
    !> (Abramowitz and Stegun 26.7.5): 3 % low at v = 3.

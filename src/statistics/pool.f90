@@ -8,7 +8,7 @@ module statistics_pool
    private
    public :: pool_type, new_pool, among_all, residual_share
 
-   real(wp), parameter :: trusted = 0.3_wp, useless = 0.5_wp   !! relative residuals
+   real(wp), parameter :: trusted = 0.25_wp, useless = 0.45_wp   !! relative residuals
 
    !> Inputs of all samples, and the laws of the cases.
    type :: pool_type
@@ -106,8 +106,8 @@ contains
       end associate
    end function rows_of
 
-   !> The least share of plain sampling: all where the residuals are above half of what the case's
-   !> samples scatter, none below 0.3 of it.
+   !> The least share of plain sampling: all where the residuals are above 0.45 of what the case's
+   !> samples scatter, none below 0.25 of it.
    pure function residual_share(residual, y) result(share)
       real(wp), intent(in) :: residual(:, :), y(:, :)   !! (sample of the case, output)
       real(wp) :: share(size(y, 2))

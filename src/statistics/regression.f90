@@ -20,6 +20,7 @@ module statistics_regression
    real(wp), parameter :: share_of_near = 0.08_wp  !! of a case's samples, on either side
    integer, parameter :: least_near = 4
    integer, parameter :: most_in_window = 24       !! points whose features are averaged
+   real(wp), parameter :: largest_excess = 2.0_wp
    integer, parameter :: thinning = 4   !! of the points for influences of a mean of exponentials
 
    !> A law as a surrogate sees it, and which of the samples were drawn from it.
@@ -45,21 +46,50 @@ contains
    end subroutine view_law
 
    !> Mean of G.
-   subroutine law_mean(surrogate, fit, view, estimate)
+   subroutine law_mean(surrogate, fit, view, values, estimate)
       type(surrogate_type), intent(in) :: surrogate
       type(fit_type), intent(in) :: fit
       type(view_type), intent(in) :: view
+      real(wp), intent(in) :: values(:, :)    !! (point, output) G
       type(estimates_type), intent(out) :: estimate
       real(wp) :: average_row(size(view%rows, 1), 1)
       real(wp) :: average(size(surrogate%eigenvalue), size(fit%mean))
+      integer :: o
 
       average_row(:, 1) = matmul(view%rows, view%weight)
       call average_features(surrogate, average_row, 1.0_wp, average(:, 1:1))
       average = spread(average(:, 1), 2, size(average, 2))
       estimate%value = fit%mean + matmul(average(:, 1), fit%coefficient)
       allocate (estimate%bias(size(fit%mean)), source=0.0_wp)
+      estimate%excess = [(excess_of_law(view, values(:, o), &
+                                        fit%predicted(view%first:view%last, o)), &
+                          o=1, size(fit%mean))]
       call find_influence(surrogate, fit, average, 1.0_wp, estimate%influence)
    end subroutine law_mean
+
+   !> How much more a function of the response scatters over the law than over the case's samples,
+   !> by predictions of both; at least 1, at most 2. Samples that lack a tail make errors look
+   !> small.
+   pure real(wp) function excess_of_law(view, values, predicted) result(excess)
+      type(view_type), intent(in) :: view
+      real(wp), intent(in) :: values(:)       !! (point)
+      real(wp), intent(in) :: predicted(:)    !! (own sample)
+      real(wp) :: mean, over_law, over_samples
+      integer :: m
+
+      mean = 0.0_wp
+      over_law = 0.0_wp
+      !$omp simd reduction(+:mean, over_law)
+      do m = 1, size(values)
+         mean = mean + view%weight(m)*values(m)
+         over_law = over_law + view%weight(m)*values(m)**2
+      end do
+      over_law = over_law - mean**2
+      over_samples = sum((predicted - sum(predicted)/size(predicted))**2)/(size(predicted) - 1)
+      excess = 1.0_wp
+      if (over_law > over_samples .and. over_samples > 0.0_wp) &
+         excess = min(sqrt(over_law/over_samples), largest_excess)
+   end function excess_of_law
 
    !> e_i (constant/n + sum_k V_ik s_k average_k).
    subroutine find_influence(surrogate, fit, average, constant, influence)
@@ -97,8 +127,14 @@ contains
       end do
       call average_features(surrogate, of_rows, 0.0_wp, covariance)
       call find_influence(surrogate, fit, covariance, 0.0_wp, estimate%influence)
-      allocate (estimate%value(size(values, 2)), estimate%bias(size(values, 2)))
+      allocate (estimate%value(size(values, 2)))
+      allocate (estimate%bias, estimate%excess, mold=estimate%value)
       do o = 1, size(values, 2)
+         associate (own => fit%predicted(view%first:view%last, o))
+            estimate%excess(o) = excess_of_law(view, &
+                                   (values(:, o) - dot_product(view%weight, values(:, o)))**2, &
+                                   (own - sum(own)/size(own))**2)
+         end associate
          residual = fit%residual(view%first:view%last, o)
          residual = (residual - sum(residual)/size(residual))**2
          of_residuals(o) = sum(residual)/size(residual)
@@ -234,6 +270,7 @@ contains
       real(wp), intent(in) :: y(:, :)         !! (own sample, output)
       type(estimates_type), intent(out) :: estimate
       real(wp), allocatable :: some(:, :), weighted(:, :), average_row(:, :), average(:, :)
+      real(wp), allocatable :: of_samples(:, :), average_of_samples(:, :)
       real(wp) :: each(size(values, 1)), mean, ratio
       integer :: o
 
@@ -241,22 +278,32 @@ contains
       allocate (weighted(size(some, 2), size(values, 2)))
       allocate (average_row(size(view%rows, 1), size(values, 2)))
       allocate (average(size(surrogate%eigenvalue), size(values, 2)))
-      allocate (estimate%value(size(values, 2)), estimate%bias(size(values, 2)))
+      allocate (average_of_samples, mold=average)
+      allocate (estimate%value(size(values, 2)))
+      allocate (estimate%bias, estimate%excess, mold=estimate%value)
+      of_samples = exp(fit%predicted(view%first:view%last, :))
       do o = 1, size(values, 2)
-         each = view%weight*exp(values(:, o))
+         each = exp(values(:, o))
+         estimate%excess(o) = excess_of_law(view, each, of_samples(:, o))
+         each = view%weight*each
          mean = sum(each)
          weighted(:, o) = each(::thinning)/sum(each(::thinning))
-         ratio = sum(y(:, o))/sum(exp(fit%predicted(view%first:view%last, o)))
+         ratio = sum(y(:, o))/sum(of_samples(:, o))
          estimate%value(o) = mean*sqrt(ratio)
          estimate%bias(o) = 0.5_wp*mean*(ratio - 1.0_wp)
+         of_samples(:, o) = of_samples(:, o)/sum(of_samples(:, o))
       end do
       call multiply(some, weighted, average_row)
       call average_features(surrogate, average_row, 1.0_wp, average)
-      call find_influence(surrogate, fit, average, 1.0_wp, estimate%influence)
+      call multiply(surrogate%feature(view%first:view%last, :), of_samples, average_of_samples, &
+                    transposes_a=.true.)
+      average = average - 0.5_wp*average_of_samples
+      call find_influence(surrogate, fit, average, 0.5_wp, estimate%influence)
       do o = 1, size(values, 2)
-         associate (mean => estimate%value(o))   ! of order one apart from mean of exp(G)
-            estimate%influence(:, o) = estimate%influence(:, o)*mean
+         associate (own => estimate%influence(view%first:view%last, o))
+            own = own + 0.5_wp*(y(:, o)/sum(y(:, o)) - of_samples(:, o))
          end associate
+         estimate%influence(:, o) = estimate%influence(:, o)*estimate%value(o)
       end do
    end subroutine law_mean_of_exponential
 

@@ -4,7 +4,7 @@ module statistics_scalars
    use core_error, only: error_type
    use core_kinds, only: wp
    use statistics_estimates, only: blend, estimates_type, plain_deviation, plain_mean, &
-                                   plain_percentile, stated_error
+                                   plain_percentile, stated_error, upward_error
    use statistics_law, only: choose_points, error_share, law_type, of_means, of_percentiles_along
    use statistics_pool, only: among_all, pool_type, residual_share
    use statistics_regression, only: law_deviation, law_mean, law_percentile, view_law, view_type
@@ -87,11 +87,12 @@ contains
          associate (own => outputs(view%first:view%last, raw:raw, number), &
                     n => pool%n_samples(case_number), sampled => plain(number, case_number))
             call predict(surrogate, fits(raw, number), view%rows, values)
-            call law_mean(surrogate, fits(raw, number), view, ours)
+            call law_mean(surrogate, fits(raw, number), view, values, ours)
             theirs = among_all(pool, case_number, plain_mean(own), [sampled%mean])
             call blend(ours, theirs, [0.0_wp], both, share)
             best%mean = both%value(1)
             call state_error(both, theirs, share, of_means, n, best%mean_error, best%mean_ratio)
+            best%mean_error = upward_error(best%mean, best%mean_error)
 
             least = residual_share(fits(raw, number)%residual(view%first:view%last, :), own)
             call law_deviation(surrogate, fits(raw, number), view, values, ours)
@@ -103,6 +104,7 @@ contains
             best%deviation = both%value(1)
             call state_error(both, theirs, share, of_means, n, best%deviation_error, &
                              best%deviation_ratio)
+            best%deviation_error = upward_error(best%deviation, best%deviation_error)
          end associate
          allocate (best%percentile(size(share_below)))
          allocate (best%low, best%high, best%percentile_ratio, mold=best%percentile)
@@ -144,10 +146,12 @@ contains
          real(wp), intent(in) :: efficiency
          integer, intent(in) :: n_samples
          real(wp), intent(out) :: stated, ratio
-         real(wp) :: of_plain
+         real(wp) :: excess, of_plain
 
-         of_plain = stated_error(theirs%influence(:, 1), 0.0_wp, n_samples)
-         stated = hypot(stated_error(both%influence(:, 1), both%bias(1), n_samples), &
+         excess = 1.0_wp
+         if (allocated(both%excess)) excess = both%excess(1)
+         of_plain = excess*stated_error(theirs%influence(:, 1), 0.0_wp, n_samples)
+         stated = hypot(stated_error(excess*both%influence(:, 1), both%bias(1), n_samples), &
                         (1.0_wp - share(1))*of_plain*error_share(law, efficiency, n_samples))
          ratio = 1.0_wp
          if (stated > 0.0_wp) ratio = of_plain/stated

@@ -7,7 +7,8 @@ module statistics_spectra
    use core_error, only: error_type
    use core_kinds, only: wp
    use numerics_sorting, only: sort_order
-   use statistics_estimates, only: blend, estimates_type, plain_mean, plain_percentile, stated_error
+   use statistics_estimates, only: blend, estimates_type, plain_mean, plain_percentile, stated_error, &
+                                   upward_error
    use statistics_law, only: choose_points, error_share, law_type, of_mean_densities, &
                              of_mean_powers, of_percentiles
    use statistics_pool, only: among_all, pool_type, residual_share
@@ -134,6 +135,10 @@ contains
                if (k <= size(fits)) then
                   call law_mean_of_exponential(surrogate, fits(k), view, values, own, ours)
                   call blend(ours, theirs, [(0.0_wp, o=1, size(share))], both, share)
+                  do o = 1, size(share)
+                     both%influence(:, o) = both%excess(o)*both%influence(:, o)
+                     theirs%influence(:, o) = both%excess(o)*theirs%influence(:, o)
+                  end do
                end if
             end associate
          end associate
@@ -143,6 +148,7 @@ contains
             call state_error(number, of_mean_densities, both%influence(:, o), both%bias(o), &
                              theirs%influence(:, o), 1.0_wp - share(o), best%mean_error(f), &
                              best%mean_ratio(f))
+            best%mean_error(f) = upward_error(best%mean(f), best%mean_error(f))
          end do
          call add_to(integral, both, theirs, [(step, o=1, size(values, 2))], &
                      [(step, o=1, size(values, 2))])
