@@ -7,8 +7,8 @@ module statistics_spectra
    use core_error, only: error_type
    use core_kinds, only: wp
    use numerics_sorting, only: sort_order
-   use statistics_estimates, only: blend, estimates_type, plain_mean, plain_percentile, stated_error, &
-                                   upward_error
+   use statistics_estimates, only: blend, estimates_type, plain_mean, plain_percentile, &
+                                   stated_error, upward_error
    use statistics_law, only: choose_points, error_share, law_type, of_mean_densities, &
                              of_mean_powers, of_percentiles
    use statistics_pool, only: among_all, pool_type, residual_share
