@@ -71,7 +71,7 @@ contains
       type(plan_type), intent(inout) :: plan
 
       scene%integration%method = setting%method
-      plan%integration%method = trim(setting%method)
+      plan%integration%method = setting%method
       if (setting%method == 'newmark') then
          scene%integration%max_halvings = setting%max_halvings
          plan%integration%max_halvings = setting%max_halvings

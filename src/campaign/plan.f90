@@ -22,30 +22,30 @@ module campaign_plan
       real(wp) :: frequency = 0.0_wp   !! of a sine [Hz]
    end type case_type
 
-   !> The forces on the structure.
+   !> Forces on the structure. Defaults are the paper's noise.
    type :: excitation_settings
-      character(:), allocatable :: kind      !! 'band_limited', 'file', 'sine' or 'psd'
-      real(wp) :: band(2) = 0.0_wp           !! [Hz]
-      integer :: dof = 0                     !! the forced mass, resolved: never 0 in a plan
+      character(16) :: kind = 'band_limited'   !! or 'file', 'sine', 'psd'
+      real(wp), allocatable :: band(:)         !! (2) [Hz]
+      integer :: dof = 0                       !! the forced mass, resolved: never 0 in a plan
       character(:), allocatable :: file
-      logical :: per_sample = .false.        !! a record of its own for each sample
-      logical :: is_base = .false.           !! the ground's acceleration, in m/s^2 for N
-      real(wp), allocatable :: psd(:, :)     !! (Hz and N^2/Hz, row) of kind 'psd'
+      logical :: per_sample = .false.          !! a record of its own for each sample
+      logical :: base = .false.                !! the ground's acceleration, in m/s^2 for N
+      real(wp), allocatable :: density(:, :)   !! (Hz and N^2/Hz, row) of kind 'psd'
    end type excitation_settings
 
-   !> How the chain is marched.
+   !> How the structure is marched. Defaults are the paper's scheme, step and length.
    type :: integration_settings
-      character(:), allocatable :: method    !! 'newmark' or 'event'
-      real(wp) :: dt = 0.0_wp                !! [s]
-      integer :: n_steps = 0
+      character(16) :: method = 'newmark'    !! or 'event'
+      real(wp) :: dt = 0.00843_wp            !! [s]
+      integer :: n_steps = 400000
       integer :: n_discard = 0               !! steps left out of every statistic
-      integer :: max_halvings = 0            !! newmark
+      integer :: max_halvings = 15           !! newmark
       real(wp) :: beta = 0.25_wp             !! newmark
       real(wp) :: gamma = 0.5_wp             !! newmark
-      real(wp) :: tolerance = 0.0_wp         !! event: displacement error relative to its rms
+      real(wp) :: tolerance = 1.0e-6_wp      !! event: displacement error relative to its rms
    end type integration_settings
 
-   !> Results to keep; others are not computed.
+   !> Results to keep; others are not computed. Defaults are what the figures of the paper need.
    type :: output_settings
       logical :: slip = .false.
       logical :: spectrum = .false.
@@ -56,7 +56,7 @@ module campaign_plan
       logical :: transitions = .false.
       integer, allocatable :: dofs(:)           !! of spectra and histories, ascending; none: all
       real(wp), allocatable :: percentiles(:)   !! [%], ascending
-      integer :: segment_length = 0             !! steps of a Welch segment
+      integer :: segment_length = 8192          !! steps of a Welch segment
       integer :: spectrum_every = 0             !! every k-th step enters the spectra; 0: chosen
       logical :: samples = .true.               !! spectra of each of several samples
    contains

@@ -141,7 +141,7 @@ contains
          stream = new_stream(self%plan%seed, label, sample)
          associate (excitation => self%plan%excitation, dt => self%plan%integration%dt)
             if (excitation%kind == 'psd') then
-               call coloured_force(excitation%psd(1, :), excitation%psd(2, :), dt, stream, &
+               call coloured_force(excitation%density(1, :), excitation%density(2, :), dt, stream, &
                                    force(:, k), error)
             else
                call band_limited_force(excitation%band, dt, stream, force(:, k), error)

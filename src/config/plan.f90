@@ -1,7 +1,7 @@
 !> Plan of a scene: processes to fit, cases in the order of their numbers.
 module config_plan
    use campaign_audit, only: reference_for
-   use campaign_plan, only: accuracy_settings, case_type, plan_type
+   use campaign_plan, only: case_type, plan_type
    use campaign_runner, only: keeps_ledger
    use config_groups, only: scene_type
    use config_groups_integration, only: fewest_measured
@@ -43,10 +43,7 @@ contains
       end if
       plan%estimator = scene%campaign%estimator
       plan%walltime = scene%campaign%walltime
-      plan%accuracy = accuracy_settings(scene%accuracy%target_slip_points, &
-                                        scene%accuracy%target_band_ratio, &
-                                        scene%accuracy%target_statistical, &
-                                        scene%accuracy%sample_until_met, scene%accuracy%audit)
+      plan%accuracy = scene%accuracy%accuracy_settings
       plan%has_structure = scene%moves()
       if (.not. scene%moves()) return
       if (scene%has_structure) then
@@ -187,26 +184,16 @@ contains
 
       associate (excitation => scene%excitation, integration => scene%integration, &
                  output => scene%output)
-         plan%excitation%kind = trim(excitation%kind)
-         plan%excitation%band = excitation%band
-         plan%excitation%dof = excitation%dof
+         plan%excitation = excitation%excitation_settings
          if (excitation%dof == 0) plan%excitation%dof = plan%structure%n_dof
          plan%excitation%file = ''
          if (allocated(scene%force_path)) plan%excitation%file = scene%force_path
-         plan%excitation%per_sample = excitation%per_sample
-         plan%excitation%is_base = excitation%base
-         if (allocated(scene%density)) plan%excitation%psd = scene%density
+         if (allocated(scene%density)) plan%excitation%density = scene%density
 
-         plan%integration%method = trim(integration%method)
-         plan%integration%dt = integration%dt
-         plan%integration%n_steps = integration%n_steps
+         plan%integration = integration%integration_settings
          if (integration%n_steps == 0) plan%integration%n_steps = scene%n_force_values - 1
-         plan%integration%n_discard = integration%n_discard
-         plan%integration%max_halvings = integration%max_halvings
-         plan%integration%beta = integration%beta
-         plan%integration%gamma = integration%gamma
-         plan%integration%tolerance = integration%tolerance
 
+         plan%output = output%output_settings
          plan%output%slip = output%keeps('slip')
          plan%output%spectrum = output%keeps('spectrum')
          plan%output%energy = output%keeps('energy')
@@ -215,11 +202,8 @@ contains
          plan%output%realizations = plan%n_realizations > 0
          plan%output%transitions = output%keeps('transitions')
          plan%output%dofs = pack(output%dofs, output%dofs > 0)
-         plan%output%percentiles = output%percentiles
          plan%output%segment_length = min(output%segment_length, &
                                           plan%integration%n_steps - integration%n_discard)
-         plan%output%spectrum_every = output%spectrum_every
-         plan%output%samples = output%samples
       end associate
    end subroutine plan_march
 

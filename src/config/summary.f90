@@ -177,8 +177,8 @@ contains
          case ('file')
             text = excitation%file
          case ('psd')
-            text = 'noise of a given spectrum from '//brief(excitation%psd(1, 1))//' to '// &
-                   brief(excitation%psd(1, size(excitation%psd, 2)))//' Hz'
+            text = 'noise of a given spectrum from '//brief(excitation%density(1, 1))//' to '// &
+                   brief(excitation%density(1, size(excitation%density, 2)))//' Hz'
          case ('sine')
             text = 'sines from '//brief(minval(plan%cases%frequency))//' to '// &
                    brief(maxval(plan%cases%frequency))//' Hz'
@@ -250,7 +250,7 @@ contains
       character(:), allocatable :: text
 
       associate (load => plan%structure%load)
-         if (plan%excitation%is_base) then
+         if (plan%excitation%base) then
             text = ' as acceleration of the ground'
          else if (size(load, 2) > 1) then
             text = ' for each of '//to_text(size(load, 2))//' forces'
@@ -312,7 +312,7 @@ contains
       audited%cases = pack(audited%cases, audited%cases%audits > 0)
       reference = reference_for(plan%integration)
       text = counted(sum(audited%cases%n_samples), 'sample', 'samples')//' repeated, '// &
-             reference%method//', tolerance '//brief(reference%tolerance)
+             trim(reference%method)//', tolerance '//brief(reference%tolerance)
       if (present(nanoseconds)) text = text//': '//work_text(audited, n_ranks, nanoseconds)
    end function audit_text
 

@@ -38,7 +38,7 @@ contains
       group = new_group(writer%file, case_group(number, count(plan%cases%audits == 0)))
       call group%attribute('n_samples', samples%n_samples)
       reference = reference_for(plan%integration)
-      call group%attribute('method', reference%method)
+      call group%attribute('method', trim(reference%method))
       call group%attribute('tolerance', reference%tolerance)
       call group%attribute('standard_error_method', &
                            'jackknife over the samples repeated; zero where all are; of rms '// &

@@ -205,7 +205,7 @@ contains
       character(:), allocatable :: unit
       integer :: i, n_forces
 
-      unit = trim(merge('m/s^2', 'N    ', plan%excitation%is_base))
+      unit = trim(merge('m/s^2', 'N    ', plan%excitation%base))
       n_forces = plan%structure%n_forces
       call group%put('time', [(i*plan%integration%dt, i=0, plan%integration%n_steps)], &
                      label_type('s', 'time', 'time'))

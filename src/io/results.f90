@@ -107,7 +107,7 @@ contains
       type(group_type) :: group
 
       group = new_group(self%file, '/structure')
-      call group%attribute('method', how%method)
+      call group%attribute('method', trim(how%method))
       call group%attribute('n_zero_modes', structure%n_zero_modes)
       call group%put_value('dt', how%dt, 's', 'time step')
       associate (n => structure%n_dof)

@@ -14,7 +14,7 @@ module tradeoff_settings
 
    !> A method, its step in terms of the scene's, and how closely it follows a transition.
    type :: setting_type
-      character(7) :: method = 'event'      !! or 'newmark'
+      character(16) :: method = 'event'     !! or 'newmark'
       integer :: parts = 1                  !! equal steps that an interval of the force is cut into
       integer :: stride = 1                 !! intervals of the force that a step takes together
       integer :: max_halvings = 0           !! newmark
@@ -125,7 +125,7 @@ contains
 
       changed = plan
       associate (how => changed%integration, output => changed%output)
-         how%method = trim(setting%method)
+         how%method = setting%method
          how%dt = setting_dt(setting, plan%integration%dt)
          how%n_steps = how%n_steps*setting%parts/setting%stride
          how%n_discard = how%n_discard*setting%parts/setting%stride

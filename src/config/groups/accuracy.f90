@@ -1,18 +1,14 @@
 !> &accuracy: errors that are wanted, and how they are watched.
 module config_groups_accuracy
+   use campaign_plan, only: accuracy_settings
    use config_text_value_table, only: about, between, entry_type, not_negative, visitor_type
    use core_kinds, only: wp
    implicit none(type, external)
    private
    public :: accuracy_group
 
-   !> By default nothing is watched.
-   type :: accuracy_group
-      real(wp) :: target_slip_points = 0.0_wp
-      real(wp) :: target_band_ratio = 0.0_wp
-      real(wp) :: target_statistical = 0.0_wp
-      logical :: sample_until_met = .false.
-      real(wp) :: audit = 0.0_wp
+   !> Errors that are wanted, as the scene says them. By default nothing is watched.
+   type, extends(accuracy_settings) :: accuracy_group
    contains
       procedure :: visit
    end type accuracy_group

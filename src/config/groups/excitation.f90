@@ -1,25 +1,19 @@
 !> &excitation: the forces on the structure.
 module config_groups_excitation
-   use config_text_value_table, only: about, choice_length, entry_type, not_negative, positive, &
-      visitor_type
+   use campaign_plan, only: excitation_settings
+   use config_text_value_table, only: about, entry_type, not_negative, positive, visitor_type
    use core_kinds, only: wp
    implicit none(type, external)
    private
    public :: excitation_group
 
-   !> Defaults are the paper's noise; its variance must be given.
-   type :: excitation_group
-      character(choice_length) :: kind = 'band_limited'
-      real(wp), allocatable :: band(:)
+   !> Forces as the scene says them, with the levels that make cases.
+   type, extends(excitation_settings) :: excitation_group
       real(wp), allocatable :: variance(:)    !! empty: not given
       real(wp), allocatable :: frequency(:)   !! empty: not given
       real(wp), allocatable :: amplitude(:)   !! empty: not given
-      character(:), allocatable :: psd
-      character(:), allocatable :: file
+      character(:), allocatable :: psd        !! path of a file; '': none
       real(wp), allocatable :: factor(:)
-      integer :: dof = 0
-      logical :: base = .false.
-      logical :: per_sample = .false.
    contains
       procedure :: visit
       procedure :: n_levels

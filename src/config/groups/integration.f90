@@ -1,7 +1,8 @@
 !> &integration: how the motion is marched through time.
 module config_groups_integration
-   use config_text_value_table, only: about, between, choice_length, entry_type, inside, &
-      not_negative, positive, visitor_type
+   use campaign_plan, only: integration_settings
+   use config_text_value_table, only: about, between, entry_type, inside, not_negative, positive, &
+      visitor_type
    use core_kinds, only: wp
    implicit none(type, external)
    private
@@ -9,16 +10,8 @@ module config_groups_integration
 
    integer, parameter :: fewest_measured = 64   !! steps behind n_discard: two spans of slip series
 
-   !> Defaults are the paper's scheme, step and length.
-   type :: integration_group
-      character(choice_length) :: method = 'newmark'
-      real(wp) :: dt = 0.00843_wp
-      integer :: n_steps = 400000
-      integer :: n_discard = 0
-      integer :: max_halvings = 15
-      real(wp) :: beta = 0.25_wp
-      real(wp) :: gamma = 0.5_wp
-      real(wp) :: tolerance = 1.0e-6_wp
+   !> Settings of the march, as the scene says them.
+   type, extends(integration_settings) :: integration_group
    contains
       procedure :: visit
    end type integration_group

@@ -1,5 +1,6 @@
 !> &output: what is kept. What is not asked for is not computed.
 module config_groups_output
+   use campaign_plan, only: output_settings
    use config_text_value_table, only: about, between, choice_length, entry_type, inside, &
       not_negative, visitor_type
    use core_kinds, only: wp
@@ -7,14 +8,9 @@ module config_groups_output
    private
    public :: output_group
 
-   !> Defaults are what the figures of the paper need.
-   type :: output_group
+   !> Results to keep, as the scene says them.
+   type, extends(output_settings) :: output_group
       character(choice_length), allocatable :: quantities(:)
-      integer, allocatable :: dofs(:)
-      real(wp), allocatable :: percentiles(:)
-      integer :: segment_length = 8192
-      integer :: spectrum_every = 0
-      logical :: samples = .true.
    contains
       procedure :: visit
       procedure :: keeps
