@@ -44,10 +44,12 @@ program bench_dynamics
       call lengthen('event', [1, 2, 3, 5, 8, 9, 10, 20, 50, 100, 200, 1000])
    end if
    if (is_wanted('dense')) then
-      print '(a)', '# event method at 1e-6, mass matrix not diagonal: dofs joints '// &
-         'ns_per_sample_step transitions_per_sample_step'
-      call march_dense(50, 20, 600)
-      call march_dense(200, 50, 200)
+      print '(a)', '# event method at 1e-6, mass matrix not diagonal: dofs joints damping '// &
+         'ns_per_sample_step transitions_per_sample_step ns_with_ledger'
+      call march_dense(50, 20, 600, 'modal')
+      call march_dense(200, 50, 200, 'modal')
+      call march_dense(50, 20, 600, 'rayleigh')
+      call march_dense(200, 50, 200, 'rayleigh')
    end if
    if (is_wanted('newmark')) then
       print '(a)', '# newmark, 15 halvings: dofs ns_per_sample_step transitions_per_sample_step'
@@ -247,9 +249,11 @@ contains
    end subroutine lengthen
 
    !> Cost of a chain in general coordinates, x = T y with T close to one: M and K are dense, joints
-   !> act in general directions. The forces of the second case.
-   subroutine march_dense(n, m, n_steps)
+   !> act in general directions. The forces of the second case. Modal damping decouples, Rayleigh's
+   !> does not.
+   subroutine march_dense(n, m, n_steps, kind)
       integer, intent(in) :: n, m, n_steps
+      character(*), intent(in) :: kind   !! of damping
       type(exact_march) :: event
       type(structure_type) :: chain, structure
       type(damping_type) :: damping
@@ -258,7 +262,7 @@ contains
       type(block_state) :: state
       type(stream_type) :: stream
       real(wp), allocatable :: force(:, :), x(:, :)
-      real(wp) :: nanoseconds, normal(n*n), t(n, n)
+      real(wp) :: nanoseconds, normal(n*n), t(n, n), with_ledger
       integer :: i
 
       stream = new_stream(7_long, label_of('dense'), 0)
@@ -279,6 +283,7 @@ contains
       structure%joint_friction = spread(0.2_wp, 1, m)
       structure%friction_point = [(i, i=1, m)]
       damping%ratio = [0.005_wp]
+      if (kind == 'rayleigh') damping%rayleigh = [0.01_wp, 1.0e-3_wp]
       names%mass = 'M'
       names%stiffness = 'K'
       names%damping = 'C'
@@ -288,8 +293,11 @@ contains
       if (allocated(error)) error stop error%message
       call read_force('p2_high', 1, force)
       call time_march(event, structure, force(:n_steps, :), stride, state, x, nanoseconds)
-      print '(2i5, f10.1, f9.4)', n, m, nanoseconds, &
-         real(sum(state%slip_starts + state%stick_starts), wp)/(real(n_steps, wp)*n_samples)
+      state%keeps_ledger = .true.
+      call time_march(event, structure, force(:n_steps, :), stride, state, x, with_ledger)
+      print '(2i5, a10, f10.1, f9.4, f10.1)', n, m, kind, nanoseconds, &
+         real(sum(state%slip_starts + state%stick_starts), wp)/(real(n_steps, wp)*n_samples), &
+         with_ledger
    end subroutine march_dense
 
    pure function symmetric(a) result(b)

@@ -2,7 +2,7 @@
 module driver_replay
    use campaign_plan, only: plan_type
    use campaign_results, only: block_result
-   use campaign_runner, only: keeps_ledger, runner_type
+   use campaign_runner, only: runner_type
    use campaign_sample, only: run_block
    use campaign_size, only: refuse_oversize
    use campaign_study, only: block_range, draw_friction
@@ -98,14 +98,13 @@ contains
       ending = trim(buffer)
    end function ending_of
 
-   !> Histories, transitions and the energy ledger, where the march has one, whatever the scene
-   !> keeps of a campaign.
+   !> Histories, transitions and the energy ledger, whatever the scene keeps of a campaign.
    subroutine keep_everything(plan)
       type(plan_type), intent(inout) :: plan
 
       plan%output%history = .true.
       plan%output%transitions = .true.
-      plan%output%energy = keeps_ledger(plan%structure, plan%integration)
+      plan%output%energy = .true.
       plan%n_realizations = 0
    end subroutine keep_everything
 

@@ -65,7 +65,7 @@ contains
       kept%harmonic = kept%harmonic .and. plan%cases(case_number)%frequency > 0.0_wp
       if (plan%cases(case_number)%audits == 0) return
       kept%slip = .false.   ! the series of its parts: slip fractions are always there
-      kept%energy = plan%audits_keep_ledger
+      kept%energy = .true.
       kept%history = .false.
       kept%harmonic = .false.
       kept%transitions = .false.

@@ -90,7 +90,6 @@ module campaign_plan
       type(case_type), allocatable :: cases(:)  !! in case-number order, c001 first; audits last
       type(accuracy_settings) :: accuracy
       type(output_settings) :: output
-      logical :: audits_keep_ledger = .true.    !! not in modes that damping couples
       character(16) :: estimator = 'plain'      !! 'pooled', 'regression' or 'plain'
       real(wp) :: walltime = 0.0_wp             !! [min]; 0: no limit
    end type plan_type

@@ -15,7 +15,7 @@ module campaign_runner
    use structure_model, only: structure_type
    implicit none(type, external)
    private
-   public :: runner_type, prepare_runner, block_width, keeps_ledger
+   public :: runner_type, prepare_runner, block_width
 
    integer, parameter :: widest_block = 32            !! samples marched together
    integer, parameter :: records_per_piece = 264      !! between two looks at the spectra
@@ -64,21 +64,6 @@ contains
       end if
       call runner%use_every(max(plan%output%spectrum_every, 1))
    end subroutine prepare_runner
-
-   !> True if a march of the structure keeps the energy ledger: in modes that damping couples it
-   !> does not.
-   function keeps_ledger(structure, how)
-      type(structure_type), intent(in) :: structure
-      type(integration_settings), intent(in) :: how
-      logical :: keeps_ledger
-      type(exact_march) :: marcher
-      type(error_type), allocatable :: error   ! another step says it
-
-      keeps_ledger = how%method == 'newmark'
-      if (keeps_ledger) return
-      call new_exact_march(structure, how%dt, how%tolerance, marcher, error)
-      if (.not. allocated(error)) keeps_ledger = marcher%base%can_keep_ledger
-   end function keeps_ledger
 
    !> Form of the exact march, with the multiplications of a sample in a step by each form, without
    !> transitions; '' for Newmark's.

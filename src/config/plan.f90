@@ -1,8 +1,6 @@
 !> Plan of a scene: processes to fit, cases in the order of their numbers.
 module config_plan
-   use campaign_audit, only: reference_for
    use campaign_plan, only: case_type, plan_type
-   use campaign_runner, only: keeps_ledger
    use config_groups, only: scene_type
    use config_groups_integration, only: fewest_measured
    use config_groups_process, only: process_group
@@ -60,29 +58,7 @@ contains
       call plan_march(scene, plan)
       call plan_cases(scene, plan)
       call check_march(scene, plan, complaints)
-      if (complaints%n > n_before) return
-      call check_ledger(scene, plan, complaints)
    end subroutine build_plan
-
-   !> Refuses an energy ledger that the march does not keep. Repeated samples go without.
-   subroutine check_ledger(scene, plan, complaints)
-      type(scene_type), intent(in) :: scene
-      type(plan_type), intent(inout) :: plan
-      type(complaint_list), intent(inout) :: complaints
-
-      if (plan%output%energy) then
-         if (.not. keeps_ledger(plan%structure, plan%integration)) &
-            call complaints%add_general(scene%path//": output%quantities: 'energy' must be "// &
-                                        "absent: the exact march of this structure goes in "// &
-                                        "modes that its damping couples, where it keeps no "// &
-                                        "ledger (method = 'newmark' does)")
-      end if
-      associate (accuracy => plan%accuracy)
-         if (max(accuracy%audit, accuracy%target_slip_points, &
-                 accuracy%target_band_ratio) > 0.0_wp) &
-            plan%audits_keep_ledger = keeps_ledger(plan%structure, reference_for(plan%integration))
-      end associate
-   end subroutine check_ledger
 
    !> correlation_length slowest, then order, then std.
    pure subroutine expand_process(group, processes)

@@ -1,14 +1,52 @@
 !> Alignment and padding of arrays, so that the processor loads a whole register at once.
 module dynamics_alignment
-   use, intrinsic :: iso_c_binding, only: c_intptr_t, c_loc
+   use, intrinsic :: iso_c_binding, only: c_f_pointer, c_intptr_t, c_loc
    use core_kinds, only: wp
    implicit none(type, external)
    private
-   public :: register_width, whole_registers, first_aligned
+   public :: aligned_memory, register_width, whole_registers, first_aligned
 
    integer, parameter :: register_width = 8   !! reals; 64 bytes, a cache line
 
+   !> Memory that begins with a cache line, handed out plane by plane.
+   type :: aligned_memory
+      real(wp), pointer, contiguous, private :: memory(:) => null()
+      integer, private :: next = 1   !! that is not handed out
+   contains
+      procedure :: start
+      procedure :: take
+      procedure :: free
+   end type aligned_memory
+
 contains
+
+   !> Gets memory of zeros; what was handed out before is void.
+   subroutine start(self, n)
+      class(aligned_memory), intent(inout) :: self
+      integer, intent(in) :: n   !! reals
+
+      call self%free()
+      allocate (self%memory(n + register_width), source=0.0_wp)
+      self%next = first_aligned(self%memory)
+   end subroutine start
+
+   !> Hands out the next planes.
+   subroutine take(self, extents, planes)
+      class(aligned_memory), intent(inout) :: self
+      integer, intent(in) :: extents(3)
+      real(wp), pointer, contiguous, intent(out) :: planes(:, :, :)
+
+      if (self%next + product(extents) - 1 > size(self%memory)) &
+         error stop 'dynamics_alignment: take'
+      call c_f_pointer(c_loc(self%memory(self%next)), planes, extents)
+      self%next = self%next + size(planes)
+   end subroutine take
+
+   subroutine free(self)
+      class(aligned_memory), intent(inout) :: self
+
+      if (associated(self%memory)) deallocate (self%memory)
+   end subroutine free
 
    !> n, padded to whole registers.
    pure integer function whole_registers(n)

@@ -17,7 +17,7 @@ module dynamics_exact_base_system
       real(wp) :: h = 0.0_wp       !! [s]
       integer :: n_forces = 1
       integer :: max_transitions = 1000   !! of one sample in one part; more are an error
-      logical :: can_keep_ledger = .true., keeps_ledger = .false.
+      logical :: keeps_ledger = .false.
       logical :: has_works_of_all = .false.   !! samples that redo marches again among them
       type(joint_paths) :: paths
    contains
@@ -98,6 +98,7 @@ module dynamics_exact_base_system
       end subroutine put_state
 
       !> Works of the force and of the dampers over the part that run_part has run, of all lanes.
+      !> Called before go_on where a ledger is kept.
       subroutine add_works(self, work)
          import :: base_system, wp
          class(base_system), intent(inout) :: self

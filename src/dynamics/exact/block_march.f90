@@ -48,8 +48,8 @@ contains
       real(wp) :: push(width, base%n_forces, 0:1)
       integer :: first, part, step
 
-      call base%begin()
       base%keeps_ledger = state%keeps_ledger
+      call base%begin()
       room%is_independent = all(base%paths%is_local) .and. size(base%paths%moved) == 0
       allocate (room%list(width*max(1, state%n_joints)), room%groups(1))
       allocate (room%displacement(width, state%n_dof, merge(records_together, 0, &

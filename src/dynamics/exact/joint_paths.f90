@@ -1,10 +1,9 @@
 !> Paths of the joints of 32 samples over one part of a step, side by side, and the regimes of these
 !> joints: what every base system of the exact march fills, and what transitions are found from.
 module dynamics_exact_joint_paths
-   use, intrinsic :: iso_c_binding, only: c_f_pointer, c_loc
    use core_kinds, only: wp
    use dynamics_joint, only: slider_at
-   use dynamics_alignment, only: first_aligned
+   use dynamics_alignment, only: aligned_memory
    use dynamics_response, only: block_state
    implicit none(type, external)
    private
@@ -48,7 +47,7 @@ module dynamics_exact_joint_paths
       real(wp), pointer, contiguous :: pull(:, :) => null()          !! (lane, row) force at x = 0
       real(wp), allocatable :: base(:)          !! (row) stiffness without joints
       real(wp), allocatable :: spring(:)        !! (joint) weight of its spring
-      real(wp), pointer, contiguous, private :: memory(:) => null()
+      type(aligned_memory), private :: memory
    contains
       procedure :: start
       procedure :: free
@@ -68,7 +67,8 @@ contains
       real(wp), intent(in) :: base(:)     !! (row)
       integer, intent(in) :: row(:)       !! (joint) of its path
       real(wp), intent(in) :: spring(:)   !! (joint)
-      integer :: begin, j, rows, used
+      real(wp), pointer, contiguous :: planes(:, :, :)
+      integer :: j, rows, used
 
       self%degree = degree
       self%n_rows = size(base)
@@ -102,27 +102,22 @@ contains
 
       rows = self%n_rows + merge(1, 0, modulo(self%n_rows, 2) == 0)   ! layers not 4096 bytes apart
       self%top = rows
-      associate (many => rows*(degree + 5) + 7*(self%n_joints + 1))
-         allocate (self%memory(width*many + 8), source=0.0_wp)
-      end associate
-      begin = first_aligned(self%memory)
-      call c_f_pointer(c_loc(self%memory(begin)), self%x, [width, rows, degree + 3])
+      call self%memory%start(width*(rows*(degree + 5) + 7*(self%n_joints + 1)))
+      call self%memory%take([width, rows, degree + 3], self%x)
       self%x(1:, 1:, 0:) => self%x
-      begin = begin + width*rows*(degree + 3)
-      call c_f_pointer(c_loc(self%memory(begin)), self%stiffness, [width, rows])
-      begin = begin + width*rows
-      call c_f_pointer(c_loc(self%memory(begin)), self%pull, [width, rows])
-      begin = begin + width*rows
-      call c_f_pointer(c_loc(self%memory(begin)), self%regime, [width, self%n_joints + 1, 6])
-      begin = begin + size(self%regime)
-      call c_f_pointer(c_loc(self%memory(begin)), self%slack, [width, self%n_joints + 1])
+      call self%memory%take([width, rows, 2], planes)
+      self%stiffness => planes(:, :, 1)
+      self%pull => planes(:, :, 2)
+      call self%memory%take([width, self%n_joints + 1, 6], self%regime)
+      call self%memory%take([width, self%n_joints + 1, 1], planes)
+      self%slack => planes(:, :, 1)
    end subroutine start
 
    !> Gives the memory back; the next march starts anew.
    subroutine free(self)
       class(joint_paths), intent(inout) :: self
 
-      if (associated(self%memory)) deallocate (self%memory)
+      call self%memory%free()
       if (allocated(self%layer)) deallocate (self%first, self%joint, self%joint_row, self%layer)
    end subroutine free
 

@@ -113,11 +113,6 @@ contains
       type(error_type), allocatable, intent(out) :: error
       real(wp) :: no_velocity(0, 0, 0)
 
-      if (state%keeps_ledger .and. .not. self%base%can_keep_ledger) then
-         call raise(error, exit_bad_input, 'ledger: not kept where the march goes in modes '// &
-                    'that damping couples')
-         return
-      end if
       if (present(velocity)) then
          call march_block(self%base, self%structure, self%parts, state, force, every, &
                           displacement, velocity, error)

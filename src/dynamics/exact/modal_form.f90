@@ -6,7 +6,6 @@
 !> integrals of the sliders' motion (M6). All transitions of a sample in a part are treated in the
 !> paths of its joints alone (dynamics_exact_modal_lane).
 module dynamics_exact_modal_form
-   use, intrinsic :: iso_c_binding, only: c_f_pointer, c_loc
    use core_error, only: error_type
    use core_kinds, only: wp
    use dynamics_exact_base_system, only: base_system, raise_too_many
@@ -16,11 +15,11 @@ module dynamics_exact_modal_form
    use dynamics_exact_modal_lane, only: lane_paths
    use dynamics_exact_modal_operators, only: modal_operators, new_modal_operators
    use dynamics_exact_modal_sliders, only: moving_sliders
-   use dynamics_exact_modal_steps, only: put_free_paths, rotate, take_motion
+   use dynamics_exact_modal_steps, only: put_free_paths, put_rest, rotate, take_motion
    use dynamics_exact_modal_terms, only: path_degree
    use dynamics_exact_transitions, only: transition_group
    use dynamics_joint, only: enter_transition, slip_direction
-   use dynamics_alignment, only: first_aligned
+   use dynamics_alignment, only: aligned_memory
    use dynamics_response, only: block_state
    use numerics_dense_product, only: groups, padded_rows
    use structure_model, only: structure_type
@@ -38,9 +37,9 @@ module dynamics_exact_modal_form
       real(wp), pointer, contiguous :: taken(:, :, :) => null()    !! (lane, mode, 0:moment) S I
       real(wp), pointer, contiguous :: value(:, :, :) => null()    !! (lane, joint, 1:4) G ahead
       type(moving_sliders) :: sliders
-      !> (lane, force, power) where a ledger is kept
-      real(wp), allocatable, private :: force(:, :, :)
-      real(wp), pointer, contiguous, private :: memory(:) => null()
+      !> Where a ledger is kept: (lane, mode, 1:4), see its start_part; (.., q q'), see its add_part
+      real(wp), pointer, contiguous, private :: works(:, :, :) => null(), rest(:, :, :) => null()
+      type(aligned_memory), private :: memory
       type(lane_paths), private :: lane   !! room for redo
    contains
       procedure :: begin
@@ -69,7 +68,6 @@ contains
       form%h = form%operators%h
       form%n_forces = structure%n_forces
       form%has_works_of_all = .true.
-      form%can_keep_ledger = form%operators%decouples
       form%n_padded = padded_rows(structure%n_dof)
       form%m_padded = padded_rows(structure%n_joints)
    end subroutine new_modal_form
@@ -77,29 +75,33 @@ contains
    !> See base_system.
    subroutine begin(self)
       class(modal_form), intent(inout) :: self
-      integer :: at, j, last
+      real(wp), pointer, contiguous :: plane(:, :, :)
+      integer :: extra, j
 
       call self%sliders%start(self%operators%n_joints, self%m_padded, self%operators%n_moments)
       call self%paths%start(path_degree, [(0.0_wp, j=1, self%m_padded)], &
                             [(j, j=1, self%operators%n_joints)], &
                             [(1.0_wp, j=1, self%operators%n_joints)])
       self%paths%keeps_slack = .true.
-      if (associated(self%memory)) deallocate (self%memory)
-      last = self%operators%n_moments
-      allocate (self%memory(width*((9 + last)*self%n_padded + 4*self%m_padded) + 8), &
-                source=0.0_wp)
-      at = first_aligned(self%memory)
-      call c_f_pointer(c_loc(self%memory(at)), self%now, [width, self%n_padded, 3])
-      at = at + size(self%now)
-      call c_f_pointer(c_loc(self%memory(at)), self%ahead, [width, self%n_padded, 4])
-      at = at + size(self%ahead)
-      call c_f_pointer(c_loc(self%memory(at)), self%pushed, [width, self%n_padded])
-      at = at + size(self%pushed)
-      call c_f_pointer(c_loc(self%memory(at)), self%taken, [width, self%n_padded, last + 1])
+      extra = merge(6, 0, self%keeps_ledger)
+      if (self%keeps_ledger) then
+         associate (for => self%operators)
+            if (.not. for%ledger%is_ready) &
+               call for%ledger%prepare(self%h, for%rate, for%damping, for%load, for%decouples)
+         end associate
+      end if
+      call self%memory%start(width*((9 + self%operators%n_moments + extra)*self%n_padded &
+                                    + 4*self%m_padded))
+      call self%memory%take([width, self%n_padded, 3], self%now)
+      call self%memory%take([width, self%n_padded, 4], self%ahead)
+      call self%memory%take([width, self%n_padded, self%operators%n_moments + 1], self%taken)
       self%taken(1:, 1:, 0:) => self%taken
-      at = at + size(self%taken)
-      call c_f_pointer(c_loc(self%memory(min(at, size(self%memory)))), self%value, &
-                       [width, self%m_padded, 4])
+      call self%memory%take([width, self%n_padded, 1], plane)
+      self%pushed => plane(:, :, 1)
+      call self%memory%take([width, self%m_padded, 4], self%value)
+      if (.not. self%keeps_ledger) return
+      call self%memory%take([width, self%n_padded, 4], self%works)
+      call self%memory%take([width, self%n_padded, 2], self%rest)
    end subroutine begin
 
    !> Takes what `give` has kept where displacements, velocities and step are as it left them.
@@ -194,7 +196,8 @@ contains
 
       n = self%n_padded
       m = self%m_padded
-      if (self%keeps_ledger) self%force = force
+      if (self%keeps_ledger) call self%operators%ledger%start_part(force, self%now, self%pushed, &
+                                                                   self%works)
       if (self%operators%decouples) then
          call rotate(n, merge(4, self%operators%n_reads, self%keeps_ledger), &
                      self%operators%rotation, self%operators%load, force, self%now, &
@@ -272,17 +275,13 @@ contains
       !> Joints whose guards may have a zero.
       subroutine adopt_suspects(paths)
          type(lane_paths), intent(inout) :: paths
-         real(wp) :: path(0:path_degree)
-         integer :: j, k
+         integer :: j
 
          do j = 1, self%operators%n_joints
             if (paths%slack(j) > 0.0_wp) cycle
-            do k = 0, path_degree
-               path(k) = self%paths%x(lane, j, self%paths%layer(k))
-            end do
             associate (regime => self%paths%regime(lane, j, :))
-               call paths%adopt(j, path, regime(layer_side), regime(layer_slider), &
-                                regime(layer_reach))
+               call paths%adopt(j, self%paths%x(lane, j, self%paths%layer), regime(layer_side), &
+                                regime(layer_slider), regime(layer_reach))
             end associate
          end do
       end subroutine adopt_suspects
@@ -318,7 +317,7 @@ contains
       subroutine put_changes(paths)
          type(lane_paths), intent(in) :: paths
          real(wp) :: place, velocity
-         integer :: j, s
+         integer :: j
 
          associate (x => self%paths%x, finish => self%paths%finish)
             do j = 1, self%operators%n_joints
@@ -326,36 +325,45 @@ contains
                x(lane, j, finish(0)) = x(lane, j, finish(0)) + place
                x(lane, j, finish(1)) = x(lane, j, finish(1)) + velocity
                if (.not. self%sliders%has_moved(1 + (lane - 1)*groups/width, j)) cycle
-               do s = 0, self%operators%n_moments
-                  self%sliders%moments(lane, j, s) = self%sliders%moments(lane, j, s) &
-                                                     + paths%moments(j, s)
-               end do
+               associate (moments => self%sliders%moments(lane, j, :))
+                  moments = moments + paths%moments(j, :)
+               end associate
             end do
          end associate
       end subroutine put_changes
 
    end subroutine redo
 
-   !> The modes take the motion of the sliders (M6), and the ends become the starts.
+   !> The ends become the starts.
    subroutine go_on(self)
       class(modal_form), intent(inout) :: self
 
-      if (self%operators%decouples) then
-         if (.not. self%keeps_ledger) call form_taken(self)
-         call take_motion(self%n_padded, self%operators%weight, self%ahead, self%taken, self%now, &
-                          self%pushed)
-      else
-         call self%sliders%list_moved()
-         associate (sliders => self%sliders, many => self%operators%n_moments + 1)
-            call self%operators%push%multiply_add(sliders%moments, self%pushed, sliders%moved, &
-                                                  sliders%n_moved)
-            self%now(:, :, 1:2) = self%ahead(:, :, 1:2)
-            call self%operators%kick%multiply_add(sliders%moments, self%now, sliders%moved, &
-                                                  many*sliders%n_moved)
-         end associate
-      end if
+      if (.not. self%keeps_ledger) call take_sliders(self)
       call self%paths%exchange_ends()
    end subroutine go_on
+
+   !> The modes go to the end of the part and take the motion of the sliders (M6).
+   subroutine take_sliders(self)
+      class(modal_form), intent(inout) :: self
+      integer :: k
+
+      call self%sliders%list_moved()
+      associate (sliders => self%sliders, last => self%operators%n_moments)
+         do k = 0, merge(last, 0, self%operators%decouples)
+            call self%operators%push%multiply(sliders%moments(:, :, k), self%taken(:, :, k), &
+                                              sliders%moved, sliders%n_moved)
+         end do
+         if (self%operators%decouples) then
+            call take_motion(self%n_padded, self%operators%weight, self%ahead, self%taken, &
+                             self%now, self%pushed)
+         else
+            self%now(:, :, 1:2) = self%ahead(:, :, 1:2)
+            call self%operators%kick%multiply_add(sliders%moments, self%now, sliders%moved, &
+                                                  (last + 1)*sliders%n_moved)
+            self%pushed = self%pushed + self%taken(:, :, 0)
+         end if
+      end associate
+   end subroutine take_sliders
 
    !> See base_system.
    subroutine put_state(self, displacement, velocity)
@@ -371,26 +379,22 @@ contains
       velocity = x(:, :self%operators%n_modes)/self%h
    end subroutine put_state
 
-   !> See base_system. Never called where damping couples the modes.
+   !> See base_system. The modes go on here.
    subroutine add_works(self, work)
       class(modal_form), intent(inout) :: self
-      real(wp), intent(inout) :: work(:, :)
+      real(wp), intent(inout) :: work(:, :)   !! (lane, input viscous) [J]
 
-      call form_taken(self)
-      call self%operators%ledger%add_part(self%operators%load, self%operators%weight, self%force, &
-                                          self%now, self%ahead, self%pushed, self%taken, work)
+      call take_sliders(self)
+      associate (for => self%operators, sliders => self%sliders)
+         if (for%decouples) then
+            call put_rest(self%n_padded, for%weight, for%rotation, self%taken, self%rest)
+         else
+            call for%rest%multiply(sliders%moments, self%rest, sliders%moved, &
+                                   (for%n_moments + 1)*sliders%n_moved)
+         end if
+         call for%ledger%add_part(self%now, self%ahead, self%taken(:, :, 0), self%rest, &
+                                  self%works, work)
+      end associate
    end subroutine add_works
-
-   !> Push of the integrals of the sliders' motion (M6).
-   subroutine form_taken(self)
-      class(modal_form), intent(inout) :: self
-      integer :: k
-
-      call self%sliders%list_moved()
-      do k = 0, self%operators%n_moments
-         call self%operators%push%multiply(self%sliders%moments(:, :, k), self%taken(:, :, k), &
-                                           self%sliders%moved, self%sliders%n_moved)
-      end do
-   end subroutine form_taken
 
 end module dynamics_exact_modal_form

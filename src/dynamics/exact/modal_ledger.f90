@@ -1,125 +1,244 @@
-!> Work of the force and of the dampers over a part of a step, in modes that C^ does not couple.
+!> Work of the force and of the dampers over a part of a step, in modes.
 !>
-!> The dampers' work in free motion is an exact quadratic form of where a mode starts and of its
-!> load. What moving sliders add grows as t^2 in a velocity and as t^3 in a displacement. Numbers in
-!> brackets are formulas of docs/exact_march.md.
+!> Where the sliders move uniformly, by what they move in the part, the dampers' work is an exact
+!> quadratic form of the velocities and accelerations at the start and of the rise of what acts.
+!> The rest of the sliders' motion adds a t^2 + b t^3 to velocities. Numbers in brackets are
+!> formulas of docs/exact_march.md.
 module dynamics_exact_modal_ledger
    use core_kinds, only: wp
    use dynamics_exact_joint_paths, only: width
+   use numerics_dense_product, only: pack_matrix, packed_matrix, padded_rows
+   use numerics_lapack, only: multiply
    implicit none(type, external)
    private
-   public :: modal_ledger, new_modal_ledger
+   public :: modal_ledger
+
+   integer, parameter :: n_blocks = 12
 
    !> Works are in J.
    type :: modal_ledger
-      real(wp) :: scale = 0.0_wp              !! 1/h^2 [1/s^2]
-      real(wp), allocatable :: damping(:)     !! (mode) C^_rr
-      !> (entry, mode) integral of C^ q'^2: of q q, q q', q' q', q f, q' f, f f, q g, q' g, f g,
-      !> g g, f the load at the start and g its rise (M9)
-      real(wp), allocatable :: loss(:, :)
+      logical :: is_ready = .false.
+      real(wp), private :: scale = 0.0_wp                !! 1/h^2 [1/s^2]
+      real(wp), allocatable, private :: stiffness(:)     !! (mode) Omega^2
+      real(wp), allocatable, private :: load(:, :)       !! (mode, force) h^2 Phi' b
+      !> (mode, v a g, force) integral of X - X(0), X the displacement where a force acts
+      real(wp), allocatable, private :: area(:, :, :)
+      !> Where C^ decouples, (mode) C^_rr and (entry, mode) the form (M9): vv, va, aa, vg, ag, gg
+      real(wp), allocatable, private :: decay(:), loss(:, :)
+      !> Where it does not, C^ and the form, block of rows by block, on and above its diagonal
+      type(packed_matrix), private :: damping, form(n_blocks)
+      integer, private :: block_rows = 0
+      !> (lane, force) X(0) and (.., power) forces of the part under way
+      real(wp), allocatable, private :: place(:, :), force(:, :, :)
    contains
+      procedure :: prepare
+      procedure :: start_part
       procedure :: add_part
    end type modal_ledger
 
 contains
 
-   !> Quadratic forms of all modes.
-   pure function new_modal_ledger(h, rate, damping) result(ledger)
-      real(wp), intent(in) :: h                    !! of a part [s]
-      real(wp), intent(in) :: rate(:), damping(:)  !! Omega, C^ (mode)
-      type(modal_ledger) :: ledger
-      real(wp) :: w(4, 4)
-      integer :: r
+   !> Quadratic forms of all modes, each by itself where C^ decouples.
+   subroutine prepare(self, h, rate, damping, load, decouples)
+      class(modal_ledger), intent(inout) :: self
+      real(wp), intent(in) :: h                            !! of a part [s]
+      real(wp), intent(in) :: rate(:), damping(:, :)       !! Omega (mode), C^ (mode, mode)
+      real(wp), intent(in) :: load(:, :)                   !! (mode, force) h^2 Phi' b
+      logical, intent(in) :: decouples
+      real(wp), allocatable :: area(:, :), padded(:, :), w(:, :)
+      integer :: first, i, j, last, n, np, r
 
-      ledger%scale = 1.0_wp/h**2
-      ledger%damping = damping
-      allocate (ledger%loss(10, size(rate)))
-      do r = 1, size(rate)
-         w = find_loss(rate(r), damping(r))
-         ledger%loss(:, r) = [w(1, 1), 2.0_wp*w(1, 2), w(2, 2), 2.0_wp*w(1, 3), 2.0_wp*w(2, 3), &
-                              w(3, 3), 2.0_wp*w(1, 4), 2.0_wp*w(2, 4), 2.0_wp*w(3, 4), w(4, 4)]
+      n = size(rate)
+      self%is_ready = .true.
+      self%scale = 1.0_wp/h**2
+      self%stiffness = rate**2
+      self%load = load
+      allocate (self%area(n, 3, size(load, 2)), self%place(width, size(load, 2)))
+      if (decouples) then
+         self%decay = [(damping(r, r), r=1, n)]
+         allocate (self%loss(6, n))
+         do r = 1, n
+            call find_loss(rate(r:r), damping(r:r, r:r), reshape([1.0_wp], [1, 1]), w, area)
+            self%loss(:, r) = [w(1, 1), 2.0_wp*w(1, 2), w(2, 2), 2.0_wp*w(1, 3), 2.0_wp*w(2, 3), &
+                               w(3, 3)]
+            self%area(r, :, :) = matmul(area, load(r:r, :))
+         end do
+         return
+      end if
+      call find_loss(rate, damping, load, w, area)
+      self%area = reshape(area, [n, 3, size(load, 2)])
+      self%damping = pack_matrix(damping)
+      np = padded_rows(n)
+      allocate (padded(3*np, 3*np), source=0.0_wp)
+      do i = 1, 3
+         do j = 1, 3
+            padded((i - 1)*np + 1:(i - 1)*np + n, (j - 1)*np + 1:(j - 1)*np + n) = &
+               w((i - 1)*n + 1:i*n, (j - 1)*n + 1:j*n)
+         end do
       end do
-   end function new_modal_ledger
+      self%block_rows = padded_rows((3*np + n_blocks - 1)/n_blocks)
+      do i = 1, n_blocks
+         first = min((i - 1)*self%block_rows, 3*np)
+         last = min(i*self%block_rows, 3*np)
+         self%form(i) = pack_matrix(2.0_wp*padded(first + 1:last, first + 1:))
+         self%form(i)%value(:, :last - first, :) = 0.5_wp*self%form(i)%value(:, :last - first, :)
+      end do
+   end subroutine prepare
 
    !> W = integral of exp(A't) Q exp(A t) over a part, by its power series over 2^-s of it, doubled:
-   !> W(2t) = W(t) + exp(A't) W(t) exp(A t).
-   pure function find_loss(rate, damping) result(w)
-      real(wp), intent(in) :: rate, damping
-      real(wp) :: w(4, 4)
-      integer, parameter :: n_terms = 16
-      real(wp), dimension(4, 4) :: a, change, q, term
+   !> W(2t) = W(t) + exp(A't) W(t) exp(A t). With y = (v, a, g, P, R): v' = a, a' = g - C^ a -
+   !> Omega^2 v, P' = load' v, R' = P, so that R is the area of X - X(0).
+   subroutine find_loss(rate, damping, load, w, area)
+      real(wp), intent(in) :: rate(:), damping(:, :), load(:, :)
+      real(wp), allocatable, intent(out) :: w(:, :)      !! (v a g, v a g)
+      real(wp), allocatable, intent(out) :: area(:, :)   !! (v a g, force)
+      integer, parameter :: n_terms = 16                 !! 0.25^16/16! = 1e-23
+      real(wp), allocatable, dimension(:, :) :: a, change, more, q, term
       real(wp) :: t
-      integer :: i, k, n_doublings
+      integer :: f, i, k, m, n, n_doublings
 
-      a = 0.0_wp   ! q, q', f, g
-      a(1, 2) = 1.0_wp
-      a(2, :3) = [-rate**2, -damping, 1.0_wp]
-      a(3, 4) = 1.0_wp
+      n = size(rate)
+      m = 3*n + 2*size(load, 2)
+      allocate (a(m, m), q(m, m), term(m, m), w(m, m), source=0.0_wp)
+      allocate (more(m, m))
+      do i = 1, n
+         a(i, n + i) = 1.0_wp
+         a(n + i, i) = -rate(i)**2
+         a(n + i, n + 1:2*n) = -damping(i, :)
+         a(n + i, 2*n + i) = 1.0_wp
+      end do
+      do f = 1, size(load, 2)
+         a(3*n + f, :n) = load(:, f)
+         a(m - size(load, 2) + f, 3*n + f) = 1.0_wp
+      end do
       n_doublings = max(0, exponent(4.0_wp*maxval(sum(abs(a), 2))))
       t = 0.5_wp**n_doublings
-      q = 0.0_wp
-      q(2, 2) = damping
-      term = 0.0_wp
-      do i = 1, 4
+      q(:n, :n) = damping
+      do i = 1, m
          term(i, i) = 1.0_wp
       end do
       change = term
-      w = 0.0_wp
       do k = 1, n_terms
          q = q*(t/k)
          w = w + q
-         q = matmul(transpose(a), q) + matmul(q, a)
-         term = matmul(a, term)*(t/k)
+         call multiply(q, a, more)
+         q = more + transpose(more)
+         call multiply(a, term, more)
+         term = more*(t/k)
          change = change + term
       end do
       do k = 1, n_doublings
-         w = w + matmul(transpose(change), matmul(w, change))
-         change = matmul(change, change)
+         call multiply(w, change, q)
+         call multiply(change, q, more, .true.)
+         w = w + 0.5_wp*(more + transpose(more))
+         q = change
+         call multiply(q, q, change)
       end do
-   end function find_loss
+      w = w(:3*n, :3*n)
+      area = transpose(change(m - size(load, 2) + 1:, :3*n))
+   end subroutine find_loss
 
-   !> Works of all lanes over one part: input, of all forces, is by parts F(1) X(1) - F(0) X(0) - F'
-   !> times the integral of X, the displacement where the force acts.
-   pure subroutine add_part(self, load, weight, force, now, ahead, pushed, taken, work)
+   !> Keeps velocities, accelerations and displacements at the start of a part.
+   pure subroutine start_part(self, force, now, pushed, y)
+      class(modal_ledger), intent(inout) :: self
+      real(wp), intent(in) :: force(:, :, 0:)            !! (lane, force, value and rise) [N]
+      real(wp), intent(in), contiguous :: now(:, :, :)   !! (lane, mode, 1:2) q, q'
+      real(wp), intent(in) :: pushed(:, :)               !! (lane, mode) S z
+      real(wp), intent(inout), contiguous :: y(:, :, :)  !! (.., 1:4) v, a, g; room
+      integer :: f, r
+
+      self%force = force
+      self%place = 0.0_wp
+      if (.not. allocated(self%decay)) call self%damping%multiply(now(:, :, 2), y(:, :, 4))
+      do r = 1, size(self%stiffness)
+         if (allocated(self%decay)) y(:, r, 4) = self%decay(r)*now(:, r, 2)
+         y(:, r, 1) = now(:, r, 2)
+         y(:, r, 2) = pushed(:, r) - self%stiffness(r)*now(:, r, 1)
+         y(:, r, 3) = 0.0_wp
+         do f = 1, size(self%load, 2)
+            y(:, r, 2) = y(:, r, 2) + self%load(r, f)*force(:, f, 0)
+            y(:, r, 3) = y(:, r, 3) + self%load(r, f)*force(:, f, 1)
+            self%place(:, f) = self%place(:, f) + self%load(r, f)*now(:, r, 1)
+         end do
+         y(:, r, 2) = y(:, r, 2) - y(:, r, 4)
+      end do
+   end subroutine start_part
+
+   !> Works of all lanes over the part: input, of all forces, is by parts F(1) X(1) - F(0) X(0) - F'
+   !> times the integral of X. The rest of the sliders' motion adds a t^2 + b t^3 to v (M9).
+   pure subroutine add_part(self, now, ahead, turned, rest, y, work)
       class(modal_ledger), intent(in) :: self
-      real(wp), intent(in) :: load(:, :)           !! (mode, force) h^2 Phi' b
-      real(wp), intent(in) :: weight(0:, :, :)     !! (moment, q or q', mode)
-      real(wp), intent(in) :: force(:, :, 0:)      !! (lane, force, value and rise) [N]
-      real(wp), intent(in) :: now(:, :, :)         !! (lane, mode, 1:2) q, q' at the start
+      real(wp), intent(in) :: now(:, :, :)         !! (lane, mode, 1:2) q, q' at the end
       real(wp), intent(in) :: ahead(:, :, :)       !! (.., 1:4) free motion: q, q' at 1, at 1/2
-      real(wp), intent(in) :: pushed(:, :)         !! S z at the start
-      real(wp), intent(in) :: taken(:, :, 0:)      !! (.., moment) of sliders
+      real(wp), intent(in) :: turned(:, :)         !! (lane, mode) S zeta(1)
+      !> (lane, mode, q q') at the end by the rest of the sliders' motion
+      real(wp), intent(in), contiguous :: rest(:, :, :)
+      real(wp), intent(inout), contiguous :: y(:, :, :)   !! see start_part
       real(wp), intent(inout) :: work(width, 2)    !! input, viscous
-      real(wp), dimension(width) :: area, f, g, more, speed   ! more, speed: by sliders, at 1
-      real(wp) :: c(10)
-      integer :: i, k, r
+      real(wp), dimension(width) :: area, half, place, uniform   ! half, uniform: v at 1/2 and 1
+      real(wp) :: c(6)
+      integer :: f, n, r
 
-      do r = 1, size(self%damping)
-         c = self%scale*self%loss(:, r)
-         f = 0.0_wp
-         g = 0.0_wp
-         do i = 1, size(load, 2)
-            f = f + load(r, i)*force(:, i, 0)
-            g = g + load(r, i)*force(:, i, 1)
+      n = size(self%stiffness)
+      y(:, :n, 3) = y(:, :n, 3) + turned(:, :n)
+      do f = 1, size(self%load, 2)
+         area = self%place(:, f)
+         place = 0.0_wp
+         do r = 1, n
+            place = place + self%load(r, f)*now(:, r, 1)
+            area = area + (self%area(r, 1, f)*y(:, r, 1) + self%area(r, 2, f)*y(:, r, 2) &
+                           + self%area(r, 3, f)*y(:, r, 3)) &
+                   + self%load(r, f)*(0.4_wp*rest(:, r, 1) - 0.05_wp*rest(:, r, 2))
          end do
-         more = 0.0_wp
-         speed = 0.0_wp
-         do k = 0, ubound(weight, 1)
-            more = more + weight(k, 1, r)*taken(:, r, k)
-            speed = speed + weight(k, 2, r)*taken(:, r, k)
-         end do
-         associate (q => now(:, r, 1), v => now(:, r, 2))
-            area = (7.0_wp*(q + ahead(:, r, 1)) + 16.0_wp*ahead(:, r, 3))/30.0_wp &
-                   + (v - ahead(:, r, 2))/60.0_wp + 0.25_wp*more
-            work(:, 1) = work(:, 1) + self%scale*((f + g)*(ahead(:, r, 1) + more) - f*q - g*area)
-            f = f + pushed(:, r)
-            work(:, 2) = work(:, 2) + (q*(c(1)*q + c(2)*v + c(4)*f + c(7)*g) &
-                                       + v*(c(3)*v + c(5)*f + c(8)*g) &
-                                       + f*(c(6)*f + c(9)*g) + c(10)*g**2)
+         associate (before => self%force(:, f, 0), rise => self%force(:, f, 1))
+            work(:, 1) = work(:, 1) + self%scale*((before + rise)*place &
+                                                  - before*self%place(:, f) - rise*area)
          end associate
-         work(:, 2) = work(:, 2) + (self%scale*self%damping(r))*speed* &
-                      ((ahead(:, r, 4) + ahead(:, r, 2))/3.0_wp + 0.2_wp*speed)
+      end do
+      if (allocated(self%decay)) then
+         do r = 1, n
+            c = self%scale*self%loss(:, r)
+            associate (v => y(:, r, 1), a => y(:, r, 2), g => y(:, r, 3))
+               work(:, 2) = work(:, 2) + (v*(c(1)*v + c(2)*a + c(4)*g) + a*(c(3)*a + c(5)*g) &
+                                          + c(6)*g**2)
+            end associate
+            y(:, r, 3) = self%decay(r)*rest(:, r, 1)
+            y(:, r, 4) = self%decay(r)*rest(:, r, 2)
+         end do
+      else
+         call add_form(self, 3*size(y, 2), y, y(:, :, 4), work(:, 2))
+         call self%damping%multiply(rest(:, :, 1), y(:, :, 3))
+         call self%damping%multiply(rest(:, :, 2), y(:, :, 4))
+      end if
+      do r = 1, n
+         associate (q => rest(:, r, 1), v => rest(:, r, 2))
+            uniform = now(:, r, 2) - v
+            half = ahead(:, r, 4) + 0.25_wp*(uniform - ahead(:, r, 2))
+            work(:, 2) = work(:, 2) + self%scale* &
+                         (y(:, r, 3)*((1.6_wp*half + 0.4_wp*uniform) + (48.0_wp/35.0_wp)*q) &
+                          + y(:, r, 4)*((5.0_wp*uniform - 4.0_wp*half - y(:, r, 1))/30.0_wp &
+                                        + (3.0_wp*v - 4.0_wp*q)/35.0_wp))
+         end associate
       end do
    end subroutine add_part
+
+   !> Dampers' work in uniform motion, y' W y, where damping couples the modes.
+   pure subroutine add_form(self, rows, y, product, work)
+      class(modal_ledger), intent(in) :: self
+      integer, intent(in) :: rows
+      real(wp), intent(in) :: y(width, rows)
+      real(wp), intent(inout) :: product(width, self%block_rows)   !! room
+      real(wp), intent(inout) :: work(width)
+      integer :: b, first, r
+
+      do b = 1, n_blocks
+         first = (b - 1)*self%block_rows
+         if (first >= rows) exit
+         call self%form(b)%multiply(y(1, first + 1), product)
+         do r = 1, min(self%block_rows, rows - first)
+            work = work + self%scale*(y(:, first + r)*product(:, r))
+         end do
+      end do
+   end subroutine add_form
 
 end module dynamics_exact_modal_ledger

@@ -9,7 +9,7 @@
 module dynamics_exact_modal_operators
    use core_error, only: error_type
    use core_kinds, only: wp
-   use dynamics_exact_modal_ledger, only: modal_ledger, new_modal_ledger
+   use dynamics_exact_modal_ledger, only: modal_ledger
    use dynamics_exact_modal_terms, only: choose_terms, count_parts, modal_terms, n_markov, &
                                          path_degree
    use numerics_dense_product, only: pack_matrix, packed_matrix, padded_rows
@@ -38,7 +38,9 @@ module dynamics_exact_modal_operators
       type(packed_matrix) :: kick               !! as weight, but of all modes: rows q, q'
       type(packed_matrix) :: read, push, shape_rows   !! G, S, Phi
       type(packed_matrix) :: answer(3:path_degree)   !! power k of a path from the sliders' (M5)
-      type(modal_ledger) :: ledger              !! where C^ decouples
+      type(packed_matrix) :: rest               !! as kick, less the uniform motion of the sliders
+      real(wp), allocatable :: rate(:), damping(:, :)   !! Omega (mode), C^ (mode, mode)
+      type(modal_ledger) :: ledger
       real(wp), allocatable :: markov(:, :, :)  !! Y_d (joint, joint of the slider, d) (M5)
    contains
       procedure :: work
@@ -135,12 +137,12 @@ contains
       operators%shape_rows = pack_matrix(operators%shape)
       if (operators%decouples) then
          call put_rotations(operators%h*omega, damping, operators, moved)
-         operators%ledger = new_modal_ledger(operators%h, operators%h*omega, &
-                                             [(damping(r, r), r=1, structure%n_dof)])
       else
          call put_propagator(operators%h*omega, damping, operators, moved)
       end if
       call put_answers(gain, moved, operators)
+      operators%rate = operators%h*omega
+      call move_alloc(damping, operators%damping)
    end subroutine new_modal_operators
 
    !> True if the coupling of modes is below rounding.
@@ -205,7 +207,7 @@ contains
       real(wp) :: b(2*size(rate), size(rate)), scale(size(rate))
       real(wp) :: fit(0:operators%n_moments, 0:operators%n_moments + 1)
       real(wp) :: kernel(2*size(rate), size(rate))
-      real(wp), allocatable :: kick(:, :), propagator(:, :)
+      real(wp), allocatable :: kick(:, :), propagator(:, :), uniform(:, :)
       integer :: i, k, last, m, n, np, r
 
       n = size(rate)
@@ -260,6 +262,12 @@ contains
                                                                         operators%slider_push)
       end do
       operators%kick = pack_matrix(kick)
+      uniform = matmul(full%moment(:, :, 0) - full%moment(:, :, 1), operators%slider_push)
+      do i = 0, 1
+         kick(i*np + 1:i*np + n, :operators%n_joints) = &
+            kick(i*np + 1:i*np + n, :operators%n_joints) - uniform(i*n + 1:i*n + n, :)
+      end do
+      operators%rest = pack_matrix(kick)
 
    contains
 

@@ -2,9 +2,8 @@
 !> its integrals. Products leave out the sliders that stand in all eight samples that they go over
 !> together: those add nothing, so no bit depends on it.
 module dynamics_exact_modal_sliders
-   use, intrinsic :: iso_c_binding, only: c_f_pointer, c_loc
    use core_kinds, only: wp
-   use dynamics_alignment, only: first_aligned
+   use dynamics_alignment, only: aligned_memory
    use dynamics_exact_joint_paths, only: width
    use numerics_dense_product, only: groups
    implicit none(type, external)
@@ -26,7 +25,7 @@ module dynamics_exact_modal_sliders
       logical, allocatable :: has_moved(:, :)   !! (group, joint) in some lane of eight
       integer :: n_moved(groups) = 0            !! joints that have
       integer, allocatable :: moved(:, :)       !! (entry, group) their columns, layer by layer
-      real(wp), pointer, contiguous, private :: memory(:) => null()
+      type(aligned_memory), private :: memory
    contains
       procedure :: start
       procedure :: follow
@@ -42,18 +41,15 @@ contains
    subroutine start(self, n_joints, n_padded, n_moments)
       class(moving_sliders), intent(inout) :: self
       integer, intent(in) :: n_joints, n_padded, n_moments
-      integer :: at
+      real(wp), pointer, contiguous :: plane(:, :, :)
 
       self%n_joints = n_joints
       self%n_padded = n_padded
-      if (associated(self%memory)) deallocate (self%memory)
-      allocate (self%memory(width*n_padded*(2 + most_power + n_moments) + 8), source=0.0_wp)
-      at = first_aligned(self%memory)
-      call c_f_pointer(c_loc(self%memory(at)), self%moves, [width, n_padded])
-      at = min(at + size(self%moves), size(self%memory))
-      call c_f_pointer(c_loc(self%memory(at)), self%motion, [width, n_padded, most_power])
-      at = min(at + size(self%motion), size(self%memory))
-      call c_f_pointer(c_loc(self%memory(at)), self%moments, [width, n_padded, n_moments + 1])
+      call self%memory%start(width*n_padded*(2 + most_power + n_moments))
+      call self%memory%take([width, n_padded, 1], plane)
+      self%moves => plane(:, :, 1)
+      call self%memory%take([width, n_padded, most_power], self%motion)
+      call self%memory%take([width, n_padded, n_moments + 1], self%moments)
       self%moments(1:, 1:, 0:) => self%moments
       if (allocated(self%moved)) deallocate (self%moving, self%has_switched, self%has_moved, &
                                              self%moved)

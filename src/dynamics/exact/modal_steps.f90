@@ -4,7 +4,7 @@ module dynamics_exact_modal_steps
    use dynamics_exact_joint_paths, only: width
    implicit none(type, external)
    private
-   public :: put_free_paths, rotate, take_motion
+   public :: put_free_paths, put_rest, rotate, take_motion
 
 contains
 
@@ -118,5 +118,25 @@ contains
          end associate
       end do
    end subroutine take_motion
+
+   !> Adds of the sliders' motion to the modes at the end, less those of the uniform motion to its
+   !> end: what take_motion adds less what f' = S zeta(1) does.
+   pure subroutine put_rest(rows, weight, rotation, taken, rest)
+      integer, intent(in) :: rows
+      real(wp), intent(in) :: weight(0:, :, :)       !! (moment, q or q', mode)
+      real(wp), intent(in) :: rotation(:, :)         !! (entry, mode)
+      real(wp), intent(in) :: taken(width, rows, 0:ubound(weight, 1))   !! S I
+      real(wp), intent(inout) :: rest(width, rows, 2)                   !! q, q'
+      integer :: i, k, r
+
+      do i = 1, 2
+         do r = 1, size(weight, 3)
+            rest(:, r, i) = (weight(0, i, r) - rotation(4*i, r))*taken(:, r, 0)
+            do k = 1, ubound(weight, 1)
+               rest(:, r, i) = rest(:, r, i) + weight(k, i, r)*taken(:, r, k)
+            end do
+         end do
+      end do
+   end subroutine put_rest
 
 end module dynamics_exact_modal_steps
