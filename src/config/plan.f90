@@ -76,7 +76,7 @@ contains
       process%upper_bound = max(maxval(group%bound_l0(2:)), maxval(group%bound_l1(2:)), 0.0_wp)
       process%bound_side = group%bound_side
       process%max_order = group%max_order
-      process%all_signs = group%all_signs .and. .not. group%positive
+      process%all_signs = group%all_signs
       process%inversion_half_width = merge(0, group%inversion_half_width, group%positive)
       process%simulation = group%simulation
       process%branch = group%branch

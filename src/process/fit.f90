@@ -115,6 +115,7 @@ contains
       type(process_request), intent(in) :: request
       type(process_request), intent(out) :: resolved
       type(error_type), allocatable, intent(out) :: error
+      character(:), allocatable :: complaint
 
       resolved = request
       if (request%correlation == 'both' .and. (request%positive .or. &
@@ -126,6 +127,9 @@ contains
       select case (request%method)
       case ('autoregressive', 'direct')
          call choose_order(request, resolved%order, error)
+         if (allocated(error) .or. .not. request%positive .or. request%method /= 'direct') return
+         call find_complaint(resolved, complaint)
+         if (allocated(complaint)) call raise(error, exit_bad_input, complaint)
       case default
          call raise(error, exit_bad_input, &
                     "method = '"//request%method//"': must be 'autoregressive' or 'direct'")

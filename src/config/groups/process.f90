@@ -105,8 +105,8 @@ contains
                     used=self%positive .and. self%fit_steps > 0)
       call visitor%visit(self%fit_steps, entry)
       entry = about('all_signs', &
-                    'direct: solve every sequence of signs (2**30 at most), list the best', &
-                    used=self%method == 'direct' .and. .not. self%positive)
+                    'direct: solve every sequence of signs (2**30 at most; positive: 2**11), '// &
+                    'list the best', used=self%method == 'direct')
       call visitor%visit(self%all_signs, entry)
       entry = about('inversion_half_width', &
                     "direct: M of Eq. 35, the paper's inversion as a check; 0: none", &

@@ -25,7 +25,8 @@ module process_direct_fit
    implicit none(type, external)
    private
    public :: fit_direct, count_parts, search_direct, conclude_direct
-   public :: direct_symbol, equivalent_process
+   public :: coefficients_of_solution, constraint_of, direct_symbol, equivalent_process, &
+             integer_signs, mirror_image, mirrored
 
    character(*), parameter :: every_sequence = 'all sequences'
    real(wp), parameter :: optimality_tolerance = 1.0e-8_wp
@@ -179,6 +180,7 @@ contains
                                                                 request%correlation_length)
    end function is_hopeless
 
+   !> Constraint on the length, Eq. (11).
    pure function constraint_of(request) result(constraint)
       type(process_request), intent(in) :: request
       type(length_constraint) :: constraint
@@ -201,14 +203,7 @@ contains
       logical :: is_positive
 
       solution = mirrored(found)
-      if (allocated(solution%factor)) then
-         a = solution%factor(1:)/solution%factor(0)
-         is_positive = .true.
-      else
-         call equivalent_process(direct_symbol(request%correlation, request%correlation_length, &
-                                               solution%delta, 0.5_wp, solution%s), &
-                                 a, b0, is_positive)
-      end if
+      call coefficients_of_solution(request, solution, a, is_positive)
       if (is_positive) then
          b0 = request%std*innovation_std(reflection_of(a), 1.0_wp)
          call sum_direct_correlation(a, are_all_positive(request, solution%s), sums, error)
@@ -238,6 +233,24 @@ contains
          described%reason = reason_of_inaccuracy(request, described%optimality)
       model = described
    end subroutine describe
+
+   !> a_q of the solution for a sequence of signs.
+   pure subroutine coefficients_of_solution(request, solution, a, is_positive)
+      type(process_request), intent(in) :: request
+      type(sequence_solution), intent(in) :: solution
+      real(wp), allocatable, intent(out) :: a(:)
+      logical, intent(out) :: is_positive   !! false: the symbol is too near to zero to be factored
+      real(wp) :: unused
+
+      if (allocated(solution%factor)) then
+         a = solution%factor(1:)/solution%factor(0)
+         is_positive = .true.
+      else
+         call equivalent_process(direct_symbol(request%correlation, request%correlation_length, &
+                                               solution%delta, 0.5_wp, solution%s), &
+                                 a, unused, is_positive)
+      end if
+   end subroutine coefficients_of_solution
 
    pure function are_all_positive(request, s) result(is_so)
       type(process_request), intent(in) :: request
@@ -316,12 +329,19 @@ contains
          if (solution%correlation(m) > zero) return
          if (solution%correlation(m) < -zero) exit
       end do
-      if (m > size(solution%s)) return
-      do m = 1, size(solution%s), 2
-         turned%s(m) = -solution%s(m)
-         turned%correlation(m) = -solution%correlation(m)
-      end do
+      if (m <= size(solution%s)) turned = mirror_image(solution)
    end function mirrored
+
+   !> (-1)^m K(m).
+   pure function mirror_image(solution) result(turned)
+      type(sequence_solution), intent(in) :: solution
+      type(sequence_solution) :: turned
+
+      turned = solution
+      turned%s(1::2) = -turned%s(1::2)
+      turned%correlation(1::2) = -turned%correlation(1::2)
+      if (allocated(turned%factor)) turned%factor(1::2) = -turned%factor(1::2)
+   end function mirror_image
 
    !> 0 where K(m) = 0 is held by an s_m between the signs.
    elemental function integer_signs(s) result(signs)

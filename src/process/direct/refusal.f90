@@ -38,12 +38,16 @@ contains
    subroutine find_too_many_sequences(request, complaint)
       type(process_request), intent(in) :: request
       character(:), allocatable, intent(inout) :: complaint
-      integer(long), parameter :: most = 2_long**30   ! half a day of one core
-      integer(long) :: n
+      integer(long) :: most, n
 
       n = count_sequences(new_constraint(constraint_weights(request%correlation, &
                                                             request%correlation_length, &
                                                             request%order)))
+      most = 2_long**30   ! half a day of one core
+      if (request%positive) then   ! each sampled, and its mirror image another process
+         n = 2*n
+         most = 2_long**11
+      end if
       if (n > most) complaint = named(request)//': all_signs = .true. would solve '// &
          to_text(n)//' sequences of signs: must be at most '//to_text(most)
    end subroutine find_too_many_sequences

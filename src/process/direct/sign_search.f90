@@ -18,7 +18,7 @@ module process_direct_sign_search
    implicit none(type, external)
    private
    public :: search_result, count_sequences, search_all_signs, add_search, search_structured, &
-             is_all_plus_best, limit_of_entropy
+             is_all_plus_best, limit_of_entropy, sequence_signs
 
    !> Result of a search, or of a part of one.
    type :: search_result
@@ -62,18 +62,16 @@ contains
       type(sequence_solution), allocatable :: found(:)
       type(sequence_solution) :: solution
       type(sequence_bound) :: bound
-      integer, allocatable :: positions(:)
       integer :: signs(size(constraint%rewarded))
       integer(long) :: first, index, longer, n
 
       n = count_sequences(constraint)
-      positions = searched_positions(constraint)
       if (present(known)) call bound%prepare(constraint, known)
       allocate (found(0))
       longer = modulo(n, int(n_parts, long))   ! parts that have one sequence more
       first = n/n_parts*(part - 1) + min(int(part - 1, long), longer)
       do index = first, first + n/n_parts - merge(0, 1, part <= longer)
-         signs = signs_of(constraint, positions, index)
+         signs = sequence_signs(constraint, index)
          result%n_examined = result%n_examined + 1
          if (present(known)) then
             if (bound%excludes(signs)) then
@@ -239,18 +237,19 @@ contains
 
    !> Sequence number `index`, 0..count_sequences - 1; 0 is all plus, and the leading signs change
    !! last.
-   pure function signs_of(constraint, positions, index) result(signs)
+   pure function sequence_signs(constraint, index) result(signs)
       type(length_constraint), intent(in) :: constraint
-      integer, intent(in) :: positions(:)
       integer(long), intent(in) :: index
       integer :: signs(size(constraint%rewarded))
+      integer, allocatable :: positions(:)
       integer :: bit
 
+      positions = searched_positions(constraint)
       signs = 1
       do bit = 0, size(positions) - 1
          if (btest(index, bit)) signs(positions(size(positions) - bit)) = -1
       end do
-   end function signs_of
+   end function sequence_signs
 
    !> By descending entropy, equal ones by their numbers; only the best are kept.
    pure subroutine sort_and_cut(solutions)

@@ -20,9 +20,9 @@ module process_positive_branches
                                       parameter_family
    use process_positive_first_order, only: find_limit, match_branch
    use process_positive_kernel, only: first_order_law
-   use process_positive_moments, only: estimate_autocovariance
    use process_positive_objective, only: n_constraints, new_objective, sampled_objective
    use process_positive_problem, only: new_problem, sampled_problem
+   use process_positive_signs, only: compare_signs
    implicit none(type, external)
    private
    public :: search_branches
@@ -278,23 +278,14 @@ contains
       real(wp), allocatable, intent(inout) :: point(:)
       type(search_result), intent(inout) :: found
       real(wp), allocatable, intent(out) :: autocovariance(:)   !! (0:n_lags)
-      integer, parameter :: sure_steps = 2048, max_passes = 5
-      real(wp), parameter :: unclear = 5.0e-4_wp   ! of K(m)/K(0): half of what is refused
-      real(wp), allocatable :: standard_error(:), state(:)
+      integer, parameter :: max_passes = 5
+      real(wp), allocatable :: state(:)
       logical, allocatable :: is_wrong(:)
-      logical :: is_inside
       integer :: pass
 
       do pass = 1, max_passes
-         call law%keep_every_lag()
-         law%n_steps = sure_steps
-         call law%evaluate(point, state, is_inside)
-         found%is_converged = is_inside
-         if (.not. is_inside) return
-         call estimate_autocovariance(law%last%batches, law%known, law%problem%n_lags, &
-                                      autocovariance, standard_error)
-         is_wrong = law%signs*autocovariance < -max(3.0_wp*standard_error, &
-                                                    unclear*autocovariance(0))
+         call compare_signs(law, point, autocovariance, is_wrong, found%is_converged, state)
+         if (.not. found%is_converged) return
          law%n_steps = shape_steps
          if (.not. any(is_wrong)) exit
          found%is_converged = pass < max_passes

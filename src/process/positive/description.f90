@@ -4,20 +4,19 @@ module process_positive_description
    use core_error, only: error_type
    use core_kinds, only: wp
    use process_autoregressive_model, only: find_poles
-   use process_autoregressive_spectral_factor, only: symbol_of_process
-   use process_correlation, only: constraint_weights, correlation_length_l0, correlation_length_l1
+   use process_correlation, only: correlation_length_l0, correlation_length_l1
    use process_entropy, only: white_noise_entropy
    use process_model, only: process_model_type, process_request
    use process_positive_objective, only: new_objective, sampled_objective
    use process_positive_moments, only: estimate_autocovariance
    use process_positive_problem, only: new_problem, sampled_problem
    use process_positive_refinement, only: shape_spread
-   use process_positive_signs, only: require_signs, signs_of
+   use process_positive_signs, only: require_signs
    use process_positive_truncated_normal, only: hazard_ratio, lanes, log_acceptance, &
       log_sqrt_two_pi
    implicit none(type, external)
    private
-   public :: compare_laws, describe_sampled, describe_white, name_multipliers, outline_sampled
+   public :: compare_laws, describe_sampled, describe_white, outline_sampled
 
 contains
 
@@ -204,33 +203,6 @@ contains
                            law%last%moments%std**2*spread%correlation_errors(law%problem%n_lags))
    end subroutine describe_lags
 
-   !> Multipliers of Eq. (30) from the matrix G: G_0 = 2 lambda_3 + 2 lambda_2 a_0, G_m = lambda_2
-   !> a_m s_m, and the largest residual: of the targets, of G, and of s_m K(m) >= 0 or, where |s_m|
-   !> < 1 (sign 0), K(m) = 0.
-   subroutine name_multipliers(law, violation, model)
-      type(sampled_objective), intent(in) :: law
-      real(wp), intent(in) :: violation   !! of the targets, relative
-      type(process_model_type), intent(inout) :: model
-      real(wp), parameter :: inside = 1.0_wp - 1.0e-9_wp
-      real(wp), allocatable :: k(:), s(:), unit(:), unused(:)
-      real(wp) :: g(0:model%order), lambda_2, weights(0:model%order)
-      integer :: m
-
-      g = symbol_of_process(model%a, model%b0)
-      weights = constraint_weights(law%problem%correlation, law%problem%length, model%order)
-      call signs_of(law, s, unit)
-      m = maxloc(abs(weights(1:)), 1, abs(s) > inside)
-      lambda_2 = g(m)/(weights(m)*s(m))
-      model%signs = merge(nint(sign(1.0_wp, s)), 0, abs(s) > inside)
-      model%lambda_3 = 0.5_wp*g(0) - lambda_2*weights(0)
-      model%delta = lambda_2/model%lambda_3
-      call estimate_autocovariance(law%last%batches, law%known, model%order, k, &
-                                   unused)
-      model%optimality = max(violation, maxval(abs(g(1:) - lambda_2*weights(1:)*s))/g(0), maxval( &
-                             merge(max(-s*k(1:), 0.0_wp), abs(k(1:)), abs(s) > inside)/k(0), &
-                             abs(unit) > 0.0_wp))
-   end subroutine name_multipliers
-
    !> Describes the process of the same a_q, b0 and mu under the other law, and the acceptances of
    !> both. The exact law is left out where it remembers more than its fits carry, either where its
    !> mu is beyond what is sampled. Not for a law that is given by G alone.
@@ -249,7 +221,7 @@ contains
 
       call new_problem(request, merge('exact     ', 'sequential', &
                                       request%sampler == 'sequential'), law%problem%stream, &
-                       problem, error, law%problem%decay)
+                       problem, error, law%problem%decay, law%problem%sequence)
       if (allocated(error)) return   ! longer than it is sampled: not known
       call new_objective(problem, other)
       other%family = law%family

@@ -9,9 +9,9 @@ module process_positive_fit
    use core_kinds, only: long, wp
    use core_text, only: to_text
    use numerics_constrained_maximum, only: search_result, solve_along
-   use process_model, only: process_model_type, process_request
+   use process_model, only: process_model_type, process_request, process_solution
    use process_positive_description, only: compare_laws, describe_sampled, describe_white, &
-                                           name_multipliers, outline_sampled
+                                           outline_sampled
    use process_positive_branches, only: branch_difference, search_branches
    use process_positive_first_order, only: describe_first_order, look_beside_first_order, &
                                            match_first_order
@@ -19,7 +19,8 @@ module process_positive_fit
    use process_positive_objective, only: sampled_objective
    use process_positive_refinement, only: refine, shape_spread
    use process_positive_search, only: approach, find_shape
-   use process_positive_signs, only: settle_signs, zero_lags
+   use process_positive_sign_search, only: search_signs
+   use process_positive_signs, only: multipliers_of, settle_signs, zero_lags
    use process_positive_truncated_normal, only: fit_truncated_normal
    implicit none(type, external)
    private
@@ -56,9 +57,11 @@ contains
          call match_first_order(request, first_order, error)
          if (.not. allocated(error)) call describe_first_order(request, first_order, model, error)
       else
-         call search_all(request, seed, law, point, found, error, spread)
-         if (request%method == 'direct' .and. .not. allocated(error)) &
-            call settle_signs(law, point, found, zeros, error)
+         if (request%method == 'direct') then
+            call search_signs(request, seed, law, point, found, zeros, model, error)
+         else
+            call search_all(request, seed, law, point, found, error, spread)
+         end if
          if (.not. allocated(error)) &
             call match_targets(law, request%fit_steps, found, zeros, point, violation, error)
          if (.not. allocated(error)) then
@@ -117,7 +120,8 @@ contains
          if (allocated(error) .and. effort > 0.0_wp .and. .not. has_first_order) &
             call search_branches(request, seed, effort, law, point, found, error)
          if (allocated(error)) then
-            if (effort > 0.0_wp .and. .not. has_first_order) return
+            if (effort > 0.0_wp .and. .not. has_first_order .and. &
+                .not. has_other_signs(request, law)) return
             deallocate (error)
             if (.not. is_feasible) model%branch = 'open'
             return
@@ -128,6 +132,16 @@ contains
          if (is_alternating_below_mean(model)) call look_beside_first_order(request, model)
       end if
    end subroutine foresee_positive
+
+   !> True if the direct method has sequences of signs left when that of the unconstrained optimum
+   !> has been tried.
+   pure logical function has_other_signs(request, law)
+      type(process_request), intent(in) :: request
+      type(sampled_objective), intent(in) :: law
+
+      has_other_signs = request%method == 'direct' .and. request%branch == 'any' .and. &
+                        (law%effort > 0.0_wp .or. request%std >= request%mean)
+   end function has_other_signs
 
    !> True if order 1 has a process with K(m) >= 0 that meets a request of higher order.
    logical function first_order_has(request)
@@ -164,6 +178,20 @@ contains
       call search_branches(request, seed, effort, law, point, found, error)
       if (.not. allocated(error)) call refine(law, branch_difference, point, found, spread)
    end subroutine search_all
+
+   !> Signs and multipliers of Eq. (30), and the largest residual of the optimality conditions.
+   subroutine name_multipliers(law, violation, model)
+      type(sampled_objective), intent(in) :: law
+      real(wp), intent(in) :: violation   !! of the targets, relative
+      type(process_model_type), intent(inout) :: model
+      type(process_solution) :: solution
+
+      call multipliers_of(law, model%b0, solution, model%optimality)
+      model%optimality = max(model%optimality, violation)
+      model%signs = solution%signs
+      model%delta = solution%delta
+      model%lambda_3 = solution%lambda_3
+   end subroutine name_multipliers
 
    !> Where K(m) alternates: the entropy of the other law's process with K(m) >= 0 where that is
    !> larger.

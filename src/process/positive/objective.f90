@@ -79,6 +79,11 @@ contains
       objective%numbers%origin = problem%stream
       allocate (objective%last%g(0:size(problem%companion)), source=0.0_wp)
       objective%last%batches = new_batches(problem%n_lags, problem%n_single, n_batches)
+      if (allocated(problem%sequence)) then   ! which the companion need not have
+         associate (s => problem%sequence%s)
+            where (abs(s) >= 1.0_wp) objective%signs(1:size(s)) = s
+         end associate
+      end if
       if (allocated(problem%symbol)) then
          objective%family%kind = by_symbol
          objective%family%direction = problem%symbol

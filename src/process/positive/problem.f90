@@ -12,7 +12,8 @@ module process_positive_problem
       reflection_of
    use process_autoregressive_spectral_factor, only: symbol_of_process
    use process_autoregressive_sums, only: correlation_sums, sum_correlation
-   use process_direct_fit, only: fit_direct
+   use process_direct_fit, only: coefficients_of_solution, fit_direct
+   use process_direct_sign_sequence, only: sequence_solution
    use process_model, only: process_model_type, process_request
    use process_positive_sequential, only: memory_of
    implicit none(type, external)
@@ -31,6 +32,7 @@ module process_positive_problem
       real(wp), allocatable :: companion(:)          !! a_q of the companion
       real(wp), allocatable :: autocovariance(:)     !! of the companion, (0:n_lags), b0 = 1
       real(wp), allocatable :: symbol(:)             !! direct method: its G_m/G_0, m = 1..m_max
+      type(sequence_solution), allocatable :: sequence   !! and its signs, where they are given
       real(wp) :: l0 = 0.0_wp                        !! of the companion [lags]
       real(wp) :: tail_l0 = 0.0_wp, tail_moment = 0.0_wp   !! of its sums, beyond n_lags
       integer :: n_lags = 0
@@ -45,7 +47,7 @@ contains
 
    !> Problem of a request under the law of a sampler's name. Fails for bad numbers and where more
    !> lags count than a search carries in a minute or two.
-   subroutine new_problem(request, sampler, stream, problem, error, decay)
+   subroutine new_problem(request, sampler, stream, problem, error, decay, sequence)
       type(process_request), intent(in) :: request
       character(*), intent(in) :: sampler
       type(stream_type), intent(in) :: stream
@@ -54,6 +56,8 @@ contains
       !> |K(m + 1)/K(m)| of order 1 for large m, where signs alternate, else 0: the companion is the
       !> mirror image then, and lags of twice that memory count
       real(wp), intent(in), optional :: decay
+      !> direct method: the unconstrained process of these signs; else that of the largest entropy
+      type(sequence_solution), intent(in), optional :: sequence
       integer, parameter :: most_lags(2) = [4000, 600]        ! sequential, exact
       real(wp), parameter :: longest = 10.0_wp*(1.0_wp + 1.0e-9_wp)   ! exact: sweeps grow with L0^2
       type(process_model_type) :: unconstrained
@@ -67,8 +71,9 @@ contains
          return
       end if
       problem%is_exact = sampler == 'exact'
-      call solve_unconstrained(request, unconstrained, error)
+      call solve_unconstrained(request, unconstrained, error, sequence)
       if (allocated(error)) return
+      if (present(sequence)) problem%sequence = sequence
       kappa = reflection_of(unconstrained%a)
       call sum_correlation(kappa, sums, error)
       if (allocated(error)) return
@@ -113,15 +118,25 @@ contains
    end subroutine new_problem
 
    !> The process without sign constraint, by the request's method.
-   subroutine solve_unconstrained(request, model, error)
+   subroutine solve_unconstrained(request, model, error, sequence)
       type(process_request), intent(in) :: request
       type(process_model_type), intent(out) :: model
       type(error_type), allocatable, intent(out) :: error
+      type(sequence_solution), intent(in), optional :: sequence   !! see `new_problem`
       type(process_request) :: unsigned
-      real(wp), allocatable :: kappa(:)
+      real(wp), allocatable :: a(:), kappa(:)
+      logical :: is_factored
 
-      if (request%method == 'direct') then
+      if (present(sequence)) then
+         call coefficients_of_solution(request, sequence, a, is_factored)
+         if (is_factored) then
+            call describe_ar(a, 1.0_wp, model, error)
+         else
+            call raise(error, exit_no_solution, 'the symbol is too near to zero to be factored')
+         end if
+      else if (request%method == 'direct') then
          unsigned = request
+         unsigned%all_signs = .false.
          unsigned%positive = .false.
          call fit_direct(unsigned, model)
          if (.not. model%is_solved) call raise(error, exit_no_solution, model%reason)

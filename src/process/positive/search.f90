@@ -14,6 +14,7 @@ module process_positive_search
    use numerics_root_search, only: new_root_search, root_search
    use process_autoregressive_fit, only: optimal_curvature
    use process_autoregressive_model, only: reflection_of
+   use process_direct_sign_sequence, only: sequence_solution
    use process_model, only: process_request
    use process_positive_family, only: by_symbol, free, law_estimate
    use process_positive_objective, only: n_constraints, new_objective, sampled_objective
@@ -42,7 +43,7 @@ contains
 
    !> The unconstrained optimum of another length that has the targets under the law, on few
    !> simulated values: `point` is (ln factor, coordinate). Fails where that family ends before.
-   subroutine approach(request, seed, law, point, found, error, most_effort)
+   subroutine approach(request, seed, law, point, found, error, most_effort, sequence)
       type(process_request), intent(in) :: request
       integer(long), intent(in) :: seed
       type(sampled_objective), intent(out) :: law
@@ -50,16 +51,23 @@ contains
       type(search_result), intent(out) :: found
       type(error_type), allocatable, intent(out) :: error
       real(wp), intent(in), optional :: most_effort   !! see `sampled_objective`
+      type(sequence_solution), intent(in), optional :: sequence   !! see `new_problem`
+      real(wp), parameter :: steep = 0.9_wp   ! std/mean of a start
       type(sampled_problem) :: problem
       real(wp), allocatable :: state(:)
       real(wp) :: b0, centre, coordinate, far_point(2), limit, mu, sigma
       logical :: is_inside, is_reached
       type(search_result) :: far
 
-      call fit_univariate(request, mu, sigma, error)
+      if (has_negative(sequence)) then   ! its std may exceed the mean
+         call fit_truncated_normal(request%mean, min(request%std, steep*request%mean), mu, sigma, &
+                                   error)
+      else
+         call fit_univariate(request, mu, sigma, error)
+      end if
       if (allocated(error)) return
-      call new_problem(request, request%sampler, &
-                       new_stream(seed, label_of('positive process'), 0), problem, error)
+      call new_problem(request, request%sampler, new_stream(seed, label_of('positive process'), &
+                                                            0), problem, error, sequence=sequence)
       if (allocated(error)) return
       b0 = sigma/sqrt(problem%autocovariance(0))   ! a guess, with the companion's innovations
       coordinate = mu/b0*(1.0_wp + sum(problem%companion))**merge(2, 1, problem%is_exact)
@@ -96,6 +104,13 @@ contains
       found%is_converged = found%violation <= close_enough
       call require_converged(law, found, size(problem%companion), error)
    end subroutine approach
+
+   pure logical function has_negative(sequence)
+      type(sequence_solution), intent(in), optional :: sequence
+
+      has_negative = .false.
+      if (present(sequence)) has_negative = any(sequence%s < 0.0_wp)
+   end function has_negative
 
    !> The normal law that has mean and std where it is positive.
    subroutine fit_univariate(request, mu, sigma, error)

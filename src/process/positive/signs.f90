@@ -8,11 +8,13 @@ module process_positive_signs
    use numerics_constrained_maximum, only: search_result, solve_along
    use numerics_lapack, only: solve_linear_system
    use process_correlation, only: constraint_weights
+   use process_direct_fit, only: integer_signs
+   use process_model, only: process_solution
    use process_positive_objective, only: sampled_objective
    use process_positive_moments, only: estimate_autocovariance
    implicit none(type, external)
    private
-   public :: require_signs, settle_signs, signs_of, zero_lags
+   public :: adopt_far_signs, compare_signs, multipliers_of, require_signs, settle_signs, zero_lags
 
    !> Lags whose K(m) is made 0 by s_m; not allocated: nobody has looked yet.
    type :: zero_lags
@@ -50,6 +52,48 @@ contains
       is_so = s*k < -max(5.0_wp*standard_error, clear*variance)
    end function is_opposite
 
+   !> Compares the signs by which lengths are summed with those of K(m) on many values.
+   subroutine compare_signs(law, point, autocovariance, is_wrong, is_inside, state)
+      type(sampled_objective), intent(inout) :: law   !! from now on with averages of every lag
+      real(wp), intent(in) :: point(:)
+      real(wp), allocatable, intent(out) :: autocovariance(:)   !! (0:n_lags)
+      logical, allocatable, intent(out) :: is_wrong(:)          !! (0:n_lags)
+      logical, intent(out) :: is_inside
+      real(wp), allocatable, intent(out) :: state(:)            !! of the law
+      integer, parameter :: sure_steps = 2048      ! of a batch
+      real(wp), parameter :: unclear = 0.5_wp*clear
+      real(wp), allocatable :: standard_error(:)
+
+      call law%keep_every_lag()
+      law%n_steps = sure_steps
+      call law%evaluate(point, state, is_inside)
+      if (.not. is_inside) return
+      call estimate_autocovariance(law%last%batches, law%known, law%problem%n_lags, &
+                                   autocovariance, standard_error)
+      is_wrong = law%signs*autocovariance < -max(3.0_wp*standard_error, unclear*autocovariance(0))
+   end subroutine compare_signs
+
+   !> Direct method: beyond m_max, where no length is imposed, signs are those that K(m) has.
+   subroutine adopt_far_signs(law, point, state, error)
+      type(sampled_objective), intent(inout) :: law
+      real(wp), intent(in) :: point(:)
+      real(wp), allocatable, intent(out) :: state(:)   !! of the law, on many values
+      type(error_type), allocatable, intent(out) :: error
+      real(wp), allocatable :: unused(:)
+      logical, allocatable :: is_wrong(:)
+      logical :: is_inside
+
+      call compare_signs(law, point, unused, is_wrong, is_inside, state)
+      if (.not. is_inside) then
+         call raise(error, exit_no_solution, law%problem%name(law%problem%cut)// &
+                    ': the solution on few simulated values is lost on more')
+         return
+      end if
+      is_wrong(:min(law%problem%cut + 1, size(is_wrong))) = .false.
+      where (is_wrong) law%signs = -law%signs
+      if (.not. any(is_wrong)) call law%keep_lags(law%problem%n_single)
+   end subroutine adopt_far_signs
+
    !> s_m, m = 1..m_max, of the law's symbol, and the G_m/G_0 of s_m = 1. Where a_m = 0 the sign
    !> does not matter and is +.
    pure subroutine signs_of(law, s, unit)
@@ -66,9 +110,36 @@ contains
       end associate
    end subroutine signs_of
 
-   !> The signs of the unconstrained solution made those of the positive law: a lag whose K(m) has
-   !> the other sign is given an s_m in between that makes it 0, and one whose s_m would leave
-   !> [-1, 1] is given that sign for good.
+   !> Signs and multipliers of Eq. (30) from the matrix G: G_0 = 2 lambda_3 + 2 lambda_2 a_0, G_m =
+   !> lambda_2 a_m s_m; sign 0 where |s_m| < 1.
+   subroutine multipliers_of(law, b0, solution, residual)
+      type(sampled_objective), intent(in) :: law   !! of the direct method
+      real(wp), intent(in) :: b0                   !! [unit of X]
+      type(process_solution), intent(out) :: solution
+      !> largest one of G, relative, and of s_m K(m) >= 0 or, where |s_m| < 1, K(m) = 0, over K(0)
+      real(wp), intent(out) :: residual
+      real(wp), allocatable :: k(:), s(:), unit(:), unused(:)
+      real(wp) :: g(0:size(law%family%direction)), lambda_2, weights(0:size(law%family%direction))
+      integer :: m
+
+      g = law%last%g/b0**2
+      weights = constraint_weights(law%problem%correlation, law%problem%length, ubound(g, 1))
+      call signs_of(law, s, unit)
+      solution%signs = integer_signs(s)
+      m = maxloc(abs(weights(1:)), 1, solution%signs /= 0)
+      lambda_2 = g(m)/(weights(m)*s(m))
+      solution%lambda_3 = 0.5_wp*g(0) - lambda_2*weights(0)
+      solution%delta = lambda_2/solution%lambda_3
+      call estimate_autocovariance(law%last%batches, law%known, size(s), k, unused)
+      residual = max(maxval(abs(g(1:) - lambda_2*weights(1:)*s))/g(0), &
+                     maxval(merge(max(-s*k(1:), 0.0_wp), abs(k(1:)), solution%signs /= 0)/k(0), &
+                            abs(unit) > 0.0_wp))
+   end subroutine multipliers_of
+
+   !> The signs of the unconstrained solution made those of the positive law: a lag with a_m > 0
+   !> whose K(m) has the other sign is given an s_m in between that makes it 0, and one whose s_m
+   !> would leave [-1, 1] is given that sign for good. Where a_m < 0 the entropy has its least value
+   !> at K(m) = 0, not its largest: another sign there belongs to another sequence.
    subroutine settle_signs(law, point, found, zeros, error)
       type(sampled_objective), intent(inout) :: law
       real(wp), intent(inout) :: point(:)          !! (ln factor, coordinate)
@@ -95,6 +166,7 @@ contains
          call estimate_autocovariance(law%last%batches, law%known, size(s), k, &
                                       standard_error)
          if (.not. any(is_wrong())) return
+         if (any(is_wrong() .and. unit < 0.0_wp)) exit
          is_free = is_free .or. is_wrong()
       end do
       call raise(error, exit_no_solution, law%problem%name(size(s))// &

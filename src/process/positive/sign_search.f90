@@ -1,0 +1,205 @@
+!> The direct method of positive processes (Sec. 2.4.2): which signs s_m make the entropy largest.
+!>
+!> The Gaussian process has the largest entropy of all whose K(m) have given signs, positive or not:
+!> sequences are solved in the order of that bound, until it excludes the rest. A sequence and its
+!> mirror image have the same bound and are two processes.
+module process_positive_sign_search
+   use core_error, only: error_type, exit_no_solution, raise
+   use core_kinds, only: long, wp
+   use core_text, only: to_text
+   use numerics_constrained_maximum, only: search_result
+   use numerics_sorting, only: sort_order
+   use process_direct_constraint, only: length_constraint
+   use process_direct_fit, only: constraint_of, fit_direct, mirror_image, mirrored
+   use process_direct_reciprocal_symbol, only: reciprocal_workspace
+   use process_direct_sign_search, only: count_sequences, max_listed, search_structured, &
+                                         sequence_signs
+   use process_direct_sign_sequence, only: sequence_solution, solve_sequence
+   use process_model, only: process_model_type, process_request, process_solution
+   use process_positive_objective, only: n_constraints, sampled_objective
+   use process_positive_search, only: approach, find_shape
+   use process_positive_signs, only: adopt_far_signs, multipliers_of, settle_signs, &
+                                   zero_lags
+   implicit none(type, external)
+   private
+   public :: search_signs
+
+   real(wp), parameter :: negligible = 1.0e-4_wp   !! of entropies, which are sampled [nat]
+
+   !> Solution for one sequence.
+   type :: sign_trial
+      type(sampled_objective) :: law
+      real(wp), allocatable :: point(:)
+      type(search_result) :: found
+      type(zero_lags) :: zeros
+      type(process_solution) :: solution
+      real(wp) :: entropy_error = 0.0_wp   !! of its entropy, standard error [nat]
+   end type sign_trial
+
+contains
+
+   !> The signs of the largest entropy, with the search's own account in the model; `all_signs`
+   !> solves and lists every sequence. Without a solution the error is that of the first sequence.
+   subroutine search_signs(request, seed, law, point, found, zeros, model, error)
+      type(process_request), intent(in) :: request
+      integer(long), intent(in) :: seed
+      type(sampled_objective), intent(out) :: law
+      real(wp), allocatable, intent(out) :: point(:)   !! (ln factor, coordinate)
+      type(search_result), intent(out) :: found
+      type(zero_lags), intent(out) :: zeros
+      type(process_model_type), intent(inout) :: model
+      type(error_type), allocatable, intent(out) :: error
+      real(wp), parameter :: others = 10.0_wp   ! effort of all other sequences, of the first's
+      real(wp), parameter :: certain = 4.0_wp   ! standard errors
+      type(sequence_solution), allocatable :: sequences(:)
+      type(process_solution), allocatable :: solutions(:)
+      type(sign_trial) :: trial
+      type(error_type), allocatable :: failure
+      character(:), allocatable :: reason
+      real(wp) :: best, effort
+      integer :: i
+      logical :: is_excluded, is_whole
+
+      call list_sequences(request, sequences, is_whole, error)
+      if (allocated(error)) return
+      allocate (solutions(size(sequences)))
+      best = -huge(best)
+      effort = law%most_effort
+      is_excluded = .false.
+      do i = 1, size(sequences)
+         is_excluded = sequences(i)%entropy + log(request%std) < best + negligible
+         if ((is_excluded .or. .not. effort > 0.0_wp) .and. .not. request%all_signs) exit
+         call solve_signs(request, seed, sequences(i), effort, trial, failure)
+         if (i == 1) effort = others*trial%law%effort
+         if (i > 1) effort = effort - trial%law%effort
+         if (request%all_signs) effort = trial%law%most_effort
+         model%n_examined = i
+         if (i == 1 .and. allocated(failure)) error = failure
+         if (allocated(failure)) cycle
+         model%n_consistent = model%n_consistent + 1
+         solutions(model%n_consistent) = trial%solution
+         if (trial%solution%entropy <= best + max(negligible, certain*trial%entropy_error)) cycle
+         best = trial%solution%entropy
+         law = trial%law
+         point = trial%point
+         found = trial%found
+         zeros = trial%zeros
+      end do
+      model%search = 'structured'
+      if (is_whole .and. is_excluded) model%search = 'all sequences, some excluded by a bound'
+      if (is_whole .and. i > size(sequences)) model%search = 'all sequences'
+      if (model%n_consistent == 0) then
+         reason = error%message
+         if (model%n_examined > 1) call raise(error, exit_no_solution, reason// &
+                                '; sequences of signs tried: '//to_text(model%n_examined))
+         return
+      end if
+      if (allocated(error)) deallocate (error)
+      call list_solutions(solutions(:model%n_consistent), model)
+   end subroutine search_signs
+
+   !> The Gaussian solutions of all sequences of signs by descending entropy, each with its mirror
+   !> image after it; of too many, that of the largest entropy alone.
+   subroutine list_sequences(request, sequences, is_complete, error)
+      type(process_request), intent(in) :: request
+      type(sequence_solution), allocatable, intent(out) :: sequences(:)
+      logical, intent(out) :: is_complete
+      type(error_type), allocatable, intent(out) :: error
+      integer(long), parameter :: most = 1024
+      type(length_constraint) :: constraint
+      type(process_model_type) :: unsigned_model
+      type(process_request) :: unsigned
+      type(reciprocal_workspace) :: workspace
+      type(sequence_solution), allocatable :: found(:)
+      integer, allocatable :: order(:)
+      integer :: i, n
+
+      unsigned = request   ! refuses what no process has
+      unsigned%positive = .false.
+      unsigned%all_signs = .false.
+      call fit_direct(unsigned, unsigned_model)
+      if (.not. unsigned_model%is_solved) then
+         call raise(error, exit_no_solution, unsigned_model%reason)
+         return
+      end if
+      constraint = constraint_of(request)
+      is_complete = count_sequences(constraint) <= most
+      n = merge(int(min(count_sequences(constraint), most)), 1, is_complete)
+      allocate (found(n))
+      call workspace%prepare(request%order)
+      if (is_complete) then
+         do i = 1, n
+            call solve_sequence(constraint, sequence_signs(constraint, i - 1_long), workspace, &
+                                found(i))
+         end do
+      else
+         call search_structured(constraint, workspace, found(1))
+      end if
+      order = sort_order(-found%entropy)
+      order = pack(order, found(order)%is_feasible)
+      allocate (sequences(2*size(order)))
+      do i = 1, size(order)
+         sequences(2*i - 1) = mirrored(found(order(i)))
+         sequences(2*i) = mirror_image(sequences(2*i - 1))
+      end do
+      if (request%branch == 'nonnegative') &
+         sequences = sequences(pack([(i, i=1, size(sequences))], &
+                                    [(is_nonnegative(sequences(i)), i=1, size(sequences))]))
+      if (size(sequences) == 0) &
+         call raise(error, exit_no_solution, 'direct method: no signs with K(m) >= 0 have '// &
+                    request%correlation//' = '//to_text(request%correlation_length))
+   end subroutine list_sequences
+
+   pure logical function is_nonnegative(sequence)
+      type(sequence_solution), intent(in) :: sequence
+      real(wp), parameter :: zero = 1.0e-9_wp   ! of K(m)/K(0)
+
+      is_nonnegative = all(sequence%correlation >= -zero)
+   end function is_nonnegative
+
+   !> The positive process of a sequence. Fails where a K(m) has another sign.
+   subroutine solve_signs(request, seed, sequence, effort, trial, error)
+      type(process_request), intent(in) :: request
+      integer(long), intent(in) :: seed
+      type(sequence_solution), intent(in) :: sequence
+      real(wp), intent(in) :: effort   !! see `approach`
+      type(sign_trial), intent(out) :: trial
+      type(error_type), allocatable, intent(out) :: error
+      integer, parameter :: entropy_steps = 1024   ! of a batch
+      real(wp), allocatable :: state(:)
+      real(wp) :: b0, unused
+
+      call approach(request, seed, trial%law, trial%point, trial%found, error, effort, sequence)
+      if (.not. allocated(error)) call find_shape(trial%law, trial%point, trial%found, error)
+      if (.not. allocated(error)) &
+         call settle_signs(trial%law, trial%point, trial%found, trial%zeros, error)
+      if (allocated(error)) return
+      b0 = request%std/trial%law%last%moments%std
+      call multipliers_of(trial%law, b0, trial%solution, unused)
+      call adopt_far_signs(trial%law, trial%point, state, error)
+      if (allocated(error)) return
+      if (request%branch == 'nonnegative' .and. any(trial%solution%signs < 0)) &
+         call raise(error, exit_no_solution, trial%law%problem%name(request%order)// &
+                    ': some K(m) are negative')
+      b0 = request%std/trial%law%last%moments%std
+      trial%law%n_steps = entropy_steps
+      call trial%law%find_entropy(trial%solution%entropy, trial%entropy_error)
+      ! that of x/std, less what it gains by the targets' errors on these values
+      trial%solution%entropy = trial%solution%entropy + log(b0) &
+                               - dot_product(trial%found%multipliers, state(:n_constraints))
+   end subroutine solve_signs
+
+   !> By descending entropy.
+   pure subroutine list_solutions(solutions, model)
+      type(process_solution), intent(in) :: solutions(:)
+      type(process_model_type), intent(inout) :: model
+      integer :: i, order(size(solutions))
+
+      order = sort_order(-solutions%entropy)
+      allocate (model%solutions(min(size(order), max_listed)))
+      do i = 1, size(model%solutions)
+         model%solutions(i) = solutions(order(i))
+      end do
+   end subroutine list_solutions
+
+end module process_positive_sign_search
