@@ -5,7 +5,7 @@ module numerics_sorting
    private
    public :: sort_order
 
-   integer, parameter :: first_run = 8   !! values that are sorted by insertion
+   integer, parameter :: first_run = 32   !! values whose ranks are counted
 
 contains
 
@@ -21,7 +21,7 @@ contains
       allocate (key(n, 2), place(n, 2))
       do first = 1, n, first_run
          last = min(first + first_run - 1, n)
-         call insert(values(first:last), first, key(first:last, 1), place(first:last, 1))
+         call rank_all(values(first:last), first, key(first:last, 1), place(first:last, 1))
       end do
       from = 1
       run = first_run
@@ -39,24 +39,33 @@ contains
       order = place(:, from)
    end function sort_order
 
-   !> Sorts a few values, the first of which has a place among all.
-   pure subroutine insert(values, first, key, place)
+   !> Sorts a few values, the first of which has a place among all: the rank of each is counted, all
+   !> at once for each of the others.
+   pure subroutine rank_all(values, first, key, place)
       real(wp), intent(in) :: values(:)
       integer, intent(in) :: first
       real(wp), intent(out) :: key(:)
       integer, intent(out) :: place(:)
-      integer :: i, k
+      real(wp) :: place_of(size(values)), value(size(values))
+      integer :: i, j
 
-      do i = 1, size(values)
-         do k = i, 2, -1
-            if (key(k - 1) <= values(i)) exit
-            key(k) = key(k - 1)
-            place(k) = place(k - 1)
+      place_of = 1.0_wp
+      value = values
+      do j = 1, size(value)
+         !$omp simd
+         do i = 1, j - 1
+            place_of(i) = place_of(i) + merge(1.0_wp, 0.0_wp, value(j) < value(i))
          end do
-         key(k) = values(i)
-         place(k) = first + i - 1
+         !$omp simd
+         do i = j + 1, size(value)
+            place_of(i) = place_of(i) + merge(1.0_wp, 0.0_wp, value(j) <= value(i))
+         end do
       end do
-   end subroutine insert
+      do i = 1, size(value)
+         key(int(place_of(i))) = value(i)
+         place(int(place_of(i))) = first + i - 1
+      end do
+   end subroutine rank_all
 
    !> Two ascending runs, of n_left values and of the rest, become one. Which of two values is the
    !> smaller one is not to be foreseen, so there is no branch on it.

@@ -17,7 +17,6 @@ module statistics_scalars
    integer, parameter :: n_points = 4096   !! of a law
    real(wp), parameter :: two_sided = 1.959964_wp
    real(wp), parameter :: right_angle = 2.0_wp*atan(1.0_wp)
-   integer, parameter :: raw = 1, bent = 2   !! outputs that are fitted
 
    !> Plain statistics over all samples of a case.
    type :: scalar_plain
@@ -38,6 +37,7 @@ contains
 
    !> Several numbers of the samples, of every case of a pool: amounts and fractions, none negative.
    !> For percentiles the root of an amount is fitted, and the angle asin(sqrt(y)) of a fraction.
+   !> Only the first number has sensitivities, the others zeros.
    subroutine estimate_scalars(pool, y, is_fraction, share_below, plain, estimates, error)
       type(pool_type), intent(in) :: pool
       real(wp), intent(in) :: y(:, :)                 !! (sample, number)
@@ -46,113 +46,125 @@ contains
       type(scalar_plain), intent(in) :: plain(:, :)   !! (number, case)
       type(scalar_type), intent(out) :: estimates(:, :)   !! (number, case)
       type(error_type), allocatable, intent(out) :: error
-      real(wp) :: outputs(size(y, 1), 2, size(y, 2))   ! (sample, raw or bent, number)
+      real(wp) :: raw(size(y, 1), size(y, 2)), bent(size(y, 1), size(y, 2))   ! (sample, number)
       type(surrogate_type) :: surrogate
-      type(fit_type) :: fits(2, size(y, 2))
+      type(fit_type) :: raw_fit, bent_fit
       type(law_type) :: law
       type(view_type) :: view
-      integer :: case_number, kind, number
+      integer :: case_number, number
 
-      outputs(:, raw, :) = y
+      raw = y
       do number = 1, size(y, 2)
-         outputs(:, bent, number) = bend(y(:, number), is_fraction(number))
+         bent(:, number) = bend(y(:, number), is_fraction(number))
       end do
-      call learn_kernel(pool%x, reshape(outputs, [size(y, 1), 2*size(y, 2)]), surrogate, error)
+      call learn_kernel(pool%x, reshape([raw, bent], [size(y, 1), 2*size(y, 2)]), surrogate, error)
       if (allocated(error)) return
-      do number = 1, size(y, 2)
-         do kind = raw, bent
-            call fit_outputs(surrogate, outputs(:, kind:kind, number), fits(kind, number))
-         end do
-      end do
+      call fit_outputs(surrogate, raw, raw_fit)
+      call fit_outputs(surrogate, bent, bent_fit)
       do case_number = 1, size(plain, 2)
          call choose_points(pool%draws(case_number), surrogate%direction, n_points, law, error)
          if (allocated(error)) return
          call view_law(surrogate, law, pool%first(case_number), &
                        pool%first(case_number + 1) - 1, view)
-         do number = 1, size(y, 2)
-            call estimate_one(case_number, number, estimates(number, case_number))
-            if (allocated(error)) return
-         end do
+         call estimate_moments(case_number, estimates(:, case_number))
+         if (allocated(error)) return
+         call estimate_percentiles(case_number, estimates(:, case_number))
       end do
 
    contains
 
-      subroutine estimate_one(case_number, number, best)
-         integer, intent(in) :: case_number, number
-         type(scalar_type), intent(inout) :: best
+      subroutine estimate_moments(case_number, best)
+         integer, intent(in) :: case_number
+         type(scalar_type), intent(inout) :: best(:)   !! (number)
          type(estimates_type) :: ours, theirs, both
-         real(wp) :: values(size(law%weight), 1), least(1), share(1)
-         integer :: p
+         real(wp) :: values(size(law%weight), size(raw, 2)), least(size(raw, 2))
+         real(wp) :: share(size(raw, 2))
+         integer :: i
 
-         associate (own => outputs(view%first:view%last, raw:raw, number), &
-                    n => pool%n_samples(case_number), sampled => plain(number, case_number))
-            call predict(surrogate, fits(raw, number), view%rows, values)
-            call law_mean(surrogate, fits(raw, number), view, values, ours)
-            theirs = among_all(pool, case_number, plain_mean(own), [sampled%mean])
-            call blend(ours, theirs, [0.0_wp], both, share)
-            best%mean = both%value(1)
-            call state_error(both, theirs, share, of_means, n, best%mean_error, best%mean_ratio)
-            best%mean_error = upward_error(best%mean, best%mean_error)
-
-            least = residual_share(fits(raw, number)%residual(view%first:view%last, :), own)
-            call law_deviation(surrogate, fits(raw, number), view, values, ours)
-            theirs = among_all(pool, case_number, plain_deviation(own), [sampled%deviation])
-            call find_sensitivity(surrogate, fits(raw, number), view, law, values(:, 1), ours, &
-                                  best%sensitivity, best%sensitivity_error, error)
+         associate (own => raw(view%first:view%last, :), n => pool%n_samples(case_number), &
+                    sampled => plain(:, case_number))
+            call predict(surrogate, raw_fit, view%rows, values)
+            call law_mean(surrogate, raw_fit, view, values, ours)
+            theirs = among_all(pool, case_number, plain_mean(own), sampled%mean)
+            least = 0.0_wp
+            call blend(ours, theirs, least, both, share)
+            do i = 1, size(best)
+               best(i)%mean = both%value(i)
+               call state_error(both, theirs, i, share(i), of_means, n, best(i)%mean_error, &
+                                best(i)%mean_ratio)
+               best(i)%mean_error = upward_error(best(i)%mean, best(i)%mean_error)
+            end do
+            least = residual_share(raw_fit%residual(view%first:view%last, :), own)
+            call law_deviation(surrogate, raw_fit, view, values, ours)
+            theirs = among_all(pool, case_number, plain_deviation(own), sampled%deviation)
+            call find_sensitivity(surrogate, raw_fit, view, law, values(:, 1), ours, &
+                                  best(1)%sensitivity, best(1)%sensitivity_error, error)
             if (allocated(error)) return
             call blend(ours, theirs, least, both, share)
-            best%deviation = both%value(1)
-            call state_error(both, theirs, share, of_means, n, best%deviation_error, &
-                             best%deviation_ratio)
-            best%deviation_error = upward_error(best%deviation, best%deviation_error)
+            do i = 1, size(best)
+               best(i)%deviation = both%value(i)
+               call state_error(both, theirs, i, share(i), of_means, n, best(i)%deviation_error, &
+                                best(i)%deviation_ratio)
+               best(i)%deviation_error = upward_error(best(i)%deviation, best(i)%deviation_error)
+               if (i == 1) cycle
+               allocate (best(i)%sensitivity, best(i)%sensitivity_error, &
+                         source=0.0_wp*best(1)%sensitivity)
+            end do
          end associate
-         allocate (best%percentile(size(share_below)))
-         allocate (best%low, best%high, best%percentile_ratio, mold=best%percentile)
-         call predict(surrogate, fits(bent, number), view%rows, values)
-         values = max(0.0_wp, values)
-         if (is_fraction(number)) values = min(values, right_angle)
-         do p = 1, size(share_below)
-            call estimate_percentile(case_number, number, p, values, best)
-         end do
-      end subroutine estimate_one
+      end subroutine estimate_moments
 
-      subroutine estimate_percentile(case_number, number, p, values, best)
-         integer, intent(in) :: case_number, number, p
-         real(wp), intent(in) :: values(:, :)
-         type(scalar_type), intent(inout) :: best
+      subroutine estimate_percentiles(case_number, best)
+         integer, intent(in) :: case_number
+         type(scalar_type), intent(inout) :: best(:)   !! (number)
          type(estimates_type) :: ours, theirs, both
-         real(wp) :: share(1), least(1), reach
+         real(wp) :: values(size(law%weight), size(raw, 2)), least(size(raw, 2))
+         real(wp) :: share(size(raw, 2))
+         real(wp) :: at_plain(size(raw, 2)), reach
+         integer :: i, p
 
-         associate (own => outputs(view%first:view%last, bent:bent, number), &
-                    at_plain => bend(plain(number, case_number)%percentile(p:p), &
-                                     is_fraction(number)))
-            least = residual_share(fits(bent, number)%residual(view%first:view%last, :), own)
-            call law_percentile(surrogate, fits(bent, number), view, values, share_below(p), ours)
-            theirs = among_all(pool, case_number, plain_percentile(own, share_below(p)), at_plain)
-         end associate
-         call blend(ours, theirs, least, both, share)
-         call state_error(both, theirs, share, of_percentiles_along, pool%n_samples(case_number), &
-                          reach, best%percentile_ratio(p))
-         best%percentile(p) = unbend(both%value(1), is_fraction(number))
-         best%low(p) = unbend(both%value(1) - two_sided*reach, is_fraction(number))
-         best%high(p) = unbend(both%value(1) + two_sided*reach, is_fraction(number))
-      end subroutine estimate_percentile
+         call predict(surrogate, bent_fit, view%rows, values)
+         values = max(0.0_wp, values)
+         do i = 1, size(best)
+            if (is_fraction(i)) values(:, i) = min(values(:, i), right_angle)
+            allocate (best(i)%percentile(size(share_below)))
+            allocate (best(i)%low, best(i)%high, best(i)%percentile_ratio, mold=best(i)%percentile)
+         end do
+         least = residual_share(bent_fit%residual(view%first:view%last, :), &
+                                bent(view%first:view%last, :))
+         do p = 1, size(share_below)
+            do i = 1, size(best)
+               at_plain(i) = bend(plain(i, case_number)%percentile(p), is_fraction(i))
+            end do
+            call law_percentile(surrogate, bent_fit, view, values, share_below(p), ours)
+            theirs = among_all(pool, case_number, plain_percentile(bent(view%first:view%last, :), &
+                                                                   share_below(p)), at_plain)
+            call blend(ours, theirs, least, both, share)
+            do i = 1, size(best)
+               call state_error(both, theirs, i, share(i), of_percentiles_along, &
+                                pool%n_samples(case_number), reach, best(i)%percentile_ratio(p))
+               best(i)%percentile(p) = unbend(both%value(i), is_fraction(i))
+               best(i)%low(p) = unbend(both%value(i) - two_sided*reach, is_fraction(i))
+               best(i)%high(p) = unbend(both%value(i) + two_sided*reach, is_fraction(i))
+            end do
+         end do
+      end subroutine estimate_percentiles
 
       !> States the error of the regression and of the points of the law for its share of the
       !> estimate, and how much larger plain sampling's is.
-      pure subroutine state_error(both, theirs, share, efficiency, n_samples, stated, ratio)
+      pure subroutine state_error(both, theirs, number, share, efficiency, n_samples, stated, ratio)
          type(estimates_type), intent(in) :: both, theirs
-         real(wp), intent(in) :: share(1)     !! of plain sampling
+         integer, intent(in) :: number
+         real(wp), intent(in) :: share        !! of plain sampling
          real(wp), intent(in) :: efficiency
          integer, intent(in) :: n_samples
          real(wp), intent(out) :: stated, ratio
          real(wp) :: excess, of_plain
 
          excess = 1.0_wp
-         if (allocated(both%excess)) excess = both%excess(1)
-         of_plain = excess*stated_error(theirs%influence(:, 1), 0.0_wp, n_samples)
-         stated = hypot(stated_error(excess*both%influence(:, 1), both%bias(1), n_samples), &
-                        (1.0_wp - share(1))*of_plain*error_share(law, efficiency, n_samples))
+         if (allocated(both%excess)) excess = both%excess(number)
+         of_plain = excess*stated_error(theirs%influence(:, number), 0.0_wp, n_samples)
+         stated = stated_error(excess*both%influence(:, number), both%bias(number), n_samples)
+         stated = hypot(stated, (1.0_wp - share)*of_plain*error_share(law, efficiency, n_samples))
          ratio = 1.0_wp
          if (stated > 0.0_wp) ratio = of_plain/stated
       end subroutine state_error
