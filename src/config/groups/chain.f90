@@ -29,27 +29,39 @@ contains
       type(entry_type) :: entry
 
       entry = about('n_dof', 'number of masses; the first is next to the wall', &
-                    rule=between(1.0_wp, real(most_dofs, wp)), &
-                    default='length of the longest list, else 5')
+                    rule=between(1.0_wp, real(most_dofs, wp)))
+      entry%default = 'length of the longest list, else 5'
       call visitor%visit(self%n_dof, entry)
-      entry = about('mass', 'one value, or one per dof', 'kg', positive(), per_dof=self%n_dof)
-      call visitor%visit(self%mass, entry, default=[1.0_wp])
+      entry = about('mass', 'one value, or one per dof', 'kg', positive())
+      call visit_list(self%mass, [1.0_wp])
       entry = about('coupling_stiffness', &
                     'of the springs between the masses; the first goes to the wall', 'N/m', &
-                    not_negative(), per_dof=self%n_dof)
-      call visitor%visit(self%coupling_stiffness, entry, default=[25.0_wp])
+                    not_negative())
+      call visit_list(self%coupling_stiffness, [25.0_wp])
       entry = about('contact_stiffness', 'of the springs of the Jenkins elements', 'N/m', &
-                    positive(), per_dof=self%n_dof)
-      call visitor%visit(self%contact_stiffness, entry, default=[50.0_wp])
-      entry = about('normal_load', 'on the sliders', 'N', not_negative(), per_dof=self%n_dof)
-      call visitor%visit(self%normal_load, entry, default=[10.0_wp])
+                    positive())
+      call visit_list(self%contact_stiffness, [50.0_wp])
+      entry = about('normal_load', 'on the sliders', 'N', not_negative())
+      call visit_list(self%normal_load, [10.0_wp])
       entry = about('friction', 'friction coefficients of the deterministic cases', &
-                    rule=not_negative(), per_dof=self%n_dof, &
-                    default='the mean that all &process share')
-      call visitor%visit(self%friction, entry, default=[real(wp) ::])
+                    rule=not_negative())
+      entry%default = 'the mean that all &process share'
+      call visit_list(self%friction, [real(wp) ::])
       entry = about('damping_ratio', 'of critical, for each mode of the stuck chain', &
-                    rule=not_negative(), per_dof=self%n_dof)
-      call visitor%visit(self%damping_ratio, entry, default=[0.005_wp])
+                    rule=not_negative())
+      call visit_list(self%damping_ratio, [0.005_wp])
+
+   contains
+
+      !> A value for each dof, or one for all.
+      subroutine visit_list(list, default)
+         real(wp), allocatable, intent(inout) :: list(:)
+         real(wp), intent(in) :: default(:)
+
+         entry%per_dof = self%n_dof
+         call visitor%visit(list, entry, default=default)
+      end subroutine visit_list
+
    end subroutine visit
 
 end module config_groups_chain

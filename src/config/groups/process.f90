@@ -63,8 +63,8 @@ contains
                     not_negative(), used=self%correlation == 'both')
       call visitor%visit(self%second_length, entry)
       entry = about('order', 'M of the recursion, m_max of direct (must be given); 0: found '// &
-                    'from the bounds', rule=between(0.0_wp, 2000.0_wp), &
-                    default='for each length: 2 below 0.65, 5 below 2, else 10')
+                    'from the bounds', rule=between(0.0_wp, 2000.0_wp))
+      entry%default = 'for each length: 2 below 0.65, 5 below 2, else 10'
       call visitor%visit(self%order, entry, default=usual_orders(self%correlation_length))
       entry = about('pairing', &
                     'zip: an order for each correlation length, or one for all; product: all', &

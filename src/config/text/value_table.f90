@@ -130,14 +130,13 @@ module config_text_value_table
 contains
 
    !> An entry of a table.
-   pure function about(name, doc, unit, rule, choices, length, per_dof, default, required, &
-                       shapes_samples, used) result(entry)
+   pure function about(name, doc, unit, rule, choices, length, required, shapes_samples, used) &
+      result(entry)
       character(*), intent(in) :: name, doc
       character(*), intent(in), optional :: unit
       type(rule_type), intent(in), optional :: rule
       character(*), intent(in), optional :: choices   !! separated by blanks
-      integer, intent(in), optional :: length, per_dof
-      character(*), intent(in), optional :: default
+      integer, intent(in), optional :: length
       logical, intent(in), optional :: required, shapes_samples, used
       type(entry_type) :: entry
 
@@ -147,8 +146,6 @@ contains
       if (present(rule)) entry%rule = rule
       if (present(choices)) call split_choices(choices, entry)
       if (present(length)) entry%length = length
-      if (present(per_dof)) entry%per_dof = per_dof
-      if (present(default)) entry%default = default
       if (present(required)) entry%is_required = required
       if (present(shapes_samples)) entry%shapes_samples = shapes_samples
       if (present(used)) entry%is_used = used
