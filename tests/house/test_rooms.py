@@ -57,7 +57,7 @@ def test_rooms_have_names_that_explain_themselves():
     assert {path.stem for path in FORTRAN if path.suffix == ".f90"} & GONE == set()
 
 
-#: procedures with more arguments than nine: libraries' own, and a row of named values
+#: procedures with more arguments than nine: libraries' own
 MANY_ARGUMENTS = {"numerics_lapack", "numerics_nlopt_c"}
 
 
