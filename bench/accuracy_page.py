@@ -9,6 +9,7 @@ page's text says of a block is not rewritten: read it again.
 from __future__ import annotations
 
 import re
+import shlex
 import subprocess
 import sys
 import time
@@ -29,7 +30,7 @@ def block(found: re.Match[str]) -> str:
         return found[0]
     python = command.replace("python ", f"{sys.executable} ", 1)
     start = time.monotonic()
-    said = subprocess.run(python.split(), cwd=ROOT, check=True, capture_output=True, text=True)
+    said = subprocess.run(shlex.split(python), cwd=ROOT, check=True, capture_output=True, text=True)
     text = PROGRESS.sub("", said.stdout).strip("\n")
     print(f"{time.monotonic() - start:4.0f} s  {command}", flush=True)
     fence = "" if text.startswith("|") else "```\n"
