@@ -42,6 +42,20 @@ class Sweep:
         joined.attrs = {"units": "m/N", "long_name": "fundamental of the displacement over force"}
         return joined
 
+    def outer(self, dof: int) -> NDArray[np.float64]:
+        """Mean, lowest and highest percentile of |x|/F of a dof over the law [m/N] (3, frequency):
+        the best estimates, or those of the samples where there are none; all one of one sample.
+        """
+        if all(case.has("harmonic_amplitude_percentiles") for case in self.cases):
+            rows = []
+            for case in self.cases:
+                data = case.data.isel(dof=dof - 1)
+                ends = data["harmonic_amplitude_percentiles"].isel(percentile=[0, -1]).values
+                rows.append([float(data["harmonic_amplitude_mean"]), *ends])
+            return np.array(rows).T / self.amplitude
+        size = np.abs(self.receptance.isel(dof=dof - 1).values)  # (frequency, sample)
+        return np.stack([size.mean(axis=1), *np.percentile(size, (5, 95), axis=1)])
+
     @property
     def n_unsteady(self) -> int:
         """Samples of all cases whose last two windows of ten periods do not agree."""

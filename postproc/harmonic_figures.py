@@ -11,14 +11,13 @@ from . import style
 from .harmonic import Equivalent, Sweep, linear_receptance
 from .results import Results
 
-_OUTER = (5.0, 95.0)  # percentiles over samples
 _FINE = 600  # frequencies of a linear curve
 
 
 def plot_frequency_response(
     axes: Axes, sweeps: Sequence[Sweep], dof: int, results: Results
 ) -> None:
-    """Receptance of a dof: mean over samples, a line a level; shaded: 5th to 95th percentile."""
+    """Receptance of a dof: mean over the law, a line a level; shaded: between outer percentiles."""
     span = np.linspace(sweeps[0].frequency[0], sweeps[0].frequency[-1], _FINE)
     linear = {
         "all stuck, linear": (np.abs(linear_receptance(results, span, True)[:, dof - 1]), "-"),
@@ -28,13 +27,12 @@ def plot_frequency_response(
         axes.semilogy(span, curve, color="0.45", linewidth=0.9, linestyle=line, label=name)
     top, bottom = 0.0, np.inf
     for rank, sweep in enumerate(sweeps):
-        size = np.abs(sweep.receptance.isel(dof=dof - 1).values)  # (frequency, sample)
+        mean, low, high = sweep.outer(dof)
         look = style.of_rank(rank, len(sweeps))
-        axes.semilogy(sweep.frequency, size.mean(axis=1), label=f"{sweep.amplitude:g} N", **look)
-        if size.shape[1] > 1:
-            low, high = np.percentile(size, _OUTER, axis=1)
+        axes.semilogy(sweep.frequency, mean, label=f"{sweep.amplitude:g} N", **look)
+        if np.any(high > low):
             axes.fill_between(sweep.frequency, low, high, color=look["color"], alpha=0.18, lw=0)
-        top, bottom = max(top, size.max()), min(bottom, size.min())
+        top, bottom = max(top, mean.max(), high.max()), min(bottom, mean.min(), low.min())
     axes.set(
         xlabel="frequency [Hz]", ylabel=f"|x| / F of dof {dof} [m/N]",
         xlim=(span[0], span[-1]), ylim=(0.3 * bottom, 4 * top),

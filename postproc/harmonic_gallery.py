@@ -31,7 +31,7 @@ def _of_process(results: Results, sweeps: list[Sweep], process: str) -> Iterator
     n_samples = sweeps[0].cases[0].n_samples
     name = "deterministic friction" if process == "none" else f"friction of {process}"
     band = (
-        f" Lines: mean over {n_samples} samples; shaded: 5th to 95th percentile."
+        f" Lines: mean over the law, from {n_samples} samples; shaded: between outer percentiles."
         if n_samples > 1
         else ""
     )

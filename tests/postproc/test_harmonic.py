@@ -16,6 +16,13 @@ SINES = """\
 &excitation kind = 'sine' frequency = 1.05 1.15 1.2 1.22 1.25 1.3 amplitude = 0.01 3.0 /
 &integration method = 'event' dt = 0.01 n_steps = 12000 /
 """
+RANDOM_SINES = """\
+&process correlation_length = 1.0 order = 1 mean = 0.2 std = 0.067 /
+&chain n_dof = 2 damping_ratio = 0.02 /
+&excitation kind = 'sine' frequency = 1.1 1.2 amplitude = 3.0 /
+&integration method = 'event' dt = 0.01 n_steps = 6000 /
+&campaign n_samples = 24 deterministic = .false. /
+"""
 HISTORY = """\
 &chain n_dof = 3 friction = 0.1 /
 &excitation variance = 20 /
@@ -62,6 +69,18 @@ def test_sweeps_are_drawn(sines, tmp_path):
     assert not [name for name in names if name.startswith(("sweep", "fig_08"))]
     for figure in make_figures([sines]):
         figure.save(tmp_path)
+
+
+def test_frequency_responses_are_the_best_estimates(results_of_scene):
+    """Their mean is not that of the samples, but within its error; percentiles enclose it."""
+    sweep = sweeps_of(open_results(results_of_scene(RANDOM_SINES)))[0]
+    mean, low, high = sweep.outer(2)
+    best = [case.data["harmonic_amplitude_mean"].values[1] / 3.0 for case in sweep.cases]
+    np.testing.assert_array_equal(mean, best)
+    size = np.abs(sweep.receptance.isel(dof=1).values)
+    assert (mean != size.mean(axis=1)).any()
+    assert (np.abs(mean - size.mean(axis=1)) < size.std(axis=1)).all()
+    assert ((low < mean) & (mean < high)).all()
 
 
 def test_loops_enclose_the_work_of_the_joint(replayed):
