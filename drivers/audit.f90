@@ -3,10 +3,10 @@ module driver_audit
    use campaign_comparison, only: compare_slip, numerical_error, spectrum_comparison
    use campaign_plan, only: kept_dofs, plan_type
    use campaign_results, only: block_result, spectrum_layout
+   use core_chunks, only: frequencies_together
    use core_error, only: error_type
    use core_kinds, only: wp
    use io_audit_results, only: write_audit
-   use io_dataset_visitor, only: frequencies_together
    use io_gathering, only: read_band, read_samples, shards_of
    use io_results, only: results_writer
    use io_shards, only: shard_type

@@ -5,10 +5,10 @@ module driver_statistics
    use campaign_plan, only: kept_dofs, plan_type
    use campaign_results, only: block_result, case_statistics, spectrum_layout
    use campaign_time_average, only: count_spans, fewest_spans, span_collector
+   use core_chunks, only: frequencies_together
    use core_error, only: error_type
    use core_kinds, only: long, wp
    use io_blocks, only: put_short
-   use io_dataset_visitor, only: frequencies_together
    use io_gathering, only: read_band, read_samples, read_slip_series
    use io_group, only: group_type
    use io_shards, only: shard_type

@@ -29,7 +29,7 @@ module campaign_bands
    use statistics_order, only: at_rank, interval_rank
    implicit none(type, external)
    private
-   public :: band_collector, start_bands, largest_group, sample_groups
+   public :: band_collector, start_bands, largest_group, n_replicates, sample_groups
 
    integer, parameter :: largest_group = 2**14    !! samples sorted together
    integer, parameter :: n_replicates = 400       !! of the bootstrap: intervals scatter by 5 %

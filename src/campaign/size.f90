@@ -1,13 +1,13 @@
 !> How large the results of a plan and the memory of a rank become, from the shapes of what is kept.
 module campaign_size
    use campaign_audit, only: add_audits, kept_of
-   use campaign_bands, only: largest_group
+   use campaign_bands, only: largest_group, n_replicates
    use campaign_estimates, only: n_quantities
    use campaign_plan, only: kept_dofs, output_settings, plan_type
    use campaign_pooling, only: case_pool, find_points, find_pools, plan_draws, reason_for_plain
    use campaign_runner, only: block_width
    use campaign_time_average, only: count_spans, fewest_spans
-   use core_chunks, only: stored_bytes
+   use core_chunks, only: frequencies_together, stored_bytes
    use core_error, only: error_type, exit_bad_input, raise
    use core_kinds, only: wp
    use core_memory, only: gives_memory
@@ -16,6 +16,8 @@ module campaign_size
    use numerics_spectrum, only: can_follow_power, count_segments, last_of_ranges
    use process_direct_sign_search, only: max_listed
    use process_model, only: process_model_type, process_request
+   use statistics_law, only: most_kept, n_points
+   use statistics_spectra, only: fitted_together => together
    use statistics_surrogate, only: most_features, most_landmarks
    use structure_sizes, only: matrices_alone => memory_of_matrices
    implicit none(type, external)
@@ -281,7 +283,7 @@ contains
       type(plan_type), intent(in) :: plan
       integer, intent(in) :: every
       real(wp) :: bytes
-      integer, parameter :: values_together = 320, replicates = 400, parts = 32
+      integer, parameter :: parts = 32
       integer :: at_once, n_group, together
 
       at_once = min(2, count(plan%cases%n_samples > 1))
@@ -290,12 +292,11 @@ contains
                                                     max(1, n_group/block_width(plan)))
       if (.not. plan%output%spectrum .or. n_group < 2) return
       associate (n_kept => size(kept_dofs(plan)), n_percentiles => size(plan%output%percentiles))
-         together = (n_frequencies(plan, every) - 1)/max(values_together/n_kept, 1) + 1
-         together = (n_frequencies(plan, every) - 1)/together + 1
+         together = frequencies_together(n_kept, n_frequencies(plan, every))
          bytes = bytes + word*n_kept*n_frequencies(plan, every)*(3*(2 + 3*n_percentiles)) &
-                 + at_once*word*n_kept*parts*(n_percentiles*replicates + min(n_group, 512)) &
+                 + at_once*word*n_kept*parts*(n_percentiles*n_replicates + min(n_group, 512)) &
                  + word*n_group*n_kept*(together + min(n_powers(plan, every), 2*n_batches)) &
-                 + 4.0_wp*n_group*replicates
+                 + 4.0_wp*n_group*n_replicates
       end associate
    end function memory_of_statistics
 
@@ -305,7 +306,6 @@ contains
       type(plan_type), intent(in) :: plan
       integer, intent(in) :: every
       real(wp) :: bytes
-      integer, parameter :: kept_draws = 2**15, points = 4096, together = 128
       type(case_pool), allocatable :: pools(:)
       real(wp) :: of_dof, of_draws, of_law
       integer :: n, n_draws, nf, p, stride
@@ -321,11 +321,11 @@ contains
             call plan_draws(d, request%sampler == 'exact', request%correlation_length, n_draws, &
                             stride)
             of_draws = real(n_draws, wp)*(stride + 3*d)
-            of_law = real(min(n_draws, kept_draws), wp)*d*size(pools(p)%cases)
+            of_law = real(min(n_draws, most_kept), wp)*d*size(pools(p)%cases)
          end associate
          of_dof = 0.0_wp
          if (nf > 0) of_dof = real(nf, wp)*(4*n + 2*min(most_features, n)) &
-                              + real(points, wp)*(min(most_landmarks, n) + 4*together)
+                              + real(n_points, wp)*(min(most_landmarks, n) + 4*fitted_together)
          bytes = max(bytes, word*(of_law + max(of_draws, of_dof)))
       end do
       associate (np => size(plan%output%percentiles))

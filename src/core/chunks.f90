@@ -3,7 +3,7 @@ module core_chunks
    use core_kinds, only: long, wp
    implicit none(type, external)
    private
-   public :: chunk_of, stored_bytes
+   public :: chunk_of, frequencies_together, stored_bytes
 
    integer(long), parameter :: chunk_bytes = 2_long**18
    integer(long), parameter :: word_bytes = 8
@@ -37,5 +37,16 @@ contains
       chunk = chunk_of(int(extents, long))
       bytes = word_bytes*product(real(chunk*((extents - 1)/chunk + 1), wp))
    end function stored_bytes
+
+   !> Neighbouring frequencies that a shard keeps together and that are best read together: ranges
+   !> of equal length, with some 320 values for each sample.
+   pure function frequencies_together(n_dof, n_frequencies) result(n)
+      integer, intent(in) :: n_dof, n_frequencies
+      integer :: n
+      integer, parameter :: values_together = 320
+
+      n = (n_frequencies - 1)/max(values_together/n_dof, 1) + 1   ! ranges
+      n = (n_frequencies - 1)/n + 1
+   end function frequencies_together
 
 end module core_chunks

@@ -1,6 +1,7 @@
 !> Visitor of the datasets of a block of samples: writes them into a file of their own, reads them,
 !> adds them to a checksum, or puts them among those of all samples.
 module io_dataset_visitor
+   use core_chunks, only: frequencies_together
    use core_error, only: error_type, exit_file, raise
    use core_kinds, only: long, wp
    use core_text, only: to_text
@@ -9,7 +10,7 @@ module io_dataset_visitor
                       write_part
    implicit none(type, external)
    private
-   public :: dataset_type, dataset_visitor, frequencies_together
+   public :: dataset_type, dataset_visitor
    public :: checks, puts, reads, writes
 
    integer, parameter :: writes = 1, reads = 2, checks = 3, puts = 4   !! what a visitor does
@@ -271,16 +272,5 @@ contains
          label%chunk = [extents(1), frequencies_together(extents(1), extents(2)), extents(3)]
       end if
    end function bare_label
-
-   !> Neighbouring frequencies that a shard keeps together and that are best read together: ranges
-   !> of equal length, with some 320 values for each sample.
-   pure function frequencies_together(n_dof, n_frequencies) result(n)
-      integer, intent(in) :: n_dof, n_frequencies
-      integer :: n
-      integer, parameter :: values_together = 320
-
-      n = (n_frequencies - 1)/max(values_together/n_dof, 1) + 1   ! ranges
-      n = (n_frequencies - 1)/n + 1
-   end function frequencies_together
 
 end module io_dataset_visitor

@@ -18,7 +18,8 @@ module statistics_law
    public :: draws_type, law_type, choose_points, error_share, keep_draws
 
    integer, parameter :: most_with_products = 12   !! inputs
-   integer, parameter :: most_kept = 2**15         !! draws
+   integer, parameter, public :: most_kept = 2**15   !! draws
+   integer, parameter, public :: n_points = 4096     !! that stand for a law
    real(wp), parameter, public :: of_means = 80.0_wp, of_mean_densities = 7.0_wp, &
                                   of_mean_powers = 20.0_wp, of_percentiles = 2.0_wp, &
                                   of_percentiles_along = 8.0_wp   !! efficiencies

@@ -5,7 +5,8 @@ module statistics_scalars
    use core_kinds, only: wp
    use statistics_estimates, only: blend, estimates_type, plain_deviation, plain_mean, &
                                    plain_percentile, stated_error, upward_error
-   use statistics_law, only: choose_points, error_share, law_type, of_means, of_percentiles_along
+   use statistics_law, only: choose_points, error_share, law_type, n_points, of_means, &
+                             of_percentiles_along
    use statistics_pool, only: among_all, pool_type, residual_share
    use statistics_regression, only: law_deviation, law_mean, law_percentile, view_law, view_type
    use statistics_sensitivity, only: find_sensitivity
@@ -14,7 +15,6 @@ module statistics_scalars
    private
    public :: scalar_plain, scalar_type, estimate_scalars, scalar_from, scalar_values
 
-   integer, parameter :: n_points = 4096   !! of a law
    real(wp), parameter :: two_sided = 1.959964_wp
    real(wp), parameter :: right_angle = 2.0_wp*atan(1.0_wp)
 

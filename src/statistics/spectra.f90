@@ -9,8 +9,8 @@ module statistics_spectra
    use numerics_sorting, only: sort_order
    use statistics_estimates, only: blend, estimates_type, plain_mean, plain_percentile, &
                                    stated_error, upward_error
-   use statistics_law, only: choose_points, error_share, law_type, of_mean_densities, &
-                             of_mean_powers, of_percentiles
+   use statistics_law, only: choose_points, error_share, law_type, n_points, &
+                             of_mean_densities, of_mean_powers, of_percentiles
    use statistics_pool, only: among_all, pool_type, residual_share
    use statistics_regression, only: law_mean_of_exponential, law_percentile, view_law, view_type
    use statistics_surrogate, only: fit_outputs, fit_type, learn_kernel, predict, surrogate_type
@@ -18,8 +18,7 @@ module statistics_spectra
    private
    public :: spectrum_plain, spectrum_type, estimate_spectrum, spectrum_from, spectrum_values
 
-   integer, parameter :: n_points = 4096      !! of a law
-   integer, parameter :: together = 128       !! frequencies
+   integer, parameter, public :: together = 128   !! frequencies
    integer, parameter :: choosing = 24        !! frequencies choose the kernel, or a few more
    real(wp), parameter :: share_above = 1.0e-4_wp   !! of the power, left to plain sampling
    real(wp), parameter :: two_sided = 1.959964_wp
