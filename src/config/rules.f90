@@ -103,9 +103,8 @@ contains
                           "must be positive with correlation = 'both'", number=i)
       call reader%require(this%second_length > 0.0_wp, 'process', 'second_length', &
                           "must be positive with correlation = 'both'", number=i)
-      call reader%require(.not. this%positive .and. this%method == 'autoregressive', 'process', &
-                          'correlation', "must be 'L0' or 'L1' but with positive = .false. and "// &
-                          "method = 'autoregressive'", number=i)
+      call reader%require(this%method == 'autoregressive', 'process', 'correlation', &
+                          "must be 'L0' or 'L1' but with method = 'autoregressive'", number=i)
    end subroutine check_both
 
    !> Rules of one method alone.

@@ -266,16 +266,16 @@ contains
    pure function rest_of_gradient(gradient, jacobian) result(rest)
       real(wp), intent(in) :: gradient(:), jacobian(:, :)
       real(wp) :: rest(size(gradient))
-      real(wp) :: along(size(gradient))
+      real(wp) :: along(size(jacobian, 1), size(gradient))   ! rows made orthogonal
       integer :: i, j
 
       rest = gradient
+      along = jacobian
       do i = 1, size(jacobian, 1)   ! Gram-Schmidt, twice: the rows are few
-         along = jacobian(i, :)
          do j = 1, 2*(i - 1)
-            along = along - project(along, jacobian(modulo(j - 1, i - 1) + 1, :))
+            along(i, :) = along(i, :) - project(along(i, :), along(modulo(j - 1, i - 1) + 1, :))
          end do
-         rest = rest - project(rest, along)
+         rest = rest - project(rest, along(i, :))
       end do
 
    contains

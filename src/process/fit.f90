@@ -118,10 +118,9 @@ contains
       character(:), allocatable :: complaint
 
       resolved = request
-      if (request%correlation == 'both' .and. (request%positive .or. &
-                                               request%method == 'direct')) then
+      if (request%correlation == 'both' .and. request%method == 'direct') then
          call raise(error, exit_bad_input, "correlation = 'both': must be 'L0' or 'L1' but "// &
-                    "with positive = .false. and method = 'autoregressive'")
+                    "with method = 'autoregressive'")
          return
       end if
       select case (request%method)

@@ -53,7 +53,7 @@ contains
                     choices='autoregressive direct')
       call visitor%visit(self%method, entry)
       entry = about('correlation', &
-                    'definition of the correlation length, Eq. 8 or 9; both: without sign', &
+                    'definition of the correlation length, Eq. 8 or 9; both: not direct', &
                     choices='L0 L1 both')
       call visitor%visit(self%correlation, entry)
       entry = about('correlation_length', 'one or several; 0: independent values; 1e12 or '// &

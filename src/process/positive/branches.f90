@@ -20,7 +20,7 @@ module process_positive_branches
                                       parameter_family
    use process_positive_first_order, only: find_limit, match_branch
    use process_positive_kernel, only: first_order_law
-   use process_positive_objective, only: n_constraints, new_objective, sampled_objective
+   use process_positive_objective, only: new_objective, sampled_objective
    use process_positive_problem, only: new_problem, sampled_problem
    use process_positive_signs, only: compare_signs
    implicit none(type, external)
@@ -55,8 +55,8 @@ contains
       real(wp) :: limit
       integer :: branch
 
-      if (request%method == 'direct' .or. error%exit_code /= exit_no_solution .or. &
-          .not. request%mean > 0.0_wp) return
+      if (request%method == 'direct' .or. request%correlation == 'both' .or. &
+          error%exit_code /= exit_no_solution .or. .not. request%mean > 0.0_wp) return
       message = error%message
       do branch = 1, merge(2, 1, request%branch == 'any')
          if (branch == 1 .and. request%std >= request%mean) cycle
@@ -259,8 +259,8 @@ contains
          if (allocated(found%metric)) then
             if (size(found%metric, 1) == size(point)) metric = found%metric
          end if
-         call maximize(law, point, n_constraints, branch_difference, acceptable, max_iterations, &
-                       found, metric)
+         call maximize(law, point, law%n_constraints, branch_difference, acceptable, &
+                       max_iterations, found, metric)
          if (found%is_converged .or. law%family%face > 0 .or. law%family%kind == free) return
          associate (room => law%family%room(point))
             p = minloc(room, 1)

@@ -228,6 +228,7 @@ contains
       logical :: is_so
 
       is_so = request%order == 1 .and. request%method == 'autoregressive' .and. &
+              request%correlation /= 'both' .and. &
               (request%sampler == 'sequential' .or. request%sampler == 'exact')
    end function is_first_order
 

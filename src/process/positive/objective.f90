@@ -20,7 +20,6 @@ module process_positive_objective
    private
    public :: sampled_objective, new_objective
 
-   integer, parameter, public :: n_constraints = 2
    integer, parameter :: n_batches = 16*lanes
    real(wp), parameter :: largest_ratio = 20.0_wp   !! std/mean: beyond, chains run away
 
@@ -41,6 +40,7 @@ module process_positive_objective
    type, extends(objective_type) :: sampled_objective
       type(sampled_problem) :: problem
       type(parameter_family) :: family
+      integer :: n_constraints = 2                   !! ratio, length; both: L0 and L1 after it
       real(wp), allocatable :: known(:)              !! (0:n_lags) autocovariance of the companion
       real(wp), allocatable :: signs(:)              !! (0:n_lags) of K(m), by which sums are taken
       integer :: n_burn_in = 0                       !! steps, or sweeps
@@ -93,7 +93,7 @@ contains
       end if
    end subroutine new_objective
 
-   !> Ratio and length relative to what is wanted, then the features that `gain` needs.
+   !> Ratio and length or lengths relative to what is wanted, then the features that `gain` needs.
    subroutine evaluate(self, point, state, is_inside)
       class(sampled_objective), intent(inout) :: self
       real(wp), intent(in) :: point(:)
@@ -119,8 +119,10 @@ contains
                                                      problem%cut, 0.0_wp, 0.0_wp, &
                                                      self%signs(:problem%cut))
          state = [last%moments%ratio/problem%ratio - 1.0_wp, &
-                  merge(cut%l0, cut%l1, problem%correlation == 'L0')/problem%length - 1.0_wp, &
+                  merge(cut%l1, cut%l0, problem%correlation == 'L1')/problem%length - 1.0_wp, &
                   features_of(self)]
+         if (self%n_constraints == 3) &
+            state = [state(:2), cut%l1/problem%second_length - 1.0_wp, state(3:)]
       end associate
    end subroutine evaluate
 
@@ -239,10 +241,10 @@ contains
       real(wp), intent(in) :: from(:), to(:)
       integer :: first, n
 
-      first = n_constraints + 1
+      first = self%n_constraints + 1
       gain = to(first) - from(first)
       if (.not. self%problem%is_exact) return
-      n = (size(from) - n_constraints)/2
+      n = (size(from) - self%n_constraints)/2
       gain = 0.5_wp*dot_product(from(first + n:) + to(first + n:), to(first:first + n - 1) &
                                 - from(first:first + n - 1)) &
              - 0.5_wp*log(to(first + 1)/from(first + 1))
@@ -254,20 +256,22 @@ contains
       class(sampled_objective), intent(in) :: self
       real(wp), allocatable :: rests(:, :)
       real(wp), allocatable :: unused_k(:), unused(:)
-      integer :: n
+      integer :: c, n
 
       associate (from => self%last%moments%rests, g => self%last%g)
          n = merge(ubound(g, 1), 0, self%problem%is_exact)
-         allocate (rests(size(from, 1), n_constraints + merge(2*n + 4, 1, self%problem%is_exact)), &
+         c = self%n_constraints
+         allocate (rests(size(from, 1), c + merge(2*n + 4, 1, self%problem%is_exact)), &
                    source=0.0_wp)
          rests(:, 1) = from(:, 2)/self%problem%ratio
-         rests(:, 2) = from(:, merge(3, 4, self%problem%correlation == 'L0'))/self%problem%length
-         rests(:, 3) = from(:, 5)
+         rests(:, 2) = from(:, merge(4, 3, self%problem%correlation == 'L1'))/self%problem%length
+         if (c == 3) rests(:, 3) = from(:, 4)/self%problem%second_length
+         rests(:, c + 1) = from(:, 5)
          if (.not. self%problem%is_exact) return
-         rests(:, 3) = from(:, 1)
+         rests(:, c + 1) = from(:, 1)
          call estimate_autocovariance(self%last%batches, self%known, n, unused_k, unused, &
-                                      rests(:, 4:n + 4))
-         rests(:, n + 5) = from(:, 1)*(2.0_wp*sum(g) - g(0))
+                                      rests(:, c + 2:c + n + 2))
+         rests(:, c + n + 3) = from(:, 1)*(2.0_wp*sum(g) - g(0))
       end associate
    end function state_rests
 
@@ -296,8 +300,8 @@ contains
    pure real(wp) function length_error(self)
       class(sampled_objective), intent(in) :: self
 
-      length_error = merge(self%last%moments%l0_error, self%last%moments%l1_error, &
-                           self%problem%correlation == 'L0')
+      length_error = merge(self%last%moments%l1_error, self%last%moments%l0_error, &
+                           self%problem%correlation == 'L1')
    end function length_error
 
    !> Back to the first number, for a trial that reads this many.

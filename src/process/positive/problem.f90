@@ -7,7 +7,7 @@ module process_positive_problem
    use core_random, only: stream_type
    use core_text, only: to_text
    use process_autoregressive_description, only: describe_ar
-   use process_autoregressive_fit, only: optimal_reflection
+   use process_autoregressive_fit, only: fit_ar, optimal_reflection
    use process_autoregressive_model, only: autocovariance_of, coefficients_of, innovation_std, &
       reflection_of
    use process_autoregressive_spectral_factor, only: symbol_of_process
@@ -24,9 +24,10 @@ module process_positive_problem
    !> unconstrained process of the wanted length, its companion.
    type :: sampled_problem
       logical :: is_exact = .false.                  !! the law is that of Eq. (25)
-      character(:), allocatable :: correlation       !! 'L0' or 'L1'
+      character(:), allocatable :: correlation       !! 'L0', 'L1' or 'both'
       real(wp) :: ratio = 0.0_wp                     !! std/mean
       real(wp) :: length = 0.0_wp                    !! [lags]
+      real(wp) :: second_length = 0.0_wp             !! both: L1, the other one being L0 [lags]
       integer :: cut = 0                             !! lags of imposed sums, Eq. (11); 0: all
       type(stream_type) :: stream                    !! where the numbers of every trial begin
       real(wp), allocatable :: companion(:)          !! a_q of the companion
@@ -80,6 +81,7 @@ contains
       problem%correlation = request%correlation
       problem%ratio = request%std/request%mean
       problem%length = request%correlation_length
+      problem%second_length = request%second_length
       problem%l0 = sums%l0
       problem%stream = stream
       problem%n_lags = max(size(kappa), memory_of(unconstrained%poles, 1.0e-4_wp))
@@ -140,6 +142,9 @@ contains
          unsigned%positive = .false.
          call fit_direct(unsigned, model)
          if (.not. model%is_solved) call raise(error, exit_no_solution, model%reason)
+      else if (request%correlation == 'both') then
+         call fit_ar(request%correlation, request%correlation_length, request%order, 1.0_wp, model, &
+                     error, request%second_length)
       else
          call optimal_reflection(request%correlation, request%correlation_length, request%order, &
                                  kappa, error)
@@ -156,7 +161,9 @@ contains
 
       text = 'positive process ('//trim(merge('exact     ', 'sequential', self%is_exact))// &
              ' law) with std/mean = '//to_text(self%ratio)//', '//self%correlation//' = '// &
-             to_text(self%length)//', order = '//to_text(order)
+             to_text(self%length)
+      if (self%correlation == 'both') text = text//', '//to_text(self%second_length)
+      text = text//', order = '//to_text(order)
    end function name
 
 end module process_positive_problem

@@ -8,7 +8,7 @@ module process_positive_refinement
    use core_kinds, only: wp
    use numerics_constrained_maximum, only: search_result, step_to_maximum
    use process_autoregressive_model, only: step_up
-   use process_positive_objective, only: n_constraints, sampled_objective
+   use process_positive_objective, only: sampled_objective
    use process_positive_moments, only: estimate_autocovariance
    use process_positive_truncated_normal, only: lanes
    implicit none(type, external)
@@ -43,9 +43,9 @@ contains
       type(shape_spread), intent(out) :: spread
       type(shape_spread) :: trial
       real(wp), allocatable :: moved_state(:), rests(:, :), state(:)
-      real(wp) :: gradient(size(point)), jacobian(n_constraints, size(point)), lengths(2), &
-         moved(size(point)), noise(lanes, size(point), 0:n_constraints)
-      real(wp) :: change(size(point)), multipliers(n_constraints), unused(n_constraints)
+      real(wp) :: gradient(size(point)), jacobian(law%n_constraints, size(point)), lengths(2), &
+         moved(size(point)), noise(lanes, size(point), 0:law%n_constraints)
+      real(wp) :: change(size(point)), multipliers(law%n_constraints), unused(law%n_constraints)
       integer :: i, n
       logical :: is_inside, is_regular
 
@@ -64,12 +64,12 @@ contains
          call law%evaluate(moved, moved_state, is_inside)
          if (.not. is_inside) return
          gradient(i) = law%gain(state, moved_state)/step
-         jacobian(:, i) = (moved_state(:n_constraints) - state(:n_constraints))/step
+         jacobian(:, i) = (moved_state(:law%n_constraints) - state(:law%n_constraints))/step
          noise(:, i, :) = noise_of(law, state, rests, moved_state, law%state_rests())/step
          trial%by_correlation(:, i) = (correlation_of(law) - trial%correlation)/step
          trial%by_length(:, i) = ([law%last%moments%l0, law%last%moments%l1] - lengths)/step
       end do
-      call step_to_maximum(found%metric, jacobian, gradient, state(:n_constraints), change, &
+      call step_to_maximum(found%metric, jacobian, gradient, state(:law%n_constraints), change, &
                            multipliers, is_regular)
       if (.not. is_regular) return
       if (norm2(change) > longest) return
@@ -91,7 +91,7 @@ contains
       type(sampled_objective), intent(in) :: law
       real(wp), intent(in) :: from(:), to(:)                !! (component of a state)
       real(wp), intent(in) :: from_rests(:, :), to_rests(:, :)   !! (batch, component)
-      real(wp) :: noise(lanes, 0:n_constraints)
+      real(wp) :: noise(lanes, 0:law%n_constraints)
       real(wp) :: gain
       integer :: batch, n, run
 
@@ -102,8 +102,8 @@ contains
          run = modulo(batch - 1, lanes) + 1
          noise(run, 0) = noise(run, 0) - gain + law%gain(from + from_rests(batch, :)/n, &
                                                          to + to_rests(batch, :)/n)
-         noise(run, 1:) = noise(run, 1:) + (to_rests(batch, :n_constraints) &
-                                            - from_rests(batch, :n_constraints))/n
+         noise(run, 1:) = noise(run, 1:) + (to_rests(batch, :law%n_constraints) &
+                                            - from_rests(batch, :law%n_constraints))/n
       end do
    end function noise_of
 

@@ -17,7 +17,7 @@ module process_positive_search
    use process_direct_sign_sequence, only: sequence_solution
    use process_model, only: process_request
    use process_positive_family, only: by_symbol, free, law_estimate
-   use process_positive_objective, only: n_constraints, new_objective, sampled_objective
+   use process_positive_objective, only: new_objective, sampled_objective
    use process_positive_moments, only: estimate_autocovariance, positive_moments
    use process_positive_problem, only: new_problem, sampled_problem
    use process_positive_refinement, only: refine, shape_spread
@@ -78,7 +78,7 @@ contains
       point = [0.0_wp, asinh(coordinate)]
       law%n_steps = quick_steps
       call law%settle(point)
-      call maximize(law, point, n_constraints, 1.0e-4_wp, close_enough, 12, found)
+      call maximize(law, point, law%n_constraints, 1.0e-4_wp, close_enough, 12, found)
       ! far from the unconstrained optimum another branch may have the targets too: it is taken only
       ! where the family that is followed from there ends before them
       if (found%violation > close_enough .or. point(1) > farthest) then
@@ -88,7 +88,7 @@ contains
          law%n_steps = limit_steps
          call follow_family(law, point, limit, is_reached)
          if (is_reached) then
-            call maximize(law, point, n_constraints, 1.0e-4_wp, close_enough, 20, found)
+            call maximize(law, point, law%n_constraints, 1.0e-4_wp, close_enough, 20, found)
          else if (far%violation <= close_enough) then
             point = far_point
             found = far
@@ -149,6 +149,7 @@ contains
       law%n_steps = shape_steps
       if (law%family%kind == by_symbol) return
       is_near = point(1) <= farthest
+      if (law%problem%correlation == 'both') law%n_constraints = 3   ! a shape of its own has room
       law%family%factor = merge(exp(point(1)), 1.0_wp, is_near)
       point = [exp(point(1))/law%family%factor*law%family%direction, point(2)]
       law%family%kind = free
@@ -180,8 +181,8 @@ contains
       is_free = strength > feeble
       if (is_free) then
          if (is_near) metric = metric_of(law)
-         call maximize(law, point, n_constraints, step, min(acceptable, stationary*strength), &
-                       max_iterations, found, metric)
+         call maximize(law, point, law%n_constraints, step, &
+                       min(acceptable, stationary*strength), max_iterations, found, metric)
       end if
       if (is_free .and. found%is_converged) then
          call estimate_autocovariance(law%last%batches, law%known, order, &
@@ -200,7 +201,7 @@ contains
       end if
       if (.not. is_free) then
          point = family
-         call maximize(law, point, n_constraints, step, huge(1.0_wp), 1, found)
+         call maximize(law, point, law%n_constraints, step, huge(1.0_wp), 1, found)
       else if (found%is_converged .and. present(spread)) then
          call refine(law, step, point, found, spread)
       end if
@@ -218,7 +219,7 @@ contains
       logical :: is_inside
 
       trial = point
-      call maximize(law, trial, n_constraints, step, tolerance, max_iterations, closer, &
+      call maximize(law, trial, law%n_constraints, step, tolerance, max_iterations, closer, &
                     found%metric)
       if (max(closer%violation, closer%residual) <= max(found%violation, found%residual)) then
          point = trial
@@ -240,7 +241,8 @@ contains
 
       n = size(along)
       along = reflection_of(law%problem%companion)
-      curvature = optimal_curvature(law%problem%correlation, law%problem%length, along)
+      curvature = optimal_curvature(merge('L1', 'L0', law%problem%correlation == 'L1'), &
+                                    law%problem%length, along)
       ! along the constraint's gradient a maximum need not be one
       along = along/norm2(along)
       curvature = curvature + spread(along, 1, n)*spread(along, 2, n)*maxval(abs(curvature))

@@ -16,7 +16,7 @@ module process_positive_sign_search
                                          sequence_signs
    use process_direct_sign_sequence, only: sequence_solution, solve_sequence
    use process_model, only: process_model_type, process_request, process_solution
-   use process_positive_objective, only: n_constraints, sampled_objective
+   use process_positive_objective, only: sampled_objective
    use process_positive_search, only: approach, find_shape
    use process_positive_signs, only: adopt_far_signs, multipliers_of, settle_signs, &
                                    zero_lags
@@ -186,7 +186,7 @@ contains
       call trial%law%find_entropy(trial%solution%entropy, trial%entropy_error)
       ! that of x/std, less what it gains by the targets' errors on these values
       trial%solution%entropy = trial%solution%entropy + log(b0) &
-                               - dot_product(trial%found%multipliers, state(:n_constraints))
+                               - dot_product(trial%found%multipliers, state(:2))
    end subroutine solve_signs
 
    !> By descending entropy.
