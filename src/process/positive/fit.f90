@@ -59,19 +59,20 @@ contains
       else
          if (request%method == 'direct') then
             call search_signs(request, seed, law, point, found, zeros, model, error)
+            if (.not. allocated(error)) &
+               call match_targets(law, request%fit_steps, found, zeros, point, violation, error)
          else
-            call search_all(request, seed, law, point, found, error, spread)
-         end if
-         if (.not. allocated(error)) &
-            call match_targets(law, request%fit_steps, found, zeros, point, violation, error)
-         if (.not. allocated(error)) then
-            if (.not. violation <= missed) then
-               call raise(error, exit_no_solution, law%problem%name(request%order)// &
-                          ': what has the targets on short samples lost them on longer ones')
-            else
-               call describe_sampled(request, law, point, found%multipliers, spread, model, error)
+            call search_shape(request, seed, law, point, found, error, spread)
+            if (.not. allocated(error)) &
+               call match_targets(law, request%fit_steps, found, zeros, point, violation, error)
+            if (allocated(error)) then
+               call continue_search(request, seed, law, point, found, error, spread)
+               if (.not. allocated(error)) &
+                  call match_targets(law, request%fit_steps, found, zeros, point, violation, error)
             end if
          end if
+         if (.not. allocated(error)) &
+            call describe_sampled(request, law, point, found%multipliers, spread, model, error)
          if (.not. allocated(error)) then
             if (allocated(law%last%a)) call compare_laws(request, law, point, model)
             model%optimality = found%residual
@@ -159,9 +160,9 @@ contains
       first_order_has = .not. allocated(refusal)
    end function first_order_has
 
-   !> The largest entropy: in the shape of the unconstrained optimum, then with every coefficient
-   !> free; where that ends, on the branches that go on from order 1.
-   subroutine search_all(request, seed, law, point, found, error, spread)
+   !> The largest entropy in the shape of the unconstrained optimum, then with every coefficient
+   !> free.
+   subroutine search_shape(request, seed, law, point, found, error, spread)
       type(process_request), intent(in) :: request
       integer(long), intent(in) :: seed
       type(sampled_objective), intent(out) :: law
@@ -169,15 +170,27 @@ contains
       type(search_result), intent(out) :: found
       type(error_type), allocatable, intent(out) :: error
       type(shape_spread), intent(out) :: spread
-      real(wp) :: effort
 
       call approach(request, seed, law, point, found, error)
       if (.not. allocated(error)) call find_shape(law, point, found, error, spread)
-      if (.not. allocated(error)) return
+   end subroutine search_shape
+
+   !> The same where that ends, or where more simulated values do not have what few of them have:
+   !> on the branches that go on from order 1.
+   subroutine continue_search(request, seed, law, point, found, error, spread)
+      type(process_request), intent(in) :: request
+      integer(long), intent(in) :: seed
+      type(sampled_objective), intent(inout) :: law
+      real(wp), allocatable, intent(inout) :: point(:)
+      type(search_result), intent(inout) :: found
+      type(error_type), allocatable, intent(inout) :: error   !! of that search; or none
+      type(shape_spread), intent(out) :: spread
+      real(wp) :: effort
+
       effort = law%most_effort
       call search_branches(request, seed, effort, law, point, found, error)
       if (.not. allocated(error)) call refine(law, branch_difference, point, found, spread)
-   end subroutine search_all
+   end subroutine continue_search
 
    !> Signs and multipliers of Eq. (30), and the largest residual of the optimality conditions.
    subroutine name_multipliers(law, violation, model)
@@ -242,19 +255,25 @@ contains
       real(wp), intent(inout) :: point(:)
       real(wp), intent(out) :: violation
       type(error_type), allocatable, intent(out) :: error
-      real(wp) :: excess
+      real(wp) :: bound, excess
 
+      bound = law%most_effort
       law%most_effort = huge(1.0_wp)   ! the search has succeeded, and this is not one
       law%n_steps = merge(fit_steps, final_steps, fit_steps > 0)
       call solve_along(law, point, found%jacobian, found%metric, matched, 20, violation)
       if (allocated(zeros%lags)) call settle_signs(law, point, found, zeros, error)
-      if (fit_steps > 0 .or. allocated(error)) return
+      if (allocated(error)) return
       excess = max(law%last%moments%ratio_error/(ratio_goal*law%problem%ratio), &
                    law%length_error()/(length_goal*law%problem%length))
-      if (excess > 1.0_wp) then
+      if (excess > 1.0_wp .and. fit_steps == 0 .and. violation <= missed) then
          law%n_steps = ceiling(final_steps*min(excess**2, real(most_refinement, wp)))
          call solve_along(law, point, found%jacobian, found%metric, matched, 20, violation)
       end if
+      if (violation <= missed) return
+      law%most_effort = bound
+      call raise(error, exit_no_solution, law%problem%name(ubound(law%last%g, 1))// &
+                 ': the solution meets the targets on few simulated values, not on '// &
+                 to_text(law%n_steps)//' in each batch')
    end subroutine match_targets
 
 end module process_positive_fit
