@@ -143,8 +143,8 @@ contains
          call fit_direct(unsigned, model)
          if (.not. model%is_solved) call raise(error, exit_no_solution, model%reason)
       else if (request%correlation == 'both') then
-         call fit_ar(request%correlation, request%correlation_length, request%order, 1.0_wp, model, &
-                     error, request%second_length)
+         call fit_ar(request%correlation, request%correlation_length, request%order, 1.0_wp, &
+                     model, error, request%second_length)
       else
          call optimal_reflection(request%correlation, request%correlation_length, request%order, &
                                  kappa, error)
