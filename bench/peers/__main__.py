@@ -3,8 +3,8 @@
     cmake --build --preset release --target benchmarks
     python bench/peers build/release/bin/bench_dynamics
 
-Needs numpy; scipy, numba and openseespy (pip), and compilers and SUNDIALS (Debian: g++, gcc,
-libsundials-dev) for the lines that they give; a line whose tool is missing says so.
+Needs numpy; scipy, numba, openseespy and heyoka (pip), and compilers and SUNDIALS (Debian: g++,
+gcc, libsundials-dev) for the lines that they give; a line whose tool is missing says so.
 
 All march one sample of the paper's chain, the first steps of two histories that were computed in
 extended precision (tests/reference/dynamics). The error is the largest over the masses: rms error
@@ -62,12 +62,21 @@ def cvode() -> Callable[[Problem, str], Result]:
     return compiled("cvode.c", *(f"-lsundials_{name}" for name in names))
 
 
+def heyoka() -> Callable[[Problem, str], Result]:
+    """The march of heyoka.py, where it is installed."""
+    from heyoka_march import march
+
+    return march
+
+
 PEERS: list[tuple[str, int, Callable[[], Callable[[Problem, str], Result]], str]] = [
     ("scalar C++ Newmark, 15 halvings", 20000, lambda: compiled("newmark.cpp"), "15"),
     ("scalar C++ Newmark, 3 halvings", 20000, lambda: compiled("newmark.cpp"), "3"),
     ("numba Newmark, 15 halvings", 20000, lambda: marches.numba_newmark, "15"),
     ("CVODE Adams, roots, rtol 1e-6", 20000, cvode, "1e-6"),
     ("CVODE Adams, roots, rtol 1e-9", 20000, cvode, "1e-9"),
+    ("heyoka.py batch of 8, tol 1e-6", 20000, heyoka, "1e-6"),
+    ("heyoka.py batch of 8, tol 1e-9", 20000, heyoka, "1e-9"),
     ("OpenSees Newmark, return mapping", 20000, lambda: marches.opensees, "1"),
     ("OpenSees Newmark, dt/8", 4000, lambda: marches.opensees, "8"),
     ("scipy DOP853, events, rtol 1e-6", 600, lambda: marches.scipy_events, "1e-6"),
@@ -76,7 +85,7 @@ PEERS: list[tuple[str, int, Callable[[], Callable[[Problem, str], Result]], str]
 
 def ours(program: str, folder: Path, case: str) -> dict[str, list[float]]:
     """Rows of our own bench for a case: [ns, rms error, slip error in points] of each setting."""
-    lines = output_of(program, folder).splitlines()
+    lines = output_of(program, folder, "settings").splitlines()
     rows = [line.split() for line in lines if line.startswith(case)]
     return {
         " ".join(row[1:-5]): [float(row[-5]), float(row[-4]), 100 * float(row[-3])] for row in rows
