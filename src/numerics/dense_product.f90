@@ -17,6 +17,7 @@ module numerics_dense_product
       integer :: n_fours = 0
       real(wp), allocatable :: value(:, :, :)   !! (row of the four, column, four)
       integer, allocatable :: all_columns(:, :) !! (entry, group) 1, 2, ...
+      integer :: n_all(groups) = 0              !! entries
    contains
       procedure :: multiply
       procedure :: multiply_add
@@ -39,6 +40,7 @@ contains
 
       packed%n_fours = padded_rows(size(a, 1))/rows_together
       packed%all_columns = spread([(j, j=1, size(a, 2))], 2, groups)
+      packed%n_all = size(a, 2)
       allocate (packed%value(rows_together, size(a, 2), packed%n_fours), source=0.0_wp)
       do q = 1, packed%n_fours
          do r = 1, min(rows_together, size(a, 1) - rows_together*(q - 1))
@@ -59,8 +61,7 @@ contains
       if (present(columns)) then
          call add_rows(self, columns, n_columns, .false., x, y)
       else
-         call add_rows(self, self%all_columns, spread(size(self%value, 2), 1, groups), .false., &
-                       x, y)
+         call add_rows(self, self%all_columns, self%n_all, .false., x, y)
       end if
    end subroutine multiply
 
@@ -76,7 +77,7 @@ contains
       if (present(columns)) then
          call add_rows(self, columns, n_columns, .true., x, y)
       else
-         call add_rows(self, self%all_columns, spread(size(self%value, 2), 1, groups), .true., x, y)
+         call add_rows(self, self%all_columns, self%n_all, .true., x, y)
       end if
    end subroutine multiply_add
 

@@ -347,7 +347,7 @@ contains
       class(modal_form), intent(inout) :: self
       integer :: k
 
-      call self%sliders%list_moved()
+      if (any(self%sliders%has_switched)) call self%sliders%list_moved()
       associate (sliders => self%sliders, last => self%operators%n_moments)
          do k = 0, merge(last, 0, self%operators%decouples)
             call self%operators%push%multiply(sliders%moments(:, :, k), self%taken(:, :, k), &
