@@ -13,6 +13,7 @@ module numerics_sparse
       real(wp), allocatable :: value(:)    !! (entry)
    contains
       procedure :: add_row
+      procedure :: multiply
       procedure :: row_times
       procedure :: row_of_entries
    end type sparse_matrix
@@ -40,6 +41,31 @@ contains
       end do
       sparse%start(size(full, 1) + 1) = n + 1
    end function sparse_of
+
+   !> y = A x.
+   pure subroutine multiply(self, x, y)
+      class(sparse_matrix), intent(in) :: self
+      real(wp), intent(in), contiguous :: x(:)      !! (column)
+      real(wp), intent(inout), contiguous :: y(:)   !! (row)
+
+      call put_products(self%n_rows, self%start, self%column, self%value, x, y)
+   end subroutine multiply
+
+   pure subroutine put_products(n_rows, start, column, value, x, y)
+      integer, intent(in) :: n_rows, start(n_rows + 1), column(*)
+      real(wp), intent(in) :: value(*), x(*)
+      real(wp), intent(inout) :: y(n_rows)
+      real(wp) :: total
+      integer :: i, k
+
+      do i = 1, n_rows
+         total = 0.0_wp
+         do k = start(i), start(i + 1) - 1
+            total = total + value(k)*x(column(k))
+         end do
+         y(i) = total
+      end do
+   end subroutine put_products
 
    !> Product of one row with a vector.
    pure real(wp) function row_times(self, row, vector) result(total)

@@ -121,7 +121,8 @@ contains
       integer, intent(in) :: l, w
       type(newmark_block), intent(inout) :: block
       integer(long), intent(out) :: has_passed
-      real(wp), dimension(size(block%motion, 1)) :: a, load
+      real(wp), dimension(size(block%motion, 1)) :: a, load, pull
+      real(wp), dimension(block%n_joints) :: place, velocity
       real(wp) :: lag, missing, share
       integer :: i, j, m
 
@@ -139,10 +140,9 @@ contains
             m = m + merge(0, 1, bounds(j, 4) > 0.0_wp)
          end do
          a(:n) = old(:n, 2) + lag*old(:n, 1)
-         do i = 1, n
-            load(i) = system%mass%row_times(i, old(:, 1))/system%gamma &
-                      - h*system%stiffness%row_times(i, a)
-         end do
+         call system%mass%multiply(old(:, 1), load)
+         call system%stiffness%multiply(a, pull)
+         load(:n) = load(:n)/system%gamma - h*pull(:n)
          load(:n) = load(:n) &
                     + level%share*matmul(block%frame%structure%load, block%change_of_force(w))
          do i = 1, m
@@ -155,10 +155,12 @@ contains
          new(:n, 2) = old(:n, 2) + weight(1)*old(:n, 1) + weight(2)*new(:n, 1)
          new(:n, 3) = old(:n, 3) + weight(3)*old(:n, 2) + weight(4)*old(:n, 1) &
                       + weight(5)*new(:n, 1)
+         call w_%multiply(new(:, 3), place)
+         call w_%multiply(new(:, 2), velocity)
          has_passed = 0
          do j = 1, block%n_joints
-            if (abs(w_%row_times(j, new(:, 3)) - bounds(j, 1)) > bounds(j, 2) .or. &
-                bounds(j, 3)*w_%row_times(j, new(:, 2)) < 0.0_wp) has_passed = 1
+            if (abs(place(j) - bounds(j, 1)) > bounds(j, 2) .or. &
+                bounds(j, 3)*velocity(j) < 0.0_wp) has_passed = 1
          end do
       end associate
    end subroutine try_woodbury
