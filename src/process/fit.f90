@@ -10,7 +10,7 @@ module process_fit
    use process_direct_sign_search, only: search_result
    use process_gaussian, only: burn_in_length, widest_margin
    use process_model, only: process_model_type, process_request
-   use process_order, only: choose_order
+   use process_order, only: choose_order, fit_positive_order
    use process_positive_fit, only: fit_positive, foresee_positive
    use process_reference, only: fit_reference, is_reference
    use process_scaling, only: carry_over, unit_request
@@ -35,7 +35,9 @@ contains
       end if
       call resolve_order(unit_request(request), resolved, error)
       if (.not. allocated(error)) then
-         if (request%positive) then
+         if (request%positive .and. request%order == 0) then
+            call fit_positive_order(unit_request(request), resolved%order, seed, model)
+         else if (request%positive) then
             call fit_positive(resolved, seed, model)
          else if (request%method == 'direct') then
             call fit_direct(resolved, model)

@@ -13,15 +13,16 @@
 !> cut at m_max those of the direct method, whose orders begin with the first that is feasible.
 module process_order
    use core_error, only: error_type, exit_bad_input, exit_no_solution, raise
-   use core_kinds, only: wp
+   use core_kinds, only: long, wp
    use core_text, only: to_text
    use process_autoregressive_fit, only: fit_ar
    use process_direct_fit, only: fit_direct
    use process_direct_limits, only: certainly_infeasible_m_max
    use process_model, only: process_model_type, process_request
+   use process_positive_fit, only: fit_positive
    implicit none(type, external)
    private
-   public :: choose_order, least_gain
+   public :: choose_order, fit_positive_order, least_gain
 
    real(wp), parameter :: least_gain = 1.0e-3_wp   !! of entropy by one more order [nat per point]
 
@@ -68,6 +69,48 @@ contains
          model = higher
       end do
    end subroutine choose_order
+
+   !> A positive process whose order is to be found, from that of the process of any sign on: its own
+   !> length decides which orders keep the bounds. Refused where none beside those tried does.
+   subroutine fit_positive_order(request, first_order, seed, model)
+      type(process_request), intent(in) :: request   !! its order is 0
+      integer, intent(in) :: first_order
+      integer(long), intent(in) :: seed
+      type(process_model_type), intent(out) :: model
+      type(process_model_type), allocatable :: best
+      type(process_request) :: trial
+      type(error_type), allocatable :: error
+      integer :: step, way
+
+      trial = request
+      trial%order = first_order
+      call fit_positive(trial, seed, model)
+      if (.not. model%is_solved .or. .not. bound_of(request) > 0.0_wp) return
+      step = 0
+      do
+         if (.not. has_begun(request, model)) then
+            way = 1
+         else if (.not. is_within(request, model)) then
+            way = -1
+         else
+            best = model
+            way = merge(1, -1, limits_drift(request))
+         end if
+         if (way == -step) exit
+         step = way
+         trial%order = trial%order + step
+         if (trial%order < 1 .or. trial%order > request%max_order) exit
+         call fit_positive(trial, seed, model)
+         if (.not. model%is_solved) exit
+      end do
+      if (allocated(best)) then
+         model = best
+      else if (model%is_solved) then
+         call refuse_bound(request, model%order, model, error)
+         model%is_solved = .false.
+         model%reason = error%message
+      end if
+   end subroutine fit_positive_order
 
    !> Order 1, or the direct method's first feasible m_max.
    subroutine fit_lowest(request, order, model, error)
@@ -170,10 +213,9 @@ contains
                   limits_drift(request) .and. .not. request%upper_bound > 0.0_wp
       if (has_begun) return
       if (request%correlation == 'L0') then
-         has_begun = keeps(other_length(request, model), bound_of(request), huge(1.0_wp))
+         has_begun = keeps(request, model, bound_of(request), huge(1.0_wp))
       else
-         has_begun = keeps(other_length(request, model), 0.0_wp, &
-                           max(bound_of(request), request%upper_bound))
+         has_begun = keeps(request, model, 0.0_wp, max(bound_of(request), request%upper_bound))
       end if
    end function has_begun
 
@@ -185,19 +227,25 @@ contains
       is_within = .not. (bound_of(request) > 0.0_wp .and. limits_drift(request))
       if (is_within) return
       if (request%correlation == 'L0') then
-         is_within = keeps(other_length(request, model), 0.0_wp, &
-                           max(bound_of(request), request%upper_bound))
+         is_within = keeps(request, model, 0.0_wp, max(bound_of(request), request%upper_bound))
       else
-         is_within = keeps(other_length(request, model), bound_of(request), huge(1.0_wp))
+         is_within = keeps(request, model, bound_of(request), huge(1.0_wp))
       end if
    end function is_within
 
-   !> A bound equal to the length itself is kept.
-   pure logical function keeps(length, low, high)
-      real(wp), intent(in) :: length, low, high
-      real(wp), parameter :: slack = 1.0e-9_wp
+   !> True if the other length is between two; so is one that equals a bound, within its error.
+   pure logical function keeps(request, model, low, high)
+      type(process_request), intent(in) :: request
+      type(process_model_type), intent(in) :: model
+      real(wp), intent(in) :: low, high
+      real(wp), parameter :: slack = 1.0e-9_wp, errors = 2.0_wp
+      real(wp) :: error
 
-      keeps = length >= (1.0_wp - slack)*low .and. length - high <= slack*high
+      error = errors*merge(model%l1_error, model%l0_error, request%correlation == 'L0')
+      associate (length => other_length(request, model))
+         keeps = length + error >= (1.0_wp - slack)*low .and. &
+                 length - error - high <= slack*high
+      end associate
    end function keeps
 
    !> The length that is not imposed.
