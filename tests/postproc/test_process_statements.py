@@ -96,6 +96,16 @@ def test_positive_processes(apart, verdict):
     assert process_statements.positive_processes(file_of(*found)).verdict == verdict
 
 
+def test_the_papers_own_law_decides_on_positive_processes():
+    """Values rejected one at a time; the law of Eq. 25 is another one."""
+    found = family(lengths=(3.0,))
+    near = process(3.0, 6, 0.5**LAGS, method="autoregressive", positive=1, mean=2.0)
+    far = process(3.0, 6, 0.7**LAGS, method="autoregressive", positive=1, mean=2.0)
+    exact = far.assign_attrs(sampler="exact")
+    assert process_statements.positive_processes(file_of(*found, near, exact)).verdict == YES
+    assert process_statements.positive_processes(file_of(*found, near, far)).verdict == NO
+
+
 def test_positive_processes_stand_beside_those_of_their_own_method():
     """The direct method sums to m_max: its K is not that of the autoregressive process."""
     found = family(lengths=(1.0,))
