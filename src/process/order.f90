@@ -70,8 +70,8 @@ contains
       end do
    end subroutine choose_order
 
-   !> A positive process whose order is to be found, from that of the process of any sign on: its own
-   !> length decides which orders keep the bounds. Refused where none beside those tried does.
+   !> Fits a positive process whose order is to be found, from that of the process of any sign on:
+   !> its own length decides which orders keep the bounds. Refused where none of those tried does.
    subroutine fit_positive_order(request, first_order, seed, model)
       type(process_request), intent(in) :: request   !! its order is 0
       integer, intent(in) :: first_order
