@@ -62,16 +62,18 @@ contains
       type(sequence_solution), allocatable :: found(:)
       type(sequence_solution) :: solution
       type(sequence_bound) :: bound
+      integer, allocatable :: positions(:)
       integer :: signs(size(constraint%rewarded))
       integer(long) :: first, index, longer, n
 
       n = count_sequences(constraint)
+      positions = searched_positions(constraint)
       if (present(known)) call bound%prepare(constraint, known)
       allocate (found(0))
       longer = modulo(n, int(n_parts, long))   ! parts that have one sequence more
       first = n/n_parts*(part - 1) + min(int(part - 1, long), longer)
       do index = first, first + n/n_parts - merge(0, 1, part <= longer)
-         signs = sequence_signs(constraint, index)
+         signs = signs_at(positions, index, size(signs))
          result%n_examined = result%n_examined + 1
          if (present(known)) then
             if (bound%excludes(signs)) then
@@ -241,15 +243,22 @@ contains
       type(length_constraint), intent(in) :: constraint
       integer(long), intent(in) :: index
       integer :: signs(size(constraint%rewarded))
-      integer, allocatable :: positions(:)
+
+      signs = signs_at(searched_positions(constraint), index, size(signs))
+   end function sequence_signs
+
+   pure function signs_at(positions, index, n) result(signs)
+      integer, intent(in) :: positions(:)   !! that are searched
+      integer(long), intent(in) :: index
+      integer, intent(in) :: n
+      integer :: signs(n)
       integer :: bit
 
-      positions = searched_positions(constraint)
       signs = 1
       do bit = 0, size(positions) - 1
          if (btest(index, bit)) signs(positions(size(positions) - bit)) = -1
       end do
-   end function sequence_signs
+   end function signs_at
 
    !> By descending entropy, equal ones by their numbers; only the best are kept.
    pure subroutine sort_and_cut(solutions)
