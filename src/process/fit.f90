@@ -36,7 +36,7 @@ contains
       call resolve_order(unit_request(request), resolved, error)
       if (.not. allocated(error)) then
          if (request%positive .and. request%order == 0) then
-            call fit_positive_order(unit_request(request), resolved%order, seed, model)
+            call fit_positive_order(resolved, seed, model)
          else if (request%positive) then
             call fit_positive(resolved, seed, model)
          else if (request%method == 'direct') then

@@ -72,9 +72,8 @@ contains
 
    !> Fits a positive process whose order is to be found, from that of the process of any sign on:
    !> its own length decides which orders keep the bounds. Refused where none of those tried does.
-   subroutine fit_positive_order(request, first_order, seed, model)
-      type(process_request), intent(in) :: request   !! its order is 0
-      integer, intent(in) :: first_order
+   subroutine fit_positive_order(request, seed, model)
+      type(process_request), intent(in) :: request   !! with the order to begin with
       integer(long), intent(in) :: seed
       type(process_model_type), intent(out) :: model
       type(process_model_type), allocatable :: best
@@ -83,7 +82,6 @@ contains
       integer :: step, way
 
       trial = request
-      trial%order = first_order
       call fit_positive(trial, seed, model)
       if (.not. model%is_solved .or. .not. bound_of(request) > 0.0_wp) return
       step = 0

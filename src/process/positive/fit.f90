@@ -59,17 +59,15 @@ contains
       else
          if (request%method == 'direct') then
             call search_signs(request, seed, law, point, found, zeros, model, error)
-            if (.not. allocated(error)) &
-               call match_targets(law, request%fit_steps, found, zeros, point, violation, error)
          else
             call search_shape(request, seed, law, point, found, error, spread)
+         end if
+         if (.not. allocated(error)) &
+            call match_targets(law, request%fit_steps, found, zeros, point, violation, error)
+         if (allocated(error) .and. request%method /= 'direct') then
+            call continue_search(request, seed, law, point, found, error, spread)
             if (.not. allocated(error)) &
                call match_targets(law, request%fit_steps, found, zeros, point, violation, error)
-            if (allocated(error)) then
-               call continue_search(request, seed, law, point, found, error, spread)
-               if (.not. allocated(error)) &
-                  call match_targets(law, request%fit_steps, found, zeros, point, violation, error)
-            end if
          end if
          if (.not. allocated(error)) &
             call describe_sampled(request, law, point, found%multipliers, spread, model, error)
