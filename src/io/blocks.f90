@@ -24,6 +24,7 @@ contains
       w%file = file
       w%group = '/'
       w%n = block%n_samples
+      w%n_all = w%n
       call visit_short(w, block)
       call visit_long(w, block)
       if (allocated(w%error)) call move_alloc(w%error, error)
@@ -226,6 +227,7 @@ contains
             kind(first:last) = lists(i)%kind(:lists(i)%n)
          end do
       end associate
+      w%n_all = w%n
       if (present(rows)) then
          w%before = rows
          w%n_all = n_rows

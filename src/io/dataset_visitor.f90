@@ -6,8 +6,7 @@ module io_dataset_visitor
    use core_kinds, only: long, wp
    use core_text, only: to_text
    use io_checksum, only: checksum_type
-   use io_hdf5, only: hdf5_file, label_type, make_dataset, read_extent, read_part, write_dataset, &
-                      write_part
+   use io_hdf5, only: hdf5_file, label_type, make_dataset, read_extent, read_part, write_part
    implicit none(type, external)
    private
    public :: dataset_type, dataset_visitor
@@ -165,14 +164,12 @@ contains
       first = 1
       first(rank(values)) = self%before + 1
       select case (self%deed)
-      case (writes)
-         call write_dataset(self%file, path, values, bare_label(what, shape(values)), self%error)
       case (reads)
          call read_part(self%file, path, first, values, self%error)
       case (checks)
          call self%checksum%add(trim(what%name))
          call self%checksum%add(values)
-      case (puts)
+      case (writes, puts)
          call make_room(self, what, 0.0_wp, shape(values))
          if (.not. allocated(self%error)) &
             call write_part(self%file, path, first, values, self%error)
@@ -190,14 +187,12 @@ contains
       first = 1
       first(rank(values)) = self%before + 1
       select case (self%deed)
-      case (writes)
-         call write_dataset(self%file, path, values, bare_label(what, shape(values)), self%error)
       case (reads)
          call read_part(self%file, path, first, values, self%error)
       case (checks)
          call self%checksum%add(trim(what%name))
          call self%checksum%add(values)
-      case (puts)
+      case (writes, puts)
          call make_room(self, what, 0, shape(values))
          if (.not. allocated(self%error)) &
             call write_part(self%file, path, first, values, self%error)
@@ -215,21 +210,20 @@ contains
       first = 1
       first(rank(values)) = self%before + 1
       select case (self%deed)
-      case (writes)
-         call write_dataset(self%file, path, values, bare_label(what, shape(values)), self%error)
       case (reads)
          call read_part(self%file, path, first, values, self%error)
       case (checks)
          call self%checksum%add(trim(what%name))
          call self%checksum%add(values)
-      case (puts)
+      case (writes, puts)
          call make_room(self, what, 0_long, shape(values))
          if (.not. allocated(self%error)) &
             call write_part(self%file, path, first, values, self%error)
       end select
    end subroutine act_on_longs
 
-   !> The dataset of all samples, where it is not there yet.
+   !> Makes the dataset where it is not there yet. In a block's own file it has no axes, and spectra
+   !> are cut into ranges of frequencies, which is how statistics read them.
    subroutine make_room(self, what, mold, extents)
       class(dataset_visitor), intent(inout) :: self
       type(dataset_type), intent(in) :: what
@@ -241,9 +235,14 @@ contains
       if (self%file%has(path_of(self, what))) return
       label%units = trim(what%units)
       label%long_name = trim(what%about)
-      label%axes = trim(what%axes)
-      last = index(label%axes, ' ', back=.true.)
-      if (label%axes(last + 1:) == 'kept') label%axes = label%axes(:last)//self%dof
+      label%axes = ''
+      if (self%deed == puts) then
+         label%axes = trim(what%axes)
+         last = index(label%axes, ' ', back=.true.)
+         if (label%axes(last + 1:) == 'kept') label%axes = label%axes(:last)//self%dof
+      else if (what%name == 'psd') then
+         label%chunk = [extents(1), frequencies_together(extents(1), extents(2)), extents(3)]
+      end if
       call make_dataset(self%file, path_of(self, what), mold, &
                         [extents(:size(extents) - 1), self%n_all], label, self%error)
    end subroutine make_room
@@ -257,20 +256,5 @@ contains
       path = trim(what%name)
       if (allocated(self%group)) path = self%group//path
    end function path_of
-
-   !> Label of a dataset in a block's own file: without axes, and with spectra cut into ranges of
-   !> frequencies, which is how statistics read them.
-   pure function bare_label(what, extents) result(label)
-      type(dataset_type), intent(in) :: what
-      integer, intent(in) :: extents(:)
-      type(label_type) :: label
-
-      label%units = trim(what%units)
-      label%long_name = trim(what%about)
-      label%axes = ''
-      if (what%name == 'psd') then
-         label%chunk = [extents(1), frequencies_together(extents(1), extents(2)), extents(3)]
-      end if
-   end function bare_label
 
 end module io_dataset_visitor

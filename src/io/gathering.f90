@@ -64,14 +64,16 @@ contains
          call open_hdf5(shards(i)%path, file, error)
          if (allocated(error)) return
          call read_extent(file, '/transition_sample', 1, n_rows, error)
-         if (.not. allocated(error)) then
+         if (.not. allocated(error) .and. &
+             shards(i)%first_sample + shards(i)%n_samples - 1 > n_samples) then   ! it is cut
             allocate (sample(n_rows(1)))
             call read_dataset(file, '/transition_sample', sample, error)
+            n_rows = count(sample <= n_samples)
+            deallocate (sample)
          end if
          call file%abandon()
          if (allocated(error)) return
-         n_transitions = n_transitions + count(sample <= n_samples)
-         deallocate (sample)
+         n_transitions = n_transitions + int(n_rows(1))
       end do
    end subroutine count_transitions
 
