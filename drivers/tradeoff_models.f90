@@ -76,7 +76,7 @@ contains
       character(:), allocatable :: text
 
       associate (request => variant%request)
-         text = numbered('p', variant%process)//', '//request%correlation//' = '// &
+         text = numbered('p', variant%process)//', '//trim(request%correlation)//' = '// &
                 brief(request%correlation_length)//', std '//brief(request%std)//': other '// &
                 trim(merge('lengths of its fit', 'orders            ', variant%is_of_fit))// &
                 line_feed//'  order fit     fit [s] mean slip [points] std of slip       '// &

@@ -68,31 +68,21 @@ contains
       integer, allocatable :: orders(:)
       integer :: i, j, k
 
-      process%method = trim(group%method)
-      process%correlation = trim(group%correlation)
-      process%second_length = merge(group%second_length, 0.0_wp, process%correlation == 'both')
-      process%bound_l0 = group%bound_l0(1)
-      process%bound_l1 = group%bound_l1(1)
-      process%upper_bound = max(maxval(group%bound_l0(2:)), maxval(group%bound_l1(2:)), 0.0_wp)
-      process%bound_side = group%bound_side
-      process%max_order = group%max_order
-      process%all_signs = group%all_signs
-      process%inversion_half_width = merge(0, group%inversion_half_width, group%positive)
-      process%simulation = group%simulation
-      process%branch = group%branch
-      process%fit_steps = group%fit_steps
-      process%mean = group%mean
-      process%positive = group%positive
-      process%sampler = trim(group%sampler)
+      process = group%shared
+      if (process%correlation /= 'both') process%second_length = 0.0_wp
+      if (process%positive) process%inversion_half_width = 0
+      process%bound_l0 = group%range_l0(1)
+      process%bound_l1 = group%range_l1(1)
+      process%upper_bound = max(maxval(group%range_l0(2:)), maxval(group%range_l1(2:)), 0.0_wp)
       if (group%values /= '') process%method = 'values'
-      do i = 1, size(group%correlation_length)
-         process%correlation_length = group%correlation_length(i)
-         orders = group%order
-         if (group%pairing == 'zip' .and. size(orders) > 1) orders = group%order(i:i)
+      do i = 1, size(group%lengths)
+         process%correlation_length = group%lengths(i)
+         orders = group%orders
+         if (group%pairing == 'zip' .and. size(orders) > 1) orders = group%orders(i:i)
          do j = 1, size(orders)
             process%order = orders(j)
-            do k = 1, size(group%std)
-               process%std = group%std(k)
+            do k = 1, size(group%stds)
+               process%std = group%stds(k)
                reference = process
                if (is_reference(reference)) then   ! has neither order nor sampler
                   reference%order = 1

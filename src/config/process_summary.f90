@@ -41,10 +41,10 @@ contains
             order = to_text(p%order)
             if (p%order == 0) order = 'chosen'
             law = 'any sign'
-            if (p%positive) law = p%sampler
+            if (p%positive) law = trim(p%sampler)
             if (is_reference(p)) law = law_name(p)
-            text = text//padded(numbered('p', i), 9)//padded(p%method, 15)// &
-                   padded(p%correlation//' = '//brief(p%correlation_length)//second(p), 13)// &
+            text = text//padded(numbered('p', i), 9)//padded(trim(p%method), 15)// &
+                   padded(trim(p%correlation)//' = '//brief(p%correlation_length)//second(p), 13)// &
                    padded(order, 7)//padded(brief(p%mean), 7)//padded(brief(p%std), 8)
          end associate
          if (present(foreseen)) law = padded(law, 11)//verdict(foreseen(i))

@@ -48,8 +48,8 @@ contains
       integer, intent(in) :: i
       type(reader_type), intent(inout) :: reader
 
-      associate (this => scene%processes(i), n_orders => size(scene%processes(i)%order), &
-                 n_lengths => size(scene%processes(i)%correlation_length))
+      associate (this => scene%processes(i), n_orders => size(scene%processes(i)%orders), &
+                 n_lengths => size(scene%processes(i)%lengths))
          if (reader%was_given('process', 'order', i)) then
             if (n_orders > 0 .and. n_lengths > 0) &
                call reader%require(this%pairing /= 'zip' .or. any(n_orders == [1, n_lengths]), &
@@ -57,23 +57,23 @@ contains
                                    'lengths, or one for each of the '//to_text(n_lengths)// &
                                    ", with pairing = 'zip'", number=i)
          else
-            call reader%require(this%method /= 'direct', 'process', 'order', &
+            call reader%require(this%shared%method /= 'direct', 'process', 'order', &
                                 "must be given with method = 'direct'", number=i)
             call reader%require(this%pairing /= 'product', 'process', 'order', &
                                 "must be given with pairing = 'product'", number=i)
          end if
-         call reader%require(this%correlation == 'L1' .or. all(this%bound_l0 <= 0.0_wp), &
+         call reader%require(this%shared%correlation == 'L1' .or. all(this%range_l0 <= 0.0_wp), &
                              'process', 'bound_l0', 'must be absent with L0 imposed', number=i)
-         call reader%require(this%correlation == 'L0' .or. all(this%bound_l1 <= 0.0_wp), &
+         call reader%require(this%shared%correlation == 'L0' .or. all(this%range_l1 <= 0.0_wp), &
                              'process', 'bound_l1', 'must be absent with L1 imposed', number=i)
-         call require_range(this%bound_l0, 'bound_l0', i, reader)
-         call require_range(this%bound_l1, 'bound_l1', i, reader)
-         if (this%correlation == 'both') call check_both(this, i, reader)
+         call require_range(this%range_l0, 'bound_l0', i, reader)
+         call require_range(this%range_l1, 'bound_l1', i, reader)
+         if (this%shared%correlation == 'both') call check_both(this, i, reader)
          call check_direct(this, i, reader)
          if (reader%was_given('process', 'mean', i)) &
-            call reader%require(.not. this%positive .or. this%mean > 0.0_wp, 'process', 'mean', &
+            call reader%require(.not. this%shared%positive .or. this%shared%mean > 0.0_wp, 'process', 'mean', &
                                 'must be positive with positive = .true.', number=i)
-         call reader%require(this%positive .or. .not. scene%runs_samples(), 'process', 'positive', &
+         call reader%require(this%shared%positive .or. .not. scene%runs_samples(), 'process', 'positive', &
                              'must be .true. with motion: no friction coefficient is negative', &
                              number=i)
       end associate
@@ -99,11 +99,11 @@ contains
       integer, intent(in) :: i
       type(reader_type), intent(inout) :: reader
 
-      call reader%require(all(this%correlation_length > 0.0_wp), 'process', 'correlation_length', &
+      call reader%require(all(this%lengths > 0.0_wp), 'process', 'correlation_length', &
                           "must be positive with correlation = 'both'", number=i)
-      call reader%require(this%second_length > 0.0_wp, 'process', 'second_length', &
+      call reader%require(this%shared%second_length > 0.0_wp, 'process', 'second_length', &
                           "must be positive with correlation = 'both'", number=i)
-      call reader%require(this%method == 'autoregressive', 'process', 'correlation', &
+      call reader%require(this%shared%method == 'autoregressive', 'process', 'correlation', &
                           "must be 'L0' or 'L1' but with method = 'autoregressive'", number=i)
    end subroutine check_both
 
@@ -114,13 +114,13 @@ contains
       type(reader_type), intent(inout) :: reader
       integer, parameter :: highest_ar_order = 200
 
-      if (.not. allocated(this%order)) return
-      if (this%method == 'direct') then
-         call reader%require(this%inversion_half_width == 0 .or. &
-                             all(this%inversion_half_width >= this%order), 'process', &
+      if (.not. allocated(this%orders)) return
+      if (this%shared%method == 'direct') then
+         call reader%require(this%shared%inversion_half_width == 0 .or. &
+                             all(this%shared%inversion_half_width >= this%orders), 'process', &
                              'inversion_half_width', 'must be 0 or at least order', number=i)
       else
-         call reader%require(all(this%order <= highest_ar_order), 'process', 'order', &
+         call reader%require(all(this%orders <= highest_ar_order), 'process', 'order', &
                              'must be at most '//to_text(highest_ar_order)// &
                              ", but with method = 'direct'", number=i)
       end if
@@ -164,7 +164,7 @@ contains
 
       if (.not. scene%runs_deterministic() .or. reader%was_given('chain', 'friction') .or. &
           scene%has_structure) return
-      associate (means => scene%processes%mean)
+      associate (means => scene%processes%shared%mean)
          call reader%require(size(means) > 0, 'chain', 'friction', &
                              'must be given: there is no &process whose mean it could take')
          if (size(means) == 0) return
@@ -250,8 +250,8 @@ contains
    pure integer(long) function n_processes(process)
       type(process_group), intent(in) :: process
 
-      n_processes = size(process%correlation_length, kind=long)*size(process%std)
-      if (process%pairing == 'product') n_processes = n_processes*size(process%order)
+      n_processes = size(process%lengths, kind=long)*size(process%stds)
+      if (process%pairing == 'product') n_processes = n_processes*size(process%orders)
    end function n_processes
 
 end module config_rules

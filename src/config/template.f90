@@ -71,9 +71,9 @@ contains
 
       scene%heading%title = 'paper'
       allocate (scene%processes(1))
-      scene%processes(1)%correlation_length = [0.3_wp, 1.0_wp, 3.0_wp]
-      scene%processes(1)%mean = 0.2_wp
-      scene%processes(1)%std = [0.067_wp, 0.1_wp]
+      scene%processes(1)%lengths = [0.3_wp, 1.0_wp, 3.0_wp]
+      scene%processes(1)%shared%mean = 0.2_wp
+      scene%processes(1)%stds = [0.067_wp, 0.1_wp]
       scene%chain%friction = [0.2_wp]
       scene%excitation%variance = [3.7_wp, 41.1_wp]
    end subroutine example

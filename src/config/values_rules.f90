@@ -81,10 +81,10 @@ contains
       scene%values = table%value
       scene%values_label = force_label(scene%values)
       associate (this => scene%processes(number), n => real(size(table%value), wp))
-         this%mean = sum(table%value)/n
-         this%std = [sqrt(sum((table%value - this%mean)**2)/n)]
-         this%correlation_length = [0.0_wp]
-         this%order = [1]
+         this%shared%mean = sum(table%value)/n
+         this%stds = [sqrt(sum((table%value - this%shared%mean)**2)/n)]
+         this%lengths = [0.0_wp]
+         this%orders = [1]
       end associate
       if (.not. reader%was_given('campaign', 'n_samples')) scene%campaign%n_samples = table%n_rows
       call reader%require(scene%campaign%n_samples <= table%n_rows, 'campaign', 'n_samples', &

@@ -112,8 +112,8 @@ contains
       type(process_request), intent(in) :: request
 
       call group%attribute('law', law_name(request))
-      call group%attribute('method', request%method)
-      call group%attribute('correlation', request%correlation)
+      call group%attribute('method', trim(request%method))
+      call group%attribute('correlation', trim(request%correlation))
       call group%attribute('correlation_length', request%correlation_length)
       if (request%correlation == 'both') &
          call group%attribute('second_length', request%second_length)
@@ -121,7 +121,7 @@ contains
       call group%attribute('mean', request%mean)
       call group%attribute('std', request%std)
       call group%attribute('positive', request%positive)
-      call group%attribute('sampler', request%sampler)
+      call group%attribute('sampler', trim(request%sampler))
       if (request%positive) call group%attribute('branch_asked', trim(request%branch))
       if (.not. request%positive) call group%attribute('simulation', trim(request%simulation))
       if (request%order > 0) return

@@ -133,7 +133,7 @@ contains
          if (allocated(complaint)) call raise(error, exit_bad_input, complaint)
       case default
          call raise(error, exit_bad_input, &
-                    "method = '"//request%method//"': must be 'autoregressive' or 'direct'")
+                    "method = '"//trim(request%method)//"': must be 'autoregressive' or 'direct'")
       end select
    end subroutine resolve_order
 

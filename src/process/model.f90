@@ -10,9 +10,8 @@ module process_model
 
    !> A wanted process. Lengths are in lags; mean and std in the unit of X.
    type :: process_request
-      character(:), allocatable :: method        !! 'autoregressive', 'direct' or 'values'
-      !> what is imposed: 'L0' Eq. (8), 'L1' Eq. (9), or 'both'
-      character(:), allocatable :: correlation
+      character(16) :: method = 'autoregressive'   !! or 'direct', 'values'
+      character(16) :: correlation = 'L0'          !! imposed: Eq. (8); or 'L1' Eq. (9), 'both'
       real(wp) :: correlation_length = 0.0_wp
       real(wp) :: second_length = 0.0_wp         !! both: L1, the other one being L0
       integer :: order = 0                       !! M, or m_max of 'direct'; 0: choose it
@@ -26,7 +25,7 @@ module process_model
       real(wp) :: mean = 0.0_wp
       real(wp) :: std = 0.0_wp
       logical :: positive = .false.
-      character(:), allocatable :: sampler       !! 'sequential' (Sec. 2.4) or 'exact' Eq. (25)
+      character(16) :: sampler = 'sequential'    !! Sec. 2.4; or 'exact', Eq. (25)
       character(16) :: branch = 'any'            !! positive: 'nonnegative' keeps to K(m) >= 0
       integer :: fit_steps = 0                   !! positive: of a batch that is matched; 0: chosen
       !> without sign: Eq. (39) from the 'stationary' law or 'from_rest', or Eq. (38), 'matrix'
@@ -138,7 +137,8 @@ contains
       type(process_request), intent(in) :: request
       integer(long) :: label
 
-      label = label_of(request%method//' '//request%correlation//' '//request%sampler)
+      label = label_of(trim(request%method)//' '//trim(request%correlation)//' '// &
+                       trim(request%sampler))
       label = label_of(label, request%correlation_length)
       label = label_of(label, request%order)
       label = label_of(label, request%bound_l0)

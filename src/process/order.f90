@@ -186,7 +186,7 @@ contains
 
       call raise(error, exit_no_solution, name_of_bound(request)//' = '// &
                  range_of(request)//': no order up to '// &
-                 to_text(request%max_order)//' keeps it with '//request%correlation//' = '// &
+                 to_text(request%max_order)//' keeps it with '//trim(request%correlation)//' = '// &
                  to_text(request%correlation_length)//'; the nearest bound that is kept is '// &
                  to_text(other_length(request, model))//', by order '//to_text(order))
    end subroutine refuse_bound

@@ -95,8 +95,8 @@ contains
       end if
       call cpu_time(after)
       if (.not. model%is_solved) return
-      row%method = kind%method
-      row%correlation = kind%correlation
+      row%method = trim(kind%method)
+      row%correlation = trim(kind%correlation)
       row%correlation_length = kind%correlation_length
       row%order = order
       row%is_own = any(same_kind(processes, kind) .and. processes%order == order)

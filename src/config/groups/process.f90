@@ -3,32 +3,21 @@ module config_groups_process
    use config_text_value_table, only: about, at_least, between, choice_length, entry_type, &
       not_negative, positive, visitor_type
    use core_kinds, only: wp
+   use process_model, only: process_request
    implicit none(type, external)
    private
    public :: process_group
 
-   !> Every correlation length with its order, and these with every std.
+   !> What its processes share, and what they differ in: every correlation length with its order, and
+   !> these with every std.
    type :: process_group
-      character(:), allocatable :: values
-      character(choice_length) :: method = 'autoregressive'
-      character(choice_length) :: correlation = 'L0'
-      real(wp), allocatable :: correlation_length(:)
-      real(wp) :: second_length = 0.0_wp
-      integer, allocatable :: order(:)
+      type(process_request) :: shared = process_request(positive=.true.)
+      character(:), allocatable :: values   !! path of a file of samples; '': none
+      real(wp), allocatable :: lengths(:)
+      integer, allocatable :: orders(:)
       character(choice_length) :: pairing = 'zip'
-      real(wp), allocatable :: bound_l0(:)
-      real(wp), allocatable :: bound_l1(:)
-      character(choice_length) :: bound_side = 'automatic'
-      integer :: max_order = 30
-      real(wp) :: mean = 0.0_wp               !! no default: must be given
-      real(wp), allocatable :: std(:)
-      logical :: positive = .true.
-      character(choice_length) :: sampler = 'sequential'
-      character(choice_length) :: branch = 'any'
-      integer :: fit_steps = 0
-      logical :: all_signs = .false.
-      integer :: inversion_half_width = 0
-      character(choice_length) :: simulation = 'stationary'
+      real(wp), allocatable :: range_l0(:), range_l1(:)
+      real(wp), allocatable :: stds(:)
       integer :: n_points = 5
       integer :: n_realizations = 0
    contains
@@ -51,72 +40,72 @@ contains
       entry = about('method', &
                     'Sec. 2.3: recursion of a finite order; Sec. 2.2: covariances up to m_max', &
                     choices='autoregressive direct')
-      call visitor%visit(self%method, entry)
+      call visitor%visit(self%shared%method, entry)
       entry = about('correlation', &
                     'definition of the correlation length, Eq. 8 or 9; both: not direct', &
                     choices='L0 L1 both')
-      call visitor%visit(self%correlation, entry)
+      call visitor%visit(self%shared%correlation, entry)
       entry = about('correlation_length', 'one or several; 0: independent values; 1e12 or '// &
                     'more: one value for all', 'points', not_negative(), required=has_law)
-      call visit_list(self%correlation_length)
+      call visit_list(self%lengths)
       entry = about('second_length', 'both: L1, where correlation_length is L0', 'points', &
-                    not_negative(), used=self%correlation == 'both')
-      call visitor%visit(self%second_length, entry)
+                    not_negative(), used=self%shared%correlation == 'both')
+      call visitor%visit(self%shared%second_length, entry)
       entry = about('order', 'M of the recursion, m_max of direct (must be given); 0: found '// &
                     'from the bounds', rule=between(0.0_wp, 2000.0_wp))
       entry%default = 'for each length: 2 below 0.65, 5 below 2, else 10'
-      call visitor%visit(self%order, entry, default=usual_orders(self%correlation_length))
+      call visitor%visit(self%orders, entry, default=usual_orders(self%lengths))
       entry = about('pairing', &
                     'zip: an order for each correlation length, or one for all; product: all', &
                     choices='zip product')
       call visitor%visit(self%pairing, entry)
       entry = about('bound_l0', 'order 0 with L1 imposed: of L0, or lower and upper; 0: none', &
-                    'points', not_negative(), used=any_zero(self%order))
-      call visitor%visit(self%bound_l0, entry, default=[0.0_wp])
+                    'points', not_negative(), used=any_zero(self%orders))
+      call visitor%visit(self%range_l0, entry, default=[0.0_wp])
       entry = about('bound_l1', 'order 0 with L0 imposed: of L1, or lower and upper; 0: none', &
-                    'points', not_negative(), used=any_zero(self%order))
-      call visitor%visit(self%bound_l1, entry, default=[0.0_wp])
+                    'points', not_negative(), used=any_zero(self%orders))
+      call visitor%visit(self%range_l1, entry, default=[0.0_wp])
       entry = about('bound_side', &
                     'of the bound; automatic: upper of L1, lower of L0, so the largest order', &
                     choices='automatic upper lower', &
-                    used=is_one_sided(self%bound_l0, self%bound_l1))
-      call visitor%visit(self%bound_side, entry)
+                    used=is_one_sided(self%range_l0, self%range_l1))
+      call visitor%visit(self%shared%bound_side, entry)
       entry = about('max_order', 'order 0: search no further', rule=between(1.0_wp, 200.0_wp), &
-                    used=any_zero(self%order))
-      call visitor%visit(self%max_order, entry)
+                    used=any_zero(self%orders))
+      call visitor%visit(self%shared%max_order, entry)
       entry = about('mean', 'homogeneous', required=has_law)
-      call visitor%visit(self%mean, entry)
+      call visitor%visit(self%shared%mean, entry)
       entry = about('std', 'one or several, each with every pair', rule=positive(), &
                     required=has_law)
-      call visit_list(self%std)
+      call visit_list(self%stds)
       entry = about('positive', 'no negative values (Sec. 2.4)')
-      call visitor%visit(self%positive, entry)
+      call visitor%visit(self%shared%positive, entry)
       entry = about('sampler', &
                     'positive values: one at a time as Sec. 2.4, or the law of Eq. 25 itself', &
-                    choices='sequential exact', used=self%positive)
-      call visitor%visit(self%sampler, entry)
+                    choices='sequential exact', used=self%shared%positive)
+      call visitor%visit(self%shared%sampler, entry)
       entry = about('branch', &
                     'positive: nonnegative keeps K(m) >= 0; any goes on beyond it', &
-                    choices='any nonnegative', used=self%positive)
-      call visitor%visit(self%branch, entry)
+                    choices='any nonnegative', used=self%shared%positive)
+      call visitor%visit(self%shared%branch, entry)
       entry = about('fit_steps', &
                   'positive, order 2 on: fit to so many values in each of 512 batches; 0: chosen', &
                     rule=between(0.0_wp, 1048576.0_wp), &
-                    used=self%positive .and. self%fit_steps > 0)
-      call visitor%visit(self%fit_steps, entry)
+                    used=self%shared%positive .and. self%shared%fit_steps > 0)
+      call visitor%visit(self%shared%fit_steps, entry)
       entry = about('all_signs', &
                     'direct: solve every sequence of signs (2**30 at most; positive: 2**11), '// &
-                    'list the best', used=self%method == 'direct')
-      call visitor%visit(self%all_signs, entry)
+                    'list the best', used=self%shared%method == 'direct')
+      call visitor%visit(self%shared%all_signs, entry)
       entry = about('inversion_half_width', &
                     "direct: M of Eq. 35, the paper's inversion as a check; 0: none", &
                     rule=between(0.0_wp, 2000.0_wp), &
-                    used=self%method == 'direct' .and. .not. self%positive)
-      call visitor%visit(self%inversion_half_width, entry)
+                    used=self%shared%method == 'direct' .and. .not. self%shared%positive)
+      call visitor%visit(self%shared%inversion_half_width, entry)
       entry = about('simulation', &
                     'any sign: Eq. 39 from its stationary law or from_rest, or Eq. 38 (matrix)', &
-                    choices='stationary from_rest matrix', used=.not. self%positive)
-      call visitor%visit(self%simulation, entry)
+                    choices='stationary from_rest matrix', used=.not. self%shared%positive)
+      call visitor%visit(self%shared%simulation, entry)
       entry = about('n_points', 'of a realization, for all &process; with motion: of the joints', &
                     rule=at_least(1.0_wp), shapes_samples=.false.)
       call visitor%visit(self%n_points, entry)

@@ -20,7 +20,7 @@ contains
       character(:), allocatable, intent(out) :: complaint
 
       if (request%correlation /= 'L0' .and. request%correlation /= 'L1') then
-         complaint = "correlation = '"//request%correlation//"': must be 'L0' or 'L1'"
+         complaint = "correlation = '"//trim(request%correlation)//"': must be 'L0' or 'L1'"
       else if (request%order < 1) then
          complaint = 'order = '//to_text(request%order)// &
             ': m_max of the direct method must be at least 1'
@@ -83,7 +83,7 @@ contains
       type(process_request), intent(in) :: request
       character(:), allocatable :: name
 
-      name = 'direct method, '//request%correlation//' = '//to_text(request%correlation_length)// &
+      name = 'direct method, '//trim(request%correlation)//' = '//to_text(request%correlation_length)// &
              ' cut at m_max = '//to_text(request%order)
    end function named
 

@@ -161,7 +161,7 @@ contains
       type(family_type), intent(out) :: family
       type(error_type), allocatable, intent(out) :: error
 
-      family%correlation = request%correlation
+      family%correlation = trim(request%correlation)
       family%length = request%correlation_length
       family%is_sequential = request%sampler == 'sequential'
       family%is_alternating = is_alternating
@@ -313,7 +313,7 @@ contains
       type(error_type), allocatable :: refusal
 
       beside = request
-      beside%sampler = trim(merge('exact     ', 'sequential', request%sampler == 'sequential'))
+      beside%sampler = merge('exact     ', 'sequential', request%sampler == 'sequential')
       beside%branch = 'nonnegative'
       call match_first_order(beside, law, refusal)
       if (allocated(refusal)) return
@@ -371,8 +371,8 @@ contains
       type(process_request), intent(in) :: request
       character(:), allocatable :: name
 
-      name = 'positive process ('//request%sampler//' law) with std/mean = '// &
-             to_text(request%std/request%mean)//', '//request%correlation//' = '// &
+      name = 'positive process ('//trim(request%sampler)//' law) with std/mean = '// &
+             to_text(request%std/request%mean)//', '//trim(request%correlation)//' = '// &
              to_text(request%correlation_length)//', order = 1'
    end function named
 

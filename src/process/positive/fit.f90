@@ -216,7 +216,7 @@ contains
 
       if (.not. is_alternating_below_mean(model)) return
       beside = request
-      beside%sampler = trim(merge('exact     ', 'sequential', request%sampler == 'sequential'))
+      beside%sampler = merge('exact     ', 'sequential', request%sampler == 'sequential')
       beside%branch = 'nonnegative'
       beside%fit_steps = rough_steps
       call fit_positive(beside, seed, other)

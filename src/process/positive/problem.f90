@@ -67,7 +67,7 @@ contains
       integer :: m
 
       if (sampler /= 'sequential' .and. sampler /= 'exact') then
-         call raise(error, exit_bad_input, "sampler = '"//sampler// &
+         call raise(error, exit_bad_input, "sampler = '"//trim(sampler)// &
                     "': must be 'sequential' or 'exact'")
          return
       end if
@@ -78,7 +78,7 @@ contains
       kappa = reflection_of(unconstrained%a)
       call sum_correlation(kappa, sums, error)
       if (allocated(error)) return
-      problem%correlation = request%correlation
+      problem%correlation = trim(request%correlation)
       problem%ratio = request%std/request%mean
       problem%length = request%correlation_length
       problem%second_length = request%second_length
@@ -97,8 +97,8 @@ contains
       problem%companion = coefficients_of(kappa)
       if (problem%n_lags > most_lags(merge(2, 1, problem%is_exact)) .or. &
           problem%is_exact .and. problem%l0 > longest) then
-         call raise(error, exit_no_solution, 'positive process ('//sampler//' law) with '// &
-                    request%correlation//' = '//to_text(request%correlation_length)// &
+         call raise(error, exit_no_solution, 'positive process ('//trim(sampler)//' law) with '// &
+                    trim(request%correlation)//' = '//to_text(request%correlation_length)// &
                     ', order = '//to_text(request%order)//': '//to_text(problem%n_lags)// &
                     ' lags count; the sequential law is sampled to 4000 of them, the exact one '// &
                     'to 600 and to L0 = 10; order 1 is solved without sampling')

@@ -147,7 +147,7 @@ contains
                                     [(is_nonnegative(sequences(i)), i=1, size(sequences))]))
       if (size(sequences) == 0) &
          call raise(error, exit_no_solution, 'direct method: no signs with K(m) >= 0 have '// &
-                    request%correlation//' = '//to_text(request%correlation_length))
+                    trim(request%correlation)//' = '//to_text(request%correlation_length))
    end subroutine list_sequences
 
    pure logical function is_nonnegative(sequence)
