@@ -17,14 +17,14 @@ module config_process_summary
 
 contains
 
-   !> ', 2.5': L1, where both lengths are imposed.
-   pure function second(request) result(text)
+   !> 'L0 = 3'; 'both = 3, 2.5': L0 and L1.
+   pure function length_text(request) result(text)
       type(process_request), intent(in) :: request
       character(:), allocatable :: text
 
-      text = ''
-      if (request%correlation == 'both') text = ', '//brief(request%second_length)
-   end function second
+      text = trim(request%correlation)//' = '//brief(request%correlation_length)
+      if (request%correlation == 'both') text = text//', '//brief(request%second_length)
+   end function length_text
 
    !> One row per process, then the reasons why some have no solution.
    function process_table(plan, foreseen) result(text)
@@ -44,8 +44,8 @@ contains
             if (p%positive) law = trim(p%sampler)
             if (is_reference(p)) law = law_name(p)
             text = text//padded(numbered('p', i), 9)//padded(trim(p%method), 15)// &
-                   padded(trim(p%correlation)//' = '//brief(p%correlation_length)//second(p), 13)// &
-                   padded(order, 7)//padded(brief(p%mean), 7)//padded(brief(p%std), 8)
+                   padded(length_text(p), 13)//padded(order, 7)// &
+                   padded(brief(p%mean), 7)//padded(brief(p%std), 8)
          end associate
          if (present(foreseen)) law = padded(law, 11)//verdict(foreseen(i))
          text = text//law//line_feed

@@ -71,11 +71,12 @@ contains
          if (this%shared%correlation == 'both') call check_both(this, i, reader)
          call check_direct(this, i, reader)
          if (reader%was_given('process', 'mean', i)) &
-            call reader%require(.not. this%shared%positive .or. this%shared%mean > 0.0_wp, 'process', 'mean', &
-                                'must be positive with positive = .true.', number=i)
-         call reader%require(this%shared%positive .or. .not. scene%runs_samples(), 'process', 'positive', &
-                             'must be .true. with motion: no friction coefficient is negative', &
-                             number=i)
+            call reader%require(.not. this%shared%positive .or. this%shared%mean > 0.0_wp, &
+                                'process', 'mean', 'must be positive with positive = .true.', &
+                                number=i)
+         call reader%require(this%shared%positive .or. .not. scene%runs_samples(), 'process', &
+                             'positive', 'must be .true. with motion: no friction coefficient '// &
+                             'is negative', number=i)
       end associate
    end subroutine check_process
 

@@ -8,8 +8,8 @@ module config_groups_process
    private
    public :: process_group
 
-   !> What its processes share, and what they differ in: every correlation length with its order, and
-   !> these with every std.
+   !> A request that all processes of the group share, and lists of what they differ in: every
+   !> correlation length with its order, and these with every std.
    type :: process_group
       type(process_request) :: shared = process_request(positive=.true.)
       character(:), allocatable :: values   !! path of a file of samples; '': none

@@ -83,8 +83,8 @@ contains
       type(process_request), intent(in) :: request
       character(:), allocatable :: name
 
-      name = 'direct method, '//trim(request%correlation)//' = '//to_text(request%correlation_length)// &
-             ' cut at m_max = '//to_text(request%order)
+      name = 'direct method, '//trim(request%correlation)//' = '// &
+             to_text(request%correlation_length)//' cut at m_max = '//to_text(request%order)
    end function named
 
    !> The smallest m_max that is feasible, as far as it is known.
