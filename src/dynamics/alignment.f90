@@ -4,13 +4,13 @@ module dynamics_alignment
    use core_kinds, only: wp
    implicit none(type, external)
    private
-   public :: aligned_memory, register_width, whole_registers, first_aligned
+   public :: aligned_memory, register_width, whole_registers
 
    integer, parameter :: register_width = 8   !! reals; 64 bytes, a cache line
 
-   !> Memory that begins with a cache line, handed out plane by plane.
+   !> Memory that begins with a cache line, handed out plane by plane; it goes with its owner.
    type :: aligned_memory
-      real(wp), pointer, contiguous, private :: memory(:) => null()
+      real(wp), allocatable, private :: memory(:)
       integer, private :: next = 1   !! that is not handed out
    contains
       procedure :: start
@@ -22,17 +22,18 @@ contains
 
    !> Gets memory of zeros; what was handed out before is void.
    subroutine start(self, n)
-      class(aligned_memory), intent(inout) :: self
+      class(aligned_memory), intent(inout), target :: self
       integer, intent(in) :: n   !! reals
+      integer(c_intptr_t), parameter :: line = 64
 
       call self%free()
       allocate (self%memory(n + register_width), source=0.0_wp)
-      self%next = first_aligned(self%memory)
+      self%next = 1 + int(modulo(-transfer(c_loc(self%memory), 0_c_intptr_t), line))/8
    end subroutine start
 
    !> Hands out the next planes.
    subroutine take(self, extents, planes)
-      class(aligned_memory), intent(inout) :: self
+      class(aligned_memory), intent(inout), target :: self
       integer, intent(in) :: extents(3)
       real(wp), pointer, contiguous, intent(out) :: planes(:, :, :)
 
@@ -45,7 +46,7 @@ contains
    subroutine free(self)
       class(aligned_memory), intent(inout) :: self
 
-      if (associated(self%memory)) deallocate (self%memory)
+      if (allocated(self%memory)) deallocate (self%memory)
    end subroutine free
 
    !> n, padded to whole registers.
@@ -54,14 +55,5 @@ contains
 
       whole_registers = register_width*((n + register_width - 1)/register_width)
    end function whole_registers
-
-   !> Where in the memory the first whole cache line begins: registers then load from one line only.
-   function first_aligned(memory) result(first)
-      real(wp), intent(in), target, contiguous :: memory(:)
-      integer :: first
-      integer(c_intptr_t), parameter :: line = 64
-
-      first = 1 + int(modulo(-transfer(c_loc(memory), 0_c_intptr_t), line))/8
-   end function first_aligned
 
 end module dynamics_alignment

@@ -5,54 +5,60 @@
 !> two slots for its motion: one holds the present, the other takes the step that is being tried.
 module dynamics_newmark_block
    use core_kinds, only: long, wp
-   use dynamics_joint, only: slider_at, stuck_guard
+   use dynamics_alignment, only: aligned_memory, whole_registers
+   use dynamics_joint, only: close_account, dissipate, enter_transition, slider_at
    use dynamics_newmark_frame, only: newmark_frame
-   use dynamics_alignment, only: first_aligned, register_width, whole_registers
    use dynamics_response, only: block_state
+   use structure_model, only: structure_type
    implicit none(type, external)
    private
-   public :: newmark_block, load_block, store_block
+   public :: newmark_block, newmark_try, load_block, store_block
 
-   !> Columns over the dofs are padded to whole registers.
+   !> A step that a sample tries.
+   type :: newmark_try
+      integer :: sample = 0, slot = 0, level = 0   !! h = dt/2^level
+      integer :: entry = 0                         !! of a table
+   end type newmark_try
+
+   !> Columns over the coordinates of the frame, and over joints, are padded to whole registers.
    type :: newmark_block
       type(newmark_frame) :: frame
-      integer :: n_dof = 0, n_joints = 0, n_samples = 0
+      integer :: n_dof = 0, n_joints = 0, n_forces = 0, n_samples = 0
       integer :: max_halvings = 0
       real(wp) :: dt = 0.0_wp
       real(wp), allocatable :: force(:, :)        !! (0:step, force, or force and sample) [N]
-      integer, allocatable :: column(:)           !! (sample) of its first force
+      integer, allocatable :: column(:)           !! (sample) before its first force
       integer(long), allocatable :: tick(:)       !! (sample) now
       integer(long), allocatable :: ticks(:)      !! (sample) of the next step
       integer(long), allocatable :: until(:)      !! (sample) a transition is known to come by then
       integer(long), allocatable :: slot(:)       !! (sample) 0 or 1: that of the present motion
-      integer, allocatable :: pattern(:)          !! (sample) bit j-1: joint j is stuck; short rows
-      !> (dof; a, v, x; slot; sample)
+      integer, allocatable :: pattern(:)          !! (sample) bit j-1: joint j is stuck; short frames
+      !> (coordinate; a, v, x; slot; sample)
       real(wp), pointer, contiguous :: motion(:, :, :, :) => null()
       !> (joint; slider, reach, way, stiffness; sample). Reach is huge for one that slips, way 0 for
       !> one that is stuck (or slips for ever), stiffness 0 for one that slips.
       real(wp), pointer, contiguous :: bounds(:, :, :) => null()
       real(wp), allocatable :: stiffness(:)       !! (joint) k [N/m]
       real(wp), allocatable :: reach(:, :)        !! (joint, sample) mu N/k [m]
-      integer(long), allocatable :: slip_begin(:, :)   !! (joint, sample) counted up to here
-      real(wp), allocatable :: pull(:, :)         !! (joint, sample) force while it slips [N]
-      real(wp), allocatable :: work(:, :)         !! (input viscous friction, sample) [J]
-      !> (joint) room for a list, its places and speeds at both ends of a step, and a low-rank
-      !> system
-      integer, allocatable :: list(:)
-      real(wp), allocatable :: place(:, :), speed(:, :), factor(:, :), release(:)
+      real(wp), allocatable :: work(:, :)         !! (input viscous, sample) [J]
+      ! room for the steps to work in, and for a transition: w.x and w.v at both ends of a step
+      real(wp), pointer, contiguous :: loads(:, :) => null(), stack(:, :) => null()   !! (.., try)
+      type(newmark_try), allocatable :: tries(:)
+      real(wp), allocatable :: change(:, :)    !! (try, force) in the step tried [N]
+      integer, allocatable :: list(:)          !! (joint)
+      real(wp), allocatable :: room(:, :), parts(:), paths(:), released(:), factor(:, :)
+      real(wp), allocatable, dimension(:, :) :: place, speed, margin   !! (joint, 0:1)
       real(wp), private :: tick_size = 0.0_wp     !! [s]
-      real(wp), pointer, contiguous, private :: memory(:) => null()
+      type(aligned_memory), private :: memory
    contains
       procedure :: switch_at_nearer_end
       procedure :: add_work
-      procedure :: change_of_force
       procedure, private :: slip
       procedure, private :: stick
       procedure, private :: set_regime
       procedure, private :: balance
-      procedure, private :: force_now
-      procedure, private :: seconds
-      final :: free_block
+      procedure, private :: now
+      procedure, private :: force_at
    end type newmark_block
 
 contains
@@ -65,40 +71,49 @@ contains
       real(wp), intent(in) :: force(0:, :)   !! (step, force, or force and sample) [N]
       type(block_state), intent(in) :: state
       type(newmark_block), intent(inout) :: block
-      integer :: first, j, joint_rows, m, n_forces, rows, w, samples
+      real(wp), pointer, contiguous :: planes(:, :, :)
+      integer :: j, joint_rows, m, n, rows, w, samples
 
       samples = state%n_samples
+      n = state%n_dof
       m = state%n_joints
-      n_forces = frame%structure%n_forces
-      rows = whole_registers(state%n_dof)
-      joint_rows = whole_registers(m)
+      rows = whole_registers(n)
+      joint_rows = whole_registers(max(1, m))
       block%frame = frame
-      block%n_dof = state%n_dof
+      block%n_dof = n
       block%n_joints = m
+      block%n_forces = frame%structure%n_forces
       block%n_samples = samples
       block%max_halvings = max_halvings
       block%dt = dt
       block%tick_size = 0.5_wp**max_halvings*dt
       allocate (block%force(0:ubound(force, 1), size(force, 2)))
       block%force(:, :) = force
-      block%column = [(min(n_forces*(w - 1), size(force, 2) - n_forces) + 1, w=1, samples)]
+      block%column = [(min(block%n_forces*(w - 1), size(force, 2) - block%n_forces), &
+                       w=1, samples)]
       block%stiffness = frame%structure%joint_stiffness
       block%reach = state%slip_limit/spread(block%stiffness, 2, samples)
       allocate (block%tick(samples), block%until(samples), block%slot(samples), source=0_long)
       allocate (block%ticks(samples), source=shiftl(1_long, max_halvings))
-      allocate (block%slip_begin(m, samples), source=0_long)
-      allocate (block%pattern(samples), source=0)
-      allocate (block%pull(m, samples), block%work(3, samples), source=0.0_wp)
-      allocate (block%list(m + 1), block%factor(m, m), block%release(m), block%place(m, 0:1), &
-                block%speed(m, 0:1))
-      allocate (block%memory((6*rows + 4*joint_rows)*samples + register_width), source=0.0_wp)
-      first = first_aligned(block%memory)
-      block%motion(1:rows, 1:3, 0:1, 1:samples) => block%memory(first:)
-      block%bounds(1:joint_rows, 1:4, 1:samples) => block%memory(first + 6*rows*samples:)
+      allocate (block%pattern(samples), block%list(m + 1), source=0)
+      allocate (block%tries(samples))
+      allocate (block%work(2, samples), block%room(max(rows, joint_rows), 2), block%released(m), block%paths(2*joint_rows), &
+                block%parts(2*n + m + block%n_forces), block%factor(m, m), &
+                block%change(samples, block%n_forces), source=0.0_wp)
+      allocate (block%place(joint_rows, 0:1), block%speed(joint_rows, 0:1), &
+                block%margin(joint_rows, 0:1), source=0.0_wp)
+      call block%memory%start((11*rows + 4*joint_rows)*samples)
+      call block%memory%take([rows, 3, 2*samples], planes)
+      block%motion(1:rows, 1:3, 0:1, 1:samples) => planes
+      call block%memory%take([rows, samples, 1], planes)
+      block%loads => planes(:, :, 1)
+      call block%memory%take([4*rows, samples, 1], planes)
+      block%stack => planes(:, :, 1)
+      call block%memory%take([joint_rows, 4, samples], block%bounds)
       block%bounds(:, 2, :) = huge(1.0_wp)
       do w = 1, samples
-         block%motion(:state%n_dof, 2, 0, w) = state%velocity(:, w)
-         block%motion(:state%n_dof, 3, 0, w) = state%displacement(:, w)
+         block%motion(:n, 2, 0, w) = frame%from_dofs(state%velocity(:, w))
+         block%motion(:n, 3, 0, w) = frame%from_dofs(state%displacement(:, w))
          do j = 1, m
             call block%set_regime(j, w, state%direction(j, w), state%slider(j, w))
          end do
@@ -106,37 +121,32 @@ contains
       end do
    end subroutine load_block
 
-   !> Gives the samples back, all at the end of the piece.
-   subroutine store_block(block, state)
+   !> Gives the samples back, all at the end of the piece, with the slips under way counted.
+   subroutine store_block(block, structure, state)
       type(newmark_block), intent(in) :: block
+      type(structure_type), intent(in) :: structure   !! in its dofs
       type(block_state), intent(inout) :: state
-      real(wp) :: place
       integer :: j, w
 
-      if (state%keeps_ledger) then
-         state%work_input = state%work_input + block%work(1, :)
-         state%work_viscous = state%work_viscous + block%work(2, :)
-         state%work_friction = state%work_friction + block%work(3, :)
-      end if
       do w = 1, block%n_samples
-         associate (motion => block%motion(:, :, block%slot(w), w))
-            state%velocity(:, w) = motion(:block%n_dof, 2)
-            state%displacement(:, w) = motion(:block%n_dof, 3)
+         associate (motion => block%motion(:block%n_dof, :, block%slot(w), w))
+            state%velocity(:, w) = block%frame%to_dofs(motion(:, 2))
+            state%displacement(:, w) = block%frame%to_dofs(motion(:, 3))
          end associate
          do j = 1, block%n_joints
             state%slider(j, w) = block%bounds(j, 1, w)
             if (state%direction(j, w) == 0) cycle
-            place = block%frame%directions%row_times(j, state%displacement(:, w))
-            state%slider(j, w) = place - state%direction(j, w)*block%reach(j, w)
-            state%slip_time(j, w) = state%slip_time(j, w) &
-                                    + block%seconds(block%tick(w) - block%slip_begin(j, w))
-            state%slip_distance(j, w) = state%slip_distance(j, w) &
-                                        + abs(place - state%slip_from(j, w))
-            state%slip_from(j, w) = place
+            associate (place => dot_product(structure%direction(:, j), state%displacement(:, w)))
+               state%slider(j, w) = slider_at(place, state%direction(j, w), block%reach(j, w))
+            end associate
          end do
       end do
       state%step = state%step + ubound(block%force, 1)
-      state%slip_since = state%step*block%dt   ! slips under way are counted up to here
+      call close_account(structure, state%step*block%dt, state)
+      if (.not. state%keeps_ledger) return
+      state%work_input = state%work_input + block%work(1, :)
+      state%work_viscous = state%work_viscous + block%work(2, :)
+      call dissipate(structure, state)
    end subroutine store_block
 
    !> A smallest step of sample w has passed a joint's limit: the transition is put at its nearer
@@ -148,21 +158,22 @@ contains
       integer, intent(in) :: w
       integer :: end, j, k, n_passed
       integer(long) :: new, nearer, old
-      real(wp) :: before, after
 
       old = self%slot(w)
       new = 1 - old
+      do end = 0, 1
+         call self%frame%directions%multiply(self%motion(:, 2, end, w), self%speed(:, end))
+         call self%frame%directions%multiply(self%motion(:, 3, end, w), self%place(:, end))
+         call find_margins(size(self%bounds, 1), self%bounds(:, :, w), self%place(:, end), &
+                           self%speed(:, end), self%margin(:, end))
+      end do
       n_passed = 0
       nearer = new
       do j = 1, self%n_joints
-         do end = 0, 1
-            self%place(j, end) = self%frame%directions%row_times(j, self%motion(:, 3, end, w))
-            self%speed(j, end) = self%frame%directions%row_times(j, self%motion(:, 2, end, w))
-         end do
-         if (.not. margin(j, new) < 0.0_wp) cycle
+         if (.not. self%margin(j, new) < 0.0_wp) cycle
          n_passed = n_passed + 1
          self%list(n_passed) = j
-         if (margin(j, old) < -margin(j, new) .and. moves_on(j, old)) nearer = old
+         if (is_nearer(j) .and. moves_on(j, old)) nearer = old
       end do
       if (nearer == new) then
          if (state%keeps_ledger) call self%add_work([w], spread(0_long, 1, self%n_samples))
@@ -171,14 +182,13 @@ contains
       end if
       do k = 1, n_passed
          j = self%list(k)
-         before = margin(j, old)
-         after = margin(j, new)
-         if (nearer == old .and. .not. before < -after) cycle
+         if (nearer == old .and. .not. is_nearer(j)) cycle
          if (.not. moves_on(j, nearer)) cycle
          if (state%direction(j, w) /= 0) then
-            call self%stick(state, j, w)
+            call self%stick(state, j, w, self%place(j, nearer))
          else
-            call self%slip(state, j, w, self%place(j, new) > self%bounds(j, 1, w))
+            call self%slip(state, j, w, self%place(j, nearer), &
+                           merge(1, -1, self%place(j, new) > self%bounds(j, 1, w)))
          end if
       end do
       self%until(w) = 0
@@ -186,20 +196,12 @@ contains
 
    contains
 
-      !> How far joint j is from its limit: a stuck one by the extension its spring may still gain
-      !> [m], a slipping one by its velocity [m/s].
-      pure real(wp) function margin(j, slot)
+      !> True if joint j was nearer to its limit at the begin than it is beyond it at the end.
+      pure logical function is_nearer(j)
          integer, intent(in) :: j
-         integer(long), intent(in) :: slot
 
-         associate (bounds => self%bounds(j, :, w))
-            if (bounds(4) > 0.0_wp) then
-               margin = stuck_guard(self%place(j, slot), bounds(1), bounds(2))
-            else
-               margin = bounds(3)*self%speed(j, slot)
-            end if
-         end associate
-      end function margin
+         is_nearer = self%margin(j, old) < -self%margin(j, new)
+      end function is_nearer
 
       !> True if joint j, beyond its limit at the end, may change its regime at this end of the
       !> step: a slipping one always, a stuck one if it moves outward there.
@@ -213,63 +215,60 @@ contains
 
    end subroutine switch_at_nearer_end
 
-   !> Joint j slips from now on, outward. Its spring carries mu N instead of what it had come to.
-   subroutine slip(self, state, j, w, is_forward)
+   !> How far joints are from their limits: a stuck one by the extension that its spring may still
+   !> gain [m], a slipping one by its velocity [m/s] (guards of dynamics_joint).
+   pure subroutine find_margins(rows, bounds, place, speed, margin)
+      integer, intent(in) :: rows
+      real(wp), intent(in) :: bounds(rows, 4), place(rows), speed(rows)
+      real(wp), intent(out) :: margin(rows)
+      integer :: j
+
+      !$omp simd
+      do j = 1, rows
+         margin(j) = merge(bounds(j, 2) - abs(place(j) - bounds(j, 1)), bounds(j, 3)*speed(j), &
+                           bounds(j, 4) > 0.0_wp)
+      end do
+   end subroutine find_margins
+
+   !> Joint j slips from now on in a direction. Its spring carries mu N instead of what it had come
+   !> to.
+   subroutine slip(self, state, j, w, place, direction)
       class(newmark_block), intent(inout) :: self
       type(block_state), intent(inout) :: state
       integer, intent(in) :: j, w
-      logical, intent(in) :: is_forward
-      integer :: direction
-      real(wp) :: place
+      real(wp), intent(in) :: place       !! w.x [m]
+      integer, intent(in) :: direction    !! +1 or -1
+      real(wp) :: excess
 
-      direction = merge(1, -1, is_forward)
-      associate (motion => self%motion(:self%n_dof, :, self%slot(w), w))
-         place = self%frame%directions%row_times(j, motion(:, 3))
-         motion(:, 1) = motion(:, 1) - self%frame%kick(:, j)*self%stiffness(j)* &
-                        (direction*self%reach(j, w) - (place - self%bounds(j, 1, w)))
+      excess = self%stiffness(j)*(direction*self%reach(j, w) - (place - self%bounds(j, 1, w)))
+      associate (a => self%motion(:self%n_dof, 1, self%slot(w), w))
+         a = a - self%frame%kick(:, j)*excess
       end associate
-      state%slip_starts(j, w) = state%slip_starts(j, w) + 1
-      state%slip_from(j, w) = place
-      self%slip_begin(j, w) = self%tick(w)
       call self%set_regime(j, w, direction, 0.0_wp)
-      call note_transition(self, state, j, w, direction)
+      call enter_transition(state, j, w, self%now(state, w), place, direction)
    end subroutine slip
 
    !> Joint j sticks from now on: it stands still, which relieves the dampers, and its spring
    !> carries no more than mu N.
-   subroutine stick(self, state, j, w)
+   subroutine stick(self, state, j, w, place)
       class(newmark_block), intent(inout) :: self
       type(block_state), intent(inout) :: state
       integer, intent(in) :: j, w
-      real(wp) :: place, slider, speed
+      real(wp), intent(in) :: place   !! w.x [m]
+      real(wp) :: slider, speed
 
       associate (motion => self%motion(:self%n_dof, :, self%slot(w), w), reach => self%reach(j, w))
          speed = self%frame%directions%row_times(j, motion(:, 2))
          motion(:, 1) = motion(:, 1) + self%frame%relief(:, j)*speed
          motion(:, 2) = motion(:, 2) - self%frame%lost(:, j)*speed
-         place = self%frame%directions%row_times(j, motion(:, 3))
          slider = slider_at(place, state%direction(j, w), reach)
          do while (abs(place - slider) > reach)   ! by rounding
             slider = nearest(slider, place - slider)
          end do
       end associate
-      state%stick_starts(j, w) = state%stick_starts(j, w) + 1
-      state%slip_time(j, w) = state%slip_time(j, w) &
-                              + self%seconds(self%tick(w) - self%slip_begin(j, w))
-      state%slip_distance(j, w) = state%slip_distance(j, w) + abs(place - state%slip_from(j, w))
       call self%set_regime(j, w, 0, slider)
-      call note_transition(self, state, j, w, 0)
+      call enter_transition(state, j, w, self%now(state, w), place, 0)
    end subroutine stick
-
-   subroutine note_transition(self, state, i, w, direction)
-      type(newmark_block), intent(in) :: self
-      type(block_state), intent(inout) :: state
-      integer, intent(in) :: i, w, direction
-
-      state%direction(i, w) = direction
-      if (state%keeps_transitions) call state%transitions(w)%append( &
-         state%step*self%dt + self%seconds(self%tick(w)), i, direction)
-   end subroutine note_transition
 
    !> Bounds and pattern of a joint that slips in a direction, or is stuck (0).
    !> One that carries nothing (mu N = 0) slips for ever.
@@ -278,16 +277,21 @@ contains
       integer, intent(in) :: j, w, direction
       real(wp), intent(in) :: slider
 
-      if (direction == 0) then
-         self%bounds(j, :, w) = [slider, self%reach(j, w), 0.0_wp, self%stiffness(j)]
-      else
-         self%bounds(j, :, w) = [0.0_wp, huge(1.0_wp), &
-                                 merge(direction, 0, self%reach(j, w) > 0.0_wp)*1.0_wp, 0.0_wp]
-      end if
-      self%pull(j, w) = direction*self%stiffness(j)*self%reach(j, w)
-      if (self%n_joints > register_width) return
-      self%pattern(w) = merge(ibset(self%pattern(w), j - 1), ibclr(self%pattern(w), j - 1), &
-                              direction == 0)
+      associate (bounds => self%bounds)
+         if (direction == 0) then
+            bounds(j, 1, w) = slider
+            bounds(j, 2, w) = self%reach(j, w)
+            bounds(j, 3, w) = 0.0_wp
+            bounds(j, 4, w) = self%stiffness(j)
+         else
+            bounds(j, 1, w) = 0.0_wp
+            bounds(j, 2, w) = huge(1.0_wp)
+            bounds(j, 3, w) = merge(direction, 0, self%reach(j, w) > 0.0_wp)
+            bounds(j, 4, w) = 0.0_wp
+         end if
+      end associate
+      if (self%frame%is_short) self%pattern(w) = &
+         merge(ibset(self%pattern(w), j - 1), ibclr(self%pattern(w), j - 1), direction == 0)
    end subroutine set_regime
 
    !> Accelerations from the equation of motion.
@@ -300,16 +304,13 @@ contains
 
       associate (structure => self%frame%structure, directions => self%frame%directions, &
                  motion => self%motion(:self%n_dof, :, self%slot(w), w))
-         force = matmul(structure%load, self%force_now(w)) &
+         force = matmul(structure%load, self%force_at(w, 0.0_wp)) &
                  - matmul(structure%damping, motion(:, 2)) &
                  - matmul(structure%stiffness, motion(:, 3))
          do j = 1, self%n_joints
-            if (state%direction(j, w) == 0) then
-               pull = directions%row_times(j, motion(:, 3)) - self%bounds(j, 1, w)
-               pull = self%stiffness(j)*pull
-            else
-               pull = self%pull(j, w)
-            end if
+            pull = state%direction(j, w)*state%slip_limit(j, w)
+            if (state%direction(j, w) == 0) pull = self%stiffness(j)* &
+                                    (directions%row_times(j, motion(:, 3)) - self%bounds(j, 1, w))
             call directions%add_row(j, -pull, force)
          end do
          motion(:, 1) = matmul(self%frame%inverse_mass, force)
@@ -317,81 +318,54 @@ contains
    end subroutine balance
 
    !> Adds the work of the steps that the listed samples have tried, where they stand: of the
-   !> forces, the dampers and the joints. With average acceleration the mean force over the way, the
-   !> dampers at the mean velocity and the joints make the change of the stored energy, to rounding.
+   !> forces and the dampers. With average acceleration the mean force over the way, the dampers at
+   !> the mean velocity and the joints make the change of the stored energy, to rounding.
    pure subroutine add_work(self, sample, has_passed)
       class(newmark_block), intent(inout) :: self
       integer, intent(in) :: sample(:)                !! their numbers
       integer(long), intent(in) :: has_passed(:)      !! (all samples) 1: the step does not stand
-      real(wp) :: middle, way(self%n_dof)
-      integer :: j, k, step, w
+      real(wp) :: way(self%n_dof)
+      integer :: k, w
 
-      associate (structure => self%frame%structure, n_forces => self%frame%structure%n_forces)
+      associate (structure => self%frame%structure)
          do k = 1, size(sample)
             w = sample(k)
             if (has_passed(w) == 1) cycle
             way = self%motion(:self%n_dof, 3, 1 - self%slot(w), w) &
                   - self%motion(:self%n_dof, 3, self%slot(w), w)
-            step = int(shiftr(self%tick(w), self%max_halvings))
-            middle = ((self%tick(w) - shiftl(int(step, long), self%max_halvings)) &
-                      + 0.5_wp*self%ticks(w))*self%tick_size/self%dt
-            do j = 1, n_forces
-               associate (f => self%force(step:step + 1, self%column(w) + j - 1))
-                  self%work(1, w) = self%work(1, w) + (f(1) + middle*(f(2) - f(1))) &
-                                    *dot_product(structure%load(:, j), way)
-               end associate
-            end do
+            self%work(1, w) = self%work(1, w) + dot_product( &
+                              matmul(structure%load, self%force_at(w, 0.5_wp*self%ticks(w))), way)
             self%work(2, w) = self%work(2, w) + dot_product(way, matmul(structure%damping, way)) &
-                              /self%seconds(self%ticks(w))
-            do j = 1, self%n_joints
-               if (self%bounds(j, 4, w) > 0.0_wp) cycle
-               self%work(3, w) = self%work(3, w) &
-                                 + self%pull(j, w)*self%frame%directions%row_times(j, way)
-            end do
+                              /(self%ticks(w)*self%tick_size)
          end do
       end associate
    end subroutine add_work
 
-   !> The forces on sample w now (force), linear within a step.
-   pure function force_now(self, w) result(force)
+   !> The forces on sample w (force) so many ticks from now, linear within a step.
+   pure function force_at(self, w, ahead) result(force)
       class(newmark_block), intent(in) :: self
       integer, intent(in) :: w
+      real(wp), intent(in) :: ahead
       real(wp) :: force(self%frame%structure%n_forces)
       integer :: step
       real(wp) :: share
 
       step = min(int(shiftr(self%tick(w), self%max_halvings)), ubound(self%force, 1) - 1)
-      share = (self%tick(w) - shiftl(int(step, long), self%max_halvings))*self%tick_size/self%dt
-      associate (f => self%force(step:step + 1, self%column(w):self%column(w) + size(force) - 1))
+      share = ((self%tick(w) - shiftl(int(step, long), self%max_halvings)) + ahead) &
+              *self%tick_size/self%dt
+      associate (f => self%force(step:step + 1, self%column(w) + 1:self%column(w) + size(force)))
          force = f(1, :) + share*(f(2, :) - f(1, :))
       end associate
-   end function force_now
+   end function force_at
 
-   !> By how much they change in the present step of dt (force).
-   pure function change_of_force(self, w) result(change)
+   !> Time of sample w [s].
+   pure function now(self, state, w) result(time)
       class(newmark_block), intent(in) :: self
+      type(block_state), intent(in) :: state
       integer, intent(in) :: w
-      real(wp) :: change(self%frame%structure%n_forces)
-      integer :: step
-
-      step = int(shiftr(self%tick(w), self%max_halvings))
-      associate (f => self%force(step:step + 1, self%column(w):self%column(w) + size(change) - 1))
-         change = f(2, :) - f(1, :)
-      end associate
-   end function change_of_force
-
-   pure function seconds(self, ticks) result(time)
-      class(newmark_block), intent(in) :: self
-      integer(long), intent(in) :: ticks
       real(wp) :: time
 
-      time = ticks*self%tick_size
-   end function seconds
-
-   subroutine free_block(self)
-      type(newmark_block), intent(inout) :: self
-
-      if (associated(self%memory)) deallocate (self%memory)
-   end subroutine free_block
+      time = state%step*self%dt + self%tick(w)*self%tick_size
+   end function now
 
 end module dynamics_newmark_block

@@ -104,7 +104,7 @@ contains
       do step = 0, n_steps - 1, steps_apart
          call march_to(min(step + steps_apart, n_steps))
       end do
-      call store_block(block, state)
+      call store_block(block, self%structure, state)
 
    contains
 
@@ -220,7 +220,7 @@ contains
       allocate (recorder%n_records(block%n_samples), source=0)
    end subroutine start_recorder
 
-   !> Takes down sample w now.
+   !> Takes down sample w.
    pure subroutine record(self, block, w, displacement, velocity)
       class(newmark_recorder), intent(inout) :: self
       type(newmark_block), intent(in) :: block
@@ -231,8 +231,8 @@ contains
       self%n_records(w) = self%n_records(w) + 1
       self%next_tick(w) = self%next_tick(w) + self%ticks_apart
       associate (motion => block%motion(:block%n_dof, :, block%slot(w), w), r => self%n_records(w))
-         displacement(r, :, w) = motion(:, 3)
-         if (present(velocity)) velocity(r, :, w) = motion(:, 2)
+         displacement(r, :, w) = block%frame%to_dofs(motion(:, 3))
+         if (present(velocity)) velocity(r, :, w) = block%frame%to_dofs(motion(:, 2))
       end associate
    end subroutine record
 

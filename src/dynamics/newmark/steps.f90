@@ -1,37 +1,41 @@
-!> One step of Newmark's scheme, for every step size dt/2^level and every pattern of stuck sliders.
+!> One step of Newmark's scheme, for every step size dt/2^level and every pattern of stuck joints.
 !>
-!> Between transitions the chain is linear: M a + C v + K x changes in a step as the force does, and
-!> the constant forces of sliding masses drop out. With
+!> Between transitions the structure is linear: M a + C v + K_s x changes in a step as the force
+!> does, and the constant forces of slipping joints drop out. With
 !>    v1 = v0 + h ((1 - gamma) a0 + gamma a1),  x1 = x0 + h v0 + h^2 ((1/2 - beta) a0 + beta a1)
-!> and S = M + gamma h C + beta h^2 K this is, b the forced dof,
-!>    a1 = S^-1 [b (F1 - F0) + M a0/gamma - h K (v0 + h (1/2 - beta/gamma) a0)]
+!> and S = M + gamma h C + beta h^2 K_s this is
+!>    a1 = S^-1 [b (F1 - F0) + M a0/gamma - h K_s (v0 + h (1/2 - beta/gamma) a0)]
 !>         - (1 - gamma)/gamma a0.
-!> Short chains have S^-1 in a table, by pattern and level; with beta = gamma/2, as by default.
+!> Short frames have S^-1 M in tables, by pattern and level; with beta = gamma/2, as by default.
 module dynamics_newmark_steps
    use core_error, only: error_type
    use core_kinds, only: long, wp
-   use dynamics_newmark_block, only: newmark_block
+   use dynamics_alignment, only: aligned_memory, register_width
+   use dynamics_newmark_block, only: newmark_block, newmark_try
+   use dynamics_newmark_diagonals, only: diagonal_matrix, diagonals_of
    use dynamics_newmark_frame, only: newmark_frame
    use dynamics_newmark_woodbury, only: inverse_of, new_newmark_system, newmark_system, &
                                         try_woodbury
-   use dynamics_alignment, only: first_aligned, register_width
-   use structure_model, only: structure_type
    implicit none(type, external)
    private
    public :: newmark_steps, new_newmark_steps
 
-   integer, parameter :: rows = register_width   !! of a table: the longest chain that has one
-   integer, parameter :: narrow = 5              !! columns of a table, up to the paper's chain
+   integer, parameter :: rows = register_width   !! of a table
+   integer, parameter :: narrow = 5              !! columns of one, up to the paper's chain; else 8
 
-   !> Tables of steps, by level of halving and pattern of stuck sliders.
+   !> Tables of steps, by level of halving and pattern of stuck joints.
    type :: newmark_steps
       integer :: max_halvings = 0
       real(wp) :: beta = 0.0_wp, gamma = 0.0_wp
-      real(wp), allocatable :: weight(:, :)       !! (5, level) see newmark_level
+      real(wp), allocatable :: weight(:, :)       !! (6, level) of a0, a1 in v1; of v0 (so h), a0, a1 in x1; (1 - gamma)/gamma
       real(wp), allocatable :: share(:)           !! (level) h/dt
-      real(wp), allocatable :: rigid(:, :)        !! (rows, 5) b, M/gamma, K by diagonals
-      real(wp), allocatable :: table(:)           !! (rows; columns; pattern; level)
-      integer :: first_entry = 1                  !! of the table, where a cache line begins
+      !> S^-1 M (row, column, entry 2^joints level + pattern), M^-1 b (row, force, 1), and the
+      !> diagonals (row, 1:4, group) of M^-1 [K W], of 16 columns
+      real(wp), pointer, contiguous :: solution(:, :, :) => null(), load(:, :, :) => null(), &
+                                       diagonals(:, :, :) => null()
+      integer, allocatable :: offset(:, :)        !! (1:4, group) column less row of a diagonal
+      integer :: n_patterns = 1
+      type(aligned_memory), private :: memory
       type(newmark_system), allocatable :: system !! where there are no tables
    contains
       procedure :: try
@@ -39,7 +43,7 @@ module dynamics_newmark_steps
 
 contains
 
-   !> Tables for short rows of masses and average acceleration, else the system of all structures.
+   !> Tables for short frames and average acceleration, else the system of all structures.
    subroutine new_newmark_steps(frame, dt, max_halvings, beta, gamma, steps, error)
       type(newmark_frame), intent(in) :: frame
       real(wp), intent(in) :: dt                 !! [s]
@@ -53,144 +57,237 @@ contains
       steps%max_halvings = max_halvings
       steps%beta = beta
       steps%gamma = gamma
-      allocate (steps%weight(5, 0:max_halvings))
+      allocate (steps%weight(6, 0:max_halvings))
       allocate (steps%share(0:max_halvings))
       steps%share = [(0.5_wp**level, level=0, max_halvings)]
       do level = 0, max_halvings
          h = dt*steps%share(level)
-         steps%weight(:, level) = [h*(1.0_wp - gamma), h*gamma, h, h**2*(0.5_wp - beta), h**2*beta]
+         steps%weight(:, level) = [h*(1.0_wp - gamma), h*gamma, h, h**2*(0.5_wp - beta), &
+                                   h**2*beta, (1.0_wp - gamma)/gamma]
       end do
-      if (frame%is_row .and. frame%structure%n_dof <= rows .and. &
-          .not. abs(beta - 0.5_wp*gamma) > 0.0_wp) then
-         call note_rigid_part(steps, frame%structure)
-         call fill_table(steps, frame%structure, error)
+      if (frame%is_short .and. .not. abs(beta - 0.5_wp*gamma) > 0.0_wp) then
+         call fill_tables(steps, frame, error)
       else
          allocate (steps%system)
          call new_newmark_system(frame%structure, steps%weight, beta, gamma, steps%system, error)
       end if
    end subroutine new_newmark_steps
 
+   !> All patterns and levels of a short frame; what is beyond n is zero.
+   subroutine fill_tables(self, frame, error)
+      type(newmark_steps), intent(inout) :: self
+      type(newmark_frame), intent(in) :: frame
+      type(error_type), allocatable, intent(out) :: error
+      real(wp), allocatable :: inverse(:, :), stiffness(:, :)
+      integer :: columns, j, level, n, pattern
+
+      associate (structure => frame%structure)
+         n = structure%n_dof
+         columns = merge(narrow, rows, n <= narrow)
+         self%n_patterns = 2**structure%n_joints
+         call fill_diagonals(self, frame, rows*(columns*self%n_patterns*(self%max_halvings + 1) &
+                                                + structure%n_forces))
+         call self%memory%take([rows, columns, self%n_patterns*(self%max_halvings + 1)], &
+                               self%solution)
+         call self%memory%take([rows, structure%n_forces, 1], self%load)
+         self%load(:n, :, 1) = matmul(frame%inverse_mass, structure%load)
+         do pattern = 0, self%n_patterns - 1
+            stiffness = structure%stuck_stiffness([(btest(pattern, j), &
+                                                    j=0, structure%n_joints - 1)])
+            do level = 0, self%max_halvings
+               call inverse_of(structure, stiffness, self%weight(3, level), self%beta, self%gamma, &
+                               inverse, error)
+               if (allocated(error)) return
+               self%solution(:n, :n, self%n_patterns*level + pattern + 1) = &
+                  matmul(inverse, structure%mass)
+            end do
+         end do
+      end associate
+   end subroutine fill_tables
+
+   !> Diagonals of M^-1 [K W], four to a group, and memory for so many reals more.
+   subroutine fill_diagonals(self, frame, more)
+      type(newmark_steps), intent(inout) :: self
+      type(newmark_frame), intent(in) :: frame
+      integer, intent(in) :: more
+      type(diagonal_matrix) :: matrix
+      real(wp) :: full(rows, 2*rows)
+      integer :: d, n
+
+      n = frame%structure%n_dof
+      full = 0.0_wp
+      full(:n, :n) = matmul(frame%inverse_mass, frame%structure%stiffness)
+      full(:n, rows + 1:rows + frame%structure%n_joints) = frame%kick
+      call diagonals_of(full, matrix)
+      associate (groups => (matrix%n_diagonals + 3)/4)
+         call self%memory%start(more + rows*4*groups)
+         call self%memory%take([rows, 4, groups], self%diagonals)
+         allocate (self%offset(4, groups), source=0)
+      end associate
+      do d = 0, matrix%n_diagonals - 1
+         self%offset(modulo(d, 4) + 1, d/4 + 1) = matrix%offset(d + 1)
+         self%diagonals(:, modulo(d, 4) + 1, d/4 + 1) = matrix%value(:, d + 1)
+      end do
+   end subroutine fill_diagonals
+
    !> Tries a step with each of the listed samples, at its own level. The new motion goes to the
-   !> spare slot; has_passed is 1 where a slider is beyond its limit at the end of the step, else 0.
+   !> spare slot; has_passed is 1 where a joint is beyond its limit at the end of the step, else 0.
    pure subroutine try(self, sample, block, has_passed)
       class(newmark_steps), intent(in) :: self
-      integer, intent(in) :: sample(:)               !! their numbers
+      integer, intent(in), contiguous :: sample(:)               !! their numbers
       type(newmark_block), intent(inout) :: block
-      integer(long), intent(inout) :: has_passed(:)  !! (all samples) set for those listed
-      real(wp) :: load(rows, size(sample))
-      integer :: k, w
+      integer(long), intent(inout), contiguous :: has_passed(:)  !! (all samples) set for those listed
+      integer :: k
 
-      if (allocated(self%table)) then
-         call form_loads(self, block, sample, block%motion, block%bounds, load)
-         call solve_loads(self, block, sample, table_columns(block%n_dof), &
-                          self%table(self%first_entry), load, block%motion)
-         call finish_tries(self, block, sample, block%bounds, block%motion, has_passed)
-      else
+      call list_tries(self, sample, block%force, block)
+      if (allocated(self%system)) then
          do k = 1, size(sample)
-            w = sample(k)
-            call try_woodbury(self%system, level_of(self, block, w), block, w, has_passed(w))
+            call try_woodbury(self%system, k, block, has_passed(sample(k)))
          end do
+      else
+         associate (n => size(sample))
+            call begin_loads(n, block%tries, self%weight, block%bounds, block%motion, self%load, &
+                             block%change, block%stack, block%loads)
+            call add_springs(n, size(self%offset, 2), self%offset, self%diagonals, &
+                             block%stack, block%loads)
+            if (block%n_forces > 1) call add_forces(n, block%n_forces, self%load, block%change, &
+                                                    block%loads)
+            call finish_tries(n, block%tries, self%weight, size(self%solution, 2), self%solution, &
+                              block%bounds, block%loads, block%motion, has_passed)
+         end associate
       end if
    end subroutine try
 
-   !> The level of halving of the step that a sample tries: h = dt/2^level.
-   pure integer function level_of(self, block, w)
+   !> What tries depend on.
+   pure subroutine list_tries(self, sample, force, block)
       type(newmark_steps), intent(in) :: self
-      type(newmark_block), intent(in) :: block
-      integer, intent(in) :: w
-
-      level_of = self%max_halvings - trailz(block%ticks(w))
-   end function level_of
-
-   !> The tries of short chains go in three passes over the samples, so that the operations of one
-   !> wait for each other while those of the next proceed. Every array has an explicit shape and is
-   !> whole registers long: here the time is spent. Rows of the motion: a 1..8, v 9..16, x 17..24.
-   !>
-   !> First what S^-1 is applied to, b dF + M a0/gamma - h K v0: with beta = gamma/2 that is all.
-   pure subroutine form_loads(self, block, sample, motion, bounds, load)
-      type(newmark_steps), intent(in) :: self
-      type(newmark_block), intent(in) :: block
-      integer, intent(in) :: sample(:)
-      real(wp), intent(in) :: motion(3*rows, 0:1, block%n_samples)
-      real(wp), intent(in) :: bounds(rows, 4, block%n_samples)
-      real(wp), intent(out) :: load(rows, size(sample))
-      real(wp) :: change, h
-      integer :: i, k, l, step, w
+      integer, intent(in), contiguous :: sample(:)
+      real(wp), intent(in), contiguous :: force(0:, :)
+      type(newmark_block), intent(inout) :: block
+      integer :: f, k, l, step, w
 
       do k = 1, size(sample)
          w = sample(k)
-         l = level_of(self, block, w)
+         l = self%max_halvings - trailz(block%ticks(w))
          step = int(shiftr(block%tick(w), self%max_halvings))
-         associate (force => block%force(step:step + 1, block%column(w)))
-            change = (force(2) - force(1))*self%share(l)
-         end associate
-         h = self%weight(3, l)
-         associate (z => motion(:, :, w), s => block%slot(w) + 1, rigid => self%rigid)
-            !$omp simd
-            do i = 1, rows
-               load(i, k) = rigid(i, 1)*change + rigid(i, 2)*z(i, s) &
-                            - h*((rigid(i, 4) + bounds(i, 4, w))*z(rows + i, s) &
-                                 + rigid(i, 3)*z(rows + i - 1, s) + rigid(i, 5)*z(rows + i + 1, s))
+         block%tries(k)%sample = w
+         block%tries(k)%slot = int(block%slot(w))
+         block%tries(k)%level = l
+         block%tries(k)%entry = self%n_patterns*l + block%pattern(w)
+         associate (c => block%column(w))
+            block%change(k, 1) = self%share(l)*(force(step + 1, c + 1) - force(step, c + 1))
+            do f = 2, block%n_forces
+               block%change(k, f) = self%share(l)*(force(step + 1, c + f) - force(step, c + f))
             end do
          end associate
       end do
-   end subroutine form_loads
+   end subroutine list_tries
 
-   !> Then a1 = S^-1 load - share a0, share = (1 - gamma)/gamma.
-   pure subroutine solve_loads(self, block, sample, columns, table, load, motion)
-      type(newmark_steps), intent(in) :: self
-      type(newmark_block), intent(in) :: block
-      integer, intent(in) :: sample(:), columns
-      real(wp), intent(in) :: table(rows, columns, 0:2**block%n_dof - 1, 0:self%max_halvings)
-      real(wp), intent(in) :: load(rows, size(sample))
-      real(wp), intent(inout) :: motion(3*rows, 0:1, block%n_samples)
-      real(wp) :: share
-      integer(long) :: old
-      integer :: i, k, w
+   !> The tries of short frames go in passes over the samples, so that the operations of one wait
+   !> for each other while those of the next proceed. Every array has an explicit shape and is whole
+   !> registers long: here the time is spent. Rows of the motion: a 1..8, v 9..16, x 17..24.
+   !>
+   !> First -h v0, which is -h w.v0 in its first rows, and the same times the stiffness of the stuck
+   !> joints; a0/gamma and M^-1 b dF of the first force begin what S^-1 M is applied to.
+   pure subroutine begin_loads(n_tries, tries, weight, bounds, motion, load, change, stack, loads)
+      integer, intent(in) :: n_tries
+      type(newmark_try), intent(in) :: tries(n_tries)
+      real(wp), intent(in) :: weight(6, 0:*), bounds(rows, 4, *)
+      real(wp), intent(in) :: motion(3*rows, 0:1, *), load(rows)
+      real(wp), intent(in) :: change(n_tries)
+      real(wp), intent(inout) :: stack(4*rows, n_tries)   !! 8 zeros, -h v0, -h k w.v0, 8 zeros
+      real(wp), intent(out) :: loads(rows, n_tries)
+      real(wp) :: h
+      integer :: i, k, s, w
 
-      share = (1.0_wp - self%gamma)/self%gamma
-      do k = 1, size(sample)
-         w = sample(k)
-         old = block%slot(w)
-         associate (t => table(:, :, block%pattern(w), level_of(self, block, w)), f => load(:, k))
-            if (columns == narrow) then
-               !$omp simd
-               do i = 1, rows
-                  motion(i, 1 - old, w) = (t(i, 1)*f(1) + t(i, 2)*f(2)) &
-                                          + (t(i, 3)*f(3) + t(i, 4)*f(4)) &
-                                          + t(i, 5)*f(5) - share*motion(i, old, w)
-               end do
-            else
-               !$omp simd
-               do i = 1, rows
-                  motion(i, 1 - old, w) = ((t(i, 1)*f(1) + t(i, 2)*f(2)) &
-                                           + (t(i, 3)*f(3) + t(i, 4)*f(4))) &
-                                          + ((t(i, 5)*f(5) + t(i, 6)*f(6)) &
-                                             + (t(i, 7)*f(7) + t(i, 8)*f(8))) &
-                                          - share*motion(i, old, w)
-               end do
-            end if
-         end associate
+      do k = 1, n_tries
+         s = tries(k)%slot
+         w = tries(k)%sample
+         h = weight(3, tries(k)%level)
+         !$omp simd
+         do i = 1, rows
+            stack(rows + i, k) = -h*motion(rows + i, s, w)
+            stack(2*rows + i, k) = bounds(i, 4, w)*(-h*motion(rows + i, s, w))
+            loads(i, k) = (1.0_wp + weight(6, 0))*motion(i, s, w) + load(i)*change(k)
+         end do
       end do
-   end subroutine solve_loads
+   end subroutine begin_loads
 
-   !> Last v1 and x1, and whether a slider has passed its limit.
-   pure subroutine finish_tries(self, block, sample, bounds, motion, has_passed)
-      type(newmark_steps), intent(in) :: self
-      type(newmark_block), intent(in) :: block
-      integer, intent(in) :: sample(:)
-      real(wp), intent(in) :: bounds(rows, 4, block%n_samples)
-      real(wp), intent(inout) :: motion(3*rows, 0:1, block%n_samples)
-      integer(long), intent(inout) :: has_passed(:)
-      real(wp) :: weight(5)
-      integer(long) :: old, passed
-      integer :: i, k, w
+   !> Then -h M^-1 K_s v0.
+   pure subroutine add_springs(n_tries, n_groups, offset, diagonals, stack, loads)
+      integer, intent(in) :: n_tries, n_groups, offset(4, n_groups)
+      real(wp), intent(in) :: diagonals(rows, 4, n_groups), stack(4*rows, n_tries)
+      real(wp), intent(inout) :: loads(rows, n_tries)
+      integer :: g, i, k, o1, o2, o3, o4
 
-      do k = 1, size(sample)
-         w = sample(k)
-         weight = self%weight(:, level_of(self, block, w))
-         old = block%slot(w)
+      do g = 1, n_groups
+         o1 = rows + offset(1, g)
+         o2 = rows + offset(2, g)
+         o3 = rows + offset(3, g)
+         o4 = rows + offset(4, g)
+         do k = 1, n_tries
+            !$omp simd
+            do i = 1, rows
+               loads(i, k) = loads(i, k) + ((diagonals(i, 1, g)*stack(i + o1, k) &
+                                             + diagonals(i, 2, g)*stack(i + o2, k)) &
+                                            + (diagonals(i, 3, g)*stack(i + o3, k) &
+                                               + diagonals(i, 4, g)*stack(i + o4, k)))
+            end do
+         end do
+      end do
+   end subroutine add_springs
+
+   !> Then M^-1 b dF of other forces.
+   pure subroutine add_forces(n_tries, n_forces, load, change, loads)
+      integer, intent(in) :: n_tries, n_forces
+      real(wp), intent(in) :: load(rows, n_forces), change(:, :)
+      real(wp), intent(inout) :: loads(rows, n_tries)
+      integer :: f, i, k
+
+      do f = 2, n_forces
+         do k = 1, n_tries
+            !$omp simd
+            do i = 1, rows
+               loads(i, k) = loads(i, k) + load(i, f)*change(k, f)
+            end do
+         end do
+      end do
+   end subroutine add_forces
+
+   !> Last a1 = S^-1 M load - share a0, share = (1 - gamma)/gamma, v1 and x1, and whether a joint has
+   !> passed its limit.
+   pure subroutine finish_tries(n_tries, tries, weight, columns, solution, bounds, loads, motion, &
+                                has_passed)
+      integer, intent(in) :: n_tries, columns
+      type(newmark_try), intent(in) :: tries(n_tries)
+      real(wp), intent(in) :: weight(6, 0:*), solution(rows, columns, 0:*)
+      real(wp), intent(in) :: bounds(rows, 4, *), loads(rows, n_tries)
+      real(wp), intent(inout) :: motion(3*rows, 0:1, *)
+      integer(long), intent(inout) :: has_passed(*)
+      real(wp) :: a(rows)
+      integer(long) :: passed
+      integer :: e, i, k, l, new, old, w
+
+      do k = 1, n_tries
+         e = tries(k)%entry
+         l = tries(k)%level
+         w = tries(k)%sample
+         old = tries(k)%slot
+         new = 1 - old
          passed = 0_long
+         !$omp simd
+         do i = 1, rows
+            a(i) = ((solution(i, 1, e)*loads(1, k) + solution(i, 2, e)*loads(2, k)) &
+                    + (solution(i, 3, e)*loads(3, k) + solution(i, 4, e)*loads(4, k))) &
+                   + solution(i, 5, e)*loads(5, k)
+         end do
+         if (columns > narrow) then
+            !$omp simd
+            do i = 1, rows
+               a(i) = a(i) + ((solution(i, 6, e)*loads(6, k) + solution(i, 7, e)*loads(7, k)) &
+                              + solution(i, 8, e)*loads(8, k))
+            end do
+         end if
          !$omp simd reduction(ior:passed)
          do i = 1, rows
             block
@@ -199,11 +296,12 @@ contains
 
                a0 = motion(i, old, w)
                v0 = motion(rows + i, old, w)
-               a1 = motion(i, 1 - old, w)
-               v1 = v0 + weight(1)*a0 + weight(2)*a1
-               x1 = motion(2*rows + i, old, w) + weight(3)*v0 + weight(4)*a0 + weight(5)*a1
-               motion(rows + i, 1 - old, w) = v1
-               motion(2*rows + i, 1 - old, w) = x1
+               a1 = a(i) - weight(6, l)*a0
+               v1 = v0 + weight(1, l)*a0 + weight(2, l)*a1
+               x1 = motion(2*rows + i, old, w) + weight(3, l)*v0 + weight(4, l)*a0 + weight(5, l)*a1
+               motion(i, new, w) = a1
+               motion(rows + i, new, w) = v1
+               motion(2*rows + i, new, w) = x1
                is_out = merge(1_long, 0_long, abs(x1 - bounds(i, 1, w)) > bounds(i, 2, w))
                is_back = merge(1_long, 0_long, bounds(i, 3, w)*v1 < 0.0_wp)
                passed = ior(passed, ior(is_out, is_back))
@@ -212,56 +310,5 @@ contains
          has_passed(w) = passed
       end do
    end subroutine finish_tries
-
-   !> Notes the coefficients that do not depend on the sliders, in whole registers.
-   pure subroutine note_rigid_part(self, structure)
-      type(newmark_steps), intent(inout) :: self
-      type(structure_type), intent(in) :: structure
-      integer :: i, n
-
-      n = structure%n_dof
-      allocate (self%rigid(rows, 5), source=0.0_wp)
-      self%rigid(:n, 1) = structure%load(:, 1)
-      self%rigid(:n, 2) = structure%lumped_mass()/self%gamma
-      do i = 1, n
-         if (i > 1) self%rigid(i, 3) = structure%stiffness(i, i - 1)
-         self%rigid(i, 4) = structure%stiffness(i, i)
-         if (i < n) self%rigid(i, 5) = structure%stiffness(i, i + 1)
-      end do
-   end subroutine note_rigid_part
-
-   !> S^-1 for all patterns and levels of a short row; what is beyond n is zero.
-   subroutine fill_table(self, structure, error)
-      type(newmark_steps), intent(inout) :: self
-      type(structure_type), intent(in) :: structure
-      type(error_type), allocatable, intent(out) :: error
-      real(wp), allocatable :: inverse(:, :)
-      integer :: columns, i, level, n, next, pattern
-
-      n = structure%n_dof
-      columns = table_columns(n)
-      allocate (self%table(rows*columns*2**n*(self%max_halvings + 1) + rows), source=0.0_wp)
-      self%first_entry = first_aligned(self%table)
-      next = self%first_entry
-      do level = 0, self%max_halvings
-         do pattern = 0, 2**n - 1
-            call inverse_of(structure, &
-                            structure%stuck_stiffness([(btest(pattern, i), i=0, n - 1)]), &
-                            self%weight(3, level), self%beta, self%gamma, inverse, error)
-            if (allocated(error)) return
-            do i = 1, n
-               self%table(next:next + n - 1) = inverse(:, i)
-               next = next + rows
-            end do
-            next = next + rows*(columns - n)
-         end do
-      end do
-   end subroutine fill_table
-
-   pure integer function table_columns(n)
-      integer, intent(in) :: n
-
-      table_columns = merge(narrow, rows, n <= narrow)
-   end function table_columns
 
 end module dynamics_newmark_steps

@@ -6,10 +6,10 @@
 module dynamics_newmark_woodbury
    use core_error, only: error_type
    use core_kinds, only: long, wp
-   use dynamics_newmark_block, only: newmark_block
    use dynamics_alignment, only: register_width, whole_registers
+   use dynamics_newmark_block, only: newmark_block
+   use dynamics_newmark_diagonals, only: diagonal_matrix, diagonals_of, put_product
    use numerics_lapack, only: solve_positive_definite
-   use numerics_sparse, only: sparse_matrix, sparse_of
    use structure_model, only: structure_type
    implicit none(type, external)
    private
@@ -17,17 +17,21 @@ module dynamics_newmark_woodbury
 
    !> Matrices of one length of step.
    type :: newmark_level
-      real(wp) :: share = 1.0_wp                   !! h/dt
-      real(wp) :: weight(5) = 0.0_wp               !! of a0, a1 in v1; of v0 (so h), a0, a1 in x1
+      !> of a0, a1 in v1; of v0 (so h), a0, a1 in x1; (1 - gamma)/gamma
+      real(wp) :: weight(6) = 0.0_wp
       real(wp), allocatable :: inverse(:, :)       !! S^-1 (rows, dof)
       integer, allocatable :: span(:, :)           !! (2, dof) rows in which a column of it counts
       real(wp), allocatable :: at_joints(:, :)     !! S^-1 W (rows, joint)
+      integer, allocatable :: joint_span(:, :)     !! (2, joint) rows in which a column of it counts
       real(wp), allocatable :: between(:, :)       !! W' S^-1 W (joint, joint)
+      real(wp), allocatable :: compliance(:)       !! 1/(beta h^2 k) (joint)
    end type newmark_level
 
-   !> A structure with all joints stuck, at every level of halving.
+   !> A structure at every level of halving.
    type :: newmark_system
-      type(sparse_matrix) :: mass, stiffness       !! M, K_s
+      type(diagonal_matrix) :: forces                !! [M/gamma K W b]
+      type(diagonal_matrix) :: directions            !! W'
+      type(diagonal_matrix) :: both                  !! W' of a column v and of the next one, x
       real(wp) :: beta = 0.0_wp, gamma = 0.0_wp
       type(newmark_level), allocatable :: level(:)   !! from 0
    end type newmark_system
@@ -37,33 +41,49 @@ contains
    !> Prepares every level.
    subroutine new_newmark_system(structure, weight, beta, gamma, system, error)
       type(structure_type), intent(in) :: structure
-      real(wp), intent(in) :: weight(:, 0:)   !! (5, level) as in newmark_level
+      real(wp), intent(in) :: weight(:, 0:)   !! (6, level) see newmark_level
       real(wp), intent(in) :: beta, gamma
       type(newmark_system), intent(out) :: system
       type(error_type), allocatable, intent(out) :: error
-      real(wp), allocatable :: inverse(:, :), stuck(:, :)
-      integer :: j, l, n, rows
+      real(wp), allocatable :: both(:, :), forces(:, :), inverse(:, :), stuck(:, :)
+      logical, allocatable :: is_felt(:, :)   ! (dof, joint)
+      integer :: j, joint_rows, l, m, n, rows
 
       n = structure%n_dof
+      m = structure%n_joints
       rows = whole_registers(n)
       system%beta = beta
       system%gamma = gamma
-      stuck = structure%stuck_stiffness([(.true., j=1, structure%n_joints)])
-      system%mass = sparse_of(structure%mass)
-      system%stiffness = sparse_of(stuck)
+      allocate (forces(n, 2*n + m + structure%n_forces))
+      forces(:, :n) = structure%mass/gamma
+      forces(:, n + 1:2*n) = structure%stiffness
+      forces(:, 2*n + 1:2*n + m) = structure%direction
+      forces(:, 2*n + m + 1:) = structure%load
+      call diagonals_of(forces, system%forces)
+      call diagonals_of(transpose(structure%direction), system%directions)
+      joint_rows = whole_registers(max(1, m))
+      allocate (both(2*joint_rows, 2*rows), source=0.0_wp)
+      both(:m, :n) = transpose(structure%direction)
+      both(joint_rows + 1:joint_rows + m, rows + 1:rows + n) = transpose(structure%direction)
+      call diagonals_of(both, system%both)
+      is_felt = abs(structure%direction) > 0.0_wp
+      stuck = structure%stuck_stiffness([(.true., j=1, m)])
       allocate (system%level(0:ubound(weight, 2)))
       do l = 0, ubound(weight, 2)
          associate (level => system%level(l))
-            level%share = 0.5_wp**l
             level%weight = weight(:, l)
             call inverse_of(structure, stuck, weight(3, l), beta, gamma, inverse, error)
             if (allocated(error)) return
-            allocate (level%inverse(rows, n), level%at_joints(rows, structure%n_joints), &
-                      source=0.0_wp)
+            allocate (level%inverse(rows, n), level%at_joints(rows, m), source=0.0_wp)
             level%inverse(:n, :) = inverse
             level%span = span_of(inverse)
             level%at_joints(:n, :) = matmul(inverse, structure%direction)
+            allocate (level%joint_span(2, m))
+            level%joint_span(1, :) = [(minval(level%span(1, :), is_felt(:, j)), j=1, m)]
+            level%joint_span(2, :) = [(maxval(level%span(2, :), is_felt(:, j)), j=1, m)]
             level%between = matmul(transpose(structure%direction), level%at_joints(:n, :))
+            if (beta > 0.0_wp) &
+               level%compliance = 1.0_wp/(weight(5, l)*structure%joint_stiffness)
          end associate
       end do
    end subroutine new_newmark_system
@@ -113,55 +133,50 @@ contains
       end do
    end function span_of
 
-   !> Tries a step of sample w: a1 = S^-1 [b dF + M a0/gamma - h K (v0 + lag a0)] - share a0 with
-   !> lag = h (1/2 - beta/gamma), share = (1 - gamma)/gamma; then v1 and x1. has_passed is 1 where a
-   !> joint is beyond its limit at the end, else 0.
-   pure subroutine try_woodbury(system, l, block, w, has_passed)
+   !> Tries a step of sample w: a1 = S^-1 [b dF + M a0/gamma - h K_s u] - share a0 with u = v0 + lag
+   !> a0, lag = h (1/2 - beta/gamma), share = (1 - gamma)/gamma; then v1 and x1. has_passed is 1
+   !> where a joint is beyond its limit at the end, else 0.
+   pure subroutine try_woodbury(system, k, block, has_passed)
       type(newmark_system), intent(in) :: system
-      integer, intent(in) :: l, w
+      integer, intent(in) :: k   !! number of the try
       type(newmark_block), intent(inout) :: block
       integer(long), intent(out) :: has_passed
-      real(wp), dimension(size(block%motion, 1)) :: a, load, pull
-      real(wp), dimension(block%n_joints) :: place, velocity
-      real(wp) :: lag, missing, share
-      integer :: i, j, m
+      integer :: j, m, w
 
-      associate (level => system%level(l), weight => system%level(l)%weight, &
-                 n => block%n_dof, h => system%level(l)%weight(3), w_ => block%frame%directions, &
+      w = block%tries(k)%sample
+      associate (level => system%level(block%tries(k)%level), n => block%n_dof, &
+                 h => system%level(block%tries(k)%level)%weight(3), room => block%room, &
                  old => block%motion(:, :, block%slot(w), w), &
                  new => block%motion(:, :, 1 - block%slot(w), w), &
                  bounds => block%bounds(:, :, w))
-         lag = h*(0.5_wp - system%beta/system%gamma)
-         share = (1.0_wp - system%gamma)/system%gamma
-         missing = system%beta*h**2
          m = 0
          do j = 1, block%n_joints   ! without a branch, for nobody can guess it
             block%list(m + 1) = j
             m = m + merge(0, 1, bounds(j, 4) > 0.0_wp)
          end do
-         a(:n) = old(:n, 2) + lag*old(:n, 1)
-         call system%mass%multiply(old(:, 1), load)
-         call system%stiffness%multiply(a, pull)
-         load(:n) = load(:n)/system%gamma - h*pull(:n)
-         load(:n) = load(:n) &
-                    + level%share*matmul(block%frame%structure%load, block%change_of_force(w))
-         do i = 1, m
-            j = block%list(i)
-            call w_%add_row(j, h*block%stiffness(j)*w_%row_times(j, a), load)
-         end do
-         call multiply(size(a), n, level%span, level%inverse, load, a)
-         if (m > 0 .and. missing > 0.0_wp) call release(level, missing, m, block, a)
-         new(:n, 1) = a(:n) - share*old(:n, 1)
-         new(:n, 2) = old(:n, 2) + weight(1)*old(:n, 1) + weight(2)*new(:n, 1)
-         new(:n, 3) = old(:n, 3) + weight(3)*old(:n, 2) + weight(4)*old(:n, 1) &
-                      + weight(5)*new(:n, 1)
-         call w_%multiply(new(:, 3), place)
-         call w_%multiply(new(:, 2), velocity)
-         has_passed = 0
-         do j = 1, block%n_joints
-            if (abs(place(j) - bounds(j, 1)) > bounds(j, 2) .or. &
-                bounds(j, 3)*velocity(j) < 0.0_wp) has_passed = 1
-         end do
+
+         associate (u => room(:n, 1))
+            u = old(:n, 2) + (h*(0.5_wp - system%beta/system%gamma))*old(:n, 1)
+            call put_product(system%directions, u, room(:, 2))
+            block%parts(:n) = old(:n, 1)
+            block%parts(n + 1:2*n) = -h*u
+         end associate
+         associate (springs => block%parts(2*n + 1:2*n + block%n_joints))
+            springs = -h*(bounds(:size(springs), 4)*room(:size(springs), 2))
+         end associate
+         block%parts(2*n + block%n_joints + 1:) = block%change(k, :)
+         call put_product(system%forces, block%parts, room(:, 1))
+         call multiply(size(level%inverse, 1), n, level%span, level%inverse, room(:, 1), room(:, 2))
+         if (m > 0 .and. system%beta > 0.0_wp) then
+            do j = 1, m
+               block%released(j) = block%frame%directions%row_times(block%list(j), room(:, 2))
+            end do
+            call release(size(level%inverse, 1), block%n_joints, m, block%list, level, &
+                         level%at_joints, block%released, room(:, 2), block%factor)
+         end if
+         call move_on(size(old, 1), level%weight, room(:, 2), old, new)
+         call join_paths(system, size(old, 1), new(:, 2:3), block%paths)
+         call judge(size(bounds, 1), block%paths, bounds, has_passed)
       end associate
    end subroutine try_woodbury
 
@@ -189,40 +204,85 @@ contains
    !> From u = S^-1 q with all joints stuck to that with the m listed ones slipping: u + S^-1 W y
    !> with (1/(beta h^2 k) - W' S^-1 W) y = W' u, rows and columns of the listed joints. By factors
    !> L D L' made here and not by LAPACK, whose calls cost more than these few rows.
-   pure subroutine release(level, missing, m, block, u)
+   pure subroutine release(rows, joints, m, list, level, at_joints, y, u, factor)
+      integer, intent(in) :: rows, joints, m, list(m)
       type(newmark_level), intent(in) :: level
-      real(wp), intent(in) :: missing   !! beta h^2
-      integer, intent(in) :: m
-      type(newmark_block), intent(inout) :: block
-      real(wp), intent(inout) :: u(:)
+      real(wp), intent(in) :: at_joints(rows, joints)
+      real(wp), intent(inout) :: y(m)   !! W' u of the listed joints
+      real(wp), intent(inout) :: u(rows)
+      real(wp), intent(out) :: factor(joints, m)
       real(wp) :: pivot, share
-      integer :: i, j
+      integer :: i, j, k
 
-      associate (list => block%list, factor => block%factor, y => block%release)
-         do j = 1, m
-            do i = j, m
-               factor(i, j) = -level%between(list(i), list(j))
-            end do
-            factor(j, j) = factor(j, j) + 1.0_wp/(missing*block%stiffness(list(j)))
-            y(j) = block%frame%directions%row_times(list(j), u)
+      do j = 1, m
+         do i = j, m
+            factor(i, j) = -level%between(list(i), list(j))
          end do
-         do j = 1, m
-            pivot = 1.0_wp/factor(j, j)
-            do i = j + 1, m
-               share = factor(i, j)*pivot
-               factor(i:m, i) = factor(i:m, i) - factor(i:m, j)*share
-               y(i) = y(i) - y(j)*share
+         factor(j, j) = factor(j, j) + level%compliance(list(j))
+      end do
+      do j = 1, m
+         pivot = 1.0_wp/factor(j, j)
+         do i = j + 1, m
+            share = factor(i, j)*pivot
+            do k = i, m
+               factor(k, i) = factor(k, i) - factor(k, j)*share
             end do
-            y(j) = y(j)*pivot
-            factor(j + 1:m, j) = factor(j + 1:m, j)*pivot
+            y(i) = y(i) - y(j)*share
          end do
-         do j = m, 1, -1
-            do i = j + 1, m
-               y(j) = y(j) - factor(i, j)*y(i)
-            end do
-            u = u + level%at_joints(:, list(j))*y(j)
+         y(j) = y(j)*pivot
+         do k = j + 1, m
+            factor(k, j) = factor(k, j)*pivot
          end do
-      end associate
+      end do
+      do j = m, 1, -1
+         do i = j + 1, m
+            y(j) = y(j) - factor(i, j)*y(i)
+         end do
+         do i = level%joint_span(1, list(j)), level%joint_span(2, list(j))
+            u(i) = u(i) + at_joints(i, list(j))*y(j)
+         end do
+      end do
    end subroutine release
+
+   !> a1 = a - share a0, v1 and x1.
+   pure subroutine move_on(rows, weight, a, old, new)
+      integer, intent(in) :: rows
+      real(wp), intent(in) :: weight(6), a(rows), old(rows, 3)
+      real(wp), intent(out) :: new(rows, 3)
+      integer :: i
+
+      do i = 1, rows
+         new(i, 1) = a(i) - weight(6)*old(i, 1)
+         new(i, 2) = old(i, 2) + weight(1)*old(i, 1) + weight(2)*new(i, 1)
+         new(i, 3) = old(i, 3) + weight(3)*old(i, 2) + weight(4)*old(i, 1) + weight(5)*new(i, 1)
+      end do
+   end subroutine move_on
+
+   !> w.v and w.x of all joints.
+   pure subroutine join_paths(system, rows, motion, paths)
+      type(newmark_system), intent(in) :: system
+      integer, intent(in) :: rows
+      real(wp), intent(in) :: motion(2*rows)   !! v and x
+      real(wp), intent(out), contiguous :: paths(:)
+
+      call put_product(system%both, motion, paths)
+   end subroutine join_paths
+
+   !> True, as 1, if a joint is beyond its limit.
+   pure subroutine judge(rows, paths, bounds, has_passed)
+      integer, intent(in) :: rows
+      real(wp), intent(in) :: paths(rows, 2), bounds(rows, 4)   !! w.v and w.x of the joints
+      integer(long), intent(out) :: has_passed
+      integer(long) :: is_back, is_out
+      integer :: j
+
+      has_passed = 0
+      !$omp simd private(is_back, is_out) reduction(ior:has_passed)
+      do j = 1, rows
+         is_out = merge(1_long, 0_long, abs(paths(j, 2) - bounds(j, 1)) > bounds(j, 2))
+         is_back = merge(1_long, 0_long, bounds(j, 3)*paths(j, 1) < 0.0_wp)
+         has_passed = ior(has_passed, ior(is_out, is_back))
+      end do
+   end subroutine judge
 
 end module dynamics_newmark_woodbury
