@@ -32,7 +32,7 @@ module dynamics_newmark_block
       integer(long), allocatable :: ticks(:)      !! (sample) of the next step
       integer(long), allocatable :: until(:)      !! (sample) a transition is known to come by then
       integer(long), allocatable :: slot(:)       !! (sample) 0 or 1: that of the present motion
-      integer, allocatable :: pattern(:)          !! (sample) bit j-1: joint j is stuck; short frames
+      integer, allocatable :: pattern(:)          !! (sample) bit j-1: joint j is stuck; if short
       !> (coordinate; a, v, x; slot; sample)
       real(wp), pointer, contiguous :: motion(:, :, :, :) => null()
       !> (joint; slider, reach, way, stiffness; sample). Reach is huge for one that slips, way 0 for
@@ -42,7 +42,8 @@ module dynamics_newmark_block
       real(wp), allocatable :: reach(:, :)        !! (joint, sample) mu N/k [m]
       real(wp), allocatable :: work(:, :)         !! (input viscous, sample) [J]
       ! room for the steps to work in, and for a transition: w.x and w.v at both ends of a step
-      real(wp), pointer, contiguous :: loads(:, :) => null(), stack(:, :) => null()   !! (.., try)
+      real(wp), pointer, contiguous :: loads(:, :) => null()   !! (row, try)
+      real(wp), pointer, contiguous :: stack(:, :) => null()   !! (row, try)
       type(newmark_try), allocatable :: tries(:)
       real(wp), allocatable :: change(:, :)    !! (try, force) in the step tried [N]
       integer, allocatable :: list(:)          !! (joint)
@@ -97,10 +98,10 @@ contains
       allocate (block%ticks(samples), source=shiftl(1_long, max_halvings))
       allocate (block%pattern(samples), block%list(m + 1), source=0)
       allocate (block%tries(samples))
-      allocate (block%work(2, samples), block%room(max(rows, joint_rows), 2), block%released(m), block%paths(2*joint_rows), &
-                block%parts(2*n + m + block%n_forces), block%factor(m, m), &
-                block%change(samples, block%n_forces), source=0.0_wp)
-      allocate (block%place(joint_rows, 0:1), block%speed(joint_rows, 0:1), &
+      allocate (block%work(2, samples), block%room(max(rows, joint_rows), 2), block%released(m), &
+                block%parts(2*n + m + block%n_forces), block%paths(2*joint_rows), &
+                block%factor(m, m), block%change(samples, block%n_forces), &
+                block%place(joint_rows, 0:1), block%speed(joint_rows, 0:1), &
                 block%margin(joint_rows, 0:1), source=0.0_wp)
       call block%memory%start((11*rows + 4*joint_rows)*samples)
       call block%memory%take([rows, 3, 2*samples], planes)
@@ -310,7 +311,7 @@ contains
          do j = 1, self%n_joints
             pull = state%direction(j, w)*state%slip_limit(j, w)
             if (state%direction(j, w) == 0) pull = self%stiffness(j)* &
-                                    (directions%row_times(j, motion(:, 3)) - self%bounds(j, 1, w))
+                                      (directions%row_times(j, motion(:, 3)) - self%bounds(j, 1, w))
             call directions%add_row(j, -pull, force)
          end do
          motion(:, 1) = matmul(self%frame%inverse_mass, force)

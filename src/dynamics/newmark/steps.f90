@@ -27,7 +27,8 @@ module dynamics_newmark_steps
    type :: newmark_steps
       integer :: max_halvings = 0
       real(wp) :: beta = 0.0_wp, gamma = 0.0_wp
-      real(wp), allocatable :: weight(:, :)       !! (6, level) of a0, a1 in v1; of v0 (so h), a0, a1 in x1; (1 - gamma)/gamma
+      !> (6, level) of a0, a1 in v1; of v0 (so h), a0, a1 in x1; (1 - gamma)/gamma
+      real(wp), allocatable :: weight(:, :)
       real(wp), allocatable :: share(:)           !! (level) h/dt
       !> S^-1 M (row, column, entry 2^joints level + pattern), M^-1 b (row, force, 1), and the
       !> diagonals (row, 1:4, group) of M^-1 [K W], of 16 columns
@@ -136,7 +137,7 @@ contains
       class(newmark_steps), intent(in) :: self
       integer, intent(in), contiguous :: sample(:)               !! their numbers
       type(newmark_block), intent(inout) :: block
-      integer(long), intent(inout), contiguous :: has_passed(:)  !! (all samples) set for those listed
+      integer(long), intent(inout), contiguous :: has_passed(:)  !! (all samples) for those listed
       integer :: k
 
       call list_tries(self, sample, block%force, block)
@@ -158,7 +159,7 @@ contains
       end if
    end subroutine try
 
-   !> What tries depend on.
+   !> Lists what the tries depend on.
    pure subroutine list_tries(self, sample, force, block)
       type(newmark_steps), intent(in) :: self
       integer, intent(in), contiguous :: sample(:)
@@ -254,8 +255,8 @@ contains
       end do
    end subroutine add_forces
 
-   !> Last a1 = S^-1 M load - share a0, share = (1 - gamma)/gamma, v1 and x1, and whether a joint has
-   !> passed its limit.
+   !> Last a1 = S^-1 M load - share a0, share = (1 - gamma)/gamma, v1 and x1, and whether a joint
+   !> has passed its limit.
    pure subroutine finish_tries(n_tries, tries, weight, columns, solution, bounds, loads, motion, &
                                 has_passed)
       integer, intent(in) :: n_tries, columns
