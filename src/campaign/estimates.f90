@@ -39,10 +39,10 @@ contains
          self%friction_points = friction_points
          allocate (self%sensitivity(size(friction_points), size(best%slip%mean)))
          allocate (self%sensitivity_error, mold=self%sensitivity)
-         ratio%slip = best%slip
-         ratio%slip_distance = best%slip_distance
-         ratio%dissipation = best%dissipation
-         ratio%harmonic_amplitude = best%harmonic_amplitude
+         ratio%slip = without_errors(best%slip)
+         ratio%slip_distance = without_errors(best%slip_distance)
+         ratio%dissipation = without_errors(best%dissipation)
+         ratio%harmonic_amplitude = without_errors(best%harmonic_amplitude)
          if (.not. allocated(best%psd_mean)) return
          ratio%psd_mean = best%psd_mean
          ratio%psd_percentiles = best%psd_percentiles
@@ -51,6 +51,16 @@ contains
          ratio%band_ratio = best%band_ratio
       end associate
    end subroutine start
+
+   pure function without_errors(statistics) result(estimates)
+      type(joint_statistics), intent(in) :: statistics
+      type(joint_statistics) :: estimates
+
+      if (.not. allocated(statistics%mean)) return
+      estimates%mean = statistics%mean
+      estimates%std = statistics%std
+      estimates%percentiles = statistics%percentiles
+   end function without_errors
 
    !> A quantity of a joint.
    pure subroutine take_scalar(self, quantity, joint, scalar)

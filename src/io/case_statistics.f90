@@ -6,7 +6,6 @@ module io_case_statistics
    use campaign_results, only: case_statistics, joint_statistics
    use core_error, only: error_type
    use core_kinds, only: wp
-   use core_text, only: to_text
    use io_blocks, only: kept_axis
    use io_group, only: group_type, new_group
    use io_hdf5, only: label_type
@@ -15,110 +14,84 @@ module io_case_statistics
    private
    public :: write_estimates
 
-   character(*), parameter :: not_lowered = &
-                              ' that more samples do not lower: the march is finite'
-   character(*), parameter :: by_regression = &
-                              'leave-one-out residuals of the regression, Student, 95 %'
+   integer, parameter :: estimates = 1, ratios = 2, gains = 3   !! what a visitor does
 
-   !> Axes of what is told of each dof whose spectra are kept, in Python's order.
-   type :: band_axes
-      character(64) :: dof, spectrum, percentile, percentile_spectrum
-   end type band_axes
+   !> Does one thing with each statistic that it visits: writes it; writes the ratio of errors that
+   !> stands in its place; or notes with an estimate how it came about and what that gains.
+   type :: statistics_visitor
+      integer :: deed = estimates
+      type(group_type) :: group
+      character(:), allocatable :: dof         !! the axis of the dofs whose spectra are kept
+      character(:), allocatable :: estimator, pooled_with   !! of gains
+   contains
+      generic :: visit => visit_row, visit_matrix, visit_cube
+      procedure, private :: visit_row, visit_matrix, visit_cube
+   end type statistics_visitor
 
 contains
 
    !> Takes the first error of all.
-   subroutine write_estimates(group, plan, plain, estimates, error)
+   subroutine write_estimates(group, plan, plain, found, error)
       type(group_type), intent(inout) :: group
       type(plan_type), intent(in) :: plan
       type(case_statistics), intent(in) :: plain
-      type(case_estimates), intent(in) :: estimates
+      type(case_estimates), intent(in) :: found
       type(error_type), allocatable, intent(out) :: error
-      type(group_type) :: beside
 
-      call write_statistics(group, plan, estimates%best, estimates%estimator /= 'plain')
+      call write_statistics(group, plan, found%best, found%estimator /= 'plain')
       call write_time_errors(group, plan, plain)
       if (allocated(plain%slip%mean)) then
-         call group%attribute('estimator', trim(estimates%estimator))
-         if (len(estimates%reason) > 0) call group%attribute('plain_reason', estimates%reason)
+         call group%attribute('estimator', trim(found%estimator))
+         if (len(found%reason) > 0) call group%attribute('plain_reason', found%reason)
       end if
-      if (estimates%estimator /= 'plain') then
-         call group%put('friction_point', estimates%friction_points, &
-                        label_type('1', 'point of the process, of the friction of one joint or '// &
-                                   'more', 'friction_point'))
-         call group%put('sensitivity', estimates%sensitivity, &
-                        label_type('1', 'share of the variance of slip_fraction due to one '// &
-                                   'friction value', 'joint friction_point'))
-         call group%put('sensitivity_error', estimates%sensitivity_error, &
-                        label_type('1', 'standard error of sensitivity', 'joint friction_point'))
-         if (.not. allocated(group%error)) then
-            beside = new_group(group%file, group%path//'/plain')
-            call write_statistics(beside, plan, plain, .false.)
-            call beside%take_error(group%error)
-         end if
-         if (.not. allocated(group%error)) then
-            beside = new_group(group%file, group%path//'/error_ratio')
-            call write_ratios(beside, plan, estimates%error_ratio)
-            call beside%take_error(group%error)
-         end if
-         call describe_estimators(group, estimates)
+      if (found%estimator /= 'plain') then
+         call write_sensitivities(group, found)
+         call write_beside(group, plan, plain, found)
       end if
       call group%take_error(error)
    end subroutine write_estimates
 
-   !> Notes with each best estimate how it came about and what that gains.
-   subroutine describe_estimators(group, estimates)
+   subroutine write_sensitivities(group, found)
       type(group_type), intent(inout) :: group
-      type(case_estimates), intent(in) :: estimates
+      type(case_estimates), intent(in) :: found
 
-      associate (ratio => estimates%error_ratio)
-         call describe_numbers('slip', ratio%slip)
-         call describe_numbers('slip_distance', ratio%slip_distance)
-         call describe_numbers('dissipation', ratio%dissipation)
-         if (allocated(ratio%harmonic_amplitude%mean)) &
-            call describe_numbers('harmonic_amplitude', ratio%harmonic_amplitude)
-         if (.not. allocated(ratio%psd_mean)) return
-         call describe('psd_mean', [ratio%psd_mean])
-         call describe('psd_percentiles', [ratio%psd_percentiles])
-         call describe('pseudo_variance_mean', ratio%pseudo_variance_mean)
-         call describe('pseudo_variance_percentiles', [ratio%pseudo_variance_percentiles])
-         call describe('band_ratio', ratio%band_ratio)
-      end associate
+      call group%put('friction_point', found%friction_points, &
+                     label_type('1', 'point of the process, of the friction of one joint or more', &
+                                'friction_point'))
+      call group%put('sensitivity', found%sensitivity, &
+                     label_type('1', 'share of the variance of slip_fraction due to one '// &
+                                'friction value', 'joint friction_point'))
+      call group%put('sensitivity_error', found%sensitivity_error, &
+                     label_type('1', 'standard error of sensitivity', 'joint friction_point'))
+   end subroutine write_sensitivities
 
-   contains
+   !> Plain estimates and ratios of errors, in groups of their own, and what each best one gains.
+   subroutine write_beside(group, plan, plain, found)
+      type(group_type), intent(inout) :: group
+      type(plan_type), intent(in) :: plan
+      type(case_statistics), intent(in) :: plain
+      type(case_estimates), intent(in) :: found
+      type(group_type) :: beside
+      type(statistics_visitor) :: v
 
-      subroutine describe_numbers(name, ratio)
-         character(*), intent(in) :: name
-         type(joint_statistics), intent(in) :: ratio
-
-         call describe(name//'_mean', ratio%mean)
-         call describe(name//'_std', ratio%std)
-         call describe(name//'_percentiles', [ratio%percentiles])
-      end subroutine describe_numbers
-
-      subroutine describe(name, ratio)
-         character(*), intent(in) :: name
-         real(wp), intent(in) :: ratio(:)
-         type(group_type) :: dataset
-         integer :: order(size(ratio))
-
-         if (allocated(group%error)) return
-         dataset = group
-         dataset%path = group%path//'/'//name
-         order = sort_order(ratio)
-         call dataset%attribute('error_ratio', ratio(order((size(order) + 1)/2)))
-         if (maxval(ratio) > 1.0_wp) then
-            call dataset%attribute('estimator', trim(estimates%estimator))
-            if (size(estimates%pooled_with) > 0) &
-               call dataset%attribute('pooled_with', names_of(estimates%pooled_with))
-         else
-            call dataset%attribute('estimator', 'plain')
-            call dataset%attribute('plain_reason', 'the regression explains too little')
-         end if
-         call dataset%take_error(group%error)
-      end subroutine describe
-
-   end subroutine describe_estimators
+      if (allocated(group%error)) return
+      beside = new_group(group%file, group%path//'/plain')
+      call write_statistics(beside, plan, plain, .false.)
+      call beside%take_error(group%error)
+      if (allocated(group%error)) return
+      v%deed = ratios
+      v%dof = kept_axis(plan)
+      v%group = new_group(group%file, group%path//'/error_ratio')
+      call visit_statistics(v, found%error_ratio)
+      if (.not. allocated(v%group%error)) then
+         v%deed = gains
+         v%estimator = trim(found%estimator)
+         v%pooled_with = names_of(found%pooled_with)
+         v%group%path = group%path
+         call visit_statistics(v, found%error_ratio)
+      end if
+      call v%group%take_error(group%error)
+   end subroutine write_beside
 
    !> 'c001 c003'
    pure function names_of(cases) result(names)
@@ -135,36 +108,20 @@ contains
       names = names(2:)
    end function names_of
 
-   !> Quantities of joints, amplitudes under a sine, then bands.
    subroutine write_statistics(group, plan, statistics, is_regression)
       type(group_type), intent(inout) :: group
       type(plan_type), intent(in) :: plan
       type(case_statistics), intent(in) :: statistics
       logical, intent(in) :: is_regression
+      type(statistics_visitor) :: v
 
       if (.not. allocated(statistics%slip%mean)) return
       call write_methods(group, is_regression, allocated(statistics%psd_mean))
-      call put_numbers(group, 'slip', '1', 'slip_fraction', 'joint', statistics%slip)
-      call put_numbers(group, 'slip_distance', 'm', 'slip_distance', 'joint', &
-                       statistics%slip_distance)
-      call put_numbers(group, 'dissipation', 'J', 'dissipation', 'joint', statistics%dissipation)
-      if (allocated(statistics%harmonic_amplitude%mean)) &
-         call put_numbers(group, 'harmonic_amplitude', 'm', 'harmonic_amplitude', 'dof', &
-                          statistics%harmonic_amplitude)
-      if (.not. allocated(statistics%psd_mean)) return
-      call put_bands(group, axes_of(plan), statistics)
-      call put_band_errors(group, axes_of(plan), statistics)
+      v%group = group
+      v%dof = kept_axis(plan)
+      call visit_statistics(v, statistics)
+      call v%group%take_error(group%error)
    end subroutine write_statistics
-
-   pure function axes_of(plan) result(axes)
-      type(plan_type), intent(in) :: plan
-      type(band_axes) :: axes
-
-      axes%dof = kept_axis(plan)
-      axes%spectrum = 'frequency '//trim(axes%dof)
-      axes%percentile = 'percentile '//trim(axes%dof)
-      axes%percentile_spectrum = 'percentile frequency '//trim(axes%dof)
-   end function axes_of
 
    subroutine write_methods(group, is_regression, has_bands)
       type(group_type), intent(inout) :: group
@@ -184,7 +141,8 @@ contains
          character(*), intent(in) :: name, of_plain
 
          if (is_regression) then
-            call group%attribute(name, by_regression)
+            call group%attribute(name, &
+                                 'leave-one-out residuals of the regression, Student, 95 %')
          else
             call group%attribute(name, of_plain)
          end if
@@ -192,155 +150,183 @@ contains
 
    end subroutine write_methods
 
-   !> A quantity of the joints or dofs with its errors.
-   subroutine put_numbers(group, name, units, quantity, axis, statistics)
-      type(group_type), intent(inout) :: group
-      character(*), intent(in) :: name, units
-      character(*), intent(in) :: quantity   !! dataset of the samples
-      character(*), intent(in) :: axis       !! 'joint' or 'dof'
-      type(joint_statistics), intent(in) :: statistics
-      ! gfortran does not free text that is joined inside of a structure constructor
-      character(:), allocatable :: meaning
-
-      meaning = 'mean of '//quantity
-      call group%put_allocated(name//'_mean', statistics%mean, label_type(units, meaning, axis))
-      meaning = 'standard error of '//name//'_mean'
-      call group%put_allocated(name//'_mean_error', statistics%mean_error, &
-                     label_type(units, meaning, axis))
-      meaning = 'standard deviation of '//quantity
-      call group%put_allocated(name//'_std', statistics%std, label_type(units, meaning, axis))
-      meaning = 'standard error of '//name//'_std'
-      call group%put_allocated(name//'_std_error', statistics%std_error, &
-                     label_type(units, meaning, axis))
-      meaning = 'percentiles of '//quantity
-      call group%put_allocated(name//'_percentiles', statistics%percentiles, &
-                     label_type(units, meaning, 'percentile '//axis))
-      call group%put_allocated(name//'_percentiles_low', statistics%low, &
-                     label_type(units, 'lower end of the 95 % interval', 'percentile '//axis))
-      call group%put_allocated(name//'_percentiles_high', statistics%high, &
-                     label_type(units, 'upper end of the 95 % interval', 'percentile '//axis))
-   end subroutine put_numbers
-
-   !> Writes the bands without their errors.
-   subroutine put_bands(group, axes, statistics)
-      type(group_type), intent(inout) :: group
-      type(band_axes), intent(in) :: axes
+   !> Visits what the samples of a case tell of all: quantities of joints, amplitudes, bands.
+   subroutine visit_statistics(v, statistics)
+      type(statistics_visitor), intent(inout) :: v
       type(case_statistics), intent(in) :: statistics
+      character(*), parameter :: by_dof = 'kept', by_percentile = 'percentile kept', &
+                                 by_frequency = 'frequency kept', &
+                                 by_both = 'percentile frequency kept'
 
-      call group%put_allocated('psd_mean', statistics%psd_mean, &
-                     label_type('m^2/Hz', 'mean of psd', trim(axes%spectrum)))
-      call group%put_allocated('psd_percentiles', statistics%psd_percentiles, &
-                     label_type('m^2/Hz', 'percentiles of psd', trim(axes%percentile_spectrum)))
-      call group%put_allocated('pseudo_variance_mean', statistics%pseudo_variance_mean, &
-                     label_type('m^2', 'integral of psd_mean over frequency, Eq. (46)', &
-                                trim(axes%dof)))
-      call group%put_allocated('pseudo_variance_percentiles', &
-                               statistics%pseudo_variance_percentiles, &
-                               label_type('m^2', 'integral of each percentile, Eq. (46)', &
-                                          trim(axes%percentile)))
-      call group%put_allocated('band_ratio', statistics%band_ratio, &
-                     label_type('1', 'pseudo-variance of the last over the first percentile', &
-                                trim(axes%dof)))
-   end subroutine put_bands
+      associate (s => statistics)
+         call visit_numbers('slip', '1', 'slip_fraction', 'joint', s%slip)
+         call visit_numbers('slip_distance', 'm', 'slip_distance', 'joint', s%slip_distance)
+         call visit_numbers('dissipation', 'J', 'dissipation', 'joint', s%dissipation)
+         call visit_numbers('harmonic_amplitude', 'm', 'harmonic_amplitude', 'dof', &
+                            s%harmonic_amplitude)
+         call v%visit('psd_mean', 'm^2/Hz', by_frequency, 'mean of psd', s%psd_mean)
+         call v%visit('psd_mean_error', 'm^2/Hz', by_frequency, 'standard error of psd_mean', &
+                      s%psd_mean_error)
+         call v%visit('psd_percentiles', 'm^2/Hz', by_both, 'percentiles of psd', &
+                      s%psd_percentiles)
+         call v%visit('psd_percentiles_low', 'm^2/Hz', by_both, 'lower end of the 95 % interval', &
+                      s%psd_percentiles_low)
+         call v%visit('psd_percentiles_high', 'm^2/Hz', by_both, 'upper end of the 95 % interval', &
+                      s%psd_percentiles_high)
+         call v%visit('pseudo_variance_mean', 'm^2', by_dof, &
+                      'integral of psd_mean over frequency, Eq. (46)', s%pseudo_variance_mean)
+         call v%visit('pseudo_variance_mean_error', 'm^2', by_dof, &
+                      'standard error of pseudo_variance_mean', s%pseudo_variance_mean_error)
+         call v%visit('pseudo_variance_percentiles', 'm^2', by_percentile, &
+                      'integral of each percentile, Eq. (46)', s%pseudo_variance_percentiles)
+         call v%visit('pseudo_variance_percentiles_error', 'm^2', by_percentile, &
+                      'standard error of pseudo_variance_percentiles', &
+                      s%pseudo_variance_percentiles_error)
+         call v%visit('band_ratio', '1', by_dof, &
+                      'pseudo-variance of the last over the first percentile', s%band_ratio)
+         call v%visit('band_ratio_low', '1', by_dof, &
+                      'lower end of the 95 % interval of band_ratio', s%band_ratio_low)
+         call v%visit('band_ratio_high', '1', by_dof, &
+                      'upper end of the 95 % interval of band_ratio', s%band_ratio_high)
+         call v%visit('band_ratio_bias', '1', by_dof, &
+                      'relative bias of band_ratio, by bootstrap', s%band_ratio_bias)
+      end associate
 
-   subroutine put_band_errors(group, axes, statistics)
-      type(group_type), intent(inout) :: group
-      type(band_axes), intent(in) :: axes
-      type(case_statistics), intent(in) :: statistics
+   contains
 
-      call group%put_allocated('psd_mean_error', statistics%psd_mean_error, &
-                     label_type('m^2/Hz', 'standard error of psd_mean', trim(axes%spectrum)))
-      call group%put_allocated('psd_percentiles_low', statistics%psd_percentiles_low, &
-                     label_type('m^2/Hz', 'lower end of the 95 % interval', &
-                                trim(axes%percentile_spectrum)))
-      call group%put_allocated('psd_percentiles_high', statistics%psd_percentiles_high, &
-                     label_type('m^2/Hz', 'upper end of the 95 % interval', &
-                                trim(axes%percentile_spectrum)))
-      call group%put_allocated('pseudo_variance_mean_error', &
-                               statistics%pseudo_variance_mean_error, &
-                               label_type('m^2', 'standard error of pseudo_variance_mean', &
-                                          trim(axes%dof)))
-      call group%put_allocated('pseudo_variance_percentiles_error', &
-                     statistics%pseudo_variance_percentiles_error, &
-                     label_type('m^2', 'standard error of pseudo_variance_percentiles', &
-                                trim(axes%percentile)))
-      call group%put_allocated('band_ratio_low', statistics%band_ratio_low, &
-                     label_type('1', 'lower end of the 95 % interval of band_ratio', &
-                                trim(axes%dof)))
-      call group%put_allocated('band_ratio_high', statistics%band_ratio_high, &
-                     label_type('1', 'upper end of the 95 % interval of band_ratio', &
-                                trim(axes%dof)))
-      call group%put_allocated('band_ratio_bias', statistics%band_ratio_bias, &
-                               label_type('1', 'relative bias of band_ratio, by bootstrap', &
-                                          trim(axes%dof)))
-   end subroutine put_band_errors
+      !> A quantity of the joints or dofs with its errors.
+      subroutine visit_numbers(name, units, quantity, axis, of)
+         character(*), intent(in) :: name, units
+         character(*), intent(in) :: quantity   !! dataset of the samples
+         character(*), intent(in) :: axis       !! 'joint' or 'dof'
+         type(joint_statistics), intent(in) :: of
+
+         call v%visit(name//'_mean', units, axis, 'mean of '//quantity, of%mean)
+         call v%visit(name//'_mean_error', units, axis, 'standard error of '//name//'_mean', &
+                      of%mean_error)
+         call v%visit(name//'_std', units, axis, 'standard deviation of '//quantity, of%std)
+         call v%visit(name//'_std_error', units, axis, 'standard error of '//name//'_std', &
+                      of%std_error)
+         call v%visit(name//'_percentiles', units, 'percentile '//axis, &
+                      'percentiles of '//quantity, of%percentiles)
+         call v%visit(name//'_percentiles_low', units, 'percentile '//axis, &
+                      'lower end of the 95 % interval', of%low)
+         call v%visit(name//'_percentiles_high', units, 'percentile '//axis, &
+                      'upper end of the 95 % interval', of%high)
+      end subroutine visit_numbers
+
+   end subroutine visit_statistics
 
    !> Writes the errors that the finite length of the march adds, whatever the estimator.
    subroutine write_time_errors(group, plan, statistics)
       type(group_type), intent(inout) :: group
       type(plan_type), intent(in) :: plan
       type(case_statistics), intent(in) :: statistics
-      type(band_axes) :: axes
+      character(*), parameter :: not_lowered = ' that more samples do not lower: the march is '// &
+                                               'finite'
+      type(statistics_visitor) :: v
 
-      if (allocated(statistics%slip_mean_time_error)) then
-         call group%put_allocated('slip_mean_time_error', statistics%slip_mean_time_error, &
-                        label_type('1', 'standard error of slip_mean'//not_lowered, 'joint'))
-         call group%put_allocated('slip_std_time_part', statistics%slip_std_time_part, &
-                        label_type('1', 'part of slip_std that the finite march adds', 'joint'))
-      end if
-      if (.not. allocated(statistics%band_ratio_time_error)) return
-      axes = axes_of(plan)
-      call group%attribute('band_ratio_time_error_method', &
-                           'scatter of consecutive batches of the march')
-      call group%put_allocated('pseudo_variance_mean_time_error', &
-                     statistics%pseudo_variance_mean_time_error, &
-                     label_type('m^2', 'standard error of pseudo_variance_mean'//not_lowered, &
-                                trim(axes%dof)))
-      call group%put_allocated('pseudo_variance_percentiles_time_error', &
-                     statistics%pseudo_variance_percentiles_time_error, &
-                     label_type('m^2', 'standard error of pseudo_variance_percentiles'// &
-                                not_lowered, trim(axes%percentile)))
-      call group%put_allocated('band_ratio_time_error', statistics%band_ratio_time_error, &
-                     label_type('1', 'standard error of band_ratio'//not_lowered, trim(axes%dof)))
+      v%group = group
+      v%dof = kept_axis(plan)
+      associate (s => statistics)
+         if (allocated(s%band_ratio_time_error)) &
+            call v%group%attribute('band_ratio_time_error_method', &
+                                   'scatter of consecutive batches of the march')
+         call v%visit('slip_mean_time_error', '1', 'joint', &
+                      'standard error of slip_mean'//not_lowered, s%slip_mean_time_error)
+         call v%visit('slip_std_time_part', '1', 'joint', &
+                      'part of slip_std that the finite march adds', s%slip_std_time_part)
+         call v%visit('pseudo_variance_mean_time_error', 'm^2', 'kept', &
+                      'standard error of pseudo_variance_mean'//not_lowered, &
+                      s%pseudo_variance_mean_time_error)
+         call v%visit('pseudo_variance_percentiles_time_error', 'm^2', 'percentile kept', &
+                      'standard error of pseudo_variance_percentiles'//not_lowered, &
+                      s%pseudo_variance_percentiles_time_error)
+         call v%visit('band_ratio_time_error', '1', 'kept', &
+                      'standard error of band_ratio'//not_lowered, s%band_ratio_time_error)
+      end associate
+      call v%group%take_error(group%error)
    end subroutine write_time_errors
 
-   !> How much larger the standard errors of plain sampling are, by the names of the estimates.
-   subroutine write_ratios(group, plan, ratio)
-      type(group_type), intent(inout) :: group
-      type(plan_type), intent(in) :: plan
-      type(case_statistics), intent(in) :: ratio
-      character(*), parameter :: meaning = &
-                                 'standard error of plain sampling over that of the estimate'
-      type(band_axes) :: axes
+   subroutine visit_row(self, name, units, axes, about, values)
+      class(statistics_visitor), intent(inout) :: self
+      character(*), intent(in) :: name, units
+      character(*), intent(in) :: axes    !! in Python's order; 'kept': that of the kept dofs
+      character(*), intent(in) :: about
+      real(wp), allocatable, intent(in) :: values(:)
 
-      axes = axes_of(plan)
-      call put_numbers_of('slip', 'joint', ratio%slip)
-      call put_numbers_of('slip_distance', 'joint', ratio%slip_distance)
-      call put_numbers_of('dissipation', 'joint', ratio%dissipation)
-      if (allocated(ratio%harmonic_amplitude%mean)) &
-         call put_numbers_of('harmonic_amplitude', 'dof', ratio%harmonic_amplitude)
-      if (.not. allocated(ratio%psd_mean)) return
-      call group%put('psd_mean', ratio%psd_mean, label_type('1', meaning, trim(axes%spectrum)))
-      call group%put('psd_percentiles', ratio%psd_percentiles, &
-                     label_type('1', meaning, trim(axes%percentile_spectrum)))
-      call group%put('pseudo_variance_mean', ratio%pseudo_variance_mean, &
-                     label_type('1', meaning, trim(axes%dof)))
-      call group%put('pseudo_variance_percentiles', ratio%pseudo_variance_percentiles, &
-                     label_type('1', meaning, trim(axes%percentile)))
-      call group%put('band_ratio', ratio%band_ratio, label_type('1', meaning, trim(axes%dof)))
+      if (.not. allocated(values)) return
+      if (self%deed == gains) then
+         call note_gain(self, name, values)
+      else
+         call self%group%put(name, values, label_of(self, units, axes, about))
+      end if
+   end subroutine visit_row
 
-   contains
+   subroutine visit_matrix(self, name, units, axes, about, values)
+      class(statistics_visitor), intent(inout) :: self
+      character(*), intent(in) :: name, units, axes, about
+      real(wp), allocatable, intent(in) :: values(:, :)
 
-      subroutine put_numbers_of(name, axis, of)
-         character(*), intent(in) :: name, axis
-         type(joint_statistics), intent(in) :: of
+      if (.not. allocated(values)) return
+      if (self%deed == gains) then
+         call note_gain(self, name, [values])
+      else
+         call self%group%put(name, values, label_of(self, units, axes, about))
+      end if
+   end subroutine visit_matrix
 
-         call group%put(name//'_mean', of%mean, label_type('1', meaning, axis))
-         call group%put(name//'_std', of%std, label_type('1', meaning, axis))
-         call group%put(name//'_percentiles', of%percentiles, &
-                        label_type('1', meaning, 'percentile '//axis))
-      end subroutine put_numbers_of
+   subroutine visit_cube(self, name, units, axes, about, values)
+      class(statistics_visitor), intent(inout) :: self
+      character(*), intent(in) :: name, units, axes, about
+      real(wp), allocatable, intent(in) :: values(:, :, :)
 
-   end subroutine write_ratios
+      if (.not. allocated(values)) return
+      if (self%deed == gains) then
+         call note_gain(self, name, [values])
+      else
+         call self%group%put(name, values, label_of(self, units, axes, about))
+      end if
+   end subroutine visit_cube
+
+   pure function label_of(self, units, axes, about) result(label)
+      class(statistics_visitor), intent(in) :: self
+      character(*), intent(in) :: units, axes, about
+      type(label_type) :: label
+      integer :: last
+
+      label%units = units
+      label%long_name = about
+      if (self%deed == ratios) then
+         label%units = '1'
+         label%long_name = 'standard error of plain sampling over that of the estimate'
+      end if
+      last = index(axes, ' ', back=.true.)
+      label%axes = axes
+      if (axes(last + 1:) == 'kept') label%axes = axes(:last)//self%dof
+   end function label_of
+
+   !> Notes with a best estimate how it came about and what that gains.
+   subroutine note_gain(self, name, ratio)
+      class(statistics_visitor), intent(inout) :: self
+      character(*), intent(in) :: name
+      real(wp), intent(in) :: ratio(:)   !! plain sampling's errors over the estimate's
+      type(group_type) :: dataset
+      integer :: order(size(ratio))
+
+      if (allocated(self%group%error)) return
+      dataset = self%group
+      dataset%path = self%group%path//'/'//name
+      order = sort_order(ratio)
+      call dataset%attribute('error_ratio', ratio(order((size(order) + 1)/2)))
+      if (maxval(ratio) > 1.0_wp) then
+         call dataset%attribute('estimator', self%estimator)
+         if (self%pooled_with /= '') call dataset%attribute('pooled_with', self%pooled_with)
+      else
+         call dataset%attribute('estimator', 'plain')
+         call dataset%attribute('plain_reason', 'the regression explains too little')
+      end if
+      call dataset%take_error(self%group%error)
+   end subroutine note_gain
 
 end module io_case_statistics

@@ -3,8 +3,7 @@
 module io_group
    use core_error, only: error_type
    use core_kinds, only: long, wp
-   use io_hdf5, only: hdf5_file, label_type, make_dataset, write_attribute, write_dataset, &
-                      write_part
+   use io_hdf5, only: hdf5_file, label_type, write_attribute, write_dataset
    implicit none(type, external)
    private
    public :: group_type, new_group, counted
@@ -18,19 +17,16 @@ module io_group
    contains
       generic :: attribute => text_attribute, integer_attribute, long_attribute, real_attribute, &
          logical_attribute
-      generic :: put => put_reals, put_integers, put_longs
+      generic :: put => put_reals, put_integers
       generic :: put_allocated => put_allocated_row, put_allocated_matrix, put_allocated_cube
-      generic :: put_part => put_real_part, put_integer_part, put_long_part
       generic :: column => real_column, integer_column
       procedure :: put_value
       procedure :: start_table
-      procedure :: make
       procedure :: take_error
       procedure, private :: text_attribute, integer_attribute, long_attribute, real_attribute, &
          logical_attribute
       procedure, private :: put_allocated_row, put_allocated_matrix, put_allocated_cube
-      procedure, private :: put_reals, put_integers, put_longs
-      procedure, private :: put_real_part, put_integer_part, put_long_part
+      procedure, private :: put_reals, put_integers
       procedure, private :: real_column, integer_column
    end type group_type
 
@@ -155,17 +151,6 @@ contains
       end if
    end subroutine put_integers
 
-   subroutine put_longs(self, name, values, label)
-      class(group_type), intent(inout) :: self
-      character(*), intent(in) :: name
-      integer(long), intent(in), contiguous :: values(..)
-      type(label_type), intent(in) :: label
-
-      if (.not. allocated(self%error)) then
-         call write_dataset(self%file, self%path//'/'//name, values, label, self%error)
-      end if
-   end subroutine put_longs
-
    !> A scalar, and beside it its standard error where it has one.
    subroutine put_value(self, name, value, units, long_name, standard_error)
       class(group_type), intent(inout) :: self
@@ -209,52 +194,6 @@ contains
 
       call self%put(name, values, label_type('1', long_name, trim(self%axis)))
    end subroutine integer_column
-
-   !> A dataset to be filled in parts; of the type of `mold`.
-   subroutine make(self, name, mold, extents, label)
-      class(group_type), intent(inout) :: self
-      character(*), intent(in) :: name
-      class(*), intent(in) :: mold
-      integer, intent(in) :: extents(:)
-      type(label_type), intent(in) :: label
-
-      if (.not. allocated(self%error)) then
-         call make_dataset(self%file, self%path//'/'//name, mold, extents, label, self%error)
-      end if
-   end subroutine make
-
-   subroutine put_real_part(self, name, first, values)
-      class(group_type), intent(inout) :: self
-      character(*), intent(in) :: name
-      integer, intent(in) :: first(:)
-      real(wp), intent(in), contiguous :: values(..)
-
-      if (.not. allocated(self%error)) then
-         call write_part(self%file, self%path//'/'//name, first, values, self%error)
-      end if
-   end subroutine put_real_part
-
-   subroutine put_integer_part(self, name, first, values)
-      class(group_type), intent(inout) :: self
-      character(*), intent(in) :: name
-      integer, intent(in) :: first(:)
-      integer, intent(in), contiguous :: values(..)
-
-      if (.not. allocated(self%error)) then
-         call write_part(self%file, self%path//'/'//name, first, values, self%error)
-      end if
-   end subroutine put_integer_part
-
-   subroutine put_long_part(self, name, first, values)
-      class(group_type), intent(inout) :: self
-      character(*), intent(in) :: name
-      integer, intent(in) :: first(:)
-      integer(long), intent(in), contiguous :: values(..)
-
-      if (.not. allocated(self%error)) then
-         call write_part(self%file, self%path//'/'//name, first, values, self%error)
-      end if
-   end subroutine put_long_part
 
    !> 1, 2, ... n: the values of an axis without others.
    pure function counted(n) result(numbers)
