@@ -1,4 +1,4 @@
-!> A campaign as blocks of samples, and the statistics of a case once its samples are there.
+!> A campaign as blocks of samples: which are still to be marched, and their friction.
 module campaign_study
    use campaign_plan, only: plan_type
    use campaign_runner, only: block_width

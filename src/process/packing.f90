@@ -18,7 +18,6 @@ module process_packing
       logical :: is_writing = .true.
       real(wp), allocatable :: numbers(:)
       integer :: position = 0   !! numbers already read
-      logical :: is_sound = .true.   !! so far each was there, and what it should be
    contains
       procedure :: visit_real, visit_integer, visit_text, visit_reals, visit_integers, &
          visit_table, visit_seconds
@@ -44,24 +43,17 @@ contains
       call move_alloc(t%numbers, numbers)
    end function pack_model
 
-   !> Fills everything but the request from what pack_model gave. A row that it cannot have given,
-   !> as a damaged file may hold, is told where that is asked for.
-   subroutine unpack_model(numbers, model, is_sound)
+   !> Fills everything but the request from what pack_model gave.
+   subroutine unpack_model(numbers, model)
       real(wp), intent(in) :: numbers(:)
       type(process_model_type), intent(inout) :: model
-      logical, intent(out), optional :: is_sound   !! else the model is worth nothing
       type(tape) :: t
 
       call forget_components(model)
       t%is_writing = .false.
       t%numbers = numbers
       call visit_components(t, model)
-      t%is_sound = t%is_sound .and. t%position == size(numbers)
-      if (present(is_sound)) then
-         is_sound = t%is_sound
-      else if (.not. t%is_sound) then
-         error stop 'unpack_model: the row is none of pack_model'
-      end if
+      if (t%position /= size(numbers)) error stop 'unpack_model: the row is none of pack_model'
    end subroutine unpack_model
 
    !> Numbers of a search that a merged search needs.
@@ -127,38 +119,11 @@ contains
 
       if (self%is_writing) then
          self%numbers = [self%numbers, value]
-      else if (self%position == size(self%numbers)) then
-         self%is_sound = .false.
-         value = 0.0_wp
       else
          self%position = self%position + 1
          value = self%numbers(self%position)
       end if
    end subroutine real_value
-
-   !> Notes a fault where a number is not whole or larger than this; then it is 0.
-   subroutine check_whole(self, largest, number)
-      class(tape), intent(inout) :: self
-      real(wp), intent(in) :: largest
-      real(wp), intent(inout) :: number
-
-      if (self%is_writing) return
-      if (abs(number) <= largest) then
-         if (.not. abs(number - anint(number)) > 0.0_wp) return
-      end if
-      self%is_sound = .false.
-      number = 0.0_wp
-   end subroutine check_whole
-
-   !> So many values or more are still to come; else none.
-   subroutine check_length(self, n)
-      class(tape), intent(inout) :: self
-      integer, intent(inout) :: n
-
-      if (n >= -1 .and. n <= size(self%numbers) - self%position) return
-      self%is_sound = .false.
-      n = -1
-   end subroutine check_length
 
    subroutine integer_value(self, value)
       class(tape), intent(inout) :: self
@@ -167,7 +132,6 @@ contains
 
       number = value
       call self%real_value(number)
-      call check_whole(self, real(huge(value), wp), number)
       value = nint(number)
    end subroutine integer_value
 
@@ -179,7 +143,6 @@ contains
 
       number = real(value, wp)
       call self%real_value(number)
-      call check_whole(self, 2.0_wp**53, number)
       value = nint(number, long)
    end subroutine long_value
 
@@ -209,7 +172,6 @@ contains
          if (n > 0) self%numbers = [self%numbers, values]
       else
          if (allocated(values)) deallocate (values)
-         call check_length(self, n)
          if (n < 0) return
          allocate (values(lower:lower + n - 1))
          values(:) = self%numbers(self%position + 1:self%position + n)
@@ -221,15 +183,11 @@ contains
       class(tape), intent(inout) :: self
       integer, allocatable, intent(inout) :: values(:)
       real(wp), allocatable :: numbers(:)
-      integer :: i
 
       if (allocated(values)) numbers = real(values, wp)
       call self%real_array(numbers)
       if (allocated(values)) deallocate (values)
       if (.not. allocated(numbers)) return
-      do i = 1, size(numbers)
-         call check_whole(self, real(huge(values), wp), numbers(i))
-      end do
       values = nint(numbers)
    end subroutine integer_array
 
@@ -241,9 +199,9 @@ contains
       real(wp), intent(in), optional :: none
 
       call self%check_name(what)
+      if (present(none) .and. .not. self%is_writing) value = none
       call self%pass(value)
       if (present(error)) call self%pass(error)
-      if (present(none) .and. .not. self%is_sound) value = none
    end subroutine visit_real
 
    subroutine visit_integer(self, what, value)
@@ -312,8 +270,7 @@ contains
       call self%pass(n_rows)
       if (.not. allocated(flat)) return
       n_columns = size(flat)/max(1, n_rows)
-      self%is_sound = self%is_sound .and. n_columns*n_rows == size(flat)
-      if (self%is_sound) values = reshape(flat, [n_rows, n_columns])
+      values = reshape(flat, [n_rows, n_columns])
    end subroutine visit_table
 
    subroutine visit_seconds(self, what, value)
@@ -325,7 +282,7 @@ contains
       call self%pass(value)
    end subroutine visit_seconds
 
-   !> Notes a fault where another component stands than this one.
+   !> Stops where another component stands than this one.
    subroutine check_name(self, what)
       class(tape), intent(inout) :: self
       type(component), intent(in) :: what
@@ -334,7 +291,7 @@ contains
       expected = int(modulo(label_of(what%name), 2_long**30))
       number = expected
       call self%pass(number)
-      self%is_sound = self%is_sound .and. number == expected
+      if (number /= expected) error stop 'unpack_model: the row is none of pack_model'
    end subroutine check_name
 
 end module process_packing

@@ -11,7 +11,7 @@ module config_text_value_table
    public :: about, at_least, between, inside, not_negative, positive
    public :: choice_length, name_length
 
-   integer, parameter :: name_length = 24, choice_length = 16, doc_length = 100
+   integer, parameter :: name_length = 24, choice_length = 16, doc_length = 128
 
    !> The interval that a number must lie in.
    type :: rule_type
@@ -140,6 +140,7 @@ contains
       logical, intent(in), optional :: required, shapes_samples, used
       type(entry_type) :: entry
 
+      if (len(doc) > doc_length) error stop 'about: the meaning is too long to be shown whole'
       entry%name = name
       entry%doc = doc
       if (present(unit)) entry%unit = unit
