@@ -25,6 +25,7 @@ from pathlib import Path
 import h5py
 import numpy as np
 from matplotlib import pyplot as plt
+from regression import draws, thinned
 
 ROOT = Path(__file__).resolve().parent.parent
 BUILT = ROOT / "build/release/bin"
@@ -47,6 +48,7 @@ QUANTITIES = {
     "mean": "mean slip [points]", "std": "std of slip [points]",
     "slip95": "slip 95 % [points]", "ratio": "band ratio [%]",
 }  # fmt: skip
+OUTPUTS = {"mean": 0, "std": 1, "slip95": 3, "ratio": 7}  # in the draws
 KINDS = ("shared", "own")
 ESTIMATORS = ("plain", "regression")
 
@@ -78,29 +80,18 @@ def values_of(path: Path) -> dict[str, np.ndarray]:
         }
 
 
-def drawn(path: Path, n: int, truth: int, times: int) -> dict[str, tuple[float, float]]:
+def drawn(path: Path, n: int, times: int) -> dict[str, tuple[float, float]]:
     """Errors of plain sampling and of the regression, by draws of N samples of a campaign."""
-    words = [BUILT / "bench_regression", path, n, times, 1, EVERY, "c001"]
-    said = subprocess.run(
-        [str(word) for word in words], check=True, capture_output=True, text=True
-    ).stdout
-    squares = defaultdict(list)
-    slip95 = values_of(path)["slip95"] / 100
-    for line in said.splitlines():
-        if line.startswith("#"):
-            continue
-        _, dof, quantity, _, plain, ours, *_ = line.split()
-        if quantity not in QUANTITIES:
-            continue
-        scale = 100.0
-        if quantity == "slip95":  # the draws have asin sqrt y
-            y = slip95[int(dof) - 1]
-            scale *= 2 * math.sqrt(y * (1 - y))
-        squares[quantity].append([(scale * float(plain)) ** 2, (scale * float(ours)) ** 2])
-    all_there_are = 1 - n / truth  # draws without replacement: their errors are smaller by its root
+    thin = path.with_suffix(".thin.h5")
+    if not thin.exists():
+        thinned(path, EVERY)
+    found = draws(thin, n, times, [1])[:times, 0]
+    share = values_of(path)["slip95"] / 100
+    scales = {"slip95": 2 * np.sqrt(share * (1 - share))}  # the draws have asin sqrt y
     errors = {}
-    for quantity, rows in squares.items():
-        plain, ours = np.sqrt(np.mean(rows, axis=0) / all_there_are)
+    for quantity, output in OUTPUTS.items():
+        both = found[:, :, output, :2] * 100 * scales.get(quantity, np.ones_like(share))[:, None]
+        plain, ours = np.sqrt((both**2).mean((0, 1)))
         errors[quantity] = plain, math.hypot(ours, plain * math.sqrt(n / LAW))
     return errors
 
@@ -152,7 +143,7 @@ def main() -> None:
     errors, seconds = {}, {}
     for n in SAMPLES:
         for kind in KINDS:
-            found = drawn(populations[kind], n, truth, times if n < 1000 else max(times // 4, 2))
+            found = drawn(populations[kind], n, times if n < 1000 else max(times // 4, 2))
             for position, estimator in enumerate(ESTIMATORS):
                 if estimator == "regression" and n < LEAST:
                     continue

@@ -1,70 +1,68 @@
-!> Errors and coverage of the regression estimates, for regression.py: many draws of N samples from
-!> a campaign with thousands of them, whose statistics are the truth.
+!> Draws of the regression estimates, for regression.py: each takes N samples, with replacement,
+!> from a campaign with thousands of them, whose statistics are the truth.
 !>
-!>    bench_regression RESULTS N FIRST LAST EVERY CASE...
+!>    bench_regression TRUTH N TIMES RAW CASE...
 !>
-!> The cases are one pool, of the first 600 samples drawn; FIRST, LAST: numbers of the draws, each
-!> the same in whatever portion it is made; EVERY: frequencies taken. A line of
-!> output per case, joint, quantity and frequency: root mean square errors of plain sampling, of the
-!> estimate and as stated, coverage of the intervals of plain sampling and of the estimate.
+!> TRUTH is a thinned campaign (`thinned` of regression.py). The cases are one pool, of the first
+!> 600 samples drawn. RAW is a file of the draws, which is filled up to TIMES of them: of each case,
+!> joint and output five numbers (real32): the errors of plain sampling and of the estimate, the
+!> estimate's distances to both ends of its interval, and the standard error that plain sampling
+!> states. Outputs: mean, standard deviation, 5 and 95 % of slip, pseudo-variances of the mean, of
+!> 5 and of 95 %, band ratio; then mean spectrum, its 5 and 95 % at each frequency below 3 Hz.
 program regression
+   use, intrinsic :: iso_fortran_env, only: real32
    use core_error, only: error_type
    use core_kinds, only: long, wp
    use core_random, only: label_of, new_stream, stream_type
    use io_hdf5, only: hdf5_file, open_hdf5, read_dataset, read_extent
-   use numerics_sorting, only: sort_order
-   use statistics_estimates, only: estimates_type, plain_percentile
+   use statistics_estimates, only: estimates_type, plain_percentile, two_sided
    use statistics_pool, only: new_pool, pool_type
    use statistics_scalars, only: estimate_scalars, scalar_plain, scalar_type
    use statistics_spectra, only: estimate_spectrum, spectrum_plain, spectrum_type
    implicit none(type, external)
    real(wp), parameter :: share_below(2) = [0.05_wp, 0.95_wp]
-   !> Sums over replicates: squares of plain and regression errors, coverages, stated squares.
-   type :: score_type
-      real(wp) :: plain = 0.0_wp, ours = 0.0_wp, stated = 0.0_wp
-      integer :: plain_covers = 0, covers = 0, n = 0
-   end type score_type
+   real(wp), parameter :: highest = 3.0_wp   ! [Hz] of the outputs
+   integer, parameter :: most_samples = 600   ! of a pool, as campaign_pooling has it
+   integer(long), parameter :: seed = 1_long
    type :: case_data
       real(wp), allocatable :: friction(:, :)     !! (point, sample)
       real(wp), allocatable :: slip(:, :)         !! (joint, sample)
       real(wp), allocatable :: density(:, :, :)   !! (dof, frequency, sample)
    end type case_data
    type(case_data), allocatable :: cases(:)
-   type(score_type), allocatable :: slip_score(:, :, :)      ! (quantity, joint, case)
-   type(score_type), allocatable :: spectrum_score(:, :, :, :)   ! (quantity, frequency, dof, case)
-   type(score_type), allocatable :: integral_score(:, :, :)  ! (quantity, dof, case)
-   type(scalar_plain), allocatable :: slip_truth(:, :)       ! (joint, case)
-   type(spectrum_plain), allocatable :: spectrum_truth(:, :) ! (dof, case)
+   type(scalar_plain), allocatable :: slip_truth(:, :)         ! (joint, case)
+   type(spectrum_plain), allocatable :: spectrum_truth(:, :)   ! (dof, case)
    real(wp), allocatable :: frequency(:)
-   character(64), allocatable :: words(:)
-   integer, parameter :: most_samples = 600   ! of a pool, as campaign_pooling has it
-   integer(long), parameter :: seed = 1_long
-   integer :: every, first, i, last, n, n_cases, n_fitted, n_joints, replicate
-   real(wp) :: began, ended, seconds
+   real(real32), allocatable :: numbers(:, :, :, :)            ! (5, output, joint, case)
+   character(256), allocatable :: words(:)
+   integer :: i, draw, n, n_bytes, n_cases, n_done, n_fitted, n_joints, raw, times
+   real(wp) :: began, ended
 
    allocate (words(command_argument_count()))
    do i = 1, size(words)
       call get_command_argument(i, words(i))
    end do
-   read (words(2:5), *) n, first, last, every
-   n_cases = size(words) - 5
+   read (words(2:3), *) n, times
+   n_cases = size(words) - 4
    n_fitted = min(n, most_samples/n_cases)
    allocate (cases(n_cases))
    do i = 1, n_cases
-      call read_case(trim(words(1)), trim(words(5 + i)), cases(i))
+      call read_case(trim(words(1)), trim(words(4 + i)), cases(i))
    end do
    n_joints = size(cases(1)%slip, 1)
-   allocate (slip_score(4, n_joints, n_cases), integral_score(4, n_joints, n_cases))
-   allocate (spectrum_score(3, size(frequency), n_joints, n_cases))
+   allocate (numbers(5, 8 + 3*count(frequency < highest), n_joints, n_cases))
    call find_truth()
-   seconds = 0.0_wp
-   do replicate = first, last
-      call cpu_time(began)
+   open (newunit=raw, file=trim(words(4)), access='stream', form='unformatted')
+   inquire (unit=raw, size=n_bytes)
+   n_done = n_bytes/(storage_size(numbers)/8*size(numbers))
+   call cpu_time(began)
+   do draw = n_done + 1, times
       call estimate_all()
-      call cpu_time(ended)
-      seconds = seconds + ended - began
+      write (raw, pos=1 + (draw - 1)*(storage_size(numbers)/8*size(numbers))) numbers
    end do
-   call print_all()
+   call cpu_time(ended)
+   close (raw)
+   if (times > n_done) print '(a, f8.3)', 'seconds a draw ', (ended - began)/(times - n_done)
 
 contains
 
@@ -74,25 +72,25 @@ contains
       type(hdf5_file) :: file
       type(error_type), allocatable :: error
       integer(long), allocatable :: extent(:)
-      real(wp), allocatable :: all_of(:, :, :), all_frequencies(:)
 
       call open_hdf5(path, file, error)
       call check(error)
       call read_extent(file, '/campaign/'//name//'/psd', 3, extent, error)
       call check(error)
-      allocate (data%friction(extent(1), extent(3)), data%slip(extent(1), extent(3)))
-      allocate (all_of(extent(1), extent(2), extent(3)), all_frequencies(extent(2)))
+      allocate (data%density(extent(1), extent(2), extent(3)))
+      if (.not. allocated(frequency)) allocate (frequency(extent(2)))
+      call read_dataset(file, '/campaign/'//name//'/psd', data%density, error)
+      call check(error)
+      call read_dataset(file, '/campaign/'//name//'/frequency', frequency, error)
+      call check(error)
+      call read_extent(file, '/campaign/'//name//'/friction', 2, extent, error)
+      call check(error)
+      allocate (data%friction(extent(1), extent(2)), data%slip(extent(1), extent(2)))
       call read_dataset(file, '/campaign/'//name//'/friction', data%friction, error)
       call check(error)
       call read_dataset(file, '/campaign/'//name//'/slip_fraction', data%slip, error)
       call check(error)
-      call read_dataset(file, '/campaign/'//name//'/psd', all_of, error)
-      call check(error)
-      call read_dataset(file, '/campaign/'//name//'/frequency', all_frequencies, error)
-      call check(error)
       call file%abandon()
-      data%density = all_of(:, 2::every, :)
-      frequency = all_frequencies(2::every)
    end subroutine read_case
 
    subroutine check(error)
@@ -101,30 +99,14 @@ contains
       if (allocated(error)) error stop error%message
    end subroutine check
 
-   pure real(wp) function percentile(values, p)
-      real(wp), intent(in) :: values(:), p
-      type(estimates_type) :: estimate
-
-      estimate = plain_percentile(reshape(values, [size(values), 1]), p)
-      percentile = estimate%value(1)
-   end function percentile
-
    subroutine find_truth()
-      integer :: c, f, j, p
+      integer :: c, j
 
       allocate (slip_truth(n_joints, n_cases), spectrum_truth(n_joints, n_cases))
       do c = 1, n_cases
          do j = 1, n_joints
             slip_truth(j, c) = plain_of(cases(c)%slip(j, :))
-            associate (truth => spectrum_truth(j, c))
-               allocate (truth%mean(size(frequency)), truth%percentile(size(frequency), 2))
-               do f = 1, size(frequency)
-                  associate (all_of => cases(c)%density(j, f, :))
-                     truth%mean(f) = sum(all_of)/size(all_of)
-                     truth%percentile(f, :) = [(percentile(all_of, share_below(p)), p=1, 2)]
-                  end associate
-               end do
-            end associate
+            spectrum_truth(j, c) = plain_spectrum(transpose(cases(c)%density(j, :, :)))
          end do
       end do
    end subroutine find_truth
@@ -136,22 +118,44 @@ contains
 
       plain%mean = sum(y)/size(y)
       plain%deviation = sqrt(sum((y - plain%mean)**2)/(size(y) - 1))
-      plain%percentile = [(percentile(y, share_below(p)), p=1, 2)]
+      allocate (plain%percentile(size(share_below)))
+      do p = 1, size(share_below)
+         plain%percentile(p:p) = percentile(reshape(y, [size(y), 1]), share_below(p))
+      end do
    end function plain_of
 
-   !> Positions of n samples of n_all, none twice.
+   pure function plain_spectrum(y) result(plain)
+      real(wp), intent(in) :: y(:, :)   !! (sample, frequency)
+      type(spectrum_plain) :: plain
+      integer :: p
+
+      plain%mean = sum(y, 1)/size(y, 1)
+      allocate (plain%percentile(size(y, 2), size(share_below)))
+      do p = 1, size(share_below)
+         plain%percentile(:, p) = percentile(y, share_below(p))
+      end do
+   end function plain_spectrum
+
+   pure function percentile(y, p) result(values)
+      real(wp), intent(in) :: y(:, :)   !! (sample, output)
+      real(wp), intent(in) :: p
+      real(wp) :: values(size(y, 2))
+      type(estimates_type) :: estimate
+
+      estimate = plain_percentile(y, p)
+      values = estimate%value
+   end function percentile
+
+   !> Positions of n samples, each any of n_all.
    function choose(n_all, number) result(chosen)
       integer, intent(in) :: n_all, number
       integer :: chosen(n)
       type(stream_type) :: stream
-      real(wp), allocatable :: u(:)
-      integer, allocatable :: order(:)
+      real(wp) :: u(n)
 
-      allocate (u(n_all))
-      stream = new_stream(seed + number, label_of('bench_regression'), replicate)
+      stream = new_stream(seed + number, label_of('bench_regression'), draw)
       call stream%uniforms(u)
-      order = sort_order(u)
-      chosen = order(:n)
+      chosen = min(1 + int(n_all*u), n_all)
    end function choose
 
    subroutine estimate_all()
@@ -191,23 +195,23 @@ contains
       call estimate_scalars(pool, y, [.true.], share_below, plain, estimates, error)
       call check(error)
       do c = 1, n_cases
-         associate (truth => slip_truth(j, c), ours => estimates(1, c), &
-                    score => slip_score(:, j, c))
-            call take(score(1), truth%mean, plain(1, c)%mean, ours%mean, ours%mean_error, &
-                      ours%mean_ratio)
-            call take(score(2), truth%deviation, plain(1, c)%deviation, ours%deviation, &
-                      ours%deviation_error, ours%deviation_ratio)
+         associate (truth => slip_truth(j, c), sampled => plain(1, c), ours => estimates(1, c), &
+                    taken => numbers(:, :, j, c))
+            taken(:, 1) = about(truth%mean, sampled%mean, ours%mean, ours%mean_error, &
+                                ours%mean_ratio)
+            taken(:, 2) = about(truth%deviation, sampled%deviation, ours%deviation, &
+                                ours%deviation_error, ours%deviation_ratio)
             do p = 1, 2
-               call take(score(2 + p), angle(truth%percentile(p)), &
-                         angle(plain(1, c)%percentile(p)), angle(ours%percentile(p)), &
-                         (angle(ours%high(p)) - angle(ours%low(p)))/(2*1.96_wp), &
-                         ours%percentile_ratio(p))
+               taken(:, 2 + p) = &
+                  between(angle(truth%percentile(p)), angle(sampled%percentile(p)), &
+                          angle([ours%low(p), ours%percentile(p), ours%high(p)]), &
+                          ours%percentile_ratio(p))
             end do
          end associate
       end do
    end subroutine estimate_joint
 
-   pure real(wp) function angle(fraction)
+   elemental real(wp) function angle(fraction)
       real(wp), intent(in) :: fraction
 
       angle = asin(sqrt(fraction))
@@ -220,103 +224,69 @@ contains
       type(spectrum_type) :: estimates(n_cases)
       type(error_type), allocatable :: error
       real(wp) :: y(n_fitted*n_cases, size(frequency))
-      real(wp) :: own(n, size(frequency))
-      integer :: c, f, p
+      real(wp) :: own(n, size(frequency)), step
+      integer :: at, c, f, p
 
       do c = 1, n_cases
-         allocate (plain(c)%mean(size(frequency)), plain(c)%percentile(size(frequency), 2))
          own = transpose(cases(c)%density(j, :, chosen(:, c)))
          y((c - 1)*n_fitted + 1:c*n_fitted, :) = own(:n_fitted, :)
-         plain(c)%mean = sum(own, 1)/n
-         do f = 1, size(frequency)
-            plain(c)%percentile(f, :) = [(percentile(own(:, f), share_below(p)), p=1, 2)]
-         end do
+         plain(c) = plain_spectrum(own)
       end do
-      call estimate_spectrum(pool, y, frequency(2) - frequency(1), share_below, plain, &
-                             estimates, error)
+      step = frequency(2) - frequency(1)
+      call estimate_spectrum(pool, y, step, share_below, plain, estimates, error)
       call check(error)
       do c = 1, n_cases
-         do f = 1, size(frequency)
-            associate (truth => spectrum_truth(j, c), ours => estimates(c), &
-                       score => spectrum_score(:, f, j, c))
-               call take(score(1), truth%mean(f), plain(c)%mean(f), ours%mean(f), &
-                         ours%mean_error(f), ours%mean_ratio(f))
+         associate (truth => spectrum_truth(j, c), sampled => plain(c), ours => estimates(c), &
+                    taken => numbers(:, :, j, c))
+            taken(:, 5) = about(step*sum(truth%mean), step*sum(sampled%mean), &
+                                ours%variance_mean, ours%variance_mean_error, &
+                                ours%variance_mean_ratio)
+            do p = 1, 2
+               taken(:, 5 + p) = about(step*sum(truth%percentile(:, p)), &
+                                       step*sum(sampled%percentile(:, p)), ours%variance(p), &
+                                       ours%variance_error(p), ours%variance_ratio(p))
+            end do
+            taken(:, 8) = between(log(ratio_of(truth)), log(ratio_of(sampled)), &
+                                  log([ours%ratio_low, ours%ratio, ours%ratio_high]), &
+                                  ours%ratio_ratio)
+            do f = 1, count(frequency < highest)
+               at = 8 + 3*(f - 1)
+               taken(:, at + 1) = about(truth%mean(f), sampled%mean(f), ours%mean(f), &
+                                        ours%mean_error(f), ours%mean_ratio(f))
                do p = 1, 2
-                  call take(score(1 + p), log(truth%percentile(f, p)), &
-                            log(plain(c)%percentile(f, p)), log(ours%percentile(f, p)), &
-                            log(ours%high(f, p)/ours%low(f, p))/(2*1.96_wp), &
-                            ours%percentile_ratio(f, p))
+                  taken(:, at + 1 + p) = &
+                     between(log(truth%percentile(f, p)), log(sampled%percentile(f, p)), &
+                             log([ours%low(f, p), ours%percentile(f, p), ours%high(f, p)]), &
+                             ours%percentile_ratio(f, p))
                end do
-            end associate
-         end do
-         associate (truth => spectrum_truth(j, c), ours => estimates(c), &
-                    score => integral_score(:, j, c))
-            associate (step => frequency(2) - frequency(1))
-               call take(score(1), step*sum(truth%mean), step*sum(plain(c)%mean), &
-                         ours%variance_mean, ours%variance_mean_error, &
-                         ours%variance_mean_ratio)
-               do p = 1, 2
-                  call take(score(1 + p), step*sum(truth%percentile(:, p)), &
-                            step*sum(plain(c)%percentile(:, p)), ours%variance(p), &
-                            ours%variance_error(p), ours%variance_ratio(p))
-               end do
-            end associate
-            call take(score(4), log(sum(truth%percentile(:, 2))/sum(truth%percentile(:, 1))), &
-                      log(sum(plain(c)%percentile(:, 2))/sum(plain(c)%percentile(:, 1))), &
-                      log(ours%ratio), log(ours%ratio_high/ours%ratio_low)/(2*1.96_wp), &
-                      ours%ratio_ratio)
+            end do
          end associate
       end do
    end subroutine estimate_dof
 
-   subroutine take(score, truth, plain, ours, stated, ratio)
-      type(score_type), intent(inout) :: score
+   pure real(wp) function ratio_of(plain)
+      type(spectrum_plain), intent(in) :: plain
+
+      ratio_of = sum(plain%percentile(:, 2))/sum(plain%percentile(:, 1))
+   end function ratio_of
+
+   !> The numbers of an output whose estimate has a standard error.
+   pure function about(truth, plain, ours, stated, ratio) result(five)
       real(wp), intent(in) :: truth, plain, ours, stated, ratio
+      real(real32) :: five(5)
 
-      score%n = score%n + 1
-      score%plain = score%plain + (plain - truth)**2
-      score%ours = score%ours + (ours - truth)**2
-      score%stated = score%stated + stated**2
-      if (abs(ours - truth) <= 1.96_wp*stated + 1.0e-14_wp*abs(truth)) &
-         score%covers = score%covers + 1
-      if (abs(plain - truth) <= 1.96_wp*stated*ratio + 1.0e-14_wp*abs(truth)) &
-         score%plain_covers = score%plain_covers + 1
-   end subroutine take
+      five = between(truth, plain, ours + two_sided*stated*[-1.0_wp, 0.0_wp, 1.0_wp], ratio)
+   end function about
 
-   subroutine print_all()
-      character(8), parameter :: slips(4) = [character(8) :: 'mean', 'std', 'slip5', 'slip95']
-      character(8), parameter :: spectra(3) = [character(8) :: 'psd_mean', 'psd5', 'psd95']
-      character(8), parameter :: integrals(4) = [character(8) :: 'var_mean', 'var5', 'var95', &
-                                                 'ratio']
-      integer :: c, f, j, q
+   !> The numbers of an output whose estimate has an interval.
+   pure function between(truth, plain, ours, ratio) result(five)
+      real(wp), intent(in) :: truth, plain
+      real(wp), intent(in) :: ours(3)   !! low end, value, high end
+      real(wp), intent(in) :: ratio     !! error of plain sampling over that of the estimate
+      real(real32) :: five(5)
 
-      print '(a, f8.3)', '# seconds per replicate ', seconds/(last - first + 1)
-      do c = 1, n_cases
-         do j = 1, n_joints
-            do q = 1, 4
-               call print_score(c, j, slips(q), 0.0_wp, slip_score(q, j, c))
-               call print_score(c, j, integrals(q), 0.0_wp, integral_score(q, j, c))
-            end do
-            do f = 1, size(frequency)
-               do q = 1, 3
-                  call print_score(c, j, spectra(q), frequency(f), spectrum_score(q, f, j, c))
-               end do
-            end do
-         end do
-      end do
-   end subroutine print_all
-
-   subroutine print_score(c, j, name, at, score)
-      integer, intent(in) :: c, j
-      character(*), intent(in) :: name
-      real(wp), intent(in) :: at
-      type(score_type), intent(in) :: score
-
-      associate (n => real(score%n, wp))
-         print '(a, 1x, i0, 1x, a, f10.4, 3es13.5, 2f8.4)', trim(words(5 + c)), j, trim(name), at, &
-            sqrt(score%plain/n), sqrt(score%ours/n), sqrt(score%stated/n), score%plain_covers/n, &
-            score%covers/n
-      end associate
-   end subroutine print_score
+      five = real([plain - truth, ours(2) - truth, ours(2) - ours(1), ours(3) - ours(2), &
+                   ratio*(ours(3) - ours(1))/(2*two_sided)], real32)
+   end function between
 
 end program regression

@@ -1,141 +1,239 @@
-"""Errors and coverage of the regression: python bench/regression.py [TRUTH [TIMES [N ...]]].
+"""Errors and coverage of the regression: python bench/regression.py [TIMES [N ...]].
 
-Campaigns of TRUTH samples a case (20,000; kept in results/) are the truth. From each of them N
-samples (100) are drawn TIMES times (400), none twice in a draw; each time all statistics are
-estimated, and their errors compared with plain sampling's. Draws are made twenty at a time and
-kept in results/ too: more of them go on from there, and after a change of the estimators the
-folders of draws are to be deleted, not the truth. The law of the friction is that of the
-campaign's samples. Every case is estimated by itself, and pooled with those of the same force.
-Builds the target bench_regression. Scenes: processes of the paper under both forces, nearly
-stuck, 20 masses.
+Campaigns of thousands of samples a case are the truth. From each of them N samples (25, 100 and
+400) are drawn TIMES times (400), with replacement; each time all statistics are estimated, and
+their errors compared with plain sampling's. The law of the friction is that of the campaign's
+samples. Every case is estimated by itself, and pooled with those of the same force. Prints a table
+for each scene: median gain over cases, masses (and frequencies), in brackets the least; mean
+coverage, in brackets the least and the largest of a case and a mass. What is left of the campaigns
+(`.thin.h5`: every fourth frequency, as far as there is power) and the draws (`.raw`) are kept in
+results/: more draws go on from there, and after a change of the estimators the draws are to be
+deleted, not the truth. Builds the target bench_regression.
 """
 
 from __future__ import annotations
 
-import math
-import statistics
+import os
 import subprocess
 import sys
 from pathlib import Path
 from typing import NamedTuple
 
+import h5py
+import numpy as np
+
 ROOT = Path(__file__).resolve().parent.parent
 BUILT = ROOT / "build/release/bin"
+RESULTS = ROOT / "results"
 
 SCENE = """\
 &scene seed = 99 /
 &process correlation_length = {lengths} order = {orders} mean = 0.2 std = {std} /
-&chain n_dof = {n_dof} /
-&excitation variance = {force} /
+{structure}
+&excitation variance = {force} {band} /
 &integration method = 'event' n_steps = {steps} /
 &campaign n_samples = {truth} estimator = 'plain' /
 &output segment_length = {segment} /
 """
-PAPER = {
-    "lengths": "0.3, 1.0", "orders": "2, 5", "std": "0.067, 0.10", "force": "3.7, 41.1",
-    "n_dof": 5, "steps": 100000, "segment": 2048,
+CHAIN = {
+    "lengths": "1.0", "orders": "5", "structure": "&chain n_dof = 5 /", "force": "3.7, 41.1",
+    "band": "", "std": "0.067, 0.10", "steps": 100000, "truth": 20000, "segment": 2048,
 }  # fmt: skip
-ONE = {"lengths": "1.0", "orders": "5"}
-#: name -> values of the scene, and its pools of cases
+RING = """\
+&structure
+   mass_matrix = 'ring/M.mtx' stiffness_matrix = 'ring/K.mtx' joints = 'ring/joints.txt'
+   damping_ratio = 0.005
+/"""
+BLADES = "ring --blades 6 --scatter 0.05 --seed 1"  # of entroslip.structure
+
+
+class Scene(NamedTuple):
+    """Cases and how they are pooled."""
+
+    meaning: str
+    values: dict[str, object]
+    pools: list[list[int]]
+
+
 SCENES = {
-    "paper": (PAPER, [[1, 3, 5, 7], [2, 4, 6, 8]]),
-    "stuck": (PAPER | ONE | {"std": "0.10", "force": "0.8"}, [[1]]),
-    "twenty": (PAPER | ONE | {"n_dof": 20, "steps": 20000, "segment": 1024}, [[1, 3], [2, 4]]),
-}
-QUANTITIES = {
-    "mean": "mean slip", "std": "std of slip", "slip5": "slip 5 %", "slip95": "slip 95 %",
-    "var_mean": "pseudo-variance of the mean", "var5": "pseudo-variance 5 %",
-    "var95": "pseudo-variance 95 %", "ratio": "band ratio", "psd_mean": "mean spectrum < 3 Hz",
-    "psd5": "spectrum 5 % < 3 Hz", "psd95": "spectrum 95 % < 3 Hz",
+    "paper": Scene(
+        "The paper's chain, L0 = 0.3 and 1, both std, both forces",
+        CHAIN | {"lengths": "0.3, 1.0", "orders": "2, 5"},
+        [[1, 3, 5, 7], [2, 4, 6, 8]],
+    ),
+    "long": Scene(
+        "The paper's chain, L0 = 3, both std, both forces",
+        CHAIN | {"lengths": "3.0", "orders": "10", "truth": 4000},
+        [[1, 3], [2, 4]],
+    ),
+    "stuck": Scene(
+        "The chain nearly stuck: std 0.1, force 0.8",
+        CHAIN | {"std": "0.10", "force": "0.8"},
+        [[1]],
+    ),
+    "ring": Scene(
+        "Six blades in a ring, from matrices",
+        CHAIN | {"structure": RING, "force": "16.0", "band": "band = 0.0, 1.8 dof = 6",
+                 "steps": 50000, "truth": 4000},
+        [[1, 2]],
+    ),
+    "twenty": Scene(
+        "20 masses, both std, both forces",
+        CHAIN | {"structure": "&chain n_dof = 20 /", "steps": 20000, "truth": 5000,
+                 "segment": 1024},
+        [[1, 3], [2, 4]],
+    ),
 }  # fmt: skip
-HIGHEST = 3.0  # [Hz] of the bins in the table
+#: statistics in the order of the draws; those of spectra follow for each frequency
+NUMBERS = (
+    "mean slip", "std of slip", "slip 5 %", "slip 95 %", "pseudo-variance of the mean",
+    "pseudo-variance 5 %", "pseudo-variance 95 %", "band ratio",
+)  # fmt: skip
+SPECTRA = ("mean spectrum < 3 Hz", "spectrum 5 % < 3 Hz", "spectrum 95 % < 3 Hz")
+HIGHEST = 3.0  # [Hz] of the spectra in the draws
 EVERY = 4  # frequencies
-PORTION = 20  # draws
+POWERLESS = 1e-5  # share of the power above the frequencies that are kept
+LEAST = 0.95  # gain below which an estimate is worse than plain sampling
 
 
-class Row(NamedTuple):
-    """One output over all draws."""
-
-    place: tuple[str, str, str]  # case, joint or dof, quantity
-    gain: float  # error of plain sampling over that of the estimate
-    plain_covers: float
-    covers: float
-
-
-def truth_of(name: str, values: dict[str, object], truth: int) -> Path:
-    """The campaign, run where it is not there yet."""
-    folder = ROOT / "results"
-    folder.mkdir(exist_ok=True)
-    path = folder / f"regression_{name}_{truth}.h5"
-    if not path.exists():
-        scene = path.with_suffix(".nml")
-        scene.write_text(SCENE.format(truth=truth, **values))
-        subprocess.run([BUILT / "entroslip", "run", scene, "--quiet", "--output", path], check=True)
-    return path
+def thinned(path: Path, every: int = EVERY) -> Path:
+    """A campaign with some of the frequencies, as far as there is power."""
+    thin = path.with_suffix(".thin.h5")
+    kept = {}
+    with h5py.File(path) as file:
+        for name, case in file["campaign"].items():
+            density = case["psd"][:, 1::every].astype(np.float32)  # (sample, frequency, dof)
+            numbers = {key: case[key][()] for key in ("friction", "slip_fraction")}
+            kept[name] = numbers | {"psd": density, "frequency": case["frequency"][1::every]}
+    above = [np.cumsum(of["psd"].mean(0, dtype=float)[::-1], 0)[::-1] for of in kept.values()]
+    n_kept = max(int((power > POWERLESS * power[0]).sum(0).max()) for power in above)
+    with h5py.File(thin, "w") as file:
+        for name, of in kept.items():
+            cut = {"psd": of["psd"][:, :n_kept], "frequency": of["frequency"][:n_kept]}
+            for key, data in (of | cut).items():
+                file[f"campaign/{name}/{key}"] = data
+    return thin
 
 
-def portion(path: Path, n: int, first: int, cases: list[int]) -> list[list[str]]:
-    """The lines of twenty draws from some cases, pooled."""
+def truth_of(name: str, scene: Scene) -> Path:
+    """The thinned campaign, run where it is not there yet."""
+    path = RESULTS / f"regression_{name}.h5"
+    thin = path.with_suffix(".thin.h5")
+    if thin.exists():
+        return thin
+    if scene.values["structure"] == RING and not (RESULTS / "ring").exists():
+        words = [sys.executable, "-m", "entroslip.structure", *BLADES.split()]
+        subprocess.run([*words, "--out", RESULTS / "ring"], check=True, capture_output=True)
+    text = path.with_suffix(".nml")
+    text.write_text(SCENE.format(**scene.values))
+    subprocess.run([BUILT / "entroslip", "run", text, "--quiet", "--output", path], check=True)
+    thinned(path)
+    path.unlink()
+    return thin
+
+
+def draws(thin: Path, n: int, times: int, cases: list[int]) -> np.ndarray:
+    """(draw, case, joint, output, number), as bench/regression.f90 has them; `times` or more."""
     names = [f"c{case:03}" for case in cases]
-    folder = path.with_suffix(f".draws_{n}")
-    folder.mkdir(exist_ok=True)
-    kept = folder / ("_".join([*names, str(first)]) + ".txt")
-    if not kept.exists():
-        words = [BUILT / "bench_regression", path, n, first, first + PORTION - 1, EVERY, *names]
-        said = subprocess.run(
-            [str(word) for word in words], check=True, capture_output=True, text=True
-        ).stdout
-        kept.write_text(said)
-    lines = kept.read_text().splitlines()
-    return [line.split() for line in lines if not line.startswith("#")]
+    raw = thin.with_name(thin.name.replace(".thin.h5", f".{n}.{'_'.join(names)}.raw"))
+    words = [BUILT / "bench_regression", thin, n, times, raw, *names]
+    alone = os.environ | {"OPENBLAS_NUM_THREADS": "1"}
+    subprocess.run([str(word) for word in words], check=True, capture_output=True, env=alone)
+    with h5py.File(thin) as file:
+        n_joints = file["campaign/c001/slip_fraction"].shape[1]
+        n_bins = int((file["campaign/c001/frequency"][()] < HIGHEST).sum())
+    shape = (-1, len(cases), n_joints, len(NUMBERS) + len(SPECTRA) * n_bins, 5)
+    return np.fromfile(raw, np.float32).reshape(shape).astype(float)
 
 
-def rows_of(path: Path, n: int, times: int, cases: list[int]) -> list[Row]:
-    """All outputs of some cases, pooled, over all draws."""
-    portions = [portion(path, n, first, cases) for first in range(1, times + 1, PORTION)]
-    rows = []
-    for lines in zip(*portions, strict=True):
-        case, place, quantity, frequency = lines[0][:4]
-        numbers = [[float(word) for word in line[4:]] for line in lines]
-        plain, ours = (math.sqrt(statistics.mean(row[i] ** 2 for row in numbers)) for i in (0, 1))
-        plain_covers, covers = (statistics.mean(row[i] for row in numbers) for i in (3, 4))
-        if float(frequency) < HIGHEST and plain > 0:
-            gain = plain / max(ours, 1e-300)
-            rows.append(Row((case, place, quantity), gain, plain_covers, covers))
-    return rows
+class Score(NamedTuple):
+    """One statistic of a scene's cases and joints, over all draws."""
+
+    gain: np.ndarray  # (case and joint, bin): error of plain sampling over that of the estimate
+    error: np.ndarray  # standard error of the gain
+    covers: np.ndarray  # (case and joint): share of intervals that hold the truth
+    plain_covers: np.ndarray
 
 
-def cells(rows: list[Row]) -> list[str]:
-    """Median and worst gain; mean coverage, and the lowest and highest of a case and a mass."""
-    gains = [row.gain for row in rows]
-    places = sorted({row.place for row in rows})
-    covers = [statistics.mean(row.covers for row in rows if row.place == place) for place in places]
-    return [
-        f"{statistics.median(gains):.1f}", f"{min(gains):.2f}",
-        f"{statistics.mean(covers):.2f}", f"{min(covers):.2f} to {max(covers):.2f}",
-    ]  # fmt: skip
+def score_of(found: np.ndarray, statistic: int) -> Score:
+    """Score of a statistic, all its bins, in some draws."""
+    n_numbers = len(NUMBERS)
+    some = slice(statistic, statistic + 1)
+    if statistic >= n_numbers:
+        some = slice(statistic, None, len(SPECTRA))
+    plain, ours, low, high, stated = np.moveaxis(
+        found[..., some, :].reshape(len(found), -1, found[0, 0, 0, some].shape[0], 5), -1, 0
+    )
+    has_error = (plain != 0).any(0)  # no sample of all slips, or all do
+    squares = np.stack([plain**2, ours**2]).sum(1)
+    gain = np.sqrt(squares[0] / np.maximum(squares[1], 1e-300))
+    share = plain**2 / np.maximum(squares[0], 1e-300) - ours**2 / np.maximum(squares[1], 1e-300)
+    error = 0.5 * gain * np.sqrt((share**2).sum(0))
+    holds = (ours <= low + 1e-12) & (-ours <= high + 1e-12)
+    plainly = np.abs(plain) <= 1.959964 * stated + 1e-12
+    gain[~has_error] = np.nan
+    return Score(gain, error, holds.mean((0, 2)), plainly.mean((0, 2)))
+
+
+def together(scores: list[Score]) -> Score:
+    """Score of several cases together."""
+    return Score(*(np.concatenate(part) for part in zip(*scores, strict=True)))
+
+
+def cells(score: Score) -> tuple[str, str]:
+    """Median and least gain; mean coverage, and the least and largest of a case and joint."""
+    covers = score.covers
+    return (
+        f"{np.nanmedian(score.gain):.1f} ({np.nanmin(score.gain):.2f})",
+        f"{covers.mean():.2f} ({covers.min():.2f}-{covers.max():.2f})",
+    )
+
+
+def report(name: str, times: int, sizes: list[int]) -> list[str]:
+    """The table of a scene, and what is worse than plain sampling in it."""
+    scene = SCENES[name]
+    thin = truth_of(name, scene)
+    head = ["statistic"]
+    worse, n_outputs = [], 0
+    of = {}
+    for n in sizes:
+        apart = [draws(thin, n, times, [case]) for pool in scene.pools for case in pool]
+        pooled = [draws(thin, n, times, pool) for pool in scene.pools]
+        n_draws = min(len(part) for part in (*apart, *pooled))
+        head += [f"N = {n}, {n_draws} draws: gain", "covers", "pooled: gain", "covers",
+                 "plain covers"]  # fmt: skip
+        for statistic, label in enumerate((*NUMBERS, *SPECTRA)):
+            for kind, found in (("own", apart), ("pooled", pooled)):
+                score = together([score_of(part, statistic) for part in found])
+                of[n, kind, statistic] = score
+                is_worse = score.gain + 2 * score.error < LEAST
+                n_outputs += np.isfinite(score.gain).sum()
+                worse += [
+                    f"{label} ({kind}, N = {n}) {gain:.2f} ± {error:.2f}"
+                    for gain, error in zip(score.gain[is_worse], score.error[is_worse], strict=True)
+                ]
+    lines = ["", f"**{scene.meaning}:**", ""]
+    lines += ["| " + " | ".join(head) + " |", "|---" * len(head) + "|"]
+    for statistic, label in enumerate((*NUMBERS, *SPECTRA)):
+        row = [label]
+        for n in sizes:
+            own, pooled_score = of[n, "own", statistic], of[n, "pooled", statistic]
+            row += [*cells(own), *cells(pooled_score), f"{own.plain_covers.mean():.2f}"]
+        lines.append("| " + " | ".join(row) + " |")
+    lines += ["", f"Gains below {LEAST} by two standard errors: {len(worse)} of {n_outputs}"
+              + (": " + "; ".join(worse[:8]) if worse else "") + "."]  # fmt: skip
+    return lines
 
 
 def main() -> None:
     """A table for each scene."""
     words = [int(word) for word in sys.argv[1:]]
-    truth, times = [*words[:2], *[20000, 400][len(words) :]]
-    for n in words[2:] or [100]:
-        print("| scene | quantity | own: gain | least | covers | of a mass | pooled: gain | least "
-              "| covers | of a mass | plain covers |")  # fmt: skip
-        print("|---" * 11 + "|")
-        for name, (values, pools) in SCENES.items():
-            path = truth_of(name, values, truth)
-            own = [
-                row for pool in pools for case in pool for row in rows_of(path, n, times, [case])
-            ]
-            pooled = [row for pool in pools for row in rows_of(path, n, times, pool)]
-            for key, meaning in QUANTITIES.items():
-                alone = [row for row in own if row.place[2] == key]
-                joined = [row for row in pooled if row.place[2] == key]
-                plain = statistics.mean(row.plain_covers for row in alone)
-                line = [f"{name}, N = {n}", meaning, *cells(alone), *cells(joined), f"{plain:.2f}"]
-                print("| " + " | ".join(line) + " |")
+    times = words[0] if words else 400
+    build = ["cmake", "--build", "--preset", "release", "--target", "bench_regression"]
+    subprocess.run(build, cwd=ROOT, check=True, capture_output=True)
+    RESULTS.mkdir(exist_ok=True)
+    for name in SCENES:
+        print("\n".join(report(name, times, words[1:] or [25, 100, 400])), flush=True)
 
 
 if __name__ == "__main__":

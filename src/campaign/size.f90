@@ -18,7 +18,7 @@ module campaign_size
    use process_model, only: process_model_type, process_request
    use statistics_law, only: most_kept, n_points
    use statistics_spectra, only: fitted_together => together
-   use statistics_surrogate, only: most_features, most_landmarks
+   use statistics_surrogate, only: most_features, most_landmarks, outputs_judged, samples_paired
    use structure_sizes, only: matrices_alone => memory_of_matrices
    implicit none(type, external)
    private
@@ -325,7 +325,9 @@ contains
          end associate
          of_dof = 0.0_wp
          if (nf > 0) of_dof = real(nf, wp)*(4*n + 2*min(most_features, n)) &
-                              + real(n_points, wp)*(min(most_landmarks, n) + 4*fitted_together)
+                              + real(n_points, wp)*(min(most_landmarks, n) + 4*fitted_together) &
+                              + real((nf - 1)/fitted_together + 1, wp)*outputs_judged*n &
+                              *(1 + min(samples_paired, n))
          bytes = max(bytes, word*(of_law + max(of_draws, of_dof)))
       end do
       associate (np => size(plan%output%percentiles))

@@ -11,9 +11,9 @@ module statistics_estimates
    implicit none(type, external)
    private
    public :: estimates_type, plain_mean, plain_deviation, plain_percentile, blend, &
-             stated_error, upward_error
+             enlarge, stated_error, two_sided, upward_error
 
-   real(wp), parameter :: normal_point = 1.959964_wp   !! two-sided 95 %
+   real(wp), parameter :: two_sided = 1.959964_wp   !! standard errors of a 95 % interval
    real(wp), parameter :: largest_relative = 1.0_wp    !! error that is taken as one of a logarithm
    real(wp), parameter :: fewest_freedoms = 3.0_wp     !! of Student's law
 
@@ -25,6 +25,9 @@ module statistics_estimates
       !> (output) by how much the influences are too small where the samples lack a tail of the law
       !> that the fit knows; absent: 1
       real(wp), allocatable :: excess(:)
+      !> (down or up, output) how far an interval reaches, over what the standard error says;
+      !> absent: 1
+      real(wp), allocatable :: stretch(:, :)
    end type estimates_type
 
 contains
@@ -61,21 +64,21 @@ contains
    end function plain_deviation
 
    !> Percentile between order statistics (Hyndman and Fan, type 7). The density comes from those
-   !> one binomial standard deviation of the rank to both sides.
+   !> one binomial standard deviation of the rank to both sides; the interval ends at those
+   !> two-sided 95 % of it away, where there are any.
    pure function plain_percentile(y, p, order) result(plain)
       real(wp), intent(in) :: y(:, :)   !! (sample, output)
       real(wp), intent(in) :: p         !! share of the law below
       integer, intent(in), optional :: order(:, :)   !! (rank, output) samples, where known
       type(estimates_type) :: plain
-      real(wp) :: sorted(size(y, 1)), rank, reach, low, high, slope
+      real(wp) :: sorted(size(y, 1)), rank, reach, slope
       integer :: n, o
 
       n = size(y, 1)
       plain = blank_estimates(n, size(y, 2))
+      allocate (plain%stretch(2, size(y, 2)), source=1.0_wp)
       rank = 1.0_wp + p*(n - 1)
       reach = sqrt(p*(1.0_wp - p)*n)
-      low = max(rank - reach, 1.0_wp)
-      high = min(rank + reach, real(n, wp))
       do o = 1, size(y, 2)
          if (present(order)) then
             sorted = y(order(:, o), o)
@@ -83,11 +86,25 @@ contains
             sorted = y(sort_order(y(:, o)), o)
          end if
          plain%value(o) = at_rank(sorted, rank)
-         slope = (at_rank(sorted, high) - at_rank(sorted, low))/(high - low)
+         slope = slope_between(sorted, rank - reach, rank + reach)
          plain%influence(:, o) = slope*merge(p - 1.0_wp, p, y(:, o) <= plain%value(o))
          plain%influence(:, o) = plain%influence(:, o) - sum(plain%influence(:, o))/n
+         if (slope > 0.0_wp) plain%stretch(:, o) = &
+            [slope_between(sorted, rank - two_sided*reach, rank), &
+             slope_between(sorted, rank, rank + two_sided*reach)] &
+            /(slope*student_factor(plain%influence(:, o)))
       end do
    end function plain_percentile
+
+   !> Mean difference of neighbouring order statistics between two ranks, as far as there are any.
+   pure real(wp) function slope_between(sorted, low, high)
+      real(wp), intent(in) :: sorted(:), low, high
+      real(wp) :: first, last
+
+      first = max(low, 1.0_wp)
+      last = min(high, real(size(sorted), wp))
+      slope_between = (at_rank(sorted, last) - at_rank(sorted, first))/(last - first)
+   end function slope_between
 
    pure function blank_estimates(n, n_out) result(blank)
       integer, intent(in) :: n, n_out
@@ -125,11 +142,25 @@ contains
       end do
       both%value = (1.0_wp - share)*surrogate%value + share*plain%value
       both%bias = (1.0_wp - share)*surrogate%bias
+      if (allocated(plain%stretch)) &
+         both%stretch = 1.0_wp + spread(share, 1, 2)*(plain%stretch - 1.0_wp)
       if (allocated(surrogate%excess)) then
          both%excess = surrogate%excess
          if (size(plain%influence, 1) > size(surrogate%influence, 1)) both%excess = 1.0_wp
       end if
    end subroutine blend
+
+   !> Enlarges influences by the excess of an estimate.
+   pure subroutine enlarge(both, plain)
+      type(estimates_type), intent(inout) :: both    !! with an excess
+      type(estimates_type), intent(inout) :: plain   !! its plain part
+      integer :: o
+
+      do o = 1, size(both%excess)
+         both%influence(:, o) = both%excess(o)*both%influence(:, o)
+         plain%influence(:, o) = both%excess(o)*plain%influence(:, o)
+      end do
+   end subroutine enlarge
 
    !> Standard error of one output.
    pure function stated_error(influence, bias, n_samples) result(error)
@@ -137,7 +168,7 @@ contains
       real(wp), intent(in) :: bias
       integer, intent(in) :: n_samples       !! of the case
       real(wp) :: error
-      real(wp) :: scale, square, fourth, factor
+      real(wp) :: square
       integer :: i
 
       square = 0.0_wp
@@ -146,16 +177,29 @@ contains
          square = square + influence(i)**2
       end do
       error = abs(bias)
-      if (.not. square > 0.0_wp) return
+      if (square > 0.0_wp) error = hypot(student_factor(influence) &
+                                         *sqrt(square*n_samples/(n_samples - 1.0_wp)), bias)
+   end function stated_error
+
+   !> Two-sided 95 % point of Student's law over that of the normal one.
+   pure real(wp) function student_factor(influence)
+      real(wp), intent(in) :: influence(:)   !! (sample), not all 0
+      real(wp) :: fourth, scale, square
+      integer :: i
+
+      square = 0.0_wp
+      !$omp simd reduction(+:square)
+      do i = 1, size(influence)
+         square = square + influence(i)**2
+      end do
       scale = 1.0_wp/sqrt(square)
       fourth = 0.0_wp
       !$omp simd reduction(+:fourth)
       do i = 1, size(influence)
          fourth = fourth + (scale*influence(i))**4
       end do
-      factor = student_point(1.0_wp/fourth)/normal_point
-      error = hypot(factor*sqrt(square*n_samples/(n_samples - 1.0_wp)), bias)
-   end function stated_error
+      student_factor = student_point(1.0_wp/fourth)/two_sided
+   end function student_factor
 
    !> The standard error of a number that is not negative, such that 1.96 of it reach as far as
    !> those of its logarithm do upwards: where the large samples that carry it are missing, the
@@ -165,7 +209,7 @@ contains
       real(wp) :: relative
 
       upward_error = error
-      relative = normal_point*min(error, largest_relative*value)/max(value, tiny(value))
+      relative = two_sided*min(error, largest_relative*value)/max(value, tiny(value))
       if (relative > 0.0_wp) upward_error = error*(exp(relative) - 1.0_wp)/relative
    end function upward_error
 
@@ -176,7 +220,7 @@ contains
       real(wp) :: v
 
       v = max(freedoms, fewest_freedoms)
-      associate (z => normal_point)
+      associate (z => two_sided)
          student_point = z + (z**3 + z)/(4*v) + (5*z**5 + 16*z**3 + 3*z)/(96*v**2) &
                          + (3*z**7 + 19*z**5 + 17*z**3 - 15*z)/(384*v**3)
       end associate

@@ -13,9 +13,10 @@ module statistics_law
    use core_error, only: error_type
    use core_kinds, only: wp
    use numerics_lapack, only: multiply, solve_positive_definite
+   use statistics_estimates, only: stated_error
    implicit none(type, external)
    private
-   public :: draws_type, law_type, choose_points, error_share, keep_draws
+   public :: draws_type, law_type, choose_points, error_share, keep_draws, state_error
 
    integer, parameter :: most_with_products = 12   !! inputs
    integer, parameter, public :: most_kept = 2**15   !! draws
@@ -111,6 +112,27 @@ contains
          order(last(bucket(i))) = i
       end do
    end function rough_order
+
+   !> States the error of the regression and of the points of the law for its share of the estimate,
+   !> and how much larger plain sampling's is.
+   pure subroutine state_error(law, efficiency, n_samples, influence, bias, of_plain, share, &
+                               stated, ratio)
+      type(law_type), intent(in) :: law
+      real(wp), intent(in) :: efficiency               !! of_means, ...
+      integer, intent(in) :: n_samples
+      real(wp), intent(in) :: influence(:), bias       !! (sample) of the estimate
+      real(wp), intent(in) :: of_plain(:)              !! (sample) influences of plain sampling
+      real(wp), intent(in) :: share                    !! of the regression
+      real(wp), intent(out) :: stated, ratio
+      real(wp) :: plain
+
+      plain = stated_error(of_plain, 0.0_wp, n_samples)
+      stated = plain
+      if (share > 0.0_wp) stated = hypot(stated_error(influence, bias, n_samples), &
+                                         share*plain*error_share(law, efficiency, n_samples))
+      ratio = 1.0_wp
+      if (stated > 0.0_wp) ratio = plain/stated
+   end subroutine state_error
 
    !> Standard error that the points leave, over that of plain sampling.
    pure real(wp) function error_share(law, efficiency, n_samples)

@@ -90,6 +90,7 @@ contains
       share = real(n_own, wp)/pool%n_samples(number)
       all_of%value = value
       all_of%bias = some%bias
+      if (allocated(some%stretch)) all_of%stretch = some%stretch
       allocate (all_of%influence(rows_of(pool, number), size(value)), source=0.0_wp)
       all_of%influence(pool%first(number):pool%first(number + 1) - 1, :) = share*some%influence
       if (share < 1.0_wp) &

@@ -5,6 +5,13 @@
 !> by its leave-one-out prediction, so G(x) changes by c_i(x) e_i, c_i(x) = 1/n + sum_k V_ik s_k
 !> phi_k(x): the influence of sample i on a mean of G is e_i times the same mean of c_i. The
 !> formulas are derived and measured in docs/accuracy.md.
+!>
+!> Influences overstate an error that falls faster than 1/sqrt(n). An estimate is a sum of parts,
+!> each of which takes k samples together (Hoeffding); v_k are their variances. The squares of the
+!> influences add up to J = sum of k v_k (Efron and Stein 1981). Leaving out samples i and j changes
+!> the estimate by what either does alone and by Q_ij beyond; the squares of all Q_ij add up to
+!> P = sum of k(k - 1)/2 v_k. With kappa = 1 + 2P/J the variance lies between J/kappa (Cauchy and
+!> Schwarz) and J. We take their geometric mean, J/sqrt(kappa).
 module statistics_regression
    use core_kinds, only: wp
    use numerics_lapack, only: multiply
@@ -14,7 +21,8 @@ module statistics_regression
    use statistics_surrogate, only: average_features, fit_type, rows_of, surrogate_type
    implicit none(type, external)
    private
-   public :: view_type, view_law, law_mean, law_deviation, law_percentile, law_mean_of_exponential
+   public :: view_type, law_deviation, law_mean, law_mean_of_exponential, law_percentile, &
+             state_by_pairs, view_law
 
    real(wp), parameter :: window = 0.01_wp         !! of ranks about a percentile
    real(wp), parameter :: share_of_near = 0.08_wp  !! of a case's samples, on either side
@@ -64,7 +72,7 @@ contains
       estimate%excess = [(excess_of_law(view, values(:, o), &
                                         fit%predicted(view%first:view%last, o)), &
                           o=1, size(fit%mean))]
-      call find_influence(surrogate, fit, average, 1.0_wp, estimate%influence)
+      call find_influence(surrogate, fit, average, 1.0_wp, .true., estimate%influence)
    end subroutine law_mean
 
    !> How much more a function of the response scatters over the law than over the case's samples,
@@ -91,20 +99,75 @@ contains
          excess = min(sqrt(over_law/over_samples), largest_excess)
    end function excess_of_law
 
-   !> e_i (constant/n + sum_k V_ik s_k average_k).
-   subroutine find_influence(surrogate, fit, average, constant, influence)
+   !> e_i (constant/n + sum_k V_ik s_k average_k), divided by what pairs of samples tell.
+   subroutine find_influence(surrogate, fit, average, constant, by_pairs, influence)
       type(surrogate_type), intent(in) :: surrogate
       type(fit_type), intent(in) :: fit
       real(wp), intent(in) :: average(:, :)    !! (feature, output) of phi
       real(wp), intent(in) :: constant         !! the same average of 1
+      logical, intent(in) :: by_pairs          !! for averages: other numbers take pairs as they are
       real(wp), allocatable, intent(out) :: influence(:, :)   !! (sample, output)
       real(wp) :: shrunk(size(average, 1), size(average, 2))
 
       allocate (influence(size(fit%residual, 1), size(average, 2)))
       shrunk = fit%shrink*average
       call multiply(surrogate%feature, shrunk, influence)
-      influence = fit%residual*(influence + constant/size(influence, 1))
+      influence = influence + constant/size(influence, 1)
+      if (by_pairs) call state_by_pairs(fit, influence)
+      influence = fit%residual*influence
    end subroutine find_influence
+
+   !> Divides the weights of the samples in averages of G by kappa^(1/4). kappa is that of the last
+   !> judged output up to each.
+   pure subroutine state_by_pairs(fit, weight)
+      type(fit_type), intent(in) :: fit
+      real(wp), intent(inout) :: weight(:, :)   !! (sample, output)
+      real(wp) :: share(size(fit%judged))       ! 2P/J
+      integer :: k, o
+
+      do k = 1, size(fit%judged)
+         share(k) = share_of_pairs(fit, k, weight(:, fit%judged(k)))
+      end do
+      k = 1
+      do o = 1, size(weight, 2)
+         if (k < size(fit%judged)) then
+            if (o >= fit%judged(k + 1)) k = k + 1
+         end if
+         weight(:, o) = weight(:, o)/sqrt(sqrt(1.0_wp + share(k)))
+      end do
+   end subroutine state_by_pairs
+
+   !> 2P/J from the pairs of some samples with all: with h the leverages, e_i is
+   !> (e_i + h_ij e_j/(1 - h_i))/(1 - h_ij^2/((1 - h_i)(1 - h_j))) when j is left out too, and
+   !> Q_ij what that changes in w_i e_i + w_j e_j.
+   pure real(wp) function share_of_pairs(fit, k, weight)
+      type(fit_type), intent(in) :: fit
+      integer, intent(in) :: k              !! of the judged outputs
+      real(wp), intent(in) :: weight(:)     !! (sample) w
+      real(wp) :: e(size(weight)), left(size(weight)), of_one(size(weight))
+      real(wp) :: both, change, other, pairs
+      integer :: i, j, m
+
+      e = fit%residual(:, fit%judged(k))
+      left = 1.0_wp - fit%leverage(:, k)
+      of_one = weight*e
+      pairs = 0.0_wp
+      do m = 1, size(fit%some)
+         i = fit%some(m)
+         associate (h => fit%pair_leverage(:, m, k))
+            !$omp simd reduction(+:pairs)
+            do j = 1, size(e)
+               both = 1.0_wp/(1.0_wp - h(j)**2/(left(i)*left(j)))
+               change = both*(e(i) + h(j)*e(j)/left(i)) - e(i)
+               other = both*(e(j) + h(j)*e(i)/left(j)) - e(j)
+               pairs = pairs + merge(0.0_wp, (weight(i)*change + weight(j)*other)**2, i == j)
+            end do
+         end associate
+      end do
+      share_of_pairs = 0.0_wp
+      if (any(abs(of_one) > 0.0_wp)) &
+         share_of_pairs = pairs*size(e)/(size(fit%some)*sum(of_one**2))
+   end function share_of_pairs
 
    !> Standard deviation: that of G and of the case's own residuals; half of what they add is
    !> allowed for as bias.
@@ -126,7 +189,7 @@ contains
          of_rows(:, o) = matmul(view%rows, centred)
       end do
       call average_features(surrogate, of_rows, 0.0_wp, covariance)
-      call find_influence(surrogate, fit, covariance, 0.0_wp, estimate%influence)
+      call find_influence(surrogate, fit, covariance, 0.0_wp, .false., estimate%influence)
       allocate (estimate%value(size(values, 2)))
       allocate (estimate%bias, estimate%excess, mold=estimate%value)
       do o = 1, size(values, 2)
@@ -176,7 +239,7 @@ contains
          estimate%bias(o) = 0.5_wp*(full - bare)
       end do
       call average_features(surrogate, average_row, 1.0_wp, average)
-      call find_influence(surrogate, fit, average, 1.0_wp, estimate%influence)
+      call find_influence(surrogate, fit, average, 1.0_wp, .true., estimate%influence)
       do o = 1, size(values, 2)
          residual = fit%residual(near(:, o), o)
          residual = (residual - sum(residual)/size(residual))/(2*size(residual))
@@ -298,7 +361,7 @@ contains
       call multiply(surrogate%feature(view%first:view%last, :), of_samples, average_of_samples, &
                     transposes_a=.true.)
       average = average - 0.5_wp*average_of_samples
-      call find_influence(surrogate, fit, average, 0.5_wp, estimate%influence)
+      call find_influence(surrogate, fit, average, 0.5_wp, .false., estimate%influence)
       do o = 1, size(values, 2)
          associate (own => estimate%influence(view%first:view%last, o))
             own = own + 0.5_wp*(y(:, o)/sum(y(:, o)) - of_samples(:, o))

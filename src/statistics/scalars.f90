@@ -3,19 +3,19 @@
 module statistics_scalars
    use core_error, only: error_type
    use core_kinds, only: wp
-   use statistics_estimates, only: blend, estimates_type, plain_deviation, plain_mean, &
-                                   plain_percentile, stated_error, upward_error
-   use statistics_law, only: choose_points, error_share, law_type, n_points, of_means, &
-                             of_percentiles_along
+   use statistics_estimates, only: blend, enlarge, estimates_type, plain_deviation, &
+                                   plain_mean, plain_percentile, two_sided, upward_error
+   use statistics_kernel_choice, only: learn_kernel
+   use statistics_law, only: choose_points, law_type, n_points, of_means, &
+                             of_percentiles_along, state_error
    use statistics_pool, only: among_all, pool_type, residual_share
    use statistics_regression, only: law_deviation, law_mean, law_percentile, view_law, view_type
    use statistics_sensitivity, only: find_sensitivity
-   use statistics_surrogate, only: fit_outputs, fit_type, learn_kernel, predict, surrogate_type
+   use statistics_surrogate, only: fit_outputs, fit_type, predict, surrogate_type
    implicit none(type, external)
    private
    public :: scalar_plain, scalar_type, estimate_scalars, scalar_from, scalar_values
 
-   real(wp), parameter :: two_sided = 1.959964_wp
    real(wp), parameter :: right_angle = 2.0_wp*atan(1.0_wp)
 
    !> Plain statistics over all samples of a case.
@@ -88,9 +88,11 @@ contains
             theirs = among_all(pool, case_number, plain_mean(own), sampled%mean)
             least = 0.0_wp
             call blend(ours, theirs, least, both, share)
+            call enlarge(both, theirs)
             do i = 1, size(best)
                best(i)%mean = both%value(i)
-               call state_error(both, theirs, i, share(i), of_means, n, best(i)%mean_error, &
+               call state_error(law, of_means, n, both%influence(:, i), both%bias(i), &
+                                theirs%influence(:, i), 1.0_wp - share(i), best(i)%mean_error, &
                                 best(i)%mean_ratio)
                best(i)%mean_error = upward_error(best(i)%mean, best(i)%mean_error)
             end do
@@ -101,10 +103,12 @@ contains
                                   best(1)%sensitivity, best(1)%sensitivity_error, error)
             if (allocated(error)) return
             call blend(ours, theirs, least, both, share)
+            call enlarge(both, theirs)
             do i = 1, size(best)
                best(i)%deviation = both%value(i)
-               call state_error(both, theirs, i, share(i), of_means, n, best(i)%deviation_error, &
-                                best(i)%deviation_ratio)
+               call state_error(law, of_means, n, both%influence(:, i), both%bias(i), &
+                                theirs%influence(:, i), 1.0_wp - share(i), &
+                                best(i)%deviation_error, best(i)%deviation_ratio)
                best(i)%deviation_error = upward_error(best(i)%deviation, best(i)%deviation_error)
                if (i == 1) cycle
                allocate (best(i)%sensitivity, best(i)%sensitivity_error, &
@@ -119,7 +123,7 @@ contains
          type(estimates_type) :: ours, theirs, both
          real(wp) :: values(size(law%weight), size(raw, 2)), least(size(raw, 2))
          real(wp) :: share(size(raw, 2))
-         real(wp) :: at_plain(size(raw, 2)), reach
+         real(wp) :: at_plain(size(raw, 2)), ends(2), reach
          integer :: i, p
 
          call predict(surrogate, bent_fit, view%rows, values)
@@ -140,34 +144,16 @@ contains
                                                                    share_below(p)), at_plain)
             call blend(ours, theirs, least, both, share)
             do i = 1, size(best)
-               call state_error(both, theirs, i, share(i), of_percentiles_along, &
-                                pool%n_samples(case_number), reach, best(i)%percentile_ratio(p))
+               call state_error(law, of_percentiles_along, pool%n_samples(case_number), &
+                                both%influence(:, i), both%bias(i), theirs%influence(:, i), &
+                                1.0_wp - share(i), reach, best(i)%percentile_ratio(p))
                best(i)%percentile(p) = unbend(both%value(i), is_fraction(i))
-               best(i)%low(p) = unbend(both%value(i) - two_sided*reach, is_fraction(i))
-               best(i)%high(p) = unbend(both%value(i) + two_sided*reach, is_fraction(i))
+               ends = both%value(i) + two_sided*reach*[-1.0_wp, 1.0_wp]*both%stretch(:, i)
+               best(i)%low(p) = unbend(ends(1), is_fraction(i))
+               best(i)%high(p) = unbend(ends(2), is_fraction(i))
             end do
          end do
       end subroutine estimate_percentiles
-
-      !> States the error of the regression and of the points of the law for its share of the
-      !> estimate, and how much larger plain sampling's is.
-      pure subroutine state_error(both, theirs, number, share, efficiency, n_samples, stated, ratio)
-         type(estimates_type), intent(in) :: both, theirs
-         integer, intent(in) :: number
-         real(wp), intent(in) :: share        !! of plain sampling
-         real(wp), intent(in) :: efficiency
-         integer, intent(in) :: n_samples
-         real(wp), intent(out) :: stated, ratio
-         real(wp) :: excess, of_plain
-
-         excess = 1.0_wp
-         if (allocated(both%excess)) excess = both%excess(number)
-         of_plain = excess*stated_error(theirs%influence(:, number), 0.0_wp, n_samples)
-         stated = stated_error(excess*both%influence(:, number), both%bias(number), n_samples)
-         stated = hypot(stated, (1.0_wp - share)*of_plain*error_share(law, efficiency, n_samples))
-         ratio = 1.0_wp
-         if (stated > 0.0_wp) ratio = of_plain/stated
-      end subroutine state_error
 
    end subroutine estimate_scalars
 

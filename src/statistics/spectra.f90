@@ -7,13 +7,14 @@ module statistics_spectra
    use core_error, only: error_type
    use core_kinds, only: wp
    use numerics_sorting, only: sort_order
-   use statistics_estimates, only: blend, estimates_type, plain_mean, plain_percentile, &
-                                   stated_error, upward_error
-   use statistics_law, only: choose_points, error_share, law_type, n_points, &
-                             of_mean_densities, of_mean_powers, of_percentiles
+   use statistics_estimates, only: blend, enlarge, estimates_type, plain_mean, &
+                                   plain_percentile, two_sided, upward_error
+   use statistics_kernel_choice, only: learn_kernel
+   use statistics_law, only: choose_points, law_type, n_points, of_mean_densities, &
+                             of_mean_powers, of_percentiles, state_error
    use statistics_pool, only: among_all, pool_type, residual_share
    use statistics_regression, only: law_mean_of_exponential, law_percentile, view_law, view_type
-   use statistics_surrogate, only: fit_outputs, fit_type, learn_kernel, predict, surrogate_type
+   use statistics_surrogate, only: fit_outputs, fit_type, predict, surrogate_type
    implicit none(type, external)
    private
    public :: spectrum_plain, spectrum_type, estimate_spectrum, spectrum_from, spectrum_values
@@ -21,7 +22,6 @@ module statistics_spectra
    integer, parameter, public :: together = 128   !! frequencies
    integer, parameter :: choosing = 24        !! frequencies choose the kernel, or a few more
    real(wp), parameter :: share_above = 1.0e-4_wp   !! of the power, left to plain sampling
-   real(wp), parameter :: two_sided = 1.959964_wp
    real(wp), parameter :: least_density = 1.0e-290_wp   !! its logarithm is finite
 
    !> Plain statistics over all samples of a case.
@@ -44,6 +44,7 @@ module statistics_spectra
    type :: integral_type
       real(wp) :: value = 0.0_wp, bias = 0.0_wp
       real(wp), allocatable :: influence(:), plain_influence(:)   !! (sample)
+      real(wp) :: parts = 0.0_wp, stretched(2) = 0.0_wp   !! sums of parts' errors, times stretch
    end type integral_type
 
 contains
@@ -134,19 +135,16 @@ contains
                if (k <= size(fits)) then
                   call law_mean_of_exponential(surrogate, fits(k), view, values, own, ours)
                   call blend(ours, theirs, [(0.0_wp, o=1, size(share))], both, share)
-                  do o = 1, size(share)
-                     both%influence(:, o) = both%excess(o)*both%influence(:, o)
-                     theirs%influence(:, o) = both%excess(o)*theirs%influence(:, o)
-                  end do
+                  call enlarge(both, theirs)
                end if
             end associate
          end associate
          do o = 1, size(values, 2)
             f = starts(k) + o - 1
             best%mean(f) = both%value(o)
-            call state_error(number, of_mean_densities, both%influence(:, o), both%bias(o), &
-                             theirs%influence(:, o), 1.0_wp - share(o), best%mean_error(f), &
-                             best%mean_ratio(f))
+            call state_error(law, of_mean_densities, pool%n_samples(number), &
+                             both%influence(:, o), both%bias(o), theirs%influence(:, o), &
+                             1.0_wp - share(o), best%mean_error(f), best%mean_ratio(f))
             best%mean_error(f) = upward_error(best%mean(f), best%mean_error(f))
          end do
          call add_to(integral, both, theirs, [(step, o=1, size(values, 2))], &
@@ -160,7 +158,7 @@ contains
          type(spectrum_type), intent(inout) :: best
          type(integral_type), intent(inout) :: integral
          type(estimates_type) :: ours, theirs, both
-         real(wp) :: share(size(values, 2)), reach
+         real(wp) :: share(size(values, 2)), ends(2), reach
          integer :: f, o
 
          associate (first => starts(k), last => starts(k + 1) - 1)
@@ -179,38 +177,25 @@ contains
          end associate
          do o = 1, size(values, 2)
             f = starts(k) + o - 1
-            call state_error(number, of_percentiles, both%influence(:, o), both%bias(o), &
-                             theirs%influence(:, o), 1.0_wp - share(o), reach, &
+            call state_error(law, of_percentiles, pool%n_samples(number), both%influence(:, o), &
+                             both%bias(o), theirs%influence(:, o), 1.0_wp - share(o), reach, &
                              best%percentile_ratio(f, p))
             best%percentile(f, p) = exp(both%value(o))
-            best%low(f, p) = exp(both%value(o) - two_sided*reach)
-            best%high(f, p) = exp(both%value(o) + two_sided*reach)
+            ends = both%value(o) + two_sided*reach*[-1.0_wp, 1.0_wp]*both%stretch(:, o)
+            best%low(f, p) = exp(ends(1))
+            best%high(f, p) = exp(ends(2))
          end do
          call add_to(integral, both, theirs, step*exp(both%value), step*exp(theirs%value))
          integral%value = integral%value + step*sum(exp(both%value))
+         do o = 1, size(values, 2)
+            reach = exp(both%value(o))*norm2(both%influence(:, o))
+            integral%parts = integral%parts + reach
+            integral%stretched = integral%stretched + reach*both%stretch(:, o)
+         end do
       end subroutine estimate_percentiles
 
-      !> States the error of the regression and of the points of the law for its share of the
-      !> estimate, and how much larger plain sampling's is.
-      pure subroutine state_error(number, efficiency, influence, bias, of_plain, share, stated, &
-                                  ratio)
-         integer, intent(in) :: number
-         real(wp), intent(in) :: efficiency, influence(:), bias, of_plain(:)
-         real(wp), intent(in) :: share   !! of the regression
-         real(wp), intent(out) :: stated, ratio
-         real(wp) :: plain
-
-         associate (n => pool%n_samples(number))
-            plain = stated_error(of_plain, 0.0_wp, n)
-            stated = plain
-            if (share > 0.0_wp) stated = hypot(stated_error(influence, bias, n), &
-                                               share*plain*error_share(law, efficiency, n))
-         end associate
-         ratio = 1.0_wp
-         if (stated > 0.0_wp) ratio = plain/stated
-      end subroutine state_error
-
-      !> The value of an integral, its error and ratio.
+      !> The value of an integral, its error and ratio. The error is that of the side to which the
+      !> interval reaches farther.
       pure subroutine close_integral(number, efficiency, integral, value, stated, ratio)
          integer, intent(in) :: number
          real(wp), intent(in) :: efficiency
@@ -218,8 +203,9 @@ contains
          real(wp), intent(out) :: value, stated, ratio
 
          value = integral%value
-         call state_error(number, efficiency, integral%influence, integral%bias, &
-                          integral%plain_influence, 1.0_wp, stated, ratio)
+         call state_error(law, efficiency, pool%n_samples(number), integral%influence, &
+                          integral%bias, integral%plain_influence, 1.0_wp, stated, ratio)
+         stated = stated*max(1.0_wp, maxval(stretch_of(integral)))
       end subroutine close_integral
 
       !> The last percentile's integral over the first one's; errors are those of its logarithm.
@@ -227,19 +213,33 @@ contains
          integer, intent(in) :: number
          type(integral_type), intent(in) :: bottom, top
          type(spectrum_type), intent(inout) :: best
-         real(wp) :: stated
+         real(wp) :: ends(2), of_bottom, of_top, stated
 
-         call state_error(number, of_percentiles, &
+         call state_error(law, of_percentiles, pool%n_samples(number), &
                           top%influence/top%value - bottom%influence/bottom%value, &
                           top%bias/top%value - bottom%bias/bottom%value, &
                           top%plain_influence/top%value - bottom%plain_influence/bottom%value, &
                           1.0_wp, stated, best%ratio_ratio)
          best%ratio = top%value/bottom%value
-         best%ratio_low = best%ratio*exp(-two_sided*stated)
-         best%ratio_high = best%ratio*exp(two_sided*stated)
+         of_top = norm2(top%influence)/top%value
+         of_bottom = norm2(bottom%influence)/bottom%value
+         ends = stretch_of(bottom)
+         ends = (of_top*stretch_of(top) + of_bottom*ends(2:1:-1)) &
+                /max(of_top + of_bottom, tiny(stated))
+         best%ratio_low = best%ratio*exp(-two_sided*stated*ends(1))
+         best%ratio_high = best%ratio*exp(two_sided*stated*ends(2))
       end subroutine find_ratio
 
    end subroutine estimate_spectrum
+
+   !> Mean stretch of the parts of an integral; 1 where they have none.
+   pure function stretch_of(integral) result(stretch)
+      type(integral_type), intent(in) :: integral
+      real(wp) :: stretch(2)   !! down, up
+
+      stretch = 1.0_wp
+      if (integral%parts > 0.0_wp) stretch = integral%stretched/integral%parts
+   end function stretch_of
 
    !> The frequency above which there is 1e-4 of the power.
    pure integer function last_powerful(mean)

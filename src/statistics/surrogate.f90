@@ -9,25 +9,23 @@
 !> samples (Nystroem), so that the cost of a point does not grow with the samples.
 !> Leave-one-out residuals are e_i = (y_i - fit_i)/(1 - h_i), h_i = 1/n + sum_k s_k V_ik^2: leaving
 !> sample i out is replacing y_i by y_i - e_i. The noise ratio of each output has the least
-!> generalised cross-validation; kernel and weights of the inputs, shared by all outputs, the least
-!> leave-one-out residuals over at most 128 samples.
+!> generalised cross-validation.
 module statistics_surrogate
    use core_error, only: error_type
    use core_kinds, only: wp
-   use numerics_lapack, only: find_symmetric_eigenvectors, multiply, solve_positive_definite
-   use statistics_kernel, only: kernel_rows, kernel_type, new_kernel
+   use numerics_lapack, only: find_symmetric_eigenvectors, multiply
+   use statistics_kernel, only: kernel_rows, kernel_type
    implicit none(type, external)
    private
-   public :: fit_type, surrogate_type, average_features, fit_outputs, learn_kernel, predict, rows_of
+   public :: fit_type, surrogate_type, average_features, find_features, fit_outputs, predict, &
+             rows_of, spread_out
 
-   integer, parameter :: samples_of_choice = 128   !! that choose the kernel
    integer, parameter, public :: most_landmarks = 256, most_features = 160
+   !> outputs of a fit and samples whose pairs with all are looked at
+   integer, parameter, public :: outputs_judged = 4, samples_paired = 64
    real(wp), parameter :: smallest_eigenvalue = 1.0e-10_wp   !! over the largest
-   real(wp), parameter :: lengths(*) = [1.0_wp, 2.0_wp, 4.0_wp, 8.0_wp, 16.0_wp]
-   real(wp), parameter :: powers(*) = [0.5_wp, 1.0_wp]   !! of the weights
-   real(wp), parameter :: least_weight = 0.03_wp         !! over the largest
-   integer, parameter :: n_ratios = 13
-   real(wp), parameter :: noise_ratios(n_ratios) = &
+   integer, parameter, public :: n_ratios = 13
+   real(wp), parameter, public :: noise_ratios(n_ratios) = &
                           10.0_wp**[-5.0_wp, -4.5_wp, -4.0_wp, -3.5_wp, -3.0_wp, -2.5_wp, &
                                     -2.0_wp, -1.5_wp, -1.0_wp, -0.5_wp, 0.0_wp, 0.5_wp, 1.0_wp]
 
@@ -49,44 +47,12 @@ module statistics_surrogate
       real(wp), allocatable :: coefficient(:, :)   !! (feature, output) of phi
       real(wp), allocatable :: residual(:, :)      !! (sample, output) leave-one-out
       real(wp), allocatable :: predicted(:, :)     !! (sample, output) y - residual
+      integer, allocatable :: judged(:), some(:)   !! outputs and samples of the leverages
+      real(wp), allocatable :: leverage(:, :)           !! (sample, judged output) h_i
+      real(wp), allocatable :: pair_leverage(:, :, :)   !! (sample, of some, judged output) h_ij
    end type fit_type
 
 contains
-
-   !> Chooses the kernel for some outputs and finds the features of all samples.
-   subroutine learn_kernel(x, outputs, surrogate, error)
-      real(wp), intent(in), contiguous :: x(:, :)         !! (sample, input) standardised
-      real(wp), intent(in), contiguous :: outputs(:, :)   !! (sample, output)
-      type(surrogate_type), intent(out) :: surrogate
-      type(error_type), allocatable, intent(out) :: error
-      real(wp) :: proportion(size(x, 2)), score, best
-      real(wp) :: slope(size(x, 2), size(outputs, 2))
-      real(wp), allocatable :: y(:, :), some_x(:, :), some_y(:, :)
-      type(kernel_type) :: kernel
-      integer, allocatable :: chosen(:)
-      integer :: i, k
-
-      call standardise(outputs, y)
-      call find_slopes(x, y, slope, error)
-      if (.not. allocated(error)) call find_direction(slope, surrogate%direction, error)
-      if (allocated(error)) return
-      proportion = sqrt(sum(slope**2, 2)/size(y, 2))
-      proportion = max(proportion/max(maxval(proportion), tiny(1.0_wp)), least_weight)
-      chosen = spread_out(size(x, 1), samples_of_choice)
-      some_x = x(chosen, :)
-      some_y = y(chosen, :)
-      best = huge(best)
-      do k = 1, size(powers)
-         do i = 1, size(lengths)
-            kernel = new_kernel(proportion**powers(k), lengths(i))
-            call judge(kernel, some_x, some_y, score, error)
-            if (allocated(error)) return
-            if (score < best) surrogate%kernel = kernel
-            best = min(best, score)
-         end do
-      end do
-      call find_features(x, most_landmarks, most_features, surrogate, error)
-   end subroutine learn_kernel
 
    !> Places of at most some of n, at equal distances.
    pure function spread_out(n, most) result(places)
@@ -98,84 +64,6 @@ contains
          places = [(1 + int((i - 1)*real(n, wp)/some), i=1, some)]
       end associate
    end function spread_out
-
-   !> Outputs with mean 0 and mean square 1, or 0 throughout.
-   pure subroutine standardise(outputs, y)
-      real(wp), intent(in) :: outputs(:, :)          !! (sample, output)
-      real(wp), allocatable, intent(out) :: y(:, :)
-      integer :: o
-
-      allocate (y, source=outputs)
-      do o = 1, size(y, 2)
-         y(:, o) = y(:, o) - sum(y(:, o))/size(y, 1)
-         if (any(abs(y(:, o)) > 0.0_wp)) y(:, o) = y(:, o)/sqrt(sum(y(:, o)**2)/size(y, 1))
-      end do
-   end subroutine standardise
-
-   !> Coefficients of a linear ridge regression.
-   subroutine find_slopes(x, y, slope, error)
-      real(wp), intent(in), contiguous :: x(:, :), y(:, :)   !! (sample, input or output)
-      real(wp), intent(out), contiguous :: slope(:, :)       !! (input, output)
-      type(error_type), allocatable, intent(out) :: error
-      real(wp) :: square(size(x, 2), size(x, 2))
-      integer :: j
-
-      call multiply(x, x, square, transposes_a=.true.)
-      call multiply(x, y, slope, transposes_a=.true.)
-      do j = 1, size(x, 2)
-         square(j, j) = square(j, j) + size(x, 2)/5.0_wp   ! ridge: 1 for five inputs
-      end do
-      call solve_positive_definite(square, slope, error)
-   end subroutine find_slopes
-
-   !> First left singular vector of the slopes.
-   subroutine find_direction(slope, direction, error)
-      real(wp), intent(in), contiguous :: slope(:, :)   !! (input, output)
-      real(wp), allocatable, intent(out) :: direction(:)
-      type(error_type), allocatable, intent(out) :: error
-      real(wp) :: square(size(slope, 1), size(slope, 1)), eigenvalue(size(slope, 1))
-
-      call multiply(slope, transpose(slope), square)
-      call find_symmetric_eigenvectors(square, eigenvalue, error)
-      direction = square(:, size(eigenvalue))
-   end subroutine find_direction
-
-   !> Mean over the outputs of the logarithm of the least mean square of leave-one-out residuals.
-   subroutine judge(kernel, x, outputs, score, error)
-      type(kernel_type), intent(in) :: kernel
-      real(wp), intent(in), contiguous :: x(:, :), outputs(:, :)   !! (sample, input or output)
-      real(wp), intent(out) :: score
-      type(error_type), allocatable, intent(out) :: error
-      real(wp), parameter :: least = 1.0e-12_wp   ! relative mean square that is told apart
-      type(surrogate_type) :: trial
-      real(wp), allocatable :: projection(:, :), fitted(:, :), leverage(:), shrink(:)
-      real(wp) :: square(n_ratios, size(outputs, 2)), y(size(outputs, 1), size(outputs, 2))
-      integer :: n, o, r
-
-      n = size(x, 1)
-      trial%kernel = kernel
-      call find_features(x, n, n, trial, error)
-      if (allocated(error)) return
-      do o = 1, size(outputs, 2)
-         y(:, o) = outputs(:, o) - sum(outputs(:, o))/n
-      end do
-      allocate (projection(size(trial%eigenvalue), size(y, 2)))
-      allocate (fitted, mold=y)
-      call multiply(trial%feature, y, projection, transposes_a=.true.)
-      do r = 1, n_ratios
-         shrink = trial%eigenvalue/(trial%eigenvalue + noise_ratios(r))
-         leverage = matmul(trial%feature**2, shrink)
-         call multiply(trial%feature, projection*spread(shrink, 2, size(y, 2)), fitted)
-         do o = 1, size(y, 2)
-            square(r, o) = sum(((y(:, o) - fitted(:, o))/(1.0_wp - 1.0_wp/n - leverage))**2)
-         end do
-      end do
-      score = 0.0_wp
-      do o = 1, size(y, 2)
-         score = score + log(minval(square(:, o))/max(sum(y(:, o)**2), tiny(1.0_wp)) + least)
-      end do
-      score = score/size(y, 2)
-   end subroutine judge
 
    !> Eigenvectors over the samples of the centred kernel, or of its projection on the functions
    !> k(., landmark); the largest first.
@@ -322,9 +210,33 @@ contains
       square = surrogate%feature**2
       call multiply(surrogate%feature, fit%coefficient, fit%residual)
       call multiply(square, fit%shrink, leverage)
-      fit%residual = (y - fit%residual)/(1.0_wp - 1.0_wp/n - leverage)
+      leverage = leverage + 1.0_wp/n
+      fit%residual = (y - fit%residual)/(1.0_wp - leverage)
       fit%predicted = outputs - fit%residual
+      call find_pair_leverages(surrogate, leverage, fit)
    end subroutine fit_outputs
+
+   !> h_ij = 1/n + sum_k s_k V_ik V_jk: what sample j adds to the fit at sample i.
+   subroutine find_pair_leverages(surrogate, leverage, fit)
+      type(surrogate_type), intent(in) :: surrogate
+      real(wp), intent(in) :: leverage(:, :)   !! (sample, output)
+      type(fit_type), intent(inout) :: fit
+      real(wp), allocatable :: shrunk(:, :)
+      integer :: k, n
+
+      n = size(leverage, 1)
+      fit%some = spread_out(n, samples_paired)
+      fit%judged = spread_out(size(leverage, 2), outputs_judged)
+      fit%leverage = leverage(:, fit%judged)
+      allocate (fit%pair_leverage(n, size(fit%some), size(fit%judged)))
+      allocate (shrunk(size(surrogate%eigenvalue), size(fit%some)))
+      do k = 1, size(fit%judged)
+         shrunk = transpose(surrogate%feature(fit%some, :)) &
+                  *spread(fit%shrink(:, fit%judged(k)), 2, size(fit%some))
+         call multiply(surrogate%feature, shrunk, fit%pair_leverage(:, :, k))
+      end do
+      fit%pair_leverage = fit%pair_leverage + 1.0_wp/n
+   end subroutine find_pair_leverages
 
    !> The noise ratio with the least generalised cross-validation.
    pure integer function best_ratio(eigenvalue, projection, total, n)

@@ -1,0 +1,161 @@
+!> The kernel of a surrogate, chosen from few samples.
+!>
+!> Its weights of the inputs, in proportion to the slopes of a linear ridge regression or to their
+!> roots, and its length have the least leave-one-out residuals over at most 128 samples and all
+!> outputs. Both proportions are tried at the middle length, then shorter and longer lengths as long
+!> as the residuals fall.
+module statistics_kernel_choice
+   use core_error, only: error_type
+   use core_kinds, only: wp
+   use numerics_lapack, only: find_symmetric_eigenvectors, multiply, solve_positive_definite
+   use statistics_kernel, only: kernel_type, new_kernel
+   use statistics_surrogate, only: find_features, most_features, most_landmarks, n_ratios, &
+                                   noise_ratios, spread_out, surrogate_type
+   implicit none(type, external)
+   private
+   public :: learn_kernel
+
+   integer, parameter :: samples_of_choice = 128   !! that choose the kernel
+   real(wp), parameter :: lengths(*) = [1.0_wp, 2.0_wp, 4.0_wp, 8.0_wp, 16.0_wp]
+   integer, parameter :: middle = 3
+   real(wp), parameter :: powers(*) = [0.5_wp, 1.0_wp]   !! of the weights
+   real(wp), parameter :: least_weight = 0.03_wp         !! over the largest
+
+contains
+
+   !> Chooses the kernel for some outputs and finds the features of all samples.
+   subroutine learn_kernel(x, outputs, surrogate, error)
+      real(wp), intent(in), contiguous :: x(:, :)         !! (sample, input) standardised
+      real(wp), intent(in), contiguous :: outputs(:, :)   !! (sample, output)
+      type(surrogate_type), intent(out) :: surrogate
+      type(error_type), allocatable, intent(out) :: error
+      real(wp) :: proportion(size(x, 2)), best, best_power, power
+      real(wp) :: slope(size(x, 2), size(outputs, 2))
+      real(wp), allocatable :: y(:, :), some_x(:, :), some_y(:, :)
+      integer, allocatable :: chosen(:)
+      integer :: best_length, i, k
+
+      call standardise(outputs, y)
+      call find_slopes(x, y, slope, error)
+      if (.not. allocated(error)) call find_direction(slope, surrogate%direction, error)
+      if (allocated(error)) return
+      proportion = sqrt(sum(slope**2, 2)/size(y, 2))
+      proportion = max(proportion/max(maxval(proportion), tiny(1.0_wp)), least_weight)
+      chosen = spread_out(size(x, 1), samples_of_choice)
+      some_x = x(chosen, :)
+      some_y = y(chosen, :)
+      best = huge(best)
+      do k = 1, size(powers)
+         call try(powers(k), middle)
+         if (allocated(error)) return
+      end do
+      power = best_power
+      do k = -1, 1, 2   ! shorter lengths, then longer ones
+         i = middle + k
+         do while (best_length == i - k .and. i >= 1 .and. i <= size(lengths))
+            call try(power, i)
+            if (allocated(error)) return
+            i = i + k
+         end do
+      end do
+      call find_features(x, most_landmarks, most_features, surrogate, error)
+
+   contains
+
+      subroutine try(power, length)
+         real(wp), intent(in) :: power
+         integer, intent(in) :: length   !! its number
+         type(kernel_type) :: kernel
+         real(wp) :: score
+
+         kernel = new_kernel(proportion**power, lengths(length))
+         call judge(kernel, some_x, some_y, score, error)
+         if (allocated(error)) return
+         if (score >= best) return
+         best = score
+         best_power = power
+         best_length = length
+         surrogate%kernel = kernel
+      end subroutine try
+
+   end subroutine learn_kernel
+
+   !> Outputs with mean 0 and mean square 1, or 0 throughout.
+   pure subroutine standardise(outputs, y)
+      real(wp), intent(in) :: outputs(:, :)          !! (sample, output)
+      real(wp), allocatable, intent(out) :: y(:, :)
+      integer :: o
+
+      allocate (y, source=outputs)
+      do o = 1, size(y, 2)
+         y(:, o) = y(:, o) - sum(y(:, o))/size(y, 1)
+         if (any(abs(y(:, o)) > 0.0_wp)) y(:, o) = y(:, o)/sqrt(sum(y(:, o)**2)/size(y, 1))
+      end do
+   end subroutine standardise
+
+   !> Coefficients of a linear ridge regression.
+   subroutine find_slopes(x, y, slope, error)
+      real(wp), intent(in), contiguous :: x(:, :), y(:, :)   !! (sample, input or output)
+      real(wp), intent(out), contiguous :: slope(:, :)       !! (input, output)
+      type(error_type), allocatable, intent(out) :: error
+      real(wp) :: square(size(x, 2), size(x, 2))
+      integer :: j
+
+      call multiply(x, x, square, transposes_a=.true.)
+      call multiply(x, y, slope, transposes_a=.true.)
+      do j = 1, size(x, 2)
+         square(j, j) = square(j, j) + size(x, 2)/5.0_wp   ! ridge: 1 for five inputs
+      end do
+      call solve_positive_definite(square, slope, error)
+   end subroutine find_slopes
+
+   !> First left singular vector of the slopes.
+   subroutine find_direction(slope, direction, error)
+      real(wp), intent(in), contiguous :: slope(:, :)   !! (input, output)
+      real(wp), allocatable, intent(out) :: direction(:)
+      type(error_type), allocatable, intent(out) :: error
+      real(wp) :: square(size(slope, 1), size(slope, 1)), eigenvalue(size(slope, 1))
+
+      call multiply(slope, transpose(slope), square)
+      call find_symmetric_eigenvectors(square, eigenvalue, error)
+      direction = square(:, size(eigenvalue))
+   end subroutine find_direction
+
+   !> Mean over the outputs of the logarithm of the least mean square of leave-one-out residuals.
+   subroutine judge(kernel, x, outputs, score, error)
+      type(kernel_type), intent(in) :: kernel
+      real(wp), intent(in), contiguous :: x(:, :), outputs(:, :)   !! (sample, input or output)
+      real(wp), intent(out) :: score
+      type(error_type), allocatable, intent(out) :: error
+      real(wp), parameter :: least = 1.0e-12_wp   ! relative mean square that is told apart
+      type(surrogate_type) :: trial
+      real(wp), allocatable :: projection(:, :), fitted(:, :), leverage(:), shrink(:)
+      real(wp) :: square(n_ratios, size(outputs, 2)), y(size(outputs, 1), size(outputs, 2))
+      integer :: n, o, r
+
+      n = size(x, 1)
+      trial%kernel = kernel
+      call find_features(x, n, n, trial, error)
+      if (allocated(error)) return
+      do o = 1, size(outputs, 2)
+         y(:, o) = outputs(:, o) - sum(outputs(:, o))/n
+      end do
+      allocate (projection(size(trial%eigenvalue), size(y, 2)))
+      allocate (fitted, mold=y)
+      call multiply(trial%feature, y, projection, transposes_a=.true.)
+      do r = 1, n_ratios
+         shrink = trial%eigenvalue/(trial%eigenvalue + noise_ratios(r))
+         leverage = matmul(trial%feature**2, shrink)
+         call multiply(trial%feature, projection*spread(shrink, 2, size(y, 2)), fitted)
+         do o = 1, size(y, 2)
+            square(r, o) = sum(((y(:, o) - fitted(:, o))/(1.0_wp - 1.0_wp/n - leverage))**2)
+         end do
+      end do
+      score = 0.0_wp
+      do o = 1, size(y, 2)
+         score = score + log(minval(square(:, o))/max(sum(y(:, o)**2), tiny(1.0_wp)) + least)
+      end do
+      score = score/size(y, 2)
+   end subroutine judge
+
+end module statistics_kernel_choice
