@@ -150,7 +150,7 @@ contains
             found = found + 1
             e = first + at/width
             list(found) = width*(paths%joint(e) - 1) + iand(at, width - 1) + 1
-            pair = iand(pair, pair - 1_long)
+            pair = ibclr(pair, at)
          end do
       end do
    end subroutine finish_rows
