@@ -47,7 +47,7 @@ module dynamics_newmark_block
       type(newmark_try), allocatable :: tries(:)
       real(wp), allocatable :: change(:, :)    !! (try, force) in the step tried [N]
       integer, allocatable :: list(:)          !! (joint)
-      real(wp), allocatable :: room(:, :), parts(:), paths(:), released(:), factor(:, :)
+      real(wp), allocatable :: room(:, :), parts(:), paths(:), factor(:, :)
       real(wp), allocatable, dimension(:, :) :: place, speed, margin   !! (joint, 0:1)
       real(wp), private :: tick_size = 0.0_wp     !! [s]
       type(aligned_memory), private :: memory
@@ -98,9 +98,9 @@ contains
       allocate (block%ticks(samples), source=shiftl(1_long, max_halvings))
       allocate (block%pattern(samples), block%list(m + 1), source=0)
       allocate (block%tries(samples))
-      allocate (block%work(2, samples), block%room(max(rows, joint_rows), 2), block%released(m), &
+      allocate (block%work(2, samples), block%room(max(rows, joint_rows), 2), &
                 block%parts(2*n + m + block%n_forces), block%paths(2*joint_rows), &
-                block%factor(m, m), block%change(samples, block%n_forces), &
+                block%factor(m, 0:m), block%change(samples, block%n_forces), &
                 block%place(joint_rows, 0:1), block%speed(joint_rows, 0:1), &
                 block%margin(joint_rows, 0:1), source=0.0_wp)
       call block%memory%start((11*rows + 4*joint_rows)*samples)

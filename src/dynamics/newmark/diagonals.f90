@@ -70,25 +70,32 @@ contains
       type(diagonal_matrix), intent(in) :: matrix
       real(wp), intent(in), contiguous :: x(:)      !! (column)
       real(wp), intent(out), contiguous :: y(:)     !! (row)
-      integer :: d, i
 
-      associate (a => matrix%value, first => matrix%span(1, :), last => matrix%span(2, :), &
-                 offset => matrix%offset)
-         do i = 1, first(1) - 1
-            y(i) = 0.0_wp
-         end do
-         do i = first(1), last(1)
-            y(i) = a(i, 1)*x(i + offset(1))
-         end do
-         do i = last(1) + 1, size(y)
-            y(i) = 0.0_wp
-         end do
-         do d = 2, matrix%n_diagonals
-            do i = first(d), last(d)
-               y(i) = y(i) + a(i, d)*x(i + offset(d))
-            end do
-         end do
-      end associate
+      call add_diagonals(size(matrix%value, 1), matrix%n_diagonals, matrix%offset, matrix%span, &
+                         matrix%value, x, size(y), y)
    end subroutine put_product
+
+   pure subroutine add_diagonals(n_rows, n_diagonals, offset, span, value, x, n, y)
+      integer, intent(in) :: n_rows, n_diagonals, offset(n_diagonals), span(2, n_diagonals), n
+      real(wp), intent(in) :: value(n_rows, n_diagonals), x(*)
+      real(wp), intent(out) :: y(n)
+      integer :: d, i, shift
+
+      do i = 1, span(1, 1) - 1
+         y(i) = 0.0_wp
+      end do
+      do i = span(1, 1), span(2, 1)
+         y(i) = value(i, 1)*x(i)
+      end do
+      do i = span(2, 1) + 1, n
+         y(i) = 0.0_wp
+      end do
+      do d = 2, n_diagonals
+         shift = offset(d)
+         do i = span(1, d), span(2, d)
+            y(i) = y(i) + value(i, d)*x(i + shift)
+         end do
+      end do
+   end subroutine add_diagonals
 
 end module dynamics_newmark_diagonals

@@ -10,6 +10,7 @@ module dynamics_newmark_woodbury
    use dynamics_newmark_block, only: newmark_block
    use dynamics_newmark_diagonals, only: diagonal_matrix, diagonals_of, put_product
    use numerics_lapack, only: solve_positive_definite
+   use numerics_sparse, only: sparse_matrix
    use structure_model, only: structure_type
    implicit none(type, external)
    private
@@ -168,11 +169,8 @@ contains
          call put_product(system%forces, block%parts, room(:, 1))
          call multiply(size(level%inverse, 1), n, level%span, level%inverse, room(:, 1), room(:, 2))
          if (m > 0 .and. system%beta > 0.0_wp) then
-            do j = 1, m
-               block%released(j) = block%frame%directions%row_times(block%list(j), room(:, 2))
-            end do
             call release(size(level%inverse, 1), block%n_joints, m, block%list, level, &
-                         level%at_joints, block%released, room(:, 2), block%factor)
+                         block%frame%directions, level%at_joints, room(:, 2), block%factor)
          end if
          call move_on(size(old, 1), level%weight, room(:, 2), old, new)
          call join_paths(system, size(old, 1), new(:, 2:3), block%paths)
@@ -204,21 +202,25 @@ contains
    !> From u = S^-1 q with all joints stuck to that with the m listed ones slipping: u + S^-1 W y
    !> with (1/(beta h^2 k) - W' S^-1 W) y = W' u, rows and columns of the listed joints. By factors
    !> L D L' made here and not by LAPACK, whose calls cost more than these few rows.
-   pure subroutine release(rows, joints, m, list, level, at_joints, y, u, factor)
+   pure subroutine release(rows, joints, m, list, level, directions, at_joints, u, factor)
       integer, intent(in) :: rows, joints, m, list(m)
       type(newmark_level), intent(in) :: level
+      type(sparse_matrix), intent(in) :: directions   !! W'
       real(wp), intent(in) :: at_joints(rows, joints)
-      real(wp), intent(inout) :: y(m)   !! W' u of the listed joints
       real(wp), intent(inout) :: u(rows)
-      real(wp), intent(out) :: factor(joints, m)
+      real(wp), intent(inout) :: factor(joints, 0:m)   !! room; y in column 0
       real(wp) :: pivot, share
-      integer :: i, j, k
+      integer :: e, i, j, k
 
       do j = 1, m
          do i = j, m
             factor(i, j) = -level%between(list(i), list(j))
          end do
          factor(j, j) = factor(j, j) + level%compliance(list(j))
+         factor(j, 0) = 0.0_wp
+         do e = directions%start(list(j)), directions%start(list(j) + 1) - 1
+            factor(j, 0) = factor(j, 0) + directions%value(e)*u(directions%column(e))
+         end do
       end do
       do j = 1, m
          pivot = 1.0_wp/factor(j, j)
@@ -227,19 +229,19 @@ contains
             do k = i, m
                factor(k, i) = factor(k, i) - factor(k, j)*share
             end do
-            y(i) = y(i) - y(j)*share
+            factor(i, 0) = factor(i, 0) - factor(j, 0)*share
          end do
-         y(j) = y(j)*pivot
+         factor(j, 0) = factor(j, 0)*pivot
          do k = j + 1, m
             factor(k, j) = factor(k, j)*pivot
          end do
       end do
       do j = m, 1, -1
          do i = j + 1, m
-            y(j) = y(j) - factor(i, j)*y(i)
+            factor(j, 0) = factor(j, 0) - factor(i, j)*factor(i, 0)
          end do
          do i = level%joint_span(1, list(j)), level%joint_span(2, list(j))
-            u(i) = u(i) + at_joints(i, list(j))*y(j)
+            u(i) = u(i) + at_joints(i, list(j))*factor(j, 0)
          end do
       end do
    end subroutine release
