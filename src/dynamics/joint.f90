@@ -1,37 +1,19 @@
 !> The law of a Jenkins joint and the account of its slip, for every marcher.
 !>
-!> Stuck, a joint is a spring, r = k (w.x - z), whose slider stands at z. It slips from where
-!> |w.x - z| would exceed its reach mu N/k, with r = d mu N, d the sign of w.v. It sticks where w.v
-!> comes to zero, and the slider then stands where r = d mu N exactly, so that no drift gathers.
+!> Stuck, a joint is a spring, r = k (w.x - z), whose slider stands at z. It slips from where its
+!> guard mu N/k - |w.x - z| turns negative, with r = d mu N, d the sign of w.v. It sticks where its
+!> guard d w.v turns negative, and the slider then stands where r = d mu N exactly, so that no drift
+!> gathers. Marchers evaluate these guards in their kernels, for many samples at a time.
 module dynamics_joint
    use core_kinds, only: wp
    use dynamics_response, only: block_state
    use structure_model, only: structure_type
    implicit none(type, external)
    private
-   public :: jenkins_force, stuck_guard, slip_guard, slip_direction, slider_at
+   public :: jenkins_force, slip_direction, slider_at
    public :: enter_transition, close_account, dissipate
 
 contains
-
-   !> Guard of a stuck joint [m]: it slips where this turns negative.
-   elemental function stuck_guard(place, slider, reach) result(guard)
-      real(wp), intent(in) :: place    !! w.x [m]
-      real(wp), intent(in) :: slider   !! z [m]
-      real(wp), intent(in) :: reach    !! mu N/k [m]
-      real(wp) :: guard
-
-      guard = reach - abs(place - slider)
-   end function stuck_guard
-
-   !> Guard of a slipping joint [m/s]: it sticks where this turns negative.
-   elemental function slip_guard(velocity, direction) result(guard)
-      real(wp), intent(in) :: velocity    !! w.v [m/s]
-      integer, intent(in) :: direction    !! d, +1 or -1
-      real(wp) :: guard
-
-      guard = direction*velocity
-   end function slip_guard
 
    !> Direction of a slip that starts: along the velocity, which is outwards even where rounding has
    !> carried the place past the reach.
