@@ -20,14 +20,17 @@ module process_positive_branches
                                       parameter_family
    use process_positive_first_order, only: find_limit, match_branch
    use process_positive_kernel, only: first_order_law
+   use process_positive_moments, only: positive_moments
    use process_positive_objective, only: new_objective, sampled_objective
    use process_positive_problem, only: new_problem, sampled_problem
    use process_positive_signs, only: compare_signs
    implicit none(type, external)
    private
-   public :: search_branches
+   public :: adopt_signs, search_branches, sharpen
 
    integer, parameter :: shape_steps = 128      !! of a batch during the search
+   integer, parameter :: zero_steps = 1024      !! of a batch where some K(m) = 0
+   integer, parameter :: sharp_steps = 2048     !! of a batch where few have not been enough
    integer, parameter :: max_iterations = 40    !! of a search
    real(wp), parameter, public :: branch_difference = 1.0e-5_wp   !! step of a difference
    real(wp), parameter :: acceptable = 1.0e-3_wp   !! gradient of the entropy left
@@ -103,11 +106,13 @@ contains
       real(wp), intent(out) :: limit      !! the largest that was found; 0: none
       type(error_type), allocatable, intent(out) :: error
       real(wp), parameter :: inside = 0.97_wp   ! of the limit of order 1, beyond it
-      real(wp), allocatable :: autocovariance(:)
+      real(wp), allocatable :: autocovariance(:), signs(:)
+      integer, allocatable :: lags(:)
       type(process_request) :: one
       type(first_order_law) :: first
       real(wp) :: decay, wanted
       integer :: pass
+      logical :: is_at_rest
       integer, parameter :: max_passes = 4
 
       wanted = request%std/request%mean
@@ -120,25 +125,39 @@ contains
       call match_branch(one, is_alternating, first, error)
       if (allocated(error)) return
       decay = first%memory
+      call rise_to_order(request, seed, first, one%std/request%mean, decay, effort, law, point, &
+                         error)
+      if (allocated(error)) return
+      call climb(law, one%std/request%mean, wanted, point, found, limit)
+      is_at_rest = .true.
       do pass = 1, max_passes
-         call rise_to_order(request, seed, first, one%std/request%mean, decay, effort, law, &
-                            point, error)
-         if (allocated(error)) return
-         call climb(law, one%std/request%mean, wanted, point, found, limit)
-         if (found%is_converged) call adopt_signs(law, point, found, autocovariance)
+         if (found%is_converged) then
+            call adopt_signs(law, point, found, autocovariance)
+            is_at_rest = found%is_converged
+         end if
          effort = max(0.0_wp, effort - law%effort)
          if (.not. found%is_converged) exit
-         if (request%branch == 'nonnegative' .and. any(law%signs < 0.0_wp)) then
-            call raise(error, exit_no_solution, &
-                       'followed from order 1, some K(m) change their sign')
-            return
-         end if
          if (.not. is_alternating .or. fades(law%signs*autocovariance)) return
+         if (pass == max_passes) exit
          decay = sqrt(decay)   ! lags of twice the memory
+         signs = law%signs
+         lags = law%zeros
+         call begin_law(request, seed, decay, wanted, effort, law, error)
+         if (allocated(error)) return
+         law%signs(:size(signs) - 1) = signs
+         call law%hold_at_zero(lags)
+         call law%settle(point)
+         call find_maximum(law, point, found)
       end do
       if (.not. effort > 0.0_wp) then
          call raise(error, exit_no_solution, &
                     'followed from order 1, the search was given up at its bound of values')
+      else if (.not. is_at_rest) then
+         call raise(error, exit_no_solution, &
+                    'followed from order 1, the signs of K(m) do not come to rest')
+      else if (limit >= wanted) then
+         call raise(error, exit_no_solution, 'followed from order 1, K(m) does not fade within '// &
+                    to_text(law%problem%n_lags)//' lags')
       else if (is_alternating) then
          call raise(error, exit_no_solution, &
                     'followed from order 1, alternating K(m) ends at std/mean = '//text_of(limit))
@@ -169,48 +188,68 @@ contains
       real(wp), allocatable, intent(out) :: point(:)
       type(error_type), allocatable, intent(out) :: error
       type(process_request) :: lower
-      type(sampled_problem) :: problem
       type(parameter_family) :: family
+      type(positive_moments) :: moments
       type(search_result) :: found
       real(wp), allocatable :: reached(:)
-      real(wp) :: moments(2)
 
       lower = request
       lower%order = 1
-      family%kind = free
+      law%family%kind = free
       point = [-atanh(first%r), asinh(first%field)]
       if (first%r < 0.0_wp) then
-         family%kind = merge(by_precision, by_coefficients, request%sampler == 'exact')
+         law%family%kind = merge(by_precision, by_coefficients, request%sampler == 'exact')
          point(1) = -first%r
       end if
-      moments = [first%mean, first%std]
+      law%last%moments%mean = first%mean
+      law%last%moments%std = first%std
       do
          lower%order = min(2*lower%order, request%order)
-         call new_problem(lower, request%sampler, &
-                          new_stream(seed, label_of('positive process'), 0), problem, error, &
-                          merge(decay, 0.0_wp, first%r < 0.0_wp))
+         call begin_law(lower, seed, merge(decay, 0.0_wp, first%r < 0.0_wp), ratio, effort, law, &
+                        error)
          if (allocated(error)) return
-         problem%ratio = ratio
-         call new_objective(problem, law)
-         law%most_effort = effort
-         law%family = family
-         point = [point(:size(point) - 1), spread(0.0_wp, 1, lower%order + merge(0, 1, &
-                                                                  family%face > 0) - size(point)), &
+         point = [point(:size(point) - 1), &
+                  spread(0.0_wp, 1, lower%order + merge(0, 1, law%family%face > 0) - size(point)), &
                   point(size(point))]
-         law%last%moments%mean = moments(1)
-         law%last%moments%std = moments(2)
-         law%n_steps = shape_steps
          call law%settle(point)
          if (lower%order == request%order) return
          reached = point
+         family = law%family
+         moments = law%last%moments
          call find_maximum(law, reached, found)
          effort = max(0.0_wp, effort - law%effort)
-         if (.not. found%is_converged) cycle
-         point = reached
-         family = law%family
-         moments = [law%last%moments%mean, law%last%moments%std]
+         if (found%is_converged) then
+            point = reached
+         else
+            law%family = family
+            law%last%moments = moments
+         end if
       end do
    end subroutine rise_to_order
+
+   !> The law of a request in the family of another one, to be simulated from its moments.
+   subroutine begin_law(request, seed, decay, ratio, effort, law, error)
+      type(process_request), intent(in) :: request
+      integer(long), intent(in) :: seed
+      real(wp), intent(in) :: decay     !! of K(m), where it alternates; else 0
+      real(wp), intent(in) :: ratio     !! wanted std/mean
+      real(wp), intent(in) :: effort    !! see `search_branches`
+      type(sampled_objective), intent(inout) :: law
+      type(error_type), allocatable, intent(out) :: error
+      type(sampled_objective) :: before
+      type(sampled_problem) :: problem
+
+      call new_problem(request, request%sampler, &
+                       new_stream(seed, label_of('positive process'), 0), problem, error, decay)
+      if (allocated(error)) return
+      problem%ratio = ratio
+      before = law
+      call new_objective(problem, law)
+      law%most_effort = effort
+      law%family = before%family
+      law%last%moments = before%last%moments
+      law%n_steps = shape_steps
+   end subroutine begin_law
 
    !> Maxima at larger and larger std/mean, from that of the start to the wanted one. Where they end
    !> before `found` is not converged.
@@ -272,30 +311,96 @@ contains
    end subroutine find_maximum
 
    !> Signs of K(m) as they came out, and the maximum with these; not converged where they do not
-   !> come to rest.
+   !> come to rest. Where K(m) >= 0 is wanted, or K(m) has the other sign with either one, K(m) = 0
+   !> is a constraint, as long as its multiplier does not pull K(m) to a side that is allowed.
    subroutine adopt_signs(law, point, found, autocovariance)
       type(sampled_objective), intent(inout) :: law
       real(wp), allocatable, intent(inout) :: point(:)
       type(search_result), intent(inout) :: found
       real(wp), allocatable, intent(out) :: autocovariance(:)   !! (0:n_lags)
-      integer, parameter :: max_passes = 5
-      real(wp), allocatable :: state(:)
-      logical, allocatable :: is_wrong(:)
-      integer :: pass
+      integer, parameter :: max_passes = 12
+      real(wp), allocatable :: pulls(:), reached(:), state(:)
+      integer, allocatable :: lags(:)
+      logical, allocatable :: is_held(:), is_wrong(:)
+      integer :: n_steps, pass
 
+      n_steps = law%n_steps
+      allocate (is_held(size(law%signs)), source=law%problem%is_nonnegative)
       do pass = 1, max_passes
          call compare_signs(law, point, autocovariance, is_wrong, found%is_converged, state)
          if (.not. found%is_converged) return
-         law%n_steps = shape_steps
-         if (.not. any(is_wrong)) exit
+         law%n_steps = n_steps
+         is_wrong(law%zeros + 1) = .false.
+         pulls = pulls_of(law, found%multipliers)
+         lags = pack(law%zeros, abs(pulls) <= acceptable)
+         if (any(is_wrong .and. is_held)) &   ! the others may follow
+            lags = [lags, minloc(law%signs*autocovariance, 1, is_wrong .and. is_held) - 1]
+         if (.not. (any(is_wrong) .or. any(abs(pulls) > acceptable))) exit
          found%is_converged = pass < max_passes
          if (.not. found%is_converged) return
-         where (is_wrong) law%signs = -law%signs
-         call find_maximum(law, point, found)
+         law%signs(law%zeros) = merge(sign(1.0_wp, pulls), law%signs(law%zeros), &
+                                      abs(pulls) > acceptable)
+         where (is_wrong .and. .not. is_held) law%signs = -law%signs
+         is_held = is_held .or. is_wrong
+         if (size(lags) > 0) law%n_steps = max(n_steps, zero_steps)
+         reached = point
+         do
+            call law%hold_at_zero(lags)
+            call law%keep_lags(merge(law%problem%n_single, law%problem%n_lags, &
+                                     all(law%signs > 0.0_wp)))
+            call find_maximum(law, point, found)
+            if (found%is_converged .or. size(lags) < 2) exit
+            lags = lags(size(lags):)   ! the newest alone
+            point = reached
+         end do
          if (.not. found%is_converged) return
       end do
       if (all(law%signs > 0.0_wp)) call law%keep_lags(law%problem%n_single)
    end subroutine adopt_signs
+
+   !> Gain of entropy as a K(m)/K(0) that is held at 0 grows to an allowed side, with the sign of
+   !> that side; 0: none. With w the gain by the targets as |K(m)|/K(0) grows, and T that by
+   !> K(m)/K(0) and the targets together, it is s T - w on the side of s.
+   function pulls_of(law, multipliers) result(pulls)
+      type(sampled_objective), intent(in) :: law
+      real(wp), intent(in) :: multipliers(:)   !! of ratio, length or lengths, zeros
+      real(wp) :: pulls(size(law%zeros))
+      real(wp) :: lengths(2), total, weight
+      integer :: i, m, n_targets
+
+      n_targets = law%n_constraints - size(law%zeros)
+      associate (moments => law%last%moments, problem => law%problem)
+         lengths = 0.0_wp   ! multipliers of L0 and L1
+         lengths(merge(2, 1, problem%correlation == 'L1')) = multipliers(2)/problem%length
+         if (n_targets == 3) lengths(2) = multipliers(3)/problem%second_length
+         do i = 1, size(pulls)
+            m = law%zeros(i)
+            weight = lengths(1) + lengths(2)*(m - moments%l1)/(1.0_wp + moments%l0)
+            total = law%signs(m)*weight + multipliers(n_targets + i)
+            pulls(i) = max(total - weight, 0.0_wp)
+            if (-total - weight > pulls(i) .and. .not. problem%is_nonnegative) &
+               pulls(i) = total + weight
+         end do
+      end associate
+   end function pulls_of
+
+   !> The maximum on more simulated values than before, with the signs that K(m) have there.
+   subroutine sharpen(law, point, found)
+      type(sampled_objective), intent(inout) :: law
+      real(wp), allocatable, intent(inout) :: point(:)
+      type(search_result), intent(inout) :: found
+      real(wp), parameter :: allowance = 2.0e9_wp   ! see `most_effort`
+      real(wp), allocatable :: unused(:)
+      real(wp) :: bound
+
+      bound = law%most_effort
+      law%most_effort = law%effort + allowance
+      law%n_steps = sharp_steps
+      call law%settle(point)
+      call find_maximum(law, point, found)
+      if (found%is_converged) call adopt_signs(law, point, found, unused)
+      law%most_effort = bound
+   end subroutine sharpen
 
    !> True if hardly anything is left of K(m) at the last lags.
    pure function fades(k) result(is_so)

@@ -12,7 +12,7 @@ module process_positive_fit
    use process_model, only: process_model_type, process_request, process_solution
    use process_positive_description, only: compare_laws, describe_sampled, describe_white, &
                                            outline_sampled
-   use process_positive_branches, only: branch_difference, search_branches
+   use process_positive_branches, only: branch_difference, search_branches, sharpen
    use process_positive_first_order, only: describe_first_order, look_beside_first_order, &
                                            match_first_order
    use process_positive_kernel, only: first_order_law
@@ -63,14 +63,12 @@ contains
             call search_shape(request, seed, law, point, found, error, spread)
          end if
          if (.not. allocated(error)) &
-            call match_targets(law, request%fit_steps, found, zeros, point, violation, error)
+            call finish(request, law, point, found, zeros, spread, violation, model, error)
          if (allocated(error) .and. request%method /= 'direct') then
             call continue_search(request, seed, law, point, found, error, spread)
             if (.not. allocated(error)) &
-               call match_targets(law, request%fit_steps, found, zeros, point, violation, error)
+               call finish(request, law, point, found, zeros, spread, violation, model, error)
          end if
-         if (.not. allocated(error)) &
-            call describe_sampled(request, law, point, found%multipliers, spread, model, error)
          if (.not. allocated(error)) then
             if (allocated(law%last%a)) call compare_laws(request, law, point, model)
             model%optimality = found%residual
@@ -110,7 +108,7 @@ contains
             call describe_first_order(request, first_order, model, error)
       else
          has_first_order = first_order_has(request)
-         ! with K(m) >= 0 alone the maximum may lie where one is 0, which no search reaches
+         ! with K(m) >= 0 alone the maximum may lie where some are 0, which a search may miss
          is_feasible = has_first_order .and. request%branch /= 'nonnegative'
          if (is_feasible .and. .not. is_exact) return
          effort = quick_effort(merge(2, 1, is_exact))
@@ -242,6 +240,35 @@ contains
               request%correlation /= 'both' .and. &
               (request%sampler == 'sequential' .or. request%sampler == 'exact')
    end function is_first_order
+
+   !> Matches the targets on many values and describes the law; where that fails, after a search on
+   !> more values than before.
+   subroutine finish(request, law, point, found, zeros, spread, violation, model, error)
+      type(process_request), intent(in) :: request
+      type(sampled_objective), intent(inout) :: law
+      real(wp), allocatable, intent(inout) :: point(:)
+      type(search_result), intent(inout) :: found
+      type(zero_lags), intent(inout) :: zeros   !! of the direct method
+      type(shape_spread), intent(inout) :: spread
+      real(wp), intent(out) :: violation   !! of the targets, relative
+      type(process_model_type), intent(inout) :: model
+      type(error_type), allocatable, intent(out) :: error
+      type(process_model_type) :: before
+      integer :: pass
+
+      before = model
+      do pass = 1, 2
+         call match_targets(law, request%fit_steps, found, zeros, point, violation, error)
+         if (.not. allocated(error)) &
+            call describe_sampled(request, law, point, found%multipliers, spread, model, error)
+         if (.not. allocated(error)) return
+         model = before
+         if (request%method == 'direct' .or. .not. found%is_converged .or. pass == 2) return
+         call sharpen(law, point, found)
+         if (.not. found%is_converged) return
+         call refine(law, branch_difference, point, found, spread)
+      end do
+   end subroutine finish
 
    !> The constraints once more, on as many values as were asked for or as the standard errors want;
    !> the shape stays.

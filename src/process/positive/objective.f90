@@ -40,7 +40,9 @@ module process_positive_objective
    type, extends(objective_type) :: sampled_objective
       type(sampled_problem) :: problem
       type(parameter_family) :: family
-      integer :: n_constraints = 2                   !! ratio, length; both: L0 and L1 after it
+      !> ratio, length (both: L0 and L1 after it), K(m)/K(0) of the lags where it is held at 0
+      integer :: n_constraints = 2
+      integer, allocatable :: zeros(:)               !! these lags
       real(wp), allocatable :: known(:)              !! (0:n_lags) autocovariance of the companion
       real(wp), allocatable :: signs(:)              !! (0:n_lags) of K(m), by which sums are taken
       integer :: n_burn_in = 0                       !! steps, or sweeps
@@ -59,6 +61,7 @@ module process_positive_objective
       procedure :: settle
       procedure :: keep_every_lag
       procedure :: keep_lags
+      procedure :: hold_at_zero
       procedure :: is_exhausted
       procedure :: state_rests
       procedure :: find_entropy
@@ -76,6 +79,7 @@ contains
       objective%problem = problem
       objective%known = problem%autocovariance
       allocate (objective%signs(0:problem%n_lags), source=sign(1.0_wp, problem%autocovariance))
+      allocate (objective%zeros(0))
       objective%numbers%origin = problem%stream
       allocate (objective%last%g(0:size(problem%companion)), source=0.0_wp)
       objective%last%batches = new_batches(problem%n_lags, problem%n_single, n_batches)
@@ -100,6 +104,7 @@ contains
       real(wp), allocatable, intent(out) :: state(:)
       logical, intent(out) :: is_inside
       type(positive_moments) :: cut
+      real(wp), allocatable :: k(:), unused(:)
 
       associate (problem => self%problem, last => self%last)
          call self%family%unfold(point, last, is_inside)
@@ -119,10 +124,14 @@ contains
                                                      problem%cut, 0.0_wp, 0.0_wp, &
                                                      self%signs(:problem%cut))
          state = [last%moments%ratio/problem%ratio - 1.0_wp, &
-                  merge(cut%l1, cut%l0, problem%correlation == 'L1')/problem%length - 1.0_wp, &
-                  features_of(self)]
-         if (self%n_constraints == 3) &
-            state = [state(:2), cut%l1/problem%second_length - 1.0_wp, state(3:)]
+                  merge(cut%l1, cut%l0, problem%correlation == 'L1')/problem%length - 1.0_wp]
+         if (self%n_constraints - size(self%zeros) == 3) &
+            state = [state, cut%l1/problem%second_length - 1.0_wp]
+         if (size(self%zeros) > 0) then
+            call estimate_autocovariance(last%batches, self%known, maxval(self%zeros), k, unused)
+            state = [state, k(self%zeros)/k(0)]
+         end if
+         state = [state, features_of(self)]
       end associate
    end subroutine evaluate
 
@@ -210,8 +219,18 @@ contains
       class(sampled_objective), intent(inout) :: self
       integer, intent(in) :: n_single
 
-      self%last%batches = new_batches(self%problem%n_lags, n_single, n_batches)
+      self%last%batches = new_batches(self%problem%n_lags, max(n_single, maxval(self%zeros)), &
+                                      n_batches)
    end subroutine keep_lags
+
+   !> From now on K(m) = 0 at these lags and no others.
+   pure subroutine hold_at_zero(self, lags)
+      class(sampled_objective), intent(inout) :: self
+      integer, intent(in) :: lags(:)
+
+      self%n_constraints = self%n_constraints - size(self%zeros) + size(lags)
+      self%zeros = lags
+   end subroutine hold_at_zero
 
    !> Sequential law: the entropy of x/std. Exact law: moments m, K(0..order), and their
    !> multipliers.
@@ -255,8 +274,8 @@ contains
    pure function state_rests(self) result(rests)
       class(sampled_objective), intent(in) :: self
       real(wp), allocatable :: rests(:, :)
-      real(wp), allocatable :: unused_k(:), unused(:)
-      integer :: c, n
+      real(wp), allocatable :: k(:), lags(:, :), unused(:)
+      integer :: c, i, n
 
       associate (from => self%last%moments%rests, g => self%last%g)
          n = merge(ubound(g, 1), 0, self%problem%is_exact)
@@ -265,11 +284,21 @@ contains
                    source=0.0_wp)
          rests(:, 1) = from(:, 2)/self%problem%ratio
          rests(:, 2) = from(:, merge(4, 3, self%problem%correlation == 'L1'))/self%problem%length
-         if (c == 3) rests(:, 3) = from(:, 4)/self%problem%second_length
+         associate (n_targets => c - size(self%zeros))
+            if (n_targets == 3) rests(:, 3) = from(:, 4)/self%problem%second_length
+            allocate (lags(size(from, 1), 0:max(0, maxval(self%zeros))))
+            if (size(self%zeros) > 0) &
+               call estimate_autocovariance(self%last%batches, self%known, ubound(lags, 2), k, &
+                                            unused, lags)
+            do i = 1, size(self%zeros)
+               rests(:, n_targets + i) = (lags(:, self%zeros(i)) &
+                                          - k(self%zeros(i))/k(0)*lags(:, 0))/k(0)
+            end do
+         end associate
          rests(:, c + 1) = from(:, 5)
          if (.not. self%problem%is_exact) return
          rests(:, c + 1) = from(:, 1)
-         call estimate_autocovariance(self%last%batches, self%known, n, unused_k, unused, &
+         call estimate_autocovariance(self%last%batches, self%known, n, k, unused, &
                                       rests(:, c + 2:c + n + 2))
          rests(:, c + n + 3) = from(:, 1)*(2.0_wp*sum(g) - g(0))
       end associate

@@ -28,6 +28,7 @@ module process_positive_problem
       real(wp) :: ratio = 0.0_wp                     !! std/mean
       real(wp) :: length = 0.0_wp                    !! [lags]
       real(wp) :: second_length = 0.0_wp             !! both: L1, the other one being L0 [lags]
+      logical :: is_nonnegative = .false.            !! K(m) >= 0 is wanted
       integer :: cut = 0                             !! lags of imposed sums, Eq. (11); 0: all
       type(stream_type) :: stream                    !! where the numbers of every trial begin
       real(wp), allocatable :: companion(:)          !! a_q of the companion
@@ -82,6 +83,7 @@ contains
       problem%ratio = request%std/request%mean
       problem%length = request%correlation_length
       problem%second_length = request%second_length
+      problem%is_nonnegative = request%branch == 'nonnegative'
       problem%l0 = sums%l0
       problem%stream = stream
       problem%n_lags = max(size(kappa), memory_of(unconstrained%poles, 1.0e-4_wp))

@@ -16,6 +16,7 @@ module process_positive_search
    use process_autoregressive_model, only: reflection_of
    use process_direct_sign_sequence, only: sequence_solution
    use process_model, only: process_request
+   use process_positive_branches, only: adopt_signs
    use process_positive_family, only: by_symbol, free, law_estimate
    use process_positive_objective, only: new_objective, sampled_objective
    use process_positive_moments, only: estimate_autocovariance, positive_moments
@@ -163,7 +164,7 @@ contains
    subroutine free_shape(law, is_near, point, found, error, spread)
       type(sampled_objective), intent(inout) :: law
       logical, intent(in) :: is_near   !! the unconstrained optimum, whose curvature is then taken
-      real(wp), intent(inout) :: point(:)
+      real(wp), allocatable, intent(inout) :: point(:)
       type(search_result), intent(out) :: found
       type(error_type), allocatable, intent(out) :: error
       type(shape_spread), intent(out), optional :: spread
@@ -188,7 +189,11 @@ contains
          call estimate_autocovariance(law%last%batches, law%known, order, &
                                       autocovariance, standard_error)
          if (strength > weak) call require_signs(law, autocovariance, standard_error, error)
-         if (allocated(error)) return
+         if (allocated(error)) then
+            deallocate (error)
+            call adopt_signs(law, point, found, autocovariance)
+            if (.not. found%is_converged) return
+         end if
          call come_closer(law, step, min(wanted, stationary*strength), point, found)
       end if
       if (is_free .and. strength <= weak) then
