@@ -2,11 +2,11 @@
 module driver_run
    use campaign_audit, only: add_audits
    use campaign_plan, only: plan_type
-   use campaign_results, only: block_result
-   use campaign_runner, only: prepare_runner, runner_type
+   use campaign_results, only: block_result, memory_of_block
+   use campaign_runner, only: block_width, prepare_runner, runner_type
    use campaign_sample, only: run_block
    use campaign_size, only: refuse_oversize
-   use campaign_study, only: block_range, draw_friction, open_blocks
+   use campaign_study, only: block_range, draw_friction, open_claims
    use config_scene, only: scene_type
    use core_error, only: error_type, exit_bad_input, exit_done, exit_stopped, raise
    use core_kinds, only: long, wp
@@ -24,6 +24,7 @@ module driver_run
    use io_process_shards, only: remove_kept
    use io_progress, only: progress_type
    use io_shards, only: write_shard
+   use io_store, only: shard_store
    use parallel_work, only: new_counter, work_counter
    use parallel_world, only: start_world, stop_world, world_type
    use process_model, only: branch_note, process_model_type
@@ -171,7 +172,7 @@ contains
       end do
    end subroutine march_until_met
 
-   !> Every sample that has no shard yet: ranks claim blocks, march them, and keep each as a shard.
+   !> Every sample that has no shard yet: ranks claim samples, march them, and keep them as shards.
    !> Ends when all are done, or early when a rank is asked to stop or meets an error; collective.
    subroutine march_campaign(world, models, runner, output, error)
       type(world_type), intent(in) :: world
@@ -181,45 +182,82 @@ contains
       type(error_type), allocatable, intent(out) :: error
       type(work_counter) :: counter
       type(progress_type) :: progress
-      type(block_range), allocatable :: blocks(:)
-      type(block_result) :: result
-      real(wp), allocatable :: friction(:, :)
+      type(block_range), allocatable :: claims(:)
       logical :: is_abandoned
       integer :: item
 
-      blocks = open_blocks(runner%plan, output%is_finished)
-      call new_counter(world, size(blocks, kind=long), counter)
+      ! runs that share an output tell each other's blocks by the names of their shards
+      claims = open_claims(runner%plan, output%is_finished, &
+                           merge(1, world%n_ranks, output%is_shared))
+      call new_counter(world, size(claims, kind=long), counter)
       if (.not. output%is_quiet) call progress%start(sum(runner%plan%cases%n_samples), &
                                                      count(output%is_finished))
       do
          item = int(counter%next())
          if (item == 0) exit
-         call progress%show(samples_before(blocks, item, world%n_ranks) + count(output%is_finished))
-         associate (block => blocks(item))
-            if (.not. output%take(block)) cycle
-            call draw_friction(runner%plan, models, block, friction)
-            call run_block(runner, block%case_number, friction, block%first, time_to_stop, result, &
-                           is_abandoned, error)
-         end associate
-         if (.not. (allocated(error) .or. is_abandoned)) &
-            call write_shard(output%store, result, error)
+         call progress%show(samples_before(claims, item, world%n_ranks) + count(output%is_finished))
+         if (.not. output%take(claims(item))) cycle
+         call march_claim(models, claims(item), runner, output%store, is_abandoned, error)
          if (.not. allocated(error)) call output%lock%keep(error)
-         call output%give_back(blocks(item))
+         call output%give_back(claims(item))
          if (allocated(error) .or. is_abandoned) call counter%request_stop()
       end do
       call counter%close()
       call progress%finish()
    end subroutine march_campaign
 
-   !> Samples done when a block is claimed: those of the blocks before, without what other ranks
-   !> still march.
-   pure function samples_before(blocks, item, n_ranks) result(n)
-      type(block_range), intent(in) :: blocks(:)
+   !> The blocks of a claim, one after the other. They become a shard when the last one is finished,
+   !> or a minute has passed, or too much is held.
+   subroutine march_claim(models, claim, runner, store, is_abandoned, error)
+      type(process_model_type), intent(in) :: models(:)
+      type(block_range), intent(in) :: claim
+      type(runner_type), intent(inout) :: runner
+      type(shard_store), intent(in) :: store
+      logical, intent(out) :: is_abandoned
+      type(error_type), allocatable, intent(out) :: error
+      real(wp), parameter :: longest = 60.0_wp        ! [s] that a kill may cost
+      integer(long), parameter :: most = 2_long**26   ! bytes that are held
+      type(block_result), allocatable :: finished(:)
+      type(error_type), allocatable :: own_error
+      type(block_range) :: block
+      real(wp), allocatable :: friction(:, :)
+      real(wp) :: began
+      integer :: n, width
+
+      width = block_width(runner%plan)
+      allocate (finished((claim%last - claim%first)/width + 1))
+      is_abandoned = .false.
+      began = seconds_so_far()
+      n = 0
+      block = claim
+      do while (block%first <= claim%last)
+         block%last = min(block%first + width - 1, claim%last)
+         call draw_friction(runner%plan, models, block, friction)
+         call run_block(runner, block%case_number, friction, block%first, time_to_stop, &
+                        finished(n + 1), is_abandoned, error)
+         if (allocated(error) .or. is_abandoned) exit
+         n = n + 1
+         if (seconds_so_far() - began > longest .or. &
+             sum(memory_of_block(finished(:n))) > most) then
+            call write_shard(store, finished(:n), error)
+            if (allocated(error)) return
+            began = seconds_so_far()
+            n = 0
+         end if
+         block%first = block%last + 1
+      end do
+      if (n > 0) call write_shard(store, finished(:n), own_error)
+      if (.not. allocated(error)) call move_alloc(own_error, error)
+   end subroutine march_claim
+
+   !> Samples done at a claim: those of the claims before, without what other ranks still march.
+   pure function samples_before(claims, item, n_ranks) result(n)
+      type(block_range), intent(in) :: claims(:)
       integer, intent(in) :: item, n_ranks
       integer :: n, last
 
       last = max(item - n_ranks, 0)
-      n = sum(blocks(:last)%last - blocks(:last)%first + 1)
+      n = sum(claims(:last)%last - claims(:last)%first + 1)
    end function samples_before
 
    !> Ends the run, what is finished kept, when any rank has been asked to stop; collective.

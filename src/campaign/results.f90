@@ -5,7 +5,7 @@ module campaign_results
    use dynamics_response, only: transition_list
    implicit none(type, external)
    private
-   public :: block_result, case_statistics, joint_statistics, spectrum_layout
+   public :: block_result, case_statistics, joint_statistics, memory_of_block, spectrum_layout
 
    !> How spectra were formed; the same for every sample of a campaign.
    type :: spectrum_layout
@@ -82,5 +82,27 @@ module campaign_results
       real(wp), allocatable :: band_ratio_bias(:)        !! relative, estimated by bootstrap
       real(wp), allocatable :: band_ratio_time_error(:)  !! (dof)
    end type case_statistics
+
+contains
+
+   !> Memory [byte] of what grows with the march.
+   elemental function memory_of_block(block) result(bytes)
+      type(block_result), intent(in) :: block
+      integer(long) :: bytes
+      integer(long), parameter :: of_real = 8, of_transition = 16   ! time, joint, kind
+
+      bytes = of_real*(values_of(block%slip_series) + values_of(block%psd) &
+                       + values_of(block%power_series) + values_of(block%displacement) &
+                       + values_of(block%velocity))
+      if (allocated(block%transitions)) bytes = bytes + of_transition*sum(block%transitions%n)
+   end function memory_of_block
+
+   !> Number of values; 0 of what was not asked for.
+   pure integer(long) function values_of(values)
+      real(wp), intent(in), optional :: values(:, :, :)
+
+      values_of = 0
+      if (present(values)) values_of = size(values, kind=long)
+   end function values_of
 
 end module campaign_results

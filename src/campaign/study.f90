@@ -1,14 +1,17 @@
-!> A campaign as blocks of samples: which are still to be marched, and their friction.
+!> A campaign as blocks of samples, which ranks claim, and the friction of a block.
 module campaign_study
    use campaign_plan, only: plan_type
    use campaign_runner, only: block_width
    use core_kinds, only: wp
    use core_random, only: new_stream, stream_type
+   use numerics_sorting, only: sort_order
    use process_model, only: process_model_type, request_label
    use process_realization, only: draw_points
    implicit none(type, external)
    private
-   public :: block_range, open_blocks, draw_friction
+   public :: block_range, draw_friction, open_claims
+
+   integer, parameter :: most_block_claimers = 64   !! ranks that claim a block at a time
 
    !> Consecutive samples of a case.
    type :: block_range
@@ -18,16 +21,21 @@ module campaign_study
 
 contains
 
-   !> The blocks that are still to be run, widest first so that ranks end together.
-   pure function open_blocks(plan, is_finished) result(blocks)
+   !> Samples that are still to be run, as ranks claim them, most first so that ranks end together.
+   !> A claim is one block. For more than most_block_claimers ranks, whose shards would be too many,
+   !> it is up to 1/(2 n_ranks) of the blocks that are left (guided self-scheduling).
+   pure function open_claims(plan, is_finished, n_ranks) result(claims)
       type(plan_type), intent(in) :: plan
       logical, intent(in) :: is_finished(:, :)   !! (sample, case)
-      type(block_range), allocatable :: blocks(:)
-      integer :: c, first, last, n, width
+      integer, intent(in) :: n_ranks             !! that share them
+      type(block_range), allocatable :: claims(:)
+      integer :: c, first, last, most, n, n_open, width
 
       width = block_width(plan)
+      n_open = sum([(count(.not. is_finished(:plan%cases(c)%n_samples, c)), &
+                     c=1, size(plan%cases))])
       n = 0
-      allocate (blocks(64))
+      allocate (claims(64))
       do c = 1, size(plan%cases)
          first = 1
          do while (first <= plan%cases(c)%n_samples)
@@ -35,21 +43,23 @@ contains
                first = first + 1
                cycle
             end if
+            most = width
+            if (n_ranks > most_block_claimers) most = width*max(1, n_open/width/(2*n_ranks))
             last = first
-            do while (last < min(plan%cases(c)%n_samples, first + width - 1))
+            do while (last < min(plan%cases(c)%n_samples, first + most - 1))
                if (is_finished(last + 1, c)) exit
                last = last + 1
             end do
+            n_open = n_open - (last - first + 1)
             n = n + 1
-            if (n > size(blocks)) blocks = [blocks, blocks]
-            blocks(n) = block_range(c, first, last)
+            if (n > size(claims)) claims = [claims, claims]
+            claims(n) = block_range(c, first, last)
             first = last + 1
          end do
       end do
-      blocks = blocks(:n)
-      blocks = [pack(blocks, blocks%last - blocks%first + 1 == width), &
-                pack(blocks, blocks%last - blocks%first + 1 < width)]
-   end function open_blocks
+      claims = claims(:n)
+      claims = claims(sort_order(real(claims%first - claims%last, wp)))
+   end function open_claims
 
    !> The friction coefficients of a block: each sample from its own stream, or as given.
    subroutine draw_friction(plan, models, block, friction)

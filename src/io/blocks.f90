@@ -10,25 +10,34 @@ module io_blocks
    use io_dataset_visitor, only: checks, dataset_type, dataset_visitor, puts, reads
    implicit none(type, external)
    private
-   public :: find_checksum, kept_axis, put_long, put_short, read_block, write_block
+   public :: find_checksum, kept_axis, put_long, put_short, read_block, write_blocks
 
 contains
 
-   !> Writes a block to the root of an open file.
-   subroutine write_block(file, block, error)
+   !> Writes blocks to the root of an open file: consecutive samples of a case.
+   subroutine write_blocks(file, blocks, error)
       type(hdf5_file), intent(in) :: file
-      type(block_result), intent(inout) :: block   !! left as it was
+      type(block_result), intent(inout) :: blocks(:)   !! left as they were
       type(error_type), allocatable, intent(out) :: error
       type(dataset_visitor) :: w
+      integer :: i, n_rows, rows
 
+      n_rows = 0
+      do i = 1, size(blocks)
+         if (allocated(blocks(i)%transitions)) n_rows = n_rows + sum(blocks(i)%transitions%n)
+      end do
+      rows = 0
       w%file = file
       w%group = '/'
-      w%n = block%n_samples
-      w%n_all = w%n
-      call visit_short(w, block)
-      call visit_long(w, block)
+      do i = 1, size(blocks)
+         w%before = blocks(i)%first_sample - blocks(1)%first_sample
+         w%n = blocks(i)%n_samples
+         w%n_all = sum(blocks%n_samples)
+         call visit_short(w, blocks(i))
+         call visit_long(w, blocks(i), rows=rows, n_rows=n_rows)
+      end do
       if (allocated(w%error)) call move_alloc(w%error, error)
-   end subroutine write_block
+   end subroutine write_blocks
 
    !> Reads what a file has of its samples before + 1 to before + n, into samples place + 1 to
    !> place + n of a block; the caller fills the numbers of case and samples.
@@ -53,15 +62,18 @@ contains
       if (allocated(w%error)) call move_alloc(w%error, error)
    end subroutine read_block
 
-   !> Checksum of every value of a block and of its place in the campaign.
-   subroutine find_checksum(block, checksum)
+   !> Checksum of every value of samples before + 1 to before + n of a block, and of their place in
+   !> the campaign.
+   subroutine find_checksum(block, before, n, checksum)
       type(block_result), intent(inout) :: block   !! left as it was
+      integer, intent(in) :: before, n
       integer(long), intent(out) :: checksum
       type(dataset_visitor) :: w
 
       w%deed = checks
-      w%n = block%n_samples
-      call w%checksum%add([block%case_number, block%first_sample, block%n_samples])
+      w%place = before
+      w%n = n
+      call w%checksum%add([block%case_number, block%first_sample + before, n])
       call visit_short(w, block)
       call visit_long(w, block)
       checksum = w%checksum%value()
@@ -211,10 +223,10 @@ contains
       real(wp), allocatable :: time(:)
       integer :: first, i, last, number
 
-      associate (lists => block%transitions(:w%n))
+      associate (lists => block%transitions(w%place + 1:w%place + w%n))
          w%n = sum(lists%n)
          allocate (sample(w%n), time(w%n), joint(w%n), kind(w%n))
-         number = block%first_sample
+         number = block%first_sample + w%place
          if (present(first_number)) number = number + first_number
          last = 0
          do i = 1, size(lists)
@@ -227,6 +239,7 @@ contains
             kind(first:last) = lists(i)%kind(:lists(i)%n)
          end do
       end associate
+      w%place = 0
       w%n_all = w%n
       if (present(rows)) then
          w%before = rows

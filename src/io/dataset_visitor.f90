@@ -223,7 +223,8 @@ contains
    end subroutine act_on_longs
 
    !> Makes the dataset where it is not there yet. In a block's own file it has no axes, and spectra
-   !> are cut into ranges of frequencies, which is how statistics read them.
+   !> are cut into ranges of frequencies, which is how statistics read them. A chunk has the samples
+   !> of one block: more would not fit into HDF5's cache of 1 MB.
    subroutine make_room(self, what, mold, extents)
       class(dataset_visitor), intent(inout) :: self
       type(dataset_type), intent(in) :: what

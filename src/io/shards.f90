@@ -1,11 +1,13 @@
 !> Finished blocks of samples as files of a store.
 module io_shards
+   use, intrinsic :: iso_c_binding, only: c_f_pointer, c_loc
    use campaign_results, only: block_result
    use core_error, only: error_type, exit_file, raise
    use core_kinds, only: long
-   use io_blocks, only: find_checksum, read_block, write_block
+   use io_blocks, only: find_checksum, read_block, write_blocks
    use io_files, only: exists, remove_file
-   use io_hdf5, only: hdf5_file, read_attribute, write_attribute
+   use io_hdf5, only: hdf5_file, label_type, read_attribute, read_dataset, read_extent, &
+                      write_attribute, write_dataset
    use io_lock, only: lock_type
    use io_process_shards, only: is_process_shard
    use io_store, only: finish_file, list_finished, open_own, remove_store, shard_store, start_file
@@ -17,6 +19,11 @@ module io_shards
 
    character(*), parameter :: advice = '; remove it to have its samples computed again'
 
+   !> One finished block, or several of a case, as a shard.
+   interface write_shard
+      module procedure write_one, write_several
+   end interface write_shard
+
    !> One shard, as its name tells it.
    type :: shard_type
       character(:), allocatable :: path
@@ -27,37 +34,57 @@ module io_shards
 
 contains
 
-   !> A finished block, on the disk when this returns without error.
-   subroutine write_shard(store, block, error)
+   !> One finished block as a shard.
+   subroutine write_one(store, block, error)
       type(shard_store), intent(in) :: store
-      type(block_result), intent(inout) :: block   !! left as it was
+      type(block_result), intent(inout), target :: block   !! left as it was
+      type(error_type), allocatable, intent(out) :: error
+      type(block_result), pointer :: blocks(:)
+
+      call c_f_pointer(c_loc(block), blocks, [1])   ! a copy may be large
+      call write_several(store, blocks, error)
+   end subroutine write_one
+
+   !> Finished blocks, consecutive samples of a case, as one shard: on the disk when this returns
+   !> without error.
+   subroutine write_several(store, blocks, error)
+      type(shard_store), intent(in) :: store
+      type(block_result), intent(inout) :: blocks(:)   !! left as they were
       type(error_type), allocatable, intent(out) :: error
       type(hdf5_file) :: file
       character(:), allocatable :: name
 
-      name = shard_name(block%case_number, block%first_sample, block%n_samples)
+      name = shard_name(blocks(1)%case_number, blocks(1)%first_sample, sum(blocks%n_samples))
       call start_file(store, name, file, error)
       if (allocated(error)) return
-      call fill_shard(file, block, error)
+      call fill_shard(file, blocks, error)
       call finish_file(store, name, file, error)
-   end subroutine write_shard
+   end subroutine write_several
 
-   subroutine fill_shard(file, block, error)
+   subroutine fill_shard(file, blocks, error)
       type(hdf5_file), intent(in) :: file
-      type(block_result), intent(inout) :: block
+      type(block_result), intent(inout) :: blocks(:)
       type(error_type), allocatable, intent(out) :: error
-      integer(long) :: checksum
+      integer(long) :: checksum(size(blocks))
+      integer :: i
 
-      call find_checksum(block, checksum)
-      call write_attribute(file, '/', 'case', block%case_number, error)
+      do i = 1, size(blocks)
+         call find_checksum(blocks(i), 0, blocks(i)%n_samples, checksum(i))
+      end do
+      call write_attribute(file, '/', 'case', blocks(1)%case_number, error)
       if (.not. allocated(error)) then
-         call write_attribute(file, '/', 'first_sample', block%first_sample, error)
+         call write_attribute(file, '/', 'first_sample', blocks(1)%first_sample, error)
       end if
       if (.not. allocated(error)) then
-         call write_attribute(file, '/', 'n_samples', block%n_samples, error)
+         call write_attribute(file, '/', 'n_samples', sum(blocks%n_samples), error)
       end if
-      if (.not. allocated(error)) call write_attribute(file, '/', 'checksum', checksum, error)
-      if (.not. allocated(error)) call write_block(file, block, error)
+      if (.not. allocated(error)) &
+         call write_dataset(file, '/block_samples', blocks%n_samples, &
+                            label_type('1', 'number of samples of the block', ''), error)
+      if (.not. allocated(error)) &
+         call write_dataset(file, '/block_checksum', checksum, &
+                            label_type('1', 'checksum of the values of the block', ''), error)
+      if (.not. allocated(error)) call write_blocks(file, blocks, error)
    end subroutine fill_shard
 
    !> The shard of these samples, there or not.
@@ -121,22 +148,57 @@ contains
       type(block_result), intent(out) :: block
       type(error_type), allocatable, intent(out) :: error
       type(hdf5_file) :: file
-      integer(long) :: expected, found
+      integer, allocatable :: n_samples(:)         ! (block)
+      integer(long), allocatable :: checksum(:)    ! (block)
 
       call open_shard(store, shard, file, block, error)
       if (allocated(error)) return
-      call read_attribute(file, '/', 'checksum', expected, error)
+      call read_list_of_blocks(file, block%n_samples, n_samples, checksum, error)
       if (.not. allocated(error)) &
          call read_block(file, '/', block, 0, 0, block%n_samples, .false., error)
       call file%abandon()
-      if (allocated(error)) then
-         error%message = error%message//advice
-         return
-      end if
-      call find_checksum(block, found)
-      if (found /= expected) call raise(error, exit_file, shard%path// &
-                                        ' is damaged: its values do not have its checksum'//advice)
+      if (.not. allocated(error)) call compare_checksums(shard, block, n_samples, checksum, error)
+      if (allocated(error)) error%message = error%message//advice
    end subroutine read_shard
+
+   !> The blocks that make up a shard.
+   subroutine read_list_of_blocks(file, n_all, n_samples, checksum, error)
+      type(hdf5_file), intent(in) :: file
+      integer, intent(in) :: n_all   !! samples of the shard
+      integer, allocatable, intent(out) :: n_samples(:)
+      integer(long), allocatable, intent(out) :: checksum(:)
+      type(error_type), allocatable, intent(out) :: error
+      integer(long), allocatable :: n(:)
+
+      call read_extent(file, '/block_samples', 1, n, error)
+      if (allocated(error)) return
+      n = max(0_long, min(n, n_all + 1_long))   ! a damaged file names any extent
+      allocate (n_samples(n(1)), checksum(n(1)))
+      call read_dataset(file, '/block_samples', n_samples, error)
+      if (.not. allocated(error)) call read_dataset(file, '/block_checksum', checksum, error)
+      if (allocated(error)) return
+      if (any(n_samples < 1) .or. sum(int(n_samples, long)) /= n_all) &
+         call raise(error, exit_file, file%path//' is damaged: its blocks do not make up its '// &
+                    'samples')
+   end subroutine read_list_of_blocks
+
+   subroutine compare_checksums(shard, block, n_samples, checksum, error)
+      type(shard_type), intent(in) :: shard
+      type(block_result), intent(inout) :: block   !! left as it was
+      integer, intent(in) :: n_samples(:)          !! (block)
+      integer(long), intent(in) :: checksum(:)     !! (block)
+      type(error_type), allocatable, intent(out) :: error
+      integer(long) :: found
+      integer :: i
+
+      do i = 1, size(n_samples)
+         call find_checksum(block, sum(n_samples(:i - 1)), n_samples(i), found)
+         if (found == checksum(i)) cycle
+         call raise(error, exit_file, shard%path// &
+                    ' is damaged: its values do not have its checksum')
+         return
+      end do
+   end subroutine compare_checksums
 
    !> A shard whose header is as its name and the store have it.
    subroutine open_shard(store, shard, file, block, error)
