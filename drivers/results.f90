@@ -111,7 +111,7 @@ contains
                call begin(plan, task, runner, output%store, writer, groups(number), &
                           statistics(number), error)
             call task%take_parts(output%store, error)
-            call task%close(world, statistics(number))
+            call task%close(world, output%store, statistics(number), error)
             if (world%any_true(allocated(error))) return
             if (k < size(numbers)) call open_task(k + 1)
             if (world%is_root()) call finish(plan, task, runner, output%store, shards, writer, &

@@ -9,19 +9,20 @@
 !> inward.
 !>
 !> Memory does not grow with n_samples: spectra come a range of frequencies and a group of at most
-!> 2**14 samples at a time. Up to that many, percentiles are those of all samples; beyond, means
-!> over the groups of each group's, which scatter no more. From the percentiles of all they then
-!> differ by a fifth of their standard error to 100,000 samples and a third at a million (rms;
-!> exponential and lognormal densities). The bootstrap draws within groups, fewer times in each.
+!> 2**14 samples at a time. Where there is more than one group, its percentiles, averaged over the
+!> groups, are where those of all samples are looked for: `open_selection`, to which all spectra are
+!> added again, and `take_selection`. The bootstrap draws within groups, fewer times in each.
 !>
-!> Ranges of frequencies may be taken by different ranks: sums over the ranks of at_frequency,
-!> replicate, integral and batches%level, which are zero where nothing was added, make a collector
-!> that has all.
+!> Ranges of frequencies and groups may be taken by different ranks: sums over the ranks of
+!> at_frequency, moments, replicate, integral and batches%level, which are zero where nothing was
+!> added, make a collector that has all. Groups are joined in their order, so the sums have the same
+!> bits on any number of ranks; at_frequency alone has not, before the selection.
 module campaign_bands
    use campaign_band_batches, only: batch_collector, not_a_number, start_batches
+   use campaign_bootstrap, only: draw_again, find_again
    use campaign_results, only: case_statistics
+   use campaign_selection, only: selection_type, start_selection
    use core_kinds, only: long, wp
-   use core_random, only: label_of, new_stream, stream_type
    use numerics_correlated, only: n_batches
    use numerics_sorting, only: sort_order
    use numerics_spectrum, only: last_of_ranges
@@ -34,16 +35,18 @@ module campaign_bands
    integer, parameter :: largest_group = 2**14    !! samples sorted together
    integer, parameter :: n_replicates = 400       !! of the bootstrap: intervals scatter by 5 %
    integer, parameter :: most_batches = 512       !! of samples, whose integrals are kept
-   integer, parameter :: mean_of = 1, square_of = 2, n_moments = 2   !! of at_frequency
 
    !> Collects the spectra of one case, by ranges of frequencies and groups of samples.
    type :: band_collector
       integer, allocatable :: group_first(:)   !! (group + 1) first sample; behind the last: n + 1
-      !> (dof, frequency, mean and sum of squared deviations, percentiles, lower, upper ends)
+      !> (dof, frequency, percentiles, lower ends of their intervals, upper ends)
       real(wp), allocatable :: at_frequency(:, :, :)
+      !> (dof, frequency, group, mean or sum of squared deviations)
+      real(wp), allocatable :: moments(:, :, :, :)
       !> (dof, percentile, replicate, part) pseudo-variances; the replicates of a group together
       real(wp), allocatable :: replicate(:, :, :, :)
-      real(wp), allocatable :: integral(:, :, :)   !! (dof, batch, part) mean integral of densities
+      !> (dof, batch, part, group) mean integral of densities; batches from the group's first on
+      real(wp), allocatable :: integral(:, :, :, :)
       type(batch_collector) :: batches             !! of the march
       integer, private :: n_samples = 0
       integer, private :: n_drawn = 0              !! replicates of each group
@@ -58,7 +61,11 @@ module campaign_bands
       procedure :: add
       procedure :: finish
       procedure :: first_of_power
+      procedure :: has_selection
+      procedure :: n_groups
+      procedure :: open_selection
       procedure :: percentiles_at
+      procedure :: take_selection
    end type band_collector
 
 contains
@@ -83,7 +90,7 @@ contains
       integer, intent(in) :: n_parts            !! in which the frequencies come
       type(band_collector), intent(out) :: collector
       logical, intent(in), optional :: follows_power   !! `add` gets it
-      integer :: n_groups, np, p
+      integer :: n_groups, np, p, widest
 
       np = size(percentiles)
       collector%n_samples = n_samples
@@ -95,22 +102,25 @@ contains
       n_groups = size(collector%group_first) - 1
       collector%n_drawn = max(2, (n_replicates - 1)/n_groups + 1)
       collector%batch = (n_samples - 1)/most_batches + 1
+      widest = maxval(collector%group_first(2:) - collector%group_first(:n_groups))
       allocate (collector%rank(3*np))
       collector%rank(:np) = 1.0_wp + (n_samples - 1)*percentiles/100.0_wp
       do p = 1, np
          collector%rank(np + p) = interval_rank(n_samples, percentiles(p)/100.0_wp, .false.)
          collector%rank(2*np + p) = interval_rank(n_samples, percentiles(p)/100.0_wp, .true.)
       end do
-      allocate (collector%at_frequency(n_dof, size(frequency), n_moments + 3*np), source=0.0_wp)
+      allocate (collector%at_frequency(n_dof, size(frequency), 3*np), source=0.0_wp)
+      allocate (collector%moments(n_dof, size(frequency), n_groups, 2), source=0.0_wp)
       allocate (collector%replicate(n_dof, np, n_groups*collector%n_drawn, n_parts), source=0.0_wp)
-      allocate (collector%integral(n_dof, n_samples/collector%batch, n_parts), source=0.0_wp)
+      allocate (collector%integral(n_dof, (widest - 1)/collector%batch + 2, n_parts, n_groups), &
+                source=0.0_wp)
       if (.not. present(follows_power)) return
-      if (follows_power) call start_batches(np, n_dof, n_parts, collector%batches)
+      if (follows_power) call start_batches(np, n_dof, n_parts*n_groups, collector%batches)
    end subroutine start_bands
 
    !> Takes the spectra of a group's samples at frequencies first, first + 1, ..., which belong to
-   !> one part. Groups come in order, frequencies of a part too. `power`: how their power varies
-   !> along the march, where it was followed.
+   !> one part. Frequencies of a part come in order. `power`: how their power varies along the
+   !> march, where it was followed.
    pure subroutine add(self, part, first, group, psd, power)
       class(band_collector), intent(inout) :: self
       integer, intent(in) :: part, first, group
@@ -130,16 +140,19 @@ contains
          place = self%first_of_power(first + f - 1) - self%first_of_power(first)
          do dof = 1, size(psd, 1)
             call add_to_batches(self, self%group_first(group), psd(dof, f, :), &
-                                self%integral(dof, :, part))
+                                self%integral(dof, :, part, group))
             order = sort_order(psd(dof, f, :))
             sorted = psd(dof, f, order)
             at_ranks = [(at_rank(sorted, rank(p)), p=1, size(rank))]
-            associate (at => self%at_frequency(dof, first + f - 1, :))
-               call add_moments(self%group_first(group) - 1, sorted, at(mean_of), at(square_of))
-               at(n_moments + 1:) = at(n_moments + 1:) + weight*at_ranks
+            associate (at => self%at_frequency(dof, first + f - 1, :), &
+                       moments => self%moments(dof, first + f - 1, group, :))
+               at = at + weight*at_ranks
+               moments(1) = sum(sorted)/size(sorted)
+               moments(2) = sum((sorted - moments(1))**2)
             end associate
             if (present(power)) &
-               call add_power(self, part, dof, weight, psd(dof, f, :), order, &
+               call add_power(self, (group - 1)*size(self%integral, 3) + part, dof, weight, &
+                              psd(dof, f, :), order, &
                               power(dof, place + 1:place + n_batches, :), rank, &
                               at_ranks(:self%n_percentiles))
             do p = 1, self%n_percentiles
@@ -167,17 +180,86 @@ contains
       !> (dof, percentile)
       real(wp), allocatable, intent(out) :: value(:, :), low(:, :), high(:, :)
 
-      associate (at => self%at_frequency(:, frequency, n_moments + 1:), np => self%n_percentiles)
+      associate (at => self%at_frequency(:, frequency, :), np => self%n_percentiles)
          value = at(:, :np)
          low = at(:, np + 1:2*np)
          high = at(:, 2*np + 1:)
       end associate
    end subroutine percentiles_at
 
+   pure integer function n_groups(self)
+      class(band_collector), intent(in) :: self
+
+      n_groups = size(self%group_first) - 1
+   end function n_groups
+
+   !> True if the percentiles of all samples have to be selected: those of the groups are not them.
+   pure logical function has_selection(self)
+      class(band_collector), intent(in) :: self
+
+      has_selection = self%n_groups() > 1
+   end function has_selection
+
+   !> Order statistics of all samples at frequencies first..last, a column for each dof and
+   !> frequency: those on both sides of each percentile, and the ends of its interval. The groups
+   !> know the interval to a third of its width; its bracket is three times as wide.
+   pure subroutine open_selection(self, first, last, selection)
+      class(band_collector), intent(in) :: self
+      integer, intent(in) :: first, last
+      type(selection_type), intent(out) :: selection
+      real(wp), parameter :: rounding = 1.0e-12_wp   ! of the mean over groups
+      real(wp), allocatable :: bracket(:, :, :)
+      real(wp) :: high, low
+      integer :: dof, f, n_dof, p, place(4, self%n_percentiles)
+
+      n_dof = size(self%at_frequency, 1)
+      allocate (bracket(2, self%n_percentiles, n_dof*(last - first + 1)))
+      do p = 1, self%n_percentiles
+         associate (np => self%n_percentiles, below => min(int(self%rank(p)), self%n_samples - 1))
+            place(:, p) = [below, below + 1, nint(self%rank(np + p)), nint(self%rank(2*np + p))]
+            do f = first, last
+               do dof = 1, n_dof
+                  low = self%at_frequency(dof, f, np + p)
+                  high = self%at_frequency(dof, f, 2*np + p)
+                  bracket(:, p, dof + n_dof*(f - first)) = &
+                     [low - (high - low) - rounding*abs(low), &
+                      high + (high - low) + rounding*abs(high)]
+               end do
+            end do
+         end associate
+      end do
+      call start_selection(place, bracket, selection)
+   end subroutine open_selection
+
+   !> Puts what was selected in the place of the groups' percentiles.
+   pure subroutine take_selection(self, first, last, selection)
+      class(band_collector), intent(inout) :: self
+      integer, intent(in) :: first, last
+      type(selection_type), intent(in) :: selection
+      real(wp) :: above, below
+      integer :: column, dof, f, p
+
+      do f = first, last
+         do dof = 1, size(self%at_frequency, 1)
+            column = dof + size(self%at_frequency, 1)*(f - first)
+            associate (at => self%at_frequency(dof, f, :), np => self%n_percentiles)
+               do p = 1, np
+                  below = selection%value(1, p, column)
+                  above = selection%value(2, p, column)
+                  at(p) = below + (self%rank(p) - min(int(self%rank(p)), self%n_samples - 1)) &
+                          *(above - below)
+                  at(np + p) = selection%value(3, p, column)
+                  at(2*np + p) = selection%value(4, p, column)
+               end do
+            end associate
+         end do
+      end do
+   end subroutine take_selection
+
    !> One frequency of one dof in the batches of the march.
    pure subroutine add_power(self, part, dof, weight, density, order, power, rank, percentile)
       class(band_collector), intent(inout) :: self
-      integer, intent(in) :: part, dof
+      integer, intent(in) :: part, dof        !! the part as one of all groups'
       real(wp), intent(in) :: weight          !! of the group among all samples
       real(wp), intent(in) :: density(:)      !! (sample)
       integer, intent(in) :: order(:)         !! of the samples, ascending
@@ -205,35 +287,57 @@ contains
       rank = max(1.0_wp, min(rank, real(m, wp)))
    end function rank_in_group
 
-   !> The integrals of the samples grow by one frequency, as means of batches; the last samples are
-   !> left out where they do not fill a batch.
+   !> The integrals of the samples grow by one frequency, as means of batches.
    pure subroutine add_to_batches(self, first_sample, density, integral)
       class(band_collector), intent(in) :: self
       integer, intent(in) :: first_sample
       real(wp), intent(in) :: density(:)         !! (sample)
-      real(wp), intent(inout) :: integral(:)     !! (batch)
+      real(wp), intent(inout) :: integral(:)     !! (batch) from that of the first sample on
       integer :: b, i
 
       do i = 1, size(density)
-         b = (first_sample + i - 2)/self%batch + 1
-         if (b <= size(integral)) integral(b) = integral(b) + self%step*density(i)/self%batch
+         b = (first_sample + i - 2)/self%batch - (first_sample - 1)/self%batch + 1
+         integral(b) = integral(b) + self%step*density(i)/self%batch
       end do
    end subroutine add_to_batches
 
-   !> Mean and sum of squared deviations of the values so far, joined by those of more (Chan).
-   pure subroutine add_moments(n_before, values, mean, square)
-      integer, intent(in) :: n_before
-      real(wp), intent(in) :: values(:)
-      real(wp), intent(inout) :: mean, square
-      real(wp) :: ours, apart
-      integer :: n
+   !> Mean and sum of squared deviations of all samples, from those of the groups (Chan).
+   pure subroutine join_moments(self, dof, frequency, mean, square)
+      class(band_collector), intent(in) :: self
+      integer, intent(in) :: dof, frequency
+      real(wp), intent(out) :: mean, square
+      real(wp) :: apart
+      integer :: g, n, n_before
 
-      n = size(values)
-      ours = sum(values)/n
-      apart = ours - mean
-      square = square + sum((values - ours)**2) + apart**2*(real(n, wp)*n_before/(n + n_before))
-      mean = merge(ours, mean + apart*n/(n + n_before), n_before == 0)
-   end subroutine add_moments
+      mean = 0.0_wp
+      square = 0.0_wp
+      do g = 1, self%n_groups()
+         n_before = self%group_first(g) - 1
+         n = self%group_first(g + 1) - self%group_first(g)
+         associate (ours => self%moments(dof, frequency, g, :))
+            apart = ours(1) - mean
+            square = square + ours(2) + apart**2*(real(n, wp)*n_before/(n + n_before))
+            mean = merge(ours(1), mean + apart*n/(n + n_before), n_before == 0)
+         end associate
+      end do
+   end subroutine join_moments
+
+   !> Integrals of the batches of all samples; the last samples are left out where they do not fill
+   !> one.
+   pure function join_integrals(self, dof) result(integral)
+      class(band_collector), intent(in) :: self
+      integer, intent(in) :: dof
+      real(wp) :: integral(self%n_samples/self%batch)
+      integer :: b, before, g
+
+      integral = 0.0_wp
+      do g = 1, self%n_groups()
+         before = (self%group_first(g) - 1)/self%batch
+         do b = 1, min(size(self%integral, 2), size(integral) - before)
+            integral(before + b) = integral(before + b) + sum(self%integral(dof, b, :, g))
+         end do
+      end do
+   end function join_integrals
 
    !> After the last frequency, from what all ranks have added: the statistics, errors of the
    !> pseudo-variances, and the ratio of the last to the first percentile's; not a number for a dof
@@ -241,15 +345,22 @@ contains
    pure subroutine finish(self, statistics)
       class(band_collector), intent(in) :: self
       type(case_statistics), intent(inout) :: statistics
+      real(wp) :: square
       integer :: dof, f, np
 
       np = self%n_percentiles
       associate (at => self%at_frequency, n => real(self%n_samples, wp))
-         statistics%psd_mean = at(:, :, mean_of)
-         statistics%psd_mean_error = sqrt(at(:, :, square_of)/(n - 1)/n)
-         statistics%psd_percentiles = at(:, :, n_moments + 1:n_moments + np)
-         statistics%psd_percentiles_low = at(:, :, n_moments + np + 1:n_moments + 2*np)
-         statistics%psd_percentiles_high = at(:, :, n_moments + 2*np + 1:)
+         allocate (statistics%psd_mean(size(at, 1), size(at, 2)))
+         allocate (statistics%psd_mean_error, mold=statistics%psd_mean)
+         do f = 1, size(at, 2)
+            do dof = 1, size(at, 1)
+               call join_moments(self, dof, f, statistics%psd_mean(dof, f), square)
+               statistics%psd_mean_error(dof, f) = sqrt(square/(n - 1)/n)
+            end do
+         end do
+         statistics%psd_percentiles = at(:, :, :np)
+         statistics%psd_percentiles_low = at(:, :, np + 1:2*np)
+         statistics%psd_percentiles_high = at(:, :, 2*np + 1:)
          allocate (statistics%pseudo_variance_mean(size(at, 1)), source=0.0_wp)
          allocate (statistics%pseudo_variance_percentiles(size(at, 1), np), source=0.0_wp)
          do f = 1, size(at, 2)
@@ -259,7 +370,7 @@ contains
                                                      + self%step*statistics%psd_percentiles(:, f, :)
          end do
          statistics%pseudo_variance_mean_error = &
-            [(error_of_mean(sum(self%integral(dof, :, :), 2)), dof=1, size(at, 1))]
+            [(error_of_mean(join_integrals(self, dof)), dof=1, size(at, 1))]
       end associate
       call find_ratios(self, statistics)
       if (allocated(self%batches%level)) call self%batches%finish(statistics)
@@ -313,65 +424,5 @@ contains
       end do
       error = sqrt(squares/(self%n_drawn - 1))/(size(replicate)/self%n_drawn)
    end function error_over_groups
-
-   !> The same of samples drawn again, all replicates side by side: sample order(i) stands
-   !> times(b, order(i)) times in replicate b. Counts from the nearer end, a few steps for an outer
-   !> percentile.
-   pure subroutine find_again(sorted, order, times, rank, values)
-      real(wp), intent(in) :: sorted(:), rank
-      integer, intent(in) :: order(:), times(:, :)
-      real(wp), intent(out) :: values(:)   !! (replicate)
-      integer :: count(size(values))       ! samples from the end up to here
-      integer :: place(size(values)), next(size(values))   ! from the end, of the order statistics
-      integer :: b, below, from_end, i, n, needed
-      logical :: is_low
-
-      n = size(sorted)
-      below = min(int(rank), n - 1)
-      is_low = 2*below <= n
-      needed = merge(below, n - below, is_low)
-      count = 0
-      place = 1
-      next = 1
-      from_end = 0
-      do while (minval(count) <= needed)
-         from_end = from_end + 1
-         i = merge(from_end, n + 1 - from_end, is_low)
-         associate (here => times(:, order(i)))
-            do b = 1, size(values)
-               count(b) = count(b) + here(b)
-               place(b) = place(b) + merge(1, 0, count(b) < needed)
-               next(b) = next(b) + merge(1, 0, count(b) <= needed)
-            end do
-         end associate
-      end do
-      do b = 1, size(values)
-         associate (low => merge(place(b), n + 1 - next(b), is_low), &
-                    high => merge(next(b), n + 1 - place(b), is_low))
-            values(b) = sorted(low) + (rank - below)*(sorted(high) - sorted(low))
-         end associate
-      end do
-   end subroutine find_again
-
-   !> Bootstrap: as many draws with replacement as there are samples, as counts.
-   pure subroutine draw_again(seed, n_before, times)
-      integer(long), intent(in) :: seed
-      integer, intent(in) :: n_before       !! replicates of the groups before
-      integer, intent(out) :: times(:, :)   !! (replicate, sample)
-      type(stream_type) :: stream
-      real(wp) :: u(size(times, 2))
-      integer :: b, i, drawn, n
-
-      n = size(times, 2)
-      times = 0
-      do b = 1, size(times, 1)
-         stream = new_stream(seed, label_of('bootstrap'), n_before + b)
-         call stream%uniforms(u)
-         do i = 1, n
-            drawn = min(1 + int(u(i)*n), n)
-            times(b, drawn) = times(b, drawn) + 1
-         end do
-      end do
-   end subroutine draw_again
 
 end module campaign_bands

@@ -2,6 +2,7 @@
 module campaign_joint_statistics
    use campaign_bands, only: band_collector, start_bands
    use campaign_results, only: joint_statistics
+   use campaign_selection, only: selection_type
    use core_kinds, only: long, wp
    use numerics_statistics, only: moments_type
    implicit none(type, external)
@@ -12,9 +13,13 @@ module campaign_joint_statistics
    type :: joint_collector
       type(moments_type), allocatable, private :: moments(:)   !! (joint)
       type(band_collector), private :: percentiles             !! as at a single frequency
+      type(selection_type), private :: selection               !! of many samples' percentiles
    contains
       procedure :: add
       procedure :: finish
+      procedure :: select_again
+      procedure :: start_selection
+      procedure :: take_selected
    end type joint_collector
 
 contains
@@ -43,6 +48,37 @@ contains
       end do
       call self%percentiles%add(1, 1, group, reshape(values, [size(values, 1), 1, size(values, 2)]))
    end subroutine add
+
+   !> After the last group, where there are several: all groups come again, in any order, to be
+   !> selected from.
+   pure subroutine start_selection(self)
+      class(joint_collector), intent(inout) :: self
+
+      call self%percentiles%open_selection(1, 1, self%selection)
+   end subroutine start_selection
+
+   pure subroutine select_again(self, values)
+      class(joint_collector), intent(inout) :: self
+      real(wp), intent(in) :: values(:, :)   !! (joint, sample)
+      integer :: joint
+
+      do joint = 1, size(values, 1)
+         call self%selection%add(joint, values(joint, :))
+      end do
+   end subroutine select_again
+
+   !> Takes the percentiles of all samples, unless all groups have to come once more.
+   pure subroutine take_selected(self, is_done)
+      class(joint_collector), intent(inout) :: self
+      logical, intent(out) :: is_done
+
+      call self%selection%check(self%selection%count_values(), is_done)
+      if (.not. is_done) return
+      do while (.not. self%selection%is_done())
+         call self%selection%halve(self%selection%count_to_middle())
+      end do
+      call self%percentiles%take_selection(1, 1, self%selection)
+   end subroutine take_selected
 
    !> The statistics, after the last group.
    pure subroutine finish(self, statistics)

@@ -124,7 +124,8 @@ contains
             call add_statistics(plan, number, every, once, n_datasets)
          if (kept%slip) then
             of_sample = of_sample + word*2*n_joints
-            once = once + stored_bytes([n_joints, count_spans(plan%integration), n_samples])
+            if (kept%keeps_spectra(n_samples) .or. .not. kept%spectrum) &
+               once = once + stored_bytes([n_joints, count_spans(plan%integration), n_samples])
          end if
          if (kept%spectrum) of_sample = of_sample + word*n_joints
          if (kept%harmonic) of_sample = of_sample + word*(2*n_dof + 1.5_wp)
@@ -284,19 +285,26 @@ contains
       integer, intent(in) :: every
       real(wp) :: bytes
       integer, parameter :: parts = 32
-      integer :: at_once, n_group, together
+      real(wp), parameter :: in_bracket = 6.0_wp   ! of sqrt(n) values: 3 times 1.96 sqrt(p (1 - p))
+      real(wp) :: n_samples
+      integer :: at_once, n_group, n_groups, together
 
       at_once = min(2, count(plan%cases%n_samples > 1))
+      n_samples = maxval(plan%cases%n_samples)
       n_group = min(maxval(plan%cases%n_samples), largest_group)
+      n_groups = (maxval(plan%cases%n_samples) - 1)/largest_group + 1
       bytes = word*n_group*plan%structure%n_joints*(10 + count_spans(plan%integration)/ &
                                                     max(1, n_group/block_width(plan)))
       if (.not. plan%output%spectrum .or. n_group < 2) return
       associate (n_kept => size(kept_dofs(plan)), n_percentiles => size(plan%output%percentiles))
          together = frequencies_together(n_kept, n_frequencies(plan, every))
-         bytes = bytes + word*n_kept*n_frequencies(plan, every)*(3*(2 + 3*n_percentiles)) &
+         bytes = bytes + word*n_kept*n_frequencies(plan, every)*(6*n_percentiles + 2*n_groups &
+                                                                 + 3*(1 + n_percentiles)) &
                  + at_once*word*n_kept*parts*(n_percentiles*n_replicates + min(n_group, 512)) &
                  + word*n_group*n_kept*(together + min(n_powers(plan, every), 2*n_batches)) &
                  + 4.0_wp*n_group*n_replicates
+         if (n_groups > 1) bytes = bytes + word*n_kept*together*n_percentiles*in_bracket &
+                                   *sqrt(n_samples)
       end associate
    end function memory_of_statistics
 

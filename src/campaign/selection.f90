@@ -1,0 +1,239 @@
+!> Order statistics of many columns of numbers, exact, while no rank holds a column whole.
+!>
+!> A column is all samples' values of one quantity. Each wanted percentile has a bracket that its
+!> order statistics are expected in. First every value is counted that lies below the bracket, and
+!> kept where it lies inside. Then the order statistics are bisected: of a real number's bits, read
+!> as an integer, half of the interval is left each time, by the number of values up to its middle.
+!> Counts are sums over the ranks, so the result is the same on any number of them.
+!>
+!> `start_selection`; `add` all values; `check` the sums of `count_values`, and add all again while
+!> brackets missed; `halve` by the sums of `count_to_middle` until `is_done`; then `value`.
+module campaign_selection
+   use core_kinds, only: long, wp
+   use numerics_sorting, only: sort_order
+   implicit none(type, external)
+   private
+   public :: selection_type, start_selection
+
+   !> Values in a bracket, some room behind them.
+   type :: kept_values
+      integer :: n = 0
+      real(wp), allocatable :: value(:)
+   end type kept_values
+
+   !> Values below a bracket and in it.
+   integer, parameter :: below = 1, inside = 2
+
+   !> Brackets of order statistics, and the values of one rank that lie in them.
+   type :: selection_type
+      private
+      !> (target, percentile) places among the values of a column, ascending from 1
+      integer, allocatable :: place(:, :)
+      real(wp), allocatable :: bracket(:, :, :)          !! (lower or upper end, percentile, column)
+      logical, allocatable :: is_met(:, :)               !! (percentile, column) by all places
+      type(kept_values), allocatable :: kept(:, :)       !! (percentile, column) of this rank
+      real(wp), allocatable :: counts(:, :, :)           !! (below or inside, percentile, column)
+      integer(long), allocatable :: low(:, :, :), high(:, :, :)   !! (target, percentile, column)
+   contains
+      procedure :: add
+      procedure :: count_values
+      procedure :: check
+      procedure :: count_to_middle
+      procedure :: halve
+      procedure :: is_done
+      procedure :: value
+   end type selection_type
+
+contains
+
+   !> Prepares a selection: the same on all ranks.
+   pure subroutine start_selection(place, bracket, selection)
+      integer, intent(in) :: place(:, :)          !! (target, percentile)
+      real(wp), intent(in) :: bracket(:, :, :)    !! (lower or upper end, percentile, column)
+      type(selection_type), intent(out) :: selection
+
+      selection%place = place
+      selection%bracket = bracket
+      associate (np => size(bracket, 2), n_columns => size(bracket, 3))
+         allocate (selection%kept(np, n_columns))
+         allocate (selection%is_met(np, n_columns), source=.false.)
+         allocate (selection%counts(2, np, n_columns), source=0.0_wp)
+         allocate (selection%low(size(place, 1), np, n_columns))
+         allocate (selection%high, mold=selection%low)
+      end associate
+   end subroutine start_selection
+
+   !> Takes values of a column; each value once, on one rank.
+   pure subroutine add(self, column, values)
+      class(selection_type), intent(inout) :: self
+      integer, intent(in) :: column
+      real(wp), intent(in) :: values(:)
+      integer :: p
+
+      do p = 1, size(self%bracket, 2)
+         if (self%is_met(p, column)) cycle
+         associate (counts => self%counts(:, p, column), low => self%bracket(1, p, column), &
+                    high => self%bracket(2, p, column))
+            counts(below) = counts(below) + count(values < low)
+            call keep(pack(values, values >= low .and. values <= high), self%kept(p, column))
+            counts(inside) = self%kept(p, column)%n
+         end associate
+      end do
+   end subroutine add
+
+   pure subroutine keep(values, kept)
+      real(wp), intent(in) :: values(:)
+      type(kept_values), intent(inout) :: kept
+      real(wp), allocatable :: longer(:)
+
+      if (.not. allocated(kept%value)) allocate (kept%value(0))
+      if (kept%n + size(values) > size(kept%value)) then
+         allocate (longer(2*(kept%n + size(values))))
+         longer(:kept%n) = kept%value(:kept%n)
+         call move_alloc(longer, kept%value)
+      end if
+      kept%value(kept%n + 1:kept%n + size(values)) = values
+      kept%n = kept%n + size(values)
+   end subroutine keep
+
+   !> This rank's values below and inside of each bracket.
+   pure function count_values(self) result(counts)
+      class(selection_type), intent(in) :: self
+      real(wp), allocatable :: counts(:, :, :)   !! (below or inside, percentile, column)
+
+      counts = self%counts
+   end function count_values
+
+   !> From the sums over the ranks: begins to bisect where all brackets have what is wanted.
+   !> Others become as wide as can be, and want all values again.
+   pure subroutine check(self, counts, all_met)
+      class(selection_type), intent(inout) :: self
+      real(wp), intent(in) :: counts(:, :, :)   !! (below or inside, percentile, column)
+      logical, intent(out) :: all_met
+      integer :: c, p
+
+      do c = 1, size(counts, 3)
+         do p = 1, size(counts, 2)
+            if (self%is_met(p, c)) cycle
+            associate (place => self%place(:, p), bracket => self%bracket(:, p, c))
+               self%is_met(p, c) = minval(place) > counts(below, p, c) .and. &
+                                   maxval(place) <= sum(counts(:, p, c))
+               if (self%is_met(p, c)) then
+                  call sort(self%kept(p, c))
+                  self%low(:, p, c) = key_of(bracket(1))
+                  self%high(:, p, c) = key_of(bracket(2))
+               else
+                  if (bracket(2) >= huge(bracket)) error stop 'campaign_selection: not a number'
+                  bracket = [-huge(bracket), huge(bracket)]
+                  self%counts(:, p, c) = 0.0_wp
+                  self%kept(p, c)%n = 0
+               end if
+            end associate
+         end do
+      end do
+      all_met = all(self%is_met)
+   end subroutine check
+
+   pure subroutine sort(kept)
+      type(kept_values), intent(inout) :: kept
+
+      if (.not. allocated(kept%value)) allocate (kept%value(0))
+      kept%value = kept%value(:kept%n)
+      kept%value = kept%value(sort_order(kept%value))
+   end subroutine sort
+
+   !> This rank's values up to the middle of each interval.
+   pure function count_to_middle(self) result(counts)
+      class(selection_type), intent(in) :: self
+      real(wp), allocatable :: counts(:, :, :)   !! (target, percentile, column)
+      integer :: c, p, t
+
+      allocate (counts(size(self%low, 1), size(self%low, 2), size(self%low, 3)))
+      do c = 1, size(counts, 3)
+         do p = 1, size(counts, 2)
+            do t = 1, size(counts, 1)
+               counts(t, p, c) = self%counts(below, p, c) &
+                                 + count_to(self%kept(p, c)%value, &
+                                            middle_of(self%low(t, p, c), self%high(t, p, c)))
+            end do
+         end do
+      end do
+   end function count_to_middle
+
+   !> Leaves the half with the wanted order statistic, from the sums over the ranks.
+   pure subroutine halve(self, counts)
+      class(selection_type), intent(inout) :: self
+      real(wp), intent(in) :: counts(:, :, :)   !! (target, percentile, column)
+      integer :: c, p, t
+
+      do c = 1, size(counts, 3)
+         do p = 1, size(counts, 2)
+            do t = 1, size(counts, 1)
+               associate (low => self%low(t, p, c), high => self%high(t, p, c))
+                  if (low == high) cycle
+                  if (counts(t, p, c) >= self%place(t, p)) then
+                     high = middle_of(low, high)
+                  else
+                     low = middle_of(low, high) + 1
+                  end if
+               end associate
+            end do
+         end do
+      end do
+   end subroutine halve
+
+   pure logical function is_done(self)
+      class(selection_type), intent(in) :: self
+
+      is_done = all(self%low == self%high)
+   end function is_done
+
+   !> The order statistic of a column.
+   pure real(wp) function value(self, target, percentile, column)
+      class(selection_type), intent(in) :: self
+      integer, intent(in) :: target, percentile, column
+
+      value = real_of(self%low(target, percentile, column))
+   end function value
+
+   !> Number of ascending values that are not above a limit.
+   pure integer function count_to(values, limit)
+      real(wp), intent(in) :: values(:)
+      integer(long), intent(in) :: limit   !! as key_of has it
+      integer :: first, last, middle
+
+      first = 0
+      last = size(values)
+      do while (first < last)
+         middle = last - (last - first)/2
+         if (key_of(values(middle)) <= limit) then
+            first = middle
+         else
+            last = middle - 1
+         end if
+      end do
+      count_to = first
+   end function count_to
+
+   !> An integer that ascends with the real number: its bits, for a negative one turned around.
+   elemental integer(long) function key_of(number)
+      real(wp), intent(in) :: number
+
+      key_of = transfer(number, key_of)
+      if (key_of < 0) key_of = ieor(key_of, huge(key_of))
+   end function key_of
+
+   elemental real(wp) function real_of(key)
+      integer(long), intent(in) :: key
+
+      real_of = transfer(merge(ieor(key, huge(key)), key, key < 0), real_of)
+   end function real_of
+
+   !> Their mean, rounded down; their sum may be too large for an integer.
+   elemental integer(long) function middle_of(low, high)
+      integer(long), intent(in) :: low, high
+
+      middle_of = iand(low, high) + shifta(ieor(low, high), 1)
+   end function middle_of
+
+end module campaign_selection
