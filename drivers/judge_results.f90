@@ -12,7 +12,8 @@ module driver_judge_results
    use core_phrases, only: brief, counted
    use core_text, only: to_text
    use driver_output, only: output_type
-   use driver_regression, only: find_estimates, share_list
+   use driver_regression, only: find_estimates
+   use driver_shards, only: share_list
    use driver_statistics, only: find_slip_statistics
    use io_error_results, only: case_errors, read_errors
    use io_gathering, only: shards_of

@@ -14,6 +14,7 @@ module driver_output
    use driver_campaign, only: find_output
    use driver_command_line, only: command_line
    use driver_provenance, only: identity_of
+   use driver_shards, only: share_list, verify_shards
    use io_earlier_results, only: check_replaceable, extract_shards, inspect_results
    use io_error_results, only: case_errors, read_errors
    use io_files, only: remove_file
@@ -59,6 +60,7 @@ contains
       type(plan_type), intent(in) :: plan
       type(output_type), intent(out) :: output
       character(*), intent(in), optional :: replay_ending
+      type(shard_type), allocatable :: shards(:)
       type(error_type), allocatable :: error
 
       if (present(replay_ending)) then
@@ -77,21 +79,27 @@ contains
          call output%stop_on(world, error)
          if (.not. world%is_root()) call join_lock(output%path, output%lock, error)
       else if (world%is_root()) then
-         call find_finished(line%is_fresh .or. present(replay_ending), plan, output, error)
+         call find_finished(line%is_fresh .or. present(replay_ending), plan, output, shards, error)
       end if
       call output%stop_on(world, error)
       call world%broadcast(output%is_complete)
+      if (.not. (output%is_shared .or. output%is_complete)) then
+         call share_list(world, output%store, shards)
+         call verify_shards(world, output%store, shards, error)
+         call output%stop_on(world, error)
+         call mark_finished(plan, shards, output)
+         call say_continuing(plan, output)
+      end if
       call share_finished(world, output)
    end subroutine open_output
 
-   !> Takes the lock, clears away what no run can use, and lists the samples that are there.
-   subroutine find_finished(starts_anew, plan, output, error)
+   !> Takes the lock, clears away what no run can use, and lists the shards that are there.
+   subroutine find_finished(starts_anew, plan, output, shards, error)
       logical, intent(in) :: starts_anew
       type(plan_type), intent(in) :: plan
       type(output_type), intent(inout) :: output
+      type(shard_type), allocatable, intent(out) :: shards(:)
       type(error_type), allocatable, intent(out) :: error
-      type(shard_type), allocatable :: shards(:)
-      integer :: i
 
       call take_lock(output%path, output%lock, error)
       if (allocated(error)) return
@@ -108,13 +116,6 @@ contains
       if (allocated(error) .or. output%is_complete) return
       call remove_leftovers(output%store, error)
       if (.not. allocated(error)) call list_shards(output%store, shards, error)
-      if (allocated(error)) return
-      do i = 1, size(shards)
-         call verify_shard(output%store, shards(i), error)
-         if (allocated(error)) return
-      end do
-      call mark_finished(plan, shards, output)
-      call say_continuing(plan, output)
    end subroutine find_finished
 
    !> The same beside other runs: nothing is cleared away, and a results file stays what it is. One

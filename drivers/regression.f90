@@ -9,7 +9,7 @@ module driver_regression
    use core_error, only: error_type
    use core_kinds, only: long, wp
    use io_gathering, only: read_density, read_samples, shards_of
-   use io_shards, only: named_shard, shard_type
+   use io_shards, only: shard_type
    use io_store, only: shard_store
    use parallel_work, only: new_counter, work_counter
    use parallel_world, only: attend_to_others, world_type
@@ -21,7 +21,7 @@ module driver_regression
       spectrum_values
    implicit none(type, external)
    private
-   public :: find_estimates, share_list
+   public :: find_estimates
 
    !> Data that the tasks of all pools read and fill.
    type :: workshop_type
@@ -91,28 +91,6 @@ contains
          end do
       end do
    end subroutine find_estimates
-
-   !> The root's list becomes everybody's: other machines may not see new files at once.
-   subroutine share_list(world, store, shards)
-      type(world_type), intent(in) :: world
-      type(shard_store), intent(in) :: store
-      type(shard_type), allocatable, intent(inout) :: shards(:)
-      integer, allocatable :: cases(:), first(:), n(:)
-      integer :: i
-
-      cases = shards%case_number
-      first = shards%first_sample
-      n = shards%n_samples
-      call world%broadcast(cases)
-      call world%broadcast(first)
-      call world%broadcast(n)
-      if (world%is_root()) return
-      deallocate (shards)
-      allocate (shards(size(cases)))
-      do i = 1, size(cases)
-         shards(i) = named_shard(store, cases(i), first(i), n(i))
-      end do
-   end subroutine share_list
 
    !> Prepares the data that all ranks need; collective.
    subroutine open_workshop(world, plan, frequency, statistics, workshop)

@@ -14,7 +14,8 @@ module driver_results
    use driver_deadline, only: seconds_so_far
    use driver_output, only: output_type
    use driver_provenance, only: provenance_of
-   use driver_regression, only: find_estimates, share_list
+   use driver_regression, only: find_estimates
+   use driver_shards, only: share_list, verify_shards
    use driver_statistics, only: find_slip_statistics, open_spectra, spectra_task
    use io_case_results, only: begin_case, finish_case
    use io_case_statistics, only: write_estimates
@@ -95,13 +96,16 @@ contains
       integer, allocatable :: numbers(:)
       integer :: i, k
 
-      allocate (shards(0))
       if (world%is_root()) then
          call writer%write_structure(plan%structure, plan%integration, error)
          if (.not. allocated(error)) call list_shards(output%store, shards, error)
       end if
       if (world%any_true(allocated(error))) return
       call share_list(world, output%store, shards)
+      if (plan%output%spectrum .and. .not. plan%output%samples) then   ! else finish_case reads them
+         call verify_shards(world, output%store, shards, error)
+         if (world%any_true(allocated(error))) return
+      end if
       numbers = pack([(i, i=1, size(plan%cases))], &
                      plan%cases%n_samples > 0 .and. plan%cases%audits == 0)
       if (size(numbers) > 0) call open_task(1)

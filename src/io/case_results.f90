@@ -79,7 +79,7 @@ contains
    end subroutine begin_case
 
    !> Puts the long datasets, shard by shard: memory does not grow with the number of samples. Takes
-   !> the first error of all.
+   !> the first error of all. Without output%samples no series and spectra are put.
    subroutine finish_case(group, plan, number, store, shards, error)
       type(group_type), intent(inout) :: group
       type(plan_type), intent(in) :: plan
@@ -90,8 +90,10 @@ contains
       type(output_settings) :: kept
       type(block_result) :: block
       integer :: i, n_rows, rows
+      logical :: is_lean
 
       kept = kept_of(plan, number)
+      is_lean = kept%spectrum .and. .not. kept%keeps_spectra(plan%cases(number)%n_samples)
       n_rows = 0
       rows = 0
       if (kept%transitions .and. .not. allocated(group%error)) then
@@ -99,10 +101,12 @@ contains
          call group%put('transition', counted(n_rows), label_type('1', 'transition', 'transition'))
       end if
       do i = 1, size(shards)
+         if (is_lean .and. .not. (kept%transitions .or. kept%history)) exit
          if (allocated(group%error)) exit
          call read_shard(store, shards(i), block, group%error)
          if (allocated(group%error)) exit
-         if (.not. kept%keeps_spectra(plan%cases(number)%n_samples)) then
+         if (is_lean) then
+            if (allocated(block%slip_series)) deallocate (block%slip_series)
             if (allocated(block%psd)) deallocate (block%psd)
             if (allocated(block%power_series)) deallocate (block%power_series)
          end if

@@ -42,8 +42,9 @@ contains
                     'every so many steps enter the spectra; 0: chosen and stated', &
                     rule=not_negative(), used=self%keeps('spectrum'))
       call visitor%visit(self%spectrum_every, entry)
-      entry = about('samples', 'spectra of every sample are kept; else their statistics alone, '// &
-                    'and no samples can be added later', used=self%keeps('spectrum'))
+      entry = about('samples', 'spectra and slip series of every sample are kept; '// &
+                    'else their statistics alone, and no samples can be added later', &
+                    used=self%keeps('spectrum'))
       call visitor%visit(self%samples, entry)
    end subroutine visit
 
