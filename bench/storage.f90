@@ -1,6 +1,11 @@
-!> Cost of shards: CPU time to write, verify and read them, and to claim work, for scheduling.py.
+!> Cost of a campaign's storage and statistics in CPU time, for scheduling.py: shards of one block
+!> and of several, and what a group of samples takes in the merge.
 program storage
+   use campaign_bands, only: band_collector, start_bands
+   use campaign_joint_statistics, only: joint_collector, start_joints
    use campaign_results, only: block_result
+   use campaign_selection, only: selection_type
+   use campaign_time_average, only: span_collector
    use core_error, only: error_type
    use core_kinds, only: long, wp
    use io_gathering, only: read_band, read_samples
@@ -8,52 +13,72 @@ program storage
    use io_shards, only: list_shards, shard_type, verify_shard, write_shard
    use io_store, only: new_store, remove_store, shard_store
    implicit none(type, external)
-   integer, parameter :: n_shards = 40, n_samples = 32, n_dof = 5, n_band = 61
+   integer, parameter :: n_samples = 32, n_dof = 5, n_band = 61
    integer, parameter :: n_frequencies = 1025   !! segments of 8192 steps, every 4th step
-   type(shard_store) :: store
-   type(shard_type), allocatable :: shards(:)
-   type(block_result) :: block
+   integer, parameter :: n_group = 2**14, n_spans = 64
+   real(wp), parameter :: percentiles(*) = [5.0_wp, 95.0_wp]
    type(error_type), allocatable :: error
-   real(wp), allocatable :: psd(:, :, :)
-   real(wp) :: began
-   integer :: i
 
-   store = new_store('bench_storage.h5', identity_type('0', '0', '0', 'run', ''))
-   call make_block()
-
-   call cpu_time(began)
-   do i = 1, n_shards
-      block%first_sample = 1 + (i - 1)*n_samples
-      call write_shard(store, block, error)
-      call check()
-   end do
-   call tell('write_shard', began, n_shards)
-
-   call list_shards(store, shards, error)
-   call check()
-   call cpu_time(began)
-   do i = 1, n_shards
-      call verify_shard(store, shards(i), error)
-      call check()
-   end do
-   call tell('verify_shard', began, n_shards)
-
-   call cpu_time(began)
-   call read_samples(store, shards, 1, 1, n_shards*n_samples, block, error)
-   call check()
-   call tell('read_samples', began, n_shards)
-
-   allocate (psd(n_dof, n_band, n_shards*n_samples))
-   call cpu_time(began)
-   call read_band(store, shards, 1, 'psd', 1, 1, psd, error)
-   call check()
-   call tell('read_band', began, n_shards)
-   call remove_store(store, error)
-   call check()
+   call measure_shards(40, 1, '')
+   call measure_shards(10, 4, '_of_4')
+   call measure_spectra()
+   call measure_joints()
 
 contains
 
-   subroutine make_block()
+   !> Shards of so many blocks: written, verified, and read as the merge reads them.
+   subroutine measure_shards(n_shards, n_blocks, ending)
+      integer, intent(in) :: n_shards, n_blocks
+      character(*), intent(in) :: ending   !! of the names
+      type(shard_store) :: store
+      type(shard_type), allocatable :: shards(:)
+      type(block_result), allocatable :: blocks(:)
+      type(block_result) :: samples
+      real(wp), allocatable :: psd(:, :, :)
+      real(wp) :: began
+      integer :: b, i
+
+      store = new_store('bench_storage.h5', identity_type('0', '0', '0', 'run', ''))
+      allocate (blocks(n_blocks))
+      do b = 1, n_blocks
+         call make_block(blocks(b))
+      end do
+      call cpu_time(began)
+      do i = 1, n_shards
+         do b = 1, n_blocks
+            blocks(b)%first_sample = 1 + ((i - 1)*n_blocks + b - 1)*n_samples
+         end do
+         call write_shard(store, blocks, error)
+         call check()
+      end do
+      call tell('write_shard'//ending, began, n_shards)
+
+      call list_shards(store, shards, error)
+      call check()
+      call cpu_time(began)
+      do i = 1, n_shards
+         call verify_shard(store, shards(i), error)
+         call check()
+      end do
+      call tell('verify_shard'//ending, began, n_shards)
+
+      call cpu_time(began)
+      call read_samples(store, shards, 1, 1, n_shards*n_blocks*n_samples, samples, error)
+      call check()
+      call tell('read_samples'//ending, began, n_shards)
+
+      allocate (psd(n_dof, n_band, n_shards*n_blocks*n_samples))
+      call cpu_time(began)
+      call read_band(store, shards, 1, 'psd', 1, 1, psd, error)
+      call check()
+      call tell('read_band'//ending, began, n_shards)
+      call remove_store(store, error)
+      call check()
+   end subroutine measure_shards
+
+   subroutine make_block(block)
+      type(block_result), intent(out) :: block
+
       block%case_number = 1
       block%n_samples = n_samples
    allocate (block%friction(n_dof, n_samples), block%slip_fraction(n_dof, n_samples), source=0.1_wp)
@@ -63,6 +88,58 @@ contains
       call random_number(block%psd)
    end subroutine make_block
 
+   !> A range of frequencies of a group among a million samples: its statistics, and the search for
+   !> the percentiles of all.
+   subroutine measure_spectra()
+      type(band_collector) :: bands
+      type(selection_type) :: selection
+      real(wp), allocatable :: psd(:, :, :)
+      real(wp) :: began
+      integer :: dof, f, i
+
+      allocate (psd(n_dof, n_band, n_group))
+      call random_number(psd)
+      call start_bands(1000000, n_dof, [(real(i, wp), i=1, n_band)], percentiles, 1_long, 1, bands)
+      call cpu_time(began)
+      call bands%add(1, 1, 1, psd(:, :, :bands%group_first(2) - 1))
+      call tell('spectra_part', began, 1)
+      do i = 1, size(percentiles)   ! as if all groups were like this one
+         bands%at_frequency(:, :, i) = percentiles(i)/100
+         bands%at_frequency(:, :, size(percentiles) + i) = percentiles(i)/100 - 4.0e-4_wp
+         bands%at_frequency(:, :, 2*size(percentiles) + i) = percentiles(i)/100 + 4.0e-4_wp
+      end do
+      call cpu_time(began)
+      call bands%open_selection(1, n_band, selection)
+      do f = 1, n_band
+         do dof = 1, n_dof
+            call selection%add(dof + n_dof*(f - 1), psd(dof, f, :))
+         end do
+      end do
+      call tell('selection_part', began, 1)
+   end subroutine measure_spectra
+
+   !> The joints of a group: three quantities, and the slip series.
+   subroutine measure_joints()
+      type(joint_collector) :: joints
+      type(span_collector) :: spans
+      real(wp), allocatable :: values(:, :), series(:, :, :)
+      real(wp) :: began
+      integer :: i
+
+      allocate (values(n_dof, 16000), series(n_dof, n_spans, 16000))
+      call random_number(values)
+      call random_number(series)
+      call start_joints(1000000, n_dof, percentiles, 1_long, joints)
+      call cpu_time(began)
+      do i = 1, 3
+         call joints%add(1, values)
+      end do
+      call tell('joints_group', began, 1)
+      call cpu_time(began)
+      call spans%add(series, values)
+      call tell('spans_group', began, 1)
+   end subroutine measure_joints
+
    !> Milliseconds of one of n times of some work.
    subroutine tell(work, began, n)
       character(*), intent(in) :: work
@@ -71,7 +148,7 @@ contains
       real(wp) :: now
 
       call cpu_time(now)
-      print '(a, t16, f8.3, a)', work, 1.0e3_wp*(now - began)/n, ' ms a shard'
+      print '(a, t20, f9.3, a)', work, 1.0e3_wp*(now - began)/n, ' ms'
    end subroutine tell
 
    subroutine check()

@@ -82,7 +82,7 @@ contains
 
    !> Prepares a collector; needs two samples or more.
    subroutine start_bands(n_samples, n_dof, frequency, percentiles, seed, n_parts, collector, &
-                          follows_power)
+                          follows_power, draws_again)
       integer, intent(in) :: n_samples, n_dof
       real(wp), intent(in) :: frequency(:)      !! (frequency) [Hz], equally spaced from 0
       real(wp), intent(in) :: percentiles(:)    !! [%]
@@ -90,6 +90,7 @@ contains
       integer, intent(in) :: n_parts            !! in which the frequencies come
       type(band_collector), intent(out) :: collector
       logical, intent(in), optional :: follows_power   !! `add` gets it
+      logical, intent(in), optional :: draws_again     !! .false.: `finish` is not wanted
       integer :: n_groups, np, p, widest
 
       np = size(percentiles)
@@ -101,6 +102,7 @@ contains
       collector%last_of_range = last_of_ranges(size(frequency))
       n_groups = size(collector%group_first) - 1
       collector%n_drawn = max(2, (n_replicates - 1)/n_groups + 1)
+      if (present(draws_again)) collector%n_drawn = merge(collector%n_drawn, 0, draws_again)
       collector%batch = (n_samples - 1)/most_batches + 1
       widest = maxval(collector%group_first(2:) - collector%group_first(:n_groups))
       allocate (collector%rank(3*np))

@@ -33,7 +33,7 @@ contains
 
       allocate (collector%moments(n_joints))
       call start_bands(n_samples, n_joints, [0.0_wp, 1.0_wp], percentiles, seed, 1, &
-                       collector%percentiles)
+                       collector%percentiles, draws_again=.false.)
    end subroutine start_joints
 
    !> Takes the next group of samples, as sample_groups has them.

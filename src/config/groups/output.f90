@@ -43,7 +43,7 @@ contains
                     rule=not_negative(), used=self%keeps('spectrum'))
       call visitor%visit(self%spectrum_every, entry)
       entry = about('samples', 'spectra and slip series of every sample are kept; '// &
-                    'else their statistics alone, and no samples can be added later', &
+                    'else their statistics alone: none can be added later', &
                     used=self%keeps('spectrum'))
       call visitor%visit(self%samples, entry)
    end subroutine visit
