@@ -34,6 +34,10 @@ contains
       if (world%is_root()) then
          call read_measured(line%scene, records, complaints)
          if (complaints%n > 0) call raise(error, exit_bad_input, complaints%text)
+         if (allocated(line%output) .and. .not. allocated(error)) then
+            if (exists(line%output)) call raise(error, exit_file, line%output// &
+                                                ': exists already: choose another name')
+         end if
          if (.not. allocated(error)) call estimate_process(records, seed, found, error)
          if (.not. allocated(error)) call hand_out(line, found, error)
       end if
@@ -50,8 +54,6 @@ contains
       if (.not. line%is_quiet) call say(findings(found))
       if (.not. allocated(line%output)) then
          call say(group_text(line%scene, found))
-      else if (exists(line%output)) then
-         call raise(error, exit_file, line%output//': exists already: choose another name')
       else
          call write_scene(line%output, group_text(line%scene, found), error)
          if (.not. (allocated(error) .or. line%is_quiet)) &

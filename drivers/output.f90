@@ -7,7 +7,7 @@ module driver_output
    use campaign_study, only: block_range
    use config_scene, only: scene_type
    use core_error, only: error_type, exit_file, raise
-   use core_kinds, only: long
+   use core_kinds, only: long, wp
    use core_phrases, only: counted
    use core_terminal, only: say_line => say
    use core_text, only: to_text
@@ -215,7 +215,7 @@ contains
    end subroutine refuse_extension
 
    !> A results file is not complete while a case in it needs more samples for the scene's target,
-   !> or has estimates of another kind than are wanted now.
+   !> or has estimates of another kind, or other percentiles, than are wanted now.
    subroutine find_unmet(plan, n_samples, output, error)
       type(plan_type), intent(in) :: plan
       integer, intent(in) :: n_samples(:)   !! (case) in the file
@@ -233,10 +233,19 @@ contains
          if (plan%accuracy%sample_until_met .and. &
              needs_more_samples(slip_error_of(errors(i)%statistics, errors(i)%ratio, 0, .false.), &
                                 plan%accuracy%target_statistical)) output%is_complete = .false.
-         if (errors(i)%estimator /= '' .and. errors(i)%estimator /= wanted(i) .and. &
-             n_samples(i) == plan%cases(i)%n_samples) output%is_complete = .false.
+         if (errors(i)%estimator == '' .or. n_samples(i) /= plan%cases(i)%n_samples) cycle
+         if (errors(i)%estimator /= wanted(i) .or. &
+             .not. are_same(errors(i)%percentiles, plan%output%percentiles)) &
+            output%is_complete = .false.
       end do
    end subroutine find_unmet
+
+   pure logical function are_same(a, b)
+      real(wp), intent(in) :: a(:), b(:)
+
+      are_same = size(a) == size(b)
+      if (are_same) are_same = all(abs(a - b) <= 0.0_wp)
+   end function are_same
 
    !> Tells all ranks what the root found; collective.
    subroutine share_finished(world, output)

@@ -74,7 +74,7 @@ contains
       call refuse_unsolved(plan, models, error)
       if (allocated(error) .and. world%is_root()) call remove_kept(output%store, ignored)
       call output%stop_on(world, error)
-      call tell_branches(models, output)
+      call tell_solutions(models, output)
       if (plan%has_structure) then
          call prepare_march(world, plan, force, runner, error)
          call output%stop_on(world, error)
@@ -308,16 +308,20 @@ contains
       text = text(3:)//' in '//output%path
    end function summary
 
-   !> Tells which processes have alternating K(m).
-   subroutine tell_branches(models, output)
+   !> Tells which processes have alternating K(m), and which have no solution and why.
+   subroutine tell_solutions(models, output)
       type(process_model_type), intent(in) :: models(:)
       type(output_type), intent(in) :: output
       integer :: i
 
       do i = 1, size(models)
+         if (allocated(models(i)%reason)) then
+            if (.not. models(i)%is_solved) &
+               call output%say('process '//to_text(i)//' has no solution: '//models(i)%reason)
+         end if
          if (len(branch_note(models(i))) > 0) &
             call output%say('process '//to_text(i)//': '//branch_note(models(i)))
       end do
-   end subroutine tell_branches
+   end subroutine tell_solutions
 
 end module driver_run

@@ -189,6 +189,8 @@ contains
          n_steps = integration%n_steps
          if (n_steps == 0) n_steps = scene%n_force_values - 1
          if (n_steps < 1) return
+         call reader%require(n_steps > 1, 'integration', 'n_steps', 'must be two or more', &
+                             to_text(n_steps))
          call reader%require(integration%n_discard == 0 .or. &
                              integration%n_discard <= n_steps - fewest_measured, 'integration', &
                              'n_discard', 'must leave '//to_text(fewest_measured)// &

@@ -90,7 +90,10 @@ contains
          call next_word(line, first, last)
          if (first > last) exit
          n = n + 1
-         if (n > size(values) .or. index(line(first:last), ',') > 0) then
+         if (index(line(first:last), ',') > 0) then
+            rule = 'a comma separates nothing here: values have blanks or ; between, decimals '// &
+                   'follow a point'
+         else if (n > size(values)) then
             rule = 'must be '//number_of_values(fewest, size(values))
          else
             call parse_real(line(first:last), values(n), rule)

@@ -159,16 +159,17 @@ contains
       call w%visit(dataset_type('steady', '1', by_sample, &
                                 '1: the last two windows of ten periods agree to 1e-3'), &
                    block%steady)
-      call w%visit(dataset_type('energy_input', 'J', by_sample, 'work of the force'), &
+      call w%visit(dataset_type('energy_input', 'J', by_sample, 'work of the force since n_discard'), &
                    block%energy_input)
-      call w%visit(dataset_type('energy_viscous', 'J', by_sample, 'work of the viscous damping'), &
+      call w%visit(dataset_type('energy_viscous', 'J', by_sample, 'work of the viscous damping since n_discard'), &
                    block%energy_viscous)
-      call w%visit(dataset_type('energy_friction', 'J', by_sample, 'work of the friction'), &
+      call w%visit(dataset_type('energy_friction', 'J', by_sample, 'work of the friction since n_discard'), &
                    block%energy_friction)
       call w%visit(dataset_type('energy_stored', 'J', by_sample, &
-                                'kinetic and strain energy at the end'), block%energy_stored)
+                                'change of kinetic and strain energy since n_discard'), &
+                   block%energy_stored)
       call w%visit(dataset_type('energy_defect', 'J', by_sample, &
-                                'what the balance of energies lacks'), block%energy_defect)
+                                'input - viscous - friction - stored'), block%energy_defect)
    end subroutine visit_short
 
    !> Visits what grows with the march. Transitions are rows of their own: they come last.

@@ -14,6 +14,7 @@ module io_error_results
       type(case_statistics) :: statistics
       character(:), allocatable :: estimator   !! of the statistics; empty without statistics
       real(wp), allocatable :: ratio(:)        !! (joint) plain sampling's errors over them
+      real(wp), allocatable :: percentiles(:)  !! [%] of the statistics; empty without statistics
       integer :: n_audited = 0
       integer :: n_unsteady = -1         !! samples under a sine that are not steady; -1: no sine
       real(wp) :: slip_points = 0.0_wp   !! numerical error found by the audit [points]
@@ -73,12 +74,14 @@ contains
       call read_dataset(file, group//'/slip_std_time_part', statistics%slip_std_time_part, error)
    end subroutine read_statistics
 
+   !> By what the statistics were made: estimator and percentiles.
    subroutine read_estimator(file, group, n_joints, errors, error)
       type(hdf5_file), intent(in) :: file
       character(*), intent(in) :: group
       integer, intent(in) :: n_joints
       type(case_errors), intent(inout) :: errors
       type(error_type), allocatable, intent(out) :: error
+      integer(long), allocatable :: n(:)
 
       errors%estimator = ''
       allocate (errors%ratio(n_joints), source=1.0_wp)
@@ -87,6 +90,13 @@ contains
       if (allocated(error)) return
       if (file%has(group//'/error_ratio')) &
          call read_dataset(file, group//'/error_ratio/slip_mean', errors%ratio, error)
+      if (allocated(error)) return
+      n = [0_long]
+      if (file%has(group//'/percentile')) &
+         call read_extent(file, group//'/percentile', 1, n, error)
+      if (allocated(error)) return
+      allocate (errors%percentiles(n(1)))
+      if (n(1) > 0) call read_dataset(file, group//'/percentile', errors%percentiles, error)
    end subroutine read_estimator
 
    subroutine read_steady(file, group, errors, error)

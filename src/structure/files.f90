@@ -3,10 +3,11 @@ module structure_files
    use core_complaints, only: complaint_list
    use core_error, only: error_type
    use core_kinds, only: wp
+   use core_phrases, only: counted
    use core_table, only: read_table, table_type
    use core_text, only: to_text
    use structure_matrix_market, only: read_matrix
-   use structure_model, only: build_structure, damping_type, part_names, structure_type
+   use structure_model, only: build_structure, check_matrix, damping_type, part_names, structure_type
    implicit none(type, external)
    private
    public :: read_structure, structure_paths
@@ -54,6 +55,13 @@ contains
       end if
       if (complaints%n > n_before) return
       structure%n_dof = size(structure%mass, 1)
+      call check_matrix(structure%stiffness, structure%n_dof, paths%stiffness, error)
+      if (paths%damping /= '' .and. .not. allocated(error)) &
+         call check_matrix(damping%matrix, structure%n_dof, paths%damping, error)
+      if (allocated(error)) then   ! before joints are judged by that size
+         call complaints%add_general(error%message)
+         return
+      end if
       call read_joints(paths, structure, complaints)
       call read_load(paths%load, forced_dof, structure, complaints)
       if (complaints%n > n_before) return
@@ -205,8 +213,8 @@ contains
       call read_table(path, '#', 1, most_forces, table, complaints)
       if (complaints%n > n_before) return
       if (table%n_rows /= structure%n_dof) then
-         call complaints%add_general(path//': holds '//to_text(table%n_rows)// &
-                                     ' rows: must be one for each of the '// &
+         call complaints%add_general(path//': holds '//counted(table%n_rows, 'row', 'rows')// &
+                                     ': must be one for each of the '// &
                                      to_text(structure%n_dof)//' dofs')
          return
       end if
@@ -219,6 +227,10 @@ contains
          return
       end do
       structure%load = transpose(table%value(:structure%n_forces, :))
+      do i = 1, structure%n_forces
+         if (any(abs(structure%load(:, i)) > 0.0_wp)) cycle
+         call complaints%add_general(path//': column '//to_text(i)//': must not be zero')
+      end do
    end subroutine read_load
 
 end module structure_files

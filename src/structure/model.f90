@@ -11,7 +11,7 @@ module structure_model
    implicit none(type, external)
    private
    public :: damping_type, part_names, structure_type
-   public :: build_structure
+   public :: build_structure, check_matrix
 
    real(wp), parameter :: least_share = 1.0e-10_wp   !! times the largest eigenvalue: zero
    real(wp), parameter :: rounding = 1.0e-12_wp      !! times the largest entry: equal

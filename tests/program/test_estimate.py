@@ -63,4 +63,5 @@ def test_a_file_that_is_there_is_left_alone(entroslip, data):
     done = entroslip("estimate", data, "--output", data)
     assert done.returncode == 3
     assert "exists already" in done.stderr
+    assert done.stdout == ""  # told before the work
     assert data.read_text() == LINES

@@ -26,6 +26,28 @@ def test_a_finished_scene_has_nothing_to_do(entroslip, small_scene, tmp_path):
     assert not (tmp_path / "small.h5.shards").exists()
 
 
+def test_other_percentiles_are_taken_up(entroslip, small_scene, tmp_path):
+    """Of the same samples: nothing is marched again."""
+    assert entroslip("run", small_scene, "--output", "p.h5").returncode == 0
+    done = entroslip("run", small_scene, "--output", "p.h5", "--set", "output%percentiles=10,90")
+    assert done.returncode == 0, done.stderr
+    assert "14 of 14 samples are there" in done.stdout
+    with h5py.File(tmp_path / "p.h5") as file:
+        case = file["campaign/c003"]
+        assert list(case["percentile"]) == [10, 90]
+        slip = np.percentile(case["slip_fraction"], [10, 90], axis=0)
+        beside = case["plain"] if "plain" in case else case
+        np.testing.assert_allclose(beside["slip_percentiles"], slip, rtol=1e-12)
+
+
+def test_a_process_without_solution_is_told(entroslip, tmp_path):
+    law = "order = 1 mean = 1 correlation_length = 1 branch = 'nonnegative'"
+    (tmp_path / "two.nml").write_text(f"&process {law} std = 0.3, 0.9 /\n")
+    done = entroslip("run", "two.nml")
+    assert done.returncode == 0, done.stderr
+    assert "process 2 has no solution: " in done.stdout
+
+
 def test_results_open_labelled(entroslip, small_scene, tmp_path):
     assert entroslip("run", small_scene, "--output", "r.h5").returncode == 0
     with xr.open_dataset(tmp_path / "r.h5", group="campaign/c003", engine="h5netcdf") as case:
