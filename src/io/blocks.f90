@@ -159,9 +159,11 @@ contains
       call w%visit(dataset_type('steady', '1', by_sample, &
                                 '1: the last two windows of ten periods agree to 1e-3'), &
                    block%steady)
-      call w%visit(dataset_type('energy_input', 'J', by_sample, 'work of the force since n_discard'), &
+      call w%visit(dataset_type('energy_input', 'J', by_sample, &
+                                'work of the force since n_discard'), &
                    block%energy_input)
-      call w%visit(dataset_type('energy_viscous', 'J', by_sample, 'work of the viscous damping since n_discard'), &
+      call w%visit(dataset_type('energy_viscous', 'J', by_sample, &
+                                'work of the viscous damping since n_discard'), &
                    block%energy_viscous)
       call w%visit(dataset_type('energy_friction', 'J', by_sample, 'work of the friction since n_discard'), &
                    block%energy_friction)

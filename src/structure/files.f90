@@ -7,7 +7,8 @@ module structure_files
    use core_table, only: read_table, table_type
    use core_text, only: to_text
    use structure_matrix_market, only: read_matrix
-   use structure_model, only: build_structure, check_matrix, damping_type, part_names, structure_type
+   use structure_model, only: build_structure, check_matrix, damping_type, part_names, &
+      structure_type
    implicit none(type, external)
    private
    public :: read_structure, structure_paths
