@@ -14,6 +14,7 @@ module statistics_estimates
              enlarge, stated_error, two_sided, upward_error
 
    real(wp), parameter :: two_sided = 1.959964_wp   !! standard errors of a 95 % interval
+   real(wp), parameter :: least_stretch = 0.5_wp   !! where samples tie; a blend with a fit does not
    real(wp), parameter :: largest_relative = 1.0_wp    !! error that is taken as one of a logarithm
    real(wp), parameter :: fewest_freedoms = 3.0_wp     !! of Student's law
 
@@ -89,10 +90,10 @@ contains
          slope = slope_between(sorted, rank - reach, rank + reach)
          plain%influence(:, o) = slope*merge(p - 1.0_wp, p, y(:, o) <= plain%value(o))
          plain%influence(:, o) = plain%influence(:, o) - sum(plain%influence(:, o))/n
-         if (slope > 0.0_wp) plain%stretch(:, o) = &
+         if (slope > 0.0_wp) plain%stretch(:, o) = max(least_stretch, &
             [slope_between(sorted, rank - two_sided*reach, rank), &
              slope_between(sorted, rank, rank + two_sided*reach)] &
-            /(slope*student_factor(plain%influence(:, o)))
+            /(slope*student_factor(plain%influence(:, o))))
       end do
    end function plain_percentile
 
