@@ -2,8 +2,8 @@
 
 A block stands between `<!-- measured by -->` and `<!-- end -->`: a command, indented, and what it
 prints. With words, only the blocks whose command has one of them: "entroslip tradeoff", settings,
-"entroslip run", errors, targets, peers, requirements, chains. Says how long each took. What the
-page's text says of a block is not rewritten: read it again.
+"entroslip run", errors, targets, regression, peers, requirements, chains. Says how long each took.
+What the page's text says of a block is not rewritten: read it again.
 """
 
 from __future__ import annotations
@@ -33,7 +33,7 @@ def block(found: re.Match[str]) -> str:
     said = subprocess.run(shlex.split(python), cwd=ROOT, check=True, capture_output=True, text=True)
     text = PROGRESS.sub("", said.stdout).strip("\n")
     print(f"{time.monotonic() - start:4.0f} s  {command}", flush=True)
-    fence = "" if text.startswith("|") else "```\n"
+    fence = "" if text.startswith(("|", "**")) else "```\n"
     return f"{head}\n{fence}{text}\n{fence}\n{tail}"
 
 

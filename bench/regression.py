@@ -1,18 +1,19 @@
-"""Errors and coverage of the regression: python bench/regression.py [TIMES [N ...]].
+"""Errors and coverage of the regression: python bench/regression.py [TIMES [N ...] [SCENE ...]].
 
 Campaigns of thousands of samples a case are the truth. From each of them N samples (25, 100 and
 400) are drawn TIMES times (400), with replacement; each time all statistics are estimated, and
 their errors compared with plain sampling's. The law of the friction is that of the campaign's
 samples. Every case is estimated by itself, and pooled with those of the same force. Prints a table
-for each scene: median gain over cases, masses (and frequencies), in brackets the least; mean
-coverage, in brackets the least and the largest of a case and a mass. What is left of the campaigns
-(`.thin.h5`: every fourth frequency, as far as there is power) and the draws (`.raw`) are kept in
-results/: more draws go on from there, and after a change of the estimators the draws are to be
-deleted, not the truth. Builds the target bench_regression.
+for each scene (paper, long, stuck, ring, twenty): median gain over cases, masses (and frequencies),
+in brackets the least; mean coverage, in brackets the least and the largest of a case and a mass.
+What is left of the campaigns (`.thin.h5`: every fourth frequency, as far as there is power) and the
+draws (`.raw`) are kept in results/: more draws go on from there, and after a change of the
+estimators the draws are to be deleted, not the truth. Builds the target bench_regression.
 """
 
 from __future__ import annotations
 
+import math
 import os
 import subprocess
 import sys
@@ -143,7 +144,8 @@ def draws(thin: Path, n: int, times: int, cases: list[int]) -> np.ndarray:
         n_joints = file["campaign/c001/slip_fraction"].shape[1]
         n_bins = int((file["campaign/c001/frequency"][()] < HIGHEST).sum())
     shape = (-1, len(cases), n_joints, len(NUMBERS) + len(SPECTRA) * n_bins, 5)
-    return np.fromfile(raw, np.float32).reshape(shape).astype(float)
+    numbers = np.fromfile(raw, np.float32).astype(float)
+    return numbers[: len(numbers) // math.prod(shape[1:]) * math.prod(shape[1:])].reshape(shape)
 
 
 class Score(NamedTuple):
@@ -227,13 +229,14 @@ def report(name: str, times: int, sizes: list[int]) -> list[str]:
 
 def main() -> None:
     """A table for each scene."""
-    words = [int(word) for word in sys.argv[1:]]
-    times = words[0] if words else 400
+    named = [word for word in sys.argv[1:] if word in SCENES]
+    sizes = [int(word) for word in sys.argv[1:] if word not in SCENES]
+    times = sizes.pop(0) if sizes else 400
     build = ["cmake", "--build", "--preset", "release", "--target", "bench_regression"]
     subprocess.run(build, cwd=ROOT, check=True, capture_output=True)
     RESULTS.mkdir(exist_ok=True)
-    for name in SCENES:
-        print("\n".join(report(name, times, words[1:] or [25, 100, 400])), flush=True)
+    for name in named or SCENES:
+        print("\n".join(report(name, times, sizes or [25, 100, 400])), flush=True)
 
 
 if __name__ == "__main__":
