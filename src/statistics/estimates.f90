@@ -66,13 +66,15 @@ contains
 
    !> Percentile between order statistics (Hyndman and Fan, type 7). The density comes from those
    !> one binomial standard deviation of the rank to both sides; the interval ends at those
-   !> two-sided 95 % of it away, where there are any.
+   !> two-sided 95 % of it away; where there are none, at as many standard errors with Student's
+   !> factor.
    pure function plain_percentile(y, p, order) result(plain)
       real(wp), intent(in) :: y(:, :)   !! (sample, output)
       real(wp), intent(in) :: p         !! share of the law below
       integer, intent(in), optional :: order(:, :)   !! (rank, output) samples, where known
       type(estimates_type) :: plain
-      real(wp) :: sorted(size(y, 1)), rank, reach, slope
+      real(wp) :: sorted(size(y, 1)), factor, rank, reach, slope
+      logical :: has_ends(2)   ! order statistics where the interval ends
       integer :: n, o
 
       n = size(y, 1)
@@ -80,6 +82,7 @@ contains
       allocate (plain%stretch(2, size(y, 2)), source=1.0_wp)
       rank = 1.0_wp + p*(n - 1)
       reach = sqrt(p*(1.0_wp - p)*n)
+      has_ends = [rank - two_sided*reach >= 1.0_wp, rank + two_sided*reach <= n]
       do o = 1, size(y, 2)
          if (present(order)) then
             sorted = y(order(:, o), o)
@@ -90,10 +93,11 @@ contains
          slope = slope_between(sorted, rank - reach, rank + reach)
          plain%influence(:, o) = slope*merge(p - 1.0_wp, p, y(:, o) <= plain%value(o))
          plain%influence(:, o) = plain%influence(:, o) - sum(plain%influence(:, o))/n
-         if (slope > 0.0_wp) plain%stretch(:, o) = max(least_stretch, &
-            [slope_between(sorted, rank - two_sided*reach, rank), &
-             slope_between(sorted, rank, rank + two_sided*reach)] &
-            /(slope*student_factor(plain%influence(:, o))))
+         if (.not. slope > 0.0_wp) cycle
+         factor = 1.0_wp/student_factor(plain%influence(:, o))
+         plain%stretch(:, o) = max(least_stretch, merge(factor, 1.0_wp, has_ends) &
+                                   *[slope_between(sorted, rank - two_sided*reach, rank), &
+                                     slope_between(sorted, rank, rank + two_sided*reach)]/slope)
       end do
    end function plain_percentile
 
