@@ -32,10 +32,10 @@ contains
       padded_rows = rows_together*((n + rows_together - 1)/rows_together)
    end function padded_rows
 
-   !> A matrix made ready for products.
-   pure function pack_matrix(a) result(packed)
+   !> Makes a matrix ready for products. (A function's result would leak with gfortran 12.)
+   pure subroutine pack_matrix(a, packed)
       real(wp), intent(in) :: a(:, :)   !! (row, column)
-      type(packed_matrix) :: packed
+      type(packed_matrix), intent(out) :: packed
       integer :: j, q, r
 
       packed%n_fours = padded_rows(size(a, 1))/rows_together
@@ -47,7 +47,7 @@ contains
             packed%value(r, :, q) = a(rows_together*(q - 1) + r, :)
          end do
       end do
-   end function pack_matrix
+   end subroutine pack_matrix
 
    !> y = A x. Padded rows of y become zero.
    pure subroutine multiply(self, x, y, columns, n_columns)

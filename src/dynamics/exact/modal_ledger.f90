@@ -67,7 +67,7 @@ contains
       end if
       call find_loss(rate, damping, load, w, area)
       self%area = reshape(area, [n, 3, size(load, 2)])
-      self%damping = pack_matrix(damping)
+      call pack_matrix(damping, self%damping)
       np = padded_rows(n)
       allocate (padded(3*np, 3*np), source=0.0_wp)
       do i = 1, 3
@@ -80,7 +80,7 @@ contains
       do i = 1, n_blocks
          first = min((i - 1)*self%block_rows, 3*np)
          last = min(i*self%block_rows, 3*np)
-         self%form(i) = pack_matrix(2.0_wp*padded(first + 1:last, first + 1:))
+         call pack_matrix(2.0_wp*padded(first + 1:last, first + 1:), self%form(i))
          self%form(i)%value(:, :last - first, :) = 0.5_wp*self%form(i)%value(:, :last - first, :)
       end do
    end subroutine prepare

@@ -132,9 +132,9 @@ contains
       operators%decouples = is_diagonal(damping)
       call choose_terms(structure%joint_stiffness, gain, operators%h*omega, damping, tolerance, &
                         operators)
-      operators%read = pack_matrix(gain)
-      operators%push = pack_matrix(operators%slider_push)
-      operators%shape_rows = pack_matrix(operators%shape)
+      call pack_matrix(gain, operators%read)
+      call pack_matrix(operators%slider_push, operators%push)
+      call pack_matrix(operators%shape, operators%shape_rows)
       if (operators%decouples) then
          call put_rotations(operators%h*omega, damping, operators, moved)
       else
@@ -243,7 +243,7 @@ contains
                                                 full%moment(rows, :, 1), operators%load)
          end associate
       end do
-      operators%propagator = pack_matrix(propagator)
+      call pack_matrix(propagator, operators%propagator)
 
       allocate (moved(n, operators%n_joints, n_markov))
       do k = 1, n_markov
@@ -261,13 +261,13 @@ contains
          kick(np + 1:np + n, k*m + 1:k*m + operators%n_joints) = matmul(kernel(n + 1:, :), &
                                                                         operators%slider_push)
       end do
-      operators%kick = pack_matrix(kick)
+      call pack_matrix(kick, operators%kick)
       uniform = matmul(full%moment(:, :, 0) - full%moment(:, :, 1), operators%slider_push)
       do i = 0, 1
          kick(i*np + 1:i*np + n, :operators%n_joints) = &
             kick(i*np + 1:i*np + n, :operators%n_joints) - uniform(i*n + 1:i*n + n, :)
       end do
-      operators%rest = pack_matrix(kick)
+      call pack_matrix(kick, operators%rest)
 
    contains
 
@@ -353,7 +353,7 @@ contains
                answer(:, (e - first)*mp + 1:(e - first)*mp + m) = &
                   operators%markov(:, :, d)*(gamma(real(e + 1, wp))/gamma(real(k + 1, wp)))
             end do
-            operators%answer(k) = pack_matrix(answer(:, :(k - 1 - first)*mp))
+            call pack_matrix(answer(:, :(k - 1 - first)*mp), operators%answer(k))
          end associate
       end do
    end subroutine put_answers
