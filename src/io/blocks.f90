@@ -165,7 +165,8 @@ contains
       call w%visit(dataset_type('energy_viscous', 'J', by_sample, &
                                 'work of the viscous damping since n_discard'), &
                    block%energy_viscous)
-      call w%visit(dataset_type('energy_friction', 'J', by_sample, 'work of the friction since n_discard'), &
+      call w%visit(dataset_type('energy_friction', 'J', by_sample, &
+                                'work of the friction since n_discard'), &
                    block%energy_friction)
       call w%visit(dataset_type('energy_stored', 'J', by_sample, &
                                 'change of kinetic and strain energy since n_discard'), &
