@@ -66,20 +66,21 @@ contains
       type(block_result), intent(inout) :: blocks(:)
       type(error_type), allocatable, intent(out) :: error
       integer(long) :: checksum(size(blocks))
-      integer :: i
+      integer :: n_samples(size(blocks)), i
 
+      n_samples = blocks%n_samples
       do i = 1, size(blocks)
-         call find_checksum(blocks(i), 0, blocks(i)%n_samples, checksum(i))
+         call find_checksum(blocks(i), 0, n_samples(i), checksum(i))
       end do
       call write_attribute(file, '/', 'case', blocks(1)%case_number, error)
       if (.not. allocated(error)) then
          call write_attribute(file, '/', 'first_sample', blocks(1)%first_sample, error)
       end if
       if (.not. allocated(error)) then
-         call write_attribute(file, '/', 'n_samples', sum(blocks%n_samples), error)
+         call write_attribute(file, '/', 'n_samples', sum(n_samples), error)
       end if
       if (.not. allocated(error)) &
-         call write_dataset(file, '/block_samples', blocks%n_samples, &
+         call write_dataset(file, '/block_samples', n_samples, &
                             label_type('1', 'number of samples of the block', ''), error)
       if (.not. allocated(error)) &
          call write_dataset(file, '/block_checksum', checksum, &
