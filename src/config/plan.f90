@@ -8,7 +8,8 @@ module config_plan
    use core_error, only: error_type
    use core_kinds, only: wp
    use core_text, only: to_text
-   use dynamics_exact_march, only: most_parts, parts_of_step
+   use dynamics_exact_march, only: check_exact
+   use dynamics_newmark_march, only: check_newmark
    use process_model, only: process_request
    use process_reference, only: is_reference
    use structure_chain, only: build_chain
@@ -178,8 +179,7 @@ contains
       type(scene_type), intent(in) :: scene
       type(plan_type), intent(in) :: plan
       type(complaint_list), intent(inout) :: complaints
-      real(wp), parameter :: two_pi = 8.0_wp*atan(1.0_wp)
-      real(wp) :: limit, parts
+      type(error_type), allocatable :: error
 
       associate (how => plan%integration)
          if (how%n_discard > 0 .and. how%n_discard > how%n_steps - fewest_measured) &
@@ -187,18 +187,12 @@ contains
             scene%path//': integration%n_discard = '//to_text(how%n_discard)//': must leave '// &
             to_text(fewest_measured)//' steps or more of the '//to_text(how%n_steps))
          if (complaints%n > 0) return
-         parts = parts_of_step(plan%structure, how%dt)
-         if (how%method == 'event' .and. parts > most_parts) call complaints%add_general( &
-            scene%path//': integration%dt = '//to_text(how%dt)//': must be at most '// &
-            to_text(most_parts*how%dt/parts)//' with so light a mass or so stiff a spring')
-         if (how%method /= 'newmark' .or. how%beta >= how%gamma/2) return
-         ! below it no mode grows, whatever its damping (Newmark's linear stability bound)
-         limit = 1.0_wp/(sqrt(how%gamma/2 - how%beta)*two_pi* &
-                         maxval(plan%structure%frequencies_stuck))
-         if (how%dt > limit) call complaints%add_general( &
-            scene%path//': integration%beta = '//to_text(how%beta)// &
-            ': must be at least gamma/2, or dt at most '//to_text(limit)// &
-            ' s: the scheme would diverge')
+         if (how%method == 'newmark') then
+            call check_newmark(plan%structure, how%dt, how%max_halvings, how%beta, how%gamma, error)
+         else
+            call check_exact(plan%structure, how%dt, how%tolerance, error)
+         end if
+         if (allocated(error)) call complaints%add_general(scene%path//': '//error%message)
       end associate
    end subroutine check_march
 

@@ -51,7 +51,6 @@ module dynamics_response
    type, abstract :: marcher_type
       type(structure_type) :: structure
       real(wp) :: dt = 0.0_wp       !! [s]
-      integer :: forced_dof = 0
    contains
       procedure(advance_block), deferred :: advance
    end type marcher_type
@@ -89,7 +88,8 @@ contains
       state%n_joints = m
       state%n_samples = w
       state%step = 0
-      state%slip_limit = friction*spread(structure%normal_load, 2, w)
+      if (allocated(state%slip_limit)) deallocate (state%slip_limit, state%direction)
+      allocate (state%slip_limit(m, w), source=friction*spread(structure%normal_load, 2, w))
       call zeros(n, state%displacement)
       call zeros(n, state%velocity)
       if (allocated(state%velocity_step)) deallocate (state%velocity_step)
@@ -99,7 +99,7 @@ contains
       call zeros(m, state%slip_distance)
       call zeros(m, state%slip_since)
       call zeros(m, state%slip_from)
-      state%direction = merge(0, 1, state%slip_limit > 0.0_wp)
+      allocate (state%direction(m, w), source=merge(0, 1, state%slip_limit > 0.0_wp))
       if (allocated(state%slip_starts)) deallocate (state%slip_starts, state%stick_starts)
       allocate (state%slip_starts(m, w), state%stick_starts(m, w), source=0_long)
       if (allocated(state%work_input)) &

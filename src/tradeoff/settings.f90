@@ -4,6 +4,7 @@ module tradeoff_settings
    use campaign_plan, only: plan_type
    use core_kinds, only: wp
    use dynamics_exact_march, only: parts_of_step
+   use dynamics_newmark_march, only: longest_step
    implicit none(type, external)
    private
    public :: setting_type, all_settings, settings_at_dt, own_setting, same_setting, with_setting
@@ -89,11 +90,9 @@ contains
       type(plan_type), intent(in) :: plan
       real(wp), intent(in) :: steps
       logical :: is_so
-      real(wp), parameter :: two_pi = 8.0_wp*atan(1.0_wp)
 
       associate (how => plan%integration)
-         is_so = (two_pi*maxval(plan%structure%frequencies_stuck)*how%dt*steps)**2 &
-                 *(0.5_wp*how%gamma - how%beta) <= 1.0_wp
+         is_so = steps*how%dt <= longest_step(plan%structure, how%beta, how%gamma)
       end associate
    end function is_stable
 

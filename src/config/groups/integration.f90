@@ -4,6 +4,7 @@ module config_groups_integration
    use config_text_value_table, only: about, between, entry_type, inside, not_negative, positive, &
       visitor_type
    use core_kinds, only: wp
+   use dynamics_newmark_march, only: most_halvings
    implicit none(type, external)
    private
    public :: fewest_measured, integration_group
@@ -34,7 +35,7 @@ contains
       call visitor%visit(self%n_discard, entry)
       entry = about('max_halvings', &
                     'newmark: a transition is closed in on down to dt/2^max_halvings', &
-                    rule=between(0.0_wp, 40.0_wp), used=self%method == 'newmark')
+                    rule=between(0.0_wp, real(most_halvings, wp)), used=self%method == 'newmark')
       call visitor%visit(self%max_halvings, entry)
       entry = about('beta', 'newmark', rule=between(0.0_wp, 0.5_wp), used=self%method == 'newmark')
       call visitor%visit(self%beta, entry)

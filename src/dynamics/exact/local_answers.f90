@@ -57,8 +57,8 @@ contains
       logical :: matters(size(damping, 1))
       integer :: i, j
 
-      off_damping = without_diagonal(damping)
-      off_stiffness = without_diagonal(stiffness)
+      allocate (off_damping, source=without_diagonal(damping))
+      allocate (off_stiffness, source=without_diagonal(stiffness))
       allocate (answers%dof(0), answers%value(n_near, 0), answers%own(n_near, size(damping, 1)))
       answers%first = [1]
       do j = 1, size(damping, 1)

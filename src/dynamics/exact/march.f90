@@ -14,7 +14,7 @@ module dynamics_exact_march
    use structure_model, only: structure_type
    implicit none(type, external)
    private
-   public :: exact_march, new_exact_march, parts_of_step, most_parts
+   public :: check_exact, exact_march, new_exact_march, parts_of_step
 
    integer, parameter :: most_parts = 4096   !! of a step; more are refused
 
@@ -40,18 +40,8 @@ contains
       type(exact_march), intent(out) :: marcher
       type(error_type), allocatable, intent(out) :: error
 
-      if (.not. dt > 0.0_wp) then
-         call raise(error, exit_bad_input, 'dt = '//to_text(dt)//': must be positive')
-      else if (.not. (tolerance > 0.0_wp .and. tolerance < 1.0_wp)) then
-         call raise(error, exit_bad_input, 'tolerance = '//to_text(tolerance)// &
-                    ': must be between 0 and 1')
-      else if (parts_of_step(structure, dt) > most_parts) then
-         call raise(error, exit_bad_input, 'dt = '//to_text(dt)//': a mass is too light, or '// &
-                    'its spring too stiff: dt must be at most '// &
-                    to_text(most_parts*dt/parts_of_step(structure, dt)))
-      end if
+      call check_exact(structure, dt, tolerance, error)
       if (allocated(error)) return
-
       marcher%structure = structure
       marcher%dt = dt
       marcher%tolerance = tolerance
@@ -59,7 +49,28 @@ contains
       ! in modes, each of m joints reads n modes three times and pushes them as often, at least
       if (6.0_wp*structure%n_joints*structure%n_dof < marcher%work_series) &
          call try_modes(marcher, error)
+      if (allocated(error) .or. allocated(marcher%base)) return
+      call raise(error, exit_bad_input, 'integration%dt = '//to_text(dt)//': must be at most '// &
+                 to_text(most_parts*dt/marcher%parts)//' with so stiff a joint or spring')
    end subroutine new_exact_march
+
+   !> Refuses what cannot be marched.
+   pure subroutine check_exact(structure, dt, tolerance, error)
+      type(structure_type), intent(in) :: structure
+      real(wp), intent(in) :: dt, tolerance
+      type(error_type), allocatable, intent(out) :: error
+
+      if (.not. dt > 0.0_wp) then
+         call raise(error, exit_bad_input, 'integration%dt = '//to_text(dt)//': must be positive')
+      else if (.not. (tolerance > 0.0_wp .and. tolerance < 1.0_wp)) then
+         call raise(error, exit_bad_input, 'integration%tolerance = '//to_text(tolerance)// &
+                    ': must be between 0 and 1')
+      else if (parts_of_step(structure, dt) > most_parts) then
+         call raise(error, exit_bad_input, 'integration%dt = '//to_text(dt)// &
+                    ': must be at most '//to_text(most_parts*dt/parts_of_step(structure, dt))// &
+                    ' with so light a mass or so stiff a spring')
+      end if
+   end subroutine check_exact
 
    !> Chooses power series.
    subroutine use_series(marcher)
@@ -74,7 +85,8 @@ contains
       call move_alloc(form, marcher%base)
    end subroutine use_series
 
-   !> Chooses modes if they need less work than power series.
+   !> Chooses modes if they need less work than power series; if they need too many parts, without
+   !> power series, `base` is left out.
    subroutine try_modes(marcher, error)
       type(exact_march), intent(inout) :: marcher
       type(error_type), allocatable, intent(out) :: error
@@ -83,9 +95,11 @@ contains
       allocate (form)
       call new_modal_form(marcher%structure, marcher%dt, marcher%tolerance, form, error)
       if (allocated(error)) return
-      marcher%work_modes = form%operators%n_parts*form%operators%work()
-      if (marcher%work_modes >= marcher%work_series) return
+      if (form%operators%n_parts <= most_parts) &
+         marcher%work_modes = form%operators%n_parts*form%operators%work()
+      if (marcher%work_modes >= marcher%work_series .and. allocated(marcher%base)) return
       marcher%parts = form%operators%n_parts
+      if (marcher%parts > most_parts) return
       marcher%form = 'modes'
       if (allocated(marcher%base)) deallocate (marcher%base)
       call move_alloc(form, marcher%base)

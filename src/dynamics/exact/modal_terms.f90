@@ -8,7 +8,6 @@ module dynamics_exact_modal_terms
 
    integer, parameter :: path_degree = 6   !! of the paths of joints
    integer, parameter :: n_markov = 3      !! terms of the answer of a joint to a slider
-   integer, parameter :: most_parts = 4096
    real(wp), parameter :: safety = 30.0_wp           !! of the estimate (M7)
    real(wp), parameter :: term_safety = 10.0_wp      !! of the estimates (M8)
    real(wp), parameter :: quintic_error = 2.7e-6_wp  !! max t^2 (t - 1/2)^2 (t - 1)^2/6!
@@ -29,7 +28,7 @@ contains
    !>
    !> A mode of rate rho = omega h leaves the polynomial through its values by 2.7e-6 rho^6 of its
    !> amplitude. The answers of joints to sliders, kappa = h^2 W' M^-1 W k, are cut off at
-   !> kappa^3/5040 of their velocity; the fit of their kernel gains 20.
+   !> kappa^3/5040 of their velocity; the fit of their kernel gains 20. Counts on to 2^30.
    pure integer function count_parts(joint_stiffness, gain, rate, dt, tolerance) result(n_parts)
       real(wp), intent(in) :: joint_stiffness(:), gain(:, :)   !! k [N/m]; G (joint, mode)
       real(wp), intent(in) :: rate(:)                          !! omega dt (mode)
@@ -42,7 +41,7 @@ contains
       do
          error = maxval(share*min(rate/n_parts, quintic_error*(rate/n_parts)**6)) &
                  + (kappa/real(n_parts, wp)**2)**3/(20.0_wp*5040.0_wp)/n_parts
-         if (safety*error <= tolerance .or. n_parts == most_parts) return
+         if (safety*error <= tolerance .or. n_parts == 2**30) return
          n_parts = 2*n_parts
       end do
    end function count_parts

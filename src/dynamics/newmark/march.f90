@@ -14,7 +14,7 @@ module dynamics_newmark_march
    use structure_model, only: structure_type
    implicit none(type, external)
    private
-   public :: newmark_marcher, new_newmark
+   public :: check_newmark, longest_step, most_halvings, newmark_marcher, new_newmark
 
    integer, parameter :: most_halvings = 30   !! time is a number of smallest steps, in 64 bits
 
@@ -46,7 +46,7 @@ contains
       type(newmark_marcher), intent(out) :: marcher
       type(error_type), allocatable, intent(out) :: error
 
-      call check_parameters(structure, dt, max_halvings, beta, gamma, error)
+      call check_newmark(structure, dt, max_halvings, beta, gamma, error)
       if (allocated(error)) return
       marcher%structure = structure
       marcher%dt = dt
@@ -55,17 +55,26 @@ contains
       call new_newmark_steps(marcher%frame, dt, max_halvings, beta, gamma, marcher%steps, error)
    end subroutine new_newmark
 
-   !> Refuses what cannot be marched. The scheme is stable for every step if 2 beta >= gamma >= 1/2;
-   !> below, if omega dt <= 1/sqrt(gamma/2 - beta) for the fastest mode, that of all joints stuck.
-   pure subroutine check_parameters(structure, dt, max_halvings, beta, gamma, error)
+   !> Longest stable step of the scheme [s]: any if 2 beta >= gamma >= 1/2; below, no mode grows,
+   !> whatever its damping, if omega dt <= 1/sqrt(gamma/2 - beta) for the fastest, with all joints
+   !> stuck (Newmark's linear stability bound).
+   pure real(wp) function longest_step(structure, beta, gamma)
+      type(structure_type), intent(in) :: structure
+      real(wp), intent(in) :: beta, gamma
+      real(wp), parameter :: two_pi = 8.0_wp*atan(1.0_wp)
+
+      longest_step = huge(1.0_wp)
+      if (beta < gamma/2) longest_step = &
+         1.0_wp/(sqrt(gamma/2 - beta)*two_pi*maxval(structure%frequencies_stuck))
+   end function longest_step
+
+   !> Refuses what cannot be marched.
+   pure subroutine check_newmark(structure, dt, max_halvings, beta, gamma, error)
       type(structure_type), intent(in) :: structure
       real(wp), intent(in) :: dt, beta, gamma
       integer, intent(in) :: max_halvings
       type(error_type), allocatable, intent(out) :: error
-      real(wp), parameter :: two_pi = 8.0_wp*atan(1.0_wp)
-      real(wp) :: rate
 
-      rate = two_pi*maxval(structure%frequencies_stuck)
       if (.not. dt > 0.0_wp) then
          call raise(error, exit_bad_input, 'integration%dt = '//to_text(dt)//': must be positive')
       else if (max_halvings < 0 .or. max_halvings > most_halvings) then
@@ -77,12 +86,12 @@ contains
       else if (.not. beta >= 0.0_wp) then
          call raise(error, exit_bad_input, 'integration%beta = '//to_text(beta)// &
                     ': must not be negative')
-      else if ((rate*dt)**2*(0.5_wp*gamma - beta) > 1.0_wp) then
+      else if (dt > longest_step(structure, beta, gamma)) then
          call raise(error, exit_bad_input, 'integration%beta = '//to_text(beta)// &
-                    ': with this gamma and dt must be at least '// &
-                    to_text(0.5_wp*gamma - 1.0_wp/(rate*dt)**2)//' to be stable')
+                    ': must be at least gamma/2, or dt at most '// &
+                    to_text(longest_step(structure, beta, gamma))//' s: the scheme would diverge')
       end if
-   end subroutine check_parameters
+   end subroutine check_newmark
 
    subroutine advance(self, state, force, every, displacement, velocity, error)
       class(newmark_marcher), intent(inout) :: self
