@@ -5,9 +5,9 @@
 
 Ranks claim blocks of samples from a counter in the root's memory, one atomic operation each: one
 block, or beyond 64 ranks a share of those left, and keep every claim as a shard. In the merge the
-ranks share out the spectra by ranges of frequencies and groups of samples, which they read twice
-where there are several groups; beside that the root reads what is small of every sample, makes the
-statistics of the joints and writes the file. Costs are CPU time here and now; a shared file system
+ranks share out the spectra by ranges of frequencies and groups of samples, and the joints by groups
+of samples; they read both twice where there are several groups. Beside that the root reads what is
+small of every sample and writes it. Costs are CPU time here and now; a shared file system
 adds its own, and those of a claim are given. Needs only Python.
 """
 
@@ -85,11 +85,12 @@ def merge(cost: Costs, n_ranks: int, n_samples: int, n_shards: int) -> tuple[flo
     parts = groups * -(-N_FREQUENCIES // N_BAND)
     part = passes * n_shards / groups * cost.shard("read_band", blocks)
     part += share * (cost.of["spectra_part"] + (passes - 1) * cost.of["selection_part"])
-    spectra = -(-parts // n_ranks) * part
-    joints = n_shards * passes * cost.shard("read_samples", blocks)
-    joints += n_shards * cost.shard("read_band", blocks)  # the slip series, not larger
-    joints += groups * share * (passes * cost.of["joints_group"] + cost.of["spans_group"])
-    beside = max(joints, spectra) if n_ranks > groups else joints / n_ranks + spectra
+    each = n_shards / groups * cost.shard("read_samples", blocks)
+    joints = passes * each + share * (cost.of["joints_group"] + cost.of["spans_group"])
+    joints += n_shards / groups * cost.shard("read_band", blocks)  # the slip series, not larger
+    joints += (passes - 1) * share * cost.of["joints_selection"]
+    root = groups * each
+    beside = max(root, -(-(parts + groups) // n_ranks) * max(part, joints))
     verified = -(-n_shards // n_ranks) * cost.shard("verify_shard", blocks)
     # read, written, and read back with its checksum
     copied = n_shards * (2 * cost.shard("verify_shard", blocks) + cost.shard("write_shard", blocks))

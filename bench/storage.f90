@@ -5,7 +5,7 @@ program storage
    use campaign_joint_statistics, only: joint_collector, start_joints
    use campaign_results, only: block_result
    use campaign_selection, only: selection_type
-   use campaign_time_average, only: span_collector
+   use campaign_time_average, only: span_collector, start_spans
    use core_error, only: error_type
    use core_kinds, only: long, wp
    use io_gathering, only: read_band, read_samples
@@ -103,11 +103,7 @@ contains
       call cpu_time(began)
       call bands%add(1, 1, 1, psd(:, :, :bands%group_first(2) - 1))
       call tell('spectra_part', began, 1)
-      do i = 1, size(percentiles)   ! as if all groups were like this one
-         bands%at_frequency(:, :, i) = percentiles(i)/100
-         bands%at_frequency(:, :, size(percentiles) + i) = percentiles(i)/100 - 4.0e-4_wp
-         bands%at_frequency(:, :, 2*size(percentiles) + i) = percentiles(i)/100 + 4.0e-4_wp
-      end do
+      call repeat_group(bands)
       call cpu_time(began)
       call bands%open_selection(1, n_band, selection)
       do f = 1, n_band
@@ -118,27 +114,48 @@ contains
       call tell('selection_part', began, 1)
    end subroutine measure_spectra
 
-   !> The joints of a group: three quantities, and the slip series.
+   !> The joints of a group: three quantities, their percentiles of all samples, the slip series.
    subroutine measure_joints()
       type(joint_collector) :: joints
+      type(selection_type) :: selection
       type(span_collector) :: spans
       real(wp), allocatable :: values(:, :), series(:, :, :)
       real(wp) :: began
       integer :: i
 
-      allocate (values(n_dof, 16000), series(n_dof, n_spans, 16000))
+      allocate (values(3*n_dof, 16000), series(n_dof, n_spans, 16000))
       call random_number(values)
       call random_number(series)
-      call start_joints(1000000, n_dof, percentiles, 1_long, joints)
+      call start_joints(1000000, 3*n_dof, percentiles, 1_long, joints)
       call cpu_time(began)
-      do i = 1, 3
-         call joints%add(1, values)
-      end do
+      call joints%add(1, values)
       call tell('joints_group', began, 1)
+      call repeat_group(joints%percentiles)
       call cpu_time(began)
-      call spans%add(series, values)
+      call joints%percentiles%open_selection(1, 1, selection)
+      do i = 1, size(values, 1)
+         call selection%add(i, values(i, :))
+      end do
+      call tell('joints_selection', began, 1)
+      call cpu_time(began)
+      call start_spans(n_spans, n_dof, 1, spans)
+      call spans%add(1, series)
       call tell('spans_group', began, 1)
    end subroutine measure_joints
+
+   !> The percentiles of uniform numbers, as if all groups were like the first.
+   subroutine repeat_group(bands)
+      type(band_collector), intent(inout) :: bands
+      integer :: i
+
+      associate (at => bands%at_frequency, n => size(percentiles))
+         do i = 1, n
+            at(:, :, i) = percentiles(i)/100
+            at(:, :, n + i) = percentiles(i)/100 - 4.0e-4_wp
+            at(:, :, 2*n + i) = percentiles(i)/100 + 4.0e-4_wp
+         end do
+      end associate
+   end subroutine repeat_group
 
    !> Milliseconds of one of n times of some work.
    subroutine tell(work, began, n)

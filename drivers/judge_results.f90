@@ -14,7 +14,7 @@ module driver_judge_results
    use driver_output, only: output_type
    use driver_regression, only: find_estimates
    use driver_shards, only: share_list
-   use driver_statistics, only: find_slip_statistics
+   use driver_statistics, only: case_task, open_case
    use io_error_results, only: case_errors, read_errors
    use io_gathering, only: shards_of
    use io_shards, only: list_shards, shard_type
@@ -212,21 +212,19 @@ contains
       type(error_type), allocatable, intent(out) :: error
       type(shard_type), allocatable :: shards(:)
       type(case_statistics) :: statistics(size(plan%cases))
+      type(case_task) :: task
       integer :: i
 
-      allocate (shards(0))
-      if (world%is_root()) then
-         call list_shards(output%store, shards, error)
-         do i = 1, size(plan%cases)
-            if (allocated(error)) exit
-            if (plan%cases(i)%audits > 0 .or. plan%cases(i)%process == 0) cycle
-            call find_slip_statistics(plan, i, output%store, &
-                                      shards_of(shards, i, plan%cases(i)%n_samples), &
-                                      statistics(i), error)
-         end do
-      end if
+      if (world%is_root()) call list_shards(output%store, shards, error)
       if (world%any_true(allocated(error))) return
       call share_list(world, output%store, shards)
+      do i = 1, size(plan%cases)
+         if (plan%cases(i)%audits > 0 .or. plan%cases(i)%process == 0) cycle
+         call open_case(world, plan, i, shards_of(shards, i, plan%cases(i)%n_samples), task)
+         call task%take_parts(output%store, error)
+         call task%close(world, plan, output%store, statistics(i), error)
+         if (world%any_true(allocated(error))) return
+      end do
       call find_estimates(world, plan, models, output%store, shards, [real(wp) ::], statistics, &
                           estimates, error)
    end subroutine estimate_slip

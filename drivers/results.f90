@@ -16,7 +16,7 @@ module driver_results
    use driver_provenance, only: provenance_of
    use driver_regression, only: find_estimates
    use driver_shards, only: share_list, verify_shards
-   use driver_statistics, only: find_slip_statistics, open_spectra, spectra_task
+   use driver_statistics, only: case_task, open_case, write_short
    use io_case_results, only: begin_case, finish_case
    use io_case_statistics, only: write_estimates
    use io_gathering, only: shards_of
@@ -77,9 +77,9 @@ contains
       end do
    end subroutine write_processes
 
-   !> The chain, then case by case. While the root writes the long data of a case and begins the
-   !> next one, the other ranks are at the spectra of that. Then the best estimates of all cases,
-   !> which use samples of several. Collective.
+   !> The chain, then case by case. While the root writes the long data of a case and the small data
+   !> of the next one, the other ranks are at the statistics of that. Then the best estimates of all
+   !> cases, which use samples of several. Collective.
    subroutine write_cases(world, plan, models, runner, output, writer, error)
       type(world_type), intent(in) :: world
       type(plan_type), intent(in) :: plan
@@ -89,7 +89,7 @@ contains
       type(results_writer), intent(in) :: writer
       type(error_type), allocatable, intent(out) :: error
       type(shard_type), allocatable :: shards(:)
-      type(spectra_task) :: tasks(0:1)   ! in turn
+      type(case_task) :: tasks(0:1)   ! in turn
       type(case_statistics) :: statistics(size(plan%cases))
       type(case_estimates) :: estimates(size(plan%cases))
       type(group_type) :: groups(size(plan%cases))
@@ -112,10 +112,9 @@ contains
       do k = 1, size(numbers)
          associate (task => tasks(modulo(k, 2)), number => numbers(k))
             if (world%is_root() .and. .not. allocated(error)) &
-               call begin(plan, task, runner, output%store, writer, groups(number), &
-                          statistics(number), error)
+               call begin(plan, task, runner, output%store, writer, groups(number), error)
             call task%take_parts(output%store, error)
-            call task%close(world, output%store, statistics(number), error)
+            call task%close(world, plan, output%store, statistics(number), error)
             if (world%any_true(allocated(error))) return
             if (k < size(numbers)) call open_task(k + 1)
             if (world%is_root()) call finish(plan, task, runner, output%store, shards, writer, &
@@ -138,9 +137,9 @@ contains
          integer, intent(in) :: place
 
          associate (number => numbers(place))
-            call open_spectra(world, plan, number, runner%layout, &
-                              shards_of(shards, number, plan%cases(number)%n_samples), &
-                              tasks(modulo(place, 2)))
+            call open_case(world, plan, number, &
+                           shards_of(shards, number, plan%cases(number)%n_samples), &
+                           tasks(modulo(place, 2)), runner%layout)
          end associate
       end subroutine open_task
 
@@ -156,15 +155,14 @@ contains
       if (plan%output%spectrum) frequency = runner%layout%frequency
    end function kept_frequencies
 
-   !> One case up to its spectra: its group, its samples' small data, and their statistics.
-   subroutine begin(plan, task, runner, store, writer, group, statistics, error)
+   !> One case up to its spectra: its group, and its samples' small data.
+   subroutine begin(plan, task, runner, store, writer, group, error)
       type(plan_type), intent(in) :: plan
-      type(spectra_task), intent(in) :: task
+      type(case_task), intent(in) :: task
       type(runner_type), intent(in) :: runner
       type(shard_store), intent(in) :: store
       type(results_writer), intent(in) :: writer
       type(group_type), intent(out) :: group
-      type(case_statistics), intent(out) :: statistics
       type(error_type), allocatable, intent(out) :: error
       real(wp), allocatable :: folded_share(:)   ! (dof)
       real(wp), allocatable :: force(:, :)       ! (0:n_steps, 1 or sample) [N], with histories
@@ -179,14 +177,14 @@ contains
          folded_share = [real(wp) ::]
          if (plan%output%spectrum) folded_share = runner%folded_share(:, number)
          call begin_case(writer, plan, number, runner%layout, folded_share, group, force)
-         call find_slip_statistics(plan, number, store, task%shards, statistics, error, group)
+         call write_short(plan, task, store, group, error)
       end associate
    end subroutine begin
 
    !> The rest of a case's samples: their long data, and their audit.
    subroutine finish(plan, task, runner, store, shards, writer, group, error)
       type(plan_type), intent(in) :: plan
-      type(spectra_task), intent(in) :: task
+      type(case_task), intent(in) :: task
       type(runner_type), intent(in) :: runner
       type(shard_store), intent(in) :: store
       type(shard_type), intent(in) :: shards(:)   !! of all cases

@@ -5,7 +5,7 @@ module driver_statistics
    use campaign_plan, only: kept_dofs, plan_type
    use campaign_results, only: block_result, case_statistics, spectrum_layout
    use campaign_selection, only: selection_type
-   use campaign_time_average, only: count_spans, fewest_spans, span_collector
+   use campaign_time_average, only: count_spans, fewest_spans, span_collector, start_spans
    use core_chunks, only: frequencies_together
    use core_error, only: error_type
    use core_kinds, only: long, wp
@@ -19,42 +19,60 @@ module driver_statistics
    use parallel_world, only: attend_to_others, world_type
    implicit none(type, external)
    private
-   public :: find_slip_statistics, spectra_task, open_spectra
+   public :: case_task, open_case, write_short
 
    integer, parameter :: most_parts = 32   !! of the frequencies, shared out over the ranks
 
-   !> The statistics of one case's spectra in the making: `open_spectra`, then every rank takes
-   !> parts when it has time, then `close`. A part of the work is a range of frequencies of a group
-   !> of samples.
-   type :: spectra_task
+   !> The statistics of one case in the making: `open_case`, then every rank takes parts when it has
+   !> time, then `close`. A part of the work is a range of frequencies of a group of samples, or the
+   !> joints of a group.
+   type :: case_task
       integer :: number = 0                      !! of the case
       type(shard_type), allocatable :: shards(:)
       logical, private :: has_bands = .false.
+      logical, private :: has_numbers = .false.   !! of the joints
+      logical, private :: has_spans = .false.
       integer, private :: width = 0              !! frequencies of a part
       integer, private :: n_parts = 0            !! of all frequencies
       type(band_collector), private :: bands
+      type(joint_collector), private :: numbers  !! as numbers_of has them
+      type(span_collector), private :: spans
       type(work_counter), private :: counter
    contains
       procedure :: take_parts
-      procedure :: close => close_spectra
-   end type spectra_task
+      procedure :: close => close_case
+   end type case_task
 
 contains
 
-   !> Shares out the spectra of a case in parts; collective.
-   subroutine open_spectra(world, plan, number, layout, shards, task)
+   !> Shares out the work on a case; collective.
+   subroutine open_case(world, plan, number, shards, task, layout)
       type(world_type), intent(in) :: world
       type(plan_type), intent(in) :: plan
       integer, intent(in) :: number
-      type(spectrum_layout), intent(in) :: layout
       type(shard_type), intent(in) :: shards(:)   !! of the case, as shards_of has them
-      type(spectra_task), intent(out) :: task
-      integer :: n_dof, n_samples
+      type(case_task), intent(out) :: task
+      type(spectrum_layout), intent(in), optional :: layout   !! absent: without spectra
+      integer :: n_dof, n_groups, n_samples
 
       task%number = number
       task%shards = shards
       n_samples = plan%cases(number)%n_samples
-      task%has_bands = plan%output%spectrum .and. n_samples > 1
+      task%has_numbers = n_samples > 1
+      task%has_spans = task%has_numbers .and. plan%output%slip .and. &
+                       count_spans(plan%integration) >= fewest_spans
+      task%has_bands = present(layout) .and. plan%output%spectrum .and. n_samples > 1
+      n_groups = 0
+      if (task%has_numbers) then
+         associate (structure => plan%structure)
+            call start_joints(n_samples, 3*structure%n_joints + merge(structure%n_dof, 0, &
+                                                                 plan%excitation%kind == 'sine'), &
+                              plan%output%percentiles, plan%seed, task%numbers)
+            n_groups = task%numbers%percentiles%n_groups()
+            call start_spans(count_spans(plan%integration), structure%n_joints, n_groups, &
+                             task%spans)
+         end associate
+      end if
       if (task%has_bands) then
          n_dof = size(kept_dofs(plan))
          associate (n => size(layout%frequency))
@@ -64,15 +82,13 @@ contains
          end associate
          call start_bands(n_samples, n_dof, layout%frequency, plan%output%percentiles, plan%seed, &
                           task%n_parts, task%bands, layout%follows_power)
-         call new_counter(world, int(task%n_parts, long)*task%bands%n_groups(), task%counter)
-      else
-         call new_counter(world, 0_long, task%counter)
       end if
-   end subroutine open_spectra
+      call new_counter(world, (task%n_parts + 1_long)*n_groups, task%counter)
+   end subroutine open_case
 
    !> Parts until none is left; an error keeps all ranks from going on.
    subroutine take_parts(self, store, error)
-      class(spectra_task), intent(inout) :: self
+      class(case_task), intent(inout) :: self
       type(shard_store), intent(in) :: store
       type(error_type), allocatable, intent(inout) :: error
       integer :: group, item, part
@@ -81,24 +97,33 @@ contains
          if (allocated(error)) call self%counter%request_stop()
          item = int(self%counter%next())
          if (item == 0) exit
-         part = modulo(item - 1, self%n_parts) + 1
-         group = (item - 1)/self%n_parts + 1
-         call add_part(self%number, store, self%shards, part, (part - 1)*self%width + 1, &
-                       min(part*self%width, size(self%bands%at_frequency, 2)), group, self%bands, &
-                       error)
+         part = modulo(item - 1, self%n_parts + 1) + 1
+         group = (item - 1)/(self%n_parts + 1) + 1
+         if (part > self%n_parts) then
+            call add_joints(self, store, group, error)
+         else
+            call add_part(self%number, store, self%shards, part, (part - 1)*self%width + 1, &
+                          min(part*self%width, size(self%bands%at_frequency, 2)), group, &
+                          self%bands, error)
+         end if
       end do
    end subroutine take_parts
 
    !> Hands the root what all ranks have found. Collective.
-   subroutine close_spectra(self, world, store, statistics, error)
-      class(spectra_task), intent(inout) :: self
+   subroutine close_case(self, world, plan, store, statistics, error)
+      class(case_task), intent(inout) :: self
       type(world_type), intent(in) :: world
+      type(plan_type), intent(in) :: plan
       type(shard_store), intent(in) :: store
       type(case_statistics), intent(inout) :: statistics
       type(error_type), allocatable, intent(inout) :: error
 
       call self%counter%close()
-      if (world%any_true(allocated(error)) .or. .not. self%has_bands) return
+      if (world%any_true(allocated(error)) .or. .not. self%has_numbers) return
+      call join_joints(self, world, store, error)
+      if (world%any_true(allocated(error))) return
+      if (world%is_root()) call finish_joints(self, plan, statistics)
+      if (.not. self%has_bands) return
       associate (bands => self%bands)
          call world%add_up(size(bands%at_frequency), bands%at_frequency)
          call world%add_up(size(bands%moments), bands%moments)
@@ -109,19 +134,18 @@ contains
          if (bands%has_selection()) call select_percentiles(self, world, store, error)
          if (world%is_root() .and. .not. allocated(error)) call bands%finish(statistics)
       end associate
-   end subroutine close_spectra
+   end subroutine close_case
 
    !> The percentiles of all samples, as many ranges of frequencies at once as keep all ranks busy.
    !> Collective.
    subroutine select_percentiles(self, world, store, error)
-      class(spectra_task), intent(inout) :: self
+      class(case_task), intent(inout) :: self
       type(world_type), intent(in) :: world
       type(shard_store), intent(in) :: store
       type(error_type), allocatable, intent(out) :: error
       type(selection_type) :: selection
-      real(wp), allocatable :: counts(:, :, :)
       integer :: first, last, n_dof, n_frequencies, together
-      logical :: all_met
+      logical :: is_done
 
       n_dof = size(self%bands%at_frequency, 1)
       n_frequencies = size(self%bands%at_frequency, 2)
@@ -129,26 +153,37 @@ contains
       do first = 1, n_frequencies, together*(1 + world%n_ranks/self%bands%n_groups())
          last = min(first + together*(1 + world%n_ranks/self%bands%n_groups()) - 1, n_frequencies)
          call self%bands%open_selection(first, last, selection)
-         all_met = .false.
-         do while (.not. all_met)
+         is_done = .false.
+         do while (.not. is_done)
             call select_from(self, world, store, first, last, selection, error)
             if (world%any_true(allocated(error))) return
-            counts = selection%count_values()
-            call world%add_up(size(counts), counts)
-            call selection%check(counts, all_met)
-         end do
-         do while (.not. selection%is_done())
-            counts = selection%count_to_middle()
-            call world%add_up(size(counts), counts)
-            call selection%halve(counts)
+            call select_together(world, selection, is_done)
          end do
          call self%bands%take_selection(first, last, selection)
       end do
    end subroutine select_percentiles
 
+   !> The order statistics, unless all values have to be added once more. Collective.
+   subroutine select_together(world, selection, is_done)
+      type(world_type), intent(in) :: world
+      type(selection_type), intent(inout) :: selection
+      logical, intent(out) :: is_done
+      real(wp), allocatable :: counts(:, :, :)
+
+      counts = selection%count_values()
+      call world%add_up(size(counts), counts)
+      call selection%check(counts, is_done)
+      if (.not. is_done) return
+      do while (.not. selection%is_done())
+         counts = selection%count_to_middle()
+         call world%add_up(size(counts), counts)
+         call selection%halve(counts)
+      end do
+   end subroutine select_together
+
    !> Adds the spectra of all samples at frequencies first..last to a selection. Collective.
    subroutine select_from(self, world, store, first, last, selection, error)
-      class(spectra_task), intent(in) :: self
+      class(case_task), intent(in) :: self
       type(world_type), intent(in) :: world
       type(shard_store), intent(in) :: store
       integer, intent(in) :: first, last
@@ -185,142 +220,149 @@ contains
       call counter%close()
    end subroutine select_from
 
-   !> Statistics of the joints of one case, from its samples group by group. Writes the samples'
-   !> small data on the way, where there is a group of a results file.
-   subroutine find_slip_statistics(plan, number, store, shards, statistics, error, group)
-      type(plan_type), intent(in) :: plan
-      integer, intent(in) :: number
+   !> The joints of a group of samples, and their slip series.
+   subroutine add_joints(self, store, group, error)
+      class(case_task), intent(inout) :: self
       type(shard_store), intent(in) :: store
-      type(shard_type), intent(in) :: shards(:)   !! of the case, as shards_of has them
-      type(case_statistics), intent(inout) :: statistics
+      integer, intent(in) :: group
       type(error_type), allocatable, intent(out) :: error
-      type(group_type), intent(inout), optional :: group
       type(block_result) :: samples
-      type(joint_collector), allocatable :: numbers(:)   ! as numbers_of has them
-      type(span_collector) :: spans
-      integer, allocatable :: first(:)
-      integer :: g, i
-      logical :: has_series, is_done
+      real(wp), allocatable :: series(:, :, :)   ! (joint, span, sample)
+      integer :: i, last
 
-      has_series = plan%output%slip .and. count_spans(plan%integration) >= fewest_spans
-      first = sample_groups(plan%cases(number)%n_samples)
-      call start_numbers(plan, number, numbers)
-      do g = 1, size(first) - 1
-         call attend_to_others()
-         call read_samples(store, shards, number, first(g), first(g + 1) - 1, samples, error)
+      call attend_to_others()
+      associate (first => self%numbers%percentiles%group_first(group:group + 1))
+         last = first(2) - 1
+         call read_samples(store, self%shards, self%number, first(1), last, samples, error)
          if (allocated(error)) return
-         do i = 1, size(numbers)
-            call numbers(i)%add(g, numbers_of(samples, i))
+         call self%numbers%add(group, numbers_of(samples))
+         if (.not. self%has_spans) return
+         do i = 1, size(self%shards)
+            associate (shard => self%shards(i))
+               if (shard%first_sample > last) exit
+               if (shard%first_sample + shard%n_samples <= first(1)) cycle
+               call read_slip_series(shard, first(1), last, series, error)
+            end associate
+            if (allocated(error)) return
+            call self%spans%add(group, series)
          end do
-         if (has_series) call take_series(shards, samples, spans, error)
-         if (allocated(error)) return
-         if (present(group)) call put_short(group, plan, samples)
-      end do
-      if (size(numbers) == 0) return
-      is_done = size(first) == 2
-      if (.not. is_done) then
-         do i = 1, size(numbers)
-            call numbers(i)%start_selection()
-         end do
-      end if
-      do while (.not. is_done)
-         call select_numbers(number, store, shards, first, numbers, is_done, error)
-         if (allocated(error)) return
-      end do
-      statistics%n_samples = plan%cases(number)%n_samples
-      call numbers(1)%finish(statistics%slip)
-      call numbers(2)%finish(statistics%slip_distance)
-      call numbers(3)%finish(statistics%dissipation)
-      if (size(numbers) > 3) call numbers(4)%finish(statistics%harmonic_amplitude)
-      if (.not. has_series) return
-      call spans%finish(statistics)
-      if (plan%excitation%per_sample) statistics%slip_mean_time_error = 0.0_wp   ! samples lower it
-   end subroutine find_slip_statistics
+      end associate
+   end subroutine add_joints
 
-   !> Collectors of a case; none of a single sample.
-   subroutine start_numbers(plan, number, numbers)
-      type(plan_type), intent(in) :: plan
-      integer, intent(in) :: number
-      type(joint_collector), allocatable, intent(out) :: numbers(:)
-      integer :: i, n
-
-      n = 0
-      if (plan%cases(number)%n_samples > 1) n = merge(4, 3, plan%excitation%kind == 'sine')
-      allocate (numbers(n))
-      do i = 1, n
-         call start_joints(plan%cases(number)%n_samples, &
-                           merge(plan%structure%n_dof, plan%structure%n_joints, i == 4), &
-                           plan%output%percentiles, plan%seed, numbers(i))
-      end do
-   end subroutine start_numbers
-
-   !> Slip fractions, slip distances and dissipations of the joints, or amplitudes of the dofs.
-   pure function numbers_of(samples, quantity) result(values)
+   !> Slip fractions, slip distances and dissipations of the joints, and amplitudes of the dofs.
+   pure function numbers_of(samples) result(values)
       type(block_result), intent(in) :: samples
-      integer, intent(in) :: quantity
-      real(wp), allocatable :: values(:, :)   !! (joint or dof, sample)
+      real(wp), allocatable :: values(:, :)   !! (number, sample)
 
-      select case (quantity)
-      case (1)
-         values = samples%slip_fraction
-      case (2)
-         values = samples%slip_distance
-      case (3)
-         values = samples%dissipation
-      case (4)
-         values = samples%harmonic_amplitude
-      end select
+      associate (n => size(samples%slip_fraction, 1))
+         if (allocated(samples%harmonic_amplitude)) then
+            allocate (values(3*n + size(samples%harmonic_amplitude, 1), samples%n_samples))
+            values(3*n + 1:, :) = samples%harmonic_amplitude
+         else
+            allocate (values(3*n, samples%n_samples))
+         end if
+         values(:n, :) = samples%slip_fraction
+         values(n + 1:2*n, :) = samples%slip_distance
+         values(2*n + 1:3*n, :) = samples%dissipation
+      end associate
    end function numbers_of
 
-   !> Shows all samples to the collectors once more, which select their percentiles.
-   subroutine select_numbers(number, store, shards, first, numbers, is_done, error)
-      integer, intent(in) :: number
+   !> Joins what all ranks have of the joints; finds the percentiles of all samples. Collective.
+   subroutine join_joints(self, world, store, error)
+      class(case_task), intent(inout) :: self
+      type(world_type), intent(in) :: world
       type(shard_store), intent(in) :: store
-      type(shard_type), intent(in) :: shards(:)
-      integer, intent(in) :: first(:)   !! samples of the groups
-      type(joint_collector), intent(inout) :: numbers(:)
-      logical, intent(out) :: is_done   !! else they want to see them again
       type(error_type), allocatable, intent(out) :: error
-      type(block_result) :: samples
-      integer :: g, i
-      logical :: has_all
+      type(selection_type) :: selection
+      logical :: is_done
 
-      is_done = .true.
-      do g = 1, size(first) - 1
+      associate (numbers => self%numbers, at => self%numbers%percentiles%at_frequency)
+         call world%add_up(size(numbers%sums), numbers%sums)
+         call world%add_up(size(at), at)
+         call world%add_up(size(self%spans%common), self%spans%common)
+         call world%add_up(size(self%spans%autocovariance), self%spans%autocovariance)
+         if (.not. numbers%percentiles%has_selection()) return
+         call numbers%percentiles%open_selection(1, 1, selection)
+         is_done = .false.
+         do while (.not. is_done)
+            call select_joints(self, world, store, selection, error)
+            if (world%any_true(allocated(error))) return
+            call select_together(world, selection, is_done)
+         end do
+         call numbers%percentiles%take_selection(1, 1, selection)
+      end associate
+   end subroutine join_joints
+
+   !> Adds the joints' numbers of all samples to a selection. Collective.
+   subroutine select_joints(self, world, store, selection, error)
+      class(case_task), intent(in) :: self
+      type(world_type), intent(in) :: world
+      type(shard_store), intent(in) :: store
+      type(selection_type), intent(inout) :: selection
+      type(error_type), allocatable, intent(out) :: error
+      type(work_counter) :: counter
+      type(block_result) :: samples
+      real(wp), allocatable :: values(:, :)   ! (number, sample)
+      integer :: group, i
+
+      call new_counter(world, int(self%numbers%percentiles%n_groups(), long), counter)
+      do
+         if (allocated(error)) call counter%request_stop()
+         group = int(counter%next())
+         if (group == 0) exit
          call attend_to_others()
-         call read_samples(store, shards, number, first(g), first(g + 1) - 1, samples, error)
-         if (allocated(error)) return
-         do i = 1, size(numbers)
-            call numbers(i)%select_again(numbers_of(samples, i))
+         associate (first => self%numbers%percentiles%group_first(group:group + 1))
+            call read_samples(store, self%shards, self%number, first(1), first(2) - 1, samples, &
+                              error)
+         end associate
+         if (allocated(error)) cycle
+         values = numbers_of(samples)
+         do i = 1, size(values, 1)
+            call selection%add(i, values(i, :))
          end do
       end do
-      do i = 1, size(numbers)
-         call numbers(i)%take_selected(has_all)
-         is_done = is_done .and. has_all
-      end do
-   end subroutine select_numbers
+      call counter%close()
+   end subroutine select_joints
 
-   !> The slip series of some samples, shard by shard, and the errors they tell.
-   subroutine take_series(shards, samples, spans, error)
-      type(shard_type), intent(in) :: shards(:)
-      type(block_result), intent(inout) :: samples   !! slip_fraction_error is found
-      type(span_collector), intent(inout) :: spans
+   subroutine finish_joints(self, plan, statistics)
+      class(case_task), intent(in) :: self
+      type(plan_type), intent(in) :: plan
+      type(case_statistics), intent(inout) :: statistics
+
+      statistics%n_samples = plan%cases(self%number)%n_samples
+      associate (n => plan%structure%n_joints)
+         call self%numbers%finish(1, n, statistics%slip)
+         call self%numbers%finish(n + 1, 2*n, statistics%slip_distance)
+         call self%numbers%finish(2*n + 1, 3*n, statistics%dissipation)
+         if (plan%excitation%kind == 'sine') &
+            call self%numbers%finish(3*n + 1, 3*n + plan%structure%n_dof, &
+                                     statistics%harmonic_amplitude)
+      end associate
+      if (.not. self%has_spans) return
+      call self%spans%finish(statistics%n_samples, statistics)
+      if (plan%excitation%per_sample) statistics%slip_mean_time_error = 0.0_wp   ! samples lower it
+   end subroutine finish_joints
+
+   !> Writes the small data of a case's samples to its group of a results file.
+   subroutine write_short(plan, task, store, group, error)
+      type(plan_type), intent(in) :: plan
+      type(case_task), intent(in) :: task
+      type(shard_store), intent(in) :: store
+      type(group_type), intent(inout) :: group
       type(error_type), allocatable, intent(out) :: error
-      real(wp), allocatable :: series(:, :, :)   ! (dof, span, sample)
-      integer :: i, last, n
+      type(block_result) :: samples
+      integer, allocatable :: first(:)
+      integer :: g
 
-      n = 0
-      last = samples%first_sample + samples%n_samples - 1
-      samples%slip_fraction_error = 0.0_wp*samples%slip_fraction
-      do i = 1, size(shards)
-         if (shards(i)%first_sample > last) exit
-         if (shards(i)%first_sample + shards(i)%n_samples <= samples%first_sample) cycle
-         call read_slip_series(shards(i), samples%first_sample + n, last, series, error)
+      first = sample_groups(plan%cases(task%number)%n_samples)
+      do g = 1, size(first) - 1
+         call attend_to_others()
+         call read_samples(store, task%shards, task%number, first(g), first(g + 1) - 1, samples, &
+                           error)
          if (allocated(error)) return
-         call spans%add(series, samples%slip_fraction_error(:, n + 1:n + size(series, 3)))
-         n = n + size(series, 3)
+         call put_short(group, plan, samples)
       end do
-   end subroutine take_series
+   end subroutine write_short
 
    !> The spectra of a group of samples at frequencies first..last.
    subroutine add_part(number, store, shards, part, first, last, group, bands, error)

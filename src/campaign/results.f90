@@ -24,7 +24,7 @@ module campaign_results
       integer :: n_samples = 0
       real(wp), allocatable :: friction(:, :)            !! (joint, sample) mu
       real(wp), allocatable :: slip_fraction(:, :)       !! (joint, sample) of the time
-      real(wp), allocatable :: slip_fraction_error(:, :)   !! (joint, sample); found when merged
+      real(wp), allocatable :: slip_fraction_error(:, :)   !! (joint, sample) of a finite march
       real(wp), allocatable :: slip_series(:, :, :)      !! (joint, span, sample) of a span's time
       integer(long), allocatable :: slip_starts(:, :)    !! (joint, sample)
       integer(long), allocatable :: stick_starts(:, :)   !! (joint, sample)

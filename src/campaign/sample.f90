@@ -5,7 +5,7 @@ module campaign_sample
    use campaign_plan, only: kept_dofs, output_settings
    use campaign_results, only: block_result
    use campaign_runner, only: runner_type
-   use campaign_time_average, only: count_spans, end_of_span
+   use campaign_time_average, only: count_spans, end_of_span, errors_of_averages, fewest_spans
    use core_error, only: error_type
    use core_kinds, only: wp
    use dynamics_joint, only: close_account
@@ -301,6 +301,8 @@ contains
       associate (state => march%state, output => march%keeps, how => runner%plan%integration)
          duration = how%dt*(how%n_steps - how%n_discard)
          result%slip_fraction = state%slip_time/duration
+         if (output%slip .and. count_spans(how) >= fewest_spans) &
+            result%slip_fraction_error = errors_of_averages(result%slip_series)
          result%slip_starts = state%slip_starts
          result%stick_starts = state%stick_starts
          result%slip_distance = state%slip_distance

@@ -5,7 +5,8 @@
 !> a sample's slip fraction. What the samples of a case have in common (one record of the force for
 !> all) does not average out over samples and is the error of the mean; what each has of its own
 !> widens the spread. The autocovariance of all samples, averaged, is that of their mean series plus
-!> that of the deviations from it, so one pass over the samples tells both.
+!> that of the deviations from it, so one pass over the samples tells both. Groups of samples may be
+!> taken by different ranks: sums over the ranks of what a collector has make one that has all.
 module campaign_time_average
    use campaign_plan, only: integration_settings
    use campaign_results, only: case_statistics
@@ -13,7 +14,8 @@ module campaign_time_average
    use numerics_correlated, only: autocovariance_of, error_of_average
    implicit none(type, external)
    private
-   public :: count_spans, end_of_span, fewest_spans, span_collector, time_average_method
+   public :: count_spans, end_of_span, errors_of_averages, fewest_spans, span_collector, &
+             start_spans, time_average_method
 
    integer, parameter :: most_spans = 64      !! of a march
    integer, parameter :: shortest_span = 32   !! [step]
@@ -23,12 +25,10 @@ module campaign_time_average
                              'autocovariance of the slip fractions of equal spans, summed over '// &
                               'the initial monotone sequence (Geyer 1992)'
 
-   !> Takes the series of the samples of a case, in sample order.
+   !> Takes the series of the samples of a case, by groups.
    type :: span_collector
-      private
-      integer :: n_samples = 0
-      real(wp), allocatable :: common(:, :)           !! (span, dof) sum over samples
-      real(wp), allocatable :: autocovariance(:, :)   !! (lag, dof) sum over samples
+      real(wp), allocatable :: common(:, :, :)          !! (span, joint, group) sum over samples
+      real(wp), allocatable :: autocovariance(:, :, :)  !! (lag, joint, group) sum over samples
    contains
       procedure :: add
       procedure :: finish
@@ -56,46 +56,64 @@ contains
       end associate
    end function end_of_span
 
-   !> The next samples, and the errors of their slip fractions.
-   pure subroutine add(self, series, errors)
-      class(span_collector), intent(inout) :: self
-      real(wp), intent(in) :: series(:, :, :)   !! (dof, span, sample) slip fractions
-      real(wp), intent(out) :: errors(:, :)     !! (dof, sample)
-      real(wp) :: lags(size(series, 2)/2)
-      integer :: dof, i, n
+   !> Standard errors of slip fractions, for a march of finite length.
+   pure function errors_of_averages(series) result(errors)
+      real(wp), intent(in) :: series(:, :, :)   !! (joint, span, sample) slip fractions
+      real(wp) :: errors(size(series, 1), size(series, 3))
+      integer :: i, joint
 
-      n = size(series, 2)
-      if (.not. allocated(self%common)) then
-         allocate (self%common(n, size(series, 1)), source=0.0_wp)
-         allocate (self%autocovariance(n/2, size(series, 1)), source=0.0_wp)
-      end if
       do i = 1, size(series, 3)
-         do dof = 1, size(series, 1)
-            lags = autocovariance_of(series(dof, :, i))
-            errors(dof, i) = error_of_average(lags, n)
-            self%autocovariance(:, dof) = self%autocovariance(:, dof) + lags
-            self%common(:, dof) = self%common(:, dof) + series(dof, :, i)
+         do joint = 1, size(series, 1)
+            errors(joint, i) = error_of_average(autocovariance_of(series(joint, :, i)), &
+                                                size(series, 2))
          end do
       end do
-      self%n_samples = self%n_samples + size(series, 3)
+   end function errors_of_averages
+
+   !> Prepares a collector.
+   pure subroutine start_spans(n_spans, n_joints, n_groups, spans)
+      integer, intent(in) :: n_spans, n_joints, n_groups
+      type(span_collector), intent(out) :: spans
+
+      allocate (spans%common(n_spans, n_joints, n_groups), &
+                spans%autocovariance(n_spans/2, n_joints, n_groups), source=0.0_wp)
+   end subroutine start_spans
+
+   !> Takes the next samples of a group.
+   pure subroutine add(self, group, series)
+      class(span_collector), intent(inout) :: self
+      integer, intent(in) :: group
+      real(wp), intent(in) :: series(:, :, :)   !! (joint, span, sample) slip fractions
+      integer :: i, joint
+
+      do i = 1, size(series, 3)
+         do joint = 1, size(series, 1)
+            associate (lags => self%autocovariance(:, joint, group), &
+                       common => self%common(:, joint, group))
+               lags = lags + autocovariance_of(series(joint, :, i))
+               common = common + series(joint, :, i)
+            end associate
+         end do
+      end do
    end subroutine add
 
    !> After the last sample: the errors of the mean and of the spread over samples; needs two.
-   pure subroutine finish(self, statistics)
+   pure subroutine finish(self, n_samples, statistics)
       class(span_collector), intent(in) :: self
+      integer, intent(in) :: n_samples
       type(case_statistics), intent(inout) :: statistics
       real(wp) :: common(size(self%autocovariance, 1)), own(size(self%autocovariance, 1))
-      integer :: dof, n
+      integer :: joint, n
 
       n = size(self%common, 1)
       allocate (statistics%slip_mean_time_error(size(self%common, 2)), &
                 statistics%slip_std_time_part(size(self%common, 2)))
-      do dof = 1, size(self%common, 2)
-         common = autocovariance_of(self%common(:, dof)/self%n_samples)
-         own = (self%autocovariance(:, dof)/self%n_samples - common) &
-               *self%n_samples/(self%n_samples - 1.0_wp)
-         statistics%slip_mean_time_error(dof) = error_of_average(common, n)
-         statistics%slip_std_time_part(dof) = error_of_average(own, n)
+      do joint = 1, size(self%common, 2)
+         common = autocovariance_of(sum(self%common(:, joint, :), 2)/n_samples)
+         own = (sum(self%autocovariance(:, joint, :), 2)/n_samples - common) &
+               *n_samples/(n_samples - 1.0_wp)
+         statistics%slip_mean_time_error(joint) = error_of_average(common, n)
+         statistics%slip_std_time_part(joint) = error_of_average(own, n)
       end do
    end subroutine finish
 

@@ -3,7 +3,10 @@ module numerics_statistics
    use core_kinds, only: wp
    implicit none(type, external)
    private
-   public :: mean, standard_deviation, error_of_mean, error_of_deviation, moments_type
+   public :: mean, standard_deviation, error_of_mean, error_of_deviation, moments_type, n_sums, &
+             sums_of
+
+   integer, parameter :: n_sums = 5   !! of sums_of
 
    !> Sums for mean, scatter and their errors, of values that come in groups of any size.
    type :: moments_type
@@ -12,6 +15,7 @@ module numerics_statistics
       real(wp), private :: second = 0.0_wp, third = 0.0_wp, fourth = 0.0_wp   !! central, times n
    contains
       procedure :: add
+      procedure :: join
       procedure :: standard_deviation => deviation_of_moments
       procedure :: error_of_mean => mean_error_of_moments
       procedure :: error_of_deviation => deviation_error_of_moments
@@ -53,46 +57,54 @@ contains
       error = moments%error_of_deviation()
    end function error_of_deviation
 
-   !> Takes more values; sums of powers of deviations from two means join as Pebay (2008) has it.
+   !> Takes more values.
    pure subroutine add(self, values)
       class(moments_type), intent(inout) :: self
       real(wp), intent(in) :: values(:)   !! one or more
-      type(moments_type) :: ours, both
-      real(wp) :: a, b, d, n
 
-      ours%n = size(values)
-      ours%mean = mean(values)
-      ours%second = sum((values - ours%mean)**2)
-      ours%third = sum((values - ours%mean)**3)
-      ours%fourth = sum((values - ours%mean)**4)
-      a = self%n
-      b = ours%n
-      n = a + b
-      d = ours%mean - self%mean
-      both = ours
-      if (self%n > 0) then
-         both%n = self%n + ours%n
-         both%mean = self%mean + d*b/n
-         both%second = self%second + ours%second + d**2*a*b/n
-         both%third = self%third + ours%third + d**3*a*b*(a - b)/n**2 &
-                      + 3.0_wp*d/n*(a*ours%second - b*self%second)
-         both%fourth = self%fourth + ours%fourth + d**4*a*b*(a**2 - a*b + b**2)/n**3 &
-                       + 6.0_wp*(d/n)**2*(a**2*ours%second + b**2*self%second) &
-                       + 4.0_wp*d/n*(a*ours%third - b*self%third)
-      end if
-      call replace(self, both)
+      call self%join(sums_of(values))
    end subroutine add
 
-   pure subroutine replace(moments, by)
-      class(moments_type), intent(inout) :: moments
-      type(moments_type), intent(in) :: by
+   !> Number of values, their mean, and sums of deviations from it to the powers 2 to 4.
+   pure function sums_of(values) result(sums)
+      real(wp), intent(in) :: values(:)   !! one or more
+      real(wp) :: sums(n_sums)
 
-      moments%n = by%n
-      moments%mean = by%mean
-      moments%second = by%second
-      moments%third = by%third
-      moments%fourth = by%fourth
-   end subroutine replace
+      sums(1) = size(values)
+      sums(2) = mean(values)
+      sums(3) = sum((values - sums(2))**2)
+      sums(4) = sum((values - sums(2))**3)
+      sums(5) = sum((values - sums(2))**4)
+   end function sums_of
+
+   !> Takes the values that some sums are of; powers of deviations from two means join as Pebay
+   !> (2008) has it.
+   pure subroutine join(self, sums)
+      class(moments_type), intent(inout) :: self
+      real(wp), intent(in) :: sums(n_sums)   !! as sums_of has them
+      real(wp) :: a, b, d, n, second, third
+
+      a = self%n
+      b = sums(1)
+      n = a + b
+      if (self%n == 0) then
+         self%mean = sums(2)
+         self%second = sums(3)
+         self%third = sums(4)
+         self%fourth = sums(5)
+      else
+         d = sums(2) - self%mean
+         second = self%second
+         third = self%third
+         self%mean = self%mean + d*b/n
+         self%second = second + sums(3) + d**2*a*b/n
+         self%third = third + sums(4) + d**3*a*b*(a - b)/n**2 + 3.0_wp*d/n*(a*sums(3) - b*second)
+         self%fourth = self%fourth + sums(5) + d**4*a*b*(a**2 - a*b + b**2)/n**3 &
+                       + 6.0_wp*(d/n)**2*(a**2*sums(3) + b**2*second) &
+                       + 4.0_wp*d/n*(a*sums(4) - b*third)
+      end if
+      self%n = nint(n)
+   end subroutine join
 
    !> Needs two values, as do the errors below.
    elemental function deviation_of_moments(self) result(deviation)
