@@ -127,7 +127,8 @@ def test_a_process_of_another_scene_is_refused_by_name(campaign, output, interru
 
 def test_a_scene_without_solution_leaves_nothing_to_its_mended_form(campaign, output, tmp_path):
     scene = tmp_path / "scene.nml"
-    mended = scene.read_text()
+    fits = "correlation_length = 0.3, 1.0, 1.5 order = 1, 2, 3"
+    mended = scene.read_text().replace(fits, "correlation_length = 0.3, 1.0 order = 1")
     scene.write_text(mended.replace("std = 0.02, 0.05", "std = 0.02, 0.6 branch = 'nonnegative'"))
     code, _, errors = campaign(2).wait()
     assert code == NO_SOLUTION, errors

@@ -6,7 +6,7 @@ import subprocess
 
 import pytest
 
-from tests.conftest import ENVIRONMENT, ROOT
+from tests.conftest import ENVIRONMENT, INPUT_SCENES, ROOT, shortened
 from tests.program.terminal import said_on_a_terminal
 
 ESCAPE = "\x1b["
@@ -43,8 +43,16 @@ def test_help_fits_a_screen(entroslip):
     assert max(map(len, lines)) <= 80
 
 
-@pytest.mark.parametrize("scene", sorted(path.name for path in (ROOT / "input").glob("*.nml")))
-def test_check_keeps_to_80_columns(entroslip, scene):
-    done = entroslip("check", scene, cwd=ROOT / "input")
+def check_width(done):
     assert done.returncode == 0, done.stderr
     assert [line for line in done.stdout.splitlines() if len(line) > 80] == []
+
+
+@pytest.mark.parametrize("scene", INPUT_SCENES, ids=lambda scene: scene.stem)
+def test_check_keeps_to_80_columns(entroslip, scene):
+    check_width(entroslip("check", scene.name, *shortened(scene), cwd=scene.parent))
+
+
+def test_reasons_of_what_has_no_solution_keep_to_80_columns(entroslip):
+    refused = "--set process%order=1 --set process%std=1.5".split()
+    check_width(entroslip("check", ROOT / "input/extremes_process.nml", *refused))
