@@ -23,9 +23,10 @@ module statistics_estimates
       real(wp), allocatable :: value(:)          !! (output)
       real(wp), allocatable :: influence(:, :)   !! (sample, output)
       real(wp), allocatable :: bias(:)           !! (output) allowance, signed
-      !> (output) by how much the influences are too small where the samples lack a tail of the law
-      !> that the fit knows; absent: 1
-      real(wp), allocatable :: excess(:)
+      real(wp), allocatable :: kappa(:)          !! (output) influences are divided by kappa^(1/4)
+      !> (fit or plain sampling, output) by how much the influences are too small where the samples
+      !> lack a tail of the law that the fit knows; absent: 1
+      real(wp), allocatable :: excess(:, :)
       !> (down or up, output) how far an interval reaches, over what the standard error says;
       !> absent: 1
       real(wp), allocatable :: stretch(:, :)
@@ -151,19 +152,20 @@ contains
          both%stretch = 1.0_wp + spread(share, 1, 2)*(plain%stretch - 1.0_wp)
       if (allocated(surrogate%excess)) then
          both%excess = surrogate%excess
+         both%excess(1, :) = (1.0_wp - share)*both%excess(1, :) + share*both%excess(2, :)
          if (size(plain%influence, 1) > size(surrogate%influence, 1)) both%excess = 1.0_wp
       end if
    end subroutine blend
 
-   !> Enlarges influences by the excess of an estimate.
+   !> Enlarges influences by the excess of an estimate and of its plain part.
    pure subroutine enlarge(both, plain)
       type(estimates_type), intent(inout) :: both    !! with an excess
       type(estimates_type), intent(inout) :: plain   !! its plain part
       integer :: o
 
-      do o = 1, size(both%excess)
-         both%influence(:, o) = both%excess(o)*both%influence(:, o)
-         plain%influence(:, o) = both%excess(o)*plain%influence(:, o)
+      do o = 1, size(both%excess, 2)
+         both%influence(:, o) = both%excess(1, o)*both%influence(:, o)
+         plain%influence(:, o) = both%excess(2, o)*plain%influence(:, o)
       end do
    end subroutine enlarge
 

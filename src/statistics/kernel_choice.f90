@@ -115,8 +115,10 @@ contains
       real(wp), allocatable, intent(out) :: direction(:)
       type(error_type), allocatable, intent(out) :: error
       real(wp) :: square(size(slope, 1), size(slope, 1)), eigenvalue(size(slope, 1))
+      real(wp) :: of_output(size(slope, 2), size(slope, 1))
 
-      call multiply(slope, transpose(slope), square)
+      of_output = transpose(slope)
+      call multiply(of_output, of_output, square, transposes_a=.true.)
       call find_symmetric_eigenvectors(square, eigenvalue, error)
       direction = square(:, size(eigenvalue))
    end subroutine find_direction

@@ -5,11 +5,11 @@ module statistics_scalars
    use core_kinds, only: wp
    use statistics_estimates, only: blend, enlarge, estimates_type, plain_deviation, &
                                    plain_mean, plain_percentile, two_sided, upward_error
+   use statistics_influences, only: view_law, view_type
    use statistics_kernel_choice, only: learn_kernel
-   use statistics_law, only: choose_points, law_type, n_points, of_means, &
-                             of_percentiles_along, state_error
+   use statistics_law, only: choose_points, efficiency_of, law_type, n_points, state_error
    use statistics_pool, only: among_all, pool_type, residual_share
-   use statistics_regression, only: law_deviation, law_mean, law_percentile, view_law, view_type
+   use statistics_regression, only: law_deviation, law_mean, law_percentile
    use statistics_sensitivity, only: find_sensitivity
    use statistics_surrogate, only: fit_outputs, fit_type, predict, surrogate_type
    implicit none(type, external)
@@ -69,6 +69,7 @@ contains
          call estimate_moments(case_number, estimates(:, case_number))
          if (allocated(error)) return
          call estimate_percentiles(case_number, estimates(:, case_number))
+         if (allocated(error)) return
       end do
 
    contains
@@ -78,27 +79,31 @@ contains
          type(scalar_type), intent(inout) :: best(:)   !! (number)
          type(estimates_type) :: ours, theirs, both
          real(wp) :: values(size(law%weight), size(raw, 2)), least(size(raw, 2))
-         real(wp) :: share(size(raw, 2))
+         real(wp) :: share(size(raw, 2)), at_plain(size(raw, 2)), efficiency
          integer :: i
 
          associate (own => raw(view%first:view%last, :), n => pool%n_samples(case_number), &
                     sampled => plain(:, case_number))
             call predict(surrogate, raw_fit, view%rows, values)
             call law_mean(surrogate, raw_fit, view, values, ours)
-            theirs = among_all(pool, case_number, plain_mean(own), sampled%mean)
+            at_plain = sampled%mean
+            theirs = among_all(pool, case_number, plain_mean(own), at_plain)
             least = 0.0_wp
             call blend(ours, theirs, least, both, share)
             call enlarge(both, theirs)
             do i = 1, size(best)
                best(i)%mean = both%value(i)
-               call state_error(law, of_means, n, both%influence(:, i), both%bias(i), &
+               call efficiency_of(law, values(:, i), efficiency, error)
+               if (allocated(error)) return
+               call state_error(law, efficiency, n, both%influence(:, i), both%bias(i), &
                                 theirs%influence(:, i), 1.0_wp - share(i), best(i)%mean_error, &
                                 best(i)%mean_ratio)
                best(i)%mean_error = upward_error(best(i)%mean, best(i)%mean_error)
             end do
             least = residual_share(raw_fit%residual(view%first:view%last, :), own)
             call law_deviation(surrogate, raw_fit, view, values, ours)
-            theirs = among_all(pool, case_number, plain_deviation(own), sampled%deviation)
+            at_plain = sampled%deviation
+            theirs = among_all(pool, case_number, plain_deviation(own), at_plain)
             call find_sensitivity(surrogate, raw_fit, view, law, values(:, 1), ours, &
                                   best(1)%sensitivity, best(1)%sensitivity_error, error)
             if (allocated(error)) return
@@ -106,7 +111,11 @@ contains
             call enlarge(both, theirs)
             do i = 1, size(best)
                best(i)%deviation = both%value(i)
-               call state_error(law, of_means, n, both%influence(:, i), both%bias(i), &
+               call efficiency_of(law, (values(:, i) &
+                                        - dot_product(law%weight, values(:, i)))**2, &
+                                  efficiency, error)
+               if (allocated(error)) return
+               call state_error(law, efficiency, n, both%influence(:, i), both%bias(i), &
                                 theirs%influence(:, i), 1.0_wp - share(i), &
                                 best(i)%deviation_error, best(i)%deviation_ratio)
                best(i)%deviation_error = upward_error(best(i)%deviation, best(i)%deviation_error)
@@ -123,7 +132,7 @@ contains
          type(estimates_type) :: ours, theirs, both
          real(wp) :: values(size(law%weight), size(raw, 2)), least(size(raw, 2))
          real(wp) :: share(size(raw, 2))
-         real(wp) :: at_plain(size(raw, 2)), ends(2), reach
+         real(wp) :: at_plain(size(raw, 2)), efficiency, ends(2), reach
          integer :: i, p
 
          call predict(surrogate, bent_fit, view%rows, values)
@@ -144,18 +153,35 @@ contains
                                                                    share_below(p)), at_plain)
             call blend(ours, theirs, least, both, share)
             do i = 1, size(best)
-               call state_error(law, of_percentiles_along, pool%n_samples(case_number), &
+               call efficiency_of(law, merge(1.0_wp, 0.0_wp, values(:, i) <= ours%value(i)), &
+                                  efficiency, error)
+               if (allocated(error)) return
+               call state_error(law, efficiency, pool%n_samples(case_number), &
                                 both%influence(:, i), both%bias(i), theirs%influence(:, i), &
                                 1.0_wp - share(i), reach, best(i)%percentile_ratio(p))
                best(i)%percentile(p) = unbend(both%value(i), is_fraction(i))
                ends = both%value(i) + two_sided*reach*[-1.0_wp, 1.0_wp]*both%stretch(:, i)
                best(i)%low(p) = unbend(ends(1), is_fraction(i))
                best(i)%high(p) = unbend(ends(2), is_fraction(i))
+               if (may_be_zero(y(view%first:view%last, i), share_below(p))) best(i)%low(p) = 0.0_wp
             end do
          end do
       end subroutine estimate_percentiles
 
    end subroutine estimate_scalars
+
+   !> True if as many samples are zero as plain sampling's interval of a percentile leaves below it
+   !> (binomial, two-sided 95 %), and more than one. The law may have a share p at zero then, where
+   !> it ends; a continuous G is not there.
+   pure logical function may_be_zero(y, p)
+      real(wp), intent(in) :: y(:)   !! (sample), not negative
+      real(wp), intent(in) :: p      !! share of the law below
+      integer :: n, n_zero
+
+      n = size(y)
+      n_zero = count(.not. y > 0.0_wp)
+      may_be_zero = n_zero > 1 .and. n_zero >= 1 + p*(n - 1) - two_sided*sqrt(p*(1.0_wp - p)*n)
+   end function may_be_zero
 
    !> The angle of a fraction, the root of an amount.
    elemental real(wp) function bend(value, is_fraction)

@@ -8,7 +8,7 @@ module statistics_sensitivity
    use numerics_lapack, only: multiply, solve_positive_definite
    use statistics_estimates, only: estimates_type, stated_error
    use statistics_law, only: law_type
-   use statistics_regression, only: view_type
+   use statistics_influences, only: view_type
    use statistics_surrogate, only: average_features, fit_type, surrogate_type
    implicit none(type, external)
    private
@@ -32,7 +32,7 @@ contains
       type(error_type), allocatable, intent(out) :: error
       real(wp), allocatable :: a(:, :), weighted(:, :), square(:, :), both(:, :)
       real(wp), allocatable :: of_rows(:, :), to_u(:, :), change(:, :), step(:), functional(:)
-      real(wp) :: variance
+      real(wp) :: of_pairs, variance
       integer :: d, i, j, k, n_terms
 
       d = size(law%x, 2)
@@ -62,6 +62,7 @@ contains
       call solve_both(square, both(:, 2:2), change, error)
       if (allocated(error)) return
       variance = deviation%value(1)**2
+      of_pairs = sqrt(sqrt(deviation%kappa(1)))   ! shares take pairs as they are
       allocate (share(d), share_error(d), step(size(fit%residual, 1)))
       do j = 1, d
          i = degree*(j - 1)
@@ -72,7 +73,7 @@ contains
          end associate
          do i = 1, size(step)
             step(i) = fit%residual(i, 1)*dot_product(surrogate%feature(i, :), functional)/variance &
-                      - 2.0_wp*share(j)*deviation%influence(i, 1)/deviation%value(1)
+                      - 2.0_wp*share(j)*of_pairs*deviation%influence(i, 1)/deviation%value(1)
          end do
          share_error(j) = stated_error(step, 0.0_wp, size(step))
       end do

@@ -9,11 +9,12 @@ module statistics_spectra
    use numerics_sorting, only: sort_order
    use statistics_estimates, only: blend, enlarge, estimates_type, plain_mean, &
                                    plain_percentile, two_sided, upward_error
+   use statistics_influences, only: view_law, view_type
    use statistics_kernel_choice, only: learn_kernel
    use statistics_law, only: choose_points, law_type, n_points, of_mean_densities, &
-                             of_mean_powers, of_percentiles, state_error
+                             of_mean_powers, of_percentile_powers, of_percentiles, state_error
    use statistics_pool, only: among_all, pool_type, residual_share
-   use statistics_regression, only: law_mean_of_exponential, law_percentile, view_law, view_type
+   use statistics_regression, only: law_mean_of_exponential, law_percentile
    use statistics_surrogate, only: fit_outputs, fit_type, predict, surrogate_type
    implicit none(type, external)
    private
@@ -58,7 +59,7 @@ contains
       type(spectrum_plain), intent(in) :: plain(:) !! (case)
       type(spectrum_type), intent(out) :: estimates(:)   !! (case)
       type(error_type), allocatable, intent(out) :: error
-      real(wp), allocatable :: outputs(:, :)
+      real(wp), allocatable :: outputs(:, :), some(:, :)
       type(surrogate_type) :: surrogate
       type(fit_type), allocatable :: fits(:)
       type(law_type) :: law
@@ -68,8 +69,8 @@ contains
 
       outputs = log(max(density, least_density))
       n_powerful = maxval([(last_powerful(plain(number)%mean), number=1, size(plain))])
-      call learn_kernel(pool%x, outputs(:, 1:n_powerful:max(1, n_powerful/choosing)), surrogate, &
-                        error)
+      some = outputs(:, 1:n_powerful:max(1, n_powerful/choosing))
+      call learn_kernel(pool%x, some, surrogate, error)
       if (allocated(error)) return
       allocate (fits((n_powerful - 1)/together + 1))
       starts = [[(1 + (k - 1)*together, k=1, size(fits))], &
@@ -112,7 +113,7 @@ contains
          call close_integral(number, of_mean_powers, of_mean, best%variance_mean, &
                              best%variance_mean_error, best%variance_mean_ratio)
          do p = 1, size(share_below)
-            call close_integral(number, of_percentiles, of_percentile(p), best%variance(p), &
+            call close_integral(number, of_percentile_powers, of_percentile(p), best%variance(p), &
                                 best%variance_error(p), best%variance_ratio(p))
          end do
          call find_ratio(number, of_percentile(1), of_percentile(size(share_below)), best)
@@ -215,7 +216,7 @@ contains
          type(spectrum_type), intent(inout) :: best
          real(wp) :: ends(2), of_bottom, of_top, stated
 
-         call state_error(law, of_percentiles, pool%n_samples(number), &
+         call state_error(law, of_percentile_powers, pool%n_samples(number), &
                           top%influence/top%value - bottom%influence/bottom%value, &
                           top%bias/top%value - bottom%bias/bottom%value, &
                           top%plain_influence/top%value - bottom%plain_influence/bottom%value, &

@@ -1,0 +1,177 @@
+!> Influences of samples on averages of a fit G over a law, and the variance that they make.
+!>
+!> Influences overstate an error that falls faster than 1/sqrt(n). An estimate is a sum of parts,
+!> each of which takes k samples together (Hoeffding); v_k are their variances. The squares of the
+!> influences add up to J = sum of k v_k (Efron and Stein 1981). Leaving out samples i and j changes
+!> the estimate by what either does alone and by Q_ij beyond; the squares of all Q_ij add up to
+!> P = sum of k(k - 1)/2 v_k. With kappa = 1 + 2P/J the variance lies between J/kappa (Cauchy and
+!> Schwarz) and J. We take their geometric mean, J/sqrt(kappa).
+!>
+!> Samples may lack a tail of the law. E, a variance of G over the law relative to that of its
+!> predictions at the samples, tells by how much: errors grow with the response, so J is too small
+!> by a factor F = E. Where G is of the response itself, not of its logarithm, it lacks some of the
+!> tail like the samples that it is fitted to, and as much again is allowed for: F = E^2. What no
+!> sample has seen is no matter of pairs, so the variance is stated as J (1/sqrt(kappa) + F - 1);
+!> that of plain sampling as F times its own.
+module statistics_influences
+   use core_kinds, only: wp
+   use numerics_lapack, only: multiply
+   use statistics_estimates, only: estimates_type
+   use statistics_law, only: law_type
+   use statistics_surrogate, only: fit_type, rows_of, surrogate_type
+   implicit none(type, external)
+   private
+   public :: view_type, divide_by_root, excess_of, find_influence, find_weights, kappa_of, &
+             view_law, width_of
+
+   real(wp), parameter :: widest = 3.0_wp   !! E that is allowed for
+
+   !> A law as a surrogate sees it, and which of the samples were drawn from it.
+   type :: view_type
+      real(wp), allocatable :: rows(:, :)       !! (landmark, point) of the kernel
+      real(wp), allocatable :: weight(:)        !! (point)
+      integer :: first = 0, last = 0            !! samples of the law
+   end type view_type
+
+contains
+
+   !> The kernel of a surrogate at the points of a law.
+   subroutine view_law(surrogate, law, first, last, view)
+      type(surrogate_type), intent(in) :: surrogate
+      type(law_type), intent(in) :: law
+      integer, intent(in) :: first, last
+      type(view_type), intent(out) :: view
+
+      call rows_of(surrogate, law%x, view%rows)
+      view%weight = law%weight
+      view%first = first
+      view%last = last
+   end subroutine view_law
+
+   !> E: variance of a function of G over the law relative to that over the samples, by predictions
+   !> of both; at least 1, at most 3. A fit lacks a tail that neither the case's samples nor the
+   !> pool's have, plain sampling one that the case's do not.
+   pure function width_of(view, values, predicted) result(width)
+      type(view_type), intent(in) :: view
+      real(wp), intent(in) :: values(:)       !! (point)
+      real(wp), intent(in) :: predicted(:)    !! (sample)
+      real(wp) :: width(2)                    !! of the fit, of plain sampling
+      real(wp) :: mean, of_own, of_pool, over_law
+      integer :: m
+
+      mean = 0.0_wp
+      over_law = 0.0_wp
+      !$omp simd reduction(+:mean, over_law)
+      do m = 1, size(values)
+         mean = mean + view%weight(m)*values(m)
+         over_law = over_law + view%weight(m)*values(m)**2
+      end do
+      over_law = over_law - mean**2
+      of_own = variance(predicted(view%first:view%last))
+      of_pool = max(of_own, variance(predicted))
+      width = 1.0_wp
+      if (of_own > 0.0_wp) &
+         width = max(1.0_wp, min(over_law/[of_pool, of_own], widest))
+   end function width_of
+
+   pure real(wp) function variance(values)
+      real(wp), intent(in) :: values(:)
+
+      variance = sum((values - sum(values)/size(values))**2)/(size(values) - 1)
+   end function variance
+
+   !> Roots of what a law wider than its samples makes of the variances J/sqrt(kappa) and of plain
+   !> sampling.
+   pure function excess_of(factor, kappa) result(excess)
+      real(wp), intent(in) :: factor(2)   !! F of the fit, of plain sampling
+      real(wp), intent(in) :: kappa
+      real(wp) :: excess(2)               !! of the fit, of plain sampling
+
+      excess = sqrt([1.0_wp + sqrt(kappa)*(factor(1) - 1.0_wp), factor(2)])
+   end function excess_of
+
+   !> Weights of the samples' residuals in averages of G: constant/n + sum_k V_ik s_k average_k.
+   subroutine find_weights(surrogate, fit, average, constant, weight)
+      type(surrogate_type), intent(in) :: surrogate
+      type(fit_type), intent(in) :: fit
+      real(wp), intent(in), contiguous :: average(:, :)    !! (feature, output) of phi
+      real(wp), intent(in) :: constant                     !! the same average of 1
+      real(wp), allocatable, intent(out) :: weight(:, :)   !! (sample, output)
+      real(wp) :: shrunk(size(average, 1), size(average, 2))
+
+      allocate (weight(size(fit%residual, 1), size(average, 2)))
+      shrunk = fit%shrink*average
+      call multiply(surrogate%feature, shrunk, weight)
+      weight = weight + constant/size(weight, 1)
+   end subroutine find_weights
+
+   !> Influences of an average of G, as its variance by pairs is stated.
+   subroutine find_influence(surrogate, fit, average, constant, estimate)
+      type(surrogate_type), intent(in) :: surrogate
+      type(fit_type), intent(in) :: fit
+      real(wp), intent(in), contiguous :: average(:, :)    !! (feature, output) of phi
+      real(wp), intent(in) :: constant                     !! the same average of 1
+      type(estimates_type), intent(inout) :: estimate
+
+      call find_weights(surrogate, fit, average, constant, estimate%influence)
+      estimate%kappa = kappa_of(fit, estimate%influence)
+      estimate%influence = fit%residual*estimate%influence
+      call divide_by_root(estimate)
+   end subroutine find_influence
+
+   !> kappa of each output, from the weights of the samples' residuals: that of the last judged
+   !> output up to it.
+   pure function kappa_of(fit, weight) result(kappa)
+      type(fit_type), intent(in) :: fit
+      real(wp), intent(in) :: weight(:, :)   !! (sample, output)
+      real(wp) :: kappa(size(weight, 2))
+      integer :: k
+
+      do k = 1, size(fit%judged)
+         kappa(fit%judged(k):) = 1.0_wp + share_of_pairs(fit, k, weight(:, fit%judged(k)))
+      end do
+   end function kappa_of
+
+   !> Divides influences by kappa^(1/4).
+   pure subroutine divide_by_root(estimate)
+      type(estimates_type), intent(inout) :: estimate
+      integer :: o
+
+      do o = 1, size(estimate%kappa)
+         estimate%influence(:, o) = estimate%influence(:, o)/sqrt(sqrt(estimate%kappa(o)))
+      end do
+   end subroutine divide_by_root
+
+   !> 2P/J from the pairs of some samples with all: with h the leverages, e_i is
+   !> (e_i + h_ij e_j/(1 - h_i))/(1 - h_ij^2/((1 - h_i)(1 - h_j))) when j is left out too, and
+   !> Q_ij what that changes in w_i e_i + w_j e_j.
+   pure real(wp) function share_of_pairs(fit, k, weight)
+      type(fit_type), intent(in) :: fit
+      integer, intent(in) :: k              !! of the judged outputs
+      real(wp), intent(in) :: weight(:)     !! (sample) w
+      real(wp) :: e(size(weight)), left(size(weight)), of_one(size(weight))
+      real(wp) :: both, change, other, pairs
+      integer :: i, j, m
+
+      e = fit%residual(:, fit%judged(k))
+      left = 1.0_wp - fit%leverage(:, k)
+      of_one = weight*e
+      pairs = 0.0_wp
+      do m = 1, size(fit%some)
+         i = fit%some(m)
+         associate (h => fit%pair_leverage(:, m, k))
+            !$omp simd reduction(+:pairs)
+            do j = 1, size(e)
+               both = 1.0_wp/(1.0_wp - h(j)**2/(left(i)*left(j)))
+               change = both*(e(i) + h(j)*e(j)/left(i)) - e(i)
+               other = both*(e(j) + h(j)*e(i)/left(j)) - e(j)
+               pairs = pairs + merge(0.0_wp, (weight(i)*change + weight(j)*other)**2, i == j)
+            end do
+         end associate
+      end do
+      share_of_pairs = 0.0_wp
+      if (any(abs(of_one) > 0.0_wp)) &
+         share_of_pairs = pairs*size(e)/(size(fit%some)*sum(of_one**2))
+   end function share_of_pairs
+
+end module statistics_influences
