@@ -54,5 +54,5 @@ def test_check_keeps_to_80_columns(entroslip, scene):
 
 
 def test_reasons_of_what_has_no_solution_keep_to_80_columns(entroslip):
-    refused = "--set process%order=1 --set process%std=1.5".split()
+    refused = ["--set", "process%order=1", "--set", "process%std=1.5"]
     check_width(entroslip("check", ROOT / "input/extremes_process.nml", *refused))
