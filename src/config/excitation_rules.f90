@@ -6,7 +6,7 @@ module config_excitation_rules
    use core_kinds, only: wp
    use core_source, only: find_beside
    use core_table, only: read_table, table_type
-   use core_text, only: to_text
+   use core_text, only: rounded_text, to_text
    use numerics_harmonic, only: periods_of_window
    implicit none(type, external)
    private
@@ -102,7 +102,8 @@ contains
          if (size(frequency) == 0 .or. .not. how%dt > 0.0_wp .or. how%n_steps < 1) return
          highest = 1.0_wp/(steps_per_period*how%dt)
          call reader%require(all(frequency <= highest*(1.0_wp + epsilon(1.0_wp))), group, &
-                             'frequency', 'must be at most '//to_text(highest)// &
+                             'frequency', 'must be at most '// &
+                             rounded_text(highest, 6, down=.true.)// &
                              ' Hz: a period takes '//to_text(nint(steps_per_period))// &
                              ' steps of integration%dt or more')
          least = 2.0_wp*periods_of_window/(minval(frequency)*how%dt)

@@ -3,7 +3,7 @@ module core_text
    use core_kinds, only: long, wp
    implicit none(type, external)
    private
-   public :: to_text
+   public :: rounded_text, to_text
 
    !> Shortest usual form of a number, without blanks: 7, -2.0, 1.5E-9, T.
    interface to_text
@@ -52,6 +52,39 @@ contains
          if (text(1:2) == '-.') text = '-0'//text(2:)
       end if
    end function text_of_real
+
+   !> A computed number in so many digits; `down`: no larger than it is, so that a limit may be
+   !> taken as it is named.
+   pure function rounded_text(value, digits, down) result(text)
+      real(wp), intent(in) :: value
+      integer, intent(in) :: digits
+      logical, intent(in), optional :: down
+      character(:), allocatable :: text
+      real(wp) :: whole
+      integer :: decimals
+      logical :: cuts_off
+
+      text = to_text(value)
+      if (.not. (abs(value) > 0.0_wp .and. abs(value) <= huge(value))) return
+      cuts_off = .false.
+      if (present(down)) cuts_off = down
+      decimals = digits - 1 - floor(log10(abs(value)))
+      whole = scaled(value, decimals)
+      whole = merge(real(floor(whole, long), wp), anint(whole), cuts_off)
+      text = to_text(scaled(whole, -decimals))
+   end function rounded_text
+
+   !> value times 10^power, of which 10^|power| to 22 is exact.
+   elemental real(wp) function scaled(value, power)
+      real(wp), intent(in) :: value
+      integer, intent(in) :: power
+
+      if (power < 0) then
+         scaled = value/10.0_wp**(-power)
+      else
+         scaled = value*10.0_wp**power
+      end if
+   end function scaled
 
    pure function text_of_logical(value) result(text)
       logical, intent(in) :: value

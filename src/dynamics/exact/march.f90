@@ -4,7 +4,7 @@
 module dynamics_exact_march
    use core_error, only: error_type, exit_bad_input, raise
    use core_kinds, only: wp
-   use core_text, only: to_text
+   use core_text, only: rounded_text, to_text
    use dynamics_exact_base_system, only: base_system
    use dynamics_exact_block_march, only: march_block
    use dynamics_exact_modal_form, only: modal_form, new_modal_form
@@ -51,7 +51,8 @@ contains
          call try_modes(marcher, error)
       if (allocated(error) .or. allocated(marcher%base)) return
       call raise(error, exit_bad_input, 'integration%dt = '//to_text(dt)//': must be at most '// &
-                 to_text(most_parts*dt/marcher%parts)//' with so stiff a joint or spring')
+                 rounded_text(most_parts*dt/marcher%parts, 6, down=.true.)// &
+                 ' with so stiff a joint or spring')
    end subroutine new_exact_march
 
    !> Refuses what cannot be marched.
@@ -67,7 +68,8 @@ contains
                     ': must be between 0 and 1')
       else if (parts_of_step(structure, dt) > most_parts) then
          call raise(error, exit_bad_input, 'integration%dt = '//to_text(dt)// &
-                    ': must be at most '//to_text(most_parts*dt/parts_of_step(structure, dt))// &
+                    ': must be at most '// &
+                    rounded_text(most_parts*dt/parts_of_step(structure, dt), 6, down=.true.)// &
                     ' with so light a mass or so stiff a spring')
       end if
    end subroutine check_exact

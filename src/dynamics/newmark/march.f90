@@ -6,7 +6,7 @@
 module dynamics_newmark_march
    use core_error, only: error_type, exit_bad_input, raise
    use core_kinds, only: long, wp
-   use core_text, only: to_text
+   use core_text, only: rounded_text, to_text
    use dynamics_newmark_block, only: load_block, newmark_block, store_block
    use dynamics_newmark_frame, only: new_newmark_frame, newmark_frame
    use dynamics_newmark_steps, only: new_newmark_steps, newmark_steps
@@ -89,7 +89,8 @@ contains
       else if (dt > longest_step(structure, beta, gamma)) then
          call raise(error, exit_bad_input, 'integration%beta = '//to_text(beta)// &
                     ': must be at least gamma/2, or dt at most '// &
-                    to_text(longest_step(structure, beta, gamma))//' s: the scheme would diverge')
+                    rounded_text(longest_step(structure, beta, gamma), 6, down=.true.)// &
+                    ' s: the scheme would diverge')
       end if
    end subroutine check_newmark
 

@@ -7,7 +7,7 @@
 module process_positive_first_order
    use core_error, only: error_type, exit_no_solution, raise
    use core_kinds, only: wp
-   use core_text, only: to_text
+   use core_text, only: rounded_text, to_text
    use numerics_root_search, only: new_root_search, root_search
    use process_correlation, only: correlation_length_l0, correlation_length_l1
    use process_entropy, only: white_noise_entropy
@@ -372,7 +372,7 @@ contains
       character(:), allocatable :: name
 
       name = 'positive process ('//trim(request%sampler)//' law) with std/mean = '// &
-             to_text(request%std/request%mean)//', '//trim(request%correlation)//' = '// &
+             rounded_text(request%std/request%mean, 6)//', '//trim(request%correlation)//' = '// &
              to_text(request%correlation_length)//', order = 1'
    end function named
 

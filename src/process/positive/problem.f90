@@ -5,7 +5,7 @@ module process_positive_problem
    use core_error, only: error_type, exit_bad_input, exit_no_solution, raise
    use core_kinds, only: wp
    use core_random, only: stream_type
-   use core_text, only: to_text
+   use core_text, only: rounded_text, to_text
    use process_autoregressive_description, only: describe_ar
    use process_autoregressive_fit, only: fit_ar, optimal_reflection
    use process_autoregressive_model, only: autocovariance_of, coefficients_of, innovation_std, &
@@ -162,7 +162,8 @@ contains
       character(:), allocatable :: text
 
       text = 'positive process ('//trim(merge('exact     ', 'sequential', self%is_exact))// &
-             ' law) with std/mean = '//to_text(self%ratio)//', '//self%correlation//' = '// &
+             ' law) with std/mean = '//rounded_text(self%ratio, 6)//', '// &
+             self%correlation//' = '// &
              to_text(self%length)
       if (self%correlation == 'both') text = text//', '//to_text(self%second_length)
       text = text//', order = '//to_text(order)

@@ -8,7 +8,7 @@ module process_positive_search
    use core_error, only: error_type, exit_no_solution, raise
    use core_kinds, only: long, wp
    use core_random, only: label_of, new_stream
-   use core_text, only: to_text
+   use core_text, only: rounded_text, to_text
    use numerics_constrained_maximum, only: maximize, search_result
    use numerics_lapack, only: solve_positive_definite
    use numerics_root_search, only: new_root_search, root_search
@@ -122,7 +122,7 @@ contains
       call fit_truncated_normal(request%mean, request%std, mu, sigma, error)
       if (allocated(error) .and. request%mean > 0.0_wp .and. request%correlation_length > 0.0_wp) &
          call raise(error, exit_no_solution, 'positive process with std/mean = '// &
-                    to_text(request%std/request%mean)//': K(m) >= 0 needs std < mean')
+                    rounded_text(request%std/request%mean, 6)//': K(m) >= 0 needs std < mean')
    end subroutine fit_univariate
 
    !> Why a family does not have the wanted ratio.

@@ -6,7 +6,7 @@
 module process_positive_truncated_normal
    use core_error, only: error_type, exit_no_solution, raise
    use core_kinds, only: long, wp
-   use core_text, only: to_text
+   use core_text, only: rounded_text, to_text
    implicit none(type, external)
    private
    public :: lanes, draw_truncated, draw_truncated_lanes, truncated_variance
@@ -223,7 +223,7 @@ contains
       if (.not. (std > 0.0_wp .and. std < mean)) then
          if (mean > 0.0_wp) then
             call raise(error, exit_no_solution, 'positive law with std/mean = '// &
-                       to_text(std/mean)//': needs 0 < std < mean, '// &
+                       rounded_text(std/mean, 6)//': needs 0 < std < mean, '// &
                        'the limit of the exponential law')
          else
             call raise(error, exit_no_solution, 'positive law with mean = '//to_text(mean)// &
