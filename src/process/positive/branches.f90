@@ -76,7 +76,7 @@ contains
             if (branch == 2 .or. all(law%signs > 0.0_wp)) return
          else
             if (failure%message == message) return
-            message = message//'; '//failure%message
+            if (index(message, failure%message) == 0) message = message//'; '//failure%message
          end if
          if (.not. effort > 0.0_wp) exit
       end do
