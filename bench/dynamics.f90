@@ -127,7 +127,7 @@ contains
       rate = 2.0_wp*chains*real(rounds, wp)/(1.0e9_wp*best)
    end function peak_rate
 
-   !> All settings on one reference history.
+   !> Compares all settings on one reference history.
    subroutine compare(case)
       character(*), intent(in) :: case
       type(exact_march) :: event
@@ -159,7 +159,7 @@ contains
       end do
    end subroutine compare
 
-   !> One line: a step is always dt, however finely it is divided.
+   !> Prints one line: a step is always dt, however finely it is divided.
    subroutine report(case, setting, marcher, force, finer, chain)
       character(*), intent(in) :: case, setting
       class(marcher_type), intent(inout) :: marcher
@@ -218,7 +218,8 @@ contains
       end associate
    end function error_of_spectrum
 
-   !> Cost in longer chains, all oscillators equal, the forces of the second case on the last one.
+   !> Measures the cost in longer chains, all oscillators equal, the forces of the second case on
+   !> the last one.
    subroutine lengthen(method, sizes)
       character(*), intent(in) :: method
       integer, intent(in) :: sizes(:)
@@ -250,9 +251,9 @@ contains
       end do
    end subroutine lengthen
 
-   !> Cost of a chain in general coordinates, x = T y with T close to one: M and K are dense, joints
-   !> act in general directions. The forces of the second case. Modal damping decouples, Rayleigh's
-   !> does not.
+   !> Measures the cost of a chain in general coordinates, x = T y with T close to one: M and K are
+   !> dense, joints act in general directions. The forces of the second case. Modal damping
+   !> decouples, Rayleigh's does not.
    subroutine march_dense(n, m, n_steps, kind)
       integer, intent(in) :: n, m, n_steps
       character(*), intent(in) :: kind   !! of damping
@@ -309,7 +310,7 @@ contains
       b = 0.5_wp*(a + transpose(a))
    end function symmetric
 
-   !> CPU time per sample-step, and the history of sample 1 (record, dof).
+   !> Finds the CPU time per sample-step, and the history of sample 1 (record, dof).
    subroutine time_march(marcher, chain, force, every, state, x, nanoseconds)
       class(marcher_type), intent(inout) :: marcher
       type(structure_type), intent(in) :: chain
@@ -349,7 +350,7 @@ contains
       nanoseconds = 1.0e9_wp*sum(best)/(real(ubound(force, 1), wp)*n_samples)
    end subroutine time_march
 
-   !> The reference's 0.2 for sample 1, mean 0.2 and standard deviation 0.067 for the others.
+   !> Puts the reference's 0.2 for sample 1, mean 0.2 and standard deviation 0.067 for the others.
    subroutine draw_friction(friction)
       real(wp), intent(out) :: friction(:, :)
       real(wp) :: normal(size(friction))
@@ -371,7 +372,7 @@ contains
       if (allocated(error)) error stop error%message
    end function equal_chain
 
-   !> The force of a case, with values between on its chords.
+   !> Reads the force of a case, with values between on its chords.
    subroutine read_force(case, finer, force)
       character(*), intent(in) :: case
       integer, intent(in) :: finer

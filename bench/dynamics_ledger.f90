@@ -48,7 +48,8 @@ program bench_dynamics_ledger
 
 contains
 
-   !> CPU time per sample-step, and the largest defect of the samples where a ledger is kept.
+   !> Finds the CPU time per sample-step, and the largest defect of the samples where a ledger is
+   !> kept.
    subroutine time_march(keeps_ledger, nanoseconds, defect)
       logical, intent(in) :: keeps_ledger
       real(wp), intent(out) :: nanoseconds   !! [ns]

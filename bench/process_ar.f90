@@ -29,7 +29,8 @@ program bench_process_ar
 
 contains
 
-   !> The fit alone, and with the searches of other shapes of `fit_process`: the best of several.
+   !> Times the fit alone, and with the searches of other shapes of `fit_process`: the best of
+   !> several.
    subroutine report(request)
       type(process_request), intent(in) :: request
       integer, parameter :: repetitions = 5

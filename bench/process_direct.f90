@@ -33,7 +33,7 @@ program bench_process_direct
 
 contains
 
-   !> One sequence, the winning one, against inversions.
+   !> Times one sequence, the winning one, against inversions.
    subroutine compare(correlation, length, m_max)
       character(*), intent(in) :: correlation
       real(wp), intent(in) :: length
@@ -73,7 +73,7 @@ contains
       end do
    end subroutine compare
 
-   !> All sequences, one part.
+   !> Times all sequences, one part.
    subroutine certify(correlation, length, m_max, is_listing)
       character(*), intent(in) :: correlation
       real(wp), intent(in) :: length

@@ -39,7 +39,7 @@ program bench_process_positive
 
 contains
 
-   !> Best of several runs of about a million values.
+   !> Prints the best of several runs of about a million values.
    subroutine report_speed(sampler, order, n_lags)
       character(*), intent(in) :: sampler
       integer, intent(in) :: order, n_lags

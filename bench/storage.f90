@@ -88,8 +88,8 @@ contains
       call random_number(block%psd)
    end subroutine make_block
 
-   !> A range of frequencies of a group among a million samples: its statistics, and the search for
-   !> the percentiles of all.
+   !> Times a range of frequencies of a group among a million samples: its statistics, and the
+   !> search for the percentiles of all.
    subroutine measure_spectra()
       type(band_collector) :: bands
       type(selection_type) :: selection
@@ -114,7 +114,8 @@ contains
       call tell('selection_part', began, 1)
    end subroutine measure_spectra
 
-   !> The joints of a group: three quantities, their percentiles of all samples, the slip series.
+   !> Times the joints of a group: three quantities, their percentiles of all samples, the slip
+   !> series.
    subroutine measure_joints()
       type(joint_collector) :: joints
       type(selection_type) :: selection
@@ -143,7 +144,7 @@ contains
       call tell('spans_group', began, 1)
    end subroutine measure_joints
 
-   !> The percentiles of uniform numbers, as if all groups were like the first.
+   !> Finds the percentiles of uniform numbers, as if all groups were like the first.
    subroutine repeat_group(bands)
       type(band_collector), intent(inout) :: bands
       integer :: i

@@ -32,7 +32,8 @@ module core_complaints
 
 contains
 
-   !> `message` follows `file:line: `; the column is that of the offending character.
+   !> Adds a complaint: `message` follows `file:line: `; the column is that of the offending
+   !> character.
    subroutine add(self, source, line, column, message)
       class(complaint_list), intent(inout) :: self
       type(source_type), intent(in) :: source
@@ -48,7 +49,7 @@ contains
       call self%keep(complaint)
    end subroutine add
 
-   !> A complaint that belongs to no line, such as a scene that cannot be opened.
+   !> Adds a complaint that belongs to no line, such as a scene that cannot be opened.
    subroutine add_general(self, message)
       class(complaint_list), intent(inout) :: self
       character(*), intent(in) :: message

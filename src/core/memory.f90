@@ -64,7 +64,7 @@ contains
       if (c_getrlimit(resource, limits) == 0) is_limited = limits%soft /= no_limit
    end function is_limited
 
-   !> Where memory is limited, starts the program anew with one thread of OpenBLAS, whose other
+   !> Starts the program anew where memory is limited, with one thread of OpenBLAS, whose other
    !> threads took their buffers when it was loaded. The process stays the same.
    subroutine restart_without_threads()
       integer(c_int) :: ignored   ! where it cannot be started anew, the program goes on
@@ -109,7 +109,7 @@ contains
       ignored = c_execv('/proc/self/exe'//c_null_char, arguments)
    end subroutine start_anew
 
-   !> An error where the system does not give what libraries take before any work.
+   !> Raises an error where the system does not give what libraries take before any work.
    subroutine require_memory(error)
       type(error_type), allocatable, intent(out) :: error
 

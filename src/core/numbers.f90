@@ -39,7 +39,7 @@ contains
       if (text(1:1) == '-') value = -value
    end subroutine parse_integer
 
-   !> A decimal number, its exponent behind e or d; not nan, not infinite.
+   !> Reads a decimal number, its exponent behind e or d; not nan, not infinite.
    pure subroutine parse_real(text, value, rule)
       character(*), intent(in) :: text
       real(wp), intent(out) :: value

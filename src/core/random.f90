@@ -42,8 +42,8 @@ contains
       stream%sample = words_of(int(sample, long))
    end function new_stream
 
-   !> The next numbers, uniform on the open interval (0, 1), 53 bits each.
-   !> Two numbers share a Philox block; an odd request leaves the second one unused.
+   !> Draws the next numbers, uniform on the open interval (0, 1), 53 bits each. Two numbers share a
+   !> Philox block; an odd request leaves the second one unused.
    pure subroutine uniforms(self, values)
       class(stream_type), intent(inout) :: self
       real(wp), intent(out) :: values(:)
@@ -69,7 +69,7 @@ contains
       end do
    end subroutine uniforms
 
-   !> The next numbers, standard normal (Box and Muller; pairs share two uniforms).
+   !> Draws the next numbers, standard normal (Box and Muller; pairs share two uniforms).
    pure subroutine normals(self, values)
       class(stream_type), intent(inout) :: self
       real(wp), intent(out) :: values(:)
@@ -89,7 +89,7 @@ contains
       end do
    end subroutine normals
 
-   !> Philox4x32-10 on several counters at once; each word holds 32 bits.
+   !> Applies Philox4x32-10 to several counters at once; each word holds 32 bits.
    pure subroutine philox(counter, key, word)
       integer(long), intent(in) :: counter(:, :)   !! (block, word 1..4)
       integer(long), intent(in) :: key(2)
@@ -115,7 +115,8 @@ contains
       end do
    end subroutine philox
 
-   !> Upper and lower 32 bits of a 32 x 32 bit product, without leaving the signed 64 bits.
+   !> Finds the upper and lower 32 bits of a 32 x 32 bit product, without leaving the signed 64
+   !> bits.
    pure subroutine multiply(a, b, high, low)
       integer(long), intent(in) :: a, b
       integer(long), intent(out) :: high, low

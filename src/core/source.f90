@@ -90,8 +90,8 @@ contains
       close (unit, iostat=status)
    end subroutine read_source
 
-   !> The size of a file [bytes]; `refusal` is allocated when it is no regular or readable one. A
-   !> pipe or a device has no size and is not opened: it could keep us waiting for ever.
+   !> Finds the size of a file [bytes]; `refusal` is allocated when it is no regular or readable
+   !> one. A pipe or a device has no size and is not opened: it could keep us waiting for ever.
    subroutine try_file(path, size, refusal)
       character(*), intent(in) :: path
       integer(long), intent(out) :: size

@@ -73,7 +73,7 @@ contains
       if (last < 0) last = len(line)
    end function before_comment
 
-   !> The values of a line, n of them; `rule` is allocated when the line is bad.
+   !> Reads the values of a line, n of them; `rule` is allocated when the line is bad.
    pure subroutine parse_row(line, fewest, values, n, rule)
       character(*), intent(in) :: line
       integer, intent(in) :: fewest
@@ -103,7 +103,7 @@ contains
          rule = 'must be '//number_of_values(fewest, size(values))
    end subroutine parse_row
 
-   !> The next word of a line, behind position `last`; first > last: there is none.
+   !> Finds the next word of a line, behind position `last`; first > last: there is none.
    pure subroutine next_word(line, first, last)
       character(*), intent(in) :: line
       integer, intent(out) :: first
@@ -157,7 +157,7 @@ contains
       table%line(table%n_rows) = line
    end subroutine append_row
 
-   !> A complaint about one value of a row: `path:line: name = value: rule`.
+   !> Adds a complaint about one value of a row: `path:line: name = value: rule`.
    subroutine refuse_row(self, row, name, value, rule, complaints)
       class(table_type), intent(in) :: self
       integer, intent(in) :: row

@@ -55,9 +55,9 @@ module core_terminal
 
 contains
 
-   !> The program's first call. A closed pipe then fails a write instead of killing the program. A
-   !> standard descriptor that is closed leads to an empty file, so that no file of results gets its
-   !> number; writing there still fails.
+   !> Prepares the standard descriptors, the program's first call. A closed pipe then fails a write
+   !> instead of killing the program. A standard descriptor that is closed leads to an empty file,
+   !> so that no file of results gets its number; writing there still fails.
    subroutine start_terminal()
       integer(c_int), parameter :: sigpipe = 13          !! Linux
       integer(c_intptr_t), parameter :: sig_ign = 1      !! C's SIG_IGN: the signal does nothing

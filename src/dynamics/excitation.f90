@@ -16,8 +16,8 @@ module dynamics_excitation
 
 contains
 
-   !> A record of a stationary Gaussian process with a flat density on the band and unit variance in
-   !> expectation; the same stream gives the same record.
+   !> Makes a record of a stationary Gaussian process with a flat density on the band and unit
+   !> variance in expectation; the same stream gives the same record.
    !>
    !> It is a piece of a periodic one, not shorter than the record. Each line stands for the
    !> frequencies nearer to it than to its neighbours, and a line at the edge only for those inside
@@ -39,9 +39,9 @@ contains
       call synthesize(power, first, n, stream, force)
    end subroutine band_limited_force
 
-   !> A record of a stationary Gaussian process whose one-sided density is linear between the given
-   !> values and zero outside of them. Its expected variance is the integral of the density. Made as
-   !> by band_limited_force.
+   !> Makes a record of a stationary Gaussian process whose one-sided density is linear between the
+   !> given values and zero outside of them. Its expected variance is the integral of the density.
+   !> Made as by band_limited_force.
    subroutine coloured_force(frequency, density, dt, stream, force, error)
       real(wp), intent(in) :: frequency(:)   !! [Hz], ascending, within 0 and 1/(2 dt)
       real(wp), intent(in) :: density(:)     !! not negative [N^2/Hz]
@@ -64,7 +64,7 @@ contains
       call synthesize(power, first, n, stream, force)
    end subroutine coloured_force
 
-   !> sin(2 pi f t), with the phase reduced to half a turn.
+   !> Makes sin(2 pi f t), with the phase reduced to half a turn.
    pure subroutine sine_force(frequency, dt, force)
       real(wp), intent(in) :: frequency   !! [Hz]
       real(wp), intent(in) :: dt          !! [s]
@@ -79,7 +79,7 @@ contains
       end do
    end subroutine sine_force
 
-   !> The lines of a synthesis that lie in a band.
+   !> Chooses the lines of a synthesis that lie in a band.
    subroutine choose_lines(band, dt, n_values, n, first, last)
       real(wp), intent(in) :: band(2), dt      !! [Hz], [s]
       integer, intent(in) :: n_values          !! of the record
@@ -93,7 +93,7 @@ contains
       last = min(nint(band(2)/spacing), n/2)
    end subroutine choose_lines
 
-   !> Sum of lines with random amplitudes, of the given powers in expectation.
+   !> Sums lines with random amplitudes, of the given powers in expectation.
    subroutine synthesize(power, first, n, stream, force)
       real(wp), intent(in) :: power(:)      !! (line) from the first [N^2]
       integer, intent(in) :: first, n       !! first line; steps of the period

@@ -95,7 +95,8 @@ contains
       end do
    end subroutine close_account
 
-   !> Work of friction [J]: mu N times the way of the slips, that of slips under way to now.
+   !> Finds the work of friction [J]: mu N times the way of the slips, that of slips under way to
+   !> now.
    pure subroutine dissipate(structure, state)
       type(structure_type), intent(in) :: structure
       type(block_state), intent(inout) :: state

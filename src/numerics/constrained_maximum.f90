@@ -20,7 +20,7 @@ module numerics_constrained_maximum
    end type objective_type
 
    abstract interface
-      !> The state at a point; outside of the function's domain `is_inside` is false.
+      !> Finds the state at a point; outside of the function's domain `is_inside` is false.
       subroutine evaluate_objective(self, point, state, is_inside)
          import :: objective_type, wp
          class(objective_type), intent(inout) :: self
@@ -104,8 +104,8 @@ contains
       end do
    end subroutine maximize
 
-   !> A step along `change`, shortened until gain and constraints together do not get worse. Where
-   !> a step fails because the constraints are curved, it is led back onto them before it is
+   !> Takes a step along `change`, shortened until gain and constraints together do not get worse.
+   !> Where a step fails because the constraints are curved, it is led back onto them before it is
    !> shortened.
    subroutine advance(objective, point, change, state, found, weight, tolerance, is_inside)
       class(objective_type), intent(inout) :: objective
@@ -194,7 +194,7 @@ contains
       end do
    end subroutine solve_along
 
-   !> Gradient and Jacobian by forward differences; backward where forward leaves the domain.
+   !> Finds gradient and Jacobian by forward differences; backward where forward leaves the domain.
    subroutine differentiate(objective, point, state, step, gradient, jacobian, is_inside)
       class(objective_type), intent(inout) :: objective
       real(wp), intent(in) :: point(:), state(:), step
@@ -219,7 +219,7 @@ contains
       end do
    end subroutine differentiate
 
-   !> The step H (g - J' lambda) of sequential quadratic programming, and its multipliers.
+   !> Finds the step H (g - J' lambda) of sequential quadratic programming, and its multipliers.
    pure subroutine step_to_maximum(metric, jacobian, gradient, constraints, change, multipliers, &
                                    is_regular)
       real(wp), intent(in) :: metric(:, :)     !! H, inverse Hessian (variable, variable)
@@ -289,7 +289,7 @@ contains
 
    end function rest_of_gradient
 
-   !> BFGS on the inverse Hessian; a pair without positive curvature teaches nothing.
+   !> Updates the inverse Hessian by BFGS; a pair without positive curvature teaches nothing.
    pure subroutine update_metric(change, curvature, metric)
       real(wp), intent(in) :: change(:), curvature(:)
       real(wp), intent(inout) :: metric(:, :)

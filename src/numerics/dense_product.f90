@@ -49,7 +49,7 @@ contains
       end do
    end subroutine pack_matrix
 
-   !> y = A x. Padded rows of y become zero.
+   !> Finds y = A x. Padded rows of y become zero.
    pure subroutine multiply(self, x, y, columns, n_columns)
       class(packed_matrix), intent(in) :: self
       real(wp), intent(in) :: x(product_width, *)      !! (32, column)
@@ -65,7 +65,7 @@ contains
       end if
    end subroutine multiply
 
-   !> y = y + A x.
+   !> Finds y = y + A x.
    pure subroutine multiply_add(self, x, y, columns, n_columns)
       class(packed_matrix), intent(in) :: self
       real(wp), intent(in) :: x(product_width, *)      !! (32, column)
@@ -81,7 +81,7 @@ contains
       end if
    end subroutine multiply_add
 
-   !> y = A x, or y + A x, group by group, so that one group of x stays in the cache.
+   !> Finds y = A x, or y + A x, group by group, so that one group of x stays in the cache.
    pure subroutine add_rows(self, columns, n_columns, is_added, x, y)
       type(packed_matrix), intent(in) :: self
       integer, intent(in), contiguous :: columns(:, :)

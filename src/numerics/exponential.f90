@@ -37,7 +37,7 @@ contains
       end do
    end subroutine find_exponential
 
-   !> exp(A t) = sum_i A^i t^i/i!, J_k(t) = sum_i A^i B t^(i + k + 1)/(i! (i + k + 1)).
+   !> Sums exp(A t) = sum_i A^i t^i/i!, J_k(t) = sum_i A^i B t^(i + k + 1)/(i! (i + k + 1)).
    pure subroutine sum_series(a, b, last_moment, t, series)
       real(wp), intent(in) :: a(:, :), b(:, :), t
       integer, intent(in) :: last_moment

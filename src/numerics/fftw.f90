@@ -123,7 +123,7 @@ contains
       self%plan = fftw_plan_dft_c2r_1d(int(n, c_int), self%spectrum, self%signal, fftw_estimate)
    end subroutine prepare_inverse
 
-   !> From signal to spectrum; the signal is kept.
+   !> Goes from signal to spectrum; the signal is kept.
    subroutine execute_forward(self)
       class(forward_fft), intent(inout) :: self
 
@@ -131,7 +131,7 @@ contains
       call fftw_execute_dft_r2c(self%plan, self%signal, self%spectrum)
    end subroutine execute_forward
 
-   !> From spectrum to signal; the spectrum is destroyed.
+   !> Goes from spectrum to signal; the spectrum is destroyed.
    subroutine execute_inverse(self)
       class(inverse_fft), intent(inout) :: self
 
@@ -151,7 +151,7 @@ contains
       call self%release()
    end subroutine finish_inverse
 
-   !> Aligned memory for a signal of n values and its spectrum.
+   !> Allocates aligned memory for a signal of n values and its spectrum.
    subroutine allocate_buffers(self, n)
       class(real_fft), intent(inout) :: self
       integer, intent(in) :: n

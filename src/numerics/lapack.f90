@@ -23,7 +23,8 @@ module numerics_lapack
    type(c_funptr) :: setters(size(thread_setters))  !! null: this program is without that library
 
    abstract interface
-      !> Some declare int, some long: either is read from the same register.
+      !> Sets the number of threads. Some declare int, some long: either is read from the same
+      !> register.
       subroutine set_threads(n) bind(c)
          import :: c_long
          integer(c_long), value :: n
@@ -138,7 +139,7 @@ contains
       end do
    end subroutine use_one_thread
 
-   !> All pairs of A x = lambda B x, A symmetric, B symmetric positive definite; X' B X = 1.
+   !> Finds all pairs of A x = lambda B x, A symmetric, B symmetric positive definite; X' B X = 1.
    subroutine solve_symmetric_eigenproblem(a, b, eigenvalues, eigenvectors, error)
       real(wp), intent(in) :: a(:, :), b(:, :)               !! (n, n)
       real(wp), allocatable, intent(out) :: eigenvalues(:)      !! (n), ascending
@@ -157,7 +158,7 @@ contains
                                 to_text(n)//': LAPACK dsygv returned '//to_text(info))
    end subroutine solve_symmetric_eigenproblem
 
-   !> All eigenvalues of a symmetric matrix; its eigenvectors, of length 1, take its place.
+   !> Finds all eigenvalues of a symmetric matrix; its eigenvectors, of length 1, take its place.
    subroutine find_symmetric_eigenvectors(a, eigenvalues, error)
       real(wp), intent(inout), contiguous :: a(:, :)   !! (n, n); then (n, eigenvalue)
       real(wp), intent(out) :: eigenvalues(:)          !! (n), ascending
@@ -175,7 +176,7 @@ contains
                                 to_text(n)//': LAPACK dsyevd returned '//to_text(info))
    end subroutine find_symmetric_eigenvectors
 
-   !> C = A B, or A' B.
+   !> Finds C = A B, or A' B.
    subroutine multiply(a, b, c, transposes_a)
       real(wp), intent(in), contiguous :: a(:, :), b(:, :)
       real(wp), intent(out), contiguous :: c(:, :)
@@ -189,7 +190,8 @@ contains
                  b, size(b, 1), 0.0_wp, c, size(c, 1))
    end subroutine multiply
 
-   !> All eigenvalues of a general matrix, in LAPACK's order. Fails where an element is not finite.
+   !> Finds all eigenvalues of a general matrix, in LAPACK's order. Fails where an element is not
+   !> finite.
    subroutine find_eigenvalues(a, eigenvalues, error)
       real(wp), intent(in) :: a(:, :)                         !! (n, n)
       complex(wp), allocatable, intent(out) :: eigenvalues(:) !! (n)
@@ -213,7 +215,7 @@ contains
       eigenvalues = cmplx(re, im, wp)
    end subroutine find_eigenvalues
 
-   !> x of A x = b, A general.
+   !> Finds x of A x = b, A general.
    subroutine solve_linear_system(a, b, x, error)
       real(wp), intent(in) :: a(:, :)            !! (n, n)
       real(wp), intent(in) :: b(:)               !! (n)
@@ -237,7 +239,8 @@ contains
       x = column(:, 1)
    end subroutine solve_linear_system
 
-   !> X of A X = B in the place of B, A symmetric positive definite; A is overwritten by its factor.
+   !> Puts X of A X = B in the place of B, A symmetric positive definite; A is overwritten by its
+   !> factor.
    subroutine solve_positive_definite(a, b, error)
       real(wp), intent(inout), contiguous :: a(:, :)   !! (n, n)
       real(wp), intent(inout), contiguous :: b(:, :)   !! (n, right-hand side)
@@ -251,7 +254,7 @@ contains
                                 to_text(n)//': LAPACK dposv returned '//to_text(info))
    end subroutine solve_positive_definite
 
-   !> A^-1, A general.
+   !> Finds A^-1, A general.
    subroutine invert_matrix(a, inverse, error)
       real(wp), intent(in) :: a(:, :)                        !! (n, n)
       real(wp), allocatable, intent(out) :: inverse(:, :)    !! (n, n)

@@ -33,7 +33,8 @@ module numerics_nlopt
    end type minimization_problem
 
    abstract interface
-      !> f(x), and where it is asked for its gradient. A value that is not finite ends the search.
+      !> Finds f(x), and where it is asked for its gradient. A value that is not finite ends the
+      !> search.
       subroutine objective_interface(self, x, value, gradient)
          import :: minimization_problem, wp
          implicit none(type, external)
@@ -296,7 +297,7 @@ contains
       call ieee_set_halting_mode(ieee_usual, .false.)
    end subroutine call_inequalities
 
-   !> The default of a problem without constraints; one that counts some must override it.
+   !> Stops: a problem that counts constraints must override it.
    subroutine no_constraints(self, x, values, jacobian)
       class(minimization_problem), intent(inout) :: self
       real(wp), intent(in) :: x(:)

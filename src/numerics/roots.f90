@@ -69,7 +69,7 @@ contains
       end do
    end subroutine polish
 
-   !> Polynomial and its derivative by Horner's rule.
+   !> Evaluates a polynomial and its derivative by Horner's rule.
    pure subroutine evaluate(coefficients, x, value, slope)
       real(wp), intent(in) :: coefficients(:)
       complex(wp), intent(in) :: x
@@ -84,7 +84,7 @@ contains
       end do
    end subroutine evaluate
 
-   !> Insertion sort, stable: a conjugate pair has one modulus and stays together.
+   !> Sorts by insertion, stable: a conjugate pair has one modulus and stays together.
    pure subroutine sort_by_modulus(roots)
       complex(wp), intent(inout) :: roots(:)
       complex(wp) :: moving

@@ -87,7 +87,7 @@ contains
       step(outer) = z(outer)*value/nonzero(n*value - slope/z(outer))
    end subroutine newton_steps
 
-   !> Horner's rule at many points together, with a bound of its rounding.
+   !> Evaluates by Horner's rule at many points together, with a bound of its rounding.
    pure subroutine evaluate(c, z, value, slope, is_rounding, places)
       real(wp), intent(in) :: c(0:)                           !! from the highest power down
       complex(wp), intent(in) :: z(:)
@@ -164,7 +164,7 @@ contains
       end do
    end function starting_points
 
-   !> Real roots and the upper one of each pair with its exact conjugate.
+   !> Finds real roots and the upper one of each pair with its exact conjugate.
    pure subroutine pair_conjugates(z, roots, is_paired)
       complex(wp), intent(in) :: z(:)
       complex(wp), allocatable, intent(out) :: roots(:)

@@ -67,7 +67,7 @@ contains
       end do
    end subroutine rank_all
 
-   !> Two ascending runs, of n_left values and of the rest, become one. Which of two values is the
+   !> Merges two ascending runs, of n_left values and of the rest. Which of two values is the
    !> smaller one is not to be foreseen, so there is no branch on it.
    pure subroutine merge_runs(n_left, key, place, merged_key, merged_place)
       integer, intent(in) :: n_left

@@ -42,7 +42,7 @@ contains
       sparse%start(size(full, 1) + 1) = n + 1
    end function sparse_of
 
-   !> y = A x.
+   !> Finds y = A x.
    pure subroutine multiply(self, x, y)
       class(sparse_matrix), intent(in) :: self
       real(wp), intent(in), contiguous :: x(:)      !! (column)

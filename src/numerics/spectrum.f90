@@ -110,7 +110,7 @@ contains
       allocate (self%followed(n_batches, size(last_of_ranges(length/2 + 1)), n_series))
    end subroutine start
 
-   !> The next values of all records.
+   !> Adds the next values of all records.
    subroutine add(self, values)
       class(welch_type), intent(inout) :: self
       real(wp), intent(in) :: values(:, :)   !! (value, series)
@@ -193,8 +193,9 @@ contains
       power(1, :, :) = power(1, :, :)/end_of_batch(self, 1)
    end function power_series
 
-   !> The values without their mean, times the window; they begin at `first` and go on at 1. The
-   !> mean is summed in several parts at once: in one sum each addition waits for the one before.
+   !> Weighs the values without their mean, times the window; they begin at `first` and go on at 1.
+   !> The mean is summed in several parts at once: in one sum each addition waits for the one
+   !> before.
    pure subroutine weigh(n, first, window, values, weighted)
       integer, intent(in) :: n, first
       real(wp), intent(in) :: window(n), values(n)
@@ -221,7 +222,7 @@ contains
       power = power + real(spectrum, wp)**2 + aimag(spectrum)**2
    end subroutine add_square
 
-   !> The densities; values that fill no segment are left out. Needs one segment.
+   !> Finds the densities; values that fill no segment are left out. Needs one segment.
    subroutine finish(self, psd)
       class(welch_type), intent(in) :: self
       !> (frequency, series) [unit^2/Hz], at 0..length/2 times 1/(length interval)

@@ -16,8 +16,8 @@ module numerics_synthesis
 
 contains
 
-   !> The first values of signal(j) = sum over k of line(k) exp(2 pi i j k/n) + its conjugate; of
-   !> lines 0 and n/2 the real part alone, once.
+   !> Finds the first values of signal(j) = sum over k of line(k) exp(2 pi i j k/n) + its conjugate;
+   !> of lines 0 and n/2 the real part alone, once.
    subroutine sum_lines(n, first, line, signal)
       integer, intent(in) :: n                    !! values of a period
       integer, intent(in) :: first                !! 0 or more; the last one at most n/2

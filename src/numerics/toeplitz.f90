@@ -50,7 +50,7 @@ contains
       end associate
    end subroutine factor_banded_toeplitz
 
-   !> x of L' x = b: with white b, x has the covariance (L L')^-1.
+   !> Finds x of L' x = b: with white b, x has the covariance (L L')^-1.
    pure subroutine solve_transposed(self, x)
       class(banded_cholesky), intent(in) :: self
       real(wp), intent(inout) :: x(:)   !! (n) b, then the solution

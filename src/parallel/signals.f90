@@ -32,7 +32,7 @@ module parallel_signals
 
 contains
 
-   !> From now on a first signal only sets a flag, and a second one ends the process at once.
+   !> Lets a first signal from now on only set a flag, and a second one end the process at once.
    subroutine catch_stop_signals()
       integer(c_int), parameter :: wishes(*) = [sigterm, sigint, sigusr1, sighup, sigquit, sigxcpu]
       type(c_funptr) :: previous

@@ -31,7 +31,7 @@ module parallel_work
 
 contains
 
-   !> Collective.
+   !> Makes a counter; collective.
    subroutine new_counter(world, n_items, counter)
       type(world_type), intent(in) :: world
       integer(long), intent(in) :: n_items
@@ -68,7 +68,7 @@ contains
       if (item > self%n_items) item = 0
    end function next
 
-   !> From now on no rank gets an item; any rank may call.
+   !> Stops the work: no rank gets an item from now on; any rank may call.
    subroutine request_stop(self)
       class(work_counter), intent(inout) :: self
       integer(long) :: before
@@ -80,7 +80,7 @@ contains
       end if
    end subroutine request_stop
 
-   !> Collective; afterwards there is nothing left to claim.
+   !> Closes the counter: there is nothing left to claim; collective.
    subroutine close_counter(self)
       class(work_counter), intent(inout) :: self
 

@@ -54,7 +54,7 @@ module parallel_world
 
 contains
 
-   !> All ranks that mpirun started, or this process alone.
+   !> Starts all ranks that mpirun started, or this process alone.
    subroutine start_world(world)
       type(world_type), intent(out) :: world
 
@@ -148,8 +148,8 @@ contains
       is_root = self%rank == 0
    end function is_root
 
-   !> Where any rank has an error, the root says the one of the lowest such rank, and all end with
-   !> its code; collective, and called by the drivers alone.
+   !> Stops all ranks where any has an error: the root says the one of the lowest such rank, and all
+   !> end with its code; collective, and called by the drivers alone.
    subroutine stop_on(self, error)
       class(world_type), intent(in) :: self
       type(error_type), allocatable, intent(in) :: error
@@ -174,7 +174,7 @@ contains
       call stop_world(exit_code)
    end subroutine stop_on
 
-   !> Nobody returns before everybody has called; collective.
+   !> Waits: nobody returns before everybody has called; collective.
    subroutine wait_for_all(self)
       class(world_type), intent(in) :: self
 
@@ -190,8 +190,8 @@ contains
       is_true = self%maximum(merge(1_long, 0_long, value)) == 1
    end function any_true
 
-   !> The values become their sums over the ranks; collective. Where all ranks but one have zero,
-   !> the sum is that one's value to the last bit.
+   !> Adds up the values over the ranks; collective. Where all ranks but one have zero, the sum is
+   !> that one's value to the last bit.
    subroutine add_up(self, n, values)
       class(world_type), intent(in) :: self
       integer, intent(in) :: n

@@ -70,8 +70,8 @@ contains
       if (allocated(error)) call complaints%add_general(error%message)
    end subroutine read_structure
 
-   !> dof_a dof_b stiffness normal_load friction [friction_point], a joint a line; without the dofs
-   !> where there is a file of directions.
+   !> Reads dof_a dof_b stiffness normal_load friction [friction_point], a joint a line; without the
+   !> dofs where there is a file of directions.
    subroutine read_joints(paths, structure, complaints)
       type(structure_paths), intent(in) :: paths
       type(structure_type), intent(inout) :: structure
@@ -98,7 +98,7 @@ contains
       end if
    end subroutine read_joints
 
-   !> W, none of whose columns vanishes.
+   !> Reads W, none of whose columns vanishes.
    subroutine read_directions(path, structure, complaints)
       character(*), intent(in) :: path
       type(structure_type), intent(inout) :: structure
@@ -121,7 +121,7 @@ contains
       end do
    end subroutine read_directions
 
-   !> The rules of one joint, by the line that breaks them.
+   !> Checks the rules of one joint, by the line that breaks them.
    subroutine check_properties(structure, table, complaints)
       type(structure_type), intent(in) :: structure
       type(table_type), intent(in) :: table
@@ -141,7 +141,7 @@ contains
       end do
    end subroutine check_properties
 
-   !> The point of the process that gives each joint its friction; without: its row.
+   !> Reads the point of the process that gives each joint its friction; without: its row.
    subroutine read_points(table, column, structure, complaints)
       type(table_type), intent(in) :: table
       integer, intent(in) :: column
@@ -157,7 +157,7 @@ contains
       end do
    end subroutine read_points
 
-   !> +1 at dof_a, -1 at dof_b, which is 0 for the ground.
+   !> Puts +1 at dof_a, -1 at dof_b, which is 0 for the ground.
    subroutine read_pairs(table, structure, complaints)
       type(table_type), intent(in) :: table
       type(structure_type), intent(inout) :: structure
@@ -176,7 +176,7 @@ contains
       end do
    end subroutine read_pairs
 
-   !> A whole number within limits; 0 after a complaint.
+   !> Reads a whole number within limits; 0 after a complaint.
    subroutine read_count(table, row, column, name, least, most, count, complaints)
       type(table_type), intent(in) :: table
       integer, intent(in) :: row, column, least, most
@@ -195,7 +195,8 @@ contains
       end associate
    end subroutine read_count
 
-   !> Factor of each dof, one a line; a column a force. Without a file: 1 at the forced dof.
+   !> Reads the factor of each dof, one a line; a column a force. Without a file: 1 at the forced
+   !> dof.
    subroutine read_load(path, forced_dof, structure, complaints)
       character(*), intent(in) :: path
       integer, intent(in) :: forced_dof

@@ -53,7 +53,7 @@ contains
       allocate (matrix(0, 0))
    end subroutine read_matrix
 
-   !> %%MatrixMarket matrix coordinate|array real|integer general|symmetric
+   !> Reads %%MatrixMarket matrix coordinate|array real|integer general|symmetric
    subroutine read_header(reader)
       type(reader_type), intent(inout) :: reader
       character(word_length) :: words(6)
@@ -132,7 +132,7 @@ contains
       end do
    end function commas_to_blanks
 
-   !> rows columns [entries], behind % comments.
+   !> Reads rows columns [entries], behind % comments.
    subroutine read_sizes(reader)
       type(reader_type), intent(inout) :: reader
       integer :: sizes(3), n
@@ -164,7 +164,7 @@ contains
       if (reader%is_symmetric) reader%n_entries = sizes(1)*(sizes(1) + 1)/2
    end subroutine read_sizes
 
-   !> Exactly as many entries as the header promises, each once.
+   !> Reads exactly as many entries as the header promises, each once.
    subroutine read_entries(reader, matrix)
       type(reader_type), intent(inout) :: reader
       real(wp), allocatable, intent(inout) :: matrix(:, :)
@@ -201,7 +201,7 @@ contains
                                          to_text(reader%n_entries)//' entries'
    end subroutine read_entries
 
-   !> row column value
+   !> Reads row column value
    subroutine read_entry(reader, i, j, value)
       type(reader_type), intent(inout) :: reader
       integer, intent(out) :: i, j
@@ -222,7 +222,8 @@ contains
       if (.not. allocated(reader%rule)) call parse_value(reader, words(3), value)
    end subroutine read_entry
 
-   !> Within the matrix, in the lower triangle of a symmetric one, and not given before.
+   !> Requires a place within the matrix, in the lower triangle of a symmetric one, and not given
+   !> before.
    subroutine judge_place(reader, i, j, is_given)
       type(reader_type), intent(inout) :: reader
       integer, intent(in) :: i, j
@@ -240,7 +241,7 @@ contains
       end if
    end subroutine judge_place
 
-   !> One value alone on its line.
+   !> Reads one value alone on its line.
    subroutine read_value(reader, value)
       type(reader_type), intent(inout) :: reader
       real(wp), intent(out) :: value
@@ -312,7 +313,7 @@ contains
       advance = .false.
    end function advance
 
-   !> The words of a line; n exceeds their room where there are more, or where one is too long.
+   !> Splits a line into words; n exceeds their room where there are more, or where one is too long.
    pure subroutine split(line, words, n)
       character(*), intent(in) :: line
       character(word_length), intent(out) :: words(:)

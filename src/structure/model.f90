@@ -91,7 +91,7 @@ contains
       structure%n_points = maxval(structure%friction_point)
    end subroutine set_sizes
 
-   !> Square, of the order of M, and symmetric.
+   !> Requires a matrix that is square, of the order of M, and symmetric.
    pure subroutine check_matrix(matrix, n_dof, name, error)
       real(wp), intent(in) :: matrix(:, :)
       integer, intent(in) :: n_dof
@@ -134,7 +134,7 @@ contains
          call raise(error, exit_bad_input, name//': a mass matrix must be positive definite')
    end subroutine check_mass
 
-   !> C by whichever kind of damping is given.
+   !> Forms C by whichever kind of damping is given.
    subroutine form_damping(damping, name, modes, structure, error)
       type(damping_type), intent(in) :: damping
       character(*), intent(in) :: name
@@ -213,7 +213,7 @@ contains
       end do
    end function stuck_stiffness
 
-   !> Natural frequencies [Hz], ascending, and mass-normalized modes (dof, mode).
+   !> Finds natural frequencies [Hz], ascending, and mass-normalized modes (dof, mode).
    !>
    !> An eigenvalue within 1e-10 of the largest is known to few digits. Its Rayleigh quotient takes
    !> its place: where that, too, cancels to 1e-10 of its terms, the mode is one without force. With

@@ -72,7 +72,7 @@ contains
                         .true., 1)
    end function task_of
 
-   !> Two marches of one level, as variant_numbers has them.
+   !> Compares two marches of one level, as variant_numbers has them.
    pure subroutine compare(tradeoff, tested, reference, row)
       type(tradeoff_type), intent(in) :: tradeoff
       real(wp), intent(in) :: tested(:), reference(:)

@@ -80,7 +80,8 @@ contains
       steps_for = min(plan%integration%n_steps, max(fewest_steps, int(min(most, 1.0e9_wp))))
    end function steps_for
 
-   !> One level of force, by the scene's method and by that of audits, whose blocks are narrower.
+   !> Times one level of force, by the scene's method and by that of audits, whose blocks are
+   !> narrower.
    subroutine time_level(plan, level, n_steps, every, cost, error)
       type(plan_type), intent(in) :: plan
       type(level_type), intent(in) :: level
@@ -115,7 +116,8 @@ contains
                          error)
    end subroutine time_level
 
-   !> A block of one case of a short plan: the lesser time of two, as the first prepares transforms.
+   !> Times a block of one case of a short plan: the lesser time of two, as the first prepares
+   !> transforms.
    subroutine time_block(runner, case_number, friction, cost, transitions, error)
       type(runner_type), intent(inout) :: runner
       integer, intent(in) :: case_number

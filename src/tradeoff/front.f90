@@ -244,8 +244,8 @@ contains
       end associate
    end function slip_error_to_come
 
-   !> From batches: their mean over a march of the scene's length. Where every sample has a force of
-   !> its own, the mean over samples averages their errors too.
+   !> Adds, from batches, their mean over a march of the scene's length. Where every sample has a
+   !> force of its own, the mean over samples averages their errors too.
    pure subroutine add_time_averages(tradeoff, values, n_steps, parts)
       type(tradeoff_type), intent(in) :: tradeoff
       real(wp), intent(in) :: values(:, :)

@@ -21,7 +21,7 @@ module tradeoff_pilot
 
 contains
 
-   !> The k of every k-th step: as the scene says, or the largest power of two that folds a
+   !> Chooses the k of every k-th step: as the scene says, or the largest power of two that folds a
    !> negligible share at every dof and excitation level; and the shares that k folds.
    subroutine choose_every(plan, file_force, every, folded_share, error)
       type(plan_type), intent(in) :: plan

@@ -34,8 +34,8 @@ module tradeoff_sample
 
 contains
 
-   !> The levels of force, at most four, the lowest and the highest among them; and their samples:
-   !> the first of each case, as many of each as a block has room for.
+   !> Chooses the levels of force, at most four, the lowest and the highest among them; and their
+   !> samples: the first of each case, as many of each as a block has room for.
    pure subroutine choose_levels(plan, levels)
       type(plan_type), intent(in) :: plan
       type(level_type), allocatable, intent(out) :: levels(:)
@@ -94,8 +94,8 @@ contains
       end do
    end function ranked
 
-   !> The friction and the force of a level's samples. Without models, coefficients of the right
-   !> mean and scatter stand in for those of the processes: numerical errors do not feel more.
+   !> Draws the friction and the force of a level's samples. Without models, coefficients of the
+   !> right mean and scatter stand in for those of the processes: numerical errors do not feel more.
    subroutine draw_level(plan, runner, n_steps, level, error, models)
       type(plan_type), intent(in) :: plan
       type(runner_type), intent(in) :: runner   !! of the whole campaign

@@ -49,8 +49,8 @@ contains
                /tradeoff%plan%integration%n_steps)
    end function noise_of_one
 
-   !> Standard errors of mean slip fractions for as many samples as were marched [points] without
-   !> what their own records add, plain sampling's over them, and how many were marched.
+   !> Finds standard errors of mean slip fractions for as many samples as were marched [points]
+   !> without what their own records add, plain sampling's over them, and how many were marched.
    pure subroutine mean_slip_errors(tradeoff, values, noise, now, ratio, w)
       type(tradeoff_type), intent(in) :: tradeoff
       real(wp), intent(in) :: values(:)   !! of one case
@@ -73,7 +73,7 @@ contains
       end associate
    end subroutine mean_slip_errors
 
-   !> From the samples of one case, for so many times as many as the scene has of it.
+   !> Adds errors from the samples of one case, for so many times as many as the scene has of it.
    pure subroutine add_samples(tradeoff, case_number, values, noise, times, part)
       type(tradeoff_type), intent(in) :: tradeoff
       integer, intent(in) :: case_number

@@ -168,7 +168,7 @@ contains
       if (plan%excitation%kind == 'file') wide_block = min(wide_block, size(file_force, 2))
    end function wide_block
 
-   !> Friction, force and, where settings are compared, reference of every level.
+   !> Draws friction, force and, where settings are compared, reference of every level.
    subroutine draw_and_refer(tradeoff, should_stop, error)
       type(tradeoff_type), intent(inout) :: tradeoff
       procedure(stop_query) :: should_stop
@@ -310,8 +310,8 @@ contains
       end associate
    end function case_width
 
-   !> One march: the cost of a sample-step [ns of a processor], then the numbers of its kind, which
-   !> are those of tradeoff_numbers.
+   !> Runs one march: the cost of a sample-step [ns of a processor], then the numbers of its kind,
+   !> which are those of tradeoff_numbers.
    subroutine run_task(self, number, should_stop, values, is_abandoned, error)
       class(tradeoff_type), intent(in) :: self
       integer, intent(in) :: number
@@ -404,8 +404,8 @@ contains
       end if
    end subroutine prepare_task
 
-   !> The samples of a variant's case, their friction drawn from its model by the numbers that the
-   !> samples of the scene's own process have.
+   !> Draws the samples of a variant's case, their friction drawn from its model by the numbers that
+   !> the samples of the scene's own process have.
    subroutine draw_variant(self, task, n_steps, level, error)
       type(tradeoff_type), intent(in) :: self
       type(task_type), intent(in) :: task

@@ -61,7 +61,8 @@ contains
       if (drawn_alike .and. a%positive) drawn_alike = a%sampler == b%sampler
    end function drawn_alike
 
-   !> Up to ten beyond the scene's order, or to twice of it where that is less, but not below ten.
+   !> Adds up to ten beyond the scene's order, or to twice of it where that is less, but not below
+   !> ten.
    pure subroutine add_orders(plan, process, own_order, variants)
       type(plan_type), intent(in) :: plan
       integer, intent(in) :: process, own_order
@@ -81,7 +82,7 @@ contains
       end do
    end subroutine add_orders
 
-   !> Where values are simulated to be matched: positive ones, but for the first order.
+   !> Adds fits where values are simulated to be matched: positive ones, but for the first order.
    pure subroutine add_fits(request, process, own_order, variants)
       type(process_request), intent(in) :: request
       integer, intent(in) :: process, own_order

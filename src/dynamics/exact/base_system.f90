@@ -83,13 +83,13 @@ module dynamics_exact_base_system
          type(error_type), allocatable, intent(out) :: error
       end subroutine redo
 
-      !> The ends become the starts of the next part.
+      !> Makes the ends the starts of the next part.
       subroutine go_on(self)
          import :: base_system
          class(base_system), intent(inout) :: self
       end subroutine go_on
 
-      !> The state of all lanes now.
+      !> Puts the state of all lanes now.
       subroutine put_state(self, displacement, velocity)
          import :: base_system, wp
          class(base_system), intent(in) :: self

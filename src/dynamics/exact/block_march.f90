@@ -83,7 +83,7 @@ contains
       call base%paths%free()
    end subroutine march_block
 
-   !> One part of a step of all lanes, transitions included.
+   !> Marches one part of a step of all lanes, transitions included.
    subroutine march_part(base, push, begin, state, room, error)
       class(base_system), intent(inout) :: base
       real(wp), intent(in) :: push(:, :, 0:)
@@ -210,7 +210,7 @@ contains
       end do
    end subroutine enter_group
 
-   !> True if a joint moves one that switches in the same part of its sample too much (9).
+   !> Notes a joint, and if it moves one that switches in the same part of its sample too much (9).
    pure subroutine note_joint(base, joint, seen, n_seen, is_involved)
       class(base_system), intent(in) :: base
       integer, intent(in) :: joint
@@ -250,7 +250,7 @@ contains
       end associate
    end subroutine make_transition
 
-   !> All transitions of a local joint in the part, one after another.
+   !> Makes all transitions of a local joint in the part, one after another.
    subroutine follow_joint(base, suspect, begin, state, one, error)
       class(base_system), intent(inout) :: base
       integer, intent(in) :: suspect   !! as the list has it
@@ -288,7 +288,7 @@ contains
       end associate
    end subroutine keep_ledger
 
-   !> Force of every lane at a share of a step, and its rise over the next part of it.
+   !> Sets the force of every lane at a share of a step, and its rise over the next part of it.
    pure subroutine set_force(base, force, step, share, part, push)
       class(base_system), intent(in) :: base
       real(wp), intent(in) :: force(0:, :), share, part
@@ -344,7 +344,7 @@ contains
       call base%put_state(room%displacement(:, :, room%n_kept), room%velocity(:, :, room%n_kept))
    end subroutine keep_record
 
-   !> From planes (lane, dof) to histories (record, dof, sample).
+   !> Copies planes (lane, dof) to histories (record, dof, sample).
    subroutine hand_on(base, displacement, velocity, room)
       class(base_system), intent(in) :: base
       real(wp), intent(inout) :: displacement(:, :, :), velocity(:, :, :)

@@ -155,8 +155,9 @@ contains
       end do
    end subroutine finish_rows
 
-   !> A path leaves its chord by at most max |x''|/8 <= sum k (k - 1)/8 |x_k|, a velocity by sum k
-   !> (k - 1)(k - 2)/8 |x_k| (3); the guards of the chords have their least values at its ends.
+   !> Finds the least values of a row's guards: a path leaves its chord by at most max |x''|/8 <=
+   !> sum k (k - 1)/8 |x_k|, a velocity by sum k (k - 1)(k - 2)/8 |x_k| (3); the guards of the
+   !> chords have their least values at its ends.
    subroutine finish_row(degree, paths, entry, start, x, regime, slack, finish, word)
       integer, value :: degree
       type(joint_paths), intent(in) :: paths

@@ -121,7 +121,7 @@ contains
       if (allocated(self%layer)) deallocate (self%first, self%joint, self%joint_row, self%layer)
    end subroutine free
 
-   !> The end of a part becomes the start of the next one.
+   !> Makes the end of a part the start of the next one.
    pure subroutine exchange_ends(self)
       class(joint_paths), intent(inout) :: self
       integer :: before(0:1)
@@ -201,7 +201,7 @@ contains
       if (self%first(row + 1) - self%first(row) > 1) call self%set_row(lane, row)
    end subroutine switch
 
-   !> The other regime of a joint that is alone on its row. Without branches, as slips start as
+   !> Changes the regime of a joint that is alone on its row. Without branches, as slips start as
    !> often as they end.
    pure subroutine change_regime(joints, at, base, place, direction, regime, stiffness, &
                                  pull)

@@ -100,7 +100,7 @@ contains
       self%area = 0.0_wp
    end subroutine add_part
 
-   !> Work of the dampers. Sums stay in registers, as in dynamics_exact_powers.
+   !> Adds the work of the dampers. Sums stay in registers, as in dynamics_exact_powers.
    pure subroutine add_viscous(self, degree, top, x1, x, work)
       class(ledger_type), intent(in) :: self
       integer, intent(in) :: degree, top

@@ -79,9 +79,10 @@ contains
       end do
    end subroutine find_near
 
-   !> Which joints may be answered locally: only those of one dof that no other joint holds, where
-   !> the answer to a transition at the start of a part differs from the true one by little, and
-   !> does not move the paths of other joints by more than they may be wrong within the part (8).
+   !> Finds which joints may be answered locally: only those of one dof that no other joint holds,
+   !> where the answer to a transition at the start of a part differs from the true one by little,
+   !> and does not move the paths of other joints by more than they may be wrong within the part
+   !> (8).
    subroutine find_local(damping, stiffness, series, tolerance, answers)
       real(wp), intent(in), dimension(:, :) :: damping, stiffness   !! C^, K^ with stuck joints
       type(series_type), intent(in) :: series

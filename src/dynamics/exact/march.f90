@@ -32,7 +32,8 @@ module dynamics_exact_march
 
 contains
 
-   !> The exact march for one structure: tolerance 1e-12 .. 1e-3 of each dof's rms displacement.
+   !> Prepares the exact march for one structure: tolerance 1e-12 .. 1e-3 of each dof's rms
+   !> displacement.
    subroutine new_exact_march(structure, dt, tolerance, marcher, error)
       type(structure_type), intent(in) :: structure
       real(wp), intent(in) :: dt          !! [s]

@@ -229,7 +229,7 @@ contains
       call finish_part(self%paths, list, found)
    end subroutine run_part
 
-   !> Never called: joints act on each other, so no joint is local.
+   !> Stops, as it is never called: joints act on each other, so no joint is local.
    subroutine correct(self, group, entry)
       class(modal_form), intent(inout) :: self
       type(transition_group), intent(in) :: group
@@ -286,7 +286,7 @@ contains
          end do
       end subroutine adopt_suspects
 
-      !> All suspects that cross now, in their order.
+      !> Switches all suspects that cross now, in their order.
       subroutine switch_suspects(paths)
          type(lane_paths), intent(inout) :: paths
          real(wp), parameter :: same_instant = 1.0e-12_wp   ! rounding of sliders over velocity
@@ -334,7 +334,7 @@ contains
 
    end subroutine redo
 
-   !> The ends become the starts.
+   !> Makes the ends the starts.
    subroutine go_on(self)
       class(modal_form), intent(inout) :: self
 
@@ -342,7 +342,7 @@ contains
       call self%paths%exchange_ends()
    end subroutine go_on
 
-   !> The modes go to the end of the part and take the motion of the sliders (M6).
+   !> Takes the modes to the end of the part, with the motion of the sliders (M6).
    subroutine take_sliders(self)
       class(modal_form), intent(inout) :: self
       integer :: k

@@ -62,7 +62,7 @@ contains
                 self%follows(n_joints))
    end subroutine start
 
-   !> The start of a part: no suspects, no changes.
+   !> Begins a part: no suspects, no changes.
    pure subroutine begin(self, slack, follows)
       class(lane_paths), intent(inout) :: self
       real(wp), intent(in) :: slack(:), follows(:)   !! (joint)
@@ -95,7 +95,7 @@ contains
       self%slack(joint) = huge(1.0_wp)
    end subroutine adopt
 
-   !> Next transition of each suspect in what is left of the part.
+   !> Finds the next transition of each suspect in what is left of the part.
    pure subroutine find_crossings(self)
       class(lane_paths), intent(inout) :: self
       integer :: e
@@ -125,7 +125,7 @@ contains
       self%left = self%left - span
    end subroutine move_on
 
-   !> A polynomial about a later time.
+   !> Expands a polynomial about a later time.
    pure subroutine shift(path, span)
       real(wp), intent(inout) :: path(0:path_degree)
       real(wp), intent(in) :: span
@@ -138,7 +138,7 @@ contains
       end do
    end subroutine shift
 
-   !> A suspect changes its regime now: its slider begins to move with it (towards `way`), or stops.
+   !> Changes a suspect's regime now: its slider begins to move with it (towards `way`), or stops.
    pure subroutine switch_slider(self, operators, entry, way)
       class(lane_paths), intent(inout) :: self
       type(modal_operators), intent(in) :: operators
@@ -195,7 +195,7 @@ contains
       answer = answer + markov*share
    end subroutine add_answer
 
-   !> One power of the answers goes to the sliders that follow, the paths, and the bound of changes
+   !> Adds one power of the answers to the sliders that follow, the paths, and the bound of changes
    !> of velocities, and so of paths.
    pure subroutine take_answer(m, weight, answer, follows, motion, change, bound)
       integer, intent(in) :: m

@@ -38,7 +38,7 @@ module dynamics_exact_modal_ledger
 
 contains
 
-   !> Quadratic forms of all modes, each by itself where C^ decouples.
+   !> Prepares the quadratic forms of all modes, each by itself where C^ decouples.
    subroutine prepare(self, h, rate, damping, load, decouples)
       class(modal_ledger), intent(inout) :: self
       real(wp), intent(in) :: h                            !! of a part [s]
@@ -85,9 +85,9 @@ contains
       end do
    end subroutine prepare
 
-   !> W = integral of exp(A't) Q exp(A t) over a part, by its power series over 2^-s of it, doubled:
-   !> W(2t) = W(t) + exp(A't) W(t) exp(A t). With y = (v, a, g, P, R): v' = a, a' = g - C^ a -
-   !> Omega^2 v, P' = load' v, R' = P, so that R is the area of X - X(0).
+   !> Finds W = integral of exp(A't) Q exp(A t) over a part, by its power series over 2^-s of it,
+   !> doubled: W(2t) = W(t) + exp(A't) W(t) exp(A t). With y = (v, a, g, P, R): v' = a, a' = g - C^
+   !> a - Omega^2 v, P' = load' v, R' = P, so that R is the area of X - X(0).
    subroutine find_loss(rate, damping, load, w, area)
       real(wp), intent(in) :: rate(:), damping(:, :), load(:, :)
       real(wp), allocatable, intent(out) :: w(:, :)      !! (v a g, v a g)
@@ -222,7 +222,7 @@ contains
       end do
    end subroutine add_part
 
-   !> Dampers' work in uniform motion, y' W y, where damping couples the modes.
+   !> Adds the dampers' work in uniform motion, y' W y, where damping couples the modes.
    pure subroutine add_form(self, rows, y, product, work)
       class(modal_ledger), intent(in) :: self
       integer, intent(in) :: rows

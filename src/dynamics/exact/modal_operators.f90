@@ -67,7 +67,7 @@ contains
       end if
    end function work
 
-   !> All modes ahead together (M3).
+   !> Takes all modes ahead together (M3).
    pure subroutine propagate(self, force, pushed, now, ahead)
       class(modal_operators), intent(in) :: self
       real(wp), intent(in) :: force(:, :, 0:)          !! (lane, force, power) [N]
@@ -161,7 +161,7 @@ contains
       is_diagonal = .true.
    end function is_diagonal
 
-   !> Each mode by itself: a 2 x 2 exponential and its moments (M3), (M6).
+   !> Takes each mode by itself: a 2 x 2 exponential and its moments (M3), (M6).
    pure subroutine put_rotations(rate, damping, operators, moved)
       real(wp), intent(in) :: rate(:), damping(:, :)   !! Omega (mode), C^ (mode, mode)
       type(modal_operators), intent(inout) :: operators
@@ -197,7 +197,8 @@ contains
       end do
    end subroutine put_rotations
 
-   !> All modes together: the exponential of the first-order system and its moments (M3), (M6).
+   !> Takes all modes together: the exponential of the first-order system and its moments (M3),
+   !> (M6).
    pure subroutine put_propagator(rate, damping, operators, moved)
       real(wp), intent(in) :: rate(:), damping(:, :)   !! Omega (mode), C^ (mode, mode)
       type(modal_operators), intent(inout) :: operators
@@ -271,7 +272,7 @@ contains
 
    contains
 
-      !> From scaled q' back to q'.
+      !> Goes from scaled q' back to q'.
       pure subroutine unscale(of)
          type(exponential_type), intent(inout) :: of
          integer :: s

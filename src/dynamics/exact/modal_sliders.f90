@@ -57,8 +57,8 @@ contains
       allocate (self%moving(n_joints), self%moved(layers*n_joints, groups), source=0)
    end subroutine start
 
-   !> Which sliders move with their joints from the start of the part. Joints that have not switched
-   !> go on as before.
+   !> Finds which sliders move with their joints from the start of the part. Joints that have not
+   !> switched go on as before.
    pure subroutine follow(self, side, spring)
       class(moving_sliders), intent(inout) :: self
       real(wp), intent(in), dimension(width, self%n_joints) :: side, spring
@@ -98,7 +98,7 @@ contains
       end do
    end subroutine find_moving
 
-   !> A joint has switched in a lane.
+   !> Notes that a joint has switched in a lane.
    pure subroutine switch(self, joint, lane)
       class(moving_sliders), intent(inout) :: self
       integer, intent(in) :: joint, lane
@@ -107,7 +107,7 @@ contains
       self%has_moved(1 + (lane - 1)*groups/width, joint) = .true.
    end subroutine switch
 
-   !> One power of the motion, from that power of the paths.
+   !> Finds one power of the motion, from that power of the paths.
    pure subroutine mask(self, power, x)
       class(moving_sliders), intent(inout) :: self
       integer, intent(in) :: power

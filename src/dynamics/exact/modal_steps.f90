@@ -90,7 +90,7 @@ contains
       end do
    end subroutine put_free_paths
 
-   !> The modes at the end of the part take the motion of the sliders (M6).
+   !> Gives the modes at the end of the part the motion of the sliders (M6).
    pure subroutine take_motion(rows, weight, ahead, taken, now, pushed)
       integer, intent(in) :: rows
       real(wp), intent(in) :: weight(0:, :, :)        !! (moment, q or q', mode)

@@ -28,7 +28,7 @@ module dynamics_exact_powers
 
 contains
 
-   !> The operators of all powers.
+   !> Forms the operators of all powers.
    subroutine power_operators(series, top, operators)
       type(series_type), intent(in) :: series
       integer, intent(in) :: top   !! rows of a layer
@@ -66,7 +66,7 @@ contains
       end do
    end subroutine power_operators
 
-   !> x_(k+2) = -(K^ x_k + (k + 1) C^ x_(k+1))/((k + 1)(k + 2)) of the dofs.
+   !> Finds x_(k+2) = -(K^ x_k + (k + 1) C^ x_(k+1))/((k + 1)(k + 2)) of the dofs.
    pure subroutine next_power(operator, turn, stiffness, pull, x)
       type(power_operator), intent(in) :: operator
       integer, intent(in) :: turn   !! 0 or 1: places of powers 0 and 1

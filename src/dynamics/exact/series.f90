@@ -158,7 +158,7 @@ contains
       end do
    end function count_levels
 
-   !> C^ = h M^-1 C and K^ = h^2 M^-1 K without joints.
+   !> Forms C^ = h M^-1 C and K^ = h^2 M^-1 K without joints.
    pure subroutine form_matrices(structure, h, damping, stiffness)
       type(structure_type), intent(in) :: structure
       real(wp), intent(in) :: h   !! [s]
@@ -186,8 +186,8 @@ contains
       end do
    end function without_diagonal
 
-   !> A joint that holds one dof to the ground watches the path of that dof; all others need links,
-   !> one for each direction.
+   !> Gives joints their rows: a joint that holds one dof to the ground watches the path of that
+   !> dof; all others need links, one for each direction.
    pure subroutine put_joints(structure, series)
       type(structure_type), intent(in) :: structure
       type(series_type), intent(inout) :: series

@@ -187,7 +187,7 @@ contains
       end associate
    end subroutine note_answer
 
-   !> (7): sums of the joint's own answer, weighted for each of the dofs around it.
+   !> Adds (7): sums of the joint's own answer, weighted for each of the dofs around it.
    pure subroutine add_answer(top, answers, group, entry, place, velocity)
       integer, intent(in) :: top, entry
       type(local_answers), intent(in) :: answers
@@ -258,7 +258,7 @@ contains
 
    contains
 
-      !> First zero of the guard of every joint within what is left of the part.
+      !> Finds the first zero of the guard of every joint within what is left of the part.
       subroutine find_crossings(left)
          real(wp), intent(in) :: left
          real(wp) :: path(0:self%series%degree)
@@ -305,7 +305,7 @@ contains
          x(:, 1) = slope
       end subroutine advance
 
-      !> All joints that cross now, in their order.
+      !> Switches all joints that cross now, in their order.
       subroutine switch_joints()
          integer :: direction, j, sample
          real(wp) :: time

@@ -82,8 +82,8 @@ contains
       call judge(degree, group)
    end subroutine solve
 
-   !> The next transition of the first suspect after the time of the group, one after another, with
-   !> its answer.
+   !> Finds the next transition of the first suspect after the time of the group, one after another,
+   !> with its answer.
    pure subroutine find_next(degree, group, is_found)
       integer, intent(in) :: degree
       type(transition_group), intent(inout) :: group
@@ -99,7 +99,8 @@ contains
       call respond(degree, group)
    end subroutine find_next
 
-   !> After its transition the first suspect goes on by its answer, from its limit where it stuck.
+   !> Lets the first suspect go on after its transition by its answer, from its limit where it
+   !> stuck.
    pure subroutine take_answer(paths, group)
       type(joint_paths), intent(in) :: paths
       type(transition_group), intent(inout) :: group
@@ -177,7 +178,7 @@ contains
       end do
    end subroutine take_regimes
 
-   !> Zero of the guard: that of its parabola, then two steps of Halley.
+   !> Finds the zero of the guard: that of its parabola, then two steps of Halley.
    pure subroutine find_zero(degree, group)
       integer, value :: degree
       type(transition_group), intent(inout) :: group
@@ -275,7 +276,7 @@ contains
       end associate
    end subroutine find_zero
 
-   !> Path about the transition; at rest where it sticks.
+   !> Expands a path about the transition; at rest where it sticks.
    pure subroutine shift_path(degree, span, group)
       integer, value :: degree
       real(wp), intent(in) :: span(group_size)   !! [parts]
@@ -301,7 +302,7 @@ contains
       end do
    end subroutine shift_path
 
-   !> The answer of the joint (6), and what it adds to the ends of all (7).
+   !> Finds the answer of the joint (6), and what it adds to the ends of all (7).
    pure subroutine respond(degree, group)
       integer, value :: degree
       type(transition_group), intent(inout) :: group

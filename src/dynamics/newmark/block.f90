@@ -150,9 +150,9 @@ contains
       call dissipate(structure, state)
    end subroutine store_block
 
-   !> A smallest step of sample w has passed a joint's limit: the transition is put at its nearer
-   !> end, the earliest deciding. The begin is nearer if less was missing there than is too much at
-   !> the end (linear interpolation).
+   !> Puts a transition at the nearer end of a smallest step of sample w that has passed a joint's
+   !> limit, the earliest deciding. The begin is nearer if less was missing there than is too much
+   !> at the end (linear interpolation).
    subroutine switch_at_nearer_end(self, state, w)
       class(newmark_block), intent(inout) :: self
       type(block_state), intent(inout) :: state
@@ -216,8 +216,8 @@ contains
 
    end subroutine switch_at_nearer_end
 
-   !> How far joints are from their limits: a stuck one by the extension that its spring may still
-   !> gain [m], a slipping one by its velocity [m/s] (guards of dynamics_joint).
+   !> Finds how far joints are from their limits: a stuck one by the extension that its spring may
+   !> still gain [m], a slipping one by its velocity [m/s] (guards of dynamics_joint).
    pure subroutine find_margins(rows, bounds, place, speed, margin)
       integer, intent(in) :: rows
       real(wp), intent(in) :: bounds(rows, 4), place(rows), speed(rows)
@@ -231,8 +231,8 @@ contains
       end do
    end subroutine find_margins
 
-   !> Joint j slips from now on in a direction. Its spring carries mu N instead of what it had come
-   !> to.
+   !> Lets joint j slip from now on in a direction. Its spring carries mu N instead of what it had
+   !> come to.
    subroutine slip(self, state, j, w, place, direction)
       class(newmark_block), intent(inout) :: self
       type(block_state), intent(inout) :: state
@@ -249,7 +249,7 @@ contains
       call enter_transition(state, j, w, self%now(state, w), place, direction)
    end subroutine slip
 
-   !> Joint j sticks from now on: it stands still, which relieves the dampers, and its spring
+   !> Lets joint j stick from now on: it stands still, which relieves the dampers, and its spring
    !> carries no more than mu N.
    subroutine stick(self, state, j, w, place)
       class(newmark_block), intent(inout) :: self

@@ -54,7 +54,7 @@ contains
          is_empty = all([(abs(full(i, i + offset)) <= 0.0_wp, i=first, last)])
       end function is_empty
 
-      !> First and last row of a diagonal.
+      !> Finds the first and last row of a diagonal.
       pure subroutine find_rows(offset, first, last)
          integer, intent(in) :: offset
          integer, intent(out) :: first, last
@@ -65,7 +65,7 @@ contains
 
    end subroutine diagonals_of
 
-   !> y = A x; rows of y beyond those of A are zero.
+   !> Puts y = A x; rows of y beyond those of A are zero.
    pure subroutine put_product(matrix, x, y)
       type(diagonal_matrix), intent(in) :: matrix
       real(wp), intent(in), contiguous :: x(:)      !! (column)

@@ -62,8 +62,8 @@ contains
       end associate
    end subroutine new_newmark_frame
 
-   !> Where n <= 8 and the directions are independent, y = [W'; U] x with as many unit vectors U as
-   !> are missing.
+   !> Chooses coordinates: where n <= 8 and the directions are independent, y = [W'; U] x with as
+   !> many unit vectors U as are missing.
    subroutine choose_coordinates(frame, error)
       type(newmark_frame), intent(inout) :: frame
       type(error_type), allocatable, intent(out) :: error
@@ -108,7 +108,7 @@ contains
       end if
    end subroutine choose_coordinates
 
-   !> The structure in coordinates y, x = dofs y.
+   !> Writes the structure in coordinates y, x = dofs y.
    pure subroutine transform(dofs, structure)
       real(wp), intent(in) :: dofs(:, :)
       type(structure_type), intent(inout) :: structure

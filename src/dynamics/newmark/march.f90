@@ -37,7 +37,8 @@ module dynamics_newmark_march
 
 contains
 
-   !> Newmark's scheme for one structure, average acceleration with beta = 1/4 and gamma = 1/2.
+   !> Prepares Newmark's scheme for one structure, average acceleration with beta = 1/4 and gamma =
+   !> 1/2.
    subroutine new_newmark(structure, dt, max_halvings, beta, gamma, marcher, error)
       type(structure_type), intent(in) :: structure
       real(wp), intent(in) :: dt                 !! [s]

@@ -74,7 +74,7 @@ contains
       end if
    end subroutine new_newmark_steps
 
-   !> All patterns and levels of a short frame; what is beyond n is zero.
+   !> Fills tables of all patterns and levels of a short frame; what is beyond n is zero.
    subroutine fill_tables(self, frame, error)
       type(newmark_steps), intent(inout) :: self
       type(newmark_frame), intent(in) :: frame
@@ -184,9 +184,10 @@ contains
       end do
    end subroutine list_tries
 
-   !> The tries of short frames go in passes over the samples, so that the operations of one wait
-   !> for each other while those of the next proceed. Every array has an explicit shape and is whole
-   !> registers long: here the time is spent. Rows of the motion: a 1..8, v 9..16, x 17..24.
+   !> Begins the tries of short frames. They go in passes over the samples, so that the operations
+   !> of one wait for each other while those of the next proceed. Every array has an explicit shape
+   !> and is whole registers long: here the time is spent. Rows of the motion: a 1..8, v 9..16, x
+   !> 17..24.
    !>
    !> First -h v0, which is -h w.v0 in its first rows, and the same times the stiffness of the stuck
    !> joints; a0/gamma and M^-1 b dF of the first force begin what S^-1 M is applied to.
@@ -214,7 +215,7 @@ contains
       end do
    end subroutine begin_loads
 
-   !> Then -h M^-1 K_s v0.
+   !> Adds -h M^-1 K_s v0.
    pure subroutine add_springs(n_tries, n_groups, offset, diagonals, stack, loads)
       integer, intent(in) :: n_tries, n_groups, offset(4, n_groups)
       real(wp), intent(in) :: diagonals(rows, 4, n_groups), stack(4*rows, n_tries)
@@ -238,7 +239,7 @@ contains
       end do
    end subroutine add_springs
 
-   !> Then M^-1 b dF of other forces.
+   !> Adds M^-1 b dF of other forces.
    pure subroutine add_forces(n_tries, n_forces, load, change, loads)
       integer, intent(in) :: n_tries, n_forces
       real(wp), intent(in) :: load(rows, n_forces), change(:, :)
@@ -255,8 +256,8 @@ contains
       end do
    end subroutine add_forces
 
-   !> Last a1 = S^-1 M load - share a0, share = (1 - gamma)/gamma, v1 and x1, and whether a joint
-   !> has passed its limit.
+   !> Finds last a1 = S^-1 M load - share a0, share = (1 - gamma)/gamma, v1 and x1, and whether a
+   !> joint has passed its limit.
    pure subroutine finish_tries(n_tries, tries, weight, columns, solution, bounds, loads, motion, &
                                 has_passed)
       integer, intent(in) :: n_tries, columns

@@ -89,7 +89,7 @@ contains
       end do
    end subroutine new_newmark_system
 
-   !> S^-1 for one stiffness and length of step.
+   !> Finds S^-1 for one stiffness and length of step.
    subroutine inverse_of(structure, stiffness, h, beta, gamma, inverse, error)
       type(structure_type), intent(in) :: structure
       real(wp), intent(in) :: stiffness(:, :)   !! (dof, dof)
@@ -178,7 +178,7 @@ contains
       end associate
    end subroutine try_woodbury
 
-   !> a = A f, four columns at a time.
+   !> Finds a = A f, four columns at a time.
    pure subroutine multiply(rows, n, span, matrix, f, a)
       integer, intent(in) :: rows, n, span(2, n)
       real(wp), intent(in) :: matrix(rows, n), f(n)
@@ -199,9 +199,9 @@ contains
       end do
    end subroutine multiply
 
-   !> From u = S^-1 q with all joints stuck to that with the m listed ones slipping: u + S^-1 W y
-   !> with (1/(beta h^2 k) - W' S^-1 W) y = W' u, rows and columns of the listed joints. By factors
-   !> L D L' made here and not by LAPACK, whose calls cost more than these few rows.
+   !> Goes from u = S^-1 q with all joints stuck to that with the m listed ones slipping: u + S^-1 W
+   !> y with (1/(beta h^2 k) - W' S^-1 W) y = W' u, rows and columns of the listed joints. By
+   !> factors L D L' made here and not by LAPACK, whose calls cost more than these few rows.
    pure subroutine release(rows, joints, m, list, level, directions, at_joints, u, factor)
       integer, intent(in) :: rows, joints, m, list(m)
       type(newmark_level), intent(in) :: level
@@ -246,7 +246,7 @@ contains
       end do
    end subroutine release
 
-   !> a1 = a - share a0, v1 and x1.
+   !> Finds a1 = a - share a0, v1 and x1.
    pure subroutine move_on(rows, weight, a, old, new)
       integer, intent(in) :: rows
       real(wp), intent(in) :: weight(6), a(rows), old(rows, 3)
@@ -260,7 +260,7 @@ contains
       end do
    end subroutine move_on
 
-   !> w.v and w.x of all joints.
+   !> Finds w.v and w.x of all joints.
    pure subroutine join_paths(system, rows, motion, paths)
       type(newmark_system), intent(in) :: system
       integer, intent(in) :: rows
@@ -270,7 +270,7 @@ contains
       call put_product(system%both, motion, paths)
    end subroutine join_paths
 
-   !> True, as 1, if a joint is beyond its limit.
+   !> Finds if a joint is beyond its limit: 1 then.
    pure subroutine judge(rows, paths, bounds, has_passed)
       integer, intent(in) :: rows
       real(wp), intent(in) :: paths(rows, 2), bounds(rows, 4)   !! w.v and w.x of the joints
