@@ -194,7 +194,7 @@ contains
       real(wp) :: finish, start
 
       call cpu_time(start)
-      call search_direct(request, share%part, share%n_parts, .true., found)
+      call search_direct(request, share%part, share%n_parts, found)
       call cpu_time(finish)
       found%seconds = finish - start
       call add_search(found, search)

@@ -5,7 +5,7 @@
 !> recursion), at the cost of two marches; closed forms are differentiated as such.
 module process_autoregressive_gradient
    use core_kinds, only: wp
-   use process_autoregressive_model, only: step_up
+   use process_autoregressive_model, only: autocovariance_of, step_up
    use process_autoregressive_sums, only: correlation_sums, log_spectral_ratios, mirror
    implicit none(type, external)
    private
@@ -70,7 +70,14 @@ contains
       order = size(kappa)
       gradient = 0.0_wp
       allocate (rho(0:n_lags), rho_bar(0:n_lags))
-      call march_forth(kappa, a, variance, rho)
+      rho(:) = autocovariance_of(kappa, n_lags)
+      a = 0.0_wp
+      variance(0) = 1.0_wp
+      do m = 1, order
+         a(:, m) = a(:, m - 1)
+         call step_up(a(:, m), m, kappa(m))
+         variance(m) = variance(m - 1)*(1.0_wp - kappa(m)**2)
+      end do
       rho_bar = 0.0_wp
       last = 0
       do m = 1, n_lags
@@ -98,26 +105,5 @@ contains
          rho_bar(m - 1:1:-1) = rho_bar(m - 1:1:-1) - rho_bar(m)*a(:m - 1, m - 1)
       end do
    end function march_back
-
-   !> Autocorrelation, predictors and their error variances, kept for the way back.
-   pure subroutine march_forth(kappa, a, variance, rho)
-      real(wp), intent(in) :: kappa(:)
-      real(wp), intent(out) :: a(:, 0:), variance(0:), rho(0:)
-      integer :: m, order
-
-      order = size(kappa)
-      a = 0.0_wp
-      variance(0) = 1.0_wp
-      rho(0) = 1.0_wp
-      do m = 1, order
-         rho(m) = -kappa(m)*variance(m - 1) - dot_product(a(:m - 1, m - 1), rho(m - 1:1:-1))
-         a(:, m) = a(:, m - 1)
-         call step_up(a(:, m), m, kappa(m))
-         variance(m) = variance(m - 1)*(1.0_wp - kappa(m)**2)
-      end do
-      do m = order + 1, ubound(rho, 1)
-         rho(m) = -dot_product(a(:, order), rho(m - 1:m - order:-1))
-      end do
-   end subroutine march_forth
 
 end module process_autoregressive_gradient

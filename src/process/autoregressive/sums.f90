@@ -11,7 +11,8 @@ module process_autoregressive_sums
    use core_kinds, only: wp
    use core_text, only: to_text
    use numerics_elementary, only: exp_minus_one
-   use process_autoregressive_model, only: coefficients_of, find_poles, innovation_std, step_up
+   use process_autoregressive_model, only: autocovariance_of, coefficients_of, &
+      find_poles, innovation_std
    implicit none(type, external)
    private
    public :: correlation_sums, sum_correlation, log_spectral_ratios, mirror
@@ -94,51 +95,36 @@ contains
       end do
    end function log_spectral_ratios
 
-   !> Goes through the lags one by one: all moduli, or the negative ones beside the closed forms.
+   !> Adds the lags one by one: all moduli, or the negative ones beside the closed forms.
    pure subroutine march(kappa, sums)
       real(wp), intent(in) :: kappa(:)
       type(correlation_sums), intent(inout) :: sums   !! n_lags and is_closed are set
-      real(wp) :: a(size(kappa)), rho(0:size(kappa)), log_r(0:size(kappa))
-      real(wp) :: negative, negative_moment, positive, positive_moment, variance
+      real(wp) :: log_r(0:size(kappa)), moment, negative, total
       real(wp) :: mirrored   ! what of (-1)^m K(m) is negative
+      real(wp), allocatable :: rho(:)
       integer :: m, order
 
       order = size(kappa)
-      rho = 0.0_wp   ! rho(q) stands q lags back
-      rho(1) = 1.0_wp
-      a = 0.0_wp
-      variance = 1.0_wp
-      positive = 0.0_wp
-      positive_moment = 0.0_wp
+      allocate (rho(0:max(sums%n_lags, order)))
+      rho(:) = autocovariance_of(kappa, ubound(rho, 1))
+      total = 0.0_wp
+      moment = 0.0_wp
       negative = 0.0_wp
-      negative_moment = 0.0_wp
       mirrored = 0.0_wp
-      do m = 1, max(sums%n_lags, order)
-         if (m <= order) then
-            rho(0) = -kappa(m)*variance - dot_product(a(:m - 1), rho(1:m - 1))
-            call step_up(a, m, kappa(m))
-            variance = variance*(1.0_wp - kappa(m)**2)
-         else
-            rho(0) = -dot_product(a, rho(1:order))
-         end if
-         if (rho(0) < 0.0_wp) then
-            negative = negative - rho(0)
-            negative_moment = negative_moment - m*rho(0)
-         else
-            positive = positive + rho(0)
-            positive_moment = positive_moment + m*rho(0)
-         end if
-         if (rho(0) < 0.0_wp .neqv. modulo(m, 2) == 1) mirrored = mirrored + abs(rho(0))
-         rho(1:) = rho(:order - 1)
+      do m = 1, ubound(rho, 1)
+         if (rho(m) < 0.0_wp) negative = negative - rho(m)
+         if (rho(m) < 0.0_wp .neqv. modulo(m, 2) == 1) mirrored = mirrored + abs(rho(m))
+         if (sums%is_closed .and. rho(m) >= 0.0_wp) cycle
+         total = total + merge(2, 1, sums%is_closed)*abs(rho(m))
+         moment = moment + merge(2, 1, sums%is_closed)*m*abs(rho(m))
       end do
       if (sums%is_closed) then
          log_r = log_spectral_ratios(kappa)
-         positive = 0.5_wp*exp_minus_one(log_r(order)) + negative
-         positive_moment = 0.5_wp*exp(log_r(order))*sum(sinh(log_r(order) - log_r(:order - 1))) &
-                           + negative_moment
+         total = total + 0.5_wp*exp_minus_one(log_r(order))
+         moment = moment + 0.5_wp*exp(log_r(order))*sum(sinh(log_r(order) - log_r(:order - 1)))
       end if
-      sums%l0 = positive + negative
-      sums%l1 = (positive_moment + negative_moment)/(1.0_wp + sums%l0)
+      sums%l0 = total
+      sums%l1 = moment/(1.0_wp + sums%l0)
       ! rounding leaves signs to lags that are zero
       if (.not. sums%is_closed) negative = min(negative, mirrored)
       sums%is_nonnegative = negative <= 100*epsilon(1.0_wp)*sums%l0

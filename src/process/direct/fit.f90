@@ -20,7 +20,6 @@ module process_direct_fit
       search_all_signs, search_result, search_structured
    use process_direct_sign_sequence, only: sequence_solution
    use process_direct_sums, only: sum_direct_correlation
-   use process_entropy, only: gaussian_entropy
    use process_model, only: process_model_type, process_request, process_solution
    implicit none(type, external)
    private
@@ -45,17 +44,12 @@ contains
       model%request = request
       call find_complaint(request, model%reason)
       if (allocated(model%reason)) return
-      if (.not. request%correlation_length > 0.0_wp) then
-         call describe(request, white_noise(request%order), model)
-         model%entropy_ceiling = model%entropy
-         return
-      end if
       if (is_hopeless(request)) then
          model%reason = reason_of_failure(request, is_certain=.true.)
          return
       end if
       if (request%all_signs) then
-         call search_direct(request, 1, 1, .true., search)
+         call search_direct(request, 1, 1, search)
          call conclude_direct(request, search, model)
          return
       end if
@@ -78,7 +72,7 @@ contains
       n = 1
       if (request%method /= 'direct' .or. request%positive .or. .not. request%all_signs) return
       call find_complaint(request, complaint)
-      if (allocated(complaint) .or. .not. request%correlation_length > 0.0_wp) return
+      if (allocated(complaint)) return
       if (is_hopeless(request)) return
       n = int(max(1_long, count_sequences(constraint_of(request))/part_size))
    end function count_parts
@@ -114,26 +108,16 @@ contains
       model%entropy_ceiling = model%entropy
    end subroutine describe_winner
 
-   !> Part `part` of `n_parts` of the certificate that no sign sequence has more entropy: to be
-   !! shared out, and joined by `add_search`. With `is_listing` every sequence is solved; else
-   !! the hopeless ones are excluded.
-   subroutine search_direct(request, part, n_parts, is_listing, result)
+   !> Solves part `part` of `n_parts` of all sign sequences: to be shared out, and joined by
+   !! `add_search`.
+   subroutine search_direct(request, part, n_parts, result)
       type(process_request), intent(in) :: request
       integer, intent(in) :: part, n_parts   !! part = 1..n_parts
-      logical, intent(in) :: is_listing
       type(search_result), intent(out) :: result
-      type(length_constraint) :: constraint
       type(reciprocal_workspace) :: workspace
-      type(sequence_solution) :: best
 
-      constraint = constraint_of(request)
       call workspace%prepare(request%order)
-      if (.not. is_listing) call search_structured(constraint, workspace, best)
-      if (best%is_feasible) then
-         call search_all_signs(constraint, part, n_parts, workspace, result, best)
-      else
-         call search_all_signs(constraint, part, n_parts, workspace, result)
-      end if
+      call search_all_signs(constraint_of(request), part, n_parts, workspace, result)
    end subroutine search_direct
 
    !> All sequences where they are few; else likely ones, with a proof where there is one.
@@ -370,19 +354,5 @@ contains
          end associate
       end do
    end subroutine list_solutions
-
-   !> The solution for length zero.
-   pure function white_noise(m_max) result(solution)
-      integer, intent(in) :: m_max
-      type(sequence_solution) :: solution
-
-      solution%is_feasible = .true.
-      solution%is_consistent = .true.
-      allocate (solution%s(m_max), source=1.0_wp)
-      allocate (solution%correlation(0:m_max), source=0.0_wp)
-      solution%correlation(0) = 1.0_wp
-      solution%lambda_3 = 0.5_wp
-      solution%entropy = gaussian_entropy(1.0_wp)
-   end function white_noise
 
 end module process_direct_fit

@@ -24,10 +24,10 @@ contains
       else if (request%order < 1) then
          complaint = 'order = '//to_text(request%order)// &
             ': m_max of the direct method must be at least 1'
-      else if (.not. (request%correlation_length >= 0.0_wp .and. &
+      else if (.not. (request%correlation_length > 0.0_wp .and. &
                       request%correlation_length <= huge(1.0_wp))) then
          complaint = 'correlation_length = '//to_text(request%correlation_length)// &
-            ': must be finite and not negative'
+            ': must be finite and positive'
       else if (.not. (request%std > 0.0_wp .and. request%std <= huge(1.0_wp))) then
          complaint = 'std = '//to_text(request%std)//': must be finite and positive'
       else if (request%all_signs) then

@@ -12,44 +12,12 @@ module process_positive_description
    use process_positive_problem, only: new_problem, sampled_problem
    use process_positive_refinement, only: shape_spread
    use process_positive_signs, only: require_signs
-   use process_positive_truncated_normal, only: hazard_ratio, lanes, log_acceptance, &
-      log_sqrt_two_pi
+   use process_positive_truncated_normal, only: lanes, log_sqrt_two_pi
    implicit none(type, external)
    private
-   public :: compare_laws, describe_sampled, describe_white, outline_sampled
+   public :: compare_laws, describe_sampled, outline_sampled
 
 contains
-
-   !> Without correlation both laws are the univariate one, in closed form.
-   subroutine describe_white(request, mu, sigma, model)
-      type(process_request), intent(in) :: request
-      real(wp), intent(in) :: mu, sigma
-      type(process_model_type), intent(inout) :: model
-      integer :: order
-
-      order = request%order
-      model%is_solved = .true.
-      model%order = order
-      model%a = spread(0.0_wp, 1, order)
-      model%b0 = sigma
-      model%mu = mu
-      model%poles = spread((0.0_wp, 0.0_wp), 1, order)
-      allocate (model%autocovariance(0:order), model%autocovariance_error(0:order), source=0.0_wp)
-      model%autocovariance(0) = request%std**2
-      model%mean = request%mean
-      model%std = request%std
-      model%entropy = white_noise_entropy(sigma) + log_acceptance(mu/sigma) &
-                      - 0.5_wp*mu/sigma*hazard_ratio(mu/sigma)
-      model%entropy_bound = white_noise_entropy(request%std)
-      model%lambda = exp(max(log_acceptance(mu/sigma), log(tiny(1.0_wp))))
-      model%acceptance_ratio = model%lambda
-      model%acceptance_mean = model%lambda
-      model%acceptance_geometric = model%lambda
-      model%memory = order
-      model%other_mean = model%mean
-      model%other_std = model%std
-      model%other_entropy = model%entropy
-   end subroutine describe_white
 
    !> Describes the last evaluation in the unit of X: parameters of realizations, moments, entropy.
    subroutine outline_sampled(request, law, model)

@@ -10,8 +10,7 @@ module process_positive_fit
    use core_text, only: to_text
    use numerics_constrained_maximum, only: search_result, solve_along
    use process_model, only: process_model_type, process_request, process_solution
-   use process_positive_description, only: compare_laws, describe_sampled, describe_white, &
-                                           outline_sampled
+   use process_positive_description, only: compare_laws, describe_sampled, outline_sampled
    use process_positive_branches, only: branch_difference, search_branches, sharpen
    use process_positive_first_order, only: describe_first_order, look_beside_first_order, &
                                            match_first_order
@@ -21,7 +20,6 @@ module process_positive_fit
    use process_positive_search, only: approach, find_shape
    use process_positive_sign_search, only: search_signs
    use process_positive_signs, only: multipliers_of, settle_signs, zero_lags
-   use process_positive_truncated_normal, only: fit_truncated_normal
    implicit none(type, external)
    private
    public :: fit_positive, foresee_positive
@@ -35,7 +33,8 @@ module process_positive_fit
 
 contains
 
-   !> Solves the request or says why not: `model%is_solved`, `model%reason`.
+   !> Solves the request, whose length is not zero, or says why not: `model%is_solved`,
+   !> `model%reason`.
    recursive subroutine fit_positive(request, seed, model)
       type(process_request), intent(in) :: request
       integer(long), intent(in) :: seed
@@ -47,13 +46,10 @@ contains
       type(zero_lags) :: zeros
       type(error_type), allocatable :: error
       real(wp), allocatable :: point(:)
-      real(wp) :: mu, sigma, violation
+      real(wp) :: violation
 
       model%request = request
-      if (.not. abs(request%correlation_length) > 0.0_wp) then
-         call fit_truncated_normal(request%mean, request%std, mu, sigma, error)
-         if (.not. allocated(error)) call describe_white(request, mu, sigma, model)
-      else if (is_first_order(request)) then
+      if (is_first_order(request)) then
          call match_first_order(request, first_order, error)
          if (.not. allocated(error)) call describe_first_order(request, first_order, model, error)
       else
@@ -94,15 +90,12 @@ contains
       type(search_result) :: found
       real(wp), parameter :: quick_effort(2) = [1.0e8_wp, 4.0e7_wp]   ! sequential, exact: 1 s or 2
       real(wp), allocatable :: point(:), unused(:)
-      real(wp) :: effort, mu, sigma
+      real(wp) :: effort
       logical :: has_first_order, is_exact, is_feasible, is_inside
 
       model%request = request
       is_exact = request%sampler == 'exact'
-      if (.not. abs(request%correlation_length) > 0.0_wp) then
-         call fit_truncated_normal(request%mean, request%std, mu, sigma, error)
-         if (is_exact .and. .not. allocated(error)) call describe_white(request, mu, sigma, model)
-      else if (is_first_order(request)) then
+      if (is_first_order(request)) then
          call match_first_order(request, first_order, error)
          if ((is_exact .or. first_order%r < 0.0_wp) .and. .not. allocated(error)) &
             call describe_first_order(request, first_order, model, error)
