@@ -14,17 +14,20 @@ module process_positive_family
    real(wp), parameter :: largest_kappa = 1.0_wp - 1.0e-6_wp
    real(wp), parameter :: margin = 1.0e-5_wp   !! of a face
 
-   !> (ln factor of a shape, coordinate), (ln factor of a symbol, coordinate), (atanh(kappa_m) over
-   !> a factor, m = 1..order, coordinate), (a_1..a_order, coordinate), or (G_1..G_order over G_0,
-   !> coordinate): of the last two no Gaussian process need exist.
+   !> (ln factor of a shape, coordinate), (ln factor of a symbol, its free s_m, coordinate),
+   !> (atanh(kappa_m) over a factor, m = 1..order, coordinate), (a_1..a_order, coordinate), or
+   !> (G_1..G_order over G_0, coordinate): of the last two no Gaussian process need exist.
    integer, parameter :: by_shape = 1, by_symbol = 2, free = 3, by_coefficients = 4, &
                          by_precision = 5
 
    !> How points become parameters.
    type :: parameter_family
       integer :: kind = free
-      !> by_shape: atanh(kappa_m); by_symbol: G_m/G_0 of the direct method
+      !> by_shape: atanh(kappa_m); by_symbol: G_m/G_0 of the direct method where s_m = 1
       real(wp), allocatable :: direction(:)
+      !> by_symbol: s_m, Eq. (30), and the lags where it stands in a point, after the factor
+      real(wp), allocatable :: s(:)
+      integer, allocatable :: free(:)
       real(wp) :: factor = 1.0_wp   !! free: by which points are multiplied
       !> by_coefficients, by_precision: values this far apart could just grow together; the
       !> coefficient of that lag follows from the others and is not in a point; 0: none does
@@ -52,6 +55,7 @@ contains
       type(law_estimate), intent(inout) :: law   !! its coefficients, G and coordinate
       logical, intent(out) :: is_inside          !! false: no process is there
       real(wp), parameter :: outside = 40.0_wp   ! of any process: nothing overflows
+      real(wp), allocatable :: s(:)
       real(wp) :: kappa(size(law%g) - 1)
 
       law%coordinate = sinh(max(-outside, min(point(size(point)), outside)))
@@ -69,7 +73,9 @@ contains
          if (is_inside) is_inside = is_confined_sequence(law%a)
       case default
          if (self%kind == by_symbol) then
-            kappa = reflection_of_symbol([1.0_wp, exp(min(point(1), outside))*self%direction])
+            s = self%s
+            s(self%free) = point(2:size(point) - 1)
+            kappa = reflection_of_symbol([1.0_wp, exp(min(point(1), outside))*self%direction*s])
          else if (self%kind == by_shape) then
             kappa = tanh(exp(min(point(1), outside))*self%direction)
          else

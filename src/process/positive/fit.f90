@@ -12,6 +12,7 @@ module process_positive_fit
    use process_model, only: process_model_type, process_request, process_solution
    use process_positive_description, only: compare_laws, describe_sampled, outline_sampled
    use process_positive_branches, only: branch_difference, search_branches, sharpen
+   use process_positive_family, only: by_symbol
    use process_positive_first_order, only: describe_first_order, look_beside_first_order, &
                                            match_first_order
    use process_positive_kernel, only: first_order_law
@@ -19,7 +20,7 @@ module process_positive_fit
    use process_positive_refinement, only: refine, shape_spread
    use process_positive_search, only: approach, find_shape
    use process_positive_sign_search, only: search_signs
-   use process_positive_signs, only: multipliers_of, settle_signs, zero_lags
+   use process_positive_signs, only: multipliers_of, settle_signs
    implicit none(type, external)
    private
    public :: fit_positive, foresee_positive
@@ -43,7 +44,6 @@ contains
       type(first_order_law) :: first_order
       type(search_result) :: found
       type(shape_spread) :: spread
-      type(zero_lags) :: zeros
       type(error_type), allocatable :: error
       real(wp), allocatable :: point(:)
       real(wp) :: violation
@@ -54,16 +54,16 @@ contains
          if (.not. allocated(error)) call describe_first_order(request, first_order, model, error)
       else
          if (request%method == 'direct') then
-            call search_signs(request, seed, law, point, found, zeros, model, error)
+            call search_signs(request, seed, law, point, found, model, error)
          else
             call search_shape(request, seed, law, point, found, error, spread)
          end if
          if (.not. allocated(error)) &
-            call finish(request, law, point, found, zeros, spread, violation, model, error)
+            call finish(request, law, point, found, spread, violation, model, error)
          if (allocated(error) .and. request%method /= 'direct') then
             call continue_search(request, seed, law, point, found, error, spread)
             if (.not. allocated(error)) &
-               call finish(request, law, point, found, zeros, spread, violation, model, error)
+               call finish(request, law, point, found, spread, violation, model, error)
          end if
          if (.not. allocated(error)) then
             if (allocated(law%last%a)) call compare_laws(request, law, point, model)
@@ -236,12 +236,11 @@ contains
 
    !> Matches the targets on many values and describes the law; where that fails, after a search on
    !> more values than before.
-   subroutine finish(request, law, point, found, zeros, spread, violation, model, error)
+   subroutine finish(request, law, point, found, spread, violation, model, error)
       type(process_request), intent(in) :: request
       type(sampled_objective), intent(inout) :: law
       real(wp), allocatable, intent(inout) :: point(:)
       type(search_result), intent(inout) :: found
-      type(zero_lags), intent(inout) :: zeros   !! of the direct method
       type(shape_spread), intent(inout) :: spread
       real(wp), intent(out) :: violation   !! of the targets, relative
       type(process_model_type), intent(inout) :: model
@@ -251,7 +250,7 @@ contains
 
       before = model
       do pass = 1, 2
-         call match_targets(law, request%fit_steps, found, zeros, point, violation, error)
+         call match_targets(law, request%fit_steps, found, point, violation, error)
          if (.not. allocated(error)) &
             call describe_sampled(request, law, point, found%multipliers, spread, model, error)
          if (.not. allocated(error)) return
@@ -265,12 +264,11 @@ contains
 
    !> The constraints once more, on as many values as were asked for or as the standard errors want;
    !> the shape stays.
-   subroutine match_targets(law, fit_steps, found, zeros, point, violation, error)
+   subroutine match_targets(law, fit_steps, found, point, violation, error)
       type(sampled_objective), intent(inout) :: law
       integer, intent(in) :: fit_steps   !! of a batch; 0: as the errors want
       type(search_result), intent(inout) :: found
-      type(zero_lags), intent(inout) :: zeros   !! of the direct method
-      real(wp), intent(inout) :: point(:)
+      real(wp), allocatable, intent(inout) :: point(:)
       real(wp), intent(out) :: violation
       type(error_type), allocatable, intent(out) :: error
       real(wp) :: bound, excess
@@ -278,20 +276,32 @@ contains
       bound = law%most_effort
       law%most_effort = huge(1.0_wp)   ! the search has succeeded, and this is not one
       law%n_steps = merge(fit_steps, final_steps, fit_steps > 0)
-      call solve_along(law, point, found%jacobian, found%metric, matched, 20, violation)
-      if (allocated(zeros%lags)) call settle_signs(law, point, found, zeros, error)
+      call match()
       if (allocated(error)) return
       excess = max(law%last%moments%ratio_error/(ratio_goal*law%problem%ratio), &
                    law%length_error()/(length_goal*law%problem%length))
       if (excess > 1.0_wp .and. fit_steps == 0 .and. violation <= missed) then
          law%n_steps = ceiling(final_steps*min(excess**2, real(most_refinement, wp)))
-         call solve_along(law, point, found%jacobian, found%metric, matched, 20, violation)
+         call match()
+         if (allocated(error)) return
       end if
       if (violation <= missed) return
       law%most_effort = bound
       call raise(error, exit_no_solution, law%problem%name(ubound(law%last%g, 1))// &
                  ': the solution meets the targets on few simulated values, not on '// &
                  to_text(law%n_steps)//' in each batch')
+
+   contains
+
+      subroutine match()
+
+         if (law%family%kind == by_symbol) then
+            call settle_signs(law, point, found, violation, error)
+         else
+            call solve_along(law, point, found%jacobian, found%metric, matched, 20, violation)
+         end if
+      end subroutine match
+
    end subroutine match_targets
 
 end module process_positive_fit

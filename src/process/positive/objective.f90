@@ -8,6 +8,7 @@ module process_positive_objective
    use core_random, only: stream_type
    use numerics_constrained_maximum, only: objective_type
    use process_autoregressive_model, only: reflection_of
+   use process_correlation, only: constraint_weights
    use process_positive_exact, only: entropy_of_exact_law, log_partition, sample_exact, &
       sweeps_to_forget
    use process_positive_family, only: by_shape, by_symbol, law_estimate, parameter_family
@@ -90,12 +91,28 @@ contains
       end if
       if (allocated(problem%symbol)) then
          objective%family%kind = by_symbol
-         objective%family%direction = problem%symbol
+         call split_symbol(problem, objective%family%direction, objective%family%s)
+         allocate (objective%family%free(0))
       else
          objective%family%kind = by_shape
          objective%family%direction = atanh(reflection_of(problem%companion))
       end if
    end subroutine new_objective
+
+   !> G_m/G_0, m = 1..m_max, as those of s_m = 1 times s_m. Some |s_m| are 1, and no other lag has a
+   !> larger |G_m/a_m|; where a_m = 0 the sign does not matter and is +.
+   pure subroutine split_symbol(problem, unit, s)
+      type(sampled_problem), intent(in) :: problem   !! of the direct method
+      real(wp), allocatable, intent(out) :: unit(:), s(:)
+      real(wp) :: weights(0:size(problem%symbol))
+
+      weights = constraint_weights(problem%correlation, problem%length, size(problem%symbol))
+      associate (a => weights(1:), symbol => problem%symbol)
+         unit = a*maxval(abs(symbol)/abs(a), abs(a) > 0.0_wp)
+         allocate (s(size(unit)), source=1.0_wp)
+         where (abs(unit) > 0.0_wp) s = symbol/unit
+      end associate
+   end subroutine split_symbol
 
    !> Ratio and length or lengths relative to what is wanted, then the features that `gain` needs.
    subroutine evaluate(self, point, state, is_inside)

@@ -18,8 +18,7 @@ module process_positive_sign_search
    use process_model, only: process_model_type, process_request, process_solution
    use process_positive_objective, only: sampled_objective
    use process_positive_search, only: approach, find_shape
-   use process_positive_signs, only: adopt_far_signs, multipliers_of, settle_signs, &
-                                   zero_lags
+   use process_positive_signs, only: adopt_far_signs, multipliers_of, settle_signs
    implicit none(type, external)
    private
    public :: search_signs
@@ -31,7 +30,6 @@ module process_positive_sign_search
       type(sampled_objective) :: law
       real(wp), allocatable :: point(:)
       type(search_result) :: found
-      type(zero_lags) :: zeros
       type(process_solution) :: solution
       real(wp) :: entropy_error = 0.0_wp   !! of its entropy, standard error [nat]
    end type sign_trial
@@ -40,13 +38,12 @@ contains
 
    !> The signs of the largest entropy, with the search's own account in the model; `all_signs`
    !> solves and lists every sequence. Without a solution the error is that of the first sequence.
-   subroutine search_signs(request, seed, law, point, found, zeros, model, error)
+   subroutine search_signs(request, seed, law, point, found, model, error)
       type(process_request), intent(in) :: request
       integer(long), intent(in) :: seed
       type(sampled_objective), intent(out) :: law
-      real(wp), allocatable, intent(out) :: point(:)   !! (ln factor, coordinate)
+      real(wp), allocatable, intent(out) :: point(:)   !! (ln factor, free s_m, coordinate)
       type(search_result), intent(out) :: found
-      type(zero_lags), intent(out) :: zeros
       type(process_model_type), intent(inout) :: model
       type(error_type), allocatable, intent(out) :: error
       real(wp), parameter :: others = 10.0_wp   ! effort of all other sequences, of the first's
@@ -83,7 +80,6 @@ contains
          law = trial%law
          point = trial%point
          found = trial%found
-         zeros = trial%zeros
       end do
       model%search = 'structured'
       if (is_whole .and. is_excluded) model%search = 'all sequences, some excluded by a bound'
@@ -167,12 +163,12 @@ contains
       type(error_type), allocatable, intent(out) :: error
       integer, parameter :: entropy_steps = 1024   ! of a batch
       real(wp), allocatable :: state(:)
-      real(wp) :: b0, unused
+      real(wp) :: b0, unused, violation
 
       call approach(request, seed, trial%law, trial%point, trial%found, error, effort, sequence)
       if (.not. allocated(error)) call find_shape(trial%law, trial%point, trial%found, error)
       if (.not. allocated(error)) &
-         call settle_signs(trial%law, trial%point, trial%found, trial%zeros, error)
+         call settle_signs(trial%law, trial%point, trial%found, violation, error)
       if (allocated(error)) return
       b0 = request%std/trial%law%last%moments%std
       call multipliers_of(trial%law, b0, trial%solution, unused)
@@ -186,7 +182,8 @@ contains
       call trial%law%find_entropy(trial%solution%entropy, trial%entropy_error)
       ! that of x/std, less what it gains by the targets' errors on these values
       trial%solution%entropy = trial%solution%entropy + log(b0) &
-                               - dot_product(trial%found%multipliers, state(:2))
+                               - dot_product(trial%found%multipliers, &
+                                             state(:trial%law%n_constraints))
    end subroutine solve_signs
 
    !> By descending entropy.

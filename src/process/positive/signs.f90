@@ -5,8 +5,7 @@ module process_positive_signs
    use core_error, only: error_type, exit_no_solution, raise
    use core_kinds, only: wp
    use core_text, only: to_text
-   use numerics_constrained_maximum, only: search_result, solve_along
-   use numerics_lapack, only: solve_linear_system
+   use numerics_constrained_maximum, only: maximize, search_result, solve_along
    use process_correlation, only: constraint_weights
    use process_direct_fit, only: integer_signs
    use process_model, only: process_solution
@@ -14,16 +13,10 @@ module process_positive_signs
    use process_positive_moments, only: estimate_autocovariance
    implicit none(type, external)
    private
-   public :: adopt_far_signs, compare_signs, multipliers_of, require_signs, settle_signs, zero_lags
+   public :: adopt_far_signs, compare_signs, multipliers_of, require_signs, settle_signs
 
-   !> Lags whose K(m) is made 0 by s_m; not allocated: nobody has looked yet.
-   type :: zero_lags
-      integer, allocatable :: lags(:)
-      real(wp), allocatable :: jacobian(:, :)   !! (lag, lag) d K(m)/K(0) by d s_m
-   end type zero_lags
-
-   real(wp), parameter :: matched = 1.0e-6_wp   !! relative, of the targets
-   real(wp), parameter :: zero = 1.0e-6_wp      !! of K(m)/K(0) on the simulated values
+   real(wp), parameter :: matched = 1.0e-7_wp   !! relative, of the targets; of K(m)/K(0) that is 0
+   real(wp), parameter :: difference = 1.0e-4_wp   !! step of a difference
    real(wp), parameter :: clear = 1.0e-3_wp     !! of K(m)/K(0): a sign is another one
 
 contains
@@ -94,22 +87,6 @@ contains
       if (.not. any(is_wrong)) call law%keep_lags(law%problem%n_single)
    end subroutine adopt_far_signs
 
-   !> s_m, m = 1..m_max, of the law's symbol, and the G_m/G_0 of s_m = 1. Where a_m = 0 the sign
-   !> does not matter and is +.
-   pure subroutine signs_of(law, s, unit)
-      type(sampled_objective), intent(in) :: law   !! of the direct method
-      real(wp), allocatable, intent(out) :: s(:), unit(:)
-      real(wp) :: weights(0:size(law%family%direction))
-
-      associate (symbol => law%family%direction, a => weights(1:))
-         weights = constraint_weights(law%problem%correlation, law%problem%length, size(symbol))
-         ! some |s_m| are 1, and no other lag has a larger |G_m/a_m|
-         unit = a*maxval(abs(symbol)/abs(a), abs(a) > 0.0_wp)
-         allocate (s(size(unit)), source=1.0_wp)
-         where (abs(unit) > 0.0_wp) s = symbol/unit
-      end associate
-   end subroutine signs_of
-
    !> Signs and multipliers of Eq. (30) from the matrix G: G_0 = 2 lambda_3 + 2 lambda_2 a_0, G_m =
    !> lambda_2 a_m s_m; sign 0 where |s_m| < 1.
    subroutine multipliers_of(law, b0, solution, residual)
@@ -118,153 +95,106 @@ contains
       type(process_solution), intent(out) :: solution
       !> largest one of G, relative, and of s_m K(m) >= 0 or, where |s_m| < 1, K(m) = 0, over K(0)
       real(wp), intent(out) :: residual
-      real(wp), allocatable :: k(:), s(:), unit(:), unused(:)
+      real(wp), allocatable :: k(:), unused(:)
       real(wp) :: g(0:size(law%family%direction)), lambda_2, weights(0:size(law%family%direction))
       integer :: m
 
       g = law%last%g/b0**2
       weights = constraint_weights(law%problem%correlation, law%problem%length, ubound(g, 1))
-      call signs_of(law, s, unit)
-      solution%signs = integer_signs(s)
+      solution%signs = integer_signs(law%family%s)
       m = maxloc(abs(weights(1:)), 1, solution%signs /= 0)
-      lambda_2 = g(m)/(weights(m)*s(m))
+      lambda_2 = g(m)/(weights(m)*law%family%s(m))
       solution%lambda_3 = 0.5_wp*g(0) - lambda_2*weights(0)
       solution%delta = lambda_2/solution%lambda_3
-      call estimate_autocovariance(law%last%batches, law%known, size(s), k, unused)
-      residual = max(maxval(abs(g(1:) - lambda_2*weights(1:)*s))/g(0), &
-                     maxval(merge(max(-s*k(1:), 0.0_wp), abs(k(1:)), solution%signs /= 0)/k(0), &
-                            abs(unit) > 0.0_wp))
+      associate (s => law%family%s)
+         call estimate_autocovariance(law%last%batches, law%known, size(s), k, unused)
+         residual = max(maxval(abs(g(1:) - lambda_2*weights(1:)*s))/g(0), &
+                        maxval(merge(max(-s*k(1:), 0.0_wp), abs(k(1:)), &
+                                     solution%signs /= 0)/k(0), abs(weights(1:)) > 0.0_wp))
+      end associate
    end subroutine multipliers_of
 
    !> The signs of the unconstrained solution made those of the positive law: a lag with a_m > 0
    !> whose K(m) has the other sign is given an s_m in between that makes it 0, and one whose s_m
    !> would leave [-1, 1] is given that sign for good. Where a_m < 0 the entropy has its least value
-   !> at K(m) = 0, not its largest: another sign there belongs to another sequence.
-   subroutine settle_signs(law, point, found, zeros, error)
+   !> at K(m) = 0, not its largest: another sign there belongs to another sequence. The targets are
+   !> met in the end.
+   subroutine settle_signs(law, point, found, violation, error)
       type(sampled_objective), intent(inout) :: law
-      real(wp), intent(inout) :: point(:)          !! (ln factor, coordinate)
+      real(wp), allocatable, intent(inout) :: point(:)   !! (ln factor, free s_m, coordinate)
       type(search_result), intent(inout) :: found
-      type(zero_lags), intent(inout) :: zeros
+      real(wp), intent(out) :: violation                 !! of the targets, relative
       type(error_type), allocatable, intent(out) :: error
       integer, parameter :: max_passes = 16
       real(wp), parameter :: inside = 1.0_wp - 1.0e-9_wp
-      real(wp), allocatable :: k(:), s(:), standard_error(:), unit(:)
+      real(wp), allocatable :: k(:), standard_error(:)
       logical, allocatable :: is_free(:)
       integer :: pass
 
-      call signs_of(law, s, unit)
-      is_free = abs(s) < inside
+      is_free = abs(law%family%s) < inside
       do pass = 1, max_passes
-         call make_zero(law, is_free, unit, s, point, found, zeros, error)
-         if (allocated(error)) return
-         if (any(abs(s) > 1.0_wp)) then
-            is_free = is_free .and. abs(s) <= 1.0_wp
-            s = max(-1.0_wp, min(1.0_wp, s))
-            call take_signs(law, s, unit)
-            cycle
-         end if
-         call estimate_autocovariance(law%last%batches, law%known, size(s), k, &
-                                      standard_error)
-         if (.not. any(is_wrong())) return
-         if (any(is_wrong() .and. unit < 0.0_wp)) exit
-         is_free = is_free .or. is_wrong()
+         call free_signs(law, is_free, point, found, violation)
+         associate (s => law%family%s)
+            if (any(abs(s) > 1.0_wp)) then
+               is_free = is_free .and. abs(s) <= 1.0_wp
+               s = max(-1.0_wp, min(1.0_wp, s))
+               cycle
+            end if
+            if (.not. violation <= matched) then
+               call raise(error, exit_no_solution, law%problem%name(size(s))// &
+                          ': the search for s_m ended '//to_text(violation)// &
+                          ' (relative) from its targets')
+               return
+            end if
+            call estimate_autocovariance(law%last%batches, law%known, size(s), k, standard_error)
+            if (.not. any(is_wrong())) return
+            if (any(is_wrong() .and. law%family%direction < 0.0_wp)) exit
+            is_free = is_free .or. is_wrong()
+         end associate
       end do
-      call raise(error, exit_no_solution, law%problem%name(size(s))// &
+      call raise(error, exit_no_solution, law%problem%name(size(is_free))// &
                  ': no signs s_m were found that are those of its K(m)')
 
    contains
 
       pure function is_wrong()
-         logical :: is_wrong(size(s))
+         logical :: is_wrong(size(is_free))
 
-         is_wrong = .not. is_free .and. abs(unit) > 0.0_wp .and. &
-                    is_opposite(s, k(1:), standard_error(1:), k(0))
+         is_wrong = .not. is_free .and. abs(law%family%direction) > 0.0_wp .and. &
+                    is_opposite(law%family%s, k(1:), standard_error(1:), k(0))
       end function is_wrong
 
    end subroutine settle_signs
 
-   !> Newton's method for K(m) = 0 at the free lags, with the slopes of its first step, the targets
-   !> met at every step.
-   subroutine make_zero(law, is_free, unit, s, point, found, zeros, error)
+   !> Solves for the targets and for K(m) = 0 at the free lags; s_m of these may leave [-1, 1].
+   subroutine free_signs(law, is_free, point, found, violation)
       type(sampled_objective), intent(inout) :: law
       logical, intent(in) :: is_free(:)
-      real(wp), intent(in) :: unit(:)
-      real(wp), intent(inout) :: s(:), point(:)
+      real(wp), allocatable, intent(inout) :: point(:)
       type(search_result), intent(inout) :: found
-      type(zero_lags), intent(inout) :: zeros
-      type(error_type), allocatable, intent(out) :: error
-      integer, parameter :: max_steps = 12
-      real(wp), parameter :: difference = 0.02_wp
-      real(wp) :: moved(size(point)), trial(size(s))
-      real(wp), dimension(count(is_free)) :: rest, there
-      real(wp), allocatable :: change(:)
-      integer, allocatable :: lags(:)
-      integer :: i, step
-
-      lags = pack([(i, i=1, size(s))], is_free)
-      if (allocated(zeros%lags)) then
-         if (size(zeros%lags) /= size(lags)) then
-            deallocate (zeros%jacobian)
-         else if (any(zeros%lags /= lags)) then
-            deallocate (zeros%jacobian)
-         end if
-      end if
-      zeros%lags = lags
-      do step = 1, max_steps
-         call correlate(s, point, rest)
-         if (allocated(error)) return
-         if (all(abs(rest) <= zero)) return
-         if (.not. allocated(zeros%jacobian)) then
-            allocate (zeros%jacobian(size(lags), size(lags)))
-            do i = 1, size(lags)
-               trial = s
-               trial(lags(i)) = trial(lags(i)) + difference
-               moved = point
-               call correlate(trial, moved, there)
-               if (allocated(error)) return
-               zeros%jacobian(:, i) = (there - rest)/difference
-            end do
-         end if
-         call solve_linear_system(zeros%jacobian, rest, change, error)
-         if (allocated(error)) return
-         s(lags) = s(lags) - max(-0.5_wp, min(change, 0.5_wp))
-         if (any(abs(s) > 1.5_wp)) return   ! these will be held at their bounds
-      end do
-
-   contains
-
-      !> K(m)/K(0) of the free lags at the point that has the targets.
-      subroutine correlate(signs, at, correlation)
-         real(wp), intent(in) :: signs(:)
-         real(wp), intent(inout) :: at(:)
-         real(wp), intent(out) :: correlation(:)
-         real(wp), allocatable :: k(:), unused(:)
-         real(wp) :: violation
-
-         call take_signs(law, signs, unit)
-         call solve_along(law, at, found%jacobian, found%metric, matched, 20, violation)
-         if (.not. violation <= matched) then
-            call raise(error, exit_no_solution, law%problem%name(size(s))// &
-                       ': the search for s_m ended '//to_text(violation)// &
-                       ' (relative) from its targets')
-            return
-         end if
-         call estimate_autocovariance(law%last%batches, law%known, size(s), k, unused)
-         correlation = k(lags)/k(0)
-      end subroutine correlate
-
-   end subroutine make_zero
-
-   !> G of these signs. A lag without correlation in the companion is summed by its own.
-   pure subroutine take_signs(law, s, unit)
-      type(sampled_objective), intent(inout) :: law
-      real(wp), intent(in) :: s(:), unit(:)
+      real(wp), intent(out) :: violation   !! relative
       integer :: m
+      logical :: was_free(size(is_free))
 
-      law%family%direction(:) = s*unit
-      do m = 1, min(size(s), law%problem%n_lags)
-         if (abs(law%known(m)) <= 1.0e-9_wp*law%known(0)) law%signs(m) = sign(1.0_wp, s(m))
-      end do
-   end subroutine take_signs
+      associate (family => law%family)
+         was_free = .false.
+         was_free(family%free) = .true.
+         if (all(is_free .eqv. was_free)) then
+            call solve_along(law, point, found%jacobian, found%metric, matched, 20, violation)
+         else
+            family%free = pack([(m, m=1, size(is_free))], is_free)
+            point = [point(1), family%s(family%free), point(size(point))]
+            call law%hold_at_zero(family%free)
+            call law%keep_lags(law%problem%n_single)
+            do m = 1, min(size(is_free), law%problem%n_lags)   ! summed by its own sign
+               if (abs(law%known(m)) <= 1.0e-9_wp*law%known(0)) &
+                  law%signs(m) = sign(1.0_wp, family%s(m))
+            end do
+            call maximize(law, point, law%n_constraints, difference, matched, 20, found)
+            violation = found%violation
+         end if
+         family%s(family%free) = point(2:size(point) - 1)
+      end associate
+   end subroutine free_signs
 
 end module process_positive_signs
