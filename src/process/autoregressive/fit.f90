@@ -20,11 +20,11 @@ module process_autoregressive_fit
    use process_autoregressive_gradient, only: length_gradient
    use process_autoregressive_model, only: coefficients_of, innovation_std
    use process_autoregressive_search, only: ar_rival, find_best
-   use process_autoregressive_sums, only: correlation_sums, log_spectral_ratios, sum_correlation
+   use process_autoregressive_sums, only: correlation_sums, sum_correlation
    use process_model, only: process_model_type
    implicit none(type, external)
    private
-   public :: fit_ar, optimal_reflection, optimal_curvature
+   public :: fit_ar, optimal_reflection
 
    real(wp), parameter :: length_tolerance = 1.0e-10_wp      !! relative, of the length reached
    real(wp), parameter :: optimality_tolerance = 1.0e-8_wp   !! relative, of its conditions
@@ -295,41 +295,6 @@ contains
          jacobian(m, m - 1) = curvature
       end do
    end subroutine optimality_conditions
-
-   !> Hessian in atanh(kappa), with the sign of a minimum, of the entropy less the length times its
-   !! multiplier, at the maximum.
-   pure function optimal_curvature(correlation, correlation_length, kappa) result(curvature)
-      character(*), intent(in) :: correlation
-      real(wp), intent(in) :: correlation_length
-      real(wp), intent(in) :: kappa(:)   !! of `optimal_reflection`
-      real(wp) :: curvature(size(kappa), size(kappa))
-      real(wp), dimension(0:size(kappa)) :: log_r, rest, slope, unknowns
-      real(wp) :: jacobian(0:size(kappa), 0:size(kappa)), turn(size(kappa), size(kappa))
-      integer :: j, order
-
-      order = size(kappa)
-      curvature = 0.0_wp
-      if (correlation == 'L0') then   ! a sum of the variables is held
-         do j = 1, order
-            curvature(j, j) = (1.0_wp - kappa(j))*(1.0_wp + kappa(j))
-         end do
-         return
-      end if
-      log_r = log_spectral_ratios(kappa)
-      unknowns = log_r(order) - log_r
-      call optimality_conditions(correlation_length, unknowns, rest, jacobian)   ! nu = 0
-      unknowns(order) = 1.0_wp
-      call optimality_conditions(correlation_length, unknowns, slope, jacobian)
-      slope = slope - rest
-      unknowns(order) = -dot_product(slope(:order - 1), rest(:order - 1)) &
-                        /dot_product(slope(:order - 1), slope(:order - 1))
-      call optimality_conditions(correlation_length, unknowns, rest, jacobian)
-      turn = 0.0_wp   ! d v_m/d atanh(kappa_j)
-      do j = 1, order
-         turn(:j, j) = -2.0_wp
-      end do
-      curvature = -matmul(transpose(turn), matmul(jacobian(:order - 1, :order - 1), turn))
-   end function optimal_curvature
 
    !> Residual of the entropy's gradient in atanh(kappa), which is -kappa, when its part along
    !! the gradients of the lengths is taken away: largest component, relative to the largest of all.

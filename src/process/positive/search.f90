@@ -10,10 +10,7 @@ module process_positive_search
    use core_random, only: label_of, new_stream
    use core_text, only: rounded_text, to_text
    use numerics_constrained_maximum, only: maximize, search_result
-   use numerics_lapack, only: solve_positive_definite
    use numerics_root_search, only: new_root_search, root_search
-   use process_autoregressive_fit, only: optimal_curvature
-   use process_autoregressive_model, only: reflection_of
    use process_direct_sign_sequence, only: sequence_solution
    use process_model, only: process_request
    use process_positive_branches, only: adopt_signs
@@ -154,22 +151,21 @@ contains
       law%family%factor = merge(exp(point(1)), 1.0_wp, is_near)
       point = [exp(point(1))/law%family%factor*law%family%direction, point(2)]
       law%family%kind = free
-      call free_shape(law, is_near, point, found, error, spread)
+      call free_shape(law, point, found, error, spread)
       if (.not. allocated(error)) call require_converged(law, found, size(point) - 1, error)
    end subroutine find_shape
 
    !> Every coefficient free. Where correlation is so weak that the entropy does not feel its shape
    !> above the noise of the sample, the shape of the unconstrained optimum is kept, with the
    !> residual it leaves.
-   subroutine free_shape(law, is_near, point, found, error, spread)
+   subroutine free_shape(law, point, found, error, spread)
       type(sampled_objective), intent(inout) :: law
-      logical, intent(in) :: is_near   !! the unconstrained optimum, whose curvature is then taken
       real(wp), allocatable, intent(inout) :: point(:)
       type(search_result), intent(out) :: found
       type(error_type), allocatable, intent(out) :: error
       type(shape_spread), intent(out), optional :: spread
       real(wp), parameter :: weak = 0.02_wp, feeble = 0.001_wp   !! largest reflection coefficient
-      real(wp), allocatable :: autocovariance(:), metric(:, :), standard_error(:)
+      real(wp), allocatable :: autocovariance(:), standard_error(:)
       real(wp) :: family(size(point)), step, strength
       integer :: order
       logical :: is_free
@@ -181,9 +177,10 @@ contains
       step = min(1.0e-5_wp, 0.01_wp*strength)
       is_free = strength > feeble
       if (is_free) then
-         if (is_near) metric = metric_of(law)
-         call maximize(law, point, law%n_constraints, step, &
-                       min(acceptable, stationary*strength), max_iterations, found, metric)
+         call maximize(law, point, law%n_constraints, step, min(wanted, stationary*strength), &
+                       max_iterations, found)
+         found%is_converged = max(found%violation, found%residual) &
+                              <= min(acceptable, stationary*strength)
       end if
       if (is_free .and. found%is_converged) then
          call estimate_autocovariance(law%last%batches, law%known, order, &
@@ -194,7 +191,6 @@ contains
             call adopt_signs(law, point, found, autocovariance)
             if (.not. found%is_converged) return
          end if
-         call come_closer(law, step, min(wanted, stationary*strength), point, found)
       end if
       if (is_free .and. strength <= weak) then
          call estimate_autocovariance(law%last%batches, law%known, order, &
@@ -211,52 +207,6 @@ contains
          call refine(law, step, point, found, spread)
       end if
    end subroutine free_shape
-
-   !> Goes on from an acceptable solution to a better one, if there is one within reach.
-   subroutine come_closer(law, step, tolerance, point, found)
-      type(sampled_objective), intent(inout) :: law
-      real(wp), intent(in) :: step, tolerance   !! see `maximize`
-      real(wp), intent(inout) :: point(:)
-      type(search_result), intent(inout) :: found
-      type(search_result) :: closer
-      real(wp), allocatable :: state(:)
-      real(wp) :: trial(size(point))
-      logical :: is_inside
-
-      trial = point
-      call maximize(law, trial, law%n_constraints, step, tolerance, max_iterations, closer, &
-                    found%metric)
-      if (max(closer%violation, closer%residual) <= max(found%violation, found%residual)) then
-         point = trial
-         found = closer
-         found%is_converged = .true.
-      else
-         call law%evaluate(point, state, is_inside)
-      end if
-   end subroutine come_closer
-
-   !> Inverse curvature of the unconstrained problem at its optimum, to begin the search with.
-   function metric_of(law) result(metric)
-      type(sampled_objective), intent(in) :: law
-      real(wp), allocatable :: metric(:, :)   !! (variable, variable)
-      type(error_type), allocatable :: error
-      real(wp), dimension(size(law%problem%companion)) :: along
-      real(wp), allocatable :: curvature(:, :)
-      integer :: i, n
-
-      n = size(along)
-      along = reflection_of(law%problem%companion)
-      curvature = optimal_curvature(merge('L1', 'L0', law%problem%correlation == 'L1'), &
-                                    law%problem%length, along)
-      ! along the constraint's gradient a maximum need not be one
-      along = along/norm2(along)
-      curvature = curvature + spread(along, 1, n)*spread(along, 2, n)*maxval(abs(curvature))
-      allocate (metric(n + 1, n + 1), source=0.0_wp)
-      do i = 1, n + 1
-         metric(i, i) = 1.0_wp
-      end do
-      call solve_positive_definite(curvature, metric(:n, :n), error)
-   end function metric_of
 
    subroutine require_converged(law, found, order, error)
       type(sampled_objective), intent(in) :: law
