@@ -180,7 +180,7 @@ contains
       if (.not. is_paired) return
       roots(1:2*n:2) = upper
       roots(2:2*n:2) = conjg(upper)
-      roots(2*n + 1:) = cmplx(pack(z%re, abs(z%im) <= real_axis*abs(z)), kind=wp)
+      roots(2*n + 1:) = cmplx(real(pack(z, abs(z%im) <= real_axis*abs(z)), wp), kind=wp)
    end subroutine pair_conjugates
 
 end module numerics_simultaneous_roots

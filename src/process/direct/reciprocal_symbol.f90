@@ -26,11 +26,6 @@ module process_direct_reciprocal_symbol
       real(wp), allocatable :: curvature(:, :)     !! minus its second derivatives
    end type symbol_evaluation
 
-   type :: fft_pair
-      type(inverse_fft) :: to_circle
-      type(forward_fft) :: to_lags
-   end type fft_pair
-
    !> Transforms that have been planned, and the last spectral factor to start the next one from.
    type :: reciprocal_workspace
       private
@@ -38,7 +33,8 @@ module process_direct_reciprocal_symbol
       integer :: first_length = 0
       integer :: longest_length = 0
       integer :: level = 1                   !! of the length in use
-      type(fft_pair) :: pair(n_levels)
+      type(inverse_fft) :: to_circle(n_levels)
+      type(forward_fft) :: to_lags(n_levels)
       real(wp), allocatable :: a(:)          !! spectral factor, where it was needed
       real(wp) :: b0 = 0.0_wp
    contains
@@ -60,7 +56,7 @@ contains
 
       if (m_max /= self%m_max) then
          do level = 1, n_levels
-            self%pair(level)%to_circle%n = 0   ! to be planned anew
+            self%to_circle(level)%n = 0   ! to be planned anew
          end do
       end if
       self%m_max = m_max
@@ -75,8 +71,8 @@ contains
       integer :: level
 
       do level = 1, n_levels
-         call self%pair(level)%to_circle%release()
-         call self%pair(level)%to_lags%release()
+         call self%to_circle(level)%release()
+         call self%to_lags(level)%release()
       end do
    end subroutine finish_workspace
 
@@ -117,7 +113,7 @@ contains
       real(wp), allocatable, intent(out) :: values(:)
 
       call plan_level(self)
-      associate (circle => self%pair(self%level)%to_circle)
+      associate (circle => self%to_circle(self%level))
          call set_symbol(circle, symbol)
          call circle%execute()
          allocate (values(0:circle%n/2))
@@ -143,7 +139,7 @@ contains
       if (.not. evaluation%is_positive) return
       half = ubound(g, 1)
       n = 2*half
-      associate (lags => self%pair(self%level)%to_lags, circle => self%pair(self%level)%to_circle)
+      associate (lags => self%to_lags(self%level), circle => self%to_circle(self%level))
          allocate (weight(0:half))
          weight(:) = 1.0_wp/g
          call fill_evenly(lags%signal, weight)
@@ -201,11 +197,9 @@ contains
       integer :: n
 
       n = self%first_length*2**(self%level - 1)
-      associate (pair => self%pair(self%level))
-         if (pair%to_circle%n == n) return
-         call pair%to_circle%prepare(n)
-         call pair%to_lags%prepare(n)
-      end associate
+      if (self%to_circle(self%level)%n == n) return
+      call self%to_circle(self%level)%prepare(n)
+      call self%to_lags(self%level)%prepare(n)
    end subroutine plan_level
 
    subroutine set_symbol(circle, symbol)
@@ -320,7 +314,7 @@ contains
       if (.not. evaluation%is_positive) return
       slope = along(0)*square(:order)
       do j = 1, order
-         slope = slope + along(j)*(square(j:j + order) + square(abs([(i - j, i=0, order)])))
+         slope = slope + along(j)*(square(j:j + order) + [(square(abs(i - j)), i=0, order)])
       end do
       call fill_derivatives(along, cosines, slope, square, evaluation)
    end subroutine differentiate_square
