@@ -46,7 +46,7 @@ contains
       type(shape_spread) :: spread
       type(error_type), allocatable :: error
       real(wp), allocatable :: point(:)
-      real(wp) :: violation
+      real(wp) :: effort, violation
 
       model%request = request
       if (is_first_order(request)) then
@@ -56,12 +56,16 @@ contains
          if (request%method == 'direct') then
             call search_signs(request, seed, law, point, found, model, error)
          else
-            call search_shape(request, seed, law, point, found, error, spread)
+            call approach(request, seed, law, point, found, error)
+            if (.not. allocated(error)) call find_shape(law, point, found, error, spread)
          end if
          if (.not. allocated(error)) &
             call finish(request, law, point, found, spread, violation, model, error)
          if (allocated(error) .and. request%method /= 'direct') then
-            call continue_search(request, seed, law, point, found, error, spread)
+            ! this has ended, or more values do not have what few of them have
+            effort = law%most_effort
+            call search_branches(request, seed, effort, law, point, found, error)
+            if (.not. allocated(error)) call refine(law, branch_difference, point, found, spread)
             if (.not. allocated(error)) &
                call finish(request, law, point, found, spread, violation, model, error)
          end if
@@ -148,38 +152,6 @@ contains
       call match_first_order(one, unused, refusal)
       first_order_has = .not. allocated(refusal)
    end function first_order_has
-
-   !> The largest entropy in the shape of the unconstrained optimum, then with every coefficient
-   !> free.
-   subroutine search_shape(request, seed, law, point, found, error, spread)
-      type(process_request), intent(in) :: request
-      integer(long), intent(in) :: seed
-      type(sampled_objective), intent(out) :: law
-      real(wp), allocatable, intent(out) :: point(:)
-      type(search_result), intent(out) :: found
-      type(error_type), allocatable, intent(out) :: error
-      type(shape_spread), intent(out) :: spread
-
-      call approach(request, seed, law, point, found, error)
-      if (.not. allocated(error)) call find_shape(law, point, found, error, spread)
-   end subroutine search_shape
-
-   !> The same where that ends, or where more simulated values do not have what few of them have:
-   !> on the branches that go on from order 1.
-   subroutine continue_search(request, seed, law, point, found, error, spread)
-      type(process_request), intent(in) :: request
-      integer(long), intent(in) :: seed
-      type(sampled_objective), intent(inout) :: law
-      real(wp), allocatable, intent(inout) :: point(:)
-      type(search_result), intent(inout) :: found
-      type(error_type), allocatable, intent(inout) :: error   !! of that search; or none
-      type(shape_spread), intent(out) :: spread
-      real(wp) :: effort
-
-      effort = law%most_effort
-      call search_branches(request, seed, effort, law, point, found, error)
-      if (.not. allocated(error)) call refine(law, branch_difference, point, found, spread)
-   end subroutine continue_search
 
    !> Signs and multipliers of Eq. (30), and the largest residual of the optimality conditions.
    subroutine name_multipliers(law, violation, model)

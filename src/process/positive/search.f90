@@ -236,24 +236,27 @@ contains
       logical, intent(out) :: is_reached
       integer, parameter :: max_doublings = 7
       real(wp), parameter :: certainly = 3.0_wp   ! standard errors
-      real(wp) :: inner(2), outer(2), ratio, slack
+      real(wp), parameter :: nearest = 1.0e-3_wp
+      type(law_estimate) :: there
+      real(wp) :: inner(2), outer(2), ratio
       integer :: i
-      logical :: has_begun, is_found
+      logical :: has_begun, is_found, is_process
 
       limit = 0.0_wp
       has_begun = .false.
       is_reached = .false.
       point(1) = log(1.02_wp)
-      ! sum a_q tends to -1 as the factor grows: halve what is missing
-      slack = slack_at(law, exp(point(1)))
+      there%g = law%last%g
       outer = point
       do i = 1, max_doublings
          inner = outer
-         if (i > 1) then
-            slack = 0.5_wp*slack
-            outer(1) = log(factor_of(law, slack, exp(inner(1))))
-         end if
+         if (i > 1) outer(1) = 2.0_wp*outer(1)
          if (.not. has_begun) outer(2) = point(2)
+         do   ! a symbol that grows ends where it touches zero
+            call law%family%unfold(outer, there, is_process)
+            if (is_process .or. outer(1) - inner(1) <= nearest) exit
+            outer(1) = 0.5_wp*(inner(1) + outer(1))
+         end do
          call match_length(law, outer, ratio, is_found)
          if (.not. is_found .and. .not. has_begun) cycle
          if (.not. is_found) exit
@@ -274,44 +277,6 @@ contains
       end do
       point = outer
    end subroutine follow_family
-
-   !> The factor at which 1 + sum a_q is `slack`.
-   function factor_of(law, slack, start) result(factor)
-      type(sampled_objective), intent(in) :: law
-      real(wp), intent(in) :: slack
-      real(wp), intent(in) :: start   !! smaller than it
-      real(wp) :: factor
-      real(wp) :: high, low
-      integer :: i
-
-      low = start
-      high = start
-      do while (slack_at(law, high) > slack)
-         high = 2.0_wp*high
-      end do
-      do i = 1, 50
-         factor = 0.5_wp*(low + high)
-         if (slack_at(law, factor) > slack) then
-            low = factor
-         else
-            high = factor
-         end if
-      end do
-   end function factor_of
-
-   !> 1 + sum a_q; 0 where there is no process any more.
-   function slack_at(law, factor) result(slack)
-      type(sampled_objective), intent(in) :: law
-      real(wp), intent(in) :: factor
-      real(wp) :: slack
-      type(law_estimate) :: there
-      logical :: is_inside
-
-      there%g = law%last%g
-      call law%family%unfold([log(factor), 0.0_wp], there, is_inside)
-      slack = 0.0_wp
-      if (is_inside) slack = 1.0_wp + sum(there%a)
-   end function slack_at
 
    !> The coordinate that gives the wanted length at this factor, and std/mean there. The length
    !> grows with mu, up to that of the Gaussian. Where there is none the moments stay those of

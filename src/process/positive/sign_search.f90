@@ -46,7 +46,7 @@ contains
       type(search_result), intent(out) :: found
       type(process_model_type), intent(inout) :: model
       type(error_type), allocatable, intent(out) :: error
-      real(wp), parameter :: others = 10.0_wp   ! effort of all other sequences, of the first's
+      real(wp), parameter :: others = 15.0_wp   ! effort of all other sequences, of the first's
       real(wp), parameter :: certain = 4.0_wp   ! standard errors
       type(sequence_solution), allocatable :: sequences(:)
       type(process_solution), allocatable :: solutions(:)
