@@ -1,6 +1,7 @@
 !> Statistics of a case in its group of the results file: the best estimates, plain sampling's in
 !> `plain/`, and in `error_ratio/` how much larger the errors of those are.
 module io_case_statistics
+   use, intrinsic :: iso_c_binding, only: c_f_pointer, c_loc
    use campaign_estimates, only: case_estimates
    use campaign_plan, only: plan_type
    use campaign_results, only: case_statistics, joint_statistics
@@ -24,8 +25,7 @@ module io_case_statistics
       character(:), allocatable :: dof         !! the axis of the dofs whose spectra are kept
       character(:), allocatable :: estimator, pooled_with   !! of gains
    contains
-      generic :: visit => visit_row, visit_matrix, visit_cube
-      procedure, private :: visit_row, visit_matrix, visit_cube
+      procedure :: visit
    end type statistics_visitor
 
 contains
@@ -248,46 +248,23 @@ contains
       call v%group%take_error(group%error)
    end subroutine write_time_errors
 
-   subroutine visit_row(self, name, units, axes, about, values)
+   !> Visits a statistic, where it is there.
+   subroutine visit(self, name, units, axes, about, values)
       class(statistics_visitor), intent(inout) :: self
       character(*), intent(in) :: name, units
       character(*), intent(in) :: axes    !! in Python's order; 'kept': that of the kept dofs
       character(*), intent(in) :: about
-      real(wp), allocatable, intent(in) :: values(:)
+      real(wp), intent(in), contiguous, optional, target :: values(..)
+      real(wp), pointer :: row(:)
 
-      if (.not. allocated(values)) return
+      if (.not. present(values)) return
       if (self%deed == gains) then
-         call note_gain(self, name, values)
+         call c_f_pointer(c_loc(values), row, [size(values)])
+         call note_gain(self, name, row)
       else
          call self%group%put(name, values, label_of(self, units, axes, about))
       end if
-   end subroutine visit_row
-
-   subroutine visit_matrix(self, name, units, axes, about, values)
-      class(statistics_visitor), intent(inout) :: self
-      character(*), intent(in) :: name, units, axes, about
-      real(wp), allocatable, intent(in) :: values(:, :)
-
-      if (.not. allocated(values)) return
-      if (self%deed == gains) then
-         call note_gain(self, name, [values])
-      else
-         call self%group%put(name, values, label_of(self, units, axes, about))
-      end if
-   end subroutine visit_matrix
-
-   subroutine visit_cube(self, name, units, axes, about, values)
-      class(statistics_visitor), intent(inout) :: self
-      character(*), intent(in) :: name, units, axes, about
-      real(wp), allocatable, intent(in) :: values(:, :, :)
-
-      if (.not. allocated(values)) return
-      if (self%deed == gains) then
-         call note_gain(self, name, [values])
-      else
-         call self%group%put(name, values, label_of(self, units, axes, about))
-      end if
-   end subroutine visit_cube
+   end subroutine visit
 
    pure function label_of(self, units, axes, about) result(label)
       class(statistics_visitor), intent(in) :: self

@@ -34,6 +34,7 @@ module io_dataset_visitor
       integer :: n = 0                     !! rows concerned: samples, at last transitions
       integer :: n_all = 0                 !! rows of what is made: in the block, in the file
       type(error_type), allocatable :: error
+      integer, private :: status = 0       !! of the memory for what is read
    contains
       generic :: visit => visit_row, visit_integers, visit_matrix, visit_longs, visit_cube
       procedure, private :: visit_row, visit_integers, visit_matrix, visit_longs, visit_cube
@@ -51,14 +52,11 @@ contains
       type(dataset_type), intent(in) :: what
       real(wp), allocatable, intent(inout) :: values(:)
       integer(long), allocatable :: n(:)
-      integer :: status
 
       call look(self, what, allocated(values), 1, n)
       if (.not. allocated(n)) return
-      status = 0
-      if (.not. allocated(values)) allocate (values(self%n_all), stat=status)
-      if (status /= 0) call refuse_size(self, what, n)
-      if (.not. allocated(self%error)) &
+      if (.not. allocated(values)) allocate (values(self%n_all), stat=self%status)
+      if (fits(self, what, n)) &
          call act(self, what, values(self%place + 1:self%place + self%n))
    end subroutine visit_row
 
@@ -67,14 +65,11 @@ contains
       type(dataset_type), intent(in) :: what
       integer, allocatable, intent(inout) :: values(:)
       integer(long), allocatable :: n(:)
-      integer :: status
 
       call look(self, what, allocated(values), 1, n)
       if (.not. allocated(n)) return
-      status = 0
-      if (.not. allocated(values)) allocate (values(self%n_all), stat=status)
-      if (status /= 0) call refuse_size(self, what, n)
-      if (.not. allocated(self%error)) &
+      if (.not. allocated(values)) allocate (values(self%n_all), stat=self%status)
+      if (fits(self, what, n)) &
          call act(self, what, values(self%place + 1:self%place + self%n))
    end subroutine visit_integers
 
@@ -83,14 +78,11 @@ contains
       type(dataset_type), intent(in) :: what
       real(wp), allocatable, intent(inout) :: values(:, :)
       integer(long), allocatable :: n(:)
-      integer :: status
 
       call look(self, what, allocated(values), 2, n)
       if (.not. allocated(n)) return
-      status = 0
-      if (.not. allocated(values)) allocate (values(n(1), self%n_all), stat=status)
-      if (status /= 0) call refuse_size(self, what, n)
-      if (.not. allocated(self%error)) &
+      if (.not. allocated(values)) allocate (values(n(1), self%n_all), stat=self%status)
+      if (fits(self, what, n)) &
          call act(self, what, values(:, self%place + 1:self%place + self%n))
    end subroutine visit_matrix
 
@@ -99,14 +91,11 @@ contains
       type(dataset_type), intent(in) :: what
       integer(long), allocatable, intent(inout) :: values(:, :)
       integer(long), allocatable :: n(:)
-      integer :: status
 
       call look(self, what, allocated(values), 2, n)
       if (.not. allocated(n)) return
-      status = 0
-      if (.not. allocated(values)) allocate (values(n(1), self%n_all), stat=status)
-      if (status /= 0) call refuse_size(self, what, n)
-      if (.not. allocated(self%error)) &
+      if (.not. allocated(values)) allocate (values(n(1), self%n_all), stat=self%status)
+      if (fits(self, what, n)) &
          call act(self, what, values(:, self%place + 1:self%place + self%n))
    end subroutine visit_longs
 
@@ -115,14 +104,11 @@ contains
       type(dataset_type), intent(in) :: what
       real(wp), allocatable, intent(inout) :: values(:, :, :)
       integer(long), allocatable :: n(:)
-      integer :: status
 
       call look(self, what, allocated(values), 3, n)
       if (.not. allocated(n)) return
-      status = 0
-      if (.not. allocated(values)) allocate (values(n(1), n(2), self%n_all), stat=status)
-      if (status /= 0) call refuse_size(self, what, n)
-      if (.not. allocated(self%error)) &
+      if (.not. allocated(values)) allocate (values(n(1), n(2), self%n_all), stat=self%status)
+      if (fits(self, what, n)) &
          call act(self, what, values(:, :, self%place + 1:self%place + self%n))
    end subroutine visit_cube
 
@@ -143,36 +129,35 @@ contains
       end if
    end subroutine look
 
-   !> An error for a dataset that the memory cannot hold: a damaged file names any extent.
-   subroutine refuse_size(self, what, extents)
+   !> True if the memory holds a dataset, else an error: a damaged file names any extent.
+   logical function fits(self, what, extents)
       class(dataset_visitor), intent(inout) :: self
       type(dataset_type), intent(in) :: what
       integer(long), intent(in) :: extents(:)
 
-      call raise(self%error, exit_file, self%file%path//': '//path_of(self, what)// &
-                 ' does not fit into memory: '//to_text(product(extents))//' values')
-   end subroutine refuse_size
+      fits = self%status == 0
+      if (.not. fits) call raise(self%error, exit_file, self%file%path//': '// &
+                                 path_of(self, what)//' does not fit into memory: '// &
+                                 to_text(product(extents))//' values')
+   end function fits
 
    subroutine act_on_reals(self, what, values)
       class(dataset_visitor), intent(inout) :: self
       type(dataset_type), intent(in) :: what
       real(wp), intent(inout), contiguous :: values(..)
-      character(:), allocatable :: path
-      integer :: first(rank(values))
 
-      path = path_of(self, what)
-      first = 1
-      first(rank(values)) = self%before + 1
       select case (self%deed)
       case (reads)
-         call read_part(self%file, path, first, values, self%error)
+         call read_part(self%file, path_of(self, what), first_of(self, rank(values)), values, &
+                        self%error)
       case (checks)
          call self%checksum%add(trim(what%name))
          call self%checksum%add(values)
       case (writes, puts)
          call make_room(self, what, 0.0_wp, shape(values))
          if (.not. allocated(self%error)) &
-            call write_part(self%file, path, first, values, self%error)
+            call write_part(self%file, path_of(self, what), first_of(self, rank(values)), values, &
+                            self%error)
       end select
    end subroutine act_on_reals
 
@@ -180,22 +165,19 @@ contains
       class(dataset_visitor), intent(inout) :: self
       type(dataset_type), intent(in) :: what
       integer, intent(inout), contiguous :: values(:)
-      character(:), allocatable :: path
-      integer :: first(rank(values))
 
-      path = path_of(self, what)
-      first = 1
-      first(rank(values)) = self%before + 1
       select case (self%deed)
       case (reads)
-         call read_part(self%file, path, first, values, self%error)
+         call read_part(self%file, path_of(self, what), first_of(self, rank(values)), values, &
+                        self%error)
       case (checks)
          call self%checksum%add(trim(what%name))
          call self%checksum%add(values)
       case (writes, puts)
          call make_room(self, what, 0, shape(values))
          if (.not. allocated(self%error)) &
-            call write_part(self%file, path, first, values, self%error)
+            call write_part(self%file, path_of(self, what), first_of(self, rank(values)), values, &
+                            self%error)
       end select
    end subroutine act_on_integers
 
@@ -203,24 +185,31 @@ contains
       class(dataset_visitor), intent(inout) :: self
       type(dataset_type), intent(in) :: what
       integer(long), intent(inout), contiguous :: values(..)
-      character(:), allocatable :: path
-      integer :: first(rank(values))
 
-      path = path_of(self, what)
-      first = 1
-      first(rank(values)) = self%before + 1
       select case (self%deed)
       case (reads)
-         call read_part(self%file, path, first, values, self%error)
+         call read_part(self%file, path_of(self, what), first_of(self, rank(values)), values, &
+                        self%error)
       case (checks)
          call self%checksum%add(trim(what%name))
          call self%checksum%add(values)
       case (writes, puts)
          call make_room(self, what, 0_long, shape(values))
          if (.not. allocated(self%error)) &
-            call write_part(self%file, path, first, values, self%error)
+            call write_part(self%file, path_of(self, what), first_of(self, rank(values)), values, &
+                            self%error)
       end select
    end subroutine act_on_longs
+
+   !> Where the rows concerned begin in the file.
+   pure function first_of(self, n_axes) result(first)
+      class(dataset_visitor), intent(in) :: self
+      integer, intent(in) :: n_axes
+      integer :: first(n_axes)
+
+      first = 1
+      first(n_axes) = self%before + 1
+   end function first_of
 
    !> Makes the dataset where it is not there yet. In a block's own file it has no axes, and spectra
    !> are cut into ranges of frequencies, which is how statistics read them. A chunk has the samples

@@ -2,7 +2,7 @@
 !> taken once.
 module io_group
    use core_error, only: error_type
-   use core_kinds, only: long, wp
+   use core_kinds, only: wp
    use io_hdf5, only: hdf5_file, label_type, write_attribute, write_dataset
    implicit none(type, external)
    private
@@ -15,17 +15,13 @@ module io_group
       type(error_type), allocatable :: error
       character(24), private :: axis = ''   !! of the columns of a table
    contains
-      generic :: attribute => text_attribute, integer_attribute, long_attribute, real_attribute, &
-         logical_attribute
       generic :: put => put_reals, put_integers
-      generic :: put_allocated => put_allocated_row, put_allocated_matrix, put_allocated_cube
       generic :: column => real_column, integer_column
+      procedure :: attribute
+      procedure :: put_allocated
       procedure :: put_value
       procedure :: start_table
       procedure :: take_error
-      procedure, private :: text_attribute, integer_attribute, long_attribute, real_attribute, &
-         logical_attribute
-      procedure, private :: put_allocated_row, put_allocated_matrix, put_allocated_cube
       procedure, private :: put_reals, put_integers
       procedure, private :: real_column, integer_column
    end type group_type
@@ -51,54 +47,15 @@ contains
       if (allocated(self%error)) call move_alloc(self%error, error)
    end subroutine take_error
 
-   subroutine text_attribute(self, name, value)
-      class(group_type), intent(inout) :: self
-      character(*), intent(in) :: name, value
-
-      if (.not. allocated(self%error)) then
-         call write_attribute(self%file, self%path, name, value, self%error)
-      end if
-   end subroutine text_attribute
-
-   subroutine integer_attribute(self, name, value)
+   !> A number, a logical or a text.
+   subroutine attribute(self, name, value)
       class(group_type), intent(inout) :: self
       character(*), intent(in) :: name
-      integer, intent(in) :: value
+      class(*), intent(in) :: value
 
-      if (.not. allocated(self%error)) then
+      if (.not. allocated(self%error)) &
          call write_attribute(self%file, self%path, name, value, self%error)
-      end if
-   end subroutine integer_attribute
-
-   subroutine long_attribute(self, name, value)
-      class(group_type), intent(inout) :: self
-      character(*), intent(in) :: name
-      integer(long), intent(in) :: value
-
-      if (.not. allocated(self%error)) then
-         call write_attribute(self%file, self%path, name, value, self%error)
-      end if
-   end subroutine long_attribute
-
-   subroutine real_attribute(self, name, value)
-      class(group_type), intent(inout) :: self
-      character(*), intent(in) :: name
-      real(wp), intent(in) :: value
-
-      if (.not. allocated(self%error)) then
-         call write_attribute(self%file, self%path, name, value, self%error)
-      end if
-   end subroutine real_attribute
-
-   subroutine logical_attribute(self, name, value)
-      class(group_type), intent(inout) :: self
-      character(*), intent(in) :: name
-      logical, intent(in) :: value
-
-      if (.not. allocated(self%error)) then
-         call write_attribute(self%file, self%path, name, value, self%error)
-      end if
-   end subroutine logical_attribute
+   end subroutine attribute
 
    !> A whole dataset of any rank.
    subroutine put_reals(self, name, values, label)
@@ -113,32 +70,14 @@ contains
    end subroutine put_reals
 
    !> The same for an array that may not be allocated: then nothing is written.
-   subroutine put_allocated_row(self, name, values, label)
+   subroutine put_allocated(self, name, values, label)
       class(group_type), intent(inout) :: self
       character(*), intent(in) :: name
-      real(wp), allocatable, intent(in) :: values(:)
+      real(wp), intent(in), contiguous, optional :: values(..)
       type(label_type), intent(in) :: label
 
-      if (allocated(values)) call self%put(name, values, label)
-   end subroutine put_allocated_row
-
-   subroutine put_allocated_matrix(self, name, values, label)
-      class(group_type), intent(inout) :: self
-      character(*), intent(in) :: name
-      real(wp), allocatable, intent(in) :: values(:, :)
-      type(label_type), intent(in) :: label
-
-      if (allocated(values)) call self%put(name, values, label)
-   end subroutine put_allocated_matrix
-
-   subroutine put_allocated_cube(self, name, values, label)
-      class(group_type), intent(inout) :: self
-      character(*), intent(in) :: name
-      real(wp), allocatable, intent(in) :: values(:, :, :)
-      type(label_type), intent(in) :: label
-
-      if (allocated(values)) call self%put(name, values, label)
-   end subroutine put_allocated_cube
+      if (present(values)) call self%put(name, values, label)
+   end subroutine put_allocated
 
    subroutine put_integers(self, name, values, label)
       class(group_type), intent(inout) :: self

@@ -17,13 +17,7 @@ module io_hdf5_attributes
    private
    public :: has_attribute, read_attribute, write_attribute, write_sealed_attribute
 
-   !> write_attribute(file, object, name, value, error); the object is a group or dataset, '/' the
-   !> file itself.
-   interface write_attribute
-      module procedure write_text, write_integer, write_long, write_real, write_logical
-   end interface write_attribute
-
-   !> A number, a logical or a text.
+   !> A number, a logical as 0 or 1, or a text.
    interface read_attribute
       module procedure read_text, read_integer, read_long, read_real
    end interface read_attribute
@@ -40,6 +34,33 @@ contains
       call h5aexists_by_name_f(file%id, object, name, has_attribute, status)
       has_attribute = has_attribute .and. status >= 0
    end function has_attribute
+
+   !> A number, a logical or a text; the object is a group or dataset, '/' the file itself.
+   subroutine write_attribute(file, object, name, value, error)
+      type(hdf5_file), intent(in) :: file
+      character(*), intent(in) :: object, name
+      class(*), intent(in), target :: value
+      type(error_type), allocatable, intent(out) :: error
+      type(outcome_type) :: outcome
+      integer, target :: flag
+
+      select type (value)
+      type is (character(*))
+         call write_text(file, object, name, value, error)
+      type is (logical)
+         flag = merge(1, 0, value)
+         call write_value(file, object, name, H5T_NATIVE_INTEGER, c_loc(flag), outcome, error)
+      type is (integer)
+         call write_value(file, object, name, H5T_NATIVE_INTEGER, c_loc(value), outcome, error)
+      type is (integer(long))
+         call write_value(file, object, name, h5kind_to_type(long, H5_INTEGER_KIND), &
+                          c_loc(value), outcome, error)
+      type is (real(wp))
+         call write_value(file, object, name, H5T_NATIVE_DOUBLE, c_loc(value), outcome, error)
+      class default
+         error stop 'write_attribute: no kind of value that it knows'
+      end select
+   end subroutine write_attribute
 
    subroutine write_text(file, object, name, value, error)
       type(hdf5_file), intent(in) :: file
@@ -75,46 +96,6 @@ contains
       call write_value(file, object, name, kind, c_loc(text), outcome, error)
       call h5tclose_f(kind, status)
    end subroutine write_sealed_attribute
-
-   subroutine write_integer(file, object, name, value, error)
-      type(hdf5_file), intent(in) :: file
-      character(*), intent(in) :: object, name
-      integer, intent(in), target :: value
-      type(error_type), allocatable, intent(out) :: error
-      type(outcome_type) :: outcome
-
-      call write_value(file, object, name, H5T_NATIVE_INTEGER, c_loc(value), outcome, error)
-   end subroutine write_integer
-
-   subroutine write_long(file, object, name, value, error)
-      type(hdf5_file), intent(in) :: file
-      character(*), intent(in) :: object, name
-      integer(long), intent(in), target :: value
-      type(error_type), allocatable, intent(out) :: error
-      type(outcome_type) :: outcome
-
-      call write_value(file, object, name, h5kind_to_type(long, H5_INTEGER_KIND), c_loc(value), &
-                       outcome, error)
-   end subroutine write_long
-
-   subroutine write_real(file, object, name, value, error)
-      type(hdf5_file), intent(in) :: file
-      character(*), intent(in) :: object, name
-      real(wp), intent(in), target :: value
-      type(error_type), allocatable, intent(out) :: error
-      type(outcome_type) :: outcome
-
-      call write_value(file, object, name, H5T_NATIVE_DOUBLE, c_loc(value), outcome, error)
-   end subroutine write_real
-
-   subroutine write_logical(file, object, name, value, error)
-      type(hdf5_file), intent(in) :: file
-      character(*), intent(in) :: object, name
-      logical, intent(in) :: value
-      type(error_type), allocatable, intent(out) :: error
-
-      call write_integer(file, object, name, merge(1, 0, value), error)
-   end subroutine write_logical
 
    subroutine write_value(file, object, name, kind, value, outcome, error)
       type(hdf5_file), intent(in) :: file
