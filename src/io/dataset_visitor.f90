@@ -34,7 +34,6 @@ module io_dataset_visitor
       integer :: n = 0                     !! rows concerned: samples, at last transitions
       integer :: n_all = 0                 !! rows of what is made: in the block, in the file
       type(error_type), allocatable :: error
-      integer, private :: status = 0       !! of the memory for what is read
    contains
       generic :: visit => visit_row, visit_integers, visit_matrix, visit_longs, visit_cube
       procedure, private :: visit_row, visit_integers, visit_matrix, visit_longs, visit_cube
@@ -52,11 +51,13 @@ contains
       type(dataset_type), intent(in) :: what
       real(wp), allocatable, intent(inout) :: values(:)
       integer(long), allocatable :: n(:)
+      integer :: status
 
       call look(self, what, allocated(values), 1, n)
       if (.not. allocated(n)) return
-      if (.not. allocated(values)) allocate (values(self%n_all), stat=self%status)
-      if (fits(self, what, n)) &
+      status = 0
+      if (.not. allocated(values)) allocate (values(self%n_all), stat=status)
+      if (fits(self, what, n, status)) &
          call act(self, what, values(self%place + 1:self%place + self%n))
    end subroutine visit_row
 
@@ -65,11 +66,13 @@ contains
       type(dataset_type), intent(in) :: what
       integer, allocatable, intent(inout) :: values(:)
       integer(long), allocatable :: n(:)
+      integer :: status
 
       call look(self, what, allocated(values), 1, n)
       if (.not. allocated(n)) return
-      if (.not. allocated(values)) allocate (values(self%n_all), stat=self%status)
-      if (fits(self, what, n)) &
+      status = 0
+      if (.not. allocated(values)) allocate (values(self%n_all), stat=status)
+      if (fits(self, what, n, status)) &
          call act(self, what, values(self%place + 1:self%place + self%n))
    end subroutine visit_integers
 
@@ -78,11 +81,13 @@ contains
       type(dataset_type), intent(in) :: what
       real(wp), allocatable, intent(inout) :: values(:, :)
       integer(long), allocatable :: n(:)
+      integer :: status
 
       call look(self, what, allocated(values), 2, n)
       if (.not. allocated(n)) return
-      if (.not. allocated(values)) allocate (values(n(1), self%n_all), stat=self%status)
-      if (fits(self, what, n)) &
+      status = 0
+      if (.not. allocated(values)) allocate (values(n(1), self%n_all), stat=status)
+      if (fits(self, what, n, status)) &
          call act(self, what, values(:, self%place + 1:self%place + self%n))
    end subroutine visit_matrix
 
@@ -91,11 +96,13 @@ contains
       type(dataset_type), intent(in) :: what
       integer(long), allocatable, intent(inout) :: values(:, :)
       integer(long), allocatable :: n(:)
+      integer :: status
 
       call look(self, what, allocated(values), 2, n)
       if (.not. allocated(n)) return
-      if (.not. allocated(values)) allocate (values(n(1), self%n_all), stat=self%status)
-      if (fits(self, what, n)) &
+      status = 0
+      if (.not. allocated(values)) allocate (values(n(1), self%n_all), stat=status)
+      if (fits(self, what, n, status)) &
          call act(self, what, values(:, self%place + 1:self%place + self%n))
    end subroutine visit_longs
 
@@ -104,11 +111,13 @@ contains
       type(dataset_type), intent(in) :: what
       real(wp), allocatable, intent(inout) :: values(:, :, :)
       integer(long), allocatable :: n(:)
+      integer :: status
 
       call look(self, what, allocated(values), 3, n)
       if (.not. allocated(n)) return
-      if (.not. allocated(values)) allocate (values(n(1), n(2), self%n_all), stat=self%status)
-      if (fits(self, what, n)) &
+      status = 0
+      if (.not. allocated(values)) allocate (values(n(1), n(2), self%n_all), stat=status)
+      if (fits(self, what, n, status)) &
          call act(self, what, values(:, :, self%place + 1:self%place + self%n))
    end subroutine visit_cube
 
@@ -130,12 +139,13 @@ contains
    end subroutine look
 
    !> True if the memory holds a dataset, else an error: a damaged file names any extent.
-   logical function fits(self, what, extents)
+   logical function fits(self, what, extents, status)
       class(dataset_visitor), intent(inout) :: self
       type(dataset_type), intent(in) :: what
       integer(long), intent(in) :: extents(:)
+      integer, intent(in) :: status   !! of allocate
 
-      fits = self%status == 0
+      fits = status == 0
       if (.not. fits) call raise(self%error, exit_file, self%file%path//': '// &
                                  path_of(self, what)//' does not fit into memory: '// &
                                  to_text(product(extents))//' values')

@@ -19,11 +19,7 @@ module config_text_lister
    type, extends(visitor_type) :: lister_type
       type(row_type), allocatable :: rows(:)
    contains
-      procedure :: visit_integer
-      procedure :: visit_long
-      procedure :: visit_real
-      procedure :: visit_logical
-      procedure :: visit_choice
+      procedure :: visit_value
       procedure :: visit_text
       procedure :: visit_integers
       procedure :: visit_reals
@@ -33,45 +29,24 @@ module config_text_lister
 
 contains
 
-   subroutine visit_integer(self, value, entry)
+   subroutine visit_value(self, value, entry)
       class(lister_type), intent(inout) :: self
-      integer, intent(inout) :: value
+      class(*), intent(inout) :: value
       type(entry_type), intent(in) :: entry
 
-      call self%add(entry, to_text(value), 'integer', is_list=.false.)
-   end subroutine visit_integer
-
-   subroutine visit_long(self, value, entry)
-      class(lister_type), intent(inout) :: self
-      integer(long), intent(inout) :: value
-      type(entry_type), intent(in) :: entry
-
-      call self%add(entry, to_text(value), 'integer', is_list=.false.)
-   end subroutine visit_long
-
-   subroutine visit_real(self, value, entry)
-      class(lister_type), intent(inout) :: self
-      real(wp), intent(inout) :: value
-      type(entry_type), intent(in) :: entry
-
-      call self%add(entry, to_text(value), 'real', is_list=.false.)
-   end subroutine visit_real
-
-   subroutine visit_logical(self, value, entry)
-      class(lister_type), intent(inout) :: self
-      logical, intent(inout) :: value
-      type(entry_type), intent(in) :: entry
-
-      call self%add(entry, to_text(value), 'logical', is_list=.false.)
-   end subroutine visit_logical
-
-   subroutine visit_choice(self, value, entry)
-      class(lister_type), intent(inout) :: self
-      character(choice_length), intent(inout) :: value
-      type(entry_type), intent(in) :: entry
-
-      call self%add(entry, quoted(trim(value)), 'text', is_list=.false.)
-   end subroutine visit_choice
+      select type (value)
+      type is (integer)
+         call self%add(entry, to_text(value), 'integer', is_list=.false.)
+      type is (integer(long))
+         call self%add(entry, to_text(value), 'integer', is_list=.false.)
+      type is (real(wp))
+         call self%add(entry, to_text(value), 'real', is_list=.false.)
+      type is (logical)
+         call self%add(entry, to_text(value), 'logical', is_list=.false.)
+      type is (character(*))
+         call self%add(entry, quoted(trim(value)), 'text', is_list=.false.)
+      end select
+   end subroutine visit_value
 
    subroutine visit_text(self, value, entry)
       class(lister_type), intent(inout) :: self

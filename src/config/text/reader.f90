@@ -32,16 +32,11 @@ module config_text_reader
       procedure :: was_given
       procedure :: longest_list
       procedure :: require
-      procedure :: visit_integer
-      procedure :: visit_long
-      procedure :: visit_real
-      procedure :: visit_logical
-      procedure :: visit_choice
+      procedure :: visit_value
       procedure :: visit_text
       procedure :: visit_integers
       procedure :: visit_reals
       procedure :: visit_choices
-      procedure, private :: read_integer
       procedure, private :: gather
       procedure, private :: gather_one
       procedure, private :: refuse_slot
@@ -146,82 +141,42 @@ contains
       end if
    end subroutine require
 
-   subroutine visit_integer(self, value, entry)
+   !> A refused whole number becomes 0, so that no other one is judged by it.
+   subroutine visit_value(self, value, entry)
       class(reader_type), intent(inout) :: self
-      integer, intent(inout) :: value
+      class(*), intent(inout) :: value
       type(entry_type), intent(in) :: entry
-      integer(long) :: wide
-
-      wide = value
-      call self%read_integer(wide, entry, int(huge(1), long))
-      value = int(wide)
-   end subroutine visit_integer
-
-   subroutine visit_long(self, value, entry)
-      class(reader_type), intent(inout) :: self
-      integer(long), intent(inout) :: value
-      type(entry_type), intent(in) :: entry
-
-      call self%read_integer(value, entry, huge(1_long))
-   end subroutine visit_long
-
-   !> A refused value becomes 0, so that no other one is judged by it.
-   subroutine read_integer(self, value, entry, limit)
-      class(reader_type), intent(inout) :: self
-      integer(long), intent(inout) :: value
-      type(entry_type), intent(in) :: entry
-      integer(long), intent(in) :: limit
-      character(:), allocatable :: rule
+      character(:), allocatable :: rule, word
+      integer(long) :: whole
       integer :: slot
 
       call self%gather_one(entry, slot)
       if (slot > 0) then
-         call convert_integer(self%document%text_of(self%document%tokens(slot)), entry, limit, &
-                              value, rule)
+         word = self%document%text_of(self%document%tokens(slot))
+         select type (value)
+         type is (integer)
+            call convert_integer(word, entry, int(huge(1), long), whole, rule)
+            value = int(whole)
+         type is (integer(long))
+            call convert_integer(word, entry, huge(1_long), value, rule)
+         type is (real(wp))
+            call convert_real(word, entry, value, rule)
+         type is (logical)
+            call parse_logical(word, value, rule)
+         type is (character(*))
+            call convert_choice(self%document, slot, entry, value, rule)
+         end select
          if (allocated(rule)) call self%refuse_slot(slot, trim(entry%name), rule)
       end if
       if (self%current == 0) return
-      if (self%is_refused(self%current)) value = 0
-   end subroutine read_integer
-
-   subroutine visit_real(self, value, entry)
-      class(reader_type), intent(inout) :: self
-      real(wp), intent(inout) :: value
-      type(entry_type), intent(in) :: entry
-      character(:), allocatable :: rule
-      integer :: slot
-
-      call self%gather_one(entry, slot)
-      if (slot == 0) return
-      call convert_real(self%document%text_of(self%document%tokens(slot)), entry, value, rule)
-      if (allocated(rule)) call self%refuse_slot(slot, trim(entry%name), rule)
-   end subroutine visit_real
-
-   subroutine visit_logical(self, value, entry)
-      class(reader_type), intent(inout) :: self
-      logical, intent(inout) :: value
-      type(entry_type), intent(in) :: entry
-      character(:), allocatable :: rule
-      integer :: slot
-
-      call self%gather_one(entry, slot)
-      if (slot == 0) return
-      call parse_logical(self%document%text_of(self%document%tokens(slot)), value, rule)
-      if (allocated(rule)) call self%refuse_slot(slot, trim(entry%name), rule)
-   end subroutine visit_logical
-
-   subroutine visit_choice(self, value, entry)
-      class(reader_type), intent(inout) :: self
-      character(choice_length), intent(inout) :: value
-      type(entry_type), intent(in) :: entry
-      character(:), allocatable :: rule
-      integer :: slot
-
-      call self%gather_one(entry, slot)
-      if (slot == 0) return
-      call convert_choice(self%document, slot, entry, value, rule)
-      if (allocated(rule)) call self%refuse_slot(slot, trim(entry%name), rule)
-   end subroutine visit_choice
+      if (.not. self%is_refused(self%current)) return
+      select type (value)
+      type is (integer)
+         value = 0
+      type is (integer(long))
+         value = 0
+      end select
+   end subroutine visit_value
 
    subroutine visit_text(self, value, entry)
       class(reader_type), intent(inout) :: self

@@ -43,13 +43,8 @@ module config_text_value_table
    !> Walks the table of a group. A list without default must be given.
    type, abstract :: visitor_type
    contains
-      generic :: visit => visit_integer, visit_long, visit_real, visit_logical, visit_choice
-      generic :: visit => visit_integers, visit_reals
-      procedure(visit_integer), deferred :: visit_integer
-      procedure(visit_long), deferred :: visit_long
-      procedure(visit_real), deferred :: visit_real
-      procedure(visit_logical), deferred :: visit_logical
-      procedure(visit_choice), deferred :: visit_choice
+      generic :: visit => visit_value, visit_integers, visit_reals
+      procedure(visit_value), deferred :: visit_value
       procedure(visit_text), deferred :: visit_text
       procedure(visit_integers), deferred :: visit_integers
       procedure(visit_reals), deferred :: visit_reals
@@ -57,41 +52,13 @@ module config_text_value_table
    end type visitor_type
 
    abstract interface
-      subroutine visit_integer(self, value, entry)
+      !> A number, a logical, or a text that is one of the entry's choices.
+      subroutine visit_value(self, value, entry)
          import :: entry_type, visitor_type
          class(visitor_type), intent(inout) :: self
-         integer, intent(inout) :: value
+         class(*), intent(inout) :: value
          type(entry_type), intent(in) :: entry
-      end subroutine visit_integer
-
-      subroutine visit_long(self, value, entry)
-         import :: entry_type, long, visitor_type
-         class(visitor_type), intent(inout) :: self
-         integer(long), intent(inout) :: value
-         type(entry_type), intent(in) :: entry
-      end subroutine visit_long
-
-      subroutine visit_real(self, value, entry)
-         import :: entry_type, visitor_type, wp
-         class(visitor_type), intent(inout) :: self
-         real(wp), intent(inout) :: value
-         type(entry_type), intent(in) :: entry
-      end subroutine visit_real
-
-      subroutine visit_logical(self, value, entry)
-         import :: entry_type, visitor_type
-         class(visitor_type), intent(inout) :: self
-         logical, intent(inout) :: value
-         type(entry_type), intent(in) :: entry
-      end subroutine visit_logical
-
-      !> One of the entry's choices.
-      subroutine visit_choice(self, value, entry)
-         import :: choice_length, entry_type, visitor_type
-         class(visitor_type), intent(inout) :: self
-         character(choice_length), intent(inout) :: value
-         type(entry_type), intent(in) :: entry
-      end subroutine visit_choice
+      end subroutine visit_value
 
       !> Any text; its default is the empty one.
       subroutine visit_text(self, value, entry)
