@@ -42,7 +42,7 @@ contains
                                                  wanted%target_statistical) > 0.0_wp)) return
       end associate
       n_own = count(plan%cases%audits == 0)
-      call read_errors(path, n_own, plan%structure%n_joints, errors, error)
+      call read_errors(path, n_own, errors, error)
       if (allocated(error)) return
       failures = ''
       most = most_fitted(plan)
@@ -67,7 +67,7 @@ contains
       integer :: i
 
       text = ''
-      call read_errors(path, count(plan%cases%audits == 0), plan%structure%n_joints, errors, error)
+      call read_errors(path, count(plan%cases%audits == 0), errors, error)
       if (allocated(error)) return
       statistical = 0.0_wp
       do i = 1, size(errors)

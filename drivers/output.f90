@@ -225,8 +225,7 @@ contains
       character(12) :: wanted(size(plan%cases))
       integer :: i
 
-      call read_errors(output%path, count(plan%cases%audits == 0), plan%structure%n_joints, &
-                       errors, error)
+      call read_errors(output%path, count(plan%cases%audits == 0), errors, error)
       if (allocated(error)) return
       wanted = estimators_of(plan)
       do i = 1, size(errors)

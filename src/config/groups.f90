@@ -34,10 +34,7 @@ module config_groups
       type(campaign_group) :: campaign
       type(accuracy_group) :: accuracy
       type(output_group) :: output
-      logical :: has_heading = .false., has_structure = .false., has_chain = .false., &
-                 has_excitation = .false., &
-                 has_integration = .false., has_campaign = .false., has_accuracy = .false., &
-                 has_output = .false.
+      logical :: has_structure = .false., has_chain = .false., has_excitation = .false.
       logical :: friction_is_mean = .false.        !! deterministic cases take process%mean
       type(structure_type) :: structure            !! that of &structure
       integer(long) :: structure_label = 0         !! fingerprint of what its files hold

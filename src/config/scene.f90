@@ -132,14 +132,9 @@ contains
             call reader%end_group()
          end do
       end do
-      scene%has_heading = is_there('scene')
       scene%has_structure = is_there('structure')
       scene%has_chain = is_there('chain')
       scene%has_excitation = is_there('excitation')
-      scene%has_integration = is_there('integration')
-      scene%has_campaign = is_there('campaign')
-      scene%has_accuracy = is_there('accuracy')
-      scene%has_output = is_there('output')
       call note_unused(reader, scene)
 
    contains

@@ -3,7 +3,7 @@
 !> A stream is a key (seed and label) and the upper half of the counter (sample number); the lower
 !> half of the counter walks along it. Any stream starts anywhere at no cost; two never meet.
 module core_random
-   use core_kinds, only: long, wp
+   use core_kinds, only: long, two_pi, wp
    implicit none(type, external)
    private
    public :: stream_type, new_stream, label_of, philox
@@ -73,7 +73,6 @@ contains
    pure subroutine normals(self, values)
       class(stream_type), intent(inout) :: self
       real(wp), intent(out) :: values(:)
-      real(wp), parameter :: two_pi = 8.0_wp*atan(1.0_wp)
       real(wp) :: u(width), z(width), radius(width/2), angle(width/2)
       integer :: first, last
 

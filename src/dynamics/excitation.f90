@@ -2,7 +2,7 @@
 !> a given spectrum, and sines.
 module dynamics_excitation
    use core_error, only: error_type, exit_bad_input, raise
-   use core_kinds, only: wp
+   use core_kinds, only: two_pi, wp
    use core_random, only: stream_type
    use core_text, only: to_text
    use numerics_fftw, only: good_fft_length
@@ -69,7 +69,6 @@ contains
       real(wp), intent(in) :: frequency   !! [Hz]
       real(wp), intent(in) :: dt          !! [s]
       real(wp), intent(out) :: force(0:)  !! (step)
-      real(wp), parameter :: two_pi = 8.0_wp*atan(1.0_wp)
       real(wp) :: turns
       integer :: i
 

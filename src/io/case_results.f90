@@ -7,11 +7,11 @@ module io_case_results
    use campaign_time_average, only: count_spans, fewest_spans, time_average_method
    use core_error, only: error_type
    use core_kinds, only: wp
+   use core_phrases, only: numbered
    use io_blocks, only: kept_axis, put_long
    use io_gathering, only: count_transitions
    use io_group, only: counted, group_type, new_group
    use io_hdf5, only: label_type
-   use io_process_results, only: process_name
    use io_results, only: results_writer
    use io_shards, only: read_shard, shard_type
    use io_store, only: shard_store
@@ -23,16 +23,6 @@ module io_case_results
 
 contains
 
-   !> c001, c002, ...
-   pure function case_name(number) result(name)
-      integer, intent(in) :: number
-      character(:), allocatable :: name
-      character(16) :: buffer
-
-      write (buffer, '(a, i0.3)') 'c', number
-      name = trim(buffer)
-   end function case_name
-
    !> Where a case lies, without a last slash. The audits come behind all cases of their own, in the
    !> same order, each in the group of the case that it repeats.
    pure function case_group(number, n_own) result(group)
@@ -41,9 +31,9 @@ contains
       character(:), allocatable :: group
 
       if (number <= n_own) then
-         group = '/campaign/'//case_name(number)
+         group = '/campaign/'//numbered('c', number)
       else
-         group = '/campaign/'//case_name(number - n_own)//'/audit'
+         group = '/campaign/'//numbered('c', number - n_own)//'/audit'
       end if
    end function case_group
 
@@ -137,7 +127,11 @@ contains
       integer, intent(in) :: number
 
       associate (case => plan%cases(number))
-         call group%attribute('process', process_name(case%process))
+         if (case%process > 0) then
+            call group%attribute('process', numbered('p', case%process))
+         else
+            call group%attribute('process', 'none')
+         end if
          call group%attribute('variance', case%variance)
          if (plan%excitation%kind == 'sine') then
             call group%attribute('frequency', case%frequency)

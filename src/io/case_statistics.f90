@@ -7,6 +7,7 @@ module io_case_statistics
    use campaign_results, only: case_statistics, joint_statistics
    use core_error, only: error_type
    use core_kinds, only: wp
+   use core_phrases, only: numbered
    use io_blocks, only: kept_axis
    use io_group, only: group_type, new_group
    use io_hdf5, only: label_type
@@ -73,6 +74,7 @@ contains
       type(case_estimates), intent(in) :: found
       type(group_type) :: beside
       type(statistics_visitor) :: v
+      integer :: i
 
       if (allocated(group%error)) return
       beside = new_group(group%file, group%path//'/plain')
@@ -86,27 +88,16 @@ contains
       if (.not. allocated(v%group%error)) then
          v%deed = gains
          v%estimator = trim(found%estimator)
-         v%pooled_with = names_of(found%pooled_with)
+         v%pooled_with = ''
+         do i = 1, size(found%pooled_with)
+            v%pooled_with = v%pooled_with//' '//numbered('c', found%pooled_with(i))
+         end do
+         v%pooled_with = trim(adjustl(v%pooled_with))
          v%group%path = group%path
          call visit_statistics(v, found%error_ratio)
       end if
       call v%group%take_error(group%error)
    end subroutine write_beside
-
-   !> 'c001 c003'
-   pure function names_of(cases) result(names)
-      integer, intent(in) :: cases(:)
-      character(:), allocatable :: names
-      character(16) :: buffer
-      integer :: i
-
-      names = ''
-      do i = 1, size(cases)
-         write (buffer, '(a, i0.3)') ' c', cases(i)
-         names = names//trim(buffer)
-      end do
-      names = names(2:)
-   end function names_of
 
    subroutine write_statistics(group, plan, statistics, is_regression)
       type(group_type), intent(inout) :: group

@@ -26,9 +26,9 @@ module io_error_results
 contains
 
    !> Reads the errors that were written.
-   subroutine read_errors(path, n_cases, n_joints, errors, error)
+   subroutine read_errors(path, n_cases, errors, error)
       character(*), intent(in) :: path
-      integer, intent(in) :: n_cases, n_joints
+      integer, intent(in) :: n_cases
       type(case_errors), allocatable, intent(out) :: errors(:)   !! (case)
       type(error_type), allocatable, intent(out) :: error
       type(hdf5_file) :: file
@@ -38,11 +38,7 @@ contains
       if (allocated(error)) return
       allocate (errors(n_cases))
       do i = 1, n_cases
-         call read_statistics(file, case_group(i, n_cases), n_joints, errors(i)%statistics, error)
-         if (.not. allocated(error)) call read_estimator(file, case_group(i, n_cases), n_joints, &
-                                                         errors(i), error)
-         if (.not. allocated(error)) &
-            call read_steady(file, case_group(i, n_cases), errors(i), error)
+         call read_case(file, case_group(i, n_cases), errors(i), error)
          if (.not. allocated(error)) &
             call read_audit(file, case_group(i + n_cases, n_cases), errors(i), error)
          if (allocated(error)) exit
@@ -50,102 +46,72 @@ contains
       call file%abandon()
    end subroutine read_errors
 
-   subroutine read_statistics(file, group, n_joints, statistics, error)
+   !> What the statistics say of a case, and by what they were made.
+   subroutine read_case(file, group, errors, error)
       type(hdf5_file), intent(in) :: file
       character(*), intent(in) :: group
-      integer, intent(in) :: n_joints
-      type(case_statistics), intent(inout) :: statistics
-      type(error_type), allocatable, intent(out) :: error
-
-      call read_attribute(file, group, 'n_samples', statistics%n_samples, error)
-      if (allocated(error)) return
-      if (file%has(group//'/slip_mean_error')) then
-         allocate (statistics%slip%mean_error(n_joints))
-         call read_dataset(file, group//'/slip_mean_error', statistics%slip%mean_error, error)
-      end if
-      if (allocated(error)) return
-      if (.not. file%has(group//'/slip_mean_time_error')) return
-      allocate (statistics%slip_mean_time_error(n_joints))
-      call read_dataset(file, group//'/slip_mean_time_error', statistics%slip_mean_time_error, &
-                        error)
-      if (allocated(error)) return
-      if (.not. file%has(group//'/slip_std_time_part')) return
-      allocate (statistics%slip_std_time_part(n_joints))
-      call read_dataset(file, group//'/slip_std_time_part', statistics%slip_std_time_part, error)
-   end subroutine read_statistics
-
-   !> By what the statistics were made: estimator and percentiles.
-   subroutine read_estimator(file, group, n_joints, errors, error)
-      type(hdf5_file), intent(in) :: file
-      character(*), intent(in) :: group
-      integer, intent(in) :: n_joints
       type(case_errors), intent(inout) :: errors
       type(error_type), allocatable, intent(out) :: error
-      integer(long), allocatable :: n(:)
+      real(wp), allocatable :: is_steady(:)
 
+      associate (statistics => errors%statistics)
+         call read_attribute(file, group, 'n_samples', statistics%n_samples, error)
+         call read_row(file, group//'/slip_mean_error', statistics%slip%mean_error, error)
+         call read_row(file, group//'/slip_mean_time_error', statistics%slip_mean_time_error, error)
+         call read_row(file, group//'/slip_std_time_part', statistics%slip_std_time_part, error)
+      end associate
+      call read_row(file, group//'/error_ratio/slip_mean', errors%ratio, error)
+      call read_row(file, group//'/percentile', errors%percentiles, error)
+      call read_row(file, group//'/steady', is_steady, error)
+      if (allocated(error)) return
+      if (.not. allocated(errors%ratio)) then
+         allocate (errors%ratio(0))
+         if (allocated(errors%statistics%slip%mean_error)) &
+            errors%ratio = 0.0_wp*errors%statistics%slip%mean_error + 1.0_wp
+      end if
+      if (.not. allocated(errors%percentiles)) allocate (errors%percentiles(0))
+      if (allocated(is_steady)) errors%n_unsteady = count(.not. is_steady > 0.0_wp)
       errors%estimator = ''
-      allocate (errors%ratio(n_joints), source=1.0_wp)
       if (has_attribute(file, group, 'estimator')) &
          call read_attribute(file, group, 'estimator', errors%estimator, error)
-      if (allocated(error)) return
-      if (file%has(group//'/error_ratio')) &
-         call read_dataset(file, group//'/error_ratio/slip_mean', errors%ratio, error)
-      if (allocated(error)) return
-      n = [0_long]
-      if (file%has(group//'/percentile')) &
-         call read_extent(file, group//'/percentile', 1, n, error)
-      if (allocated(error)) return
-      allocate (errors%percentiles(n(1)))
-      if (n(1) > 0) call read_dataset(file, group//'/percentile', errors%percentiles, error)
-   end subroutine read_estimator
+   end subroutine read_case
 
-   subroutine read_steady(file, group, errors, error)
-      type(hdf5_file), intent(in) :: file
-      character(*), intent(in) :: group
-      type(case_errors), intent(inout) :: errors
-      type(error_type), allocatable, intent(out) :: error
-      integer :: steady(errors%statistics%n_samples)
-
-      if (.not. file%has(group//'/steady')) return
-      call read_dataset(file, group//'/steady', steady, error)
-      if (.not. allocated(error)) errors%n_unsteady = count(steady == 0)
-   end subroutine read_steady
-
+   !> The audit of a case; standard errors are zero where all samples of the case were audited.
    subroutine read_audit(file, group, errors, error)
       type(hdf5_file), intent(in) :: file
       character(*), intent(in) :: group
       type(case_errors), intent(inout) :: errors
       type(error_type), allocatable, intent(out) :: error
+      real(wp), allocatable :: slip(:), ratio(:)
 
       if (.not. file%has(group)) return
       call read_attribute(file, group, 'n_samples', errors%n_audited, error)
       if (.not. allocated(error)) &
          call read_attribute(file, group, 'slip_points', errors%slip_points, error)
-      if (.not. allocated(error)) &
-         call read_largest('slip_rms_difference_error', errors%slip_points_error)
       if (allocated(error)) return
-      if (.not. file%has(group//'/band_ratio_difference')) return
-      call read_attribute(file, group, 'band_ratio', errors%band_ratio, error)
-      if (.not. allocated(error)) &
-         call read_largest('band_ratio_difference_error', errors%band_ratio_error)
-
-   contains
-
-      !> Zero where the dataset is not there: all samples of the case were audited.
-      subroutine read_largest(name, largest)
-         character(*), intent(in) :: name
-         real(wp), intent(inout) :: largest
-         real(wp), allocatable :: values(:)
-         integer(long), allocatable :: n(:)   ! all dofs, or those whose spectra are kept
-
-         if (.not. file%has(group//'/'//name)) return
-         call read_extent(file, group//'/'//name, 1, n, error)
-         if (allocated(error)) return
-         allocate (values(n(1)))
-         call read_dataset(file, group//'/'//name, values, error)
-         if (.not. allocated(error)) largest = maxval(values)
-      end subroutine read_largest
-
+      if (file%has(group//'/band_ratio_difference')) &
+         call read_attribute(file, group, 'band_ratio', errors%band_ratio, error)
+      call read_row(file, group//'/slip_rms_difference_error', slip, error)
+      call read_row(file, group//'/band_ratio_difference_error', ratio, error)
+      if (allocated(error)) return
+      if (allocated(slip)) errors%slip_points_error = maxval(slip)
+      if (allocated(ratio)) errors%band_ratio_error = maxval(ratio)
    end subroutine read_audit
+
+   !> A row of numbers, where it is there; nothing is read after an error.
+   subroutine read_row(file, path, values, error)
+      type(hdf5_file), intent(in) :: file
+      character(*), intent(in) :: path
+      real(wp), allocatable, intent(out) :: values(:)
+      type(error_type), allocatable, intent(inout) :: error
+      integer(long), allocatable :: n(:)
+
+      if (allocated(error)) return
+      if (.not. file%has(path)) return
+      call read_extent(file, path, 1, n, error)
+      if (allocated(error)) return
+      allocate (values(n(1)))
+      call read_dataset(file, path, values, error)
+   end subroutine read_row
 
 end module io_error_results

@@ -2,6 +2,7 @@
 module io_process_results
    use core_error, only: error_type, exit_file, raise
    use core_kinds, only: long, wp
+   use core_phrases, only: numbered
    use io_group, only: counted, group_type, new_group
    use io_hdf5, only: has_attribute, hdf5_file, label_type, read_attribute, read_dataset, &
                       read_extent, write_sealed_attribute
@@ -12,7 +13,7 @@ module io_process_results
    use process_reference, only: law_name
    implicit none(type, external)
    private
-   public :: process_name, read_solution, write_process, write_solution
+   public :: read_solution, write_process, write_solution
 
    !> Writes each component into a group.
    type, extends(component_visitor) :: writing_visitor
@@ -46,17 +47,6 @@ module io_process_results
 
 contains
 
-   !> p001, p002, ...; 'none' for 0.
-   pure function process_name(number) result(name)
-      integer, intent(in) :: number
-      character(:), allocatable :: name
-      character(16) :: buffer
-
-      write (buffer, '(a, i0.3)') 'p', number
-      name = trim(buffer)
-      if (number == 0) name = 'none'
-   end function process_name
-
    !> A solved process, or a refused one with its reason.
    subroutine write_process(writer, number, model, error, realizations)
       type(results_writer), intent(in) :: writer
@@ -66,7 +56,7 @@ contains
       real(wp), intent(in), contiguous, optional :: realizations(:, :)   !! (point, realization)
       type(group_type) :: group
 
-      group = new_group(writer%file, '/process/'//process_name(number))
+      group = new_group(writer%file, '/process/'//numbered('p', number))
       call write_request(group, model%request)
       call write_solution(group, model, is_sealed=.false.)
       if (present(realizations)) call write_realizations(group, realizations)

@@ -3,11 +3,12 @@
 module io_process_shards
    use core_error, only: error_type, exit_file, raise
    use core_kinds, only: long, wp
+   use core_phrases, only: numbered
    use io_checksum, only: checksum_type
    use io_files, only: exists, remove_file
    use io_group, only: group_type, new_group
    use io_hdf5, only: hdf5_file, open_hdf5, read_attribute, write_attribute
-   use io_process_results, only: process_name, read_solution, write_solution
+   use io_process_results, only: read_solution, write_solution
    use io_store, only: finish_file, list_finished, name_of, open_own, shard_store, start_file
    use process_model, only: process_model_type, process_request
    use process_packing, only: pack_model
@@ -101,9 +102,9 @@ contains
       if (allocated(error)) return
       do i = 1, size(requests)
          if (exists(path_of(store, i))) cycle
-         if (.not. file%has('/process/'//process_name(i))) cycle
+         if (.not. file%has('/process/'//numbered('p', i))) cycle
          model%request = requests(i)
-         call read_solution(file, '/process/'//process_name(i), model, error)
+         call read_solution(file, '/process/'//numbered('p', i), model, error)
          if (.not. allocated(error)) call keep_process(store, i, model, error)
          if (allocated(error)) exit
       end do
@@ -154,7 +155,7 @@ contains
       integer, intent(in) :: number
       character(:), allocatable :: name
 
-      name = 'process_'//process_name(number)//'.h5'
+      name = 'process_'//numbered('p', number)//'.h5'
    end function shard_name
 
    function checksum_of(number, model) result(value)

@@ -5,7 +5,7 @@
 !> harmonics above the fifth do, by less than 1 % of their own amplitude.
 module numerics_harmonic
    use core_error, only: error_type
-   use core_kinds, only: wp
+   use core_kinds, only: two_pi, wp
    use numerics_lapack, only: solve_positive_definite
    implicit none(type, external)
    private
@@ -14,7 +14,6 @@ module numerics_harmonic
    integer, parameter :: periods_of_window = 10
    integer, parameter :: n_harmonics = 5
    integer, parameter :: n_terms = 1 + 2*n_harmonics
-   real(wp), parameter :: two_pi = 8.0_wp*atan(1.0_wp)
 
    !> A window of values at equal intervals.
    type :: harmonic_window

@@ -1,6 +1,6 @@
 !> Gauss-Legendre quadrature.
 module numerics_quadrature
-   use core_kinds, only: wp
+   use core_kinds, only: pi, wp
    implicit none(type, external)
    private
    public :: gauss_legendre
@@ -11,7 +11,6 @@ contains
    pure subroutine gauss_legendre(low, high, nodes, weights)
       real(wp), intent(in) :: low, high
       real(wp), intent(out) :: nodes(:), weights(:)   !! (n)
-      real(wp), parameter :: pi = 4.0_wp*atan(1.0_wp)
       real(wp) :: p, previous, slope, swap, x
       integer :: degree, i, n, step
 

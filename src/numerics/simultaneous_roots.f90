@@ -2,12 +2,11 @@
 !>
 !> Starts lie on circles whose radii are read off the coefficients (Bini, 1996).
 module numerics_simultaneous_roots
-   use core_kinds, only: wp
+   use core_kinds, only: two_pi, wp
    implicit none(type, external)
    private
    public :: find_roots_together
 
-   real(wp), parameter :: two_pi = 8.0_wp*atan(1.0_wp)
 
 contains
 

@@ -8,7 +8,7 @@
 !> On the way the power within some ranges of frequencies can be followed through consecutive
 !> batches of segments: what it scatters by tells how far to trust an average over all of them.
 module numerics_spectrum
-   use core_kinds, only: wp
+   use core_kinds, only: two_pi, wp
    use numerics_correlated, only: n_batches
    use numerics_fftw, only: forward_fft
    implicit none(type, external)
@@ -87,7 +87,6 @@ contains
       integer, intent(in) :: n_series, length, overlap
       real(wp), intent(in) :: interval   !! between values [s]
       integer, intent(in), optional :: n_expected
-      real(wp), parameter :: two_pi = 8.0_wp*atan(1.0_wp)
       integer :: i
 
       self%n_segments = 0

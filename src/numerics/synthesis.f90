@@ -4,7 +4,7 @@
 !> values p, p + P, p + 2 P, ... of phase p are an inverse transform of length m of the lines turned
 !> by exp(2 pi i k p/n): P short transforms, which stay in the cache, take the place of a long one.
 module numerics_synthesis
-   use core_kinds, only: wp
+   use core_kinds, only: two_pi, wp
    use numerics_fftw, only: inverse_fft
    implicit none(type, external)
    private
@@ -12,7 +12,6 @@ module numerics_synthesis
 
    integer, parameter :: most_phases = 64   !! each turn adds a rounding
    integer, parameter :: together = 8       !! phases that are stored side by side
-   real(wp), parameter :: two_pi = 8.0_wp*atan(1.0_wp)
 
 contains
 

@@ -5,7 +5,7 @@
 !> have the law of one value of largest entropy: the normal law, or that law kept where positive.
 module process_reference
    use core_error, only: error_type
-   use core_kinds, only: wp
+   use core_kinds, only: two_pi, wp
    use core_random, only: stream_type
    use process_entropy, only: white_noise_entropy
    use process_model, only: process_model_type, process_request

@@ -5,7 +5,7 @@
 !> slipping, the structure is linear. The friction coefficients mu belong to a sample, not to it.
 module structure_model
    use core_error, only: error_type, exit_bad_input, raise
-   use core_kinds, only: wp
+   use core_kinds, only: two_pi, wp
    use core_text, only: to_text
    use numerics_lapack, only: solve_positive_definite, solve_symmetric_eigenproblem
    implicit none(type, external)
@@ -15,7 +15,6 @@ module structure_model
 
    real(wp), parameter :: least_share = 1.0e-10_wp   !! times the largest eigenvalue: zero
    real(wp), parameter :: rounding = 1.0e-12_wp      !! times the largest entry: equal
-   real(wp), parameter :: two_pi = 8.0_wp*atan(1.0_wp)
 
    !> One structure. Matrices are full; has_lumped_mass says that M is diagonal.
    type :: structure_type

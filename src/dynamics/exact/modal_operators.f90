@@ -8,7 +8,7 @@
 !> docs/exact_march.md.
 module dynamics_exact_modal_operators
    use core_error, only: error_type
-   use core_kinds, only: wp
+   use core_kinds, only: two_pi, wp
    use dynamics_exact_modal_ledger, only: modal_ledger
    use dynamics_exact_modal_terms, only: choose_terms, count_parts, modal_terms, n_markov, &
                                          path_degree
@@ -102,7 +102,6 @@ contains
       type(error_type), allocatable, intent(out) :: error
       real(wp), allocatable :: eigenvalues(:), gain(:, :), damping(:, :), omega(:), moved(:, :, :)
       logical :: all_stuck(structure%n_joints)
-      real(wp), parameter :: two_pi = 8.0_wp*atan(1.0_wp)
       integer :: r
 
       all_stuck = .true.

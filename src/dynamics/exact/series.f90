@@ -5,7 +5,7 @@
 !> latter with the springs of all stuck joints. C^ is thinned degree by degree, as its far entries
 !> matter for the low degrees only. Numbers in brackets are the formulas of docs/exact_march.md.
 module dynamics_exact_series
-   use core_kinds, only: wp
+   use core_kinds, only: two_pi, wp
    use numerics_sparse, only: sparse_matrix, sparse_of
    use structure_model, only: structure_type
    implicit none(type, external)
@@ -96,7 +96,6 @@ contains
    pure function fastest_rate(structure) result(rate)
       type(structure_type), intent(in) :: structure
       real(wp) :: rate
-      real(wp), parameter :: two_pi = 8.0_wp*atan(1.0_wp)
       real(wp) :: half_c, root(structure%n_dof)
       integer :: i
 

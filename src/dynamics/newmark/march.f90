@@ -5,7 +5,7 @@
 !> march each at its own time, so that the processor always has several at hand.
 module dynamics_newmark_march
    use core_error, only: error_type, exit_bad_input, raise
-   use core_kinds, only: long, wp
+   use core_kinds, only: long, two_pi, wp
    use core_text, only: rounded_text, to_text
    use dynamics_newmark_block, only: load_block, newmark_block, store_block
    use dynamics_newmark_frame, only: new_newmark_frame, newmark_frame
@@ -62,7 +62,6 @@ contains
    pure real(wp) function longest_step(structure, beta, gamma)
       type(structure_type), intent(in) :: structure
       real(wp), intent(in) :: beta, gamma
-      real(wp), parameter :: two_pi = 8.0_wp*atan(1.0_wp)
 
       longest_step = huge(1.0_wp)
       if (beta < gamma/2) longest_step = &

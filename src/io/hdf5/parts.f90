@@ -1,11 +1,13 @@
 !> Extents, and a part of a dataset, as HDF5 wants them said, for reading and for writing.
 module io_hdf5_parts
+   use, intrinsic :: iso_c_binding, only: c_ptr
+   use core_error, only: error_type
    use hdf5
    use io_hdf5_file, only: hdf5_file
    use io_hdf5_outcome, only: outcome_type
    implicit none(type, external)
    private
-   public :: close_part, extents_of, select_part
+   public :: close_part, extents_of, move_part, select_part
 
 contains
 
@@ -19,6 +21,34 @@ contains
       ! gfortran has -1 for the last extent of an expression without elements
       extents = [(max(size(values, i, hsize_t), 0_hsize_t), i=1, rank(values))]
    end function extents_of
+
+   !> Writes values into the part of a dataset that begins at `first` (counted from 1, Fortran's
+   !> order), or reads them from there.
+   subroutine move_part(file, path, kind, first, extents, values, is_written, error)
+      type(hdf5_file), intent(in) :: file
+      character(*), intent(in) :: path
+      integer(hid_t), intent(in) :: kind
+      integer, intent(in) :: first(:)
+      integer(hsize_t), intent(in) :: extents(:)
+      type(c_ptr), value :: values
+      logical, intent(in) :: is_written
+      type(error_type), allocatable, intent(out) :: error
+      type(outcome_type) :: outcome
+      integer(hid_t) :: dataset, part, memory
+      integer :: status
+
+      if (any(extents <= 0)) return
+      call select_part(file, path, first, extents, dataset, part, memory, outcome)
+      if (is_written) then
+         call h5dwrite_f(dataset, kind, values, status, memory, part)
+      else
+         call h5dread_f(dataset, kind, values, status, memory, part)
+      end if
+      call outcome%note(status)
+      call close_part(dataset, part, memory, outcome)
+      call outcome%conclude(file%path//': '//path//': cannot be '// &
+                            trim(merge('written', 'read   ', is_written)), error)
+   end subroutine move_part
 
    !> Opens what begins at `first` (counted from 1, Fortran's order).
    subroutine select_part(file, path, first, extents, dataset, part, memory, outcome)

@@ -8,7 +8,7 @@ module io_hdf5_reading
    use hdf5
    use io_hdf5_file, only: hdf5_file
    use io_hdf5_outcome, only: outcome_type
-   use io_hdf5_parts, only: close_part, extents_of, select_part
+   use io_hdf5_parts, only: close_part, extents_of, move_part, select_part
    implicit none(type, external)
    private
    public :: check_dataset, read_dataset, read_extent, read_part, read_shape
@@ -130,8 +130,8 @@ contains
       real(wp), intent(out), target, contiguous :: values(..)
       type(error_type), allocatable, intent(out) :: error
 
-      call read_any_part(file, path, H5T_NATIVE_DOUBLE, first, extents_of(values), c_loc(values), &
-                         error)
+      call move_part(file, path, H5T_NATIVE_DOUBLE, first, extents_of(values), c_loc(values), &
+                     .false., error)
    end subroutine read_real_part
 
    subroutine read_integer_part(file, path, first, values, error)
@@ -141,8 +141,8 @@ contains
       integer, intent(out), target, contiguous :: values(..)
       type(error_type), allocatable, intent(out) :: error
 
-      call read_any_part(file, path, H5T_NATIVE_INTEGER, first, extents_of(values), &
-                         c_loc(values), error)
+      call move_part(file, path, H5T_NATIVE_INTEGER, first, extents_of(values), c_loc(values), &
+                     .false., error)
    end subroutine read_integer_part
 
    subroutine read_long_part(file, path, first, values, error)
@@ -152,29 +152,9 @@ contains
       integer(long), intent(out), target, contiguous :: values(..)
       type(error_type), allocatable, intent(out) :: error
 
-      call read_any_part(file, path, h5kind_to_type(long, H5_INTEGER_KIND), first, &
-                         extents_of(values), c_loc(values), error)
+      call move_part(file, path, h5kind_to_type(long, H5_INTEGER_KIND), first, &
+                     extents_of(values), c_loc(values), .false., error)
    end subroutine read_long_part
-
-   subroutine read_any_part(file, path, kind, first, extents, values, error)
-      type(hdf5_file), intent(in) :: file
-      character(*), intent(in) :: path
-      integer(hid_t), intent(in) :: kind
-      integer, intent(in) :: first(:)
-      integer(hsize_t), intent(in) :: extents(:)
-      type(c_ptr), value :: values
-      type(error_type), allocatable, intent(out) :: error
-      type(outcome_type) :: outcome
-      integer(hid_t) :: dataset, part, memory
-      integer :: status
-
-      if (any(extents <= 0)) return
-      call select_part(file, path, first, extents, dataset, part, memory, outcome)
-      call h5dread_f(dataset, kind, values, status, memory, part)
-      call outcome%note(status)
-      call close_part(dataset, part, memory, outcome)
-      call outcome%conclude(file%path//': '//path//': cannot be read', error)
-   end subroutine read_any_part
 
    !> Reads all of a dataset, a piece at a time, for HDF5 to see that its checksums are right.
    subroutine check_dataset(file, path, error)

@@ -12,7 +12,7 @@ module io_hdf5_writing
    use io_hdf5_attributes, only: write_attribute
    use io_hdf5_file, only: hdf5_file, make_parents, new_timeless_list
    use io_hdf5_outcome, only: outcome_type
-   use io_hdf5_parts, only: close_part, extents_of, select_part
+   use io_hdf5_parts, only: extents_of, move_part
    implicit none(type, external)
    private
    public :: label_type, make_dataset, write_dataset, write_part
@@ -236,8 +236,8 @@ contains
       real(wp), intent(in), target, contiguous :: values(..)
       type(error_type), allocatable, intent(out) :: error
 
-      call write_any_part(file, path, H5T_NATIVE_DOUBLE, first, extents_of(values), &
-                          c_loc(values), error)
+      call move_part(file, path, H5T_NATIVE_DOUBLE, first, extents_of(values), c_loc(values), &
+                     .true., error)
    end subroutine write_real_part
 
    subroutine write_integer_part(file, path, first, values, error)
@@ -247,8 +247,8 @@ contains
       integer, intent(in), target, contiguous :: values(..)
       type(error_type), allocatable, intent(out) :: error
 
-      call write_any_part(file, path, H5T_NATIVE_INTEGER, first, extents_of(values), &
-                          c_loc(values), error)
+      call move_part(file, path, H5T_NATIVE_INTEGER, first, extents_of(values), c_loc(values), &
+                     .true., error)
    end subroutine write_integer_part
 
    subroutine write_long_part(file, path, first, values, error)
@@ -258,28 +258,8 @@ contains
       integer(long), intent(in), target, contiguous :: values(..)
       type(error_type), allocatable, intent(out) :: error
 
-      call write_any_part(file, path, h5kind_to_type(long, H5_INTEGER_KIND), first, &
-                          extents_of(values), c_loc(values), error)
+      call move_part(file, path, h5kind_to_type(long, H5_INTEGER_KIND), first, &
+                     extents_of(values), c_loc(values), .true., error)
    end subroutine write_long_part
-
-   subroutine write_any_part(file, path, kind, first, extents, values, error)
-      type(hdf5_file), intent(in) :: file
-      character(*), intent(in) :: path
-      integer(hid_t), intent(in) :: kind
-      integer, intent(in) :: first(:)
-      integer(hsize_t), intent(in) :: extents(:)
-      type(c_ptr), value :: values
-      type(error_type), allocatable, intent(out) :: error
-      type(outcome_type) :: outcome
-      integer(hid_t) :: dataset, part, memory
-      integer :: status
-
-      if (any(extents <= 0)) return
-      call select_part(file, path, first, extents, dataset, part, memory, outcome)
-      call h5dwrite_f(dataset, kind, values, status, memory, part)
-      call outcome%note(status)
-      call close_part(dataset, part, memory, outcome)
-      call outcome%conclude(file%path//': '//path//': cannot be written', error)
-   end subroutine write_any_part
 
 end module io_hdf5_writing

@@ -3,7 +3,7 @@
 !> Every delta and s bounds the entropy of a sequence, see `process_direct_sign_sequence`; here
 !> those of a solution that is known.
 module process_direct_sequence_bound
-   use core_kinds, only: wp
+   use core_kinds, only: pi, wp
    use process_direct_constraint, only: length_constraint
    use process_direct_sign_sequence, only: sequence_solution
    use process_entropy, only: white_noise_entropy
@@ -59,7 +59,6 @@ contains
       type(length_constraint), intent(in) :: constraint
       type(sequence_solution), intent(in) :: known
       integer, intent(in) :: n
-      real(wp), parameter :: pi = 4.0_wp*atan(1.0_wp)
       real(wp) :: terms(n + 1, constraint%m_max)
       integer :: j, m
 

@@ -9,7 +9,7 @@
 !> power of the logarithm, no signs give a smaller mean of ln g at the delta of the all-plus
 !> solution, and by that mean their entropy is bounded.
 module process_direct_sign_search
-   use core_kinds, only: long, wp
+   use core_kinds, only: long, pi, wp
    use numerics_sorting, only: sort_order
    use process_direct_constraint, only: length_constraint, new_constraint
    use process_direct_reciprocal_symbol, only: reciprocal_workspace
@@ -220,7 +220,6 @@ contains
       integer, intent(in) :: n
       real(wp), intent(in) :: rate
       integer :: signs(n)
-      real(wp), parameter :: pi = 4.0_wp*atan(1.0_wp)
       integer :: k
 
       signs = [(merge(1, -1, cos(rate*pi*real(k, wp)**2/n) >= 0.0_wp), k=0, n - 1)]
