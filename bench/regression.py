@@ -95,6 +95,7 @@ HIGHEST = 3.0  # [Hz] of the spectra in the draws
 EVERY = 4  # frequencies
 POWERLESS = 1e-5  # share of the power above the frequencies that are kept
 LEAST = 0.95  # gain below which an estimate is worse than plain sampling
+COVERS = 0.90, 0.99  # wanted of the intervals of each case and joint
 
 
 def thinned(path: Path, every: int = EVERY) -> Path:
@@ -155,6 +156,7 @@ class Score(NamedTuple):
     error: np.ndarray  # standard error of the gain
     covers: np.ndarray  # (case and joint): share of intervals that hold the truth
     plain_covers: np.ndarray
+    covers_error: np.ndarray  # (case and joint): standard error of `covers`
 
 
 def score_of(found: np.ndarray, statistic: int) -> Score:
@@ -174,7 +176,12 @@ def score_of(found: np.ndarray, statistic: int) -> Score:
     holds = (ours <= low + 1e-12) & (-ours <= high + 1e-12)
     plainly = np.abs(plain) <= 1.959964 * stated + 1e-12
     gain[~has_error] = np.nan
-    return Score(gain, error, holds.mean((0, 2)), plainly.mean((0, 2)))
+    # scatter of the draws' shares, and no less than that of 0.99 if the outputs were one
+    each = holds.mean(2).std(0) / math.sqrt(len(found))
+    if holds.shape[2] == 1:
+        each = np.maximum(each, math.sqrt(0.99 * 0.01 / len(found)))
+    covers = np.where(has_error.any(1), holds.mean((0, 2)), np.nan)
+    return Score(gain, error, covers, plainly.mean((0, 2)), each)
 
 
 def together(scores: list[Score]) -> Score:
@@ -187,7 +194,7 @@ def cells(score: Score) -> tuple[str, str]:
     covers = score.covers
     return (
         f"{np.nanmedian(score.gain):.1f} ({np.nanmin(score.gain):.2f})",
-        f"{covers.mean():.2f} ({covers.min():.2f}-{covers.max():.2f})",
+        f"{np.nanmean(covers):.2f} ({np.nanmin(covers):.2f}-{np.nanmax(covers):.2f})",
     )
 
 
@@ -197,13 +204,14 @@ def report(name: str, times: int, sizes: list[int]) -> list[str]:
     thin = truth_of(name, scene)
     head = ["statistic"]
     worse, n_outputs = [], 0
+    outside, n_outside, n_intervals = [], 0, 0
     of = {}
     for n in sizes:
         apart = [draws(thin, n, times, [case]) for pool in scene.pools for case in pool]
         pooled = [draws(thin, n, times, pool) for pool in scene.pools]
-        n_draws = min(len(part) for part in (*apart, *pooled))
-        head += [f"N = {n}, {n_draws} draws: gain", "covers", "pooled: gain", "covers",
-                 "plain covers"]  # fmt: skip
+        n_draws = [min(len(part) for part in found) for found in (apart, pooled)]
+        head += [f"N = {n}, {n_draws[0]} draws: gain", "covers",
+                 f"pooled, {n_draws[1]} draws: gain", "covers", "plain covers"]  # fmt: skip
         for statistic, label in enumerate((*NUMBERS, *SPECTRA)):
             for kind, found in (("own", apart), ("pooled", pooled)):
                 score = together([score_of(part, statistic) for part in found])
@@ -214,6 +222,15 @@ def report(name: str, times: int, sizes: list[int]) -> list[str]:
                     f"{label} ({kind}, N = {n}) {gain:.2f} ± {error:.2f}"
                     for gain, error in zip(score.gain[is_worse], score.error[is_worse], strict=True)
                 ]
+                covers, margin = score.covers, 2 * score.covers_error
+                is_outside = (covers + margin < COVERS[0]) | (covers - margin > COVERS[1])
+                n_intervals += np.isfinite(covers).sum()
+                n_outside += is_outside.sum()
+                for side in (is_outside & (covers < COVERS[0]), is_outside & (covers > COVERS[1])):
+                    if side.any():
+                        least, most = covers[side].min(), covers[side].max()
+                        shares = f"{least:.3f}" + (f" to {most:.3f}" if most > least else "")
+                        outside.append(f"{label} ({kind}, N = {n}) {side.sum()} of {shares}")
     lines = ["", f"**{scene.meaning}:**", ""]
     lines += ["| " + " | ".join(head) + " |", "|---" * len(head) + "|"]
     for statistic, label in enumerate((*NUMBERS, *SPECTRA)):
@@ -223,7 +240,10 @@ def report(name: str, times: int, sizes: list[int]) -> list[str]:
             row += [*cells(own), *cells(pooled_score), f"{own.plain_covers.mean():.2f}"]
         lines.append("| " + " | ".join(row) + " |")
     lines += ["", f"Gains below {LEAST} by two standard errors: {len(worse)} of {n_outputs}"
-              + (": " + "; ".join(worse[:8]) if worse else "") + "."]  # fmt: skip
+              + (": " + "; ".join(worse[:8]) if worse else "") + ".",
+              f"Coverages outside {COVERS[0]:.2f} to {COVERS[1]} by two standard errors: "
+              f"{n_outside} of {n_intervals}"
+              + (": " + "; ".join(outside) if outside else "") + "."]  # fmt: skip
     return lines
 
 
