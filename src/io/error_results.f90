@@ -46,7 +46,7 @@ contains
       call file%abandon()
    end subroutine read_errors
 
-   !> What the statistics say of a case, and by what they were made.
+   !> Reads what the statistics say of a case, and by what they were made.
    subroutine read_case(file, group, errors, error)
       type(hdf5_file), intent(in) :: file
       character(*), intent(in) :: group

@@ -7,7 +7,6 @@ module numerics_simultaneous_roots
    private
    public :: find_roots_together
 
-
 contains
 
    !> All roots of x**n + sum c_q x**(n-q), conjugates together, upper half first. `is_found` is

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import h5py
 import numpy as np
+import pytest
 
 SCENE = """\
 &process {process} /
@@ -35,7 +36,8 @@ def test_given_samples_march_as_the_drawn_ones_that_they_are(entroslip, tmp_path
         assert np.array_equal(case["friction"][()], friction)
         assert np.array_equal(case["slip_fraction"][()], slip)
         assert process.attrs["law"] == "given values"
-        assert process["mean_found"][()] == friction.mean()
+        # summed in another order
+        assert process["mean_found"][()] == pytest.approx(friction.mean(), rel=1e-14)
         assert "entropy" not in process
         assert case.attrs["plain_reason"] == "the samples are given: they have no law"
     replayed = entroslip("replay", "s.nml", "--case", "1", "--sample", "4")

@@ -58,7 +58,7 @@ contains
       type(document_type), intent(in) :: document
       integer, intent(in) :: slot   !! into document%tokens
       type(entry_type), intent(in) :: entry
-      character(*), intent(inout) :: value
+      character(choice_length), intent(inout) :: value
       character(:), allocatable, intent(out) :: rule
       character(:), allocatable :: text
       character(choice_length) :: nearest

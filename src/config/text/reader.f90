@@ -147,6 +147,7 @@ contains
       class(*), intent(inout) :: value
       type(entry_type), intent(in) :: entry
       character(:), allocatable :: rule, word
+      character(choice_length) :: choice
       integer(long) :: whole
       integer :: slot
 
@@ -164,7 +165,9 @@ contains
          type is (logical)
             call parse_logical(word, value, rule)
          type is (character(*))
-            call convert_choice(self%document, slot, entry, value, rule)
+            choice = value
+            call convert_choice(self%document, slot, entry, choice, rule)
+            value = choice
          end select
          if (allocated(rule)) call self%refuse_slot(slot, trim(entry%name), rule)
       end if

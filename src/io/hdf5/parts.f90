@@ -46,8 +46,11 @@ contains
       end if
       call outcome%note(status)
       call close_part(dataset, part, memory, outcome)
-      call outcome%conclude(file%path//': '//path//': cannot be '// &
-                            trim(merge('written', 'read   ', is_written)), error)
+      if (is_written) then
+         call outcome%conclude(file%path//': '//path//': cannot be written', error)
+      else
+         call outcome%conclude(file%path//': '//path//': cannot be read', error)
+      end if
    end subroutine move_part
 
    !> Opens what begins at `first` (counted from 1, Fortran's order).
