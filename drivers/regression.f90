@@ -1,6 +1,7 @@
 !> The best estimates of all cases: regressions over pools of cases, shared out over the ranks, a
 !> joint or a dof at a time.
 module driver_regression
+   use, intrinsic :: iso_c_binding, only: c_f_pointer, c_loc
    use campaign_estimates, only: case_estimates, n_quantities
    use campaign_law, only: draw_law
    use campaign_plan, only: kept_dofs, plan_type
@@ -15,10 +16,8 @@ module driver_regression
    use parallel_world, only: attend_to_others, world_type
    use process_model, only: process_model_type
    use statistics_pool, only: new_pool, pool_type
-   use statistics_scalars, only: estimate_scalars, scalar_from, scalar_plain, scalar_type, &
-      scalar_values
-   use statistics_spectra, only: estimate_spectrum, spectrum_from, spectrum_plain, spectrum_type, &
-      spectrum_values
+   use statistics_scalars, only: estimate_scalars, scalar_plain, scalar_type
+   use statistics_spectra, only: estimate_spectrum, spectrum_plain, spectrum_type
    implicit none(type, external)
    private
    public :: find_estimates
@@ -32,10 +31,8 @@ module driver_regression
       integer, allocatable :: dofs(:)                  !! whose spectra are there
       real(wp) :: step = 0.0_wp                        !! between frequencies [Hz]
       real(wp), allocatable :: share_below(:)          !! (percentile)
-      !> (value, quantity, joint, case) as scalar_values; quantities as in by_quantity
-      real(wp), allocatable :: scalars(:, :, :, :)
-      real(wp), allocatable :: spectra(:, :, :)        !! (number, dof, case) as spectrum_values
-      real(wp), allocatable :: harmonics(:, :, :)      !! (value, dof, case) as scalar_values
+      integer :: n_amplitudes = 0                      !! dofs under a sine, else 0
+      type(case_estimates), allocatable :: found(:)    !! (case) by this rank, zeros elsewhere
       integer :: at_hand = 0                           !! the pool of the next four
       type(pool_type) :: pool
       integer, allocatable :: drawn(:, :)              !! (process and samples fitted, case) of it
@@ -68,8 +65,9 @@ contains
       end do
       workshop%pools = find_pools(plan)
       if (size(workshop%pools) == 0) return
+      workshop%found = estimates
       call open_workshop(world, plan, frequency, statistics, workshop)
-      n_tasks = workshop%n_joints + size(workshop%dofs) + size(workshop%harmonics, 2)
+      n_tasks = workshop%n_joints + size(workshop%dofs) + workshop%n_amplitudes
       call new_counter(world, int(n_tasks*size(workshop%pools), long), counter)
       do
          if (allocated(error)) call counter%request_stop()
@@ -81,15 +79,12 @@ contains
       end do
       call counter%close()
       if (world%any_true(allocated(error))) return
-      call world%add_up(size(workshop%scalars), workshop%scalars)
-      call world%add_up(size(workshop%spectra), workshop%spectra)
-      call world%add_up(size(workshop%harmonics), workshop%harmonics)
-      if (.not. world%is_root()) return
       do p = 1, size(workshop%pools)
          do c = 1, size(workshop%pools(p)%cases)
-            call take_estimates(workshop, p, c, estimates(workshop%pools(p)%cases(c)))
+            call add_up(world, workshop%found(workshop%pools(p)%cases(c)))
          end do
       end do
+      estimates = workshop%found
    end subroutine find_estimates
 
    !> Prepares the data that all ranks need; collective.
@@ -99,42 +94,39 @@ contains
       real(wp), intent(in) :: frequency(:)
       type(case_statistics), intent(in) :: statistics(:)
       type(workshop_type), intent(inout) :: workshop
-      integer :: c, i, n_cases, n_percentiles, p
+      integer :: c, i, p
 
-      n_cases = size(plan%cases)
-      n_percentiles = size(plan%output%percentiles)
       workshop%share_below = plan%output%percentiles/100.0_wp
       workshop%n_joints = plan%structure%n_joints
+      if (plan%excitation%kind == 'sine') workshop%n_amplitudes = plan%structure%n_dof
       call find_points(plan%structure, workshop%points, workshop%takers)
       allocate (workshop%dofs(0))
       if (size(frequency) > 1) then
          workshop%dofs = kept_dofs(plan)
          workshop%step = frequency(2) - frequency(1)
       end if
-      associate (nj => workshop%n_joints, nd => size(workshop%dofs), nf => size(frequency), &
-                 np => n_percentiles)
-         allocate (workshop%scalars(6 + 4*np + 2*size(workshop%points), n_quantities, nj, &
-                                    n_cases), source=0.0_wp)
-         allocate (workshop%spectra(7 + 3*np + (3 + 4*np)*nf, nd, n_cases), source=0.0_wp)
-         allocate (workshop%harmonics(size(workshop%scalars, 1), &
-                                     merge(plan%structure%n_dof, 0, &
-                                           plan%excitation%kind == 'sine'), n_cases), source=0.0_wp)
-         allocate (workshop%plain(n_cases))
-         do p = 1, size(workshop%pools)
-            do i = 1, size(workshop%pools(p)%cases)
-               c = workshop%pools(p)%cases(i)
+      allocate (workshop%plain(size(plan%cases)))
+      do p = 1, size(workshop%pools)
+         associate (cases => workshop%pools(p)%cases)
+            do i = 1, size(cases)
+               c = cases(i)
                workshop%plain(c) = statistics(c)
                call share_joints(workshop%plain(c)%slip)
                call share_joints(workshop%plain(c)%slip_distance)
                call share_joints(workshop%plain(c)%dissipation)
-               if (size(workshop%harmonics) > 0) &
+               if (workshop%n_amplitudes > 0) &
                   call share_joints(workshop%plain(c)%harmonic_amplitude)
-               if (nd == 0) cycle
-               call world%broadcast(workshop%plain(c)%psd_mean)
-               call share_cube(workshop%plain(c)%psd_percentiles, [nd, nf, np])
+               if (size(workshop%dofs) > 0) then
+                  call world%broadcast(workshop%plain(c)%psd_mean)
+                  call share_cube(workshop%plain(c)%psd_percentiles, &
+                                  [size(workshop%dofs), size(frequency), &
+                                   size(workshop%share_below)])
+               end if
+               call workshop%found(c)%start(workshop%plain(c), workshop%points)
+               workshop%found(c)%pooled_with = pack(cases, cases /= c)
             end do
-         end do
-      end associate
+         end associate
+      end do
 
    contains
 
@@ -209,7 +201,7 @@ contains
          allocate (friction(first(size(first)) - 1, size(workshop%points)))
          allocate (workshop%responses(size(friction, 1), n_quantities, workshop%n_joints))
          if (allocated(workshop%amplitudes)) deallocate (workshop%amplitudes)
-         allocate (workshop%amplitudes(size(friction, 1), size(workshop%harmonics, 2)))
+         allocate (workshop%amplitudes(size(friction, 1), workshop%n_amplitudes))
          do i = 1, size(members%cases)
             call read_samples(store, shards_of(shards, members%cases(i), members%n_fitted(i)), &
                               members%cases(i), 1, members%n_fitted(i), samples, error)
@@ -266,7 +258,7 @@ contains
          if (allocated(error)) return
          do i = 1, size(cases)
             do q = 1, n_quantities
-               workshop%scalars(:, q, joint, cases(i)) = scalar_values(estimates(q, i))
+               call workshop%found(cases(i))%take_scalar(q, joint, estimates(q, i))
             end do
          end do
       end associate
@@ -301,7 +293,7 @@ contains
                                workshop%share_below, plain, estimates, error)
          if (allocated(error)) return
          do i = 1, size(cases)
-            workshop%harmonics(:, dof, cases(i)) = scalar_values(estimates(1, i))
+            call workshop%found(cases(i))%take_amplitude(dof, estimates(1, i))
          end do
       end associate
    end subroutine estimate_amplitude
@@ -334,36 +326,65 @@ contains
                                 estimates, error)
          if (allocated(error)) return
          do i = 1, size(cases)
-            workshop%spectra(:, dof, cases(i)) = spectrum_values(estimates(i))
+            call workshop%found(cases(i))%take_spectrum(dof, estimates(i))
          end do
       end associate
    end subroutine estimate_dof
 
-   !> From the numbers of all ranks.
-   subroutine take_estimates(workshop, p, place, estimates)
-      type(workshop_type), intent(in) :: workshop
-      integer, intent(in) :: p, place   !! the pool, and the case's place in it
-      type(case_estimates), intent(inout) :: estimates
-      integer :: dof, joint, q
+   !> Adds up the estimates of a case that the ranks have found, each its joints and dofs; collective.
+   subroutine add_up(world, found)
+      type(world_type), intent(in) :: world
+      type(case_estimates), intent(inout) :: found
 
-      associate (cases => workshop%pools(p)%cases, np => size(workshop%share_below))
-         estimates%pooled_with = pack(cases, cases /= cases(place))
-         call estimates%start(workshop%points)
-         do joint = 1, workshop%n_joints
-            do q = 1, n_quantities
-               call estimates%take_scalar(q, joint, &
-                                   scalar_from(workshop%scalars(:, q, joint, cases(place)), np))
-            end do
-         end do
-         do dof = 1, size(workshop%harmonics, 2)
-            call estimates%take_amplitude(dof, &
-                                          scalar_from(workshop%harmonics(:, dof, cases(place)), np))
-         end do
-         do dof = 1, size(workshop%dofs)
-            call estimates%take_spectrum(dof, &
-                                       spectrum_from(workshop%spectra(:, dof, cases(place)), np))
-         end do
-      end associate
-   end subroutine take_estimates
+      call add(found%sensitivity)
+      call add(found%sensitivity_error)
+      call add_statistics(found%best)
+      call add_statistics(found%error_ratio)
+
+   contains
+
+      subroutine add_statistics(of)
+         type(case_statistics), intent(inout) :: of
+
+         call add_numbers(of%slip)
+         call add_numbers(of%slip_distance)
+         call add_numbers(of%dissipation)
+         call add_numbers(of%harmonic_amplitude)
+         call add(of%psd_mean)
+         call add(of%psd_mean_error)
+         call add(of%psd_percentiles)
+         call add(of%psd_percentiles_low)
+         call add(of%psd_percentiles_high)
+         call add(of%pseudo_variance_mean)
+         call add(of%pseudo_variance_mean_error)
+         call add(of%pseudo_variance_percentiles)
+         call add(of%pseudo_variance_percentiles_error)
+         call add(of%band_ratio)
+         call add(of%band_ratio_low)
+         call add(of%band_ratio_high)
+      end subroutine add_statistics
+
+      subroutine add_numbers(of)
+         type(joint_statistics), intent(inout) :: of
+
+         call add(of%mean)
+         call add(of%mean_error)
+         call add(of%std)
+         call add(of%std_error)
+         call add(of%percentiles)
+         call add(of%low)
+         call add(of%high)
+      end subroutine add_numbers
+
+      subroutine add(values)
+         real(wp), intent(inout), contiguous, optional, target :: values(..)
+         real(wp), pointer :: row(:)
+
+         if (.not. present(values)) return
+         call c_f_pointer(c_loc(values), row, [size(values)])
+         call world%add_up(size(row), row)
+      end subroutine add
+
+   end subroutine add_up
 
 end module driver_regression

@@ -30,37 +30,59 @@ module campaign_estimates
 
 contains
 
-   !> Room for the estimates of a regression in the place of plain ones.
-   pure subroutine start(self, friction_points)
+   !> Makes room for the estimates of a regression in the place of plain ones: zeros, so that ranks
+   !> that take some each can add up all.
+   pure subroutine start(self, plain, friction_points)
       class(case_estimates), intent(inout) :: self
-      integer, intent(in) :: friction_points(:)   !! of the process, ascending
+      type(case_statistics), intent(in) :: plain   !! whose extents the estimates have
+      integer, intent(in) :: friction_points(:)    !! of the process, ascending
 
+      self%friction_points = friction_points
+      allocate (self%sensitivity(size(friction_points), size(plain%slip%mean)), source=0.0_wp)
+      allocate (self%sensitivity_error, source=self%sensitivity)
       associate (best => self%best, ratio => self%error_ratio)
-         self%friction_points = friction_points
-         allocate (self%sensitivity(size(friction_points), size(best%slip%mean)))
-         allocate (self%sensitivity_error, mold=self%sensitivity)
-         ratio%slip = without_errors(best%slip)
-         ratio%slip_distance = without_errors(best%slip_distance)
-         ratio%dissipation = without_errors(best%dissipation)
-         ratio%harmonic_amplitude = without_errors(best%harmonic_amplitude)
-         if (.not. allocated(best%psd_mean)) return
-         ratio%psd_mean = best%psd_mean
-         ratio%psd_percentiles = best%psd_percentiles
-         ratio%pseudo_variance_mean = best%pseudo_variance_mean
-         ratio%pseudo_variance_percentiles = best%pseudo_variance_percentiles
-         ratio%band_ratio = best%band_ratio
+         call start_numbers(plain%slip, best%slip, ratio%slip)
+         call start_numbers(plain%slip_distance, best%slip_distance, ratio%slip_distance)
+         call start_numbers(plain%dissipation, best%dissipation, ratio%dissipation)
+         call start_numbers(plain%harmonic_amplitude, best%harmonic_amplitude, &
+                            ratio%harmonic_amplitude)
+         if (.not. allocated(plain%psd_mean)) return
+         associate (n_dof => size(plain%psd_percentiles, 1), nf => size(plain%psd_percentiles, 2), &
+                    np => size(plain%psd_percentiles, 3))
+            allocate (ratio%psd_mean(n_dof, nf), ratio%psd_percentiles(n_dof, nf, np), &
+                      ratio%pseudo_variance_mean(n_dof), ratio%band_ratio(n_dof), &
+                      ratio%pseudo_variance_percentiles(n_dof, np), source=0.0_wp)
+         end associate
+         best%psd_mean = ratio%psd_mean
+         best%psd_mean_error = ratio%psd_mean
+         best%psd_percentiles = ratio%psd_percentiles
+         best%psd_percentiles_low = ratio%psd_percentiles
+         best%psd_percentiles_high = ratio%psd_percentiles
+         best%pseudo_variance_mean = ratio%band_ratio
+         best%pseudo_variance_mean_error = ratio%band_ratio
+         best%pseudo_variance_percentiles = ratio%pseudo_variance_percentiles
+         best%pseudo_variance_percentiles_error = ratio%pseudo_variance_percentiles
+         best%band_ratio = ratio%band_ratio
+         best%band_ratio_low = ratio%band_ratio
+         best%band_ratio_high = ratio%band_ratio
       end associate
    end subroutine start
 
-   pure function without_errors(statistics) result(estimates)
-      type(joint_statistics), intent(in) :: statistics
-      type(joint_statistics) :: estimates
+   pure subroutine start_numbers(plain, best, ratio)
+      type(joint_statistics), intent(in) :: plain
+      type(joint_statistics), intent(inout) :: best, ratio
 
-      if (.not. allocated(statistics%mean)) return
-      estimates%mean = statistics%mean
-      estimates%std = statistics%std
-      estimates%percentiles = statistics%percentiles
-   end function without_errors
+      if (.not. allocated(plain%mean)) return
+      associate (n => size(plain%mean))
+         allocate (ratio%mean(n), ratio%std(n), ratio%percentiles(n, size(plain%percentiles, 2)), &
+                   source=0.0_wp)
+      end associate
+      best = ratio
+      best%mean_error = ratio%mean
+      best%std_error = ratio%mean
+      best%low = ratio%percentiles
+      best%high = ratio%percentiles
+   end subroutine start_numbers
 
    !> A quantity of a joint.
    pure subroutine take_scalar(self, quantity, joint, scalar)

@@ -14,7 +14,7 @@ module statistics_scalars
    use statistics_surrogate, only: fit_outputs, fit_type, predict, surrogate_type
    implicit none(type, external)
    private
-   public :: scalar_plain, scalar_type, estimate_scalars, scalar_from, scalar_values
+   public :: scalar_plain, scalar_type, estimate_scalars
 
    real(wp), parameter :: right_angle = 2.0_wp*atan(1.0_wp)
 
@@ -201,41 +201,5 @@ contains
       if (is_fraction) unbend = sin(min(unbend, right_angle))
       unbend = unbend**2
    end function unbend
-
-   !> All of an estimate as numbers, to travel between ranks.
-   pure function scalar_values(estimate) result(values)
-      type(scalar_type), intent(in) :: estimate
-      real(wp), allocatable :: values(:)
-
-      associate (it => estimate)
-         values = [it%mean, it%mean_error, it%mean_ratio, it%deviation, it%deviation_error, &
-                   it%deviation_ratio, it%percentile, it%low, it%high, it%percentile_ratio, &
-                   it%sensitivity, it%sensitivity_error]
-      end associate
-   end function scalar_values
-
-   !> The estimate that numbers are those of.
-   pure function scalar_from(values, n_percentiles) result(estimate)
-      real(wp), intent(in) :: values(:)
-      integer, intent(in) :: n_percentiles
-      type(scalar_type) :: estimate
-      integer :: n_inputs
-
-      associate (it => estimate, np => n_percentiles)
-         n_inputs = (size(values) - 6 - 4*np)/2
-         it%mean = values(1)
-         it%mean_error = values(2)
-         it%mean_ratio = values(3)
-         it%deviation = values(4)
-         it%deviation_error = values(5)
-         it%deviation_ratio = values(6)
-         it%percentile = values(7:6 + np)
-         it%low = values(7 + np:6 + 2*np)
-         it%high = values(7 + 2*np:6 + 3*np)
-         it%percentile_ratio = values(7 + 3*np:6 + 4*np)
-         it%sensitivity = values(7 + 4*np:6 + 4*np + n_inputs)
-         it%sensitivity_error = values(7 + 4*np + n_inputs:)
-      end associate
-   end function scalar_from
 
 end module statistics_scalars

@@ -18,7 +18,7 @@ module statistics_spectra
    use statistics_surrogate, only: fit_outputs, fit_type, predict, surrogate_type
    implicit none(type, external)
    private
-   public :: spectrum_plain, spectrum_type, estimate_spectrum, spectrum_from, spectrum_values
+   public :: spectrum_plain, spectrum_type, estimate_spectrum
 
    integer, parameter, public :: together = 128   !! frequencies
    integer, parameter :: choosing = 24        !! frequencies choose the kernel, or a few more
@@ -281,70 +281,5 @@ contains
       integral%influence = integral%influence + matmul(both%influence, slope)
       integral%plain_influence = integral%plain_influence + matmul(plain%influence, plain_slope)
    end subroutine add_to
-
-   !> All of an estimate as numbers, to travel between ranks.
-   pure function spectrum_values(estimate) result(values)
-      type(spectrum_type), intent(in) :: estimate
-      real(wp), allocatable :: values(:)
-
-      associate (it => estimate)
-         values = [it%variance_mean, it%variance_mean_error, it%variance_mean_ratio, it%ratio, &
-                   it%ratio_low, it%ratio_high, it%ratio_ratio, it%variance, it%variance_error, &
-                   it%variance_ratio, it%mean, it%mean_error, it%mean_ratio, &
-                   reshape(it%percentile, [size(it%percentile)]), &
-                   reshape(it%low, [size(it%low)]), reshape(it%high, [size(it%high)]), &
-                   reshape(it%percentile_ratio, [size(it%percentile_ratio)])]
-      end associate
-   end function spectrum_values
-
-   !> The estimate that numbers are those of.
-   function spectrum_from(values, n_percentiles) result(estimate)
-      real(wp), intent(in) :: values(:)
-      integer, intent(in) :: n_percentiles
-      type(spectrum_type) :: estimate
-      integer :: nf, next
-
-      associate (it => estimate, np => n_percentiles)
-         nf = (size(values) - 7 - 3*np)/(3 + 4*np)
-         call make_room(it, nf, np)
-         it%variance_mean = values(1)
-         it%variance_mean_error = values(2)
-         it%variance_mean_ratio = values(3)
-         it%ratio = values(4)
-         it%ratio_low = values(5)
-         it%ratio_high = values(6)
-         it%ratio_ratio = values(7)
-         next = 8
-         call take(it%variance)
-         call take(it%variance_error)
-         call take(it%variance_ratio)
-         call take(it%mean)
-         call take(it%mean_error)
-         call take(it%mean_ratio)
-         call take_table(it%percentile)
-         call take_table(it%low)
-         call take_table(it%high)
-         call take_table(it%percentile_ratio)
-      end associate
-
-   contains
-
-      subroutine take(taken)
-         real(wp), intent(out) :: taken(:)
-
-         taken = values(next:next + size(taken) - 1)
-         next = next + size(taken)
-      end subroutine take
-
-      subroutine take_table(taken)
-         real(wp), intent(out) :: taken(:, :)
-         integer :: p
-
-         do p = 1, size(taken, 2)
-            call take(taken(:, p))
-         end do
-      end subroutine take_table
-
-   end function spectrum_from
 
 end module statistics_spectra
