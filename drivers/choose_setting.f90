@@ -39,7 +39,6 @@ contains
       character(:), allocatable, intent(out) :: choice   !! and why; '' without target
       type(tradeoff_type) :: measured
       type(setting_row), allocatable :: rows(:)
-      real(wp), allocatable :: values(:, :)
       type(error_type), allocatable :: error
       logical :: is_stopped
       integer :: chosen
@@ -49,10 +48,10 @@ contains
                  ratio => plan%accuracy%target_band_ratio)
          if (.not. (plan%has_structure .and. max(points, ratio) > 0.0_wp)) return
          call measure_settings(world, plan, force, scope_type(budget=budget), .true., measured, &
-                               values, is_stopped, error)
+                               is_stopped, error)
          call world%stop_on(error)
          if (is_stopped) call stop_world(exit_stopped)
-         rows = rows_of(measured, values)
+         rows = rows_of(measured)
          if (.not. any(keeps(rows, points, ratio))) &
             call refuse(points, ratio, rows(best(rows, points, ratio)), plan, error)
          call world%stop_on(error)

@@ -331,7 +331,7 @@ contains
       end associate
    end subroutine estimate_dof
 
-   !> Adds up the estimates of a case that the ranks have found, each its joints and dofs; collective.
+   !> Adds up the estimates of a case, of which each rank has some joints and dofs; collective.
    subroutine add_up(world, found)
       type(world_type), intent(in) :: world
       type(case_estimates), intent(inout) :: found

@@ -32,7 +32,6 @@ contains
       type(process_model_type), allocatable :: models(:)
       type(tradeoff_type) :: measured
       type(error_type), allocatable :: error
-      real(wp), allocatable :: values(:, :)
       logical :: is_stopped
 
       text = ''
@@ -42,10 +41,10 @@ contains
       if (.not. all(models%is_solved)) return
       call measure_settings(world, plan, force, scope_type(budget=budget, has_settings=.false., &
                                                            is_statistical=.true., models=models), &
-                            .true., measured, values, is_stopped, error)
+                            .true., measured, is_stopped, error)
       call world%stop_on(error)
       if (is_stopped) call stop_world(exit_stopped)
-      text = need_text(plan, slip_error_to_come(plan, measured, values), nanoseconds, world%n_ranks)
+      text = need_text(plan, slip_error_to_come(plan, measured), nanoseconds, world%n_ranks)
    end subroutine foresee_need
 
    !> The standard error to come, and what the target takes where that is more than the scene has.

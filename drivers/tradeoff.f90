@@ -124,7 +124,6 @@ contains
       logical, intent(out) :: is_stopped
       type(error_type), allocatable, intent(out) :: error
       type(scope_type) :: scope
-      real(wp), allocatable :: values(:, :)   ! (value, task)
       logical :: is_quiet
 
       is_quiet = line%is_quiet .or. .not. world%is_root()
@@ -132,16 +131,16 @@ contains
       call fit_variants(world, plan, is_quiet, scope)
       is_stopped = world%any_true(time_to_stop())
       if (is_stopped) return
-      call measure_settings(world, plan, force, scope, is_quiet, found%tradeoff, values, &
-                            is_stopped, error)
+      call measure_settings(world, plan, force, scope, is_quiet, found%tradeoff, is_stopped, &
+                            error)
       if (is_stopped .or. allocated(error)) return
-      found%settings = rows_of(found%tradeoff, values)
-      found%spectra = spectrum_rows_of(found%tradeoff, values)
-      found%parts = parts_of(found%tradeoff, values, found%settings(found%tradeoff%own), &
+      found%settings = rows_of(found%tradeoff)
+      found%spectra = spectrum_rows_of(found%tradeoff)
+      found%parts = parts_of(found%tradeoff, found%settings(found%tradeoff%own), &
                              plan%integration%n_steps - plan%integration%n_discard)
-      found%sizes = size_rows_of(plan, found%tradeoff, values, &
-                                 found%settings(found%tradeoff%own), found%parts)
-      found%variants = variant_rows_of(found%tradeoff, values)
+      found%sizes = size_rows_of(plan, found%tradeoff, found%settings(found%tradeoff%own), &
+                                 found%parts)
+      found%variants = variant_rows_of(found%tradeoff)
    end subroutine measure_march
 
    !> The scene's processes with other orders and lengths of their fits. Collective.

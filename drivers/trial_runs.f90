@@ -8,6 +8,7 @@ module driver_trial_runs
    use parallel_work, only: new_counter, work_counter
    use parallel_world, only: world_type
    use tradeoff_pilot, only: choose_every
+   use tradeoff_task_results, only: published_numbers, task_result
    use tradeoff_tasks, only: new_tradeoff, scope_type, tradeoff_type
    implicit none(type, external)
    private
@@ -15,17 +16,15 @@ module driver_trial_runs
 
 contains
 
-   !> Marches what the scope names; every rank gets all numbers. Collective.
-   subroutine measure_settings(world, plan, force, scope, is_quiet, tradeoff, values, is_stopped, &
-                               error)
+   !> Marches what the scope names; every rank gets all results. Collective.
+   subroutine measure_settings(world, plan, force, scope, is_quiet, tradeoff, is_stopped, error)
       type(world_type), intent(in) :: world
       type(plan_type), intent(in) :: plan
       real(wp), intent(in) :: force(0:, :)   !! (step, 1 or sample) [N] of a file; else of size 0
       type(scope_type), intent(in) :: scope
       logical, intent(in) :: is_quiet
       type(tradeoff_type), intent(out) :: tradeoff
-      real(wp), allocatable, intent(out) :: values(:, :)   !! (value, task), see run_task
-      logical, intent(out) :: is_stopped     !! early, as asked: the values are incomplete
+      logical, intent(out) :: is_stopped     !! early, as asked: results are missing
       type(error_type), allocatable, intent(out) :: error
       real(wp), allocatable :: folded_share(:, :)
       integer :: every
@@ -39,26 +38,23 @@ contains
       call world%stop_on(error)
       is_stopped = world%any_true(time_to_stop())
       if (is_stopped) return
-      call share_tasks(world, tradeoff, is_quiet, values, error)
+      call share_tasks(world, tradeoff, is_quiet, error)
       is_stopped = world%any_true(time_to_stop())
    end subroutine measure_settings
 
-   !> Ranks claim tasks; then all learn all numbers. Collective.
-   subroutine share_tasks(world, tradeoff, is_quiet, values, error)
+   !> Ranks claim tasks; then all learn all results. Collective.
+   subroutine share_tasks(world, tradeoff, is_quiet, error)
       type(world_type), intent(in) :: world
-      type(tradeoff_type), intent(in) :: tradeoff
+      type(tradeoff_type), intent(inout) :: tradeoff
       logical, intent(in) :: is_quiet
-      real(wp), allocatable, intent(out) :: values(:, :)   !! (value, task)
       type(error_type), allocatable, intent(out) :: error
       type(work_counter) :: counter
       type(progress_type) :: progress
       integer(long) :: owner(size(tradeoff%tasks))
-      real(wp), allocatable :: column(:)
       logical :: is_abandoned
       integer :: i, n
 
       n = size(tradeoff%tasks)
-      allocate (values(tradeoff%n_values, n), source=0.0_wp)
       owner = -1
       call new_counter(world, int(n, long), counter)
       if (.not. is_quiet) call progress%start(n, 0, 'marches')
@@ -66,7 +62,7 @@ contains
          i = int(counter%next())
          if (i == 0) exit
          call progress%show(max(i - world%n_ranks, 0))
-         call tradeoff%run_task(i, time_to_stop, values(:, i), is_abandoned, error)
+         call tradeoff%run_task(i, time_to_stop, is_abandoned, error)
          owner(i) = world%rank
          if (allocated(error) .or. is_abandoned) call counter%request_stop()
       end do
@@ -74,11 +70,64 @@ contains
       call progress%finish()
       do i = 1, n
          owner(i) = world%maximum(owner(i))
-         if (owner(i) < 0) cycle
-         column = values(:, i)
-         call world%broadcast(column, from=int(owner(i)))
-         values(:, i) = column
+         if (owner(i) >= 0) call share_result(world, int(owner(i)), tradeoff%found(i))
       end do
    end subroutine share_tasks
+
+   !> Hands a result of one rank to all; collective.
+   subroutine share_result(world, owner, found)
+      type(world_type), intent(in) :: world
+      integer, intent(in) :: owner
+      type(task_result), intent(inout) :: found
+
+      call world%broadcast(found%cost, owner)
+      call world%broadcast(found%n_samples, owner)
+      associate (errors => found%errors)
+         call world%broadcast(errors%slip, owner)
+         call world%broadcast(errors%slip_error, owner)
+         call world%broadcast(errors%slip_mean, owner)
+         call world%broadcast(errors%slip_std, owner)
+         call world%broadcast(errors%psd_mean, owner)
+         call world%broadcast(errors%psd_percentiles, owner)
+         call world%broadcast(errors%band_ratio, owner)
+         call world%broadcast(errors%band_ratio_error, owner)
+      end associate
+      call share_published(found%value)
+      call share_published(found%plain_error)
+      call share_published(found%gain)
+      call share_table(found%slip_fraction)
+      call share_table(found%ratio_without)
+
+   contains
+
+      subroutine share_published(of)
+         type(published_numbers), intent(inout) :: of
+
+         call share_list(of%slip)
+         call share_list(of%slip_std)
+         call share_list(of%band_ratio)
+         call world%broadcast(of%psd_mean, owner)
+         call world%broadcast(of%psd_percentiles, owner)
+      end subroutine share_published
+
+      subroutine share_list(values)
+         real(wp), allocatable, intent(inout) :: values(:)
+         logical :: is_there
+
+         is_there = allocated(values)
+         call world%broadcast(is_there, owner)
+         if (is_there) call world%broadcast(values, owner)
+      end subroutine share_list
+
+      subroutine share_table(values)
+         real(wp), allocatable, intent(inout) :: values(:, :)
+         logical :: is_there
+
+         is_there = allocated(values)
+         call world%broadcast(is_there, owner)
+         if (is_there) call world%broadcast(values, owner)
+      end subroutine share_table
+
+   end subroutine share_result
 
 end module driver_trial_runs

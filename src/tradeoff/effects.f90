@@ -6,6 +6,7 @@
 module tradeoff_effects
    use campaign_comparison, only: change_of_ratio, compare_slip, numerical_error
    use core_kinds, only: wp
+   use tradeoff_task_results, only: task_result
    use tradeoff_tasks, only: of_variant, tradeoff_type
    implicit none(type, external)
    private
@@ -28,9 +29,8 @@ module tradeoff_effects
 contains
 
    !> The variants that were marched, in their order.
-   pure function variant_rows_of(tradeoff, values) result(rows)
+   pure function variant_rows_of(tradeoff) result(rows)
       type(tradeoff_type), intent(in) :: tradeoff
-      real(wp), intent(in) :: values(:, :)   !! (value, task) as run_task gives them
       type(variant_row), allocatable :: rows(:)
       type(variant_row) :: row
       integer :: i, k, ours, reference, theirs
@@ -44,8 +44,8 @@ contains
          do k = 1, size(tradeoff%levels)
             ours = task_of(tradeoff, i, k)
             theirs = task_of(tradeoff, reference, k)
-            if (min(ours, theirs) > 0) call compare(tradeoff, values(2:, ours), &
-                                                    values(2:, theirs), row)
+            if (min(ours, theirs) > 0) &
+               call compare(tradeoff%found(ours), tradeoff%found(theirs), row)
          end do
          rows = [rows, row]
       end do
@@ -72,34 +72,28 @@ contains
                         .true., 1)
    end function task_of
 
-   !> Compares two marches of one level, as variant_numbers has them.
-   pure subroutine compare(tradeoff, tested, reference, row)
-      type(tradeoff_type), intent(in) :: tradeoff
-      real(wp), intent(in) :: tested(:), reference(:)
+   !> Compares two marches of one level.
+   pure subroutine compare(tested, reference, row)
+      type(task_result), intent(in) :: tested, reference
       type(variant_row), intent(inout) :: row
       integer, parameter :: endless = huge(1)   ! samples that are meant
       type(numerical_error) :: errors
       real(wp) :: value, standard_error
-      integer :: dof, first, joint
+      integer :: dof, joint
 
-      associate (n_dof => tradeoff%plan%structure%n_dof, m => tradeoff%plan%structure%n_joints, &
-                 n => tradeoff%n_wide)
-         call compare_slip(reshape(tested(:m*n), [m, n]), reshape(reference(:m*n), [m, n]), &
-                           endless, errors)
-         do joint = 1, m
-            call keep_largest(errors%slip_mean(joint), errors%slip_mean_error(joint), &
-                              row%slip_mean, row%slip_mean_error)
-            call keep_largest(errors%slip_std(joint), errors%slip_std_error(joint), row%slip_std, &
-                              row%slip_std_error)
-         end do
-         if (.not. tradeoff%wide%output%spectrum) return
-         do dof = 1, n_dof
-            first = m*n + (dof - 1)*(n + 1)
-            call change_of_ratio(tested(first + 1:first + n + 1), &
-                                 reference(first + 1:first + n + 1), endless, value, standard_error)
-            call keep_largest(value, standard_error, row%band_ratio, row%band_ratio_error)
-         end do
-      end associate
+      call compare_slip(tested%slip_fraction, reference%slip_fraction, endless, errors)
+      do joint = 1, size(errors%slip_mean)
+         call keep_largest(errors%slip_mean(joint), errors%slip_mean_error(joint), row%slip_mean, &
+                           row%slip_mean_error)
+         call keep_largest(errors%slip_std(joint), errors%slip_std_error(joint), row%slip_std, &
+                           row%slip_std_error)
+      end do
+      if (.not. allocated(tested%ratio_without)) return
+      do dof = 1, size(tested%ratio_without, 2)
+         call change_of_ratio(tested%ratio_without(:, dof), reference%ratio_without(:, dof), &
+                              endless, value, standard_error)
+         call keep_largest(value, standard_error, row%band_ratio, row%band_ratio_error)
+      end do
    end subroutine compare
 
    pure subroutine keep_largest(value, standard_error, largest, error_of_largest)

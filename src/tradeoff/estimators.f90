@@ -16,50 +16,58 @@ module tradeoff_estimators
    use statistics_pool, only: new_pool, pool_type
    use statistics_scalars, only: estimate_scalars, scalar_plain, scalar_type
    use statistics_spectra, only: estimate_spectrum, spectrum_plain, spectrum_type
+   use tradeoff_task_results, only: published_numbers
    implicit none(type, external)
    private
-   public :: find_gains
+   public :: find_gains, no_gains
 
    integer, parameter :: enough_draws = 2**14   !! of the law
    integer, parameter :: most_looked_at = 8     !! joints or dofs; the others gain as the least
 
 contains
 
-   !> Ratios of the mean slip fraction and of its standard deviation (joint each), of the logarithm
-   !> of the band ratio (dof), of the mean spectrum and of its percentiles as integrals over
-   !> frequency, the least of all dofs; 1 where there is no gain.
-   subroutine find_gains(plan, model, friction, result, has_bands, ratio, error)
+   !> Finds the gain of each published number; those of spectra are the least of all dofs. It is 1
+   !> where there is none.
+   subroutine find_gains(plan, model, friction, result, has_bands, gain, error)
       type(plan_type), intent(in) :: plan
       type(process_model_type), intent(in) :: model   !! of the case
       real(wp), intent(in) :: friction(:, :)          !! (joint, sample)
       type(block_result), intent(in) :: result        !! of the same samples
       logical, intent(in) :: has_bands                !! wanted
-      real(wp), intent(out) :: ratio(:)               !! (2 n_joints + n_dof + 2)
+      type(published_numbers), intent(out) :: gain
       type(error_type), allocatable, intent(out) :: error
       type(pool_type) :: pool
       real(wp), allocatable :: draws(:, :)
       real(wp) :: n_independent
       integer, allocatable :: points(:), joints(:)
 
-      ratio = 1.0_wp
+      call no_gains(plan, gain)
       if (result%n_samples < fewest_samples) return
       call find_points(plan%structure, points, joints)
       call new_pool(transpose(friction(joints, :)), [1, result%n_samples + 1], &
                     [result%n_samples], pool)
       call draw_law(plan%seed, model, points, draws, n_independent, enough_draws)
       call pool%add_law(1, draws, n_independent)
-      associate (m => plan%structure%n_joints, n => plan%structure%n_dof)
-         call gains_of_slip(pool, result%slip_fraction, ratio(:2*m), error)
-         if (allocated(error) .or. .not. (plan%output%spectrum .and. has_bands)) return
-         call gains_of_bands(plan, pool, result%psd, ratio(2*m + 1:2*m + n), ratio(2*m + n + 1:), &
-                             error)
-      end associate
+      call gains_of_slip(pool, result%slip_fraction, gain, error)
+      if (allocated(error) .or. .not. (plan%output%spectrum .and. has_bands)) return
+      call gains_of_bands(plan, pool, result%psd, gain, error)
    end subroutine find_gains
 
-   subroutine gains_of_slip(pool, slip_fraction, ratio, error)
+   !> Sets the gains of plain sampling.
+   pure subroutine no_gains(plan, gain)
+      type(plan_type), intent(in) :: plan
+      type(published_numbers), intent(out) :: gain
+
+      allocate (gain%slip(plan%structure%n_joints), gain%slip_std(plan%structure%n_joints), &
+                gain%band_ratio(plan%structure%n_dof), source=1.0_wp)
+      gain%psd_mean = 1.0_wp
+      gain%psd_percentiles = 1.0_wp
+   end subroutine no_gains
+
+   subroutine gains_of_slip(pool, slip_fraction, gain, error)
       type(pool_type), intent(in) :: pool
       real(wp), intent(in) :: slip_fraction(:, :)   !! (joint, sample)
-      real(wp), intent(out) :: ratio(:)             !! (2 joint) of means, then deviations
+      type(published_numbers), intent(inout) :: gain
       type(error_type), allocatable, intent(out) :: error
       type(scalar_plain) :: plain(1, 1)
       type(scalar_type) :: estimate(1, 1)
@@ -69,7 +77,6 @@ contains
 
       scatter = [(standard_deviation(slip_fraction(i, :)), i=1, size(scatter))]
       order = sort_order(-scatter)
-      ratio = 1.0_wp
       least = huge(1.0_wp)
       do i = 1, size(order)
          joint = order(i)
@@ -80,33 +87,33 @@ contains
                                                 [size(slip_fraction, 2), 1]), &
                                   [.true.], [real(wp) ::], plain, estimate, error)
             if (allocated(error)) return
-            ratio(joint) = max(1.0_wp, estimate(1, 1)%mean_ratio)
-            ratio(size(scatter) + joint) = max(1.0_wp, estimate(1, 1)%deviation_ratio)
-            least = min(least, [ratio(joint), ratio(size(scatter) + joint)])
+            gain%slip(joint) = max(1.0_wp, estimate(1, 1)%mean_ratio)
+            gain%slip_std(joint) = max(1.0_wp, estimate(1, 1)%deviation_ratio)
+            least = min(least, [gain%slip(joint), gain%slip_std(joint)])
          else if (scatter(joint) > 0.0_wp) then
-            ratio(joint) = least(1)
-            ratio(size(scatter) + joint) = least(2)
+            gain%slip(joint) = least(1)
+            gain%slip_std(joint) = least(2)
          end if
       end do
    end subroutine gains_of_slip
 
-   subroutine gains_of_bands(plan, pool, psd, of_ratio, of_spectra, error)
+   subroutine gains_of_bands(plan, pool, psd, gain, error)
       type(plan_type), intent(in) :: plan
       type(pool_type), intent(in) :: pool
-      real(wp), intent(in) :: psd(:, :, :)      !! (dof, frequency, sample)
-      real(wp), intent(out) :: of_ratio(:)      !! (dof)
-      real(wp), intent(out) :: of_spectra(2)    !! mean, percentiles
+      real(wp), intent(in) :: psd(:, :, :)   !! (dof, frequency, sample)
+      type(published_numbers), intent(inout) :: gain
       type(error_type), allocatable, intent(out) :: error
       type(spectrum_plain) :: plain(1)
       type(spectrum_type) :: estimate(1)
       type(estimates_type) :: some
       real(wp), allocatable :: density(:, :)   ! (sample, frequency)
-      logical :: is_looked_at(size(of_ratio))
+      real(wp) :: of_mean, of_percentiles
+      logical :: is_looked_at(size(psd, 1))
       integer :: dof, i, n, p
 
       is_looked_at = .false.
-      of_ratio = 1.0_wp
-      of_spectra = huge(1.0_wp)
+      of_mean = huge(1.0_wp)
+      of_percentiles = huge(1.0_wp)
       n = min(most_looked_at, size(psd, 1))
       do i = 1, n
          dof = 1 + ((i - 1)*size(psd, 1))/n
@@ -126,19 +133,21 @@ contains
                                 plan%output%percentiles/100.0_wp, plain, estimate, error)
          if (allocated(error)) return
          associate (best => estimate(1))
-            of_ratio(dof) = max(1.0_wp, best%ratio_ratio)
-            of_spectra(1) = min(of_spectra(1), sum(best%mean_error*best%mean_ratio) &
-                                /sum(best%mean_error))
+            gain%band_ratio(dof) = max(1.0_wp, best%ratio_ratio)
+            of_mean = min(of_mean, sum(best%mean_error*best%mean_ratio)/sum(best%mean_error))
             do p = 1, size(plan%output%percentiles)
                associate (width => best%high(:, p) - best%low(:, p))
-                  of_spectra(2) = min(of_spectra(2), sum(width*best%percentile_ratio(:, p)) &
-                                      /sum(width))
+                  of_percentiles = min(of_percentiles, sum(width*best%percentile_ratio(:, p)) &
+                                       /sum(width))
                end associate
             end do
          end associate
       end do
-      of_spectra = max(1.0_wp, merge(of_spectra, 1.0_wp, of_spectra < huge(1.0_wp)))
-      where (.not. is_looked_at) of_ratio = minval(of_ratio, mask=is_looked_at)
+      if (of_mean < huge(1.0_wp)) then
+         gain%psd_mean = max(1.0_wp, of_mean)
+         gain%psd_percentiles = max(1.0_wp, of_percentiles)
+      end if
+      where (.not. is_looked_at) gain%band_ratio = minval(gain%band_ratio, mask=is_looked_at)
    end subroutine gains_of_bands
 
 end module tradeoff_estimators

@@ -8,6 +8,7 @@ module tradeoff_front
    use numerics_spectrum, only: error_of_density
    use tradeoff_samples_part, only: mean_slip_errors, noise_of_one, part_of_samples, published_error
    use tradeoff_settings, only: expected_cost, setting_type
+   use tradeoff_task_results, only: setting_errors
    use tradeoff_tasks, only: of_batch, of_samples, of_setting, of_spectrum, tradeoff_type
    implicit none(type, external)
    private
@@ -15,20 +16,11 @@ module tradeoff_front
    public :: rows_of, size_rows_of, slip_error_to_come, spectrum_rows_of, parts_of, cheapest, &
              best, is_random, keeps, sample_steps
 
-   !> A setting measured: the largest errors over cases and dofs. A standard error is such that
-   !> twice of it covers the errors of all.
-   type :: setting_row
+   !> A setting measured.
+   type, extends(setting_errors) :: setting_row
       type(setting_type) :: setting
       real(wp) :: cost = 0.0_wp               !! [ns of a processor] of a sample-step of the scene
       real(wp) :: work = 0.0_wp               !! the same as expected from counted work
-      real(wp) :: slip = 0.0_wp               !! [points], rms over samples
-      real(wp) :: slip_error = 0.0_wp         !! its standard error
-      real(wp) :: slip_mean = 0.0_wp          !! [points] of the mean over samples
-      real(wp) :: slip_std = 0.0_wp           !! [points] of the standard deviation over samples
-      real(wp) :: psd_mean = 0.0_wp           !! of the mean spectrum, relative
-      real(wp) :: psd_percentiles = 0.0_wp    !! of the percentiles of the spectrum, relative
-      real(wp) :: band_ratio = 0.0_wp         !! relative
-      real(wp) :: band_ratio_error = 0.0_wp   !! its standard error
       logical :: is_on_front = .false.        !! nothing cheaper has a smaller error of slip
       logical :: is_own = .false.             !! the scene's
    end type setting_row
@@ -62,9 +54,8 @@ module tradeoff_front
 contains
 
    !> The rows of all settings, in their order.
-   pure function rows_of(tradeoff, values) result(rows)
+   pure function rows_of(tradeoff) result(rows)
       type(tradeoff_type), intent(in) :: tradeoff
-      real(wp), intent(in) :: values(:, :)   !! (value, task) as run_task gives them
       type(setting_row), allocatable :: rows(:)
       real(wp) :: share(size(tradeoff%levels))
       integer :: i, k, n
@@ -80,27 +71,35 @@ contains
                                                   tradeoff%transitions(k)), k=1, size(share))])
       end do
       do i = 1, size(tradeoff%tasks)
-         associate (task => tradeoff%tasks(i), v => values(:, i))
+         associate (task => tradeoff%tasks(i))
             if (task%kind /= of_setting) cycle
-            associate (row => rows(task%row))
-               row%cost = row%cost + share(task%level)*v(1)
-               row%slip_error = 0.5_wp*(max(row%slip + 2*row%slip_error, v(2) + 2*v(3)) &
-                                        - max(row%slip, v(2)))
-               row%slip = max(row%slip, v(2))
-               row%slip_mean = max(row%slip_mean, v(4))
-               row%slip_std = max(row%slip_std, v(5))
-               row%psd_mean = max(row%psd_mean, v(6))
-               row%psd_percentiles = max(row%psd_percentiles, v(7))
-               row%band_ratio_error = 0.5_wp*(max(row%band_ratio + 2*row%band_ratio_error, &
-                                                  v(8) + 2*v(9)) - max(row%band_ratio, v(8)))
-               row%band_ratio = max(row%band_ratio, v(8))
-            end associate
+            rows(task%row)%cost = rows(task%row)%cost + share(task%level)*tradeoff%found(i)%cost
+            call keep_largest(tradeoff%found(i)%errors, rows(task%row)%setting_errors)
          end associate
       end do
       do i = 1, n
          rows(i)%is_on_front = .not. any(beats(rows, rows(i)))
       end do
    end function rows_of
+
+   !> Takes the larger of each error.
+   pure subroutine keep_largest(errors, largest)
+      type(setting_errors), intent(in) :: errors
+      type(setting_errors), intent(inout) :: largest
+
+      largest%slip_error = 0.5_wp*(max(largest%slip + 2*largest%slip_error, &
+                                       errors%slip + 2*errors%slip_error) &
+                                   - max(largest%slip, errors%slip))
+      largest%slip = max(largest%slip, errors%slip)
+      largest%slip_mean = max(largest%slip_mean, errors%slip_mean)
+      largest%slip_std = max(largest%slip_std, errors%slip_std)
+      largest%psd_mean = max(largest%psd_mean, errors%psd_mean)
+      largest%psd_percentiles = max(largest%psd_percentiles, errors%psd_percentiles)
+      largest%band_ratio_error = 0.5_wp*(max(largest%band_ratio + 2*largest%band_ratio_error, &
+                                             errors%band_ratio + 2*errors%band_ratio_error) &
+                                         - max(largest%band_ratio, errors%band_ratio))
+      largest%band_ratio = max(largest%band_ratio, errors%band_ratio)
+   end subroutine keep_largest
 
    !> Not worse in cost and error, and better in one of them.
    elemental logical function beats(a, b)
@@ -149,23 +148,20 @@ contains
    end function best
 
    !> The ways to form spectra, each compared with the first.
-   pure function spectrum_rows_of(tradeoff, values) result(rows)
+   pure function spectrum_rows_of(tradeoff) result(rows)
       type(tradeoff_type), intent(in) :: tradeoff
-      real(wp), intent(in) :: values(:, :)   !! (value, task)
       type(spectrum_row), allocatable :: rows(:)
       real(wp) :: ratio(tradeoff%plan%structure%n_dof, size(tradeoff%every), size(tradeoff%levels))
-      integer :: i, n_dof, n_levels
+      integer :: i
 
-      n_dof = size(ratio, 1)
-      n_levels = size(ratio, 3)
       allocate (rows(size(tradeoff%every)))
       rows%every = tradeoff%every
       rows%segment_length = tradeoff%segment_length
       do i = 1, size(tradeoff%tasks)
-         associate (task => tradeoff%tasks(i), v => values(:, i))
+         associate (task => tradeoff%tasks(i), found => tradeoff%found(i))
             if (task%kind /= of_spectrum) cycle
-            rows(task%row)%cost = rows(task%row)%cost + v(1)/n_levels
-            ratio(:, task%row, task%level) = v(2:1 + n_dof)
+            rows(task%row)%cost = rows(task%row)%cost + found%cost/size(ratio, 3)
+            ratio(:, task%row, task%level) = found%value%band_ratio
          end associate
       end do
       do i = 1, size(rows)
@@ -175,9 +171,8 @@ contains
    end function spectrum_rows_of
 
    !> Parts of the error of the scene's results.
-   pure function parts_of(tradeoff, values, own, n_steps) result(parts)
+   pure function parts_of(tradeoff, own, n_steps) result(parts)
       type(tradeoff_type), intent(in) :: tradeoff
-      real(wp), intent(in) :: values(:, :)   !! (value, task)
       type(setting_row), intent(in) :: own   !! the scene's setting
       integer, intent(in) :: n_steps         !! of the scene, after those discarded
       type(error_parts) :: parts
@@ -187,12 +182,12 @@ contains
 
       parts%discretisation = published_error(own%slip, own%slip_std, own%psd_mean, &
                                              own%psd_percentiles, own%band_ratio)
-      call add_time_averages(tradeoff, values, n_steps, parts)
-      parts%samples = part_of_samples(tradeoff, values, parts%time%slip, n_steps, 1.0_wp)
+      call add_time_averages(tradeoff, n_steps, parts)
+      parts%samples = part_of_samples(tradeoff, parts%time%slip, n_steps, 1.0_wp)
       few = 1.0_wp
       many = 4.0_wp   ! plain sampling; no estimator falls more slowly
       do i = 1, 12
-         fewer = part_of_samples(tradeoff, values, parts%time%slip, n_steps, sqrt(few*many))
+         fewer = part_of_samples(tradeoff, parts%time%slip, n_steps, sqrt(few*many))
          if (fewer%slip > 0.5_wp*parts%samples%slip) then
             few = sqrt(few*many)
          else
@@ -204,10 +199,9 @@ contains
 
    !> Standard errors of mean slip fractions that the scene's results will have, the joints of all
    !> cases that were looked at in a row.
-   pure function slip_error_to_come(plan, tradeoff, values) result(error)
+   pure function slip_error_to_come(plan, tradeoff) result(error)
       type(plan_type), intent(in) :: plan
       type(tradeoff_type), intent(in) :: tradeoff
-      real(wp), intent(in) :: values(:, :)   !! (value, task)
       type(slip_error) :: error
       type(error_parts) :: parts
       real(wp), allocatable :: now(:), ratio(:)
@@ -215,7 +209,7 @@ contains
       integer :: i, n_steps
 
       n_steps = plan%integration%n_steps - plan%integration%n_discard
-      call add_time_averages(tradeoff, values, n_steps, parts)
+      call add_time_averages(tradeoff, n_steps, parts)
       error%n_samples = maxval(plan%cases%n_samples)
       error%has_own_records = plan%excitation%per_sample
       error%most_fitted = maxval(tradeoff%most_fitted)
@@ -224,9 +218,9 @@ contains
          do i = 1, size(tradeoff%tasks)
             if (tradeoff%tasks(i)%kind /= of_samples) cycle
             associate (most => tradeoff%most_fitted(tradeoff%cases(tradeoff%tasks(i)%row)))
-               call mean_slip_errors(tradeoff, values(:, i), &
-                                     noise_of_one(tradeoff, parts%time%slip, n_steps), now, &
-                                     ratio, w)
+               w = tradeoff%found(i)%n_samples
+               call mean_slip_errors(tradeoff%found(i), &
+                                     noise_of_one(tradeoff, parts%time%slip, n_steps), now, ratio)
                error%samples = [error%samples, error_with(n, w, now, ratio, 0.0_wp, most)]
                error%ratio = [error%ratio, now*ratio*sqrt(w/n)]   ! plain sampling's error
                if (most > 0) error%most_fitted = min(error%most_fitted, most)
@@ -246,12 +240,11 @@ contains
 
    !> Adds, from batches, their mean over a march of the scene's length. Where every sample has a
    !> force of its own, the mean over samples averages their errors too.
-   pure subroutine add_time_averages(tradeoff, values, n_steps, parts)
+   pure subroutine add_time_averages(tradeoff, n_steps, parts)
       type(tradeoff_type), intent(in) :: tradeoff
-      real(wp), intent(in) :: values(:, :)
       integer, intent(in) :: n_steps
       type(error_parts), intent(inout) :: parts
-      real(wp), allocatable :: series(:, :)   ! (value of batch_numbers, batch)
+      real(wp), allocatable :: series(:, :)   ! (mean slip, its std of joints, ratio of dofs; batch)
       real(wp) :: shorter
       integer :: i, k, m, n
 
@@ -264,9 +257,9 @@ contains
       end if
       do k = 1, size(tradeoff%levels)
          do i = 1, size(tradeoff%tasks)
-            associate (task => tradeoff%tasks(i))
+            associate (task => tradeoff%tasks(i), value => tradeoff%found(i)%value)
                if (task%kind == of_batch .and. task%level == k) &
-                  series(:, task%row) = values(2:1 + n, i)
+                  series(:, task%row) = [value%slip, value%slip_std, value%band_ratio]
             end associate
          end do
          associate (level => tradeoff%levels(k), plan => tradeoff%plan, part => parts%time)
@@ -289,10 +282,9 @@ contains
    !> Quarters and multiples of the scene's samples and steps, by the laws that the parts follow:
    !> the discretisation stays, Monte Carlo falls as the scene's estimator lets it, time averages
    !> with the root of the steps, and of the samples too where every sample has its own force.
-   pure function size_rows_of(plan, tradeoff, values, own, parts) result(rows)
+   pure function size_rows_of(plan, tradeoff, own, parts) result(rows)
       type(plan_type), intent(in) :: plan
       type(tradeoff_type), intent(in) :: tradeoff
-      real(wp), intent(in) :: values(:, :)   !! (value, task)
       type(setting_row), intent(in) :: own   !! the scene's setting
       type(error_parts), intent(in) :: parts
       type(size_row), allocatable :: rows(:)
@@ -312,7 +304,7 @@ contains
          type(published_error) :: of_samples
          real(wp) :: of_time
 
-         of_samples = part_of_samples(tradeoff, values, parts%time%slip, &
+         of_samples = part_of_samples(tradeoff, parts%time%slip, &
                                       plan%integration%n_steps - plan%integration%n_discard, &
                                       more_samples)
          of_time = more_steps*merge(more_samples, 1.0_wp, plan%excitation%per_sample)

@@ -2,6 +2,7 @@
 module tradeoff_samples_part
    use campaign_samples_needed, only: error_with, law_share
    use core_kinds, only: wp
+   use tradeoff_task_results, only: task_result
    use tradeoff_tasks, only: of_samples, tradeoff_type
    implicit none(type, external)
    private
@@ -20,9 +21,8 @@ module tradeoff_samples_part
 contains
 
    !> The part of finite samples with so many times the scene's.
-   pure function part_of_samples(tradeoff, values, time_slip, n_steps, times) result(part)
+   pure function part_of_samples(tradeoff, time_slip, n_steps, times) result(part)
       type(tradeoff_type), intent(in) :: tradeoff
-      real(wp), intent(in) :: values(:, :)   !! (value, task), as run_task gives them
       real(wp), intent(in) :: time_slip      !! the part of slip that the length of the march leaves
       integer, intent(in) :: n_steps         !! of the scene, after those discarded
       real(wp), intent(in) :: times
@@ -31,7 +31,7 @@ contains
 
       do i = 1, size(tradeoff%tasks)
          if (tradeoff%tasks(i)%kind == of_samples) &
-            call add_samples(tradeoff, tradeoff%cases(tradeoff%tasks(i)%row), values(:, i), &
+            call add_samples(tradeoff, tradeoff%cases(tradeoff%tasks(i)%row), tradeoff%found(i), &
                              noise_of_one(tradeoff, time_slip, n_steps), times, part)
       end do
    end function part_of_samples
@@ -50,64 +50,56 @@ contains
    end function noise_of_one
 
    !> Finds standard errors of mean slip fractions for as many samples as were marched [points]
-   !> without what their own records add, plain sampling's over them, and how many were marched.
-   pure subroutine mean_slip_errors(tradeoff, values, noise, now, ratio, w)
-      type(tradeoff_type), intent(in) :: tradeoff
-      real(wp), intent(in) :: values(:)   !! of one case
-      real(wp), intent(in) :: noise       !! of one sample [points]
+   !> without what their own records add, and plain sampling's over them.
+   pure subroutine mean_slip_errors(found, noise, now, ratio)
+      type(task_result), intent(in) :: found   !! of the samples of a case
+      real(wp), intent(in) :: noise            !! of one sample [points]
       real(wp), allocatable, intent(out) :: now(:), ratio(:)   !! (joint)
-      real(wp), intent(out) :: w
 
-      associate (m => tradeoff%plan%structure%n_joints, &
-                 last => 1 + 2*tradeoff%plan%structure%n_joints + tradeoff%plan%structure%n_dof)
-         w = values(last + 1)
-         ratio = values(2:1 + m)/sqrt(w)   ! plain sampling's error
-         now = (ratio/values(last + 4:last + 3 + m))**2 - noise**2/w
-         ratio = sqrt(max(0.0_wp, ratio**2 - noise**2/w))
+      associate (w => real(found%n_samples, wp))
+         now = (found%plain_error%slip/found%gain%slip)**2 - noise**2/w
+         ratio = sqrt(max(0.0_wp, found%plain_error%slip**2 - noise**2/w))
          now = min(ratio, max(law_share*sqrt(w)*ratio, sqrt(max(0.0_wp, now))))
-         where (now > 0.0_wp)
-            ratio = ratio/now
-         else where
-            ratio = 1.0_wp
-         end where
       end associate
+      where (now > 0.0_wp)
+         ratio = ratio/now
+      else where
+         ratio = 1.0_wp
+      end where
    end subroutine mean_slip_errors
 
    !> Adds errors from the samples of one case, for so many times as many as the scene has of it.
-   pure subroutine add_samples(tradeoff, case_number, values, noise, times, part)
+   pure subroutine add_samples(tradeoff, case_number, found, noise, times, part)
       type(tradeoff_type), intent(in) :: tradeoff
       integer, intent(in) :: case_number
-      real(wp), intent(in) :: values(:)
+      type(task_result), intent(in) :: found
       real(wp), intent(in) :: noise   !! of one sample's slip, due to its own record [points]
       real(wp), intent(in) :: times
       type(published_error), intent(inout) :: part
       real(wp), allocatable :: now(:), ratio(:)
-      real(wp) :: w
-      integer :: last, m
 
-      m = tradeoff%plan%structure%n_joints
-      last = 1 + 2*m + tradeoff%plan%structure%n_dof   ! of the values of joints and dofs
-      call mean_slip_errors(tradeoff, values, noise, now, ratio, w)
+      call mean_slip_errors(found, noise, now, ratio)
       associate (n => times*tradeoff%plan%cases(case_number)%n_samples, &
-                 most => tradeoff%most_fitted(case_number), gain => values(last + 4:))
-         part%slip = max(part%slip, maxval(error_with(n, w, now, ratio, 0.0_wp, most)))
-         part%slip_std = max(part%slip_std, &
-                             maxval(with_gain(values(2 + m:1 + 2*m), gain(m + 1:2*m))))
-         part%ratio = max(part%ratio, maxval(with_gain(values(2 + 2*m:last), &
-                                                       gain(2*m + 1:last - 1))))
-         part%psd_mean = max(part%psd_mean, with_gain(values(last + 2), gain(last)))
+                 most => tradeoff%most_fitted(case_number), plain => found%plain_error, &
+                 gain => found%gain)
+         part%slip = max(part%slip, maxval(error_with(n, real(found%n_samples, wp), now, ratio, &
+                                                      0.0_wp, most)))
+         part%slip_std = max(part%slip_std, maxval(with_gain(plain%slip_std, gain%slip_std)))
+         part%ratio = max(part%ratio, maxval(with_gain(plain%band_ratio, gain%band_ratio)))
+         part%psd_mean = max(part%psd_mean, with_gain(plain%psd_mean, gain%psd_mean))
          part%psd_percentiles = max(part%psd_percentiles, &
-                                    with_gain(values(last + 3), gain(last + 1)))
+                                    with_gain(plain%psd_percentiles, gain%psd_percentiles))
       end associate
 
    contains
 
-      !> The error with n samples from plain sampling's with w.
+      !> The error with n samples from plain sampling's with those marched.
       elemental real(wp) function with_gain(plain, gain)
          real(wp), intent(in) :: plain, gain
 
-         with_gain = error_with(times*tradeoff%plan%cases(case_number)%n_samples, w, plain/gain, &
-                                gain, 0.0_wp, tradeoff%most_fitted(case_number))
+         with_gain = error_with(times*tradeoff%plan%cases(case_number)%n_samples, &
+                                real(found%n_samples, wp), plain/gain, gain, 0.0_wp, &
+                                tradeoff%most_fitted(case_number))
       end function with_gain
 
    end subroutine add_samples

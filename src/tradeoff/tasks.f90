@@ -16,13 +16,13 @@ module tradeoff_tasks
    use numerics_sorting, only: sort_order
    use numerics_spectrum, only: count_segments
    use process_model, only: process_model_type
-   use tradeoff_estimators, only: find_gains
-   use tradeoff_numbers, only: batch_numbers, ratio_numbers, sample_numbers, setting_numbers, &
-      variant_numbers
+   use tradeoff_estimators, only: find_gains, no_gains
    use tradeoff_sample, only: choose_levels, draw_level, fit_segments, level_type, march_level, &
       shortened
    use tradeoff_settings, only: all_settings, expected_cost, own_setting, same_setting, &
       reference_setting, setting_type, settings_at_dt
+   use tradeoff_task_results, only: find_plain_errors, find_published, find_setting_errors, &
+      find_variant, task_result
    use tradeoff_variants, only: remember_alike, variant_type
    implicit none(type, external)
    private
@@ -71,7 +71,7 @@ module tradeoff_tasks
       type(task_type), allocatable :: tasks(:)        !! the longest first
       integer :: n_segments = 0                       !! of the scene's spectra; 0: none
       integer :: n_wide = 0                           !! samples of a variant's march
-      integer :: n_values = 0                         !! that a task gives at most
+      type(task_result), allocatable :: found(:)      !! (task)
       type(block_result), allocatable, private :: references(:)   !! (level)
       type(runner_type), private :: runner            !! of the whole campaign
    contains
@@ -132,6 +132,7 @@ contains
       call draw_and_refer(tradeoff, should_stop, error)
       if (allocated(error)) return
       call list_tasks(tradeoff)
+      allocate (tradeoff%found(size(tradeoff%tasks)))
    end subroutine new_tradeoff
 
    !> The plan with a record of its force that is drawn in a second: no march needs a longer one.
@@ -205,16 +206,10 @@ contains
       integer :: i, k, n_levels
 
       n_levels = size(tradeoff%levels)
-      associate (n_dof => tradeoff%plan%structure%n_dof, m => tradeoff%plan%structure%n_joints, &
-                 w => tradeoff%n_wide, scope => tradeoff%scope)
-         tradeoff%n_values = 9 + 4*m + 2*n_dof
-         if (size(scope%variants) > 0) &
-            tradeoff%n_values = max(tradeoff%n_values, 1 + m*w + n_dof*(w + 1))
-         tradeoff%tasks = [((task_type(of_variant, i, k), i=1, size(scope%variants)), &
-                            k=1, n_levels)]
-         tradeoff%tasks = pack(tradeoff%tasks, [(can_be_marched(tradeoff, tradeoff%tasks(i)), &
-                                                 i=1, size(tradeoff%tasks))])
-      end associate
+      tradeoff%tasks = [((task_type(of_variant, i, k), i=1, size(tradeoff%scope%variants)), &
+                         k=1, n_levels)]
+      tradeoff%tasks = pack(tradeoff%tasks, [(can_be_marched(tradeoff, tradeoff%tasks(i)), &
+                                              i=1, size(tradeoff%tasks))])
       associate (settings => tradeoff%settings)
          tasks = [((task_type(of_setting, i, k), k=1, n_levels), i=1, size(settings))]
          cost = [((expected_cost(settings(i), tradeoff%plan, tradeoff%transitions(k)), &
@@ -310,64 +305,45 @@ contains
       end associate
    end function case_width
 
-   !> Runs one march: the cost of a sample-step [ns of a processor], then the numbers of its kind,
-   !> which are those of tradeoff_numbers.
-   subroutine run_task(self, number, should_stop, values, is_abandoned, error)
-      class(tradeoff_type), intent(in) :: self
+   !> Runs one march, and keeps its result.
+   subroutine run_task(self, number, should_stop, is_abandoned, error)
+      class(tradeoff_type), intent(inout) :: self
       integer, intent(in) :: number
       procedure(stop_query) :: should_stop
-      real(wp), intent(out) :: values(:)   !! (n_values)
       logical, intent(out) :: is_abandoned
       type(error_type), allocatable, intent(out) :: error
       type(plan_type) :: plan
       type(level_type) :: level
       type(setting_type) :: setting
       type(block_result) :: result
-      real(wp), allocatable :: numbers(:)
-      real(wp) :: nanoseconds
 
-      values = 0.0_wp
       is_abandoned = .false.
-      associate (task => self%tasks(number))
+      associate (task => self%tasks(number), found => self%found(number))
          call prepare_task(self, task, plan, level, setting, error)
          if (allocated(error)) return
-         call march_level(plan, level, setting, should_stop, result, nanoseconds, is_abandoned, &
+         call march_level(plan, level, setting, should_stop, result, found%cost, is_abandoned, &
                           error)
          if (allocated(error) .or. is_abandoned) return
+         found%n_samples = result%n_samples
          select case (task%kind)
          case (of_setting)
-            numbers = setting_numbers(plan, level, result, self%references(task%level))
-         case (of_spectrum)
-            numbers = ratio_numbers(plan, result)
-         case (of_batch)
-            numbers = batch_numbers(plan, result)
+            call find_setting_errors(plan, level, result, self%references(task%level), found%errors)
+         case (of_spectrum, of_batch)
+            call find_published(plan, result, found%value)
          case (of_samples)
-            numbers = sample_numbers(plan, result)
-            call add_gains(self, self%cases(task%row), level, result, numbers, error)
-            if (allocated(error)) return
+            call find_plain_errors(plan, result, found%plain_error)
+            call no_gains(plan, found%gain)
+            associate (case_number => self%cases(task%row))
+               if (self%most_fitted(case_number) > 0) &
+                  call find_gains(plan, self%scope%models(plan%cases(case_number)%process), &
+                                  level%friction, result, self%scope%has_settings, found%gain, &
+                                  error)
+            end associate
          case default
-            numbers = variant_numbers(plan, result)
+            call find_variant(plan, result, found)
          end select
       end associate
-      values(:1 + size(numbers)) = [nanoseconds, numbers]
    end subroutine run_task
-
-   !> Appends what the scene's estimator gains on the samples of a case, as find_gains has it.
-   subroutine add_gains(self, case_number, level, result, numbers, error)
-      class(tradeoff_type), intent(in) :: self
-      integer, intent(in) :: case_number
-      type(level_type), intent(in) :: level
-      type(block_result), intent(in) :: result
-      real(wp), allocatable, intent(inout) :: numbers(:)
-      type(error_type), allocatable, intent(out) :: error
-      real(wp) :: gain(size(numbers) - 1)
-
-      gain = 1.0_wp
-      if (self%most_fitted(case_number) > 0) &
-         call find_gains(self%plan, self%scope%models(self%plan%cases(case_number)%process), &
-                         level%friction, result, self%scope%has_settings, gain, error)
-      numbers = [numbers, gain]
-   end subroutine add_gains
 
    !> Prepares the march of a task: its samples, force and setting.
    subroutine prepare_task(self, task, plan, level, setting, error)
