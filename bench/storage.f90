@@ -26,7 +26,7 @@ program storage
 
 contains
 
-   !> Shards of so many blocks: written, verified, and read as the merge reads them.
+   !> Times shards of so many blocks: written, verified, and read as the merge reads them.
    subroutine measure_shards(n_shards, n_blocks, ending)
       integer, intent(in) :: n_shards, n_blocks
       character(*), intent(in) :: ending   !! of the names

@@ -43,7 +43,7 @@ contains
       call write_audit(writer, plan, audit, reference, layout, errors, store, shards, error)
    end subroutine finish_audit
 
-   !> Spectra of a case beside those of its audit, a range of frequencies at a time.
+   !> Compares the spectra of a case with those of its audit, a range of frequencies at a time.
    subroutine compare_psd(plan, audit, n_frequencies, store, shards, errors, error)
       type(plan_type), intent(in) :: plan
       integer, intent(in) :: audit   !! case number

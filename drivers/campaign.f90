@@ -34,7 +34,7 @@ contains
       call move_alloc(scene%force, force)
    end subroutine load_plan
 
-   !> The records of an HDF5 file, checked as those of a text were when the scene was read.
+   !> Reads the records of an HDF5 file and checks them as those of a text file.
    subroutine read_records(scene, complaints)
       type(scene_type), intent(inout) :: scene
       type(complaint_list), intent(inout) :: complaints
@@ -52,8 +52,8 @@ contains
                                               scene%excitation%per_sample), complaints)
    end subroutine read_records
 
-   !> Path of the output: --output, or the scene's name in the current folder with an ending; of a
-   !> symbolic link its target.
+   !> Finds the path of the output: --output, else the scene's name in the current folder with an
+   !> ending; of a symbolic link its target.
    subroutine find_output(line, ending, path, error)
       type(command_line), intent(in) :: line
       character(*), intent(in) :: ending   !! '.h5', '_c007_s0042.h5'
@@ -68,7 +68,7 @@ contains
       call follow_links(path, error)
    end subroutine find_output
 
-   !> An error where a campaign needs a process that has no solution, or where none has one.
+   !> Refuses a plan in which a campaign needs a process without a solution, or no process has one.
    subroutine refuse_unsolved(plan, models, error)
       type(plan_type), intent(in) :: plan
       type(process_model_type), intent(in) :: models(:)

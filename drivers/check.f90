@@ -25,7 +25,7 @@ module driver_check
 
 contains
 
-   !> The command: collective.
+   !> Runs the command `check`. Collective.
    subroutine check(line)
       type(command_line), intent(in) :: line
       type(world_type) :: world
@@ -93,8 +93,8 @@ contains
       text = text(:len(text) - 1)
    end function march_text
 
-   !> Which processes have a solution, as far as it is known before they are fitted, and what of
-   !> each draws a realization of the exact law.
+   !> Finds, as far as is known before the processes are fitted, which have a solution and how
+   !> realizations of the exact law will be drawn.
    subroutine foresee_processes(plan, models)
       type(plan_type), intent(in) :: plan
       type(process_model_type), allocatable, intent(out) :: models(:)

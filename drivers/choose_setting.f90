@@ -80,7 +80,7 @@ contains
       end if
    end subroutine use_setting
 
-   !> No setting keeps the targets: which, and the nearest.
+   !> Refuses targets that no setting keeps; names the target and the nearest setting.
    pure subroutine refuse(points, ratio, nearest, plan, error)
       real(wp), intent(in) :: points, ratio   !! targets; 0: none
       type(setting_row), intent(in) :: nearest

@@ -105,7 +105,7 @@ contains
       call check_together(line, error)
    end subroutine read_command_line
 
-   !> --name=value: the name and the value; else the value is not allocated.
+   !> Splits --name=value into name and value; else the value is not allocated.
    pure subroutine split_value(word, value)
       character(:), allocatable, intent(inout) :: word
       character(:), allocatable, intent(out) :: value
@@ -117,7 +117,7 @@ contains
       word = word(:equals - 1)
    end subroutine split_value
 
-   !> An option that has a value.
+   !> Stores the value of an option.
    subroutine take_value(line, option, value, error)
       type(command_line), intent(inout) :: line
       character(*), intent(in) :: option, value
@@ -139,7 +139,7 @@ contains
       end select
    end subroutine take_value
 
-   !> A whole number from 1.
+   !> Reads a whole number from 1.
    subroutine read_count(option, value, n, error)
       character(*), intent(in) :: option, value
       integer, intent(out) :: n
@@ -153,7 +153,7 @@ contains
          call raise(error, exit_bad_input, option//' '//value//': needs a whole number from 1')
    end subroutine read_count
 
-   !> A word that nobody knows, with the nearest that is known, or else all of them.
+   !> Refuses an unknown word and names the nearest known one, or else all of them.
    subroutine refuse_unknown(what, word, known, error)
       character(*), intent(in) :: what, word, known(:)
       type(error_type), allocatable, intent(out) :: error
@@ -169,7 +169,7 @@ contains
       end if
    end subroutine refuse_unknown
 
-   !> Also a scene where the command should stand.
+   !> Refuses an unknown command, or a scene where the command should stand.
    subroutine refuse_command(word, error)
       character(*), intent(in) :: word
       type(error_type), allocatable, intent(out) :: error

@@ -12,13 +12,13 @@ module driver_deadline
 
 contains
 
-   !> From here the run is timed, and signals are heard.
+   !> Starts the clock of the run and catches stop signals.
    subroutine start_watch()
       call system_clock(started)
       call catch_stop_signals()
    end subroutine start_watch
 
-   !> The run is to end after so long.
+   !> Sets the time after which the run is to end.
    subroutine set_limit(walltime)
       real(wp), intent(in) :: walltime   !! [min]; 0: none
 
@@ -34,7 +34,8 @@ contains
       seconds = real(now - started, wp)/real(rate, wp)
    end function seconds_so_far
 
-   !> Asked between pieces of work; each rank for itself. Other ranks are served meanwhile.
+   !> True if a signal asked to stop or the time is up, on this rank. For calls between pieces of
+   !> work: serves other ranks meanwhile.
    logical function time_to_stop()
       call attend_to_others()
       time_to_stop = stop_requested()

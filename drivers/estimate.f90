@@ -21,7 +21,7 @@ module driver_estimate
 
 contains
 
-   !> The command; one rank works.
+   !> Runs the command `estimate`; one rank works.
    subroutine estimate(line)
       type(command_line), intent(in) :: line
       type(world_type) :: world
@@ -61,7 +61,7 @@ contains
       end if
    end subroutine hand_out
 
-   !> A new file, whole when it is there.
+   !> Writes a new file.
    subroutine write_scene(path, text, error)
       character(*), intent(in) :: path, text
       type(error_type), allocatable, intent(out) :: error

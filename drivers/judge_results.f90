@@ -28,7 +28,8 @@ module driver_judge_results
 
 contains
 
-   !> An error that names every target the results file does not meet, with what would meet it.
+   !> Refuses a results file that misses a target; names every target missed and what would meet
+   !> it.
    subroutine judge(path, plan, error)
       character(*), intent(in) :: path
       type(plan_type), intent(in) :: plan
@@ -56,7 +57,8 @@ contains
                                      'accurate as wanted'//failures)
    end subroutine judge
 
-   !> How far the mean times in slip of a results file can be trusted; '' where it does not tell.
+   !> Says how far the mean times in slip of a results file can be trusted; '' where it has no
+   !> errors.
    subroutine tell_errors(path, plan, text, error)
       character(*), intent(in) :: path
       type(plan_type), intent(in) :: plan
@@ -174,9 +176,9 @@ contains
              ' has '//found
    end function failure
 
-   !> After a batch of samples, where the scene samples until its target is met: the cases that have
-   !> not met it and can by samples get more, in whole batches. Each decision follows from the first
-   !> samples alone, so it is the same whenever and on however many ranks it is made. Collective.
+   !> Adds whole batches of samples to the cases that have not met the target and can by samples,
+   !> where the scene samples until it is met. Each decision follows from the first samples alone:
+   !> it is the same at any time and on any number of ranks. Collective.
    subroutine take_more(world, models, batch, plan, output, has_more, error)
       type(world_type), intent(in) :: world
       type(process_model_type), intent(in) :: models(:)
@@ -202,7 +204,8 @@ contains
       call output%look_again(world, plan, error)
    end subroutine take_more
 
-   !> Best estimates of the slip fractions from the samples that are there. Collective.
+   !> Computes the best estimates of the slip fractions from the samples that are stored.
+   !> Collective.
    subroutine estimate_slip(world, plan, models, output, estimates, error)
       type(world_type), intent(in) :: world
       type(plan_type), intent(in) :: plan
@@ -229,7 +232,7 @@ contains
                           estimates, error)
    end subroutine estimate_slip
 
-   !> The samples that each case goes on to.
+   !> Chooses the number of samples that each case goes on to.
    subroutine decide(plan, batch, estimates, n_samples)
       type(plan_type), intent(in) :: plan
       integer, intent(in) :: batch

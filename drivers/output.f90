@@ -118,8 +118,9 @@ contains
       if (.not. allocated(error)) call list_shards(output%store, shards, error)
    end subroutine find_finished
 
-   !> The same beside other runs: nothing is cleared away, and a results file stays what it is. One
-   !> shard tells whose all are; the run that merges them reads every one.
+   !> Finds what is stored beside other runs: clears nothing away and leaves a results file as it
+   !> is. Verifies one shard, as all belong to one scene; the run that merges them verifies every
+   !> one.
    subroutine find_stored(plan, output, error)
       type(plan_type), intent(in) :: plan
       type(output_type), intent(inout) :: output
@@ -151,7 +152,7 @@ contains
       call say_continuing(plan, output)
    end subroutine find_stored
 
-   !> The samples that have a shard.
+   !> Marks the samples that have a shard.
    subroutine mark_finished(plan, shards, output)
       type(plan_type), intent(in) :: plan
       type(shard_type), intent(in) :: shards(:)
@@ -175,8 +176,8 @@ contains
                          to_text(sum(plan%cases%n_samples))//' samples are there')
    end subroutine say_continuing
 
-   !> A results file that is there already: complete, or with fewer samples than are wanted now,
-   !> which go on as shards.
+   !> Takes up an earlier results file: it is complete, or has fewer samples than are wanted now
+   !> and its samples go on as shards.
    subroutine take_up_results(plan, output, error)
       type(plan_type), intent(in) :: plan
       type(output_type), intent(inout) :: output
@@ -214,8 +215,8 @@ contains
                  'discard it with --fresh')
    end subroutine refuse_extension
 
-   !> A results file is not complete while a case in it needs more samples for the scene's target,
-   !> or has estimates of another kind, or other percentiles, than are wanted now.
+   !> Marks a results file as not complete where a case in it needs more samples for the scene's
+   !> target, or has estimates of another kind or other percentiles than are wanted now.
    subroutine find_unmet(plan, n_samples, output, error)
       type(plan_type), intent(in) :: plan
       integer, intent(in) :: n_samples(:)   !! (case) in the file
@@ -257,7 +258,7 @@ contains
       output%is_finished = reshape(numbers == 1, shape(output%is_finished))
    end subroutine share_finished
 
-   !> Which samples are there of a plan that has more than before. Collective.
+   !> Looks again which samples are stored, after the plan has grown. Collective.
    subroutine look_again(self, world, plan, error)
       class(output_type), intent(inout) :: self
       type(world_type), intent(in) :: world
@@ -272,7 +273,7 @@ contains
       call share_finished(world, self)
    end subroutine look_again
 
-   !> The processes that an earlier run left; the root's to call.
+   !> Reads the processes that an earlier run left; for the root to call.
    subroutine find_processes(self, models, is_solved, error)
       class(output_type), intent(in) :: self
       type(process_model_type), intent(inout) :: models(:)   !! (process), their requests known
@@ -300,7 +301,7 @@ contains
       if (.not. is_ours) call self%lock%give_back(number_of(block))
    end function take
 
-   !> A block that was taken is finished, or left.
+   !> Releases a claimed block that is finished or left.
    subroutine give_back(self, block)
       class(output_type), intent(in) :: self
       type(block_range), intent(in) :: block
@@ -317,7 +318,7 @@ contains
                             block%last - block%first + 1)
    end function is_stored
 
-   !> The same for every run, whatever else it finds to do.
+   !> Number of a block in the lock, the same for every run.
    pure function number_of(block) result(number)
       type(block_range), intent(in) :: block
       integer(long) :: number
@@ -325,7 +326,7 @@ contains
       number = block%case_number*2_long**32 + block%first
    end function number_of
 
-   !> Samples that are not stored yet: other runs still march them, or were killed.
+   !> Counts the samples that are not stored yet: other runs still march them, or were killed.
    subroutine count_missing(self, plan, n, error)
       class(output_type), intent(in) :: self
       type(plan_type), intent(in) :: plan
@@ -345,7 +346,7 @@ contains
       end do
    end subroutine count_missing
 
-   !> A line for the user, from the root and unless told to be quiet.
+   !> Prints a line for the user, from the root and unless --quiet.
    subroutine say(self, text)
       class(output_type), intent(in) :: self
       character(*), intent(in) :: text

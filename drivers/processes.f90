@@ -29,10 +29,10 @@ module driver_processes
 
 contains
 
-   !> Each process, those that differ only in scale by one fit, spread over the ranks, long searches
-   !> in parts; all ranks get all models. With an output, what it has is taken from there, and what
-   !> is solved is kept there at once. When a stop is requested meanwhile, or after an error, the
-   !> rest stays unsolved, without a reason. Collective.
+   !> Solves each process, those that differ only in scale by one fit, spread over the ranks, long
+   !> searches in parts; all ranks get all models. With an output, takes the processes it has and
+   !> stores each new one at once. When a stop is requested meanwhile, or after an error, the rest
+   !> stays unsolved, without a reason. Collective.
    subroutine solve_processes(world, plan, is_quiet, models, output, error, only)
       type(world_type), intent(in) :: world
       type(plan_type), intent(in) :: plan
@@ -100,8 +100,8 @@ contains
       if (present(error)) call move_alloc(failure, error)
    end subroutine solve_processes
 
-   !> Every sequence of signs can be shared out once the order is known: every rank chooses it. A
-   !> request that fails here fails in the same words where it is solved whole.
+   !> Request of which all sequences of signs can be shared out, its order chosen; every rank
+   !> chooses it. A request that fails here fails in the same words where it is solved whole.
    function resolved_search(request) result(resolved)
       type(process_request), intent(in) :: request
       type(process_request) :: resolved
@@ -171,7 +171,7 @@ contains
                  i=1, size(order))]
    end function all_shares
 
-   !> A process, and where it is asked for the paper's inversion beside it.
+   !> Solves a process, and checks it by the paper's inversion where that is asked for.
    subroutine solve(request, seed, model)
       type(process_request), intent(in) :: request
       integer(long), intent(in) :: seed
@@ -200,7 +200,7 @@ contains
       call add_search(found, search)
    end subroutine search_part
 
-   !> All ranks' parts together; the root concludes, if none is missing. Collective.
+   !> Joins all ranks' parts of a search; the root concludes if none is missing. Collective.
    subroutine finish_search(world, request, resolved, search, model)
       type(world_type), intent(in) :: world
       type(process_request), intent(in) :: request
@@ -223,7 +223,7 @@ contains
       call check_inversion(model)
    end subroutine finish_search
 
-   !> Where it is asked for, the paper's inversion of a finite matrix beside the model.
+   !> Compares the model with the paper's inversion of a finite matrix, where that is asked for.
    subroutine check_inversion(model)
       type(process_model_type), intent(inout) :: model
       type(error_type), allocatable :: error
@@ -240,7 +240,7 @@ contains
       model%inversion%seconds_of_fit = model%seconds
    end subroutine check_inversion
 
-   !> The models of all ranks, to all; collective.
+   !> Broadcasts the models of all ranks to all. Collective.
    subroutine tell_all(world, owner, models)
       type(world_type), intent(in) :: world
       integer, intent(in) :: owner(:)   !! the rank that has the model, else -1

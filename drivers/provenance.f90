@@ -13,7 +13,7 @@ module driver_provenance
 
 contains
 
-   !> By what shards and results of one campaign know each other.
+   !> Identity by which shards and results of one campaign know each other.
    function identity_of(scene, command) result(identity)
       type(scene_type), intent(in) :: scene
       character(*), intent(in) :: command   !! that writes the file

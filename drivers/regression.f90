@@ -42,7 +42,7 @@ module driver_regression
 
 contains
 
-   !> Every case gets estimates: of a pool's regression, or plain ones. Collective.
+   !> Computes the estimates of every case: by a pool's regression, or plain ones. Collective.
    subroutine find_estimates(world, plan, models, store, shards, frequency, statistics, estimates, &
                              error)
       type(world_type), intent(in) :: world
@@ -150,8 +150,8 @@ contains
 
    end subroutine open_workshop
 
-   !> The quantities of one joint, or the spectra or the amplitude of one dof, for all cases of a
-   !> pool.
+   !> Estimates the quantities of one joint, or the spectra or the amplitude of one dof, for all
+   !> cases of a pool.
    subroutine do_task(plan, models, store, shards, number, part, workshop, error)
       type(plan_type), intent(in) :: plan
       type(process_model_type), intent(in) :: models(:)
@@ -177,8 +177,8 @@ contains
       end associate
    end subroutine do_task
 
-   !> The samples of a pool that the regression uses, and draws of each case's law. Under another
-   !> force the same processes have the same friction values.
+   !> Gathers the samples of a pool that the regression uses, and draws each case's law. Under
+   !> another force the same processes have the same friction values.
    subroutine gather_pool(plan, models, store, shards, number, workshop, error)
       type(plan_type), intent(in) :: plan
       type(process_model_type), intent(in) :: models(:)

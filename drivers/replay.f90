@@ -29,7 +29,8 @@ module driver_replay
 
 contains
 
-   !> The command: all ranks help with a long search for the process, one marches; collective.
+   !> Runs the command `replay`: all ranks help with a long search for the process, one marches.
+   !> Collective.
    subroutine replay(line)
       type(command_line), intent(in) :: line
       type(world_type) :: world
@@ -108,7 +109,7 @@ contains
       plan%n_realizations = 0
    end subroutine keep_everything
 
-   !> The sample as the campaign runs it, kept as a shard of its own.
+   !> Marches the sample as the campaign does and stores it as a shard of its own.
    subroutine march_again(line, models, runner, output, error)
       type(command_line), intent(in) :: line
       type(process_model_type), intent(in) :: models(:)
@@ -137,7 +138,7 @@ contains
       if (allocated(error)) call remove_store(output%store, ignored)
    end subroutine clear_away
 
-   !> The only sample of the only case that is written.
+   !> Restricts the plan to one sample of one case.
    pure subroutine keep_sample(line, plan)
       type(command_line), intent(in) :: line
       type(plan_type), intent(inout) :: plan

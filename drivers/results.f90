@@ -77,9 +77,9 @@ contains
       end do
    end subroutine write_processes
 
-   !> The chain, then case by case. While the root writes the long data of a case and the small data
-   !> of the next one, the other ranks are at the statistics of that. Then the best estimates of all
-   !> cases, which use samples of several. Collective.
+   !> Writes the structure, then case by case. While the root writes the long data of a case and
+   !> the small data of the next one, the other ranks compute statistics of that. Then writes the
+   !> best estimates of all cases, which use samples of several. Collective.
    subroutine write_cases(world, plan, models, runner, output, writer, error)
       type(world_type), intent(in) :: world
       type(plan_type), intent(in) :: plan
@@ -155,7 +155,7 @@ contains
       if (plan%output%spectrum) frequency = runner%layout%frequency
    end function kept_frequencies
 
-   !> One case up to its spectra: its group, and its samples' small data.
+   !> Writes a case up to its spectra: its group, and its samples' small data.
    subroutine begin(plan, task, runner, store, writer, group, error)
       type(plan_type), intent(in) :: plan
       type(case_task), intent(in) :: task
@@ -181,7 +181,7 @@ contains
       end associate
    end subroutine begin
 
-   !> The rest of a case's samples: their long data, and their audit.
+   !> Writes the rest of a case's samples: their long data, and their audit.
    subroutine finish(plan, task, runner, store, shards, writer, group, error)
       type(plan_type), intent(in) :: plan
       type(case_task), intent(in) :: task
@@ -199,7 +199,7 @@ contains
       if (audit > 0) call finish_audit(plan, audit, runner%layout, store, shards, writer, error)
    end subroutine finish
 
-   !> A process, with the realizations that were asked for.
+   !> Writes a process with the realizations that were asked for.
    subroutine write_process_of(plan, number, model, writer, error)
       type(plan_type), intent(in) :: plan
       integer, intent(in) :: number

@@ -35,7 +35,7 @@ module driver_run
 
 contains
 
-   !> The command: collective.
+   !> Runs the command `run`. Collective.
    subroutine run(line)
       type(command_line), intent(in) :: line
       type(world_type) :: world
@@ -129,7 +129,7 @@ contains
       call stop_world(exit_done)
    end subroutine leave_merging
 
-   !> The marcher, the force record and the layout of the spectra, the same on every rank.
+   !> Prepares the marcher, the force record and the layout of the spectra, the same on every rank.
    !> Collective.
    subroutine prepare_march(world, plan, force, runner, error)
       type(world_type), intent(in) :: world
@@ -150,8 +150,8 @@ contains
       if (.not. allocated(error)) call runner%use_every(every)
    end subroutine prepare_march
 
-   !> All samples of the plan, and more while its target wants more. Ends the run on errors and when
-   !> asked to; collective.
+   !> Marches all samples of the plan, and more until its target is met. Ends the run on errors and
+   !> when asked to. Collective.
    subroutine march_until_met(world, models, runner, output)
       type(world_type), intent(in) :: world
       type(process_model_type), intent(in) :: models(:)
@@ -172,8 +172,9 @@ contains
       end do
    end subroutine march_until_met
 
-   !> Every sample that has no shard yet: ranks claim samples, march them, and keep them as shards.
-   !> Ends when all are done, or early when a rank is asked to stop or meets an error; collective.
+   !> Marches every sample that has no shard yet: ranks claim samples, march them, and keep them as
+   !> shards. Ends when all are done, or early when a rank is asked to stop or meets an error.
+   !> Collective.
    subroutine march_campaign(world, models, runner, output, error)
       type(world_type), intent(in) :: world
       type(process_model_type), intent(in) :: models(:)
@@ -206,8 +207,8 @@ contains
       call progress%finish()
    end subroutine march_campaign
 
-   !> The blocks of a claim, one after the other. They become a shard when the last one is finished,
-   !> or a minute has passed, or too much is held.
+   !> Marches the blocks of a claim one after the other. They become a shard when the last one is
+   !> finished, a minute has passed, or too much is held.
    subroutine march_claim(models, claim, runner, store, is_abandoned, error)
       type(process_model_type), intent(in) :: models(:)
       type(block_range), intent(in) :: claim
@@ -289,7 +290,7 @@ contains
          call output%say('samples beyond these stay in '//output%store%folder)
    end subroutine conclude
 
-   !> One line on what was done.
+   !> Line on what was done.
    pure function summary(plan, output) result(text)
       type(plan_type), intent(in) :: plan
       type(output_type), intent(in) :: output

@@ -10,7 +10,8 @@ module driver_shards
 
 contains
 
-   !> The root's list becomes everybody's: other machines may not see new files at once. Collective.
+   !> Broadcasts the root's list of shards: other machines may not see new files at once.
+   !> Collective.
    subroutine share_list(world, store, shards)
       type(world_type), intent(in) :: world
       type(shard_store), intent(in) :: store

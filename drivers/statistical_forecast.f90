@@ -20,8 +20,8 @@ module driver_statistical_forecast
 
 contains
 
-   !> Samples and steps that accuracy%target_statistical needs, in words that end without a line
-   !> feed; '' without target, or where a process has no solution. The processes are fitted for it.
+   !> Says how many samples and steps accuracy%target_statistical needs, without a final line feed;
+   !> '' without a target, or where a process has no solution. Fits the processes for it.
    !> Collective.
    subroutine foresee_need(world, plan, force, nanoseconds, text)
       type(world_type), intent(in) :: world

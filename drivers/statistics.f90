@@ -45,7 +45,7 @@ module driver_statistics
 
 contains
 
-   !> Shares out the work on a case; collective.
+   !> Shares out the statistics of a case among the ranks. Collective.
    subroutine open_case(world, plan, number, shards, task, layout)
       type(world_type), intent(in) :: world
       type(plan_type), intent(in) :: plan
@@ -86,7 +86,7 @@ contains
       call new_counter(world, (task%n_parts + 1_long)*n_groups, task%counter)
    end subroutine open_case
 
-   !> Parts until none is left; an error keeps all ranks from going on.
+   !> Computes parts until none is left; an error keeps all ranks from going on.
    subroutine take_parts(self, store, error)
       class(case_task), intent(inout) :: self
       type(shard_store), intent(in) :: store
@@ -136,8 +136,8 @@ contains
       end associate
    end subroutine close_case
 
-   !> The percentiles of all samples, as many ranges of frequencies at once as keep all ranks busy.
-   !> Collective.
+   !> Selects the percentiles of all samples, as many ranges of frequencies at once as keep all
+   !> ranks busy. Collective.
    subroutine select_percentiles(self, world, store, error)
       class(case_task), intent(inout) :: self
       type(world_type), intent(in) :: world
@@ -163,7 +163,7 @@ contains
       end do
    end subroutine select_percentiles
 
-   !> The order statistics, unless all values have to be added once more. Collective.
+   !> Finds the order statistics, unless all values have to be added once more. Collective.
    subroutine select_together(world, selection, is_done)
       type(world_type), intent(in) :: world
       type(selection_type), intent(inout) :: selection
@@ -220,7 +220,7 @@ contains
       call counter%close()
    end subroutine select_from
 
-   !> The joints of a group of samples, and their slip series.
+   !> Adds the joints of a group of samples, and their slip series.
    subroutine add_joints(self, store, group, error)
       class(case_task), intent(inout) :: self
       type(shard_store), intent(in) :: store
@@ -364,7 +364,7 @@ contains
       end do
    end subroutine write_short
 
-   !> The spectra of a group of samples at frequencies first..last.
+   !> Adds the spectra of a group of samples at frequencies first..last.
    subroutine add_part(number, store, shards, part, first, last, group, bands, error)
       integer, intent(in) :: number
       type(shard_store), intent(in) :: store

@@ -48,7 +48,7 @@ module driver_tradeoff
 
 contains
 
-   !> The command: collective.
+   !> Runs the command `tradeoff`. Collective.
    subroutine tradeoff(line)
       type(command_line), intent(in) :: line
       type(world_type) :: world
@@ -113,7 +113,7 @@ contains
       call world%stop_on(error)
    end subroutine stop_unlocked
 
-   !> Settings, spectra and the parts of the error. Collective.
+   !> Measures settings, spectra and the components of the error. Collective.
    subroutine measure_march(world, line, plan, force, models, found, is_stopped, error)
       type(world_type), intent(in) :: world
       type(command_line), intent(in) :: line
@@ -143,7 +143,7 @@ contains
       found%variants = variant_rows_of(found%tradeoff)
    end subroutine measure_march
 
-   !> The scene's processes with other orders and lengths of their fits. Collective.
+   !> Fits the scene's processes with other orders and fit lengths. Collective.
    subroutine fit_variants(world, plan, is_quiet, scope)
       type(world_type), intent(in) :: world
       type(plan_type), intent(in) :: plan
@@ -187,7 +187,7 @@ contains
          text = text//orders_text(found%orders)//line_feed//fits_text(models)
    end function text_of
 
-   !> The file, whole or not at all.
+   !> Writes the file, whole or not at all.
    subroutine write_findings(lock, line, scene, plan, found, n_ranks, error)
       type(lock_type), intent(inout) :: lock   !! of the output
       type(command_line), intent(in) :: line

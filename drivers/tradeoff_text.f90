@@ -178,7 +178,8 @@ contains
 
    contains
 
-      !> With a record of noise for each sample, samples lower the time average too.
+      !> Advice to draw a record for each sample: then more samples lower the time-average error
+      !> too.
       pure function own_records() result(words)
          character(:), allocatable :: words
 
@@ -250,7 +251,7 @@ contains
       if (is_known) text = brief(value)
    end function known
 
-   !> How long the march of the whole scene takes with a setting, or so many times of it.
+   !> Time of the march of the whole scene with a setting, or so many times of it.
    pure function run_time(plan, row, n_ranks, times) result(text)
       type(plan_type), intent(in) :: plan
       type(setting_row), intent(in) :: row

@@ -5,7 +5,7 @@ module driver_version
    public :: version_text
 
    interface
-      !> The program, how it was compiled, and the libraries that it runs with.
+      !> Text on the program, how it was compiled, and the libraries that it runs with.
       module function version_text() result(text)
          character(:), allocatable :: text
       end function version_text
@@ -26,7 +26,7 @@ submodule(driver_version) driver_version_libraries
 
 contains
 
-   !> In the libraries' own words.
+   !> Text of `entroslip --version`, in the libraries' own words.
    module function version_text() result(text)
       character(:), allocatable :: text
       character, parameter :: nl = new_line('a')

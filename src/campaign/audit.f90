@@ -43,7 +43,8 @@ contains
       audit = findloc(plan%cases%audits, case_number, dim=1)
    end function audit_of
 
-   !> How samples are repeated: by the event method, a thousand times tighter than the scene has it.
+   !> The setting that repeats samples: the event method, its tolerance a thousand times tighter
+   !> than the scene's.
    pure function reference_for(integration) result(reference)
       type(integration_settings), intent(in) :: integration
       type(integration_settings) :: reference

@@ -40,7 +40,7 @@ contains
       allocate (collector%level(n_batches, 0:n_percentiles, n_dof, n_parts), source=0.0_wp)
    end subroutine start_batches
 
-   !> One frequency of one dof.
+   !> Adds one frequency of one dof.
    pure subroutine add(self, part, dof, density, order, power, at, low, high)
       class(batch_collector), intent(inout) :: self
       integer, intent(in) :: part, dof
@@ -74,8 +74,8 @@ contains
       level = level + more
    end subroutine grow
 
-   !> After the last frequency, from what all ranks have added, and with the band ratios known; not
-   !> a number for the ratio of a dof that does not move in a batch.
+   !> Computes the time-average errors once all frequencies of all ranks are added and the band
+   !> ratios known; NaN for the ratio of a dof that does not move in a batch.
    pure subroutine finish(self, statistics)
       class(batch_collector), intent(in) :: self
       type(case_statistics), intent(inout) :: statistics

@@ -167,7 +167,7 @@ contains
       end do
    end subroutine add
 
-   !> Where the power series of the range of a frequency begins: those of lower ranges lie before.
+   !> First place of the power series of a frequency's range; those of lower ranges lie before.
    pure integer function first_of_power(self, frequency)
       class(band_collector), intent(in) :: self
       integer, intent(in) :: frequency
@@ -175,7 +175,7 @@ contains
       first_of_power = 1 + n_batches*count(self%last_of_range < frequency)
    end function first_of_power
 
-   !> Percentiles at one frequency and the ends of their intervals, from what all groups have added.
+   !> Returns the percentiles at one frequency and the ends of their intervals, of all groups.
    pure subroutine percentiles_at(self, frequency, value, low, high)
       class(band_collector), intent(in) :: self
       integer, intent(in) :: frequency
@@ -202,9 +202,10 @@ contains
       has_selection = self%n_groups() > 1
    end function has_selection
 
-   !> Order statistics of all samples at frequencies first..last, a column for each dof and
-   !> frequency: those on both sides of each percentile, and the ends of its interval. The groups
-   !> know the interval to a third of its width; its bracket is three times as wide.
+   !> Starts the search for the order statistics of all samples at frequencies first..last, a
+   !> column for each dof and frequency: those on both sides of each percentile and at the ends of
+   !> its interval. The groups know the interval to a third of its width; the bracket is three
+   !> times as wide.
    pure subroutine open_selection(self, first, last, selection)
       class(band_collector), intent(in) :: self
       integer, intent(in) :: first, last
@@ -258,7 +259,7 @@ contains
       end do
    end subroutine take_selection
 
-   !> One frequency of one dof in the batches of the march.
+   !> Adds one frequency of one dof to the batches of the march.
    pure subroutine add_power(self, part, dof, weight, density, order, power, rank, percentile)
       class(band_collector), intent(inout) :: self
       integer, intent(in) :: part, dof        !! the part as one of all groups'
@@ -289,7 +290,7 @@ contains
       rank = max(1.0_wp, min(rank, real(m, wp)))
    end function rank_in_group
 
-   !> The integrals of the samples grow by one frequency, as means of batches.
+   !> Adds one frequency to the integrals of the samples, as means over batches of samples.
    pure subroutine add_to_batches(self, first_sample, density, integral)
       class(band_collector), intent(in) :: self
       integer, intent(in) :: first_sample
@@ -303,7 +304,7 @@ contains
       end do
    end subroutine add_to_batches
 
-   !> Mean and sum of squared deviations of all samples, from those of the groups (Chan).
+   !> Joins mean and sum of squared deviations of the groups to those of all samples (Chan).
    pure subroutine join_moments(self, dof, frequency, mean, square)
       class(band_collector), intent(in) :: self
       integer, intent(in) :: dof, frequency
@@ -341,8 +342,8 @@ contains
       end do
    end function join_integrals
 
-   !> After the last frequency, from what all ranks have added: the statistics, errors of the
-   !> pseudo-variances, and the ratio of the last to the first percentile's; not a number for a dof
+   !> Computes, once all frequencies of all ranks are added, the statistics, the errors of the
+   !> pseudo-variances, and the ratio of the last percentile's to the first one's; NaN for a dof
    !> that does not move in that share of the samples.
    pure subroutine finish(self, statistics)
       class(band_collector), intent(in) :: self
@@ -378,8 +379,9 @@ contains
       if (allocated(self%batches%level)) call self%batches%finish(statistics)
    end subroutine finish
 
-   !> Errors by the bootstrap. Replicates scatter about the value of their group, and groups are
-   !> independent: variances of the mean over groups are the groups' over their number squared.
+   !> Computes the errors of the band ratios by the bootstrap. Replicates scatter about the value
+   !> of their group and groups are independent: the variance of the mean over G groups is the sum
+   !> of theirs over G^2.
    pure subroutine find_ratios(self, statistics)
       class(band_collector), intent(in) :: self
       type(case_statistics), intent(inout) :: statistics

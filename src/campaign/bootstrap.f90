@@ -8,9 +8,9 @@ module campaign_bootstrap
 
 contains
 
-   !> Values at a rank among samples drawn again, all replicates side by side: sample order(i)
-   !> stands times(b, order(i)) times in replicate b. Counts from the nearer end, a few steps for an
-   !> outer percentile.
+   !> Finds the values at a rank among samples drawn again, all replicates side by side: sample
+   !> order(i) is drawn times(b, order(i)) times in replicate b. Counts from the nearer end: few
+   !> steps for an outer percentile.
    pure subroutine find_again(sorted, order, times, rank, values)
       real(wp), intent(in) :: sorted(:), rank
       integer, intent(in) :: order(:), times(:, :)
@@ -47,7 +47,7 @@ contains
       end do
    end subroutine find_again
 
-   !> Bootstrap: as many draws with replacement as there are samples, as counts.
+   !> Draws bootstrap replicates: as many samples, with replacement, as there are, given as counts.
    pure subroutine draw_again(seed, n_before, times)
       integer(long), intent(in) :: seed
       integer, intent(in) :: n_before       !! replicates of the groups before

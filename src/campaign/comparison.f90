@@ -105,7 +105,7 @@ contains
       end do
    end function band_ratios
 
-   !> The same of all samples (replicate 0) and of all but the i-th (1..n).
+   !> Band ratios of all samples (replicate 0) and of all but the i-th (1..n).
    pure function ratio_replicates(psd, percentiles) result(ratios)
       real(wp), intent(in) :: psd(:, :, :)     !! (dof, frequency, sample); two samples or more
       real(wp), intent(in) :: percentiles(:)   !! [%], ascending
@@ -122,7 +122,8 @@ contains
       end do
    end function ratio_replicates
 
-   !> Relative change of a band ratio and its standard error, when n_all samples are meant.
+   !> Computes the relative change of a band ratio and its standard error for a case of n_all
+   !> samples.
    pure subroutine change_of_ratio(tested, reference, n_all, value, standard_error)
       real(wp), intent(in) :: tested(0:), reference(0:)   !! (replicate) of ratio_replicates
       integer, intent(in) :: n_all
@@ -132,7 +133,7 @@ contains
       standard_error = jackknife_error(change(tested(1:), reference(1:)), n_all)
    end subroutine change_of_ratio
 
-   !> Slip fractions of the samples that were marched twice, of n_all that the case has.
+   !> Compares the slip fractions of samples that were marched twice, of n_all samples of the case.
    pure subroutine compare_slip(tested, reference, n_all, errors)
       real(wp), intent(in) :: tested(:, :)      !! (dof, sample) slip fractions, first march
       real(wp), intent(in) :: reference(:, :)   !! (dof, sample) second march
@@ -186,7 +187,7 @@ contains
       error = max(alone, sqrt(mean(max(alone, of_normal)**2)))
    end function not_alone
 
-   !> Spectra of the samples that were marched twice, of n_all that the case has.
+   !> Compares the spectra of samples that were marched twice, of n_all samples of the case.
    pure subroutine compare_spectra(tested, reference, percentiles, n_all, errors)
       real(wp), intent(in) :: tested(:, :, :)      !! (dof, frequency, sample) densities
       real(wp), intent(in) :: reference(:, :, :)   !! (dof, frequency, sample)
@@ -199,7 +200,7 @@ contains
       call comparison%finish(n_all, errors)
    end subroutine compare_spectra
 
-   !> The next range of frequencies of all samples.
+   !> Adds the next range of frequencies of all samples.
    pure subroutine add(self, tested, reference, percentiles)
       class(spectrum_comparison), intent(inout) :: self
       real(wp), intent(in) :: tested(:, :, :)      !! (dof, frequency, sample) densities
@@ -216,7 +217,7 @@ contains
       end do
    end subroutine add
 
-   !> After the last range: the errors of a case of n_all samples.
+   !> Computes the errors of a case of n_all samples once all ranges are added.
    pure subroutine finish(self, n_all, errors)
       class(spectrum_comparison), intent(in) :: self
       integer, intent(in) :: n_all

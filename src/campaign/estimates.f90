@@ -84,7 +84,7 @@ contains
       best%high = ratio%percentiles
    end subroutine start_numbers
 
-   !> A quantity of a joint.
+   !> Replaces the plain estimates of a quantity of a joint.
    pure subroutine take_scalar(self, quantity, joint, scalar)
       class(case_estimates), intent(inout) :: self
       integer, intent(in) :: quantity   !! 1: slip fraction, 2: slip distance, 3: dissipation
@@ -105,7 +105,7 @@ contains
       end associate
    end subroutine take_scalar
 
-   !> The amplitude of a dof under a sine.
+   !> Replaces the plain estimates of the amplitude of a dof under a sine.
    pure subroutine take_amplitude(self, dof, scalar)
       class(case_estimates), intent(inout) :: self
       integer, intent(in) :: dof
@@ -131,7 +131,7 @@ contains
       ratio%percentiles(joint, :) = scalar%percentile_ratio
    end subroutine replace
 
-   !> Spectra of a dof.
+   !> Replaces the plain estimates of the spectra of a dof.
    pure subroutine take_spectrum(self, dof, spectrum)
       class(case_estimates), intent(inout) :: self
       integer, intent(in) :: dof

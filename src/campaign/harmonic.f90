@@ -108,7 +108,8 @@ contains
       self%now = (0.0_wp, 0.0_wp)
    end subroutine end_window
 
-   !> Amplitude and phase of the last window, and the time from which on all windows agree.
+   !> Returns amplitude [m] and phase [rad] of the last window, and the time [s] from which all
+   !> windows agree.
    pure subroutine finish(self, result)
       class(harmonic_collector), intent(in) :: self
       type(block_result), intent(inout) :: result

@@ -48,7 +48,8 @@ contains
       call self%percentiles%add(1, 1, group, reshape(values, [size(values, 1), 1, size(values, 2)]))
    end subroutine add
 
-   !> The statistics of numbers first..last, after all groups and with percentiles of all samples.
+   !> Computes the statistics of numbers first..last, once all groups are added and the percentiles
+   !> of all samples selected.
    pure subroutine finish(self, first, last, statistics)
       class(joint_collector), intent(in) :: self
       integer, intent(in) :: first, last

@@ -146,9 +146,9 @@ contains
       end associate
    end function reason_for_plain
 
-   !> How a law is drawn: windows of long realizations, a correlation length apart; or windows
-   !> from streams of their own (stride 0), where the sampler's cost is that of a window or a long
-   !> realization would take much memory.
+   !> Chooses how a law is drawn: windows of long realizations, a correlation length apart; or
+   !> windows from streams of their own (stride 0), where the sampler's cost is that of a window or
+   !> a long realization would take much memory.
    pure subroutine plan_draws(n_points, is_exact, correlation_length, n_draws, stride)
       integer, intent(in) :: n_points               !! of a window
       logical, intent(in) :: is_exact               !! sampler
@@ -162,7 +162,7 @@ contains
       stride = n_points + ceiling(min(correlation_length, 8.0_wp*n_points))
    end subroutine plan_draws
 
-   !> Points of the process that joints take their friction values from, ascending, and the first
+   !> Finds the points of the process that give joints their friction, ascending, and the first
    !> such joint of each.
    pure subroutine find_points(structure, points, joints)
       type(structure_type), intent(in) :: structure

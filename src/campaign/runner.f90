@@ -86,7 +86,7 @@ contains
       end select
    end function form_of_march
 
-   !> A method prepared for the plan's chain, time step and forced dof.
+   !> Creates a marcher of the chosen method for the plan's structure and time step.
    subroutine new_marcher(plan, how, marcher, error)
       type(plan_type), intent(in) :: plan
       type(integration_settings), intent(in) :: how
@@ -109,8 +109,8 @@ contains
       end associate
    end subroutine new_marcher
 
-   !> Noise of a sample (0: shared by all), a record of each force, independent of each other. That
-   !> of a band has an expected variance of 1.
+   !> Draws the noise of a sample (0: shared by all), an independent record for each force.
+   !> Band-limited noise has an expected variance of 1.
    subroutine draw_force(self, sample, force, error)
       class(runner_type), intent(in) :: self
       integer, intent(in) :: sample
@@ -136,7 +136,7 @@ contains
       end do
    end subroutine draw_force
 
-   !> The force of a case as it acted, for its histories [N].
+   !> Returns the force of a case as it acted, for its histories [N].
    subroutine force_of(self, case_number, first_sample, force, error)
       class(runner_type), intent(in) :: self
       integer, intent(in) :: case_number

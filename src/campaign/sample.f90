@@ -77,7 +77,7 @@ contains
       call collect(runner, march, result)
    end subroutine run_block
 
-   !> Samples at rest, their force, and room for what was asked.
+   !> Starts samples at rest, with their force and room for the results that are kept.
    subroutine start_march(runner, case_number, result, march, error)
       type(runner_type), intent(in) :: runner
       integer, intent(in) :: case_number
@@ -109,7 +109,7 @@ contains
       end associate
    end subroutine start_march
 
-   !> The transient is over: what was counted in it is forgotten.
+   !> Resets all sums at the end of the transient.
    subroutine start_measuring(runner, march, result)
       type(runner_type), intent(inout) :: runner
       type(march_type), intent(inout) :: march
@@ -214,8 +214,8 @@ contains
       if (march%keeps%history) every = 1
    end function record_every
 
-   !> When a span of the slip series is over: the fraction of its time. Every march is cut into
-   !> spans, whether the series is kept or not: rounding sees where a march is cut.
+   !> Records the slip fraction of a span that ends at this step. Every march is cut into spans,
+   !> even where the series is not kept, so that rounding is the same.
    subroutine keep_span(runner, step, march, result)
       type(runner_type), intent(in) :: runner
       integer, intent(in) :: step   !! the march has come to
@@ -257,7 +257,7 @@ contains
       first = stride - modulo(from/every, stride)
    end function first_record
 
-   !> Largest displacement between the ends of each joint so far.
+   !> Updates the largest displacement between the ends of each joint [m].
    pure subroutine follow_joints(structure, x, result)
       type(structure_type), intent(in) :: structure
       real(wp), intent(in) :: x(:, :, :)   !! (record, dof, sample) [m]

@@ -74,7 +74,7 @@ contains
                                                    statistical_error(error) > target
    end function needs_more_samples
 
-   !> The same case with a record for each sample instead of one for all.
+   !> Errors of the same case with a record for each sample instead of one for all.
    pure function with_own_records(shared) result(own)
       type(slip_error), intent(in) :: shared
       type(slip_error) :: own
@@ -105,9 +105,9 @@ contains
                               + (now**2 - of_records - of_law)*shrink**2))
    end function error_with
 
-   !> Samples and steps that bring the error to the target. Steps are added where the record alone
-   !> takes more than half of the variance allowed, and then so many that it takes half; time
-   !> averages fall with the root of the steps.
+   !> Finds the samples and steps that bring the error to the target. Adds steps where the record
+   !> alone takes more than half of the allowed variance, so many that it takes half; time-average
+   !> errors fall as steps^(-1/2).
    pure subroutine find_need(error, target, n_steps, samples_needed, steps_needed)
       type(slip_error), intent(in) :: error   !! that is known
       real(wp), intent(in) :: target          !! [points]

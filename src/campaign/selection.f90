@@ -104,8 +104,8 @@ contains
       counts = self%counts
    end function count_values
 
-   !> From the sums over the ranks: begins to bisect where all brackets have what is wanted.
-   !> Others become as wide as can be, and want all values again.
+   !> Checks the counts added over the ranks: starts to bisect once every bracket holds its order
+   !> statistics. Else widens the others fully, and all values must be added again.
    pure subroutine check(self, counts, all_met)
       class(selection_type), intent(inout) :: self
       real(wp), intent(in) :: counts(:, :, :)   !! (below or inside, percentile, column)

@@ -74,7 +74,8 @@ contains
       end associate
    end function results_size
 
-   !> A process with its autocovariance; of a search over all signs, as many solutions as are kept.
+   !> Size of a process with its autocovariance; of a search over all signs, with as many solutions
+   !> as are kept.
    elemental function size_of_process(request, foreseen) result(bytes)
       type(process_request), intent(in) :: request
       type(process_model_type), intent(in), optional :: foreseen
@@ -153,7 +154,8 @@ contains
       bytes = margin*(n_samples*of_sample + once + n_datasets*of_dataset)
    end function size_of_case
 
-   !> Statistics over the samples of a case; beside those of a regression, plain ones and ratios.
+   !> Adds the size of the statistics over samples of a case, with plain ones and ratios beside
+   !> those of a regression.
    pure subroutine add_statistics(plan, number, every, bytes, n_datasets)
       type(plan_type), intent(in) :: plan
       integer, intent(in) :: number, every
@@ -232,7 +234,8 @@ contains
       is_fitted_to_values = request%positive .and. request%order /= 1
    end function is_fitted_to_values
 
-   !> The force as it is drawn (or in a file, prepared, and in the march) and a block of samples.
+   !> Memory of the force as it is drawn (or in a file, prepared, and in the march) and of a block
+   !> of samples.
    pure function memory_of_march(plan, every, transitions) result(bytes)
       type(plan_type), intent(in) :: plan
       integer, intent(in) :: every
@@ -344,8 +347,7 @@ contains
       end associate
    end function memory_of_regression
 
-   !> An error where the march cannot have the memory that it takes at least: none of it is used
-   !> yet, but the system says whether it would be given.
+   !> Refuses a plan whose march needs more memory than the system gives; asks without using it.
    subroutine refuse_oversize(plan, error)
       type(plan_type), intent(in) :: plan
       type(error_type), allocatable, intent(out) :: error

@@ -61,7 +61,8 @@ contains
       claims = claims(sort_order(real(claims%first - claims%last, wp)))
    end function open_claims
 
-   !> The friction coefficients of a block: each sample from its own stream, or as given.
+   !> Draws the friction coefficients of a block, each sample from its own stream, or takes the
+   !> given ones.
    subroutine draw_friction(plan, models, block, friction)
       type(plan_type), intent(in) :: plan
       type(process_model_type), intent(in) :: models(:)   !! (process)

@@ -97,7 +97,8 @@ contains
       end do
    end subroutine add
 
-   !> After the last sample: the errors of the mean and of the spread over samples; needs two.
+   !> Computes the time-average errors of the mean and of the standard deviation over samples, of
+   !> which there must be at least two.
    pure subroutine finish(self, n_samples, statistics)
       class(span_collector), intent(in) :: self
       integer, intent(in) :: n_samples

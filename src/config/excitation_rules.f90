@@ -17,7 +17,8 @@ module config_excitation_rules
 
 contains
 
-   !> Every rule, each with its own complaint; also finds the files of the force.
+   !> Checks the rules of &excitation, each with its own complaint, and finds the files of the
+   !> force.
    subroutine check_excitation(scene, reader)
       type(scene_type), intent(inout) :: scene
       type(reader_type), intent(inout) :: reader
@@ -86,8 +87,8 @@ contains
       end associate
    end subroutine check_band
 
-   !> Enough steps in a period, and enough periods to see whether they repeat. Without a list of
-   !> output%quantities spectra are left out: a sine has none.
+   !> Checks that a period has enough steps and the march enough periods to see whether they
+   !> repeat. Without a list of output%quantities leaves out spectra: a sine has none.
    subroutine check_sines(scene, reader)
       type(scene_type), intent(inout) :: scene
       type(reader_type), intent(inout) :: reader

@@ -64,7 +64,7 @@ contains
 
    contains
 
-      !> Without a structure, no group about motion changes anything.
+      !> True if a group can change a sample; without a structure, groups about motion cannot.
       pure logical function takes_part(group)
          character(*), intent(in) :: group
 

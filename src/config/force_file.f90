@@ -14,7 +14,7 @@ module config_force_file
 
 contains
 
-   !> Does the file begin as HDF5 does? Any other is taken for text.
+   !> True if the file begins as HDF5 does; any other is taken for text.
    logical function is_hdf5_file(path)
       character(*), intent(in) :: path
       character(8) :: signature
@@ -33,8 +33,8 @@ contains
       close (unit, iostat=status)
    end function is_hdf5_file
 
-   !> A column a force, or the time before them; what follows a # or a ! is a comment. Every bad
-   !> line is a complaint.
+   !> Reads a force file: one column for each force, or the time before them; # and ! start a
+   !> comment. Every bad line is a complaint.
    subroutine read_force_text(path, n_forces, dt, force, complaints)
       character(*), intent(in) :: path
       integer, intent(in) :: n_forces
@@ -53,8 +53,8 @@ contains
       force(:, :) = transpose(table%value(n_columns - n_forces + 1:n_columns, :))
    end subroutine read_force_text
 
-   !> Every row has as many columns as the first; times are dt apart, to a tenth of it: they may be
-   !> rounded.
+   !> Checks that every row has as many columns as the first, and that times are dt apart to a
+   !> tenth of it, as they may be rounded.
    subroutine check_rows(table, n_columns, n_forces, dt, complaints)
       type(table_type), intent(in) :: table
       integer, intent(in) :: n_columns, n_forces
@@ -86,7 +86,7 @@ contains
                                      ' more bad lines')
    end subroutine check_rows
 
-   !> The rules of a history, whatever file it comes from: enough finite values, enough records.
+   !> Checks a force record from any file: enough values, all finite, and enough records.
    subroutine check_force(path, force, n_steps, n_records, complaints)
       character(*), intent(in) :: path
       real(wp), intent(in) :: force(0:, :)   !! (step, record) [N]

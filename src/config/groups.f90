@@ -118,7 +118,7 @@ contains
       end select
    end subroutine visit
 
-   !> Are there deterministic cases, of one friction?
+   !> True if there are deterministic cases, of one given friction.
    pure logical function runs_deterministic(self)
       class(scene_type), intent(in) :: self
 
@@ -126,7 +126,7 @@ contains
                            (self%campaign%deterministic .or. .not. self%runs_samples())
    end function runs_deterministic
 
-   !> Are there cases with drawn friction?
+   !> True if there are cases with drawn friction.
    pure logical function runs_samples(self)
       class(scene_type), intent(in) :: self
 

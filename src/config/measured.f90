@@ -54,7 +54,7 @@ contains
       records(1)%value = value
    end subroutine read_measured
 
-   !> The values of one line.
+   !> Reads the values of one line.
    subroutine read_record(place, line, values, complaints)
       character(*), intent(in) :: place, line
       real(wp), allocatable, intent(out) :: values(:)

@@ -61,7 +61,7 @@ contains
       call check_march(scene, plan, complaints)
    end subroutine build_plan
 
-   !> correlation_length slowest, then order, then std.
+   !> Appends the processes of a group: correlation_length slowest, then order, then std.
    pure subroutine expand_process(group, processes)
       type(process_group), intent(in) :: group
       type(process_request), allocatable, intent(inout) :: processes(:)
@@ -130,8 +130,8 @@ contains
 
    end subroutine plan_chain
 
-   !> Ground acceleration: b = -M r, with r the motion of the dofs when the ground moves by one; 1
-   !> at every dof, or structure%load.
+   !> Sets the load of a ground acceleration, b = -M r. r is the motion of the dofs when the ground
+   !> moves by one: structure%load, else 1 at every dof.
    pure subroutine load_by_ground(scene, structure)
       type(scene_type), intent(in) :: scene
       type(structure_type), intent(inout) :: structure
@@ -196,7 +196,7 @@ contains
       end associate
    end subroutine check_march
 
-   !> Deterministic cases first, then process by process; the levels of the force fastest.
+   !> Lists the cases: deterministic ones first, then process by process, force levels fastest.
    pure subroutine plan_cases(scene, plan)
       type(scene_type), intent(in) :: scene
       type(plan_type), intent(inout) :: plan

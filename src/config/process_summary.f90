@@ -78,7 +78,7 @@ contains
       if (foreseen%branch == 'open') text = 'open'
    end function verdict
 
-   !> How realizations of the exact law will be drawn; nothing where there is none.
+   !> Text on how realizations of the exact law will be drawn; '' where there is none.
    function drawing_text(foreseen, n_points) result(text)
       type(process_model_type), intent(in) :: foreseen(:)
       integer, intent(in) :: n_points
@@ -108,7 +108,7 @@ contains
                             about(real(maxval(ways%n_sweeps, by_sweeps), wp), by_sweeps)//' sweeps')
    end function drawing_text
 
-   !> The most of several.
+   !> A number after 'about', and after 'up to' where it is the largest of several.
    pure function about(most, are_meant) result(text)
       real(wp), intent(in) :: most
       logical, intent(in) :: are_meant(:)

@@ -17,7 +17,8 @@ module config_rules
 
 contains
 
-   !> Every rule, each with its own complaint; also finds the files of the force.
+   !> Checks the rules between the values of a scene, each with its own complaint; finds the files
+   !> of the force.
    subroutine check_rules(scene, reader)
       type(scene_type), intent(inout) :: scene
       type(reader_type), intent(inout) :: reader
@@ -80,7 +81,7 @@ contains
       end associate
    end subroutine check_process
 
-   !> One bound, or a lower and an upper one.
+   !> Requires one bound, or a lower and an upper one.
    subroutine require_range(bound, name, i, reader)
       real(wp), intent(in) :: bound(:)
       character(*), intent(in) :: name
@@ -94,7 +95,7 @@ contains
                              'must be positive and ascending where it is a range', number=i)
    end subroutine require_range
 
-   !> Both lengths imposed.
+   !> Checks the lengths of a process on which both are imposed.
    subroutine check_both(this, i, reader)
       type(process_group), intent(in) :: this
       integer, intent(in) :: i
@@ -127,8 +128,8 @@ contains
       end if
    end subroutine check_direct
 
-   !> The results file has one length and one number of realizations: what one group gives holds for
-   !> those that do not give it.
+   !> Checks that all &process agree on n_points and n_realizations, of which the results have one
+   !> each; gives the values of one group to those that do not have them.
    subroutine check_realizations(scene, reader)
       type(scene_type), intent(inout) :: scene
       type(reader_type), intent(inout) :: reader
@@ -158,7 +159,8 @@ contains
       where (.not. is_given) values = values(first)
    end subroutine check_same
 
-   !> The friction of deterministic cases: chain%friction, else the mean that all processes share.
+   !> Sets the friction of deterministic cases: chain%friction, else the mean that all processes
+   !> share.
    subroutine find_friction(scene, reader)
       type(scene_type), intent(inout) :: scene
       type(reader_type), intent(inout) :: reader

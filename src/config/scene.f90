@@ -37,7 +37,7 @@ contains
       end if
    end subroutine read_scene
 
-   !> The same for a text that is already there; source%name is the path in complaints.
+   !> Parses and checks the text of a scene; source%name is the path in complaints.
    subroutine parse_scene(source, overrides, scene, complaints)
       type(source_type), intent(in) :: source
       character(*), intent(in) :: overrides(:)
@@ -147,7 +147,7 @@ contains
 
    end subroutine read_groups
 
-   !> A list of &chain says how many masses there are where n_dof does not.
+   !> Sets chain%n_dof, where it is not given, to the length of the longest list of &chain.
    pure subroutine count_masses(reader, scene)
       type(reader_type), intent(in) :: reader
       type(scene_type), intent(inout) :: scene

@@ -15,7 +15,8 @@ module config_structure_rules
 
 contains
 
-   !> Every rule, each with its own complaint; scene%structure is of use when there is none.
+   !> Checks the rules of &structure, each with its own complaint, and builds scene%structure; it
+   !> is of use only without complaints.
    subroutine check_structure(scene, reader)
       type(scene_type), intent(inout) :: scene
       type(reader_type), intent(inout) :: reader
@@ -48,7 +49,8 @@ contains
 
    contains
 
-      !> The path of a file that is there; '' without.
+      !> Finds the path of a file of the structure; '' where it is not given. Complains of one that
+      !> is required or does not exist.
       subroutine find(name, file, is_required, path)
          character(*), intent(in) :: name, file
          logical, intent(in) :: is_required
@@ -65,7 +67,7 @@ contains
 
    end subroutine check_structure
 
-   !> At most one kind of damping.
+   !> Checks that at most one kind of damping is given.
    subroutine check_damping(reader)
       type(reader_type), intent(inout) :: reader
       character(*), parameter :: rule = 'must be absent with structure%'
@@ -98,7 +100,7 @@ contains
 
    contains
 
-      !> Where the values that are not zero stand, and what they are.
+      !> Adds rows, columns and values of the nonzero entries.
       pure subroutine add(matrix)
          real(wp), intent(in) :: matrix(:, :)
          integer :: i, j

@@ -55,7 +55,7 @@ contains
       text = text(:len(text) - 1)
    end function summary_text
 
-   !> A ratio that structures held by friction do not have: 1 % is often given as 1.
+   !> Note on a ratio that structures held by friction do not have: 1 % is often given as 1.
    pure function damping_note(damping_ratio) result(text)
       real(wp), intent(in) :: damping_ratio(:)
       character(:), allocatable :: text
@@ -212,7 +212,7 @@ contains
       end associate
    end function motion_text
 
-   !> How spectra are estimated, and what of them is not kept.
+   !> Text on how spectra are estimated, and what of them is not kept.
    pure function spectra_text(plan) result(text)
       type(plan_type), intent(in) :: plan
       character(:), allocatable :: text
@@ -244,7 +244,7 @@ contains
                                'stuck: the structure moves there without force')
    end function structure_text
 
-   !> Where the force acts: on one dof, or by the load.
+   !> Text on where the force acts: on one dof, or by the load.
    pure function loaded_text(plan) result(text)
       type(plan_type), intent(in) :: plan
       character(:), allocatable :: text
@@ -276,8 +276,8 @@ contains
       end associate
    end function friction_text
 
-   !> How finely the paper's scheme resolves the fastest mode: its period error is (omega dt)^2/12,
-   !> 3 % of a period of ten steps. The exact march has none.
+   !> Text on how finely the paper's scheme resolves the fastest mode: its period error is (omega
+   !> dt)^2/12, 3 % of a period of ten steps. The exact march has none.
    pure function resolution_text(share) result(text)
       real(wp), intent(in) :: share   !! of a step in the period of the fastest mode
       character(:), allocatable :: text
@@ -316,7 +316,7 @@ contains
       if (present(nanoseconds)) text = text//': '//work_text(audited, n_ranks, nanoseconds)
    end function audit_text
 
-   !> The march of all samples, and its time where the cost of a sample-step is known.
+   !> Work of the march of all samples, and its time where the cost of a sample-step is known.
    pure function work_text(plan, n_ranks, nanoseconds) result(text)
       type(plan_type), intent(in) :: plan
       integer, intent(in) :: n_ranks

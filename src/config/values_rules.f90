@@ -48,7 +48,8 @@ contains
 
    end subroutine check_values
 
-   !> A line a sample, a value a point. Mean and std of all values describe them.
+   !> Reads the friction samples of process%values, one line a sample and one value a point. Sets
+   !> the process's mean and std to those of all values.
    subroutine read_values(number, scene, reader)
       integer, intent(in) :: number   !! of the &process
       type(scene_type), intent(inout) :: scene

@@ -143,7 +143,8 @@ contains
       end if
    end function printable
 
-   !> Second and later bytes of a UTF-8 character take no place on the screen.
+   !> True if a byte is the second or later one of a UTF-8 character, which takes no place on the
+   !> screen.
    elemental logical function is_continuation(byte)
       character, intent(in) :: byte
 

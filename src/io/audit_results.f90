@@ -21,7 +21,8 @@ module io_audit_results
 
 contains
 
-   !> All of an audit. `samples` is what read_samples gave of it; its spectra come from the shards.
+   !> Writes the group of an audit: `samples` as read_samples returns them, spectra from the
+   !> shards.
    subroutine write_audit(writer, plan, number, samples, layout, errors, store, shards, error)
       type(results_writer), intent(in) :: writer
       type(plan_type), intent(in) :: plan
@@ -57,7 +58,7 @@ contains
                        error)
    end subroutine write_audit
 
-   !> The case less its reference, in points of percent.
+   !> Writes the differences of slip fractions, case less reference [percentage points].
    subroutine write_slip_errors(group, errors)
       type(group_type), intent(inout) :: group
       type(numerical_error), intent(in) :: errors
@@ -87,7 +88,7 @@ contains
 
    end subroutine write_slip_errors
 
-   !> Relative, of integrals over frequency.
+   !> Writes the relative differences of spectra, integrated over frequency.
    subroutine write_spectrum_errors(group, dof, errors)
       type(group_type), intent(inout) :: group
       character(*), intent(in) :: dof   !! the axis

@@ -62,8 +62,8 @@ contains
       if (allocated(w%error)) call move_alloc(w%error, error)
    end subroutine read_block
 
-   !> Checksum of every value of samples before + 1 to before + n of a block, and of their place in
-   !> the campaign.
+   !> Computes the checksum of samples before + 1 to before + n of a block: of their values and of
+   !> their place in the campaign.
    subroutine find_checksum(block, before, n, checksum)
       type(block_result), intent(inout) :: block   !! left as it was
       integer, intent(in) :: before, n

@@ -23,8 +23,8 @@ module io_case_results
 
 contains
 
-   !> Where a case lies, without a last slash. The audits come behind all cases of their own, in the
-   !> same order, each in the group of the case that it repeats.
+   !> Path of a case's group, without a last slash. The audits come after all cases, in the same
+   !> order, each in the group of the case that it repeats.
    pure function case_group(number, n_own) result(group)
       integer, intent(in) :: number
       integer, intent(in) :: n_own   !! cases that are no audits
@@ -37,8 +37,8 @@ contains
       end if
    end function case_group
 
-   !> The group of a case, its axes, and room for its samples. `force` is the record, or one for
-   !> each sample, and belongs to histories; errors stay with the group.
+   !> Creates the group of a case with its attributes and axes and room for its samples. `force` is
+   !> the record, or one for each sample, and belongs to histories; errors stay with the group.
    subroutine begin_case(writer, plan, number, layout, folded_share, group, force)
       type(results_writer), intent(in) :: writer
       type(plan_type), intent(in) :: plan
@@ -105,7 +105,8 @@ contains
       call group%take_error(error)
    end subroutine finish_case
 
-   !> The dofs and joints, and the dofs of the spectra and histories where they are not all.
+   !> Writes the axes of dofs and joints, and the dofs with spectra and histories where they are
+   !> not all.
    subroutine write_dofs(group, plan)
       type(group_type), intent(inout) :: group
       type(plan_type), intent(in) :: plan
@@ -187,7 +188,7 @@ contains
       end associate
    end function batch_frequencies
 
-   !> The axis of the spectra.
+   !> Writes the frequency axis of the spectra [Hz].
    subroutine write_frequency(group, layout)
       type(group_type), intent(inout) :: group
       type(spectrum_layout), intent(in) :: layout

@@ -66,7 +66,8 @@ contains
                      label_type('1', 'standard error of sensitivity', 'joint friction_point'))
    end subroutine write_sensitivities
 
-   !> Plain estimates and ratios of errors, in groups of their own, and what each best one gains.
+   !> Writes the groups `plain` (plain estimates) and `error_ratio`, and the attributes that say
+   !> what each best estimate gains.
    subroutine write_beside(group, plan, plain, found)
       type(group_type), intent(inout) :: group
       type(plan_type), intent(in) :: plan
@@ -185,7 +186,7 @@ contains
 
    contains
 
-      !> A quantity of the joints or dofs with its errors.
+      !> Visits the statistics of a quantity of the joints or dofs with their errors.
       subroutine visit_numbers(name, units, quantity, axis, of)
          character(*), intent(in) :: name, units
          character(*), intent(in) :: quantity   !! dataset of the samples

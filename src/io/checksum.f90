@@ -31,7 +31,7 @@ contains
       value = ior(ishft(self%weighted, 32), self%plain)
    end function value_of
 
-   !> Numbers of any rank, by their bits.
+   !> Adds real values of any rank by their bits.
    subroutine add_reals(self, values)
       class(checksum_type), intent(inout) :: self
       real(wp), intent(in), target, contiguous :: values(..)

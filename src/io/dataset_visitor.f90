@@ -211,7 +211,7 @@ contains
       end select
    end subroutine act_on_longs
 
-   !> Where the rows concerned begin in the file.
+   !> Place in the file where the rows concerned begin.
    pure function first_of(self, n_axes) result(first)
       class(dataset_visitor), intent(in) :: self
       integer, intent(in) :: n_axes

@@ -41,9 +41,8 @@ contains
       end if
    end subroutine check_replaceable
 
-   !> Samples of each case that a results file holds, then of the audit of each; none where there
-   !> is no file. A file of another scene or program, or one that is not whole, is an error that
-   !> names it: all of it is read.
+   !> Finds how many samples of each case, then of each audit, a results file holds. Reads the
+   !> whole file: one of another scene or program, or a damaged one, is refused by name.
    subroutine inspect_results(path, identity, n_samples, error)
       character(*), intent(in) :: path
       type(identity_type), intent(in) :: identity
@@ -126,7 +125,7 @@ contains
 
    contains
 
-      !> A block without datasets yet.
+      !> Starts a block of samples first..last without datasets.
       subroutine hold(blank)
          type(block_result), intent(out) :: blank
 

@@ -76,7 +76,8 @@ contains
          call read_attribute(file, group, 'estimator', errors%estimator, error)
    end subroutine read_case
 
-   !> The audit of a case; standard errors are zero where all samples of the case were audited.
+   !> Reads the errors that the audit of a case found; standard errors are zero where all samples
+   !> of the case were audited.
    subroutine read_audit(file, group, errors, error)
       type(hdf5_file), intent(in) :: file
       character(*), intent(in) :: group
@@ -98,7 +99,7 @@ contains
       if (allocated(ratio)) errors%band_ratio_error = maxval(ratio)
    end subroutine read_audit
 
-   !> A row of numbers, where it is there; nothing is read after an error.
+   !> Reads a dataset of one axis, where it exists; does nothing after an error.
    subroutine read_row(file, path, values, error)
       type(hdf5_file), intent(in) :: file
       character(*), intent(in) :: path

@@ -181,8 +181,8 @@ contains
       allocate (paths, source=all_paths(:n))
    end subroutine list_files
 
-   !> Files that processes left unfinished when they were killed, or fill now: those of one path, or
-   !> all in a folder.
+   !> Lists the files that processes are writing or left unfinished when killed: those of one path,
+   !> or all in a folder.
    subroutine list_unfinished(path, paths, error)
       character(*), intent(in) :: path
       character(:), allocatable, intent(out) :: paths(:)   !! padded with blanks

@@ -13,9 +13,9 @@ module io_force
 
 contains
 
-   !> The dataset /force(step), or /force(sample, step) with a record for each sample, as Python
-   !> names the axes; its attribute dt, where there is one, must be the scene's. Whether the values
-   !> are finite, and as many as are needed, is for who uses them to say.
+   !> Reads the dataset /force(step), or /force(sample, step) in Python's order of axes. Its
+   !> attribute dt, where it exists, must be the scene's. The caller checks that values are finite
+   !> and enough.
    subroutine read_force_hdf5(path, dt, force, error)
       character(*), intent(in) :: path
       real(wp), intent(in) :: dt                          !! of the scene [s]

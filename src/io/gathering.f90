@@ -17,7 +17,7 @@ module io_gathering
 
 contains
 
-   !> Which of samples 1..n_samples of a case have a shard.
+   !> True if a sample of 1..n_samples of a case has a shard.
    pure function finished_samples(shards, case_number, n_samples) result(is_finished)
       type(shard_type), intent(in) :: shards(:)
       integer, intent(in) :: case_number, n_samples
@@ -48,7 +48,7 @@ contains
       chosen = shards(order)
    end function shards_of
 
-   !> Transitions of samples 1..n_samples.
+   !> Counts the transitions of samples 1..n_samples.
    subroutine count_transitions(shards, n_samples, n_transitions, error)
       type(shard_type), intent(in) :: shards(:)   !! of one case
       integer, intent(in) :: n_samples
@@ -77,7 +77,7 @@ contains
       end do
    end subroutine count_transitions
 
-   !> The slip series of those samples of a shard that are among first..last.
+   !> Reads the slip series of those samples of a shard that are among first..last.
    subroutine read_slip_series(shard, first, last, series, error)
       type(shard_type), intent(in) :: shard
       integer, intent(in) :: first, last
@@ -98,7 +98,7 @@ contains
       call file%abandon()
    end subroutine read_slip_series
 
-   !> Everything of samples first..last but series, spectra, histories and transitions.
+   !> Reads samples first..last without slip series, spectra, histories and transitions.
    subroutine read_samples(store, shards, case_number, first, last, block, error)
       type(shard_store), intent(in) :: store
       type(shard_type), intent(in) :: shards(:)   !! of one case, as shards_of has them
@@ -126,9 +126,9 @@ contains
       end do
    end subroutine read_samples
 
-   !> Spectra of samples first_sample, first_sample + 1, ... at frequencies first_place,
-   !> first_place + 1, ... (both counted from 1); or the power in batches and ranges of them. Ranges
-   !> of frequencies_together read least.
+   !> Reads spectra of samples first_sample, first_sample + 1, ... at frequencies first_place,
+   !> first_place + 1, ... (both counted from 1), or the power in batches and ranges of them.
+   !> Ranges of frequencies_together need the fewest reads.
    subroutine read_band(store, shards, case_number, name, first_sample, first_place, values, &
                         error)
       type(shard_store), intent(in) :: store
@@ -160,7 +160,7 @@ contains
       end do
    end subroutine read_band
 
-   !> Spectra of one dof, of samples 1, 2, ...
+   !> Reads the spectra of one dof of samples 1, 2, ...
    subroutine read_density(store, shards, case_number, dof, density, error)
       type(shard_store), intent(in) :: store
       type(shard_type), intent(in) :: shards(:)   !! of one case, as shards_of has them
@@ -189,7 +189,7 @@ contains
       end do
    end subroutine read_density
 
-   !> Which samples of a shard are among first..last: n of them, behind some others.
+   !> Finds the samples of a shard that are among first..last: n of them, after the first `before`.
    pure subroutine common_samples(shard, first, last, before, n)
       type(shard_type), intent(in) :: shard
       integer, intent(in) :: first, last
@@ -199,7 +199,7 @@ contains
       n = min(shard%n_samples, last - shard%first_sample + 1) - before
    end subroutine common_samples
 
-   !> A sample without a shard is an error: its shard was removed while the run went on.
+   !> Refuses samples first..last of which one has no shard: it was removed during the run.
    subroutine require_all(store, shards, case_number, first, last, error)
       type(shard_store), intent(in) :: store
       type(shard_type), intent(in) :: shards(:)   !! of one case, as shards_of has them

@@ -39,7 +39,7 @@ contains
       call file%make_group(path, group%error)
    end function new_group
 
-   !> The first error of all that was done with the group.
+   !> Returns the first error of all work on the group.
    subroutine take_error(self, error)
       class(group_type), intent(inout) :: self
       type(error_type), allocatable, intent(out) :: error
@@ -47,7 +47,7 @@ contains
       if (allocated(self%error)) call move_alloc(self%error, error)
    end subroutine take_error
 
-   !> A number, a logical or a text.
+   !> Writes an attribute: a number, a logical or a text.
    subroutine attribute(self, name, value)
       class(group_type), intent(inout) :: self
       character(*), intent(in) :: name
@@ -57,7 +57,7 @@ contains
          call write_attribute(self%file, self%path, name, value, self%error)
    end subroutine attribute
 
-   !> A whole dataset of any rank.
+   !> Writes a whole dataset of any rank.
    subroutine put_reals(self, name, values, label)
       class(group_type), intent(inout) :: self
       character(*), intent(in) :: name
@@ -69,7 +69,7 @@ contains
       end if
    end subroutine put_reals
 
-   !> The same for an array that may not be allocated: then nothing is written.
+   !> Writes a whole dataset of any rank, where `values` is allocated.
    subroutine put_allocated(self, name, values, label)
       class(group_type), intent(inout) :: self
       character(*), intent(in) :: name
@@ -90,7 +90,7 @@ contains
       end if
    end subroutine put_integers
 
-   !> A scalar, and beside it its standard error where it has one.
+   !> Writes a scalar, and beside it its standard error where it has one.
    subroutine put_value(self, name, value, units, long_name, standard_error)
       class(group_type), intent(inout) :: self
       character(*), intent(in) :: name, units, long_name
@@ -107,7 +107,7 @@ contains
       call self%put(name//'_error', standard_error, label)
    end subroutine put_value
 
-   !> The axis of the columns that follow: its rows are counted from 1.
+   !> Writes the axis of the columns that follow; rows are counted from 1.
    subroutine start_table(self, axis, n_rows, long_name)
       class(group_type), intent(inout) :: self
       character(*), intent(in) :: axis, long_name
@@ -125,7 +125,7 @@ contains
       call self%put(name, values, label_type(units, long_name, trim(self%axis)))
    end subroutine real_column
 
-   !> Column of numbers, or of flags, which are 0 or 1: without a unit.
+   !> Writes a column of whole numbers, or of flags 0 and 1, without a unit.
    subroutine integer_column(self, name, values, long_name)
       class(group_type), intent(inout) :: self
       character(*), intent(in) :: name, long_name

@@ -204,7 +204,7 @@ contains
       call refuse_foreign(file%path, error)
    end subroutine require_program
 
-   !> A file that is not this program's to replace.
+   !> Refuses to replace a file that this program did not write.
    subroutine refuse_foreign(path, error)
       character(*), intent(in) :: path
       type(error_type), allocatable, intent(out) :: error

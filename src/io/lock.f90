@@ -61,7 +61,8 @@ contains
       call begin(output, .false., lock, error)
    end subroutine take_lock
 
-   !> A place among the runs that share; refused by name while a run alone holds the lock.
+   !> Takes a place among the runs that share an output; refused by name while a run holds it
+   !> alone.
    subroutine join_lock(output, lock, error)
       character(*), intent(in) :: output
       type(lock_type), intent(out) :: lock
@@ -107,7 +108,7 @@ contains
       end if
    end subroutine obtain
 
-   !> One of some places that follow from the process number: that all are others' is beyond belief.
+   !> True if one of 64 places that follow from the process number could be locked.
    function takes_a_place(lock) result(is_taken)
       type(lock_type), intent(in) :: lock
       logical :: is_taken
@@ -197,7 +198,7 @@ contains
       is_ours = takes(self, n_places + int(number, c_long), one_byte)
    end function claim
 
-   !> A piece of work that was claimed is done, or left to others.
+   !> Releases claimed work that is done or left to other runs.
    subroutine give_back(self, number)
       class(lock_type), intent(in) :: self
       integer(long), intent(in) :: number
@@ -239,7 +240,7 @@ contains
       lock%stream = c_null_ptr
    end subroutine close_lock
 
-   !> A full disk only costs the name of the holder.
+   !> Writes the holder's name into the lock file. A full disk costs only the name.
    subroutine write_name(lock)
       type(lock_type), intent(inout) :: lock
       integer(c_int) :: status
@@ -292,7 +293,7 @@ contains
       if (stands_at(lock, first)) status = c_lockf(c_fileno(lock%stream), command, length)
    end function lock_at
 
-   !> Sets the place from which lockf counts.
+   !> True if the place from which lockf counts could be set.
    function stands_at(lock, place)
       type(lock_type), intent(in) :: lock
       integer(c_long), intent(in) :: place   !! byte, from 0
@@ -302,8 +303,8 @@ contains
       stands_at = c_lseek(c_fileno(lock%stream), place, from_the_start) == place
    end function stands_at
 
-   !> True while the path leads to the file that was locked, with this run's name in it. A run that
-   !> shares bears with the names of others.
+   !> True if the path leads to the file that was locked, with this run's name in it. A run that
+   !> shares accepts the names of others.
    function is_ours(lock)
       type(lock_type), intent(in) :: lock
       logical :: is_ours
@@ -331,7 +332,7 @@ contains
       is_same_file = all(opened(place_words) == named(place_words))
    end function is_same_file
 
-   !> By what a file is known to be the same and unchanged; zeros where there is none.
+   !> Numbers by which a file is known to be the same and unchanged; zeros where there is none.
    function content_of(path) result(content)
       character(*), intent(in) :: path
       integer(c_long) :: content(size(content_words))

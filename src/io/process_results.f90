@@ -47,7 +47,7 @@ module io_process_results
 
 contains
 
-   !> A solved process, or a refused one with its reason.
+   !> Writes a solved process, or a refused one with its reason.
    subroutine write_process(writer, number, model, error, realizations)
       type(results_writer), intent(in) :: writer
       integer, intent(in) :: number
@@ -63,7 +63,7 @@ contains
       call group%take_error(error)
    end subroutine write_process
 
-   !> All that was found; not the request.
+   !> Writes everything that was found for a process; the request is written apart.
    subroutine write_solution(group, model, is_sealed)
       type(group_type), intent(inout) :: group
       type(process_model_type), intent(in) :: model
@@ -78,7 +78,7 @@ contains
       group = visitor%group
    end subroutine write_solution
 
-   !> All that write_solution was given; the request is known.
+   !> Reads everything that write_solution wrote; the request is known.
    subroutine read_solution(file, group, model, error)
       type(hdf5_file), intent(in) :: file
       character(*), intent(in) :: group
@@ -200,7 +200,7 @@ contains
       call self%group%attribute(trim(what%name), value)
    end subroutine put_seconds
 
-   !> An axis, once in a group.
+   !> Writes an axis, once in a group.
    subroutine put_axis(self, axis, n)
       class(writing_visitor), intent(inout) :: self
       type(axis_type), intent(in) :: axis

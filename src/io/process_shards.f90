@@ -21,8 +21,8 @@ module io_process_shards
 
 contains
 
-   !> A process that is solved, or refused with its reason; on the disk when this returns without
-   !> error.
+   !> Stores a process that is solved, or refused with its reason. It is on the disk when this
+   !> returns without error.
    subroutine keep_process(store, number, model, error)
       type(shard_store), intent(in) :: store
       integer, intent(in) :: number   !! of the process
@@ -44,7 +44,7 @@ contains
       call finish_file(store, shard_name(number), file, error)
    end subroutine keep_process
 
-   !> The processes that a store has. One that is another scene's, another program's, or damaged is
+   !> Reads the processes that a store has. One of another scene or program, or a damaged one, is
    !> refused by name.
    subroutine read_kept(store, models, is_kept, error)
       type(shard_store), intent(in) :: store

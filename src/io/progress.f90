@@ -26,7 +26,7 @@ module io_progress
 
 contains
 
-   !> From here time is counted; what an earlier run has done does not enter the rate.
+   !> Starts the clock; work of an earlier run does not enter the rate.
    subroutine start(self, total, done_before, noun)
       class(progress_type), intent(inout) :: self
       integer, intent(in) :: total, done_before   !! samples

@@ -143,7 +143,7 @@ contains
       call group%take_error(error)
    end subroutine write_structure
 
-   !> Entries of a matrix that are not zero, row by row.
+   !> Writes the nonzero entries of a matrix, row by row.
    subroutine write_entries(group, name, unit, matrix)
       type(group_type), intent(inout) :: group
       character(*), intent(in) :: name, unit

@@ -34,7 +34,7 @@ module io_shards
 
 contains
 
-   !> One finished block as a shard.
+   !> Writes a finished block as a shard.
    subroutine write_one(store, block, error)
       type(shard_store), intent(in) :: store
       type(block_result), intent(inout), target :: block   !! left as it was
@@ -45,8 +45,8 @@ contains
       call write_several(store, blocks, error)
    end subroutine write_one
 
-   !> Finished blocks, consecutive samples of a case, as one shard: on the disk when this returns
-   !> without error.
+   !> Writes finished blocks, consecutive samples of a case, as one shard. It is on the disk when
+   !> this returns without error.
    subroutine write_several(store, blocks, error)
       type(shard_store), intent(in) :: store
       type(block_result), intent(inout) :: blocks(:)   !! left as they were
@@ -109,7 +109,7 @@ contains
       has_shard = exists(store%folder//'/'//shard_name(case_number, first_sample, n_samples))
    end function has_shard
 
-   !> The shards of a store by their names alone; a file that is none is refused by name.
+   !> Lists the shards of a store by their names; a file that is none is refused by name.
    subroutine list_shards(store, shards, error)
       type(shard_store), intent(in) :: store
       type(shard_type), allocatable, intent(out) :: shards(:)
@@ -142,7 +142,7 @@ contains
       call read_shard(store, shard, block, error)
    end subroutine verify_shard
 
-   !> All that a shard holds, verified as verify_shard does.
+   !> Reads a whole shard and verifies it as verify_shard does.
    subroutine read_shard(store, shard, block, error)
       type(shard_store), intent(in) :: store
       type(shard_type), intent(in) :: shard
@@ -162,7 +162,7 @@ contains
       if (allocated(error)) error%message = error%message//advice
    end subroutine read_shard
 
-   !> The blocks that make up a shard.
+   !> Reads the numbers of samples and the checksums of the blocks of a shard.
    subroutine read_list_of_blocks(file, n_all, n_samples, checksum, error)
       type(hdf5_file), intent(in) :: file
       integer, intent(in) :: n_all   !! samples of the shard
@@ -201,7 +201,7 @@ contains
       end do
    end subroutine compare_checksums
 
-   !> A shard whose header is as its name and the store have it.
+   !> Opens a shard and compares its header with its name and store.
    subroutine open_shard(store, shard, file, block, error)
       type(shard_store), intent(in) :: store
       type(shard_type), intent(in) :: shard

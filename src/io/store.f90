@@ -32,7 +32,8 @@ contains
       store%identity = identity
    end function new_store
 
-   !> A file to be filled, which says whose it is, under another name until it is whole.
+   !> Creates a file with the store's identity under a temporary name; finish_file gives it its
+   !> own.
    subroutine start_file(store, name, file, error)
       type(shard_store), intent(in) :: store
       character(*), intent(in) :: name   !! without the folder
@@ -68,8 +69,8 @@ contains
       if (allocated(error)) call file%abandon()
    end subroutine open_own
 
-   !> The file is on the disk under its name when this returns without error; after one, met here or
-   !> while it was filled, nothing is left of it.
+   !> Closes the file and gives it its name; it is on the disk when this returns without error.
+   !> After an error, met here or while it was filled, removes it.
    subroutine finish_file(store, name, file, error)
       type(shard_store), intent(in) :: store
       character(*), intent(in) :: name

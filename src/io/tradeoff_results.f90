@@ -16,7 +16,7 @@ module io_tradeoff_results
 
 contains
 
-   !> One row per setting.
+   !> Writes one row per setting.
    subroutine write_settings(writer, plan, rows, n_short, seconds_per_ns, error)
       type(results_writer), intent(in) :: writer
       type(plan_type), intent(in) :: plan
@@ -108,7 +108,7 @@ contains
       call group%take_error(error)
    end subroutine write_spectra
 
-   !> Other numbers of samples and steps.
+   !> Writes the errors and costs at other numbers of samples and steps.
    subroutine write_sizes(writer, rows, error)
       type(results_writer), intent(in) :: writer
       type(size_row), intent(in) :: rows(:)

@@ -13,8 +13,9 @@ module numerics_exponential
 
 contains
 
-   !> Values at t = 1/2 and t = 1. Power series for t = 2^-s, s >= 1, where |A| t <= 1/2, then
-   !> doubled: J_k(2t) = J_k(t) + exp(A t) sum_i binomial(k, i) t^(k - i) J_i(t).
+   !> Computes exp(A t) and J_k(t) at t = 1/2 and t = 1. Power series for t = 2^-s, s >= 1, where
+   !> |A| t <= 1/2, then doubled: J_k(2t) = J_k(t) + exp(A t) sum_i binomial(k, i) t^(k - i)
+   !> J_i(t).
    pure subroutine find_exponential(a, b, last_moment, half, full)
       real(wp), intent(in) :: a(:, :)      !! (n, n)
       real(wp), intent(in) :: b(:, :)      !! (n, column)

@@ -310,8 +310,8 @@ contains
          error stop 'minimization_problem: constraints without a rule'
    end subroutine no_constraints
 
-   !> Neither infinite nor a NaN, by its exponent: a comparison would trap, and ieee_arithmetic
-   !! saves and restores the processor's traps around every procedure that sees it.
+   !> True if x is neither infinite nor a NaN, judged by its exponent: a comparison would trap, and
+   !> ieee_arithmetic saves and restores the processor's traps around every procedure that sees it.
    elemental function is_finite(x) result(is_so)
       real(wp), intent(in) :: x
       logical :: is_so

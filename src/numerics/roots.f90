@@ -10,7 +10,7 @@ module numerics_roots
 
 contains
 
-   !> All roots of x**n + sum c_q x**(n-q), by descending modulus, conjugates together.
+   !> Finds all roots of x**n + sum c_q x**(n-q), by descending modulus, conjugates together.
    !!
    !! Eigenvalues of the companion matrix, or at high degree all roots together, each polished by
    !! Newton steps that lower the polynomial's value.
@@ -44,8 +44,8 @@ contains
       call sort_by_modulus(roots)
    end subroutine find_polynomial_roots
 
-   !> Newton steps while they lower |p|; of a conjugate pair the upper root is polished and
-   !! mirrored.
+   !> Polishes roots by Newton steps while these lower |p|; of a conjugate pair the upper root,
+   !> which is then mirrored.
    pure subroutine polish(coefficients, roots)
       real(wp), intent(in) :: coefficients(:)
       complex(wp), intent(inout) :: roots(:)

@@ -9,8 +9,8 @@ module numerics_simultaneous_roots
 
 contains
 
-   !> All roots of x**n + sum c_q x**(n-q), conjugates together, upper half first. `is_found` is
-   !! false where the sweeps did not converge, or the roots do not come in conjugate pairs.
+   !> Finds all roots of x**n + sum c_q x**(n-q), conjugates together, upper half first. `is_found`
+   !> is false where the sweeps did not converge, or the roots do not come in conjugate pairs.
    pure subroutine find_roots_together(coefficients, roots, is_found)
       real(wp), intent(in) :: coefficients(:)             !! c_q, q = 1..n; c_n not zero
       complex(wp), allocatable, intent(out) :: roots(:)   !! (n)
@@ -61,8 +61,8 @@ contains
       total = cmplx(re, im, wp)
    end function repulsion
 
-   !> p/p' at several points; outside the unit circle by the reversed polynomial, so that nothing
-   !! overflows.
+   !> Computes p/p' at several points; outside the unit circle by the reversed polynomial, so that
+   !> nothing overflows.
    pure subroutine newton_steps(coefficients, z, step, is_rounding)
       real(wp), intent(in) :: coefficients(:)
       complex(wp), intent(in) :: z(:)
@@ -129,8 +129,8 @@ contains
       if (.not. abs(z) > 0.0_wp) safe = tiny(1.0_wp)
    end function nonzero
 
-   !> On circles of the radii at which two terms of the polynomial balance: slopes of the upper hull
-   !! of ln |c_q|.
+   !> Points on circles of the radii at which two terms of the polynomial balance: slopes of the
+   !> upper hull of ln |c_q|.
    pure function starting_points(coefficients) result(z)
       real(wp), intent(in) :: coefficients(:)
       complex(wp) :: z(size(coefficients))

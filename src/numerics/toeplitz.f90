@@ -16,8 +16,9 @@ module numerics_toeplitz
 
 contains
 
-   !> Factor of the n by n matrix with entries `band(abs(i - j))`. Its rows tend to the coefficients
-   !! of the spectral factor; `is_positive` is false where the matrix is not positive definite.
+   !> Factors the n by n matrix with entries `band(abs(i - j))`. The factor's rows tend to the
+   !> coefficients of the spectral factor; `is_positive` is false where the matrix is not positive
+   !> definite.
    pure subroutine factor_banded_toeplitz(band, n, factor, is_positive)
       real(wp), intent(in) :: band(0:)
       integer, intent(in) :: n

@@ -120,9 +120,10 @@ contains
       allocate (blank%influence(n, n_out), source=0.0_wp)
    end function blank_estimates
 
-   !> The share of plain sampling with the least variance, and at least `least`; all of it where
-   !> plain sampling has no error. Both are estimates of the same samples, correlated as their
-   !> influences are; plain sampling may have further ones behind, whose samples have the tail.
+   !> Blends surrogate and plain estimates with the plain share of least variance, at least
+   !> `least`; 1 where plain sampling has no error. Both estimates are of the same samples,
+   !> correlated as their influences are; the plain one may have further samples at the end, which
+   !> belong to no surrogate.
    pure subroutine blend(surrogate, plain, least, both, share)
       type(estimates_type), intent(in) :: surrogate, plain
       real(wp), intent(in) :: least(:)               !! (output) share of plain

@@ -35,7 +35,7 @@ module statistics_influences
 
 contains
 
-   !> The kernel of a surrogate at the points of a law.
+   !> Computes the kernel of a surrogate at the points of a law.
    subroutine view_law(surrogate, law, first, last, view)
       type(surrogate_type), intent(in) :: surrogate
       type(law_type), intent(in) :: law
@@ -90,7 +90,8 @@ contains
       excess = sqrt([1.0_wp + sqrt(kappa)*(factor(1) - 1.0_wp), factor(2)])
    end function excess_of
 
-   !> Weights of the samples' residuals in averages of G: constant/n + sum_k V_ik s_k average_k.
+   !> Computes the weights of the samples' residuals in averages of G, constant/n + sum_k V_ik s_k
+   !> average_k.
    subroutine find_weights(surrogate, fit, average, constant, weight)
       type(surrogate_type), intent(in) :: surrogate
       type(fit_type), intent(in) :: fit

@@ -34,7 +34,7 @@ contains
       kernel%length = length
    end function new_kernel
 
-   !> k(x, x') for all pairs.
+   !> Computes k(x, x') for all pairs.
    subroutine kernel_rows(kernel, x, x_prime, rows)
       type(kernel_type), intent(in) :: kernel
       real(wp), intent(in), contiguous :: x(:, :)         !! (point, input)
@@ -90,8 +90,8 @@ contains
       matern = (1.0_wp + s*(1.0_wp + third*s))*series
    end function matern
 
-   !> One input's part: exp(-rate |x - x'|) is one of the products of an exponential that grows and
-   !> one that falls.
+   !> Adds the part of one input. exp(-rate |x - x'|) is a product of a growing and a falling
+   !> exponential.
    pure subroutine add_function_of_one(share, x, grown, shrunk, x_prime, rate, row)
       real(wp), intent(in) :: share
       real(wp), intent(in) :: x(:)                   !! (point)

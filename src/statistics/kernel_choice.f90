@@ -93,7 +93,7 @@ contains
       end do
    end subroutine standardise
 
-   !> Coefficients of a linear ridge regression.
+   !> Finds the coefficients of a linear ridge regression.
    subroutine find_slopes(x, y, slope, error)
       real(wp), intent(in), contiguous :: x(:, :), y(:, :)   !! (sample, input or output)
       real(wp), intent(out), contiguous :: slope(:, :)       !! (input, output)
@@ -109,7 +109,7 @@ contains
       call solve_positive_definite(square, slope, error)
    end subroutine find_slopes
 
-   !> First left singular vector of the slopes.
+   !> Finds the first left singular vector of the slopes.
    subroutine find_direction(slope, direction, error)
       real(wp), intent(in), contiguous :: slope(:, :)   !! (input, output)
       real(wp), allocatable, intent(out) :: direction(:)
@@ -123,7 +123,8 @@ contains
       direction = square(:, size(eigenvalue))
    end subroutine find_direction
 
-   !> Mean over the outputs of the logarithm of the least mean square of leave-one-out residuals.
+   !> Computes the score of a kernel: mean over outputs of log(least mean square of leave-one-out
+   !> residuals).
    subroutine judge(kernel, x, outputs, score, error)
       type(kernel_type), intent(in) :: kernel
       real(wp), intent(in), contiguous :: x(:, :), outputs(:, :)   !! (sample, input or output)

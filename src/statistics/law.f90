@@ -67,7 +67,7 @@ contains
       draws%mean = draws%mean/n
    end subroutine keep_draws
 
-   !> At most n_points of the draws.
+   !> Chooses at most n_points of the draws, evenly along a direction.
    subroutine choose_points(draws, direction, n_points, law, error)
       type(draws_type), intent(in) :: draws
       real(wp), intent(in) :: direction(:)      !! (input)
@@ -149,7 +149,7 @@ contains
                                     + 1.0_wp/law%n_independent))
    end function error_share
 
-   !> Independent draws that each point is worth for the mean of a function.
+   !> Computes how many independent draws each point is worth for the mean of a function.
    subroutine efficiency_of(law, values, efficiency, error)
       type(law_type), intent(in) :: law
       real(wp), intent(in) :: values(:)   !! (point) of the function
@@ -171,7 +171,8 @@ contains
       if (variance > 0.0_wp) efficiency = variance/max(between, variance/most_efficient)
    end subroutine efficiency_of
 
-   !> Equal weights where the others would not all be positive.
+   !> Computes the weights of the points that keep the means of the polynomials; equal weights
+   !> unless all are positive.
    subroutine weigh(mean, law, error)
       real(wp), intent(in) :: mean(:)   !! (polynomial) to be kept
       type(law_type), intent(inout) :: law
@@ -206,7 +207,7 @@ contains
          count_polynomials = count_polynomials + n_inputs*(n_inputs - 1)/2
    end function count_polynomials
 
-   !> 1, x_j, x_j^2, x_j^3, x_i x_j.
+   !> Computes the polynomials 1, x_j, x_j^2, x_j^3, x_i x_j at each point.
    pure subroutine find_polynomials(x, b)
       real(wp), intent(in) :: x(:, :)                !! (point, input)
       real(wp), allocatable, intent(out) :: b(:, :)  !! (point, polynomial)

@@ -8,8 +8,8 @@ module statistics_percentiles
 
 contains
 
-   !> The value below which the weight p lies: linear between points, each at the middle of its
-   !> weight. `near`: the points within half_width of p, in weight.
+   !> Finds the value below which the weight p lies: linear between points, each at the middle of
+   !> its weight. `near`: the points within half_width of p, in weight.
    pure subroutine find_quantile(values, weight, p, half_width, quantile, near)
       real(wp), intent(in) :: values(:), weight(:)   !! (point), the weights' sum is 1
       real(wp), intent(in) :: p, half_width
@@ -44,8 +44,8 @@ contains
       near = places(first:max(first, last))
    end subroutine find_quantile
 
-   !> The places of the values that have the weights between `low` and `high`, and of some around;
-   !> the weight below them. Some of the values, sorted, tell where to look.
+   !> Finds the places of the values whose cumulative weight is between `low` and `high`, and of a
+   !> few around them; `below` is the weight under them. Looks where a sorted subset points to.
    pure subroutine narrow(values, weight, total, low, high, places, below)
       real(wp), intent(in) :: values(:), weight(:)
       real(wp), intent(in) :: total       !! of the weights

@@ -59,7 +59,7 @@ contains
       end do
    end subroutine standardise
 
-   !> Draws of the law of a case.
+   !> Adds draws of the law of a case.
    subroutine add_law(self, number, friction, n_independent)
       class(pool_type), intent(inout) :: self
       integer, intent(in) :: number            !! of the case

@@ -27,7 +27,7 @@ module statistics_regression
 
 contains
 
-   !> Mean of G.
+   !> Estimates the mean by that of G.
    subroutine law_mean(surrogate, fit, view, values, estimate)
       type(surrogate_type), intent(in) :: surrogate
       type(fit_type), intent(in) :: fit
@@ -51,8 +51,8 @@ contains
       end do
    end subroutine law_mean
 
-   !> Standard deviation: that of G and of the case's own residuals; half of what they add is
-   !> allowed for as bias.
+   !> Estimates the standard deviation by that of G plus the case's own residuals; half of what
+   !> they add is allowed for as bias.
    subroutine law_deviation(surrogate, fit, view, values, estimate)
       type(surrogate_type), intent(in) :: surrogate
       type(fit_type), intent(in) :: fit
@@ -94,8 +94,8 @@ contains
       end do
    end subroutine law_deviation
 
-   !> Percentile: half way between that of G and that of G plus residuals of samples predicted near
-   !> it; half of their difference is allowed for as bias.
+   !> Estimates a percentile half way between that of G and that of G plus residuals of samples
+   !> predicted near it; half of their difference is allowed for as bias.
    subroutine law_percentile(surrogate, fit, view, values, p, estimate)
       type(surrogate_type), intent(in) :: surrogate
       type(fit_type), intent(in) :: fit
@@ -207,8 +207,8 @@ contains
       end do
    end function places_of_least
 
-   !> Mean of y = exp(output): between the mean of exp(G) and the ratio estimate from it, with half
-   !> of their difference as bias.
+   !> Estimates the mean of y = exp(output) half way between the mean of exp(G) and the ratio
+   !> estimate from it, with half of their difference as bias.
    subroutine law_mean_of_exponential(surrogate, fit, view, values, y, estimate)
       type(surrogate_type), intent(in) :: surrogate
       type(fit_type), intent(in) :: fit

@@ -35,9 +35,9 @@ module statistics_scalars
 
 contains
 
-   !> Several numbers of the samples, of every case of a pool: amounts and fractions, none negative.
-   !> For percentiles the root of an amount is fitted, and the angle asin(sqrt(y)) of a fraction.
-   !> Only the first number has sensitivities, the others zeros.
+   !> Estimates several numbers of the samples, amounts and fractions, none negative, for every
+   !> case of a pool. For percentiles fits the root of an amount and the angle asin(sqrt(y)) of a
+   !> fraction. Only the first number has sensitivities, the others zeros.
    subroutine estimate_scalars(pool, y, is_fraction, share_below, plain, estimates, error)
       type(pool_type), intent(in) :: pool
       real(wp), intent(in) :: y(:, :)                 !! (sample, number)

@@ -18,8 +18,9 @@ module statistics_sensitivity
 
 contains
 
-   !> With u = A'W G, b = (A'W A)^-1 u: Cov(f_j, G) = sum of u b over the polynomials of input j,
-   !> and what leaving out a sample does to u is that to the coefficients of the features.
+   !> Computes the sensitivities. With u = A'W G, b = (A'W A)^-1 u: Cov(f_j, G) is the sum of u b
+   !> over the polynomials of input j. Leaving out a sample changes u as it changes the
+   !> coefficients of the features.
    subroutine find_sensitivity(surrogate, fit, view, law, values, deviation, share, share_error, &
                                error)
       type(surrogate_type), intent(in) :: surrogate

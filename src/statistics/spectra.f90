@@ -195,8 +195,8 @@ contains
          end do
       end subroutine estimate_percentiles
 
-      !> The value of an integral, its error and ratio. The error is that of the side to which the
-      !> interval reaches farther.
+      !> Computes the value of an integral, its error and its ratio of errors. The error is that of
+      !> the wider side of the interval.
       pure subroutine close_integral(number, efficiency, integral, value, stated, ratio)
          integer, intent(in) :: number
          real(wp), intent(in) :: efficiency
@@ -209,7 +209,8 @@ contains
          stated = stated*max(1.0_wp, maxval(stretch_of(integral)))
       end subroutine close_integral
 
-      !> The last percentile's integral over the first one's; errors are those of its logarithm.
+      !> Computes the ratio of the last percentile's integral to the first one's; errors are those
+      !> of its logarithm.
       pure subroutine find_ratio(number, bottom, top, best)
          integer, intent(in) :: number
          type(integral_type), intent(in) :: bottom, top

@@ -98,7 +98,7 @@ contains
       end associate
    end subroutine find_features
 
-   !> k(landmark, x) at points or samples.
+   !> Computes k(landmark, x) at points or samples.
    subroutine rows_of(surrogate, x, rows)
       type(surrogate_type), intent(in) :: surrogate
       real(wp), intent(in), contiguous :: x(:, :)         !! (point, input) standardised
@@ -130,7 +130,8 @@ contains
       end do
    end subroutine centre_columns
 
-   !> The leading eigenvectors, the largest first; a centred matrix has one less than it has rows.
+   !> Finds the leading eigenvectors, largest eigenvalue first; a centred matrix has one fewer than
+   !> rows.
    subroutine find_leading(matrix, vector, eigenvalue, error)
       real(wp), intent(inout), contiguous :: matrix(:, :)   !! symmetric; on return of no use
       real(wp), allocatable, intent(out) :: vector(:, :)    !! (row, eigenvalue)
@@ -216,7 +217,8 @@ contains
       call find_pair_leverages(surrogate, leverage, fit)
    end subroutine fit_outputs
 
-   !> h_ij = 1/n + sum_k s_k V_ik V_jk: what sample j adds to the fit at sample i.
+   !> Computes the pair leverages h_ij = 1/n + sum_k s_k V_ik V_jk: what sample j adds to the fit
+   !> at sample i.
    subroutine find_pair_leverages(surrogate, leverage, fit)
       type(surrogate_type), intent(in) :: surrogate
       real(wp), intent(in) :: leverage(:, :)   !! (sample, output)
@@ -268,7 +270,7 @@ contains
       end do
    end subroutine average_features
 
-   !> G at points of the law.
+   !> Computes G at points of the law.
    subroutine predict(surrogate, fit, rows, values)
       type(surrogate_type), intent(in) :: surrogate
       type(fit_type), intent(in) :: fit

@@ -298,7 +298,7 @@ contains
       if (allocated(rule)) reader%rule = printable(trim(word))//': '//rule
    end subroutine parse_value
 
-   !> On to the next line that is neither blank nor a comment; false at the end of the file.
+   !> True if another line that is neither blank nor a comment follows; moves to it.
    logical function advance(reader)
       type(reader_type), intent(inout) :: reader
       integer :: start

@@ -143,7 +143,7 @@ contains
       transitions = real(sum(result%slip_starts + result%stick_starts), wp)/sample_steps
    end subroutine time_block
 
-   !> A measurement is short.
+   !> True if the march is to stop: never, a measurement is short.
    logical function never()
       never = .false.
    end function never

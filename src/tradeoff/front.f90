@@ -123,7 +123,7 @@ contains
       end if
    end function cheapest
 
-   !> The measured error and twice its standard error are within what is wanted.
+   !> True if the measured error plus twice its standard error is within what is wanted.
    elemental logical function keeps(row, slip_points, band_ratio)
       type(setting_row), intent(in) :: row
       real(wp), intent(in) :: slip_points, band_ratio   !! 0: not wanted

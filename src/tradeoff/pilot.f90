@@ -115,7 +115,7 @@ contains
       end do
    end function sparsest_allowed
 
-   !> A pilot is short.
+   !> True if the march is to stop: never, a pilot is short.
    logical function never()
       never = .false.
    end function never

@@ -27,8 +27,8 @@ module tradeoff_process_settings
 
 contains
 
-   !> Rows of every kind of process in the plan, orders ascending; orders without a solution have no
-   !> row, as laws of reference.
+   !> Compares the orders of every kind of process in the plan, a row for each, orders ascending.
+   !> Orders without a solution and laws of reference have no row.
    subroutine compare_orders(plan, rows)
       type(plan_type), intent(in) :: plan
       type(order_row), allocatable, intent(out) :: rows(:)
@@ -45,7 +45,7 @@ contains
       end do
    end subroutine compare_orders
 
-   !> Differ in order, mean, scatter or sign at most.
+   !> True if two processes differ at most in order, mean, std or sign.
    elemental logical function same_kind(a, b)
       type(process_request), intent(in) :: a, b
 
@@ -54,7 +54,8 @@ contains
                   .and. abs(a%second_length - b%second_length) <= 0.0_wp
    end function same_kind
 
-   !> Signs are searched among 2^m_max sequences where L1 > 1 is imposed on the direct method.
+   !> Highest order; where L1 > 1 is imposed on the direct method it gives 2^m_max sequences of
+   !> signs.
    pure integer function highest(request)
       type(process_request), intent(in) :: request
 

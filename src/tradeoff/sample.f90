@@ -63,7 +63,7 @@ contains
       end do
    end subroutine choose_levels
 
-   !> Samples 1 of the cases in turn, then samples 2, ... until the block is full.
+   !> Fills a block with samples 1 of the cases in turn, then samples 2, ...
    pure subroutine deal(n_samples, cases, width, level)
       integer, intent(in) :: n_samples(:)   !! (case)
       integer, intent(in) :: cases(:), width
@@ -231,7 +231,7 @@ contains
       end associate
    end function stretch
 
-   !> From a first to a last value in equal steps; both ends as they are.
+   !> Numbers from a first to a last one in equal steps; both ends exact.
    pure function between(first, last, parts) result(values)
       real(wp), intent(in) :: first, last
       integer, intent(in) :: parts

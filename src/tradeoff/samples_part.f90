@@ -36,8 +36,8 @@ contains
       end do
    end function part_of_samples
 
-   !> Where each sample has its own record, the scatter over samples of a short march holds its time
-   !> average too: that of a sample [points]; else 0.
+   !> Time-average error of one sample [points] where each has its own record, as the scatter over
+   !> samples of a short march holds it too; else 0.
    pure real(wp) function noise_of_one(tradeoff, time_slip, n_steps)
       type(tradeoff_type), intent(in) :: tradeoff
       real(wp), intent(in) :: time_slip

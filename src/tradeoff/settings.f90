@@ -24,7 +24,7 @@ module tradeoff_settings
 
 contains
 
-   !> A hundred times tighter than the best that is compared.
+   !> Setting a hundred times tighter than the best that is compared.
    pure function reference_setting() result(setting)
       type(setting_type) :: setting
 
@@ -63,8 +63,9 @@ contains
          settings = [settings, own_setting(plan)]
    end function settings_at_dt
 
-   !> The same, and Newmark's scheme with steps of 1/2 to 1/16 of the scene's, under the same force;
-   !> where `can_skip`, also both methods with every second value of the force.
+   !> Settings at the scene's dt, and Newmark's scheme with steps of 1/2 to 1/16 of the scene's
+   !> under the same force; where `can_skip`, also both methods with every second value of the
+   !> force.
    pure function all_settings(plan, can_skip) result(settings)
       type(plan_type), intent(in) :: plan
       logical, intent(in) :: can_skip

@@ -227,7 +227,7 @@ contains
       tradeoff%tasks = [tradeoff%tasks, tasks]
    end subroutine list_tasks
 
-   !> A variant has a solution, and a case at this level.
+   !> True if a variant has a solution, and a case at this level.
    pure logical function can_be_marched(tradeoff, task)
       type(tradeoff_type), intent(in) :: tradeoff
       type(task_type), intent(in) :: task
@@ -279,7 +279,7 @@ contains
       all_single = all([(size(levels(k)%sample) == 1, k=1, size(levels))])
    end function all_single
 
-   !> Cases with drawn friction, evenly among all where they are many.
+   !> Chooses cases with drawn friction, evenly among all where they are many.
    pure subroutine choose_cases(tradeoff)
       type(tradeoff_type), intent(inout) :: tradeoff
       integer, allocatable :: random(:)
@@ -397,7 +397,7 @@ contains
       call draw_case(self, case_of(self, task), self%n_wide, n_steps, models, level, error)
    end subroutine draw_variant
 
-   !> Samples 1 to n of a case, as a level of force of their own.
+   !> Draws samples 1 to n of a case as a force level of their own.
    subroutine draw_case(self, case_number, n, n_steps, models, level, error)
       type(tradeoff_type), intent(in) :: self
       integer, intent(in) :: case_number, n, n_steps

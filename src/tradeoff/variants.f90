@@ -53,7 +53,7 @@ contains
                                                      tiny(1.0_wp)), 1, mask=is_candidate)
    end function representative
 
-   !> Differ in order, mean or scatter at most.
+   !> True if two processes differ at most in order, mean or std, so that one variant serves both.
    pure logical function drawn_alike(a, b)
       type(process_request), intent(in) :: a, b
 

@@ -53,7 +53,7 @@ contains
 
    contains
 
-      !> A value for each dof, or one for all.
+      !> Visits a list with a value for each dof, or one for all.
       subroutine visit_list(list, default)
          real(wp), allocatable, intent(inout) :: list(:)
          real(wp), intent(in) :: default(:)

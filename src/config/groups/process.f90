@@ -115,7 +115,7 @@ contains
 
    contains
 
-      !> A list that must be given, but where samples are.
+      !> Visits a list that must be given unless the process has samples instead of a law.
       subroutine visit_list(list)
          real(wp), allocatable, intent(inout) :: list(:)
 

@@ -13,7 +13,7 @@ module config_text_conversion
 
 contains
 
-   !> `rule` is allocated when the token is refused.
+   !> Converts a token to a whole number that its entry admits; else `rule` says why not.
    pure subroutine convert_integer(text, entry, limit, value, rule)
       character(*), intent(in) :: text
       type(entry_type), intent(in) :: entry
@@ -26,7 +26,7 @@ contains
       if (.not. entry%rule%admits(real(value, wp))) rule = 'must be '//entry%rule%text()
    end subroutine convert_integer
 
-   !> A number within the rule of its entry; `rule` tells what it breaks.
+   !> Converts a token to a number that its entry admits; else `rule` says why not.
    pure subroutine convert_real(text, entry, value, rule)
       character(*), intent(in) :: text
       type(entry_type), intent(in) :: entry
@@ -38,7 +38,8 @@ contains
       if (.not. entry%rule%admits(value)) rule = 'must be '//entry%rule%text()
    end subroutine convert_real
 
-   !> Text in quotes; on the command line, where the shell takes them away, also without.
+   !> Converts a token to text. Quotes are needed in a file but not on the command line, where the
+   !> shell takes them away.
    pure subroutine convert_text(document, slot, value, rule)
       type(document_type), intent(in) :: document
       integer, intent(in) :: slot   !! into document%tokens
@@ -53,7 +54,7 @@ contains
       end associate
    end subroutine convert_text
 
-   !> One of the entry's choices, in any case.
+   !> Converts a token to one of the entry's choices, in any case.
    pure subroutine convert_choice(document, slot, entry, value, rule)
       type(document_type), intent(in) :: document
       integer, intent(in) :: slot   !! into document%tokens

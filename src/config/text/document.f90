@@ -94,7 +94,7 @@ contains
       self%assignments(self%n_assignments) = assignment
    end subroutine append
 
-   !> Is the i-th assignment one to this name of this group?
+   !> True if the i-th assignment is one to this name of this group.
    pure logical function is_for(self, i, block, name)
       class(document_type), intent(in) :: self
       integer, intent(in) :: i, block
@@ -155,7 +155,7 @@ contains
          hint = ' (commas separate values: decimals follow a point)'
    end function comma_hint
 
-   !> Do token i and those behind it read digits, comma, digit, without a blank?
+   !> True if token i and those behind it read digits, comma, digit, without a blank.
    pure logical function has_comma_inside(self, i)
       class(document_type), intent(in) :: self
       integer, intent(in) :: i   !! into self%tokens, or beyond
@@ -171,7 +171,7 @@ contains
       end associate
    end function has_comma_inside
 
-   !> A complaint at a token, `file:line: what: rule`.
+   !> Adds a complaint at a token, `file:line: what: rule`.
    subroutine complain(self, token, what, rule, complaints)
       class(document_type), intent(in) :: self
       type(token_type), intent(in) :: token
@@ -201,7 +201,7 @@ contains
          hint = ' (it holds a non-breaking space, U+00A0: type a plain blank)'
    end function blank_hint
 
-   !> A complaint at a value, `file:line: group%name = value: rule`.
+   !> Adds a complaint at a value, `file:line: group%name = value: rule`.
    subroutine refuse(self, block, token, name, value, rule, complaints)
       class(document_type), intent(in) :: self
       integer, intent(in) :: block

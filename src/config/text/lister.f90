@@ -73,7 +73,7 @@ contains
       call self%add(entry, text, 'integer', is_list=.true.)
    end subroutine visit_integers
 
-   !> Where one value stands for all dofs, equal values are given as one.
+   !> Lists the values; equal values, where one stands for all dofs, as one.
    subroutine visit_reals(self, values, entry, default)
       class(lister_type), intent(inout) :: self
       real(wp), allocatable, intent(inout) :: values(:)
@@ -138,7 +138,7 @@ contains
       if (i == 1) text = ''
    end function separator
 
-   !> In quotes, those within doubled.
+   !> Text in quotes, those within doubled.
    pure function quoted(text)
       character(*), intent(in) :: text
       character(:), allocatable :: quoted

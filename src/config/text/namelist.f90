@@ -85,7 +85,8 @@ contains
       end associate
    end subroutine complain_unclosed
 
-   !> Token i belongs to no group; often a path or a quotient without quotes came before it.
+   !> Complains of token i, which belongs to no group. Often a path or a quotient without quotes
+   !> stands before it.
    subroutine complain_outside(document, i, complaints)
       type(document_type), intent(in) :: document
       integer, intent(in) :: i
@@ -101,7 +102,7 @@ contains
       end associate
    end subroutine complain_outside
 
-   !> name [(lower[:upper])] = values; leaves `i` on the token after them.
+   !> Parses `name [(lower[:upper])] = values`; leaves `i` on the token after them.
    subroutine parse_assignment(document, n, block, i, complaints)
       type(document_type), intent(inout) :: document
       integer, intent(in) :: n        !! the last token that may belong to it
@@ -129,7 +130,7 @@ contains
       if (is_valid) call document%append(assignment)
    end subroutine parse_assignment
 
-   !> (i) or (i:j); leaves `i` on the closing parenthesis, or on what is wrong.
+   !> Parses (i) or (i:j); leaves `i` on the closing parenthesis, or on what is wrong.
    pure subroutine parse_index(document, i, assignment, is_valid)
       type(document_type), intent(in) :: document
       integer, intent(inout) :: i   !! on the opening parenthesis
@@ -148,7 +149,7 @@ contains
       is_valid = document%tokens(i)%kind == token_right .and. assignment%upper >= assignment%lower
    end subroutine parse_index
 
-   !> A number from 1 to 9999.
+   !> Parses a whole number from 1 to 9999.
    pure subroutine parse_count(document, token, count, is_valid)
       type(document_type), intent(in) :: document
       type(token_type), intent(in) :: token
@@ -165,7 +166,7 @@ contains
       is_valid = count > 0
    end subroutine parse_count
 
-   !> Does a name stand here, with '=' behind it or behind its index?
+   !> True if a name stands here, with '=' behind it or behind its index.
    pure logical function begins_assignment(tokens, i)
       type(token_type), intent(in) :: tokens(:)
       integer, intent(in) :: i

@@ -44,7 +44,8 @@ contains
       end do
    end subroutine parse_overrides
 
-   !> group%name..., or group(number)%name... where there are several.
+   !> Parses `group%name = values`, or `group(number)%name = values` where there are several
+   !> groups.
    subroutine parse_override(document, first, last, complaints)
       type(document_type), intent(inout) :: document
       integer, intent(in) :: first, last   !! tokens
@@ -81,7 +82,8 @@ contains
       end if
    end subroutine parse_override
 
-   !> Into every group of that name, or the one of that number; a group that is absent is opened.
+   !> Adds an assignment to every group of that name, or to the one of that number. Opens a group
+   !> that is absent.
    subroutine apply_override(document, group, number, i, last, complaints)
       type(document_type), intent(inout) :: document
       type(token_type), intent(in) :: group

@@ -45,7 +45,7 @@ module config_text_reader
 
 contains
 
-   !> Before a group's table is visited.
+   !> Prepares the reader to visit a group's values.
    subroutine begin_group(self, group, number)
       class(reader_type), intent(inout) :: self
       character(*), intent(in) :: group
@@ -59,7 +59,8 @@ contains
       allocate (self%unused(0))
    end subroutine begin_group
 
-   !> After it: whatever was given and not visited has a name that the group does not know.
+   !> Complains of every name in the group that was given but not visited: the group does not know
+   !> it.
    subroutine end_group(self)
       class(reader_type), intent(inout) :: self
       character(name_length) :: nearest
@@ -110,8 +111,8 @@ contains
       end do
    end function longest_list
 
-   !> A rule between values: complains of `name` where it was given, else at its group.
-   !> A value that was refused already is not judged again.
+   !> Complains, unless the condition holds, of `name` where it was given, else of its group. A
+   !> value that was refused already is not judged again.
    subroutine require(self, condition, group, name, rule, default, number)
       class(reader_type), intent(inout) :: self
       logical, intent(in) :: condition
@@ -141,7 +142,8 @@ contains
       end if
    end subroutine require
 
-   !> A refused whole number becomes 0, so that no other one is judged by it.
+   !> Reads a single value. A refused whole number becomes 0, so that no other value is judged by
+   !> it.
    subroutine visit_value(self, value, entry)
       class(reader_type), intent(inout) :: self
       class(*), intent(inout) :: value
@@ -257,7 +259,7 @@ contains
       end do
    end subroutine visit_choices
 
-   !> The token of a single value; 0: its default.
+   !> Finds the token of a single value; 0: its default.
    subroutine gather_one(self, entry, slot)
       class(reader_type), intent(inout) :: self
       type(entry_type), intent(in) :: entry
@@ -272,7 +274,8 @@ contains
       if (size(slots) == 1) slot = slots(1)
    end subroutine gather_one
 
-   !> The token of each value of a list; 0: its default. Empty: refused, missing, or so by default.
+   !> Finds the token of each value of a list; 0: its default. Empty where the list is refused,
+   !> missing, or empty by default.
    subroutine gather(self, entry, default_size, slots)
       class(reader_type), intent(inout) :: self
       type(entry_type), intent(in) :: entry
@@ -303,7 +306,7 @@ contains
       self%unused = [self%unused, full_name]
    end subroutine gather
 
-   !> A complaint at one value.
+   !> Complains of one value.
    subroutine refuse_slot(self, slot, name, rule)
       class(reader_type), intent(inout) :: self
       integer, intent(in) :: slot   !! into document%tokens
@@ -318,7 +321,7 @@ contains
       end associate
    end subroutine refuse_slot
 
-   !> A complaint at a name, with all its values.
+   !> Complains of a name with all its values.
    subroutine refuse_assignment(self, block, assignment, rule)
       class(reader_type), intent(inout) :: self
       integer, intent(in) :: block, assignment

@@ -14,8 +14,8 @@ module config_text_slots
 
 contains
 
-   !> The token of each value, 0: its default; empty after a complaint.
-   !> The entry must be given at least once.
+   !> Finds the token of each value of an entry that is given at least once; 0: its default. Empty
+   !> after a complaint.
    subroutine find_slots(document, block, entry, default_size, slots, complaints)
       type(document_type), intent(in) :: document
       integer, intent(in) :: block
@@ -71,7 +71,7 @@ contains
 
    end subroutine find_slots
 
-   !> The value tokens of an assignment, repeats written out; empty after a complaint.
+   !> Lists the value tokens of an assignment with repeats written out; empty after a complaint.
    subroutine expand_values(document, given, values, complaints)
       type(document_type), intent(in) :: document
       type(assignment_type), intent(in) :: given

@@ -37,7 +37,8 @@ module config_text_tokens
 
 contains
 
-   !> All tokens in order. On the command line `/`, `!` and `&` are ordinary characters.
+   !> Splits a source into its tokens. On the command line `/`, `!` and `&` are ordinary
+   !> characters.
    subroutine tokenize(source, number, tokens)
       type(source_type), intent(in) :: source
       integer, intent(in) :: number                    !! 1: the scene file, 2: the --set options
@@ -130,7 +131,8 @@ contains
       end if
    end subroutine classify
 
-   !> The end of the text whose opening quote is at token%first; a doubled quote stands for one.
+   !> Finds the end of the text whose opening quote is at token%first; a doubled quote stands for
+   !> one.
    pure subroutine close_quote(text, token)
       character(*), intent(in) :: text
       type(token_type), intent(inout) :: token

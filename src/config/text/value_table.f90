@@ -52,7 +52,7 @@ module config_text_value_table
    end type visitor_type
 
    abstract interface
-      !> A number, a logical, or a text that is one of the entry's choices.
+      !> Visits a number, a logical, or a text that is one of the entry's choices.
       subroutine visit_value(self, value, entry)
          import :: entry_type, visitor_type
          class(visitor_type), intent(inout) :: self
@@ -60,7 +60,7 @@ module config_text_value_table
          type(entry_type), intent(in) :: entry
       end subroutine visit_value
 
-      !> Any text; its default is the empty one.
+      !> Visits any text; its default is the empty one.
       subroutine visit_text(self, value, entry)
          import :: entry_type, visitor_type
          class(visitor_type), intent(inout) :: self
@@ -84,7 +84,7 @@ module config_text_value_table
          real(wp), intent(in), optional :: default(:)
       end subroutine visit_reals
 
-      !> Some of the entry's choices, each once.
+      !> Visits a list of some of the entry's choices, each at most once.
       subroutine visit_choices(self, values, entry, default)
          import :: choice_length, entry_type, visitor_type
          class(visitor_type), intent(inout) :: self

@@ -8,7 +8,7 @@ module config_text_values
 
 contains
 
-   !> t, true, .t., .true. and their opposites, in any case.
+   !> Parses t, true, .t., .true. and their opposites, in any case.
    pure subroutine parse_logical(text, value, rule)
       character(*), intent(in) :: text
       logical, intent(out) :: value
@@ -24,7 +24,7 @@ contains
       end select
    end subroutine parse_logical
 
-   !> Text between quotes, a doubled quote standing for one.
+   !> Parses text between quotes; a doubled quote stands for one.
    pure subroutine parse_text(text, value, rule)
       character(*), intent(in) :: text                        !! with its quotes
       character(:), allocatable, intent(out) :: value, rule

@@ -35,7 +35,7 @@ contains
       has_attribute = has_attribute .and. status >= 0
    end function has_attribute
 
-   !> A number, a logical or a text; the object is a group or dataset, '/' the file itself.
+   !> Writes a number, a logical or a text; the object is a group or dataset, '/' the file itself.
    subroutine write_attribute(file, object, name, value, error)
       type(hdf5_file), intent(in) :: file
       character(*), intent(in) :: object, name
@@ -79,7 +79,8 @@ contains
       call h5tclose_f(kind, status)
    end subroutine write_text
 
-   !> A text of fixed length, which no variable-length heap holds: a flipped bit in it is seen.
+   !> Writes a text of fixed length. HDF5 keeps it under a checksum, unlike one of variable length,
+   !> so a flipped bit is noticed.
    subroutine write_sealed_attribute(file, object, name, value, error)
       type(hdf5_file), intent(in) :: file
       character(*), intent(in) :: object, name
@@ -242,7 +243,7 @@ contains
                             error)
    end subroutine read_value
 
-   !> UTF-8 of a fixed length, or of variable length.
+   !> Creates the HDF5 type of UTF-8 text of a fixed length, or of variable length.
    subroutine new_text_kind(kind, outcome, length)
       integer(hid_t), intent(out) :: kind
       type(outcome_type), intent(inout) :: outcome

@@ -47,7 +47,7 @@ contains
       text = to_text(major)//'.'//to_text(minor)//'.'//to_text(release)
    end function hdf5_library
 
-   !> A new file in place of any other.
+   !> Creates a file, in place of any other.
    subroutine create_hdf5(path, file, error)
       character(*), intent(in) :: path
       type(hdf5_file), intent(out) :: file
@@ -78,7 +78,7 @@ contains
       has = has .and. status >= 0
    end function has_hdf5_signature
 
-   !> An existing file, to be read.
+   !> Opens an existing file for reading.
    subroutine open_hdf5(path, file, error)
       character(*), intent(in) :: path
       type(hdf5_file), intent(out) :: file
@@ -96,7 +96,8 @@ contains
       call outcome%conclude(path//': cannot be opened as HDF5', error)
    end subroutine open_hdf5
 
-   !> A full disk may show only here: a file counts as written when this succeeded.
+   !> Closes the file. A full disk may show only here: a file counts as written when this
+   !> succeeded.
    subroutine close_file(self, error)
       class(hdf5_file), intent(inout) :: self
       type(error_type), allocatable, intent(out) :: error
@@ -151,7 +152,7 @@ contains
       call h5oclose_f(object, status)
    end function is_group
 
-   !> Names in a group, sorted.
+   !> Lists the names in a group, sorted.
    subroutine list(self, group, names, error)
       class(hdf5_file), intent(in) :: self
       character(*), intent(in) :: group
@@ -174,7 +175,7 @@ contains
       call outcome%conclude(self%path//': '//group//': cannot be listed', error)
    end subroutine list
 
-   !> A group, with those above it.
+   !> Creates a group and the groups above it.
    subroutine make_group(self, path, error)
       class(hdf5_file), intent(in) :: self
       character(*), intent(in) :: path
@@ -186,7 +187,7 @@ contains
       call outcome%conclude(self%path//': '//path//': cannot be made', error)
    end subroutine make_group
 
-   !> The groups that stand in a path before its last slash, where they are missing.
+   !> Creates the missing groups in a path before its last slash.
    subroutine make_parents(file, path, outcome)
       type(hdf5_file), intent(in) :: file
       character(*), intent(in) :: path   !! such as /campaign/c001/psd
@@ -228,9 +229,9 @@ contains
       call outcome%note(status)
    end subroutine new_timeless_list
 
-   !> Format of HDF5 1.10, whose metadata have checksums; closing closes everything in the file.
-   !> HDF5's own file locks, which some network file systems refuse, are off: outputs have a lock of
-   !> their own.
+   !> Creates the access properties: format of HDF5 1.10, whose metadata have checksums; closing a
+   !> file closes everything in it. HDF5's own file locks, which some network file systems refuse,
+   !> are off: outputs have a lock of their own.
    subroutine new_access_list(access, outcome)
       integer(hid_t), intent(out) :: access
       type(outcome_type), intent(inout) :: outcome
@@ -246,7 +247,8 @@ contains
       call outcome%note(status)
    end subroutine new_access_list
 
-   !> Once for a process; errors come back as errors, HDF5 itself says nothing.
+   !> Starts the HDF5 library, once in a process, and silences its own messages: statuses are
+   !> checked.
    subroutine start_library()
       integer :: status
 

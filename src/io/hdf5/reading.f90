@@ -25,7 +25,7 @@ module io_hdf5_reading
 
 contains
 
-   !> Extent of each axis of a dataset in Fortran's order; none of a scalar.
+   !> Reads the extent of each axis of a dataset, in Fortran's order; a scalar has none.
    subroutine read_shape(file, path, extents, error)
       type(hdf5_file), intent(in) :: file
       character(*), intent(in) :: path
@@ -54,7 +54,7 @@ contains
       call outcome%conclude(file%path//': '//path//': cannot be read', error)
    end subroutine read_shape
 
-   !> The same, and an error when the axes are not as many as expected.
+   !> Reads the extents of a dataset and refuses another number of axes than expected.
    subroutine read_extent(file, path, n_axes, extents, error)
       type(hdf5_file), intent(in) :: file
       character(*), intent(in) :: path

@@ -38,7 +38,7 @@ module io_hdf5_writing
 
 contains
 
-   !> A dataset without values yet, for write_part; of the type of `mold`.
+   !> Creates a dataset of the type of `mold` without values, which write_part fills.
    subroutine make_dataset(file, path, mold, extents, label, error)
       type(hdf5_file), intent(in) :: file
       character(*), intent(in) :: path
@@ -158,7 +158,7 @@ contains
       call h5pclose_f(properties, status)
    end subroutine create
 
-   !> Units, long name and axes of a dataset that stands.
+   !> Writes units, long name and axes of a dataset.
    subroutine describe(file, path, label, error)
       type(hdf5_file), intent(in) :: file
       character(*), intent(in) :: path
@@ -208,7 +208,7 @@ contains
       call outcome%conclude(file%path//': '//path//': cannot be given its axes ('//axes//')', error)
    end subroutine attach_axes
 
-   !> Words of a line.
+   !> Splits a line into words.
    pure subroutine split(line, words, n_words)
       character(*), intent(in) :: line
       character(*), intent(inout) :: words(:)
