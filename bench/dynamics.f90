@@ -76,8 +76,8 @@ contains
       is_wanted = argument == part
    end function is_wanted
 
-   !> Chains that cannot slip (a force a thousand times smaller), and that always slip (without
-   !> friction): what is left is the linear step.
+   !> Measures chains that cannot slip (a force a thousand times smaller), and that always slip
+   !> (without friction): the cost is that of the linear step.
    subroutine idle()
       type(exact_march) :: event
       type(newmark_marcher) :: newmark

@@ -158,7 +158,7 @@ contains
       end associate
    end subroutine repeat_group
 
-   !> Milliseconds of one of n times of some work.
+   !> Prints the milliseconds of one of n times of some work.
    subroutine tell(work, began, n)
       character(*), intent(in) :: work
       real(wp), intent(in) :: began

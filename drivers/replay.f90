@@ -99,7 +99,7 @@ contains
       ending = trim(buffer)
    end function ending_of
 
-   !> Histories, transitions and the energy ledger, whatever the scene keeps of a campaign.
+   !> Keeps histories, transitions and the energy ledger, even where the scene does not.
    subroutine keep_everything(plan)
       type(plan_type), intent(inout) :: plan
 

@@ -13,7 +13,8 @@ module campaign_law
 
 contains
 
-   !> Windows of long realizations, or each from a stream of its own; fewer where fewer are wanted.
+   !> Draws windows of long realizations, or each from a stream of its own; fewer where fewer are
+   !> wanted.
    subroutine draw_law(seed, model, points, draws, n_independent, at_most)
       integer(long), intent(in) :: seed
       type(process_model_type), intent(in) :: model

@@ -109,7 +109,7 @@ contains
                           "must be 'L0' or 'L1' but with method = 'autoregressive'", number=i)
    end subroutine check_both
 
-   !> Rules of one method alone.
+   !> Checks the values that belong to one method alone.
    subroutine check_direct(this, i, reader)
       type(process_group), intent(in) :: this
       integer, intent(in) :: i

@@ -12,8 +12,8 @@ module core_numbers
 
 contains
 
-   !> Digits with an optional sign; `rule` is allocated when the text is not a whole number from
-   !> -limit to limit.
+   !> Parses digits with an optional sign; `rule` is allocated when the text is not a whole number
+   !> from -limit to limit.
    pure subroutine parse_integer(text, limit, value, rule)
       character(*), intent(in) :: text
       integer(long), intent(in) :: limit

@@ -111,7 +111,7 @@ contains
       end if
    end subroutine check_member
 
-   !> Members of a group, each with its shape.
+   !> Lists the members of a group, each with its shape.
    subroutine list_members(file, group, members, error)
       type(hdf5_file), intent(in) :: file
       character(*), intent(in) :: group   !! with its last slash

@@ -121,7 +121,8 @@ contains
          call act(self, what, values(:, :, self%place + 1:self%place + self%n))
    end subroutine visit_cube
 
-   !> Extents of a dataset that there is something to do with: of the file when reading, else 0.
+   !> Finds the extents of a dataset that there is something to do with: of the file when reading,
+   !> else 0.
    subroutine look(self, what, is_there, n_axes, extents)
       class(dataset_visitor), intent(inout) :: self
       type(dataset_type), intent(in) :: what

@@ -159,7 +159,7 @@ contains
       call sync_file(path, error)   ! a folder is opened and synced as a file is
    end subroutine sync_folder
 
-   !> Paths folder/name of what is whole in a folder, sorted, hidden files left out.
+   !> Lists the paths folder/name of finished files in a folder, sorted, without hidden files.
    subroutine list_files(folder, paths, error)
       character(*), intent(in) :: folder
       character(:), allocatable, intent(out) :: paths(:)   !! padded with blanks

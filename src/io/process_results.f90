@@ -308,7 +308,7 @@ contains
       call read_attribute(self%file, self%group, trim(what%name), value, self%error)
    end subroutine take_seconds
 
-   !> Extents of an array that is there; else unallocated.
+   !> Finds the extents of an array that is allocated; else leaves them unallocated.
    subroutine find_extents(self, what, n_axes, extents)
       class(reading_visitor), intent(inout) :: self
       type(component), intent(in) :: what

@@ -94,7 +94,7 @@ contains
       end if
    end subroutine finish_file
 
-   !> Paths of what is whole in a store, sorted; none where it was never made.
+   !> Lists the finished files of a store, sorted; none where it was never made.
    subroutine list_finished(store, paths, error)
       type(shard_store), intent(in) :: store
       character(:), allocatable, intent(out) :: paths(:)   !! padded with blanks

@@ -90,7 +90,7 @@ contains
 
    end subroutine write_parts
 
-   !> Ways to form spectra.
+   !> Writes the errors of other ways to form spectra.
    subroutine write_spectra(writer, rows, error)
       type(results_writer), intent(in) :: writer
       type(spectrum_row), intent(in) :: rows(:)
@@ -128,7 +128,7 @@ contains
       call group%take_error(error)
    end subroutine write_sizes
 
-   !> Processes with other orders and fits.
+   !> Writes what other orders and fits of the processes change.
    subroutine write_variants(writer, variants, rows, n_samples, n_steps, error)
       type(results_writer), intent(in) :: writer
       type(variant_type), intent(in) :: variants(:)
@@ -166,7 +166,7 @@ contains
       call group%take_error(error)
    end subroutine write_variants
 
-   !> Orders of the processes.
+   !> Writes a row for each order of each process.
    subroutine write_orders(writer, rows, error)
       type(results_writer), intent(in) :: writer
       type(order_row), intent(in) :: rows(:)

@@ -233,8 +233,9 @@ contains
       if (is_regular) change = matmul(metric, gradient - matmul(multipliers, jacobian))
    end subroutine step_to_maximum
 
-   !> Multipliers that make the step H (g - J' lambda) land on the linearized constraints, unless
-   !> the constraints do not depend on the variables, or one of them on the others.
+   !> Finds the multipliers that make the step H (g - J' lambda) land on the linearized
+   !> constraints, unless the constraints do not depend on the variables, or one of them on the
+   !> others.
    pure subroutine find_multipliers(metric, jacobian, gradient, constraints, multipliers, &
                                     is_regular)
       real(wp), intent(in) :: metric(:, :), jacobian(:, :), gradient(:), constraints(:)

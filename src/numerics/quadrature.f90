@@ -7,7 +7,8 @@ module numerics_quadrature
 
 contains
 
-   !> Nodes and weights on [low, high], nodes ascending; exact for polynomials of degree 2n - 1.
+   !> Computes nodes and weights on [low, high], nodes ascending; exact for polynomials of degree
+   !> 2n - 1.
    pure subroutine gauss_legendre(low, high, nodes, weights)
       real(wp), intent(in) :: low, high
       real(wp), intent(out) :: nodes(:), weights(:)   !! (n)

@@ -106,7 +106,7 @@ contains
       weight = weight + constant/size(weight, 1)
    end subroutine find_weights
 
-   !> Influences of an average of G, as its variance by pairs is stated.
+   !> Computes the influences of an average of G, as its variance by pairs is stated.
    subroutine find_influence(surrogate, fit, average, constant, estimate)
       type(surrogate_type), intent(in) :: surrogate
       type(fit_type), intent(in) :: fit

@@ -80,7 +80,7 @@ contains
 
    end subroutine learn_kernel
 
-   !> Outputs with mean 0 and mean square 1, or 0 throughout.
+   !> Shifts and scales the outputs to mean 0 and mean square 1; one without scatter becomes 0.
    pure subroutine standardise(outputs, y)
       real(wp), intent(in) :: outputs(:, :)          !! (sample, output)
       real(wp), allocatable, intent(out) :: y(:, :)

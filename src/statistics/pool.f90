@@ -24,8 +24,8 @@ module statistics_pool
 
 contains
 
-   !> Inputs are the roots of the friction values, which are standardised; the values themselves
-   !> where any is negative. The laws are to be added.
+   !> Creates a pool without laws. Its inputs are the roots of the friction values, or the values
+   !> themselves where any is negative, standardised.
    subroutine new_pool(friction, first, n_samples, pool)
       real(wp), intent(in) :: friction(:, :)    !! (sample, point)
       integer, intent(in) :: first(:)           !! as in pool_type

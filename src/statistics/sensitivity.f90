@@ -80,7 +80,7 @@ contains
       end do
    end subroutine find_sensitivity
 
-   !> Solutions for a vector and for several columns.
+   !> Solves for a vector and for several columns.
    subroutine solve_both(square, vector, columns, error)
       real(wp), intent(inout), contiguous :: square(:, :)
       real(wp), intent(inout) :: vector(:, :)

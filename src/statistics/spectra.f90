@@ -268,7 +268,7 @@ contains
                 best%variance_ratio(n_percentiles))
    end subroutine make_room
 
-   !> Grows by some frequencies.
+   !> Adds the estimates at some frequencies to an integral, by its slopes.
    subroutine add_to(integral, both, plain, slope, plain_slope)
       type(integral_type), intent(inout) :: integral
       type(estimates_type), intent(in) :: both, plain

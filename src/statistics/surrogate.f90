@@ -65,8 +65,8 @@ contains
       end associate
    end function spread_out
 
-   !> Eigenvectors over the samples of the centred kernel, or of its projection on the functions
-   !> k(., landmark); the largest first.
+   !> Finds the eigenvectors over the samples of the centred kernel, or of its projection on the
+   !> functions k(., landmark); largest eigenvalue first.
    subroutine find_features(x, most_landmarks, most, surrogate, error)
       real(wp), intent(in), contiguous :: x(:, :)   !! (sample, input)
       integer, intent(in) :: most_landmarks
@@ -158,8 +158,8 @@ contains
       end do
    end function scaled_columns
 
-   !> Features of all samples, from functions of the landmarks that are turned such that they are
-   !> orthogonal over the samples.
+   !> Computes the features of all samples from functions of the landmarks, turned such that they
+   !> are orthogonal over the samples.
    subroutine rotate(surrogate, rows, basis, eigenvalue, error)
       type(surrogate_type), intent(inout) :: surrogate
       real(wp), intent(in), contiguous :: rows(:, :)          !! (landmark, sample)

@@ -159,7 +159,8 @@ contains
       call fit_segments(short%integration%n_steps, short)
    end function shortened
 
-   !> Segments of the scene, or half of what is marched; no spectra where that is too little.
+   !> Shortens the segments to half of what is marched where the scene's are longer; leaves out
+   !> spectra where that is too little.
    pure subroutine fit_segments(n_steps, plan)
       integer, intent(in) :: n_steps
       type(plan_type), intent(inout) :: plan

@@ -197,8 +197,8 @@ contains
       end do
    end subroutine draw_and_refer
 
-   !> Variants first, the widest marches; every setting with every level, the dearest first; then
-   !> what is statistical: every way to form spectra and every batch with every level, and cases.
+   !> Lists the tasks: variants first, the widest marches; every setting with every level, the
+   !> dearest first; then every way to form spectra and every batch with every level, and cases.
    subroutine list_tasks(tradeoff)
       type(tradeoff_type), intent(inout) :: tradeoff
       type(task_type), allocatable :: tasks(:)
@@ -247,8 +247,8 @@ contains
       end associate
    end function case_of
 
-   !> Ways to form spectra: every step first, which the others are compared with; sparser ones; and
-   !> shorter and longer segments at the scene's own rate.
+   !> Chooses ways to form spectra: every step first, which the others are compared with; sparser
+   !> ones; and shorter and longer segments at the scene's own rate.
    pure subroutine choose_ways(tradeoff)
       type(tradeoff_type), intent(inout) :: tradeoff
       integer, parameter :: values = 16   ! least of a segment

@@ -74,6 +74,47 @@ def test_docstrings_open_with_a_noun_a_verb_or_true_if():
     assert found == []
 
 
+#: plurals that no docstring of a subroutine may open with; verbs end as they do
+PLURALS = {
+    "Accelerations", "Answers", "Autocovariances", "Axes", "Batches", "Bits", "Blocks",
+    "Bounds", "Bytes", "Cases", "Coefficients", "Columns", "Components", "Constraints",
+    "Derivatives", "Diagonals", "Digits", "Displacements", "Dofs", "Eigenvalues",
+    "Eigenvectors", "Entries", "Errors", "Extents", "Features", "Files", "Forces",
+    "Frequencies", "Gradients", "Groups", "Halvings", "Histories", "Indices", "Influences",
+    "Inputs", "Integrals", "Intervals", "Joints", "Lags", "Lanes", "Lengths", "Levels", "Lines",
+    "Loads", "Matrices", "Maxima", "Means", "Members", "Milliseconds", "Modes", "Moments",
+    "Multipliers", "Nodes", "Numbers", "Operators", "Orders", "Outputs", "Parts", "Paths",
+    "Percentiles", "Points", "Poles", "Polynomials", "Powers", "Processes", "Products",
+    "Properties", "Ranks", "Ratios", "Realizations", "Residuals", "Results", "Roots", "Rows",
+    "Rules", "Samples", "Scalars", "Segments", "Sequences", "Series", "Shards", "Signs",
+    "Sliders", "Slopes", "Solutions", "Spectra", "Statistics", "Steps", "Tables", "Terms",
+    "This", "Tokens", "Transitions", "Units", "Values", "Variables", "Variances", "Variants",
+    "Vectors", "Velocities", "Verdicts", "Ways", "Weights", "Windows", "Words", "Works",
+}  # fmt: skip
+
+
+def test_subroutines_docstrings_open_with_a_verb():
+    """In the third person: "Writes ..."; one that overrides may say where the words stand."""
+    head = re.compile(
+        r"^ *!> *(.*)\n(?: *!.*\n)* *(?:(?:pure|impure|elemental|recursive|module) )*"
+        r"subroutine (\w+)",
+        re.MULTILINE,
+    )
+    documented = [
+        (f"{path.relative_to(ROOT)}: {name}", words)
+        for path, text in FORTRAN.items()
+        if path.relative_to(ROOT).parts[0] in {"src", "drivers", "bench"}
+        for words, name in head.findall(text)
+    ]
+    assert len(documented) > 500
+    wrong = []
+    for name, words in documented:
+        verb = re.match(r"See \w+\.$|([A-Z][a-z]+s)\b(?!')", words)
+        if not verb or verb[1] in PLURALS:
+            wrong.append(f"{name}: {words}")
+    assert wrong == []
+
+
 def test_no_procedure_has_more_than_nine_arguments():
     found = []
     for path, text in LIBRARY.items():

@@ -153,7 +153,7 @@ contains
       call h5tclose_f(kind, status)
    end subroutine read_text
 
-   !> Bytes of a text of fixed length; 0 for one of variable length.
+   !> Finds the bytes of a text of fixed length; 0 for one of variable length.
    subroutine find_text_length(file, object, name, length, outcome)
       type(hdf5_file), intent(in) :: file
       character(*), intent(in) :: object, name

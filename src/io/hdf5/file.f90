@@ -216,7 +216,8 @@ contains
       call h5pclose_f(properties, status)
    end subroutine make_one_group
 
-   !> Properties of objects that do not note the time: the same run, the same bytes.
+   !> Creates the properties of objects that do not note the time: the same run gives the same
+   !> bytes.
    subroutine new_timeless_list(class, properties, outcome)
       integer(hid_t), intent(in) :: class
       integer(hid_t), intent(out) :: properties

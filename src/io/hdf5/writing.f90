@@ -120,7 +120,8 @@ contains
       if (.not. allocated(error)) call describe(file, path, label, error)
    end subroutine write_whole
 
-   !> Scalars lie in the object header and arrays in chunks: both under a checksum of HDF5's own.
+   !> Creates a dataset: a scalar in the object header, an array in chunks, both under a checksum
+   !> of HDF5's own.
    subroutine create(file, path, kind, extents, label, dataset, outcome)
       type(hdf5_file), intent(in) :: file
       character(*), intent(in) :: path
