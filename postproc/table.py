@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import csv
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from io import StringIO
 from pathlib import Path
@@ -30,16 +30,45 @@ class Table:
     is_result: bool = False  # for the beginning of a report on a structure of one's own
 
     def write_csv(self, folder: Path) -> Path:
-        """The same cells, comma separated."""
+        """The same cells, comma separated; standard errors have columns of their own."""
         path = folder / f"{self.name}.csv"
         cells = StringIO(newline="")
-        csv.writer(cells).writerows([self.header, *self.rows])
+        csv.writer(cells).writerows(zip(*self._columns(), strict=True))
         write_file(path, cells.getvalue().encode())
         return path
+
+    def _columns(self) -> Iterator[list[str]]:
+        for place, title in enumerate(self.header):
+            cells = [row[place] for row in self.rows]
+            errors = [getattr(cell, "error", "") for cell in cells]
+            yield [title, *(getattr(cell, "value", cell) for cell in cells)]
+            if any(errors):
+                yield [f"{title} standard error".lstrip(), *errors]
+
+
+class Measured(str):
+    """A value with its standard error in brackets, and both apart, in the digits that count."""
+
+    value: str
+    error: str
+
+    def __new__(cls, text: str, value: float, error: float) -> Measured:
+        """A cell with this text."""
+        self = super().__new__(cls, text)
+        digits = 2 + max(0, int(np.floor(np.log10(max(abs(value), error) / error))))
+        self.value = f"{value:.{min(digits, _SHOWN)}g}"
+        self.error = f"{error:.2g}"
+        return self
 
 
 def value_with_error(value: float, error: float) -> str:
     """'1.00023(41)': the error in units of the last digits; without one, six significant digits."""
+    if not (np.isfinite(value) and error > 0.0 and np.isfinite(error)):
+        return _bracketed(value, error)
+    return Measured(_bracketed(value, error), value, error)
+
+
+def _bracketed(value: float, error: float) -> str:
     if not np.isfinite(value):
         return "-"
     if not (error > 0.0 and np.isfinite(error)):
@@ -50,7 +79,7 @@ def value_with_error(value: float, error: float) -> str:
     size = max(abs(value), error)
     if digits > _MOST_BEHIND or size < _LEAST_PLAIN:
         power = int(np.floor(np.log10(size)))
-        return f"{value_with_error(value / 10.0**power, error / 10.0**power)}e{power:d}"
+        return f"{_bracketed(value / 10.0**power, error / 10.0**power)}e{power:d}"
     if round(error * 10.0**digits) > 99:  # 0.0995 is 0.10 in two digits
         digits -= 1
     digits = max(0, digits)

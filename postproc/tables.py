@@ -281,7 +281,7 @@ def table_statistics(case: Case) -> Table:
     columns = [column for column in _STATISTICS if column[0] in data]
     percentiles = data["percentile"].values if case.has("pseudo_variance_percentiles") else ()
     rows = []
-    n_of_dofs = len(percentiles) + 3 * case.has("band_ratio") + case.has("band_ratio_time_error")
+    n_of_dofs = len(percentiles) + 4 * case.has("band_ratio") + case.has("band_ratio_time_error")
     for i in range(max(case.n_dof, case.n_joints)):
         row = [str(i + 1)]
         here = data.isel({axis: i for axis in ("dof", "joint") if i < data.sizes.get(axis, 0)})
@@ -299,7 +299,7 @@ def table_statistics(case: Case) -> Table:
         if case.has("band_ratio"):
             row.append(f"{float(data['band_ratio'][i]):.3f}")
             low, high = float(data["band_ratio_low"][i]), float(data["band_ratio_high"][i])
-            row.append(f"{low:.3f} to {high:.3f}")
+            row += [f"{low:.3f}", f"{high:.3f}"]
             row.append(f"{100.0 * float(data['band_ratio_bias'][i]):.1f}")
         if case.has("band_ratio_time_error"):
             row.append(f"{float(data['band_ratio_time_error'][i]):.2g}")
@@ -307,7 +307,7 @@ def table_statistics(case: Case) -> Table:
     header = ["joint and dof", *(title for _, title, _ in columns)]
     header += [f"that of percentile {level:g} [m²]" for level in percentiles]
     if case.has("band_ratio"):
-        header += ["band ratio", "95 % interval", "bias [%]"]
+        header += ["band ratio", "95 % from", "to", "bias [%]"]
     if case.has("band_ratio_time_error"):
         header += ["its time-average error"]
     title = f"{case.name}: {case.process}, {case.label}, {case.n_samples} samples"

@@ -180,8 +180,7 @@ def test_a_structure_of_ones_own_works_as_written(as_written, tmp_path):
     slip = [row for row in rows if row["statistic"].startswith("mean time in slip")]
     assert len(slip) == 4
     for row in slip:
-        whole, decimals, width = re.fullmatch(r"(-\d+)\.(\d+)\((\d+)\)", row["change"]).groups()
-        assert float(f"{whole}.{decimals}") < -4 * int(width) * 10.0 ** -len(decimals)
+        assert float(row["change"]) < -4 * float(row["change standard error"])
 
 
 def test_measured_joints_lead_to_a_decision_as_written(as_written, tmp_path):
@@ -194,7 +193,7 @@ def test_measured_joints_lead_to_a_decision_as_written(as_written, tmp_path):
     assert (tmp_path / "beam/figures/report.html").exists()
     rows = list(csv.DictReader((tmp_path / "beam/which/designs.csv").open()))
     assert len(rows) == 12
-    change = [float(row["rms of dof 4 [%]"].split("(")[0]) for row in rows]
+    change = [float(row["rms of dof 4 [%]"]) for row in rows]
     assert rows[3]["design"] == "tight_4"  # the largest rise at the smallest level
     assert change[3] > 1.0
     assert rows[8]["design"] == "tight_4"  # the largest fall at the largest

@@ -25,13 +25,13 @@ def test_a_tradeoff_is_drawn(tradeoff_file):
     assert main([str(tradeoff_file), "--out", str(folder)]) == 0
     assert plt.imread(folder / "tradeoff.png").std() > 0.01  # not a blank page
     with (folder / "tradeoff.csv").open() as file:
-        rows = list(csv.reader(file))[1:]
+        rows = list(csv.DictReader(file))
     with h5py.File(tradeoff_file) as file:
         group = file["tradeoff"]
         shown = (group["is_on_front"][()] == 1) | (group["is_own"][()] == 1)
     assert len(rows) == shown.sum()
-    assert [row[-1] for row in rows].count("the scene's own") == 1
-    costs = [float(row[7]) for row in rows]
+    assert [row[""] for row in rows].count("the scene's own") == 1
+    costs = [float(row["ns per sample-step"]) for row in rows]
     assert costs == sorted(costs)
     assert plt.imread(folder / "tradeoff_orders.png").std() > 0.01
     with (folder / "tradeoff_variants.csv").open() as file:
