@@ -6,14 +6,16 @@ module driver_campaign
    use config_scene, only: complaint_list, read_scene, scene_type
    use core_error, only: error_type, exit_bad_input, exit_no_solution, raise
    use core_kinds, only: wp
+   use core_terminal, only: say
    use core_text, only: to_text
    use driver_command_line, only: command_line
-   use io_files, only: follow_links
+   use io_files, only: folder_of, follow_links
    use io_force, only: read_force_hdf5
+   use io_lock, only: lock_type
    use process_model, only: process_model_type
    implicit none(type, external)
    private
-   public :: find_output, load_plan, refuse_unsolved
+   public :: find_output, load_plan, refuse_unsolved, tell_folder
 
 contains
 
@@ -67,6 +69,15 @@ contains
       end if
       call follow_links(path, error)
    end subroutine find_output
+
+   !> Tells that the folder of the output was missing and has been made: its name may be a slip.
+   subroutine tell_folder(lock, is_quiet)
+      type(lock_type), intent(in) :: lock
+      logical, intent(in) :: is_quiet
+
+      if (lock%n_folders > 0 .and. .not. is_quiet) &
+         call say('made the folder '//folder_of(lock%output))
+   end subroutine tell_folder
 
    !> Refuses a plan in which a campaign needs a process without a solution, or no process has one.
    subroutine refuse_unsolved(plan, models, error)

@@ -6,7 +6,7 @@ module driver_tradeoff
    use core_kinds, only: wp
    use core_phrases, only: counted
    use core_terminal, only: say
-   use driver_campaign, only: find_output, load_plan, refuse_unsolved
+   use driver_campaign, only: find_output, load_plan, refuse_unsolved, tell_folder
    use driver_command_line, only: command_line
    use driver_deadline, only: seconds_so_far, set_limit, start_watch, time_to_stop
    use driver_processes, only: solve_processes
@@ -71,6 +71,7 @@ contains
       call set_limit(plan%walltime)
       if (world%is_root()) call open_place(line, lock, error)
       call stop_unlocked(world, lock, error)
+      call tell_folder(lock, line%is_quiet)
       call solve_processes(world, plan, line%is_quiet .or. .not. world%is_root(), models)
       call refuse_unsolved(plan, models, error)
       call stop_unlocked(world, lock, error)

@@ -34,6 +34,7 @@ module io_lock
    type :: lock_type
       private
       character(:), allocatable, public :: output   !! path of what is locked
+      integer, public :: n_folders = 0              !! that were missing on its way, and made
       character(:), allocatable :: path             !! of the lock file
       character(:), allocatable :: name             !! of this run, in the file; '' on a full disk
       type(c_ptr) :: stream = c_null_ptr
@@ -80,8 +81,9 @@ contains
       lock%output = output
       lock%path = output//'.lock'
       lock%is_shared = is_shared
-      call make_folder(folder_of(output), error)
+      call make_folder(folder_of(output), error, lock%n_folders)
       if (.not. allocated(error)) call obtain(lock, error)
+      if (allocated(error)) call remove_folders(lock)
       if (.not. allocated(error)) lock%content = content_of(output)
    end subroutine begin
 
@@ -207,7 +209,8 @@ contains
       status = lock_at(self, unlock, n_places + int(number, c_long), one_byte)
    end subroutine give_back
 
-   !> Gives the lock back. Who held it alone removes the file first, while it is still locked.
+   !> Gives the lock back. Who held it alone removes the file first, while it is still locked, and
+   !> the folders that it made for an output that there is not.
    subroutine release(self, error)
       class(lock_type), intent(inout) :: self
       type(error_type), allocatable, intent(out) :: error
@@ -215,9 +218,28 @@ contains
 
       if (.not. self%is_held()) return
       is_its_own = is_ours(self)
-      if (is_its_own .and. .not. self%is_shared) call remove_file(self%path, error)
+      if (is_its_own .and. .not. self%is_shared) then
+         call remove_file(self%path, error)
+         call remove_folders(self)
+      end if
       call close_lock(self)
    end subroutine release
+
+   !> Removes the folders that were made for the output, unless something is in them.
+   subroutine remove_folders(lock)
+      type(lock_type), intent(inout) :: lock
+      type(error_type), allocatable :: error
+      character(:), allocatable :: folder
+
+      folder = lock%output
+      do while (lock%n_folders > 0)
+         folder = folder_of(folder)
+         if (.not. exists(folder)) cycle
+         call remove_file(folder, error)
+         if (allocated(error)) return
+         lock%n_folders = lock%n_folders - 1
+      end do
+   end subroutine remove_folders
 
    subroutine open_lock(lock, error)
       type(lock_type), intent(inout) :: lock
