@@ -15,8 +15,9 @@ module driver_command_line
       'replay SCENE    one sample again, with its full history (--case, --sample)', &
       'estimate DATA   measured values to the process that explains them', &
       'template        print a complete commented scene']
+   !> Options likewise; a clause `command: ...` of a purpose is about that command alone.
    character(*), parameter :: options(*) = [character(76) :: &
-      '--output FILE   results file; default SCENE.h5 here. estimate: the scene', &
+      '--output FILE   file to write; run: default SCENE.h5 here; estimate: a scene', &
       '--fresh         run: discard what an earlier run of the scene left', &
       '--set G%N=V     override a value: --set campaign%n_samples=20; repeatable', &
       '--share         run: one of several on one output; a plain run then merges', &
@@ -76,7 +77,9 @@ contains
          else if (allocated(value) .and. any(word == names_in(options))) then
             call raise(error, exit_bad_input, word//' takes no value')
          else if (word == '--help' .or. word == '-h' .or. word == 'help' .and. i == 1) then
-            if (allocated(line%command)) call move_alloc(line%command, line%subject)
+            if (.not. allocated(line%command)) line%command = argument(i + 1)   ! or ''
+            if (any(names_in(commands) == line%command)) &
+               call move_alloc(line%command, line%subject)
             line%command = 'help'
             return
          else if (word == '--version' .or. word == 'version' .and. i == 1) then
@@ -238,11 +241,37 @@ contains
                 trim(commands(i) (text_column:))//nl//nl
       end do
       do i = 1, size(options)
-         if (is_taker(command, takers(i))) text = text//'  '//trim(options(i))//nl
+         if (is_taker(command, takers(i))) &
+            text = text//'  '//options(i) (:text_column - 1)//purpose_for(command, options(i))//nl
       end do
       text = text//nl// &
              'entroslip --help: all commands, and exit codes; docs/scene.md: all of a scene'
    end function command_help
+
+   !> Purpose of an option without the clauses about other commands.
+   pure function purpose_for(command, option) result(text)
+      character(*), intent(in) :: command, option
+      character(:), allocatable :: text, clause, rest
+      integer :: colon, last
+
+      text = ''
+      rest = trim(option(text_column:))//'; '
+      do while (len(rest) > 0)
+         last = index(rest, '; ')
+         clause = rest(:last - 1)
+         rest = rest(last + 2:)
+         colon = index(clause, ': ')
+         if (colon > 0) then
+            if (clause(:colon - 1) == command) then
+               clause = clause(colon + 2:)
+            else if (any(names_in(commands) == clause(:colon - 1))) then
+               cycle
+            end if
+         end if
+         if (text /= '') text = text//'; '
+         text = text//clause
+      end do
+   end function purpose_for
 
    !> One screen of a terminal, 24 lines of 80 columns, with the prompt below it.
    pure function help_text() result(text)

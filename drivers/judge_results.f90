@@ -9,7 +9,7 @@ module driver_judge_results
       statistical_error, with_own_records
    use core_error, only: error_type, exit_no_solution, raise
    use core_kinds, only: long, wp
-   use core_phrases, only: brief, counted
+   use core_phrases, only: brief, counted, numbers_text
    use core_text, only: to_text
    use driver_output, only: output_type
    use driver_regression, only: find_estimates
@@ -89,7 +89,7 @@ contains
          text = text//'all samples are steady'
       else
          text = text//counted(sum(errors%n_unsteady), 'sample is', 'samples are')// &
-                ' not steady in '//counted(count(errors%n_unsteady > 0), 'case', 'cases')// &
+                ' not steady in '//numbers_text('c', errors%n_unsteady > 0, 'cases')// &
                 ': integration%n_steps is too short there, or the motion does not repeat'
       end if
    end subroutine tell_errors

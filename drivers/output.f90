@@ -11,7 +11,7 @@ module driver_output
    use core_phrases, only: counted
    use core_terminal, only: say_line => say
    use core_text, only: to_text
-   use driver_campaign, only: find_output
+   use driver_campaign, only: find_output, tell_folder
    use driver_command_line, only: command_line
    use driver_provenance, only: identity_of
    use driver_shards, only: share_list, verify_shards
@@ -36,6 +36,7 @@ module driver_output
       logical :: is_quiet = .false.
       logical :: is_shared = .false.                 !! with other runs; none of them merges
       logical :: is_complete = .false.               !! an earlier run left nothing to do
+      integer, allocatable :: n_stored(:)            !! (case and audit) in a results file; root
       logical, allocatable :: is_finished(:, :)      !! (sample, case) by an earlier run
       type(lock_type) :: lock
    contains
@@ -82,6 +83,7 @@ contains
          call find_finished(line%is_fresh .or. present(replay_ending), plan, output, shards, error)
       end if
       call output%stop_on(world, error)
+      call tell_folder(output%lock, output%is_quiet)
       call world%broadcast(output%is_complete)
       if (.not. (output%is_shared .or. output%is_complete)) then
          call share_list(world, output%store, shards)
@@ -126,23 +128,22 @@ contains
       type(output_type), intent(inout) :: output
       type(error_type), allocatable, intent(out) :: error
       type(shard_type), allocatable :: shards(:)
-      integer, allocatable :: n_samples(:)
       integer :: c
 
       call join_lock(output%path, output%lock, error)
       if (allocated(error)) return
-      call inspect_results(output%path, output%store%identity, n_samples, error)
+      call inspect_results(output%path, output%store%identity, output%n_stored, error)
       if (.not. allocated(error)) call list_shards(output%store, shards, error)
       if (.not. allocated(error) .and. size(shards) > 0) &
          call verify_shard(output%store, shards(1), error)
       if (allocated(error)) return
-      if (allocated(n_samples)) then
-         output%is_complete = all(n_samples(:size(plan%cases)) >= plan%cases%n_samples)
+      if (allocated(output%n_stored)) then
+         output%is_complete = all(output%n_stored(:size(plan%cases)) >= plan%cases%n_samples)
          do c = 1, size(plan%cases)
-            output%is_finished(:min(n_samples(c), plan%cases(c)%n_samples), c) = .true.
+            output%is_finished(:min(output%n_stored(c), plan%cases(c)%n_samples), c) = .true.
          end do
          if (.not. output%is_complete) then
-            call refuse_extension(plan, n_samples, output%path, error)
+            call refuse_extension(plan, output%n_stored, output%path, error)
             if (.not. allocated(error)) &
                call extract_processes(output%path, plan%processes, output%store, error)
          end if
@@ -182,22 +183,20 @@ contains
       type(plan_type), intent(in) :: plan
       type(output_type), intent(inout) :: output
       type(error_type), allocatable, intent(out) :: error
-      integer, allocatable :: n_samples(:)
 
-      call inspect_results(output%path, output%store%identity, n_samples, error)
-      if (allocated(error) .or. .not. allocated(n_samples)) return
-      output%is_complete = all(n_samples(:size(plan%cases)) >= plan%cases%n_samples)
-      if (output%is_complete .and. plan%has_structure) &
-         call find_unmet(plan, n_samples, output, error)
+      call inspect_results(output%path, output%store%identity, output%n_stored, error)
+      if (allocated(error) .or. .not. allocated(output%n_stored)) return
+      output%is_complete = all(output%n_stored(:size(plan%cases)) >= plan%cases%n_samples)
+      if (output%is_complete .and. plan%has_structure) call find_unmet(plan, output, error)
       if (allocated(error)) return
       if (output%is_complete) then
-         call remove_covered(output%store, output%lock, n_samples, error)
+         call remove_covered(output%store, output%lock, output%n_stored, error)
       else
-         call refuse_extension(plan, n_samples, output%path, error)
+         call refuse_extension(plan, output%n_stored, output%path, error)
          if (allocated(error)) return
          call extract_processes(output%path, plan%processes, output%store, error)
          if (allocated(error)) return
-         call extract_shards(output%path, n_samples, block_width(plan), output%store, error)
+         call extract_shards(output%path, output%n_stored, block_width(plan), output%store, error)
       end if
    end subroutine take_up_results
 
@@ -217,9 +216,8 @@ contains
 
    !> Marks a results file as not complete where a case in it needs more samples for the scene's
    !> target, or has estimates of another kind or other percentiles than are wanted now.
-   subroutine find_unmet(plan, n_samples, output, error)
+   subroutine find_unmet(plan, output, error)
       type(plan_type), intent(in) :: plan
-      integer, intent(in) :: n_samples(:)   !! (case) in the file
       type(output_type), intent(inout) :: output
       type(error_type), allocatable, intent(out) :: error
       type(case_errors), allocatable :: errors(:)
@@ -233,7 +231,7 @@ contains
          if (plan%accuracy%sample_until_met .and. &
              needs_more_samples(slip_error_of(errors(i)%statistics, errors(i)%ratio, 0, .false.), &
                                 plan%accuracy%target_statistical)) output%is_complete = .false.
-         if (errors(i)%estimator == '' .or. n_samples(i) /= plan%cases(i)%n_samples) cycle
+         if (errors(i)%estimator == '' .or. output%n_stored(i) /= plan%cases(i)%n_samples) cycle
          if (errors(i)%estimator /= wanted(i) .or. &
              .not. are_same(errors(i)%percentiles, plan%output%percentiles)) &
             output%is_complete = .false.

@@ -59,8 +59,10 @@ contains
       call add_audits(plan)
       call open_output(world, line, scene, plan, output)
       if (output%is_complete) then
-         call output%say(output%path//' is complete: nothing to do')
-         if (world%is_root()) call judge(output%path, plan, error)
+         if (world%is_root()) then
+            call output%say(output%path//' is complete: nothing to do'//surplus_text(plan, output))
+            call judge(output%path, plan, error)
+         end if
          call output%stop_on(world, error)
          call output%release()
          call stop_world(exit_done)
@@ -93,6 +95,20 @@ contains
       call output%release()
       call stop_world(exit_done)
    end subroutine run
+
+   !> Text on samples in the results beyond those that the scene asks for; '' without.
+   pure function surplus_text(plan, output) result(text)
+      type(plan_type), intent(in) :: plan
+      type(output_type), intent(in) :: output
+      character(:), allocatable :: text
+      integer :: n_stored, n_wanted
+
+      n_wanted = sum(plan%cases%n_samples, plan%cases%audits == 0)
+      n_stored = sum(pack(output%n_stored(:size(plan%cases)), plan%cases%audits == 0))
+      text = ''
+      if (n_stored > n_wanted) text = '; it holds '//to_text(n_stored)// &
+                                      ' samples, the scene asks for '//to_text(n_wanted)
+   end function surplus_text
 
    !> Refuses --share for a scene without samples.
    subroutine check_share(line, plan, error)

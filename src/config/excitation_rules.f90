@@ -83,7 +83,7 @@ contains
          nyquist = 0.5_wp/scene%integration%dt
          call reader%require(band(2) <= nyquist, group, 'band', &
                              'must not exceed half the sampling rate, 0.5/integration%dt = '// &
-                             to_text(nyquist)//' Hz', '0.0, 2.5')
+                             rounded_text(nyquist, 6, down=.true.)//' Hz', '0.0, 2.5')
       end associate
    end subroutine check_band
 
@@ -133,7 +133,8 @@ contains
          if (table%value(1, i) < 0.0_wp .or. table%value(1, i)*scene%integration%dt > 0.5_wp) &
             call table%refuse_row(i, 'frequency', to_text(table%value(1, i)), &
                                   'must be from 0 to half the sampling rate, '// &
-                                  to_text(0.5_wp/scene%integration%dt)//' Hz', reader%complaints)
+                                  rounded_text(0.5_wp/scene%integration%dt, 6, down=.true.)// &
+                                  ' Hz', reader%complaints)
          if (table%value(2, i) < 0.0_wp) &
             call table%refuse_row(i, 'density', to_text(table%value(2, i)), &
                                   'must be zero or positive', reader%complaints)

@@ -3,7 +3,7 @@
 module config_process_summary
    use campaign_plan, only: plan_type
    use core_kinds, only: wp
-   use core_phrases, only: brief, labelled, numbered, padded
+   use core_phrases, only: brief, labelled, numbered, numbers_text, padded
    use core_text, only: to_text
    use process_model, only: branch_note, process_model_type, process_request
    use process_realization, only: way_of_drawing, way_type
@@ -100,47 +100,24 @@ contains
          by_sweeps(i) = .not. ways(i)%by_windows
       end do
       text = ''
-      if (any(by_windows)) text = labelled('exact law', numbers_text(by_windows)// &
-                                           ': whole windows, redrawn until one is positive: '// &
-                            about(maxval(ways%n_windows, by_windows), by_windows)//' a realization')
-      if (any(by_sweeps)) text = text//labelled('exact law', numbers_text(by_sweeps)// &
-                                               ': values of a window redrawn one at a time, in '// &
-                            about(real(maxval(ways%n_sweeps, by_sweeps), wp), by_sweeps)//' sweeps')
+      if (any(by_windows)) text = drawn(by_windows, 'whole windows, redrawn until one is '// &
+                                        'positive: ', maxval(ways%n_windows, by_windows), &
+                                        ' a realization')
+      if (any(by_sweeps)) text = text//drawn(by_sweeps, 'values of a window redrawn one at a '// &
+                                             'time, in ', real(maxval(ways%n_sweeps, by_sweeps), &
+                                                               wp), ' sweeps')
    end function drawing_text
 
-   !> A number after 'about', and after 'up to' where it is the largest of several.
-   pure function about(most, are_meant) result(text)
-      real(wp), intent(in) :: most
-      logical, intent(in) :: are_meant(:)
-      character(:), allocatable :: text
-
-      text = 'about '//brief(most)
-      if (count(are_meant) > 1) text = 'up to '//text
-   end function about
-
-   !> p001 to p003, p005; their number where that is long.
-   pure function numbers_text(are_meant) result(text)
+   !> Line on processes drawn in one way, with a number that is the largest of theirs.
+   pure function drawn(are_meant, way, most, unit) result(text)
       logical, intent(in) :: are_meant(:)   !! (process)
+      character(*), intent(in) :: way, unit
+      real(wp), intent(in) :: most
       character(:), allocatable :: text
-      integer, parameter :: longest = 40
-      integer :: first, last
 
-      text = ''
-      first = 1
-      do while (first <= size(are_meant))
-         last = first
-         if (are_meant(first)) then
-            do while (last < size(are_meant))
-               if (.not. are_meant(last + 1)) exit
-               last = last + 1
-            end do
-            if (text /= '') text = text//', '
-            text = text//numbered('p', first)
-            if (last > first) text = text//' to '//numbered('p', last)
-         end if
-         first = last + 1
-      end do
-      if (len(text) > longest) text = to_text(count(are_meant))//' processes'
-   end function numbers_text
+      text = 'about '//brief(most)//unit
+      if (count(are_meant) > 1) text = 'up to '//text
+      text = labelled('exact law', numbers_text('p', are_meant, 'processes')//': '//way//text)
+   end function drawn
 
 end module config_process_summary

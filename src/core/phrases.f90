@@ -4,7 +4,7 @@ module core_phrases
    use core_text, only: to_text
    implicit none(type, external)
    private
-   public :: brief, counted, duration, joined, labelled, numbered, padded, size_text
+   public :: brief, counted, duration, joined, labelled, numbered, numbers_text, padded, size_text
 
    character(*), parameter :: line_feed = new_line('a')
    integer, parameter :: label_width = 13, line_width = 80
@@ -71,6 +71,33 @@ contains
       text = to_text(n)
       text = letter//repeat('0', max(0, 3 - len(text)))//text
    end function numbered
+
+   !> p001 to p003, p005: the numbers that are meant; '12 processes' where that is long.
+   pure function numbers_text(letter, are_meant, many) result(text)
+      character, intent(in) :: letter
+      logical, intent(in) :: are_meant(:)
+      character(*), intent(in) :: many   !! plural of what has the numbers
+      character(:), allocatable :: text
+      integer, parameter :: longest = 40
+      integer :: first, last
+
+      text = ''
+      first = 1
+      do while (first <= size(are_meant))
+         last = first
+         if (are_meant(first)) then
+            do while (last < size(are_meant))
+               if (.not. are_meant(last + 1)) exit
+               last = last + 1
+            end do
+            if (text /= '') text = text//', '
+            text = text//numbered(letter, first)
+            if (last > first) text = text//' to '//numbered(letter, last)
+         end if
+         first = last + 1
+      end do
+      if (len(text) > longest) text = to_text(count(are_meant))//' '//many
+   end function numbers_text
 
    !> Three significant digits, no more of them than say something: 2, 0.067, 4.81e8.
    pure function brief(value) result(text)

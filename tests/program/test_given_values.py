@@ -79,5 +79,10 @@ def test_help_of_a_command_names_its_options_alone(entroslip):
     replay = entroslip("replay", "--help").stdout
     assert "--sample" in replay
     assert "--share" not in replay
-    assert "mpirun" not in entroslip("estimate", "--help").stdout
+    assert entroslip("--help", "replay").stdout == replay
+    assert "complaints alone" in entroslip("check", "--help").stdout
+    assert "complaints alone" not in replay
+    estimate = entroslip("estimate", "--help").stdout
+    assert "file to write; a scene\n" in estimate
+    assert "mpirun" not in estimate
     assert "estimate DATA" in entroslip("--help").stdout

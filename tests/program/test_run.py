@@ -24,6 +24,21 @@ def test_a_finished_scene_has_nothing_to_do(entroslip, small_scene, tmp_path):
     assert "nothing to do" in again.stdout
     assert (tmp_path / "small.h5").read_bytes() == before
     assert not (tmp_path / "small.h5.shards").exists()
+    fewer = entroslip("run", small_scene, "--set", "campaign%n_samples=4")
+    assert "nothing to do; it holds 14 samples, the scene asks for 10" in fewer.stdout
+
+
+def test_a_missing_folder_is_made_and_named(entroslip, small_scene, tmp_path):
+    """A refused run leaves none behind."""
+    done = entroslip("run", small_scene, "--output", "some/where/s.h5")
+    assert done.returncode == 0, done.stderr
+    assert "made the folder some/where" in done.stdout
+    assert (tmp_path / "some/where/s.h5").exists()
+    again = entroslip("run", small_scene, "--output", "some/where/s.h5")
+    assert "made the folder" not in again.stdout
+    refused = entroslip("run", small_scene, "--output", "a/b/s.h5", "--set", "process%std=0.3")
+    assert refused.returncode == 4, refused.stdout + refused.stderr
+    assert not (tmp_path / "a").exists()
 
 
 def test_other_percentiles_are_taken_up(entroslip, small_scene, tmp_path):

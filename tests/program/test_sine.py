@@ -72,7 +72,7 @@ def test_a_short_march_is_told_to_be_unsteady(entroslip, tmp_path):
     (tmp_path / "s.nml").write_text(SINES)
     done = entroslip("run", "s.nml", "--set", "integration%n_steps=1400", "--set",
                      "chain%damping_ratio=1e-4")  # fmt: skip
-    assert "not steady in" in done.stdout, done.stdout + done.stderr
+    assert "not steady in c001" in done.stdout, done.stdout + done.stderr
 
 
 def test_factors_scale_a_file_and_a_density(entroslip, tmp_path):

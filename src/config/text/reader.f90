@@ -23,6 +23,7 @@ module config_text_reader
       integer, private :: block = 0      !! the group being read; 0: absent, all is default
       integer, private :: current = 0    !! assignment being read, the last of its name; 0: none
       integer, private :: last_slot = 0  !! the token that was refused last
+      logical, private :: is_list = .false.   !! several values are usual in what is being read
       logical, allocatable, private :: is_known(:)     !! (assignment) some entry has its name
       logical, allocatable, private :: is_refused(:)   !! (assignment) complained of
       character(name_length), allocatable, private :: known(:)   !! the group's names so far
@@ -301,6 +302,7 @@ contains
       n_before = self%complaints%n
       call find_slots(self%document, self%block, entry, default_size, slots, self%complaints)
       self%is_refused(self%current) = self%complaints%n > n_before
+      self%is_list = entry%length > 1 .or. (default_size > 1 .and. entry%per_dof < 0)
       if (entry%is_used) return
       full_name = self%document%blocks(self%block)%name//'%'//entry%name
       self%unused = [self%unused, full_name]
@@ -311,13 +313,16 @@ contains
       class(reader_type), intent(inout) :: self
       integer, intent(in) :: slot   !! into document%tokens
       character(*), intent(in) :: name, rule
+      character(:), allocatable :: hint
 
       self%is_refused(self%current) = .true.
       if (slot == self%last_slot) return   ! r*value: once will do
       self%last_slot = slot
+      hint = ''
+      if (.not. self%is_list) hint = self%document%comma_hint(slot)
       associate (token => self%document%tokens(slot))
          call self%document%refuse(self%block, token, name, self%document%text_of(token), &
-                                   rule//self%document%comma_hint(slot), self%complaints)
+                                   rule//hint, self%complaints)
       end associate
    end subroutine refuse_slot
 
