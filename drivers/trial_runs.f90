@@ -42,7 +42,7 @@ contains
       is_stopped = world%any_true(time_to_stop())
    end subroutine measure_settings
 
-   !> Ranks claim tasks; then all learn all results. Collective.
+   !> Shares out the tasks among the ranks; then all have all results. Collective.
    subroutine share_tasks(world, tradeoff, is_quiet, error)
       type(world_type), intent(in) :: world
       type(tradeoff_type), intent(inout) :: tradeoff
