@@ -176,13 +176,13 @@ contains
              ' has '//found
    end function failure
 
-   !> Adds whole batches of samples to the cases that have not met the target and can by samples,
+   !> Adds whole increments of samples to the cases that have not met the target and can by samples,
    !> where the scene samples until it is met. Each decision follows from the first samples alone:
    !> it is the same at any time and on any number of ranks. Collective.
-   subroutine take_more(world, models, batch, plan, output, has_more, error)
+   subroutine take_more(world, models, increment, plan, output, has_more, error)
       type(world_type), intent(in) :: world
       type(process_model_type), intent(in) :: models(:)
-      integer, intent(in) :: batch   !! samples
+      integer, intent(in) :: increment   !! samples
       type(plan_type), intent(inout) :: plan
       type(output_type), intent(inout) :: output
       logical, intent(out) :: has_more
@@ -195,7 +195,7 @@ contains
       call estimate_slip(world, plan, models, output, estimates, error)
       if (world%any_true(allocated(error))) return
       n_samples = plan%cases%n_samples
-      if (world%is_root()) call decide(plan, batch, estimates, n_samples)
+      if (world%is_root()) call decide(plan, increment, estimates, n_samples)
       call world%broadcast(n_samples)
       has_more = any(n_samples > plan%cases%n_samples)
       if (.not. has_more) return
@@ -224,7 +224,7 @@ contains
       do i = 1, size(plan%cases)
          if (plan%cases(i)%audits > 0 .or. plan%cases(i)%process == 0) cycle
          call open_case(world, plan, i, shards_of(shards, i, plan%cases(i)%n_samples), task)
-         call task%take_parts(output%store, error)
+         call task%take_items(output%store, error)
          call task%close(world, plan, output%store, statistics(i), error)
          if (world%any_true(allocated(error))) return
       end do
@@ -233,14 +233,14 @@ contains
    end subroutine estimate_slip
 
    !> Chooses the number of samples that each case goes on to.
-   subroutine decide(plan, batch, estimates, n_samples)
+   subroutine decide(plan, increment, estimates, n_samples)
       type(plan_type), intent(in) :: plan
-      integer, intent(in) :: batch
+      integer, intent(in) :: increment
       type(case_estimates), intent(in) :: estimates(:)   !! (case)
       integer, intent(inout) :: n_samples(:)             !! (case)
       type(slip_error) :: error
       integer(long) :: n, n_steps
-      integer :: i, most(size(plan%cases)), n_batches
+      integer :: i, most(size(plan%cases)), n_times
 
       most = most_fitted(plan)
       associate (wanted => plan%accuracy%target_statistical)
@@ -252,9 +252,9 @@ contains
             call find_need(error, wanted, plan%integration%n_steps, n, n_steps)
             if (most(i) > 0 .and. n_samples(i) < fewest_samples) n = min(n, 2_long*fewest_samples)
             ! half of what seems to be needed: an error that came out too large wastes nothing
-            n_batches = n_samples(i)/batch
-            n_batches = max(n_batches + 1, int(min((n/2 - 1)/batch + 1, 10_long*n_batches)))
-            n_samples(i) = n_batches*batch
+            n_times = n_samples(i)/increment
+            n_times = max(n_times + 1, int(min((n/2 - 1)/increment + 1, 10_long*n_times)))
+            n_samples(i) = n_times*increment
          end do
       end associate
    end subroutine decide

@@ -160,15 +160,15 @@ contains
       logical, intent(in) :: is_chosen(:)   !! (process)
       type(share_type), allocatable :: shares(:)
       integer :: n_parts(size(requests)), i, part
-      integer, allocatable :: order(:)
+      integer, allocatable :: ranking(:)
 
       n_parts = [(count_parts(requests(i)), i=1, size(n_parts))]
-      order = sort_order(-(requests%order + requests%std))
+      ranking = sort_order(-(requests%order + requests%std))
       where (.not. is_chosen) n_parts = 0
-      order = [pack(order, n_parts(order) == 1), pack(order, n_parts(order) > 1)]
+      ranking = [pack(ranking, n_parts(ranking) == 1), pack(ranking, n_parts(ranking) > 1)]
       allocate (shares(sum(n_parts)))
-      shares = [((share_type(order(i), part, n_parts(order(i))), part=1, n_parts(order(i))), &
-                 i=1, size(order))]
+      shares = [((share_type(ranking(i), part, n_parts(ranking(i))), part=1, n_parts(ranking(i))), &
+                 i=1, size(ranking))]
    end function all_shares
 
    !> Solves a process, and checks it by the paper's inversion where that is asked for.

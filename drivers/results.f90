@@ -113,7 +113,7 @@ contains
          associate (task => tasks(modulo(k, 2)), number => numbers(k))
             if (world%is_root() .and. .not. allocated(error)) &
                call begin(plan, task, runner, output%store, writer, groups(number), error)
-            call task%take_parts(output%store, error)
+            call task%take_items(output%store, error)
             call task%close(world, plan, output%store, statistics(number), error)
             if (world%any_true(allocated(error))) return
             if (k < size(numbers)) call open_task(k + 1)

@@ -174,16 +174,16 @@ contains
       type(runner_type), intent(inout) :: runner
       type(output_type), intent(inout) :: output
       type(error_type), allocatable :: error
-      integer :: batch
+      integer :: increment
       logical :: has_more
 
-      batch = maxval(runner%plan%cases%n_samples)
+      increment = maxval(runner%plan%cases%n_samples)
       has_more = .true.
       do while (has_more)
          call march_campaign(world, models, runner, output, error)
          call output%stop_on(world, error)
          call end_if_asked(world, output)
-         call take_more(world, models, batch, runner%plan, output, has_more, error)
+         call take_more(world, models, increment, runner%plan, output, has_more, error)
          call output%stop_on(world, error)
       end do
    end subroutine march_until_met

@@ -21,25 +21,25 @@ module driver_statistics
    private
    public :: case_task, open_case, write_short
 
-   integer, parameter :: most_parts = 32   !! of the frequencies, shared out over the ranks
+   integer, parameter :: most_slices = 32   !! of the frequencies, shared out over the ranks
 
-   !> The statistics of one case in the making: `open_case`, then every rank takes parts when it has
-   !> time, then `close`. A part of the work is a range of frequencies of a group of samples, or the
-   !> joints of a group.
+   !> The statistics of one case in the making: `open_case`, then every rank takes items when it has
+   !> time, then `close`. An item is a slice of the frequencies of a group of samples, or the joints
+   !> of a group.
    type :: case_task
       integer :: number = 0                      !! of the case
       type(shard_type), allocatable :: shards(:)
       logical, private :: has_bands = .false.
       logical, private :: has_numbers = .false.   !! of the joints
       logical, private :: has_spans = .false.
-      integer, private :: width = 0              !! frequencies of a part
-      integer, private :: n_parts = 0            !! of all frequencies
+      integer, private :: width = 0              !! frequencies of a slice
+      integer, private :: n_slices = 0            !! of all frequencies
       type(band_collector), private :: bands
       type(joint_collector), private :: numbers  !! as numbers_of has them
       type(span_collector), private :: spans
       type(work_counter), private :: counter
    contains
-      procedure :: take_parts
+      procedure :: take_items
       procedure :: close => close_case
    end type case_task
 
@@ -77,37 +77,37 @@ contains
          n_dof = size(kept_dofs(plan))
          associate (n => size(layout%frequency))
             task%width = frequencies_together(n_dof, n)
-            task%width = task%width*((n - 1)/(task%width*most_parts) + 1)
-            task%n_parts = (n - 1)/task%width + 1
+            task%width = task%width*((n - 1)/(task%width*most_slices) + 1)
+            task%n_slices = (n - 1)/task%width + 1
          end associate
          call start_bands(n_samples, n_dof, layout%frequency, plan%output%percentiles, plan%seed, &
-                          task%n_parts, task%bands, layout%follows_power)
+                          task%n_slices, task%bands, layout%follows_power)
       end if
-      call new_counter(world, (task%n_parts + 1_long)*n_groups, task%counter)
+      call new_counter(world, (task%n_slices + 1_long)*n_groups, task%counter)
    end subroutine open_case
 
-   !> Computes parts until none is left; an error keeps all ranks from going on.
-   subroutine take_parts(self, store, error)
+   !> Works on items until none is left; an error keeps all ranks from going on.
+   subroutine take_items(self, store, error)
       class(case_task), intent(inout) :: self
       type(shard_store), intent(in) :: store
       type(error_type), allocatable, intent(inout) :: error
-      integer :: group, item, part
+      integer :: group, item, slice
 
       do
          if (allocated(error)) call self%counter%request_stop()
          item = int(self%counter%next())
          if (item == 0) exit
-         part = modulo(item - 1, self%n_parts + 1) + 1
-         group = (item - 1)/(self%n_parts + 1) + 1
-         if (part > self%n_parts) then
+         slice = modulo(item - 1, self%n_slices + 1) + 1
+         group = (item - 1)/(self%n_slices + 1) + 1
+         if (slice > self%n_slices) then
             call add_joints(self, store, group, error)
          else
-            call add_part(self%number, store, self%shards, part, (part - 1)*self%width + 1, &
-                          min(part*self%width, size(self%bands%at_frequency, 2)), group, &
+            call add_slice(self%number, store, self%shards, slice, (slice - 1)*self%width + 1, &
+                          min(slice*self%width, size(self%bands%at_frequency, 2)), group, &
                           self%bands, error)
          end if
       end do
-   end subroutine take_parts
+   end subroutine take_items
 
    !> Hands the root what all ranks have found. Collective.
    subroutine close_case(self, world, plan, store, statistics, error)
@@ -129,8 +129,8 @@ contains
          call world%add_up(size(bands%moments), bands%moments)
          call world%add_up(size(bands%replicate), bands%replicate)
          call world%add_up(size(bands%integral), bands%integral)
-         if (allocated(bands%batches%level)) &
-            call world%add_up(size(bands%batches%level), bands%batches%level)
+         if (allocated(bands%batches%variance)) &
+            call world%add_up(size(bands%batches%variance), bands%batches%variance)
          if (bands%has_selection()) call select_percentiles(self, world, store, error)
          if (world%is_root() .and. .not. allocated(error)) call bands%finish(statistics)
       end associate
@@ -365,11 +365,11 @@ contains
    end subroutine write_short
 
    !> Adds the spectra of a group of samples at frequencies first..last.
-   subroutine add_part(number, store, shards, part, first, last, group, bands, error)
+   subroutine add_slice(number, store, shards, slice, first, last, group, bands, error)
       integer, intent(in) :: number
       type(shard_store), intent(in) :: store
       type(shard_type), intent(in) :: shards(:)
-      integer, intent(in) :: part, first, last, group
+      integer, intent(in) :: slice, first, last, group
       type(band_collector), intent(inout) :: bands
       type(error_type), allocatable, intent(out) :: error
       real(wp), allocatable :: psd(:, :, :)     ! (dof, frequency, sample)
@@ -383,7 +383,7 @@ contains
          call attend_to_others()
          allocate (psd(n_dof, min(together, last - f + 1), n_samples))
          call read_band(store, shards, number, 'psd', bands%group_first(group), f, psd, error)
-         if (.not. allocated(error) .and. allocated(bands%batches%level)) then
+         if (.not. allocated(error) .and. allocated(bands%batches%variance)) then
             place = bands%first_of_power(f)
             allocate (power(n_dof, bands%first_of_power(f + size(psd, 2) - 1) + n_batches &
                             - place, n_samples))
@@ -391,10 +391,10 @@ contains
                            place, power, error)
          end if
          if (allocated(error)) return
-         call bands%add(part, f, group, psd, power)
+         call bands%add(slice, f, group, psd, power)
          deallocate (psd)
          if (allocated(power)) deallocate (power)
       end do
-   end subroutine add_part
+   end subroutine add_slice
 
 end module driver_statistics

@@ -38,7 +38,7 @@ contains
       type(setting_row), intent(in) :: rows(:)
       integer, intent(in) :: n_ranks
       character(:), allocatable :: text
-      integer, allocatable :: order(:)
+      integer, allocatable :: ranking(:)
       integer :: i, k
 
       text = labelled('measured', counted(size(rows), 'setting', 'settings')//' on '// &
@@ -50,9 +50,9 @@ contains
                       'largest over levels and dofs')//line_feed// &
              '  method   dt [s]   halvings tolerance slip [points] bands [%]  ns/step  run [s]'// &
              line_feed
-      order = by_cost(rows)
-      do i = 1, size(order)
-         associate (row => rows(order(i)))
+      ranking = by_cost(rows)
+      do i = 1, size(ranking)
+         associate (row => rows(ranking(i)))
             if (row%is_on_front .or. row%is_own) text = text//line_of(row)
          end associate
       end do
@@ -89,16 +89,16 @@ contains
    end function has_bands
 
    !> Rows from the cheapest to the dearest.
-   pure function by_cost(rows) result(order)
+   pure function by_cost(rows) result(ranking)
       type(setting_row), intent(in) :: rows(:)
-      integer :: order(size(rows))
+      integer :: ranking(size(rows))
       logical :: is_left(size(rows))
       integer :: i
 
       is_left = .true.
       do i = 1, size(rows)
-         order(i) = minloc(rows%cost, 1, mask=is_left)
-         is_left(order(i)) = .false.
+         ranking(i) = minloc(rows%cost, 1, mask=is_left)
+         is_left(ranking(i)) = .false.
       end do
    end function by_cost
 

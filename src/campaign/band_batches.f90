@@ -20,10 +20,10 @@ module campaign_band_batches
    real(wp), parameter, public :: not_a_number = transfer(int(z'7FF8000000000000', long), 0.0_wp)
 
    !> Collects one case. Ranges of frequencies may be taken by different ranks: sums over the ranks
-   !> of `level` make a collector that has all.
+   !> of `variance` make a collector that has all.
    type :: batch_collector
-      !> (batch, mean (0) and percentiles (1..), dof, part) pseudo-variances [m^2]
-      real(wp), allocatable :: level(:, :, :, :)
+      !> (batch, mean (0) and percentiles (1..), dof, slice) pseudo-variances [m^2]
+      real(wp), allocatable :: variance(:, :, :, :)
    contains
       procedure :: add
       procedure :: finish
@@ -32,20 +32,20 @@ module campaign_band_batches
 contains
 
    !> Prepares a collector.
-   pure subroutine start_batches(n_percentiles, n_dof, n_parts, collector)
+   pure subroutine start_batches(n_percentiles, n_dof, n_slices, collector)
       integer, intent(in) :: n_percentiles, n_dof
-      integer, intent(in) :: n_parts   !! in which the frequencies come
+      integer, intent(in) :: n_slices   !! in which the frequencies come
       type(batch_collector), intent(out) :: collector
 
-      allocate (collector%level(n_batches, 0:n_percentiles, n_dof, n_parts), source=0.0_wp)
+      allocate (collector%variance(n_batches, 0:n_percentiles, n_dof, n_slices), source=0.0_wp)
    end subroutine start_batches
 
    !> Adds one frequency of one dof.
-   pure subroutine add(self, part, dof, density, order, power, at, low, high)
+   pure subroutine add(self, slice, dof, density, ranking, power, at, low, high)
       class(batch_collector), intent(inout) :: self
-      integer, intent(in) :: part, dof
+      integer, intent(in) :: slice, dof
       real(wp), intent(in) :: density(:)         !! (sample) [m^2/Hz]
-      integer, intent(in) :: order(:)            !! of the samples, ascending
+      integer, intent(in) :: ranking(:)            !! of the samples, ascending
       real(wp), intent(in) :: power(:, :)        !! (batch, sample) in the range of the frequency
       real(wp), intent(in) :: at(0:)             !! mean (0) and percentiles, times the step [m^2]
       real(wp), intent(in) :: low(:), high(:)    !! (percentile) ends of the interval of its rank
@@ -59,19 +59,20 @@ contains
          if (sum(power(:, i)) > 0.0_wp) relative(:, i) = power(:, i)*(n_batches/sum(power(:, i)))
          weighted = weighted + density(i)*relative(:, i)
       end do
-      if (sum(density) > 0.0_wp) call grow(at(0)*weighted/sum(density), self%level(:, 0, dof, part))
+      if (sum(density) > 0.0_wp) &
+         call grow(at(0)*weighted/sum(density), self%variance(:, 0, dof, slice))
       do p = 1, size(low)
-         associate (near => order(floor(low(p)):ceiling(high(p))))
-            call grow(at(p)*sum(relative(:, near), 2)/size(near), self%level(:, p, dof, part))
+         associate (near => ranking(floor(low(p)):ceiling(high(p))))
+            call grow(at(p)*sum(relative(:, near), 2)/size(near), self%variance(:, p, dof, slice))
          end associate
       end do
    end subroutine add
 
-   pure subroutine grow(more, level)
+   pure subroutine grow(more, sums)
       real(wp), intent(in) :: more(:)
-      real(wp), intent(inout) :: level(:)
+      real(wp), intent(inout) :: sums(:)
 
-      level = level + more
+      sums = sums + more
    end subroutine grow
 
    !> Computes the time-average errors once all frequencies of all ranks are added and the band
@@ -79,23 +80,23 @@ contains
    pure subroutine finish(self, statistics)
       class(batch_collector), intent(in) :: self
       type(case_statistics), intent(inout) :: statistics
-      real(wp), allocatable :: level(:, :)   ! (batch, percentile)
+      real(wp), allocatable :: variance(:, :)   ! (batch, percentile)
       integer :: dof, last, n_dof, p
 
-      last = ubound(self%level, 2)
-      n_dof = size(self%level, 3)
+      last = ubound(self%variance, 2)
+      n_dof = size(self%variance, 3)
       allocate (statistics%pseudo_variance_mean_time_error(n_dof), &
                 statistics%pseudo_variance_percentiles_time_error(n_dof, last))
       allocate (statistics%band_ratio_time_error(n_dof), source=not_a_number)
       do dof = 1, n_dof
          statistics%pseudo_variance_mean_time_error(dof) = &
-            error_of_batches(sum(self%level(:, 0, dof, :), 2))
-         level = sum(self%level(:, 1:, dof, :), 3)
+            error_of_batches(sum(self%variance(:, 0, dof, :), 2))
+         variance = sum(self%variance(:, 1:, dof, :), 3)
          statistics%pseudo_variance_percentiles_time_error(dof, :) = &
-            [(error_of_batches(level(:, p)), p=1, last)]
-         if (minval(level) > 0.0_wp) then
+            [(error_of_batches(variance(:, p)), p=1, last)]
+         if (minval(variance) > 0.0_wp) then
             statistics%band_ratio_time_error(dof) = &
-               statistics%band_ratio(dof)*error_of_batches(log(level(:, last)/level(:, 1)))
+               statistics%band_ratio(dof)*error_of_batches(log(variance(:, last)/variance(:, 1)))
          end if
       end do
    end subroutine finish

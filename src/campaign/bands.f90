@@ -14,7 +14,7 @@
 !> added again, and `take_selection`. The bootstrap draws within groups, fewer times in each.
 !>
 !> Ranges of frequencies and groups may be taken by different ranks: sums over the ranks of
-!> at_frequency, moments, replicate, integral and batches%level, which are zero where nothing was
+!> at_frequency, moments, replicate, integral and batches%variance, which are zero where nothing was
 !> added, make a collector that has all. Groups are joined in their order, so the sums have the same
 !> bits on any number of ranks; at_frequency alone has not, before the selection.
 module campaign_bands
@@ -34,7 +34,7 @@ module campaign_bands
 
    integer, parameter :: largest_group = 2**14    !! samples sorted together
    integer, parameter :: n_replicates = 400       !! of the bootstrap: intervals scatter by 5 %
-   integer, parameter :: most_batches = 512       !! of samples, whose integrals are kept
+   integer, parameter :: most_bins = 512       !! of samples, whose integrals are kept
 
    !> Collects the spectra of one case, by ranges of frequencies and groups of samples.
    type :: band_collector
@@ -43,14 +43,14 @@ module campaign_bands
       real(wp), allocatable :: at_frequency(:, :, :)
       !> (dof, frequency, group, mean or sum of squared deviations)
       real(wp), allocatable :: moments(:, :, :, :)
-      !> (dof, percentile, replicate, part) pseudo-variances; the replicates of a group together
+      !> (dof, percentile, replicate, slice) pseudo-variances; the replicates of a group together
       real(wp), allocatable :: replicate(:, :, :, :)
-      !> (dof, batch, part, group) mean integral of densities; batches from the group's first on
+      !> (dof, bin, slice, group) mean integral of densities; bins from the group's first on
       real(wp), allocatable :: integral(:, :, :, :)
       type(batch_collector) :: batches             !! of the march
       integer, private :: n_samples = 0
       integer, private :: n_drawn = 0              !! replicates of each group
-      integer, private :: batch = 1                !! samples whose integrals are kept as one
+      integer, private :: bin_width = 1            !! samples whose integrals are kept as one
       integer(long), private :: seed = 0
       real(wp), private :: step = 0.0_wp           !! between frequencies [Hz]
       !> (percentiles, their lower ends, their upper ends) places among 1..n_samples
@@ -81,13 +81,13 @@ contains
    end function sample_groups
 
    !> Prepares a collector; needs two samples or more.
-   subroutine start_bands(n_samples, n_dof, frequency, percentiles, seed, n_parts, collector, &
+   subroutine start_bands(n_samples, n_dof, frequency, percentiles, seed, n_slices, collector, &
                           follows_power, draws_again)
       integer, intent(in) :: n_samples, n_dof
       real(wp), intent(in) :: frequency(:)      !! (frequency) [Hz], equally spaced from 0
       real(wp), intent(in) :: percentiles(:)    !! [%]
       integer(long), intent(in) :: seed
-      integer, intent(in) :: n_parts            !! in which the frequencies come
+      integer, intent(in) :: n_slices            !! in which the frequencies come
       type(band_collector), intent(out) :: collector
       logical, intent(in), optional :: follows_power   !! `add` gets it
       logical, intent(in), optional :: draws_again     !! .false.: `finish` is not wanted
@@ -103,7 +103,7 @@ contains
       n_groups = size(collector%group_first) - 1
       collector%n_drawn = max(2, (n_replicates - 1)/n_groups + 1)
       if (present(draws_again)) collector%n_drawn = merge(collector%n_drawn, 0, draws_again)
-      collector%batch = (n_samples - 1)/most_batches + 1
+      collector%bin_width = (n_samples - 1)/most_bins + 1
       widest = maxval(collector%group_first(2:) - collector%group_first(:n_groups))
       allocate (collector%rank(3*np))
       collector%rank(:np) = 1.0_wp + (n_samples - 1)*percentiles/100.0_wp
@@ -113,23 +113,23 @@ contains
       end do
       allocate (collector%at_frequency(n_dof, size(frequency), 3*np), source=0.0_wp)
       allocate (collector%moments(n_dof, size(frequency), n_groups, 2), source=0.0_wp)
-      allocate (collector%replicate(n_dof, np, n_groups*collector%n_drawn, n_parts), source=0.0_wp)
-      allocate (collector%integral(n_dof, (widest - 1)/collector%batch + 2, n_parts, n_groups), &
-                source=0.0_wp)
+      allocate (collector%replicate(n_dof, np, n_groups*collector%n_drawn, n_slices), source=0.0_wp)
+      allocate (collector%integral(n_dof, (widest - 1)/collector%bin_width + 2, n_slices, &
+                                   n_groups), source=0.0_wp)
       if (.not. present(follows_power)) return
-      if (follows_power) call start_batches(np, n_dof, n_parts*n_groups, collector%batches)
+      if (follows_power) call start_batches(np, n_dof, n_slices*n_groups, collector%batches)
    end subroutine start_bands
 
    !> Takes the spectra of a group's samples at frequencies first, first + 1, ..., which belong to
-   !> one part. Frequencies of a part come in order. `power`: how their power varies along the
+   !> one slice. Frequencies of a slice come in order. `power`: how their power varies along the
    !> march, where it was followed.
-   pure subroutine add(self, part, first, group, psd, power)
+   pure subroutine add(self, slice, first, group, psd, power)
       class(band_collector), intent(inout) :: self
-      integer, intent(in) :: part, first, group
+      integer, intent(in) :: slice, first, group
       real(wp), intent(in) :: psd(:, :, :)   !! (dof, frequency, sample), one-sided [m^2/Hz]
       !> (dof, batch and range, sample) from the range of the first frequency on
       real(wp), intent(in), optional :: power(:, :, :)
-      integer :: times(self%n_drawn, size(psd, 3)), order(size(psd, 3))
+      integer :: times(self%n_drawn, size(psd, 3)), ranking(size(psd, 3))
       real(wp) :: sorted(size(psd, 3)), again(self%n_drawn), weight
       real(wp) :: rank(size(self%rank)), at_ranks(size(self%rank))
       integer :: dof, f, p, before, place
@@ -141,10 +141,10 @@ contains
       do f = 1, size(psd, 2)
          place = self%first_of_power(first + f - 1) - self%first_of_power(first)
          do dof = 1, size(psd, 1)
-            call add_to_batches(self, self%group_first(group), psd(dof, f, :), &
-                                self%integral(dof, :, part, group))
-            order = sort_order(psd(dof, f, :))
-            sorted = psd(dof, f, order)
+            call add_to_bins(self, self%group_first(group), psd(dof, f, :), &
+                             self%integral(dof, :, slice, group))
+            ranking = sort_order(psd(dof, f, :))
+            sorted = psd(dof, f, ranking)
             at_ranks = [(at_rank(sorted, rank(p)), p=1, size(rank))]
             associate (at => self%at_frequency(dof, first + f - 1, :), &
                        moments => self%moments(dof, first + f - 1, group, :))
@@ -153,14 +153,14 @@ contains
                moments(2) = sum((sorted - moments(1))**2)
             end associate
             if (present(power)) &
-               call add_power(self, (group - 1)*size(self%integral, 3) + part, dof, weight, &
-                              psd(dof, f, :), order, &
+               call add_power(self, (group - 1)*size(self%integral, 3) + slice, dof, weight, &
+                              psd(dof, f, :), ranking, &
                               power(dof, place + 1:place + n_batches, :), rank, &
                               at_ranks(:self%n_percentiles))
             do p = 1, self%n_percentiles
-               call find_again(sorted, order, times, rank(p), again)
-               associate (variance => self%replicate(dof, p, before + 1:before + size(again), part))
-                  variance = variance + self%step*again
+               call find_again(sorted, ranking, times, rank(p), again)
+               associate (drawn => self%replicate(dof, p, before + 1:before + size(again), slice))
+                  drawn = drawn + self%step*again
                end associate
             end do
          end do
@@ -260,12 +260,12 @@ contains
    end subroutine take_selection
 
    !> Adds one frequency of one dof to the batches of the march.
-   pure subroutine add_power(self, part, dof, weight, density, order, power, rank, percentile)
+   pure subroutine add_power(self, slice, dof, weight, density, ranking, power, rank, percentile)
       class(band_collector), intent(inout) :: self
-      integer, intent(in) :: part, dof        !! the part as one of all groups'
+      integer, intent(in) :: slice, dof        !! the slice as one of all groups'
       real(wp), intent(in) :: weight          !! of the group among all samples
       real(wp), intent(in) :: density(:)      !! (sample)
-      integer, intent(in) :: order(:)         !! of the samples, ascending
+      integer, intent(in) :: ranking(:)         !! of the samples, ascending
       real(wp), intent(in) :: power(:, :)     !! (batch, sample)
       real(wp), intent(in) :: rank(:)         !! in the group, as in self
       real(wp), intent(in) :: percentile(:)   !! of the densities
@@ -274,7 +274,7 @@ contains
       at(0) = sum(density)/size(density)
       at(1:) = percentile
       associate (np => size(percentile))
-         call self%batches%add(part, dof, density, order, power, self%step*weight*at, &
+         call self%batches%add(slice, dof, density, ranking, power, self%step*weight*at, &
                                rank(np + 1:2*np), rank(2*np + 1:))
       end associate
    end subroutine add_power
@@ -290,19 +290,19 @@ contains
       rank = max(1.0_wp, min(rank, real(m, wp)))
    end function rank_in_group
 
-   !> Adds one frequency to the integrals of the samples, as means over batches of samples.
-   pure subroutine add_to_batches(self, first_sample, density, integral)
+   !> Adds one frequency to the integrals of the samples, as means over bins of samples.
+   pure subroutine add_to_bins(self, first_sample, density, integral)
       class(band_collector), intent(in) :: self
       integer, intent(in) :: first_sample
       real(wp), intent(in) :: density(:)         !! (sample)
-      real(wp), intent(inout) :: integral(:)     !! (batch) from that of the first sample on
+      real(wp), intent(inout) :: integral(:)     !! (bin) from that of the first sample on
       integer :: b, i
 
       do i = 1, size(density)
-         b = (first_sample + i - 2)/self%batch - (first_sample - 1)/self%batch + 1
-         integral(b) = integral(b) + self%step*density(i)/self%batch
+         b = (first_sample + i - 2)/self%bin_width - (first_sample - 1)/self%bin_width + 1
+         integral(b) = integral(b) + self%step*density(i)/self%bin_width
       end do
-   end subroutine add_to_batches
+   end subroutine add_to_bins
 
    !> Joins mean and sum of squared deviations of the groups to those of all samples (Chan).
    pure subroutine join_moments(self, dof, frequency, mean, square)
@@ -325,17 +325,17 @@ contains
       end do
    end subroutine join_moments
 
-   !> Integrals of the batches of all samples; the last samples are left out where they do not fill
+   !> Integrals of the bins of all samples; the last samples are left out where they do not fill
    !> one.
    pure function join_integrals(self, dof) result(integral)
       class(band_collector), intent(in) :: self
       integer, intent(in) :: dof
-      real(wp) :: integral(self%n_samples/self%batch)
+      real(wp) :: integral(self%n_samples/self%bin_width)
       integer :: b, before, g
 
       integral = 0.0_wp
       do g = 1, self%n_groups()
-         before = (self%group_first(g) - 1)/self%batch
+         before = (self%group_first(g) - 1)/self%bin_width
          do b = 1, min(size(self%integral, 2), size(integral) - before)
             integral(before + b) = integral(before + b) + sum(self%integral(dof, b, :, g))
          end do
@@ -376,7 +376,7 @@ contains
             [(error_of_mean(join_integrals(self, dof)), dof=1, size(at, 1))]
       end associate
       call find_ratios(self, statistics)
-      if (allocated(self%batches%level)) call self%batches%finish(statistics)
+      if (allocated(self%batches%variance)) call self%batches%finish(statistics)
    end subroutine finish
 
    !> Computes the errors of the band ratios by the bootstrap. Replicates scatter about the value

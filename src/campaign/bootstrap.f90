@@ -9,11 +9,11 @@ module campaign_bootstrap
 contains
 
    !> Finds the values at a rank among samples drawn again, all replicates side by side: sample
-   !> order(i) is drawn times(b, order(i)) times in replicate b. Counts from the nearer end: few
+   !> ranking(i) is drawn times(b, ranking(i)) times in replicate b. Counts from the nearer end: few
    !> steps for an outer percentile.
-   pure subroutine find_again(sorted, order, times, rank, values)
+   pure subroutine find_again(sorted, ranking, times, rank, values)
       real(wp), intent(in) :: sorted(:), rank
-      integer, intent(in) :: order(:), times(:, :)
+      integer, intent(in) :: ranking(:), times(:, :)
       real(wp), intent(out) :: values(:)   !! (replicate)
       integer :: count(size(values))       ! samples from the end up to here
       integer :: place(size(values)), next(size(values))   ! from the end, of the order statistics
@@ -31,7 +31,7 @@ contains
       do while (minval(count) <= needed)
          from_end = from_end + 1
          i = merge(from_end, n + 1 - from_end, is_low)
-         associate (here => times(:, order(i)))
+         associate (here => times(:, ranking(i)))
             do b = 1, size(values)
                count(b) = count(b) + here(b)
                place(b) = place(b) + merge(1, 0, count(b) < needed)

@@ -46,7 +46,7 @@ module campaign_comparison
 
    !> Integrals over frequency of one dof, of all samples (0) and without sample i: replicate 0..n.
    type :: spectrum_integrals
-      real(wp), allocatable :: level(:, :)     !! (curve, replicate) of the second march
+      real(wp), allocatable :: reference(:, :)  !! (curve, replicate) of the second march
       real(wp), allocatable :: tested(:, :)    !! (curve, replicate) of the first
       real(wp), allocatable :: apart(:, :)     !! (curve, replicate) of the absolute difference
    end type spectrum_integrals
@@ -110,15 +110,15 @@ contains
       real(wp), intent(in) :: psd(:, :, :)     !! (dof, frequency, sample); two samples or more
       real(wp), intent(in) :: percentiles(:)   !! [%], ascending
       real(wp) :: ratios(0:size(psd, 3), size(psd, 1))
-      real(wp), dimension(0:size(percentiles), 0:size(psd, 3)) :: level
+      real(wp), dimension(0:size(percentiles), 0:size(psd, 3)) :: integral
       integer :: dof, f
 
       do dof = 1, size(psd, 1)
-         level = 0.0_wp
+         integral = 0.0_wp
          do f = 1, size(psd, 2)
-            level = level + curves(psd(dof, f, :), percentiles)
+            integral = integral + curves(psd(dof, f, :), percentiles)
          end do
-         ratios(:, dof) = share(level(size(percentiles), :), level(1, :))
+         ratios(:, dof) = share(integral(size(percentiles), :), integral(1, :))
       end do
    end function ratio_replicates
 
@@ -227,7 +227,7 @@ contains
 
       n_dof = size(self%integrals)
       last = size(self%percentiles)
-      n = ubound(self%integrals(1)%level, 2)
+      n = ubound(self%integrals(1)%reference, 2)
       errors%n_samples = n
       allocate (errors%psd_mean(n_dof), relative(0:n))
       if (n > 1) allocate (errors%psd_mean_error(n_dof), errors%psd_percentiles(n_dof, last), &
@@ -235,18 +235,18 @@ contains
                            errors%band_ratio(n_dof), errors%band_ratio_error(n_dof))
       do dof = 1, n_dof
          associate (integrals => self%integrals(dof))
-            relative(:) = share(integrals%apart(0, :), integrals%level(0, :))
+            relative(:) = share(integrals%apart(0, :), integrals%reference(0, :))
             errors%psd_mean(dof) = relative(0)
             if (n == 1) cycle
             errors%psd_mean_error(dof) = jackknife_error(relative(1:), n_all)
             do p = 1, last
-               relative(:) = share(integrals%apart(p, :), integrals%level(p, :))
+               relative(:) = share(integrals%apart(p, :), integrals%reference(p, :))
                errors%psd_percentiles(dof, p) = relative(0)
                errors%psd_percentiles_error(dof, p) = jackknife_error(relative(1:), n_all)
             end do
             call change_of_ratio(share(integrals%tested(last, :), integrals%tested(1, :)), &
-                                 share(integrals%level(last, :), integrals%level(1, :)), n_all, &
-                                 errors%band_ratio(dof), errors%band_ratio_error(dof))
+                                 share(integrals%reference(last, :), integrals%reference(1, :)), &
+                                 n_all, errors%band_ratio(dof), errors%band_ratio_error(dof))
          end associate
       end do
    end subroutine finish
@@ -260,16 +260,16 @@ contains
       real(wp), dimension(0:size(percentiles), 0:size(tested, 2)) :: ours, theirs
       integer :: f
 
-      if (.not. allocated(integrals%level)) then
+      if (.not. allocated(integrals%reference)) then
          associate (last => size(percentiles), n => size(tested, 2))
-            allocate (integrals%level(0:last, 0:n), integrals%tested(0:last, 0:n), &
+            allocate (integrals%reference(0:last, 0:n), integrals%tested(0:last, 0:n), &
                       integrals%apart(0:last, 0:n), source=0.0_wp)
          end associate
       end if
       do f = 1, size(tested, 1)
          ours = curves(tested(f, :), percentiles)
          theirs = curves(reference(f, :), percentiles)
-         integrals%level = integrals%level + theirs
+         integrals%reference = integrals%reference + theirs
          integrals%tested = integrals%tested + ours
          integrals%apart = integrals%apart + abs(ours - theirs)
       end do
@@ -281,7 +281,7 @@ contains
       real(wp), intent(in) :: values(:), percentiles(:)
       real(wp) :: statistics(0:size(percentiles), 0:size(values))
       real(wp) :: sorted(size(values))
-      integer :: order(size(values))
+      integer :: ranking(size(values))
       integer :: i, n, p
 
       n = size(values)
@@ -289,12 +289,12 @@ contains
       statistics(0, 0) = mean(values)
       if (n == 1) return
       statistics(0, 1:) = (sum(values) - values)/(n - 1)
-      order = sort_order(values)
-      sorted = values(order)
+      ranking = sort_order(values)
+      sorted = values(ranking)
       do p = 1, size(percentiles)
          statistics(p, 0) = at_rank(sorted, 1.0_wp + (n - 1)*percentiles(p)/100.0_wp)
          do i = 1, n
-            statistics(p, order(i)) = at_rank_without(i, sorted, percentiles(p))
+            statistics(p, ranking(i)) = at_rank_without(i, sorted, percentiles(p))
          end do
       end do
    end function curves

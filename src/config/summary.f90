@@ -37,8 +37,8 @@ contains
 
       text = labelled('scene', plan%title//', '//scene%path)// &
              labelled('fingerprint', fingerprint(scene))
-      text = text//labelled('runs', joined(parts(plan, wanted=.true.)))
-      text = text//labelled('does not run', joined(parts(plan, wanted=.false.)))
+      text = text//labelled('runs', joined(activities(plan, wanted=.true.)))
+      text = text//labelled('does not run', joined(activities(plan, wanted=.false.)))
       if (size(plan%processes) > 0) text = text//line_feed//process_table(plan, foreseen)
       if (plan%has_structure) then
          text = text//line_feed//case_table(plan)//line_feed//motion_text(plan)
@@ -67,8 +67,8 @@ contains
                          ' is above '//brief(unusual)//': 1 % of critical is 0.01')
    end function damping_note
 
-   !> Parts that the plan does, or leaves out.
-   pure function parts(plan, wanted) result(names)
+   !> Activities of the plan, or those that it leaves out.
+   pure function activities(plan, wanted) result(names)
       type(plan_type), intent(in) :: plan
       logical, intent(in) :: wanted
       character(40), allocatable :: names(:)
@@ -97,7 +97,7 @@ contains
       end if
       names = pack(names, (is_there .eqv. wanted) .and. &
                    (plan%has_structure .or. .not. is_of_motion))
-   end function parts
+   end function activities
 
    !> One row per process: its cases differ in the level of the force only.
    function case_table(plan) result(text)

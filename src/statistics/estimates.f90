@@ -69,12 +69,12 @@ contains
    !> one binomial standard deviation of the rank to both sides; the interval ends at those
    !> two-sided 95 % of it away; where there are none, at as many standard errors with Student's
    !> factor.
-   pure function plain_percentile(y, p, order) result(plain)
+   pure function plain_percentile(y, p, ranking) result(plain)
       real(wp), intent(in) :: y(:, :)   !! (sample, output)
       real(wp), intent(in) :: p         !! share of the law below
-      integer, intent(in), optional :: order(:, :)   !! (rank, output) samples, where known
+      integer, intent(in), optional :: ranking(:, :)   !! (rank, output) samples, where known
       type(estimates_type) :: plain
-      real(wp) :: sorted(size(y, 1)), factor, rank, reach, slope
+      real(wp) :: sorted(size(y, 1)), factor, rank, scatter, slope
       logical :: has_ends(2)   ! order statistics where the interval ends
       integer :: n, o
 
@@ -82,23 +82,23 @@ contains
       plain = blank_estimates(n, size(y, 2))
       allocate (plain%stretch(2, size(y, 2)), source=1.0_wp)
       rank = 1.0_wp + p*(n - 1)
-      reach = sqrt(p*(1.0_wp - p)*n)
+      scatter = sqrt(p*(1.0_wp - p)*n)
       has_ends = [rank - two_sided*reach >= 1.0_wp, rank + two_sided*reach <= n]
       do o = 1, size(y, 2)
-         if (present(order)) then
-            sorted = y(order(:, o), o)
+         if (present(ranking)) then
+            sorted = y(ranking(:, o), o)
          else
             sorted = y(sort_order(y(:, o)), o)
          end if
          plain%value(o) = at_rank(sorted, rank)
-         slope = slope_between(sorted, rank - reach, rank + reach)
+         slope = slope_between(sorted, rank - scatter, rank + scatter)
          plain%influence(:, o) = slope*merge(p - 1.0_wp, p, y(:, o) <= plain%value(o))
          plain%influence(:, o) = plain%influence(:, o) - sum(plain%influence(:, o))/n
          if (.not. slope > 0.0_wp) cycle
          factor = 1.0_wp/student_factor(plain%influence(:, o))
          plain%stretch(:, o) = max(least_stretch, merge(factor, 1.0_wp, has_ends) &
-                                   *[slope_between(sorted, rank - two_sided*reach, rank), &
-                                     slope_between(sorted, rank, rank + two_sided*reach)]/slope)
+                                   *[slope_between(sorted, rank - two_sided*scatter, rank), &
+                                     slope_between(sorted, rank, rank + two_sided*scatter)]/slope)
       end do
    end function plain_percentile
 

@@ -75,7 +75,7 @@ contains
       type(law_type), intent(out) :: law
       type(error_type), allocatable, intent(out) :: error
       real(wp), allocatable :: along(:)
-      integer, allocatable :: order(:)
+      integer, allocatable :: ranking(:)
       integer :: j, m, n
 
       n = min(n_points, size(draws%x, 1))
@@ -83,20 +83,20 @@ contains
       do j = 1, size(direction)
          along = along + direction(j)*draws%x(:, j)
       end do
-      order = rough_order(along)
+      ranking = rough_order(along)
       associate (stride => real(size(draws%x, 1), wp)/n)
-         order = order([(1 + int((m - 0.5_wp)*stride), m=1, n)])
+         ranking = ranking([(1 + int((m - 0.5_wp)*stride), m=1, n)])
       end associate
-      law%x = draws%x(order, :)
+      law%x = draws%x(ranking, :)
       law%n_independent = draws%n_independent
       call weigh(draws%mean, law, error)
    end subroutine choose_points
 
    !> Positions in ascending order of values, to a fraction of their range: a bucket each, in which
    !> they stay as they came.
-   pure function rough_order(values) result(order)
+   pure function rough_order(values) result(ranking)
       real(wp), intent(in) :: values(:)
-      integer :: order(size(values))
+      integer :: ranking(size(values))
       integer, parameter :: n_buckets = 2**14
       integer :: bucket(size(values)), i
       integer, allocatable :: last(:)
@@ -114,7 +114,7 @@ contains
       end do
       do i = 1, size(values)
          last(bucket(i)) = last(bucket(i)) + 1
-         order(last(bucket(i))) = i
+         ranking(last(bucket(i))) = i
       end do
    end function rough_order
 

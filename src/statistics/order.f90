@@ -24,16 +24,16 @@ contains
       real(wp), intent(in) :: p
       logical, intent(in) :: is_upper
       integer :: rank
-      real(wp) :: cumulated, level, logarithm
+      real(wp) :: cumulated, probability, logarithm
       integer :: k
 
-      level = merge(0.975_wp, 0.025_wp, is_upper)
+      probability = merge(0.975_wp, 0.025_wp, is_upper)
       cumulated = 0.0_wp
       do k = 0, n
          logarithm = log_gamma(n + 1.0_wp) - log_gamma(k + 1.0_wp) - log_gamma(n - k + 1.0_wp) &
                      + k*log(p) + (n - k)*log(1.0_wp - p)
          cumulated = cumulated + exp(logarithm)
-         if (cumulated > level) exit
+         if (cumulated > probability) exit
       end do
       rank = merge(k + 1, k, is_upper)
       rank = max(1, min(rank, n))

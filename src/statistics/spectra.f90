@@ -93,7 +93,7 @@ contains
          type(spectrum_type), intent(inout) :: best
          type(integral_type) :: of_mean, of_percentile(size(share_below))
          real(wp), allocatable :: values(:, :)
-         integer, allocatable :: order(:, :)   ! (rank, frequency) the case's samples
+         integer, allocatable :: ranking(:, :)   ! (rank, frequency) the case's samples
          integer :: f, k, p
 
          call make_room(best, size(outputs, 2), size(share_below))
@@ -103,12 +103,12 @@ contains
             call estimate_means(number, k, values, best, of_mean)
             allocate (order(view%last - view%first + 1, size(values, 2)))
             do f = 1, size(values, 2)
-               order(:, f) = sort_order(outputs(view%first:view%last, starts(k) + f - 1))
+               ranking(:, f) = sort_order(outputs(view%first:view%last, starts(k) + f - 1))
             end do
             do p = 1, size(share_below)
-               call estimate_percentiles(number, k, p, order, values, best, of_percentile(p))
+               call estimate_percentiles(number, k, p, ranking, values, best, of_percentile(p))
             end do
-            deallocate (values, order)
+            deallocate (values, ranking)
          end do
          call close_integral(number, of_mean_powers, of_mean, best%variance_mean, &
                              best%variance_mean_error, best%variance_mean_ratio)
@@ -153,8 +153,8 @@ contains
          integral%value = integral%value + step*sum(both%value)
       end subroutine estimate_means
 
-      subroutine estimate_percentiles(number, k, p, order, values, best, integral)
-         integer, intent(in) :: number, k, p, order(:, :)
+      subroutine estimate_percentiles(number, k, p, ranking, values, best, integral)
+         integer, intent(in) :: number, k, p, ranking(:, :)
          real(wp), intent(in) :: values(:, :)
          type(spectrum_type), intent(inout) :: best
          type(integral_type), intent(inout) :: integral
@@ -164,7 +164,7 @@ contains
 
          associate (first => starts(k), last => starts(k + 1) - 1)
             associate (own => outputs(view%first:view%last, first:last))
-               theirs = among_all(pool, number, plain_percentile(own, share_below(p), order), &
+               theirs = among_all(pool, number, plain_percentile(own, share_below(p), ranking), &
                                   log(max(plain(number)%percentile(first:last, p), least_density)))
                both = theirs
                share = 1.0_wp

@@ -72,14 +72,14 @@ contains
       type(scalar_plain) :: plain(1, 1)
       type(scalar_type) :: estimate(1, 1)
       real(wp) :: scatter(size(slip_fraction, 1)), least(2)
-      integer, allocatable :: order(:)
+      integer, allocatable :: ranking(:)
       integer :: i, joint
 
       scatter = [(standard_deviation(slip_fraction(i, :)), i=1, size(scatter))]
-      order = sort_order(-scatter)
+      ranking = sort_order(-scatter)
       least = huge(1.0_wp)
-      do i = 1, size(order)
-         joint = order(i)
+      do i = 1, size(ranking)
+         joint = ranking(i)
          if (i <= most_looked_at .and. scatter(joint) > 0.0_wp) then
             plain(1, 1)%mean = sum(slip_fraction(joint, :))/size(slip_fraction, 2)
             plain(1, 1)%deviation = scatter(joint)

@@ -17,12 +17,12 @@ module io_hdf5_outcome
       procedure :: conclude
    end type outcome_type
 
-   !> H5E_error2_t: one level of HDF5's stack of reasons.
-   type, bind(c) :: level_type
+   !> H5E_error2_t: one entry of HDF5's stack of reasons.
+   type, bind(c) :: entry_type
       integer(c_int64_t) :: class, major, minor
       integer(c_int) :: line
       type(c_ptr) :: function_name, file_name, description
-   end type level_type
+   end type entry_type
 
    type :: reason_type
       character(:), allocatable :: text
@@ -80,15 +80,15 @@ contains
    end function deepest_reason
 
    !> Keeps the first description that it is shown.
-   function visit(depth, level, client) result(status) bind(c)
+   function visit(depth, entry, client) result(status) bind(c)
       integer(c_int), value :: depth
-      type(level_type), intent(in) :: level
+      type(entry_type), intent(in) :: entry
       type(c_ptr), value :: client
       integer(c_int) :: status
       type(reason_type), pointer :: reason
 
       call c_f_pointer(client, reason)
-      if (depth == 0 .and. c_associated(level%description)) reason%text = text_at(level%description)
+      if (depth == 0 .and. c_associated(entry%description)) reason%text = text_at(entry%description)
       status = 0
    end function visit
 
