@@ -12,18 +12,19 @@ module driver_tradeoff
    use driver_processes, only: solve_processes
    use driver_provenance, only: provenance_of
    use driver_tradeoff_models, only: fits_text, orders_text, variants_text
-   use driver_tradeoff_text, only: parts_text, settings_text, sizes_text, spectra_text, wanted_text
+   use driver_tradeoff_text, only: components_text, settings_text, sizes_text, spectra_text, &
+      wanted_text
    use driver_trial_runs, only: measure_settings
    use io_earlier_results, only: check_replaceable
    use io_lock, only: lock_type, take_lock
    use io_results, only: begin_results, results_writer
-   use io_tradeoff_results, only: write_orders, write_parts, write_settings, write_sizes, &
+   use io_tradeoff_results, only: write_errors, write_orders, write_settings, write_sizes, &
       write_spectra, write_variants
    use parallel_world, only: start_world, stop_world, world_type
    use process_model, only: process_model_type
    use tradeoff_effects, only: variant_row, variant_rows_of
-   use tradeoff_front, only: error_parts, parts_of, rows_of, sample_steps, setting_row, size_row, &
-      size_rows_of, spectrum_row, spectrum_rows_of
+   use tradeoff_front, only: components_of, error_components, rows_of, sample_steps, setting_row, &
+      size_row, size_rows_of, spectrum_row, spectrum_rows_of
    use tradeoff_process_settings, only: compare_orders, order_row
    use tradeoff_tasks, only: scope_type, tradeoff_type
    use tradeoff_variants, only: list_variants
@@ -40,7 +41,7 @@ module driver_tradeoff
       type(tradeoff_type) :: tradeoff
       type(setting_row), allocatable :: settings(:)
       type(spectrum_row), allocatable :: spectra(:)
-      type(error_parts) :: parts
+      type(error_components) :: errors
       type(size_row), allocatable :: sizes(:)
       type(variant_row), allocatable :: variants(:)
       type(order_row), allocatable :: orders(:)
@@ -137,10 +138,10 @@ contains
       if (is_stopped .or. allocated(error)) return
       found%settings = rows_of(found%tradeoff)
       found%spectra = spectrum_rows_of(found%tradeoff)
-      found%parts = parts_of(found%tradeoff, found%settings(found%tradeoff%own), &
+      found%errors = components_of(found%tradeoff, found%settings(found%tradeoff%own), &
                              plan%integration%n_steps - plan%integration%n_discard)
       found%sizes = size_rows_of(plan, found%tradeoff, found%settings(found%tradeoff%own), &
-                                 found%parts)
+                                 found%errors)
       found%variants = variant_rows_of(found%tradeoff)
    end subroutine measure_march
 
@@ -176,7 +177,7 @@ contains
          text = settings_text(plan, found%tradeoff, found%settings, n_ranks)// &
                 wanted_text(plan, found%settings, scene%accuracy%target_slip_points, &
                             scene%accuracy%target_band_ratio, n_ranks)//line_feed// &
-                parts_text(plan, found%settings, found%tradeoff%own, found%parts, n_ranks)// &
+                components_text(plan, found%settings, found%tradeoff%own, found%errors, n_ranks)// &
                 line_feed
          text = text//sizes_text(plan, found%sizes, n_ranks)//line_feed
          if (size(found%spectra) > 0) text = text//spectra_text(found%spectra)//line_feed
@@ -206,7 +207,7 @@ contains
          call write_settings(writer, plan, found%settings, &
                              found%tradeoff%plan%integration%n_steps, &
                              1.0e-9_wp*sample_steps(plan), error)
-         if (.not. allocated(error)) call write_parts(writer, found%parts, error)
+         if (.not. allocated(error)) call write_errors(writer, found%errors, error)
          if (.not. allocated(error)) call write_sizes(writer, found%sizes, error)
          if (.not. allocated(error)) call write_spectra(writer, found%spectra, error)
          if (.not. allocated(error)) &

@@ -1,16 +1,16 @@
-!> Text of `entroslip tradeoff` on marches: settings, wanted errors, parts of the error, spectra.
+!> Text of `entroslip tradeoff` on marches: settings, wanted and found errors, spectra.
 module driver_tradeoff_text
    use campaign_plan, only: plan_type
    use core_kinds, only: wp
    use core_phrases, only: brief, counted, duration, labelled, padded
    use core_text, only: to_text
-   use tradeoff_front, only: cheapest, error_parts, is_random, keeps, published_error, &
+   use tradeoff_front, only: cheapest, error_components, is_random, keeps, published_error, &
       sample_steps, setting_row, size_row, spectrum_row
    use tradeoff_settings, only: setting_dt, setting_type
    use tradeoff_tasks, only: tradeoff_type
    implicit none(type, external)
    private
-   public :: parts_text, setting_text, settings_text, sizes_text, spectra_text, wanted_text
+   public :: components_text, setting_text, settings_text, sizes_text, spectra_text, wanted_text
 
    character, parameter :: line_feed = new_line('a')
 
@@ -145,20 +145,20 @@ contains
    end function wanted_text
 
    !> Parts of the error, the largest of them, and the cost of halving it.
-   pure function parts_text(plan, rows, own, parts, n_ranks) result(text)
+   pure function components_text(plan, rows, own, errors, n_ranks) result(text)
       type(plan_type), intent(in) :: plan
       type(setting_row), intent(in) :: rows(:)
       integer, intent(in) :: own
-      type(error_parts), intent(in) :: parts
+      type(error_components), intent(in) :: errors
       integer, intent(in) :: n_ranks
       character(:), allocatable :: text
       real(wp) :: slip(3)
 
       text = 'error now        slip [points] its std  spectrum [%] percentiles [%]  bands [%]'// &
-             line_feed//part_text(plan, 'discretisation', parts%discretisation)// &
-             part_text(plan, 'time average', parts%time)
-      if (is_random(plan)) text = text//part_text(plan, 'Monte Carlo', parts%samples)
-      slip = [parts%discretisation%slip, parts%time%slip, parts%samples%slip]
+             line_feed//component_text(plan, 'discretisation', errors%discretisation)// &
+             component_text(plan, 'time average', errors%time)
+      if (is_random(plan)) text = text//component_text(plan, 'Monte Carlo', errors%samples)
+      slip = [errors%discretisation%slip, errors%time%slip, errors%samples%slip]
       if (.not. maxval(slip) > 0.0_wp) then
          text = text//labelled('largest', 'none of slip: nothing slips, or all the time')
          return
@@ -172,8 +172,8 @@ contains
       case (3)
          text = text//labelled('largest', 'of slip: Monte Carlo; to halve it: '// &
                                'campaign%n_samples = '//to_text( &
-                               ceiling(parts%times_to_halve*maxval(plan%cases%n_samples)))// &
-                               ', '//as_long(parts%times_to_halve))
+                               ceiling(errors%times_to_halve*maxval(plan%cases%n_samples)))// &
+                               ', '//as_long(errors%times_to_halve))
       end select
 
    contains
@@ -223,23 +223,23 @@ contains
          words = run_time(plan, rows(own), n_ranks)
       end function now
 
-   end function parts_text
+   end function components_text
 
-   !> A part of the error, of all that is published.
-   pure function part_text(plan, name, part) result(line)
+   !> A component of the error, of all that is published.
+   pure function component_text(plan, name, error) result(line)
       type(plan_type), intent(in) :: plan
       character(*), intent(in) :: name
-      type(published_error), intent(in) :: part
+      type(published_error), intent(in) :: error
       character(:), allocatable :: line
 
       associate (many => maxval(plan%cases%n_samples) > 1, spectrum => plan%output%spectrum)
-         line = '  '//padded(name, 15)//padded(brief(part%slip), 14)// &
-                padded(known(part%slip_std, many), 9)// &
-                padded(known(100*part%psd_mean, spectrum), 13)// &
-                padded(known(100*part%psd_percentiles, spectrum .and. many), 17)// &
-                known(100*part%ratio, spectrum .and. many)//line_feed
+         line = '  '//padded(name, 15)//padded(brief(error%slip), 14)// &
+                padded(known(error%slip_std, many), 9)// &
+                padded(known(100*error%psd_mean, spectrum), 13)// &
+                padded(known(100*error%psd_percentiles, spectrum .and. many), 17)// &
+                known(100*error%ratio, spectrum .and. many)//line_feed
       end associate
-   end function part_text
+   end function component_text
 
    !> A number, or '-' where there is none.
    pure function known(value, is_known) result(text)

@@ -26,7 +26,7 @@ _CHANGES = {  # from the highest order
     "slip_std": "std of slip [points of %]",
     "band_ratio": "band ratio, relative",
 }
-_PARTS = {"discretisation": "discretisation", "time average": "time", "Monte Carlo": "samples"}
+_COMPONENTS = {"discretisation": "discretisation", "time average": "time", "Monte Carlo": "samples"}
 _PUBLISHED = (
     ("slip", "mean slip [points]", 1.0),
     ("slip_std", "its std [points]", 1.0),
@@ -52,7 +52,7 @@ def figures_of(results: Results, processes: Mapping[str, xr.Dataset]) -> Iterato
         SECTIONS[-1],
         tuple(partial(plot_error_over_cost, data=data, error=name) for name in shown),
     )  # fmt: skip
-    changes = _part(results, "variants")
+    changes = _group(results, "variants")
     if changes is None:
         return
     yield Figure(
@@ -158,23 +158,23 @@ def tables_of(results: Results) -> Iterator[Table]:
         rows, "Numerical errors, the largest over cases and joints; standard errors in"
         " brackets, in units of the last digits.",
     )  # fmt: skip
-    parts = _part(results, "parts")
-    if parts is not None:
+    errors = _group(results, "errors")
+    if errors is not None:
         yield Table(
-            "tradeoff_parts", "What the error of the scene is made of",
-            ("part", *(title for _, title, _ in _PUBLISHED)),
+            "tradeoff_errors", "What the error of the scene is made of",
+            ("component", *(title for _, title, _ in _PUBLISHED)),
             [
                 (
-                    name,
-                    *(f"{scale * float(parts[f'{part}_{of}']):.2g}" for of, _, scale in _PUBLISHED),
+                    title,
+                    *(f"{f * float(errors[f'{name}_{of}']):.2g}" for of, _, f in _PUBLISHED),
                 )
-                for name, part in _PARTS.items()
+                for title, name in _COMPONENTS.items()
             ],
             "Discretisation measured for the scene's own setting; the others are standard errors,"
             " estimated from batches of a march and from the scatter of samples. Those of spectra"
             " are integrals over frequency, relative to that of the density.",
         )  # fmt: skip
-    sizes = _part(results, "sizes")
+    sizes = _group(results, "sizes")
     if sizes is not None:
         yield Table(
             "tradeoff_sizes", "The whole error by samples and steps",
@@ -183,7 +183,7 @@ def tables_of(results: Results) -> Iterator[Table]:
             [_size_row(sizes.isel(size=i)) for i in range(sizes.sizes["size"])],
             "Discretisation, time average and Monte Carlo together, by the laws that they follow.",
         )  # fmt: skip
-    changes = _part(results, "variants")
+    changes = _group(results, "variants")
     if changes is not None:
         yield Table(
             "tradeoff_variants", "What orders and lengths of fits change",
@@ -241,7 +241,7 @@ def _error_of(setting: xr.Dataset, name: str, scale: float) -> str:
     return value_with_error(scale * value, scale * error) if error > 0.0 else f"{scale * value:.2g}"
 
 
-def _part(results: Results, name: str) -> xr.Dataset | None:
+def _group(results: Results, name: str) -> xr.Dataset | None:
     """A group of the tradeoff; absent where nothing of the kind was compared."""
     try:
         return open_group(results.path, f"tradeoff/{name}").load()

@@ -6,13 +6,13 @@ module io_tradeoff_results
    use io_group, only: group_type, new_group
    use io_results, only: results_writer
    use tradeoff_effects, only: variant_row
-   use tradeoff_front, only: error_parts, published_error, setting_row, size_row, spectrum_row
+   use tradeoff_front, only: error_components, published_error, setting_row, size_row, spectrum_row
    use tradeoff_process_settings, only: order_row
    use tradeoff_settings, only: setting_dt
    use tradeoff_variants, only: variant_type
    implicit none(type, external)
    private
-   public :: write_orders, write_parts, write_settings, write_sizes, write_spectra, write_variants
+   public :: write_errors, write_orders, write_settings, write_sizes, write_spectra, write_variants
 
 contains
 
@@ -59,36 +59,36 @@ contains
       call group%take_error(error)
    end subroutine write_settings
 
-   !> Writes the parts of the error of the scene's own results.
-   subroutine write_parts(writer, parts, error)
+   !> Writes the components of the error of the scene's own results.
+   subroutine write_errors(writer, errors, error)
       type(results_writer), intent(in) :: writer
-      type(error_parts), intent(in) :: parts
+      type(error_components), intent(in) :: errors
       type(error_type), allocatable, intent(out) :: error
       type(group_type) :: group
 
-      group = new_group(writer%file, '/tradeoff/parts')
-      call put_part('discretisation', parts%discretisation, 'error by the setting')
-      call put_part('time', parts%time, 'standard error for the length of the march')
-      call put_part('samples', parts%samples, 'standard error for the number of samples')
+      group = new_group(writer%file, '/tradeoff/errors')
+      call put_component('discretisation', errors%discretisation, 'error by the setting')
+      call put_component('time', errors%time, 'standard error for the length of the march')
+      call put_component('samples', errors%samples, 'standard error for the number of samples')
       call group%take_error(error)
 
    contains
 
-      subroutine put_part(name, part, what)
+      subroutine put_component(name, of, what)
          character(*), intent(in) :: name, what
-         type(published_error), intent(in) :: part
+         type(published_error), intent(in) :: of
 
-         call group%put_value(name//'_slip', part%slip, '%', what//', of mean slip fractions')
-         call group%put_value(name//'_slip_std', part%slip_std, '%', &
+         call group%put_value(name//'_slip', of%slip, '%', what//', of mean slip fractions')
+         call group%put_value(name//'_slip_std', of%slip_std, '%', &
                               what//', of their standard deviation')
-         call group%put_value(name//'_psd_mean', part%psd_mean, '1', &
+         call group%put_value(name//'_psd_mean', of%psd_mean, '1', &
                               what//', of mean spectra: over frequency, relative')
-         call group%put_value(name//'_psd_percentiles', part%psd_percentiles, '1', &
+         call group%put_value(name//'_psd_percentiles', of%psd_percentiles, '1', &
                               what//', of percentiles of spectra: over frequency, relative')
-         call group%put_value(name//'_ratio', part%ratio, '1', what//', of band ratios, relative')
-      end subroutine put_part
+         call group%put_value(name//'_ratio', of%ratio, '1', what//', of band ratios, relative')
+      end subroutine put_component
 
-   end subroutine write_parts
+   end subroutine write_errors
 
    !> Writes the errors of other ways to form spectra.
    subroutine write_spectra(writer, rows, error)
@@ -120,10 +120,10 @@ contains
       call group%column('n_samples', rows%n_samples, 'samples of the largest case')
       call group%column('n_steps', real(rows%n_steps, wp), '1', 'steps')
       call group%column('slip_mean', rows%slip_mean, '%', &
-                        'error of mean slip fractions, all parts, in points')
+                        'error of mean slip fractions, all together, in points')
       call group%column('slip_std', rows%slip_std, '%', 'the same of their standard deviation')
       call group%column('band_ratio', rows%band_ratio, '1', &
-                        'relative error of band ratios, all parts')
+                        'relative error of band ratios, all together')
       call group%column('seconds', rows%seconds, 's', 'processor time of the march')
       call group%take_error(error)
    end subroutine write_sizes

@@ -83,7 +83,7 @@ contains
       allocate (plain%stretch(2, size(y, 2)), source=1.0_wp)
       rank = 1.0_wp + p*(n - 1)
       scatter = sqrt(p*(1.0_wp - p)*n)
-      has_ends = [rank - two_sided*reach >= 1.0_wp, rank + two_sided*reach <= n]
+      has_ends = [rank - two_sided*scatter >= 1.0_wp, rank + two_sided*scatter <= n]
       do o = 1, size(y, 2)
          if (present(ranking)) then
             sorted = y(ranking(:, o), o)

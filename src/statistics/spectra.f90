@@ -101,7 +101,7 @@ contains
             allocate (values(size(law%weight), starts(k + 1) - starts(k)))
             if (k <= size(fits)) call predict(surrogate, fits(k), view%rows, values)
             call estimate_means(number, k, values, best, of_mean)
-            allocate (order(view%last - view%first + 1, size(values, 2)))
+            allocate (ranking(view%last - view%first + 1, size(values, 2)))
             do f = 1, size(values, 2)
                ranking(:, f) = sort_order(outputs(view%first:view%last, starts(k) + f - 1))
             end do

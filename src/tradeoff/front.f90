@@ -1,19 +1,20 @@
 !> From measured tasks to what a user decides by: the error and cost of every setting, the settings
-!> that no other beats in both, the cheapest for a wanted error, and the parts of the error now.
+!> that no other beats in both, the cheapest for a wanted error, and the error's components.
 module tradeoff_front
    use campaign_plan, only: plan_type
    use campaign_samples_needed, only: error_with, slip_error
    use core_kinds, only: long, wp
    use numerics_correlated, only: error_of_batches, n_batches
    use numerics_spectrum, only: error_of_density
-   use tradeoff_samples_part, only: mean_slip_errors, noise_of_one, part_of_samples, published_error
+   use tradeoff_samples_error, only: error_of_samples, mean_slip_errors, noise_of_one, &
+      published_error
    use tradeoff_settings, only: expected_cost, setting_type
    use tradeoff_task_results, only: setting_errors
    use tradeoff_tasks, only: of_batch, of_samples, of_setting, of_spectrum, tradeoff_type
    implicit none(type, external)
    private
-   public :: error_parts, published_error, setting_row, size_row, spectrum_row
-   public :: rows_of, size_rows_of, slip_error_to_come, spectrum_rows_of, parts_of, cheapest, &
+   public :: error_components, published_error, setting_row, size_row, spectrum_row
+   public :: rows_of, size_rows_of, slip_error_to_come, spectrum_rows_of, components_of, cheapest, &
              best, is_random, keeps, sample_steps
 
    !> A setting measured.
@@ -44,12 +45,12 @@ module tradeoff_front
    end type size_row
 
    !> Parts of the error that the scene has now.
-   type :: error_parts
+   type :: error_components
       type(published_error) :: discretisation
       type(published_error) :: time              !! n_steps are finite
       type(published_error) :: samples           !! n_samples are finite: of the scene's estimator
       real(wp) :: times_to_halve = 4.0_wp        !! as many samples halve that of slip
-   end type error_parts
+   end type error_components
 
 contains
 
@@ -171,31 +172,31 @@ contains
    end function spectrum_rows_of
 
    !> Parts of the error of the scene's results.
-   pure function parts_of(tradeoff, own, n_steps) result(parts)
+   pure function components_of(tradeoff, own, n_steps) result(errors)
       type(tradeoff_type), intent(in) :: tradeoff
       type(setting_row), intent(in) :: own   !! the scene's setting
       integer, intent(in) :: n_steps         !! of the scene, after those discarded
-      type(error_parts) :: parts
+      type(error_components) :: errors
       type(published_error) :: fewer
       real(wp) :: few, many
       integer :: i
 
-      parts%discretisation = published_error(own%slip, own%slip_std, own%psd_mean, &
+      errors%discretisation = published_error(own%slip, own%slip_std, own%psd_mean, &
                                              own%psd_percentiles, own%band_ratio)
-      call add_time_averages(tradeoff, n_steps, parts)
-      parts%samples = part_of_samples(tradeoff, parts%time%slip, n_steps, 1.0_wp)
+      call add_time_averages(tradeoff, n_steps, errors)
+      errors%samples = error_of_samples(tradeoff, errors%time%slip, n_steps, 1.0_wp)
       few = 1.0_wp
       many = 4.0_wp   ! plain sampling; no estimator falls more slowly
       do i = 1, 12
-         fewer = part_of_samples(tradeoff, parts%time%slip, n_steps, sqrt(few*many))
-         if (fewer%slip > 0.5_wp*parts%samples%slip) then
+         fewer = error_of_samples(tradeoff, errors%time%slip, n_steps, sqrt(few*many))
+         if (fewer%slip > 0.5_wp*errors%samples%slip) then
             few = sqrt(few*many)
          else
             many = sqrt(few*many)
          end if
       end do
-      parts%times_to_halve = many
-   end function parts_of
+      errors%times_to_halve = many
+   end function components_of
 
    !> Standard errors of mean slip fractions that the scene's results will have, the joints of all
    !> cases that were looked at in a row.
@@ -203,13 +204,13 @@ contains
       type(plan_type), intent(in) :: plan
       type(tradeoff_type), intent(in) :: tradeoff
       type(slip_error) :: error
-      type(error_parts) :: parts
+      type(error_components) :: errors
       real(wp), allocatable :: now(:), ratio(:)
       real(wp) :: w
       integer :: i, n_steps
 
       n_steps = plan%integration%n_steps - plan%integration%n_discard
-      call add_time_averages(tradeoff, n_steps, parts)
+      call add_time_averages(tradeoff, n_steps, errors)
       error%n_samples = maxval(plan%cases%n_samples)
       error%has_own_records = plan%excitation%per_sample
       error%most_fitted = maxval(tradeoff%most_fitted)
@@ -220,30 +221,30 @@ contains
             associate (most => tradeoff%most_fitted(tradeoff%cases(tradeoff%tasks(i)%row)))
                w = tradeoff%found(i)%n_samples
                call mean_slip_errors(tradeoff%found(i), &
-                                     noise_of_one(tradeoff, parts%time%slip, n_steps), now, ratio)
+                                     noise_of_one(tradeoff, errors%time%slip, n_steps), now, ratio)
                error%samples = [error%samples, error_with(n, w, now, ratio, 0.0_wp, most)]
                error%ratio = [error%ratio, now*ratio*sqrt(w/n)]   ! plain sampling's error
                if (most > 0) error%most_fitted = min(error%most_fitted, most)
             end associate
          end do
          if (error%has_own_records) then   ! samples lower both
-            error%samples = hypot(error%samples, parts%time%slip)
-            error%ratio = hypot(error%ratio, parts%time%slip)
+            error%samples = hypot(error%samples, errors%time%slip)
+            error%ratio = hypot(error%ratio, errors%time%slip)
          end if
          error%ratio = max(1.0_wp, error%ratio/max(error%samples, tiny(1.0_wp)))
          error%record = 0.0_wp*error%samples
-         if (.not. error%has_own_records) error%record = error%record + parts%time%slip
-         error%own = 0.0_wp*error%samples + parts%time%slip &
+         if (.not. error%has_own_records) error%record = error%record + errors%time%slip
+         error%own = 0.0_wp*error%samples + errors%time%slip &
                      *merge(sqrt(n), 1.0_wp, error%has_own_records)
       end associate
    end function slip_error_to_come
 
    !> Adds, from batches, their mean over a march of the scene's length. Where every sample has a
    !> force of its own, the mean over samples averages their errors too.
-   pure subroutine add_time_averages(tradeoff, n_steps, parts)
+   pure subroutine add_time_averages(tradeoff, n_steps, errors)
       type(tradeoff_type), intent(in) :: tradeoff
       integer, intent(in) :: n_steps
-      type(error_parts), intent(inout) :: parts
+      type(error_components), intent(inout) :: errors
       real(wp), allocatable :: series(:, :)   ! (mean slip, its std of joints, ratio of dofs; batch)
       real(wp) :: shorter
       integer :: i, k, m, n
@@ -252,8 +253,8 @@ contains
       n = 2*m + tradeoff%plan%structure%n_dof
       allocate (series(n, n_batches))
       if (tradeoff%n_segments > 0) then
-         parts%time%psd_mean = error_of_density(tradeoff%n_segments)
-         parts%time%psd_percentiles = parts%time%psd_mean
+         errors%time%psd_mean = error_of_density(tradeoff%n_segments)
+         errors%time%psd_percentiles = errors%time%psd_mean
       end if
       do k = 1, size(tradeoff%levels)
          do i = 1, size(tradeoff%tasks)
@@ -262,31 +263,31 @@ contains
                   series(:, task%row) = [value%slip, value%slip_std, value%band_ratio]
             end associate
          end do
-         associate (level => tradeoff%levels(k), plan => tradeoff%plan, part => parts%time)
+         associate (level => tradeoff%levels(k), plan => tradeoff%plan, error => errors%time)
             shorter = sqrt(real(tradeoff%long%integration%n_steps, wp)/n_steps)
             if (plan%excitation%per_sample) &
                shorter = shorter*sqrt(real(size(level%sample), wp) &
                                       /maxval(plan%cases(level%case_number)%n_samples))
             do i = 1, m
-               part%slip = max(part%slip, shorter*error_of_batches(series(i, :)))
-               part%slip_std = max(part%slip_std, shorter*error_of_batches(series(m + i, :)))
+               error%slip = max(error%slip, shorter*error_of_batches(series(i, :)))
+               error%slip_std = max(error%slip_std, shorter*error_of_batches(series(m + i, :)))
             end do
             do i = 2*m + 1, n
                if (.not. minval(series(i, :)) > 0.0_wp) cycle
-               part%ratio = max(part%ratio, shorter*error_of_batches(log(series(i, :))))
+               error%ratio = max(error%ratio, shorter*error_of_batches(log(series(i, :))))
             end do
          end associate
       end do
    end subroutine add_time_averages
 
-   !> Quarters and multiples of the scene's samples and steps, by the laws that the parts follow:
+   !> Quarters and multiples of the scene's samples and steps, by the laws that errors follow:
    !> the discretisation stays, Monte Carlo falls as the scene's estimator lets it, time averages
    !> with the root of the steps, and of the samples too where every sample has its own force.
-   pure function size_rows_of(plan, tradeoff, own, parts) result(rows)
+   pure function size_rows_of(plan, tradeoff, own, errors) result(rows)
       type(plan_type), intent(in) :: plan
       type(tradeoff_type), intent(in) :: tradeoff
       type(setting_row), intent(in) :: own   !! the scene's setting
-      type(error_parts), intent(in) :: parts
+      type(error_components), intent(in) :: errors
       type(size_row), allocatable :: rows(:)
       real(wp), parameter :: samples(*) = 0.25_wp*[1, 4, 4, 4, 16, 16, 64]
       real(wp), parameter :: steps(*) = 0.25_wp*[4, 1, 4, 16, 4, 16, 4]
@@ -304,17 +305,17 @@ contains
          type(published_error) :: of_samples
          real(wp) :: of_time
 
-         of_samples = part_of_samples(tradeoff, parts%time%slip, &
+         of_samples = error_of_samples(tradeoff, errors%time%slip, &
                                       plan%integration%n_steps - plan%integration%n_discard, &
                                       more_samples)
          of_time = more_steps*merge(more_samples, 1.0_wp, plan%excitation%per_sample)
          row%n_samples = nint(more_samples*maxval(plan%cases%n_samples))
          row%n_steps = nint(more_steps*plan%integration%n_steps, long)
-         row%slip_mean = norm2([parts%discretisation%slip, parts%time%slip/sqrt(of_time), &
+         row%slip_mean = norm2([errors%discretisation%slip, errors%time%slip/sqrt(of_time), &
                                 of_samples%slip])
-         row%slip_std = norm2([parts%discretisation%slip_std, parts%time%slip_std/sqrt(of_time), &
+         row%slip_std = norm2([errors%discretisation%slip_std, errors%time%slip_std/sqrt(of_time), &
                                of_samples%slip_std])
-         row%band_ratio = norm2([parts%discretisation%ratio, parts%time%ratio/sqrt(of_time), &
+         row%band_ratio = norm2([errors%discretisation%ratio, errors%time%ratio/sqrt(of_time), &
                                  of_samples%ratio])
          row%seconds = 1.0e-9_wp*own%cost*sample_steps(plan)*more_samples*more_steps
       end function row

@@ -51,21 +51,21 @@ def test_a_scene_gets_its_tradeoff(entroslip, small_scene, tmp_path):
         front = data["slip"][data["is_on_front"] == 1]
         assert float(front.min()) == float(data["slip"].min())
     with h5py.File(path) as file:
-        check_sizes(file["tradeoff/sizes"], file["tradeoff/parts"])
+        check_sizes(file["tradeoff/sizes"], file["tradeoff/errors"])
         check_variants(file["tradeoff/variants"])
-        parts = file["tradeoff/parts"]
-        assert all(parts[name][()] > 0 for name in parts), dict(parts)
+        errors = file["tradeoff/errors"]
+        assert all(errors[name][()] > 0 for name in errors), dict(errors)
     again = entroslip("tradeoff", small_scene, *FEW_STEPS, "--output", "three.h5", ranks=3)
     assert again.returncode == 0, again.stderr
     assert measured(tmp_path / "small_tradeoff.h5") == measured(tmp_path / "three.h5")
     assert len(measured(tmp_path / "three.h5")) > 25
 
 
-def check_sizes(sizes, parts):
-    """All parts together for the scene's own numbers; 24 samples are enough for a regression, whose
+def check_sizes(sizes, errors):
+    """All together for the scene's own numbers; 24 samples are enough for a regression, whose
     error is less than half of that of 6."""
     own = int(np.flatnonzero((sizes["n_samples"][()] == 6) & (sizes["n_steps"][()] == 1500))[0])
-    of = {name: parts[f"{name}_slip"][()] for name in ("discretisation", "time", "samples")}
+    of = {name: errors[f"{name}_slip"][()] for name in ("discretisation", "time", "samples")}
     np.testing.assert_allclose(sizes["slip_mean"][own] ** 2, sum(v**2 for v in of.values()))
     more = int(np.flatnonzero((sizes["n_samples"][()] == 24) & (sizes["n_steps"][()] == 1500))[0])
     rest = of["discretisation"] ** 2 + of["time"] ** 2

@@ -1,12 +1,12 @@
-!> The part of the error that finite samples leave, of the scene's estimator.
-module tradeoff_samples_part
+!> The component of the error that finite samples leave, of the scene's estimator.
+module tradeoff_samples_error
    use campaign_samples_needed, only: error_with, law_share
    use core_kinds, only: wp
    use tradeoff_task_results, only: task_result
    use tradeoff_tasks, only: of_samples, tradeoff_type
    implicit none(type, external)
    private
-   public :: mean_slip_errors, noise_of_one, part_of_samples, published_error
+   public :: error_of_samples, mean_slip_errors, noise_of_one, published_error
 
    !> An error of what is published, the largest over cases and dofs; a standard error where it is
    !> statistical. Those of spectra are integrals over frequency, relative to that of the density.
@@ -20,21 +20,21 @@ module tradeoff_samples_part
 
 contains
 
-   !> The part of finite samples with so many times the scene's.
-   pure function part_of_samples(tradeoff, time_slip, n_steps, times) result(part)
+   !> The component of finite samples with so many times the scene's.
+   pure function error_of_samples(tradeoff, time_slip, n_steps, times) result(error)
       type(tradeoff_type), intent(in) :: tradeoff
-      real(wp), intent(in) :: time_slip      !! the part of slip that the length of the march leaves
+      real(wp), intent(in) :: time_slip      !! time-average error of slip
       integer, intent(in) :: n_steps         !! of the scene, after those discarded
       real(wp), intent(in) :: times
-      type(published_error) :: part
+      type(published_error) :: error
       integer :: i
 
       do i = 1, size(tradeoff%tasks)
          if (tradeoff%tasks(i)%kind == of_samples) &
             call add_samples(tradeoff, tradeoff%cases(tradeoff%tasks(i)%row), tradeoff%found(i), &
-                             noise_of_one(tradeoff, time_slip, n_steps), times, part)
+                             noise_of_one(tradeoff, time_slip, n_steps), times, error)
       end do
-   end function part_of_samples
+   end function error_of_samples
 
    !> Time-average error of one sample [points] where each has its own record, as the scatter over
    !> samples of a short march holds it too; else 0.
@@ -69,25 +69,25 @@ contains
    end subroutine mean_slip_errors
 
    !> Adds errors from the samples of one case, for so many times as many as the scene has of it.
-   pure subroutine add_samples(tradeoff, case_number, found, noise, times, part)
+   pure subroutine add_samples(tradeoff, case_number, found, noise, times, error)
       type(tradeoff_type), intent(in) :: tradeoff
       integer, intent(in) :: case_number
       type(task_result), intent(in) :: found
       real(wp), intent(in) :: noise   !! of one sample's slip, due to its own record [points]
       real(wp), intent(in) :: times
-      type(published_error), intent(inout) :: part
+      type(published_error), intent(inout) :: error
       real(wp), allocatable :: now(:), ratio(:)
 
       call mean_slip_errors(found, noise, now, ratio)
       associate (n => times*tradeoff%plan%cases(case_number)%n_samples, &
                  most => tradeoff%most_fitted(case_number), plain => found%plain_error, &
                  gain => found%gain)
-         part%slip = max(part%slip, maxval(error_with(n, real(found%n_samples, wp), now, ratio, &
+         error%slip = max(error%slip, maxval(error_with(n, real(found%n_samples, wp), now, ratio, &
                                                       0.0_wp, most)))
-         part%slip_std = max(part%slip_std, maxval(with_gain(plain%slip_std, gain%slip_std)))
-         part%ratio = max(part%ratio, maxval(with_gain(plain%band_ratio, gain%band_ratio)))
-         part%psd_mean = max(part%psd_mean, with_gain(plain%psd_mean, gain%psd_mean))
-         part%psd_percentiles = max(part%psd_percentiles, &
+         error%slip_std = max(error%slip_std, maxval(with_gain(plain%slip_std, gain%slip_std)))
+         error%ratio = max(error%ratio, maxval(with_gain(plain%band_ratio, gain%band_ratio)))
+         error%psd_mean = max(error%psd_mean, with_gain(plain%psd_mean, gain%psd_mean))
+         error%psd_percentiles = max(error%psd_percentiles, &
                                     with_gain(plain%psd_percentiles, gain%psd_percentiles))
       end associate
 
@@ -104,4 +104,4 @@ contains
 
    end subroutine add_samples
 
-end module tradeoff_samples_part
+end module tradeoff_samples_error
