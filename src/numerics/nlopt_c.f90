@@ -3,9 +3,9 @@ module numerics_nlopt_c
    use, intrinsic :: iso_c_binding, only: c_char, c_double, c_funptr, c_int, c_ptr
    implicit none(type, external)
    private
-   public :: nlopt_add_equality_mconstraint, nlopt_add_inequality_mconstraint
+   public :: nlopt_add_equality_mconstraint
    public :: nlopt_algorithm_from_string, nlopt_create, nlopt_destroy, nlopt_force_stop
-   public :: nlopt_optimize, nlopt_set_ftol_rel, nlopt_set_initial_step1
+   public :: nlopt_optimize, nlopt_set_ftol_rel
    public :: nlopt_set_lower_bounds, nlopt_set_maxeval, nlopt_set_min_objective
    public :: nlopt_set_upper_bounds, nlopt_set_xtol_rel, nlopt_version
 
@@ -48,16 +48,6 @@ module numerics_nlopt_c
          integer(c_int) :: code
       end function nlopt_add_equality_mconstraint
 
-      function nlopt_add_inequality_mconstraint(optimizer, m, f, data, tolerance) result(code) &
-         bind(c)
-         import :: c_double, c_funptr, c_int, c_ptr
-         type(c_ptr), value :: optimizer, data
-         integer(c_int), value :: m
-         type(c_funptr), value :: f
-         real(c_double), intent(in) :: tolerance(*)
-         integer(c_int) :: code
-      end function nlopt_add_inequality_mconstraint
-
       function nlopt_set_lower_bounds(optimizer, bounds) result(code) bind(c)
          import :: c_double, c_int, c_ptr
          type(c_ptr), value :: optimizer
@@ -85,13 +75,6 @@ module numerics_nlopt_c
          real(c_double), value :: tolerance
          integer(c_int) :: code
       end function nlopt_set_xtol_rel
-
-      function nlopt_set_initial_step1(optimizer, step) result(code) bind(c)
-         import :: c_double, c_int, c_ptr
-         type(c_ptr), value :: optimizer
-         real(c_double), value :: step
-         integer(c_int) :: code
-      end function nlopt_set_initial_step1
 
       function nlopt_set_maxeval(optimizer, n) result(code) bind(c)
          import :: c_int, c_ptr
