@@ -65,14 +65,13 @@ contains
       is_missing = owner < 0
       if (present(only)) is_missing = is_missing .and. [(i == only, i=1, size(models))]
       shares = all_shares(resolved, [(any(is_missing .and. first == i), i=1, size(models))])
-      call new_counter(world, size(shares, kind=long), counter)
+      call new_counter(world, size(shares), counter)
       if (size(shares) > 0 .and. .not. is_quiet) &
          call progress%start(size(shares), 0, trim(merge('processes         ', &
                                                          'parts of processes', &
                                                          all(shares%n_parts == 1))))
       do
-         if (time_to_stop() .or. allocated(failure)) call counter%request_stop()
-         item = int(counter%next())
+         item = counter%next(stops=time_to_stop() .or. allocated(failure))
          if (item == 0) exit
          call progress%show(max(0, item - world%n_ranks))
          associate (share => shares(item))
@@ -249,7 +248,7 @@ contains
       integer :: from, i
 
       do i = 1, size(models)
-         from = int(world%maximum(int(owner(i), long)))
+         from = world%maximum(owner(i))
          if (from < 0) cycle
          if (from == world%rank) numbers = pack_model(models(i))
          call world%broadcast(numbers, from=from)

@@ -8,7 +8,7 @@ module driver_regression
    use campaign_pooling, only: case_pool, estimators_of, find_points, find_pools, reason_for_plain
    use campaign_results, only: block_result, case_statistics, joint_statistics
    use core_error, only: error_type
-   use core_kinds, only: long, wp
+   use core_kinds, only: wp
    use io_gathering, only: read_density, read_samples, shards_of
    use io_shards, only: shard_type
    use io_store, only: shard_store
@@ -68,10 +68,9 @@ contains
       workshop%found = estimates
       call open_workshop(world, plan, frequency, statistics, workshop)
       n_tasks = workshop%n_joints + size(workshop%dofs) + workshop%n_amplitudes
-      call new_counter(world, int(n_tasks*size(workshop%pools), long), counter)
+      call new_counter(world, n_tasks*size(workshop%pools), counter)
       do
-         if (allocated(error)) call counter%request_stop()
-         task = int(counter%next())
+         task = counter%next(stops=allocated(error))
          if (task == 0) exit
          call attend_to_others()
          call do_task(plan, models, store, shards, (task - 1)/n_tasks + 1, &

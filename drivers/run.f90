@@ -206,18 +206,18 @@ contains
       ! runs that share an output tell each other's blocks by the names of their shards
       claims = open_claims(runner%plan, output%is_finished, &
                            merge(1, world%n_ranks, output%is_shared))
-      call new_counter(world, size(claims, kind=long), counter)
+      call new_counter(world, size(claims), counter)
       if (.not. output%is_quiet) call progress%start(sum(runner%plan%cases%n_samples), &
                                                      count(output%is_finished))
+      is_abandoned = .false.
       do
-         item = int(counter%next())
+         item = counter%next(stops=allocated(error) .or. is_abandoned)
          if (item == 0) exit
          call progress%show(samples_before(claims, item, world%n_ranks) + count(output%is_finished))
          if (.not. output%take(claims(item))) cycle
          call march_claim(models, claims(item), runner, output%store, is_abandoned, error)
          if (.not. allocated(error)) call output%lock%keep(error)
          call output%give_back(claims(item))
-         if (allocated(error) .or. is_abandoned) call counter%request_stop()
       end do
       call counter%close()
       call progress%finish()

@@ -8,7 +8,7 @@ module driver_statistics
    use campaign_time_average, only: count_spans, fewest_spans, span_collector, start_spans
    use core_chunks, only: frequencies_together
    use core_error, only: error_type
-   use core_kinds, only: long, wp
+   use core_kinds, only: wp
    use io_blocks, only: put_short
    use io_gathering, only: read_band, read_samples, read_slip_series
    use io_group, only: group_type
@@ -83,7 +83,7 @@ contains
          call start_bands(n_samples, n_dof, layout%frequency, plan%output%percentiles, plan%seed, &
                           task%n_slices, task%bands, layout%follows_power)
       end if
-      call new_counter(world, (task%n_slices + 1_long)*n_groups, task%counter)
+      call new_counter(world, (task%n_slices + 1)*n_groups, task%counter)
    end subroutine open_case
 
    !> Works on items until none is left; an error keeps all ranks from going on.
@@ -94,8 +94,7 @@ contains
       integer :: group, item, slice
 
       do
-         if (allocated(error)) call self%counter%request_stop()
-         item = int(self%counter%next())
+         item = self%counter%next(stops=allocated(error))
          if (item == 0) exit
          slice = modulo(item - 1, self%n_slices + 1) + 1
          group = (item - 1)/(self%n_slices + 1) + 1
@@ -196,10 +195,9 @@ contains
       n_dof = size(self%bands%at_frequency, 1)
       together = frequencies_together(n_dof, size(self%bands%at_frequency, 2))
       n_ranges = (last - first)/together + 1
-      call new_counter(world, int(n_ranges, long)*self%bands%n_groups(), counter)
+      call new_counter(world, n_ranges*self%bands%n_groups(), counter)
       do
-         if (allocated(error)) call counter%request_stop()
-         item = int(counter%next())
+         item = counter%next(stops=allocated(error))
          if (item == 0) exit
          call attend_to_others()
          group = (item - 1)/n_ranges + 1
@@ -305,10 +303,9 @@ contains
       real(wp), allocatable :: values(:, :)   ! (number, sample)
       integer :: group, i
 
-      call new_counter(world, int(self%numbers%percentiles%n_groups(), long), counter)
+      call new_counter(world, self%numbers%percentiles%n_groups(), counter)
       do
-         if (allocated(error)) call counter%request_stop()
-         group = int(counter%next())
+         group = counter%next(stops=allocated(error))
          if (group == 0) exit
          call attend_to_others()
          associate (first => self%numbers%percentiles%group_first(group:group + 1))

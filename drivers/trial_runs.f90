@@ -2,7 +2,7 @@
 module driver_trial_runs
    use campaign_plan, only: plan_type
    use core_error, only: error_type
-   use core_kinds, only: long, wp
+   use core_kinds, only: wp
    use driver_deadline, only: time_to_stop
    use io_progress, only: progress_type
    use parallel_work, only: new_counter, work_counter
@@ -50,27 +50,27 @@ contains
       type(error_type), allocatable, intent(out) :: error
       type(work_counter) :: counter
       type(progress_type) :: progress
-      integer(long) :: owner(size(tradeoff%tasks))
+      integer :: owner(size(tradeoff%tasks))
       logical :: is_abandoned
       integer :: i, n
 
       n = size(tradeoff%tasks)
       owner = -1
-      call new_counter(world, int(n, long), counter)
+      call new_counter(world, n, counter)
       if (.not. is_quiet) call progress%start(n, 0, 'marches')
+      is_abandoned = .false.
       do
-         i = int(counter%next())
+         i = counter%next(stops=allocated(error) .or. is_abandoned)
          if (i == 0) exit
          call progress%show(max(i - world%n_ranks, 0))
          call tradeoff%run_task(i, time_to_stop, is_abandoned, error)
          owner(i) = world%rank
-         if (allocated(error) .or. is_abandoned) call counter%request_stop()
       end do
       call counter%close()
       call progress%finish()
       do i = 1, n
          owner(i) = world%maximum(owner(i))
-         if (owner(i) >= 0) call share_result(world, int(owner(i)), tradeoff%found(i))
+         if (owner(i) >= 0) call share_result(world, owner(i), tradeoff%found(i))
       end do
    end subroutine share_tasks
 

@@ -20,12 +20,11 @@ module parallel_work
    type :: work_counter
       private
       type(world_type) :: world
-      integer(long) :: n_items = 0
+      integer :: n_items = 0
       integer(long) :: taken = 0           !! without other ranks: all there is to it
       type(MPI_Win) :: window
    contains
       procedure :: next
-      procedure :: request_stop
       procedure :: close => close_counter
    end type work_counter
 
@@ -34,7 +33,7 @@ contains
    !> Makes a counter; collective.
    subroutine new_counter(world, n_items, counter)
       type(world_type), intent(in) :: world
-      integer(long), intent(in) :: n_items
+      integer, intent(in) :: n_items
       type(work_counter), intent(out) :: counter
       integer(MPI_ADDRESS_KIND) :: bytes
       type(c_ptr) :: memory
@@ -54,31 +53,25 @@ contains
       call world%wait_for_all()
    end subroutine new_counter
 
-   !> The next item for this rank; 0 when there is none left or a stop was requested.
-   function next(self) result(item)
+   !> The next item for this rank; 0 when there is none left. With `stops`, and from then on, no
+   !> rank gets one.
+   function next(self, stops) result(item)
       class(work_counter), intent(inout) :: self
-      integer(long) :: item
-
-      if (self%world%n_ranks == 1) then
-         item = self%taken + 1
-         self%taken = min(item, self%n_items)
-      else
-         item = exchange(self, 1_long, MPI_SUM) + 1
-      end if
-      if (item > self%n_items) item = 0
-   end function next
-
-   !> Stops the work: no rank gets an item from now on; any rank may call.
-   subroutine request_stop(self)
-      class(work_counter), intent(inout) :: self
+      logical, intent(in) :: stops
+      integer :: item
       integer(long) :: before
 
       if (self%world%n_ranks == 1) then
-         self%taken = self%n_items
+         before = self%taken
+         self%taken = merge(int(self%n_items, long), before + 1, stops)
+      else if (stops) then
+         before = exchange(self, int(self%n_items, long), MPI_REPLACE)
       else
-         before = exchange(self, self%n_items, MPI_REPLACE)
+         before = exchange(self, 1_long, MPI_SUM)
       end if
-   end subroutine request_stop
+      item = 0
+      if (before < self%n_items .and. .not. stops) item = int(before) + 1
+   end function next
 
    !> Closes the counter: there is nothing left to claim; collective.
    subroutine close_counter(self)

@@ -6,12 +6,12 @@
 module parallel_world
    use, intrinsic :: iso_c_binding, only: c_char, c_int, c_null_char
    use core_error, only: error_type, exit_done, exit_file
-   use core_kinds, only: long, wp
+   use core_kinds, only: wp
    use core_terminal, only: end_program, output_is_lost, write_error
    use mpi_f08, only: MPI_Allreduce, MPI_ANY_SOURCE, MPI_ANY_TAG, MPI_Barrier, MPI_Bcast, &
                       MPI_CHARACTER, MPI_Comm, MPI_Comm_rank, MPI_Comm_size, MPI_COMM_WORLD, &
                       MPI_DOUBLE_PRECISION, MPI_Finalize, MPI_Get_library_version, MPI_IN_PLACE, &
-                      MPI_Init, MPI_INTEGER, MPI_INTEGER8, MPI_Iprobe, MPI_LOGICAL, MPI_MAX, &
+                      MPI_Init, MPI_INTEGER, MPI_Iprobe, MPI_LOGICAL, MPI_MAX, &
                       MPI_MAX_LIBRARY_VERSION_STRING, MPI_MIN, MPI_STATUS_IGNORE, MPI_SUM
    implicit none(type, external)
    private
@@ -26,16 +26,13 @@ module parallel_world
       procedure :: is_root
       procedure :: stop_on
       procedure :: wait_for_all
-      generic :: broadcast => broadcast_integer, broadcast_integers, broadcast_long, &
-         broadcast_longs, broadcast_real, broadcast_reals, broadcast_matrix, &
-         broadcast_text, broadcast_logical
-      generic :: maximum => maximum_long, maximum_real
+      generic :: broadcast => broadcast_integer, broadcast_integers, broadcast_real, &
+         broadcast_reals, broadcast_matrix, broadcast_text, broadcast_logical
       procedure :: any_true
+      procedure :: maximum
       procedure :: add_up
-      procedure, private :: broadcast_integer, broadcast_integers, broadcast_long, &
-         broadcast_longs, broadcast_real, broadcast_reals, broadcast_matrix, &
-         broadcast_text, broadcast_logical
-      procedure, private :: maximum_long, maximum_real
+      procedure, private :: broadcast_integer, broadcast_integers, broadcast_real, &
+         broadcast_reals, broadcast_matrix, broadcast_text, broadcast_logical
    end type world_type
 
    !> The world of a communicator, as an MPI handle of either kind.
@@ -187,7 +184,7 @@ contains
       logical, intent(in) :: value
       logical :: is_true
 
-      is_true = self%maximum(merge(1_long, 0_long, value)) == 1
+      is_true = self%maximum(merge(1, 0, value)) == 1
    end function any_true
 
    !> Adds up the values over the ranks; collective. Where all ranks but one have zero, the sum is
@@ -203,25 +200,14 @@ contains
    end subroutine add_up
 
    !> Largest over the ranks, known to all; collective.
-   function maximum_long(self, value) result(largest)
+   function maximum(self, value) result(largest)
       class(world_type), intent(in) :: self
-      integer(long), intent(in) :: value
-      integer(long) :: largest
+      integer, intent(in) :: value
+      integer :: largest
 
       largest = value
-      if (self%n_ranks > 1) call MPI_Allreduce(value, largest, 1, MPI_INTEGER8, MPI_MAX, self%comm)
-   end function maximum_long
-
-   function maximum_real(self, value) result(largest)
-      class(world_type), intent(in) :: self
-      real(wp), intent(in) :: value
-      real(wp) :: largest
-
-      largest = value
-      if (self%n_ranks > 1) then
-         call MPI_Allreduce(value, largest, 1, MPI_DOUBLE_PRECISION, MPI_MAX, self%comm)
-      end if
-   end function maximum_real
+      if (self%n_ranks > 1) call MPI_Allreduce(value, largest, 1, MPI_INTEGER, MPI_MAX, self%comm)
+   end function maximum
 
    !> Sends a value from one rank (the root, or `from`) to all; collective.
    !> Allocatable values take its shape.
@@ -237,25 +223,6 @@ contains
       class(world_type), intent(in) :: self
       integer, allocatable, intent(inout) :: values(:)
       integer, intent(in), optional :: from
-      integer(long), allocatable :: longs(:)
-
-      if (self%rank == source(from)) longs = int(values, long)
-      call self%broadcast(longs, from)
-      values = int(longs)
-   end subroutine broadcast_integers
-
-   subroutine broadcast_long(self, value, from)
-      class(world_type), intent(in) :: self
-      integer(long), intent(inout) :: value
-      integer, intent(in), optional :: from
-
-      if (self%n_ranks > 1) call MPI_Bcast(value, 1, MPI_INTEGER8, source(from), self%comm)
-   end subroutine broadcast_long
-
-   subroutine broadcast_longs(self, values, from)
-      class(world_type), intent(in) :: self
-      integer(long), allocatable, intent(inout) :: values(:)
-      integer, intent(in), optional :: from
       integer :: n
 
       if (self%n_ranks == 1) return
@@ -266,8 +233,8 @@ contains
          if (allocated(values)) deallocate (values)
          allocate (values(n))
       end if
-      call MPI_Bcast(values, n, MPI_INTEGER8, source(from), self%comm)
-   end subroutine broadcast_longs
+      call MPI_Bcast(values, n, MPI_INTEGER, source(from), self%comm)
+   end subroutine broadcast_integers
 
    subroutine broadcast_real(self, value, from)
       class(world_type), intent(in) :: self

@@ -2,11 +2,10 @@
 program endings
    use, intrinsic :: iso_fortran_env, only: output_unit
    use core_error, only: error_type, exit_done, exit_file, exit_no_solution, exit_stopped, raise
-   use core_kinds, only: long
    use core_text, only: to_text
    use parallel_signals, only: catch_stop_signals, stop_requested
    use parallel_work, only: new_counter, work_counter
-   use parallel_world, only: start_world, stop_world, world_type
+   use parallel_world, only: attend_to_others, start_world, stop_world, world_type
    implicit none(type, external)
    type(world_type) :: world
    type(error_type), allocatable :: error
@@ -42,11 +41,11 @@ contains
       type(work_counter) :: counter
 
       call catch_stop_signals()
-      call new_counter(world, 2_long**60, counter)
+      call new_counter(world, huge(1), counter)
       if (world%is_root()) print '(a)', 'ready'
       if (world%is_root()) flush (output_unit)
-      do while (counter%next() > 0)
-         if (heeds_signals .and. stop_requested()) call counter%request_stop()
+      do while (counter%next(stops=heeds_signals .and. stop_requested()) > 0)
+         call attend_to_others()
       end do
       call counter%close()
    end subroutine work_until_signal
