@@ -13,7 +13,7 @@ module campaign_sample
    use structure_model, only: structure_type
    implicit none(type, external)
    private
-   public :: run_block, stop_query
+   public :: never, run_block, stop_query
 
    abstract interface
       !> True if the run has been asked to end.
@@ -76,6 +76,11 @@ contains
       end associate
       call collect(runner, march, result)
    end subroutine run_block
+
+   !> True if a march is to stop: never, where it is short.
+   logical function never()
+      never = .false.
+   end function never
 
    !> Starts samples at rest, with their force and room for the results that are kept.
    subroutine start_march(runner, case_number, result, march, error)

@@ -8,7 +8,7 @@ module tradeoff_forecast
    use campaign_plan, only: case_type, kept_dofs, plan_type
    use campaign_results, only: block_result
    use campaign_runner, only: prepare_runner, runner_type
-   use campaign_sample, only: run_block
+   use campaign_sample, only: never, run_block
    use core_error, only: error_type
    use core_kinds, only: wp
    use tradeoff_sample, only: choose_levels, draw_level, level_type
@@ -142,10 +142,5 @@ contains
       end do
       transitions = real(sum(result%slip_starts + result%stick_starts), wp)/sample_steps
    end subroutine time_block
-
-   !> True if the march is to stop: never, a measurement is short.
-   logical function never()
-      never = .false.
-   end function never
 
 end module tradeoff_forecast

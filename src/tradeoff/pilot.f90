@@ -6,7 +6,7 @@ module tradeoff_pilot
    use campaign_plan, only: case_type, plan_type
    use campaign_results, only: block_result
    use campaign_runner, only: prepare_runner, runner_type
-   use campaign_sample, only: run_block
+   use campaign_sample, only: never, run_block
    use core_error, only: error_type
    use core_kinds, only: wp
    implicit none(type, external)
@@ -114,10 +114,5 @@ contains
          every = 2*every
       end do
    end function sparsest_allowed
-
-   !> True if the march is to stop: never, a pilot is short.
-   logical function never()
-      never = .false.
-   end function never
 
 end module tradeoff_pilot
