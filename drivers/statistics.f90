@@ -86,7 +86,7 @@ contains
       call new_counter(world, (task%n_slices + 1)*n_groups, task%counter)
    end subroutine open_case
 
-   !> Works on items until none is left; an error keeps all ranks from going on.
+   !> Takes items until none is left; an error keeps all ranks from going on.
    subroutine take_items(self, store, error)
       class(case_task), intent(inout) :: self
       type(shard_store), intent(in) :: store
