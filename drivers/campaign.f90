@@ -11,7 +11,6 @@ module driver_campaign
    use driver_command_line, only: command_line
    use io_files, only: folder_of, follow_links
    use io_force, only: read_force_hdf5
-   use io_lock, only: lock_type
    use process_model, only: process_model_type
    implicit none(type, external)
    private
@@ -70,13 +69,13 @@ contains
       call follow_links(path, error)
    end subroutine find_output
 
-   !> Tells that the folder of the output was missing and has been made: its name may be a slip.
-   subroutine tell_folder(lock, is_quiet)
-      type(lock_type), intent(in) :: lock
+   !> Tells that the folder of an output was missing and has been made: its name may be a slip.
+   subroutine tell_folder(output, n_made, is_quiet)
+      character(*), intent(in) :: output
+      integer, intent(in) :: n_made   !! folders
       logical, intent(in) :: is_quiet
 
-      if (lock%n_folders > 0 .and. .not. is_quiet) &
-         call say('made the folder '//folder_of(lock%output))
+      if (n_made > 0 .and. .not. is_quiet) call say('made the folder '//folder_of(output))
    end subroutine tell_folder
 
    !> Refuses a plan in which a campaign needs a process without a solution, or no process has one.

@@ -7,8 +7,9 @@ module driver_estimate
    use core_phrases, only: brief, counted, labelled
    use core_terminal, only: say
    use core_text, only: to_text
+   use driver_campaign, only: tell_folder
    use driver_command_line, only: command_line
-   use io_files, only: exists, sync_file
+   use io_files, only: exists, folder_of, make_folder, sync_file
    use parallel_world, only: start_world, stop_world, world_type
    use process_estimate, only: estimate_process, measured_record, process_estimate_type
    implicit none(type, external)
@@ -50,12 +51,17 @@ contains
       type(command_line), intent(in) :: line
       type(process_estimate_type), intent(in) :: found
       type(error_type), allocatable, intent(out) :: error
+      integer :: n_made
 
       if (.not. line%is_quiet) call say(findings(found))
       if (.not. allocated(line%output)) then
          call say(group_text(line%scene, found))
       else
-         call write_scene(line%output, group_text(line%scene, found), error)
+         n_made = 0
+         call make_folder(folder_of(line%output), error, n_made)
+         call tell_folder(line%output, n_made, line%is_quiet)
+         if (.not. allocated(error)) &
+            call write_scene(line%output, group_text(line%scene, found), error)
          if (.not. (allocated(error) .or. line%is_quiet)) &
             call say(how_to_draw(line%scene, line%output, found))
       end if

@@ -83,7 +83,7 @@ contains
          call find_finished(line%is_fresh .or. present(replay_ending), plan, output, shards, error)
       end if
       call output%stop_on(world, error)
-      call tell_folder(output%lock, output%is_quiet)
+      call tell_folder(output%path, output%lock%n_folders, output%is_quiet)
       call world%broadcast(output%is_complete)
       if (.not. (output%is_shared .or. output%is_complete)) then
          call share_list(world, output%store, shards)

@@ -72,7 +72,7 @@ contains
       call set_limit(plan%walltime)
       if (world%is_root()) call open_place(line, lock, error)
       call stop_unlocked(world, lock, error)
-      call tell_folder(lock, line%is_quiet)
+      if (world%is_root()) call tell_folder(lock%output, lock%n_folders, line%is_quiet)
       call solve_processes(world, plan, line%is_quiet .or. .not. world%is_root(), models)
       call refuse_unsolved(plan, models, error)
       call stop_unlocked(world, lock, error)

@@ -65,3 +65,10 @@ def test_a_file_that_is_there_is_left_alone(entroslip, data):
     assert "exists already" in done.stderr
     assert done.stdout == ""  # told before the work
     assert data.read_text() == LINES
+
+
+def test_a_missing_folder_is_made_and_named(entroslip, data):
+    done = entroslip("estimate", data, "--output", "new/joints.nml")
+    assert done.returncode == 0, done.stderr
+    assert "made the folder new" in done.stdout
+    assert (data.parent / "new/joints.nml").exists()
