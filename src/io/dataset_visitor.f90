@@ -6,7 +6,7 @@ module io_dataset_visitor
    use core_kinds, only: long, wp
    use core_text, only: to_text
    use io_checksum, only: checksum_type
-   use io_hdf5, only: hdf5_file, label_type, make_dataset, read_extent, read_part, write_part
+   use io_hdf5, only: hdf5_file, label_type, make_dataset, move_part, read_extent
    implicit none(type, external)
    private
    public :: dataset_type, dataset_visitor
@@ -157,19 +157,15 @@ contains
       type(dataset_type), intent(in) :: what
       real(wp), intent(inout), contiguous :: values(..)
 
-      select case (self%deed)
-      case (reads)
-         call read_part(self%file, path_of(self, what), first_of(self, rank(values)), values, &
-                        self%error)
-      case (checks)
+      if (self%deed == checks) then
          call self%checksum%add(trim(what%name))
          call self%checksum%add(values)
-      case (writes, puts)
-         call make_room(self, what, 0.0_wp, shape(values))
-         if (.not. allocated(self%error)) &
-            call write_part(self%file, path_of(self, what), first_of(self, rank(values)), values, &
-                            self%error)
-      end select
+         return
+      end if
+      if (self%deed /= reads) call make_room(self, what, 0.0_wp, shape(values))
+      if (.not. allocated(self%error)) &
+         call move_part(self%file, path_of(self, what), first_of(self, rank(values)), values, &
+                        self%deed /= reads, self%error)
    end subroutine act_on_reals
 
    subroutine act_on_integers(self, what, values)
@@ -177,19 +173,15 @@ contains
       type(dataset_type), intent(in) :: what
       integer, intent(inout), contiguous :: values(:)
 
-      select case (self%deed)
-      case (reads)
-         call read_part(self%file, path_of(self, what), first_of(self, rank(values)), values, &
-                        self%error)
-      case (checks)
+      if (self%deed == checks) then
          call self%checksum%add(trim(what%name))
          call self%checksum%add(values)
-      case (writes, puts)
-         call make_room(self, what, 0, shape(values))
-         if (.not. allocated(self%error)) &
-            call write_part(self%file, path_of(self, what), first_of(self, rank(values)), values, &
-                            self%error)
-      end select
+         return
+      end if
+      if (self%deed /= reads) call make_room(self, what, 0, shape(values))
+      if (.not. allocated(self%error)) &
+         call move_part(self%file, path_of(self, what), first_of(self, rank(values)), values, &
+                        self%deed /= reads, self%error)
    end subroutine act_on_integers
 
    subroutine act_on_longs(self, what, values)
@@ -197,19 +189,15 @@ contains
       type(dataset_type), intent(in) :: what
       integer(long), intent(inout), contiguous :: values(..)
 
-      select case (self%deed)
-      case (reads)
-         call read_part(self%file, path_of(self, what), first_of(self, rank(values)), values, &
-                        self%error)
-      case (checks)
+      if (self%deed == checks) then
          call self%checksum%add(trim(what%name))
          call self%checksum%add(values)
-      case (writes, puts)
-         call make_room(self, what, 0_long, shape(values))
-         if (.not. allocated(self%error)) &
-            call write_part(self%file, path_of(self, what), first_of(self, rank(values)), values, &
-                            self%error)
-      end select
+         return
+      end if
+      if (self%deed /= reads) call make_room(self, what, 0_long, shape(values))
+      if (.not. allocated(self%error)) &
+         call move_part(self%file, path_of(self, what), first_of(self, rank(values)), values, &
+                        self%deed /= reads, self%error)
    end subroutine act_on_longs
 
    !> Place in the file where the rows concerned begin.

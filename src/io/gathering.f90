@@ -6,7 +6,7 @@ module io_gathering
    use core_kinds, only: long, wp
    use core_text, only: to_text
    use io_blocks, only: read_block
-   use io_hdf5, only: hdf5_file, open_hdf5, read_dataset, read_extent, read_part
+   use io_hdf5, only: hdf5_file, move_part, open_hdf5, read_dataset, read_extent
    use io_shards, only: open_shard, shard_type
    use io_store, only: shard_store
    use numerics_sorting, only: sort_order
@@ -93,7 +93,7 @@ contains
       call read_extent(file, '/slip_series', 3, n, error)
       if (.not. allocated(error)) then
          allocate (series(n(1), n(2), n_samples))
-         call read_part(file, '/slip_series', [1, 1, before + 1], series, error)
+         call move_part(file, '/slip_series', [1, 1, before + 1], series, .false., error)
       end if
       call file%abandon()
    end subroutine read_slip_series
@@ -151,7 +151,7 @@ contains
          call open_hdf5(shards(i)%path, file, error)
          if (allocated(error)) return
          allocate (part(size(values, 1), size(values, 2), n))
-         call read_part(file, '/'//name, [1, first_place, before + 1], part, error)
+         call move_part(file, '/'//name, [1, first_place, before + 1], part, .false., error)
          call file%abandon()
          if (allocated(error)) return
          place = shards(i)%first_sample + before - first_sample
@@ -180,7 +180,7 @@ contains
          call open_hdf5(shards(i)%path, file, error)
          if (allocated(error)) return
          allocate (part(1, size(density, 2), n))
-         call read_part(file, '/psd', [dof, 1, before + 1], part, error)
+         call move_part(file, '/psd', [dof, 1, before + 1], part, .false., error)
          call file%abandon()
          if (allocated(error)) return
          place = shards(i)%first_sample + before

@@ -5,14 +5,14 @@ module io_hdf5
    use io_hdf5_attributes, only: has_attribute, read_attribute, write_attribute, &
                                  write_sealed_attribute
    use io_hdf5_file, only: create_hdf5, has_hdf5_signature, hdf5_file, hdf5_library, open_hdf5
-   use io_hdf5_reading, only: check_dataset, read_dataset, read_extent, read_part, read_shape
-   use io_hdf5_writing, only: label_type, make_dataset, write_dataset, write_part
+   use io_hdf5_parts, only: move_part
+   use io_hdf5_reading, only: check_dataset, read_dataset, read_extent, read_shape
+   use io_hdf5_writing, only: label_type, make_dataset, write_dataset
    implicit none(type, external)
    private
    public :: hdf5_file, create_hdf5, has_hdf5_signature, hdf5_library, open_hdf5
-   public :: label_type, check_dataset, make_dataset, read_dataset, read_extent, read_part, &
-             read_shape, &
-             write_dataset, write_part
+   public :: label_type, check_dataset, make_dataset, move_part, read_dataset, read_extent, &
+             read_shape, write_dataset
    public :: has_attribute, read_attribute, write_attribute, write_sealed_attribute
 
 end module io_hdf5

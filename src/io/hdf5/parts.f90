@@ -1,13 +1,20 @@
 !> Extents, and a part of a dataset, as HDF5 wants them said, for reading and for writing.
 module io_hdf5_parts
-   use, intrinsic :: iso_c_binding, only: c_ptr
+   use, intrinsic :: iso_c_binding, only: c_loc, c_ptr
    use core_error, only: error_type
+   use core_kinds, only: long, wp
    use hdf5
    use io_hdf5_file, only: hdf5_file
    use io_hdf5_outcome, only: outcome_type
    implicit none(type, external)
    private
    public :: close_part, extents_of, move_part, select_part
+
+   !> Writes values into the part of a dataset that begins at `first` (counted from 1, Fortran's
+   !> order), or reads them from there.
+   interface move_part
+      module procedure move_reals, move_integers, move_longs
+   end interface move_part
 
 contains
 
@@ -22,9 +29,43 @@ contains
       extents = [(max(size(values, i, hsize_t), 0_hsize_t), i=1, rank(values))]
    end function extents_of
 
-   !> Writes values into the part of a dataset that begins at `first` (counted from 1, Fortran's
-   !> order), or reads them from there.
-   subroutine move_part(file, path, kind, first, extents, values, is_written, error)
+   subroutine move_reals(file, path, first, values, is_written, error)
+      type(hdf5_file), intent(in) :: file
+      character(*), intent(in) :: path
+      integer, intent(in) :: first(:)
+      real(wp), intent(inout), target, contiguous :: values(..)
+      logical, intent(in) :: is_written
+      type(error_type), allocatable, intent(out) :: error
+
+      call move(file, path, H5T_NATIVE_DOUBLE, first, extents_of(values), c_loc(values), &
+                is_written, error)
+   end subroutine move_reals
+
+   subroutine move_integers(file, path, first, values, is_written, error)
+      type(hdf5_file), intent(in) :: file
+      character(*), intent(in) :: path
+      integer, intent(in) :: first(:)
+      integer, intent(inout), target, contiguous :: values(..)
+      logical, intent(in) :: is_written
+      type(error_type), allocatable, intent(out) :: error
+
+      call move(file, path, H5T_NATIVE_INTEGER, first, extents_of(values), c_loc(values), &
+                is_written, error)
+   end subroutine move_integers
+
+   subroutine move_longs(file, path, first, values, is_written, error)
+      type(hdf5_file), intent(in) :: file
+      character(*), intent(in) :: path
+      integer, intent(in) :: first(:)
+      integer(long), intent(inout), target, contiguous :: values(..)
+      logical, intent(in) :: is_written
+      type(error_type), allocatable, intent(out) :: error
+
+      call move(file, path, h5kind_to_type(long, H5_INTEGER_KIND), first, extents_of(values), &
+                c_loc(values), is_written, error)
+   end subroutine move_longs
+
+   subroutine move(file, path, kind, first, extents, values, is_written, error)
       type(hdf5_file), intent(in) :: file
       character(*), intent(in) :: path
       integer(hid_t), intent(in) :: kind
@@ -51,7 +92,7 @@ contains
       else
          call outcome%conclude(file%path//': '//path//': cannot be read', error)
       end if
-   end subroutine move_part
+   end subroutine move
 
    !> Opens what begins at `first` (counted from 1, Fortran's order).
    subroutine select_part(file, path, first, extents, dataset, part, memory, outcome)

@@ -8,20 +8,15 @@ module io_hdf5_reading
    use hdf5
    use io_hdf5_file, only: hdf5_file
    use io_hdf5_outcome, only: outcome_type
-   use io_hdf5_parts, only: close_part, extents_of, move_part, select_part
+   use io_hdf5_parts, only: close_part, extents_of, select_part
    implicit none(type, external)
    private
-   public :: check_dataset, read_dataset, read_extent, read_part, read_shape
+   public :: check_dataset, read_dataset, read_extent, read_shape
 
    !> Values from a dataset of just their shape.
    interface read_dataset
       module procedure read_real, read_integer, read_long
    end interface read_dataset
-
-   !> The part of a dataset that begins at `first` (counted from 1, Fortran's order).
-   interface read_part
-      module procedure read_real_part, read_integer_part, read_long_part
-   end interface read_part
 
 contains
 
@@ -122,39 +117,6 @@ contains
       call h5dclose_f(dataset, status)
       call outcome%conclude(file%path//': '//path//': cannot be read', error)
    end subroutine read_whole
-
-   subroutine read_real_part(file, path, first, values, error)
-      type(hdf5_file), intent(in) :: file
-      character(*), intent(in) :: path
-      integer, intent(in) :: first(:)
-      real(wp), intent(out), target, contiguous :: values(..)
-      type(error_type), allocatable, intent(out) :: error
-
-      call move_part(file, path, H5T_NATIVE_DOUBLE, first, extents_of(values), c_loc(values), &
-                     .false., error)
-   end subroutine read_real_part
-
-   subroutine read_integer_part(file, path, first, values, error)
-      type(hdf5_file), intent(in) :: file
-      character(*), intent(in) :: path
-      integer, intent(in) :: first(:)
-      integer, intent(out), target, contiguous :: values(..)
-      type(error_type), allocatable, intent(out) :: error
-
-      call move_part(file, path, H5T_NATIVE_INTEGER, first, extents_of(values), c_loc(values), &
-                     .false., error)
-   end subroutine read_integer_part
-
-   subroutine read_long_part(file, path, first, values, error)
-      type(hdf5_file), intent(in) :: file
-      character(*), intent(in) :: path
-      integer, intent(in) :: first(:)
-      integer(long), intent(out), target, contiguous :: values(..)
-      type(error_type), allocatable, intent(out) :: error
-
-      call move_part(file, path, h5kind_to_type(long, H5_INTEGER_KIND), first, &
-                     extents_of(values), c_loc(values), .false., error)
-   end subroutine read_long_part
 
    !> Reads all of a dataset, a piece at a time, for HDF5 to see that its checksums are right.
    subroutine check_dataset(file, path, error)

@@ -12,10 +12,10 @@ module io_hdf5_writing
    use io_hdf5_attributes, only: write_attribute
    use io_hdf5_file, only: hdf5_file, make_parents, new_timeless_list
    use io_hdf5_outcome, only: outcome_type
-   use io_hdf5_parts, only: extents_of, move_part
+   use io_hdf5_parts, only: extents_of
    implicit none(type, external)
    private
-   public :: label_type, make_dataset, write_dataset, write_part
+   public :: label_type, make_dataset, write_dataset
 
    !> Label of a dataset.
    type :: label_type
@@ -31,14 +31,9 @@ module io_hdf5_writing
       module procedure write_real, write_integer, write_long
    end interface write_dataset
 
-   !> Values into a part of a dataset, which begins at `first` (counted from 1, Fortran's order).
-   interface write_part
-      module procedure write_real_part, write_integer_part, write_long_part
-   end interface write_part
-
 contains
 
-   !> Creates a dataset of the type of `mold` without values, which write_part fills.
+   !> Creates a dataset of the type of `mold` without values, which move_part fills.
    subroutine make_dataset(file, path, mold, extents, label, error)
       type(hdf5_file), intent(in) :: file
       character(*), intent(in) :: path
@@ -229,38 +224,5 @@ contains
          words(n_words) = trim(words(n_words))//line(i:i)
       end do
    end subroutine split
-
-   subroutine write_real_part(file, path, first, values, error)
-      type(hdf5_file), intent(in) :: file
-      character(*), intent(in) :: path
-      integer, intent(in) :: first(:)
-      real(wp), intent(in), target, contiguous :: values(..)
-      type(error_type), allocatable, intent(out) :: error
-
-      call move_part(file, path, H5T_NATIVE_DOUBLE, first, extents_of(values), c_loc(values), &
-                     .true., error)
-   end subroutine write_real_part
-
-   subroutine write_integer_part(file, path, first, values, error)
-      type(hdf5_file), intent(in) :: file
-      character(*), intent(in) :: path
-      integer, intent(in) :: first(:)
-      integer, intent(in), target, contiguous :: values(..)
-      type(error_type), allocatable, intent(out) :: error
-
-      call move_part(file, path, H5T_NATIVE_INTEGER, first, extents_of(values), c_loc(values), &
-                     .true., error)
-   end subroutine write_integer_part
-
-   subroutine write_long_part(file, path, first, values, error)
-      type(hdf5_file), intent(in) :: file
-      character(*), intent(in) :: path
-      integer, intent(in) :: first(:)
-      integer(long), intent(in), target, contiguous :: values(..)
-      type(error_type), allocatable, intent(out) :: error
-
-      call move_part(file, path, h5kind_to_type(long, H5_INTEGER_KIND), first, &
-                     extents_of(values), c_loc(values), .true., error)
-   end subroutine write_long_part
 
 end module io_hdf5_writing
