@@ -90,7 +90,7 @@ module process_components
          type(axis_type), intent(in) :: rows   !! the first one
       end subroutine act_on_table
 
-      !> Processor time: it tells of the run, not of the process.
+      !> Acts on a processor time [s], which belongs to the run and not to the process.
       subroutine act_on_seconds(self, what, value)
          import :: component, component_visitor, wp
          implicit none(type, external)
@@ -145,7 +145,7 @@ contains
       call visit_direct(visitor, model)
    end subroutine visit_components
 
-   !> The recursion of Eq. (39), or the matrix of Eq. (25) where that has none.
+   !> Visits the recursion of Eq. (39) or, where the law has none, the matrix G of Eq. (25).
    subroutine visit_law(visitor, model)
       class(component_visitor), intent(inout) :: visitor
       type(process_model_type), intent(inout) :: model
@@ -198,7 +198,7 @@ contains
                                    'correlation length, Eq. (9), cut at the order'), model%l1_cut)
    end subroutine visit_correlation
 
-   !> Moments as achieved, with the standard errors of those that were sampled.
+   !> Visits mean and std as achieved, with the standard errors of sampled ones.
    subroutine visit_moments(visitor, model)
       class(component_visitor), intent(inout) :: visitor
       type(process_model_type), intent(inout) :: model
@@ -209,8 +209,8 @@ contains
                          model%std, model%std_error)
    end subroutine visit_moments
 
-   !> Signs of the autocovariance, what realizations need, and what the same parameters give under
-   !> the other law, where that is known.
+   !> Visits what realizations need, the signs of the autocovariance and, where known, what the same
+   !> parameters give under the other law.
    subroutine visit_positive(visitor, model)
       class(component_visitor), intent(inout) :: visitor
       type(process_model_type), intent(inout) :: model
@@ -275,8 +275,8 @@ contains
       if (allocated(model%branch)) alternates = model%branch == 'alternating'
    end function alternates
 
-   !> Multipliers of the direct method, all solutions that its sign search found, and the paper's
-   !> finite matrix beside them: how far off, and at what cost.
+   !> Visits the multipliers of the direct method, all solutions that its sign search found, and the
+   !> error and cost of the paper's finite matrix.
    subroutine visit_direct(visitor, model)
       class(component_visitor), intent(inout) :: visitor
       type(process_model_type), intent(inout) :: model

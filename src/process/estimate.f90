@@ -120,7 +120,7 @@ contains
       call judge(values(:, 1), pieces, found, again, estimate)
    end subroutine estimate_process
 
-   !> The values of all records in one column, and the points that they stand at.
+   !> Collects the values of all records in one column, and the points where they stand.
    subroutine take_values(records, values, pieces, estimate)
       type(measured_record), intent(in) :: records(:)
       real(wp), allocatable, intent(out) :: values(:, :)   !! (value, 1)
@@ -184,8 +184,8 @@ contains
       end do
    end function longest_span
 
-   !> White noise, then every order with L0 from the shortest to the longest; the longest is a third
-   !> of the values at most.
+   !> Lists white noise, then every order with L0 from the shortest to the longest; the longest is a
+   !> third of the number of values at most.
    subroutine list_candidates(n_values, n_lags, candidates, error)
       integer, intent(in) :: n_values, n_lags
       type(candidate_type), allocatable, intent(out) :: candidates(:)
@@ -216,7 +216,7 @@ contains
       end do
    end subroutine list_candidates
 
-   !> The best candidate of each column, Eq. (1), and the statistics of its tests.
+   !> Finds the best candidate of each column, Eq. (1), and the statistics of its tests.
    subroutine fit_columns(values, pieces, candidates, fit, error)
       real(wp), intent(in) :: values(:, :)   !! (value, column)
       type(piece_type), intent(in) :: pieces(:)
@@ -249,7 +249,7 @@ contains
       end do
    end subroutine fit_columns
 
-   !> -2 ln L of Eq. (1) for each column, with the mean and the variance that belong to it.
+   !> Computes -2 ln L of Eq. (1) for each column, with the mean and the variance that belong to it.
    subroutine weigh_candidate(values, pieces, correlation, badness, mean, variance, error)
       real(wp), intent(in) :: values(:, :)       !! (value, column)
       type(piece_type), intent(in) :: pieces(:)
@@ -298,8 +298,8 @@ contains
       end do
    end function correlation_matrix
 
-   !> The innovations L^-1 x of standardized values, S = L L': uncorrelated, of variance 1, where
-   !> the process explains the values.
+   !> Turns standardized values x into innovations L^-1 x, S = L L': uncorrelated, of variance 1,
+   !> where the process explains the values.
    subroutine whiten(pieces, correlation, x, error)
       type(piece_type), intent(in) :: pieces(:)
       real(wp), intent(in) :: correlation(0:)   !! K(m)/K(0)
@@ -323,8 +323,8 @@ contains
       end do
    end subroutine whiten
 
-   !> L0 and L1 where a parabola through the best candidate and its neighbours of the same order has
-   !> its least value; those of the best itself at an end of the grid.
+   !> Refines L0 and L1 by a parabola through the best candidate and its neighbours of the same
+   !> order; at an end of the grid they are those of the best itself.
    pure subroutine refine(candidates, best, badness, l0, l1)
       type(candidate_type), intent(in) :: candidates(:)
       integer, intent(in) :: best
@@ -402,7 +402,7 @@ contains
       distance = -n - sum([((2*i - 1)*(below(i) + above(n + 1 - i)), i=1, n)])/n
    end function anderson_darling
 
-   !> The request that the estimates are.
+   !> Writes the estimates as a request.
    pure subroutine request_of(estimate, order, is_positive)
       type(process_estimate_type), intent(inout) :: estimate
       integer, intent(in) :: order
@@ -420,7 +420,7 @@ contains
       end associate
    end subroutine request_of
 
-   !> Realizations of the process at the points that were measured (value, realization).
+   !> Draws realizations of the process at the points that were measured (value, realization).
    subroutine draw_copies(records, model, seed, copies)
       type(measured_record), intent(in) :: records(:)
       type(process_model_type), intent(in) :: model
@@ -447,7 +447,7 @@ contains
       end do
    end subroutine draw_copies
 
-   !> Errors and p-values from the same estimates of the realizations.
+   !> Computes errors, ranges and p-values from the same estimates of the realizations.
    subroutine judge(values, pieces, found, again, estimate)
       real(wp), intent(in) :: values(:)
       type(piece_type), intent(in) :: pieces(:)

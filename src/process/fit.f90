@@ -53,7 +53,8 @@ contains
       call accept_simulation(model)
    end subroutine fit_process
 
-   !> The same from a search for signs that was shared out, when all its parts are joined.
+   !> Solves a request of the direct method from a search for signs that was shared out, once all
+   !> its parts are joined.
    subroutine fit_from_search(request, resolved, search, model)
       type(process_request), intent(in) :: request, resolved   !! as asked; its order chosen
       type(search_result), intent(in) :: search
@@ -112,7 +113,8 @@ contains
       model%is_solved = .not. allocated(model%reason)
    end subroutine foresee_process
 
-   !> The request with its order chosen where it is not given.
+   !> Resolves the order of a request: its own, or chosen where that is 0. Fails where no order has
+   !> the process and for a method that is not known.
    subroutine resolve_order(request, resolved, error)
       type(process_request), intent(in) :: request
       type(process_request), intent(out) :: resolved
@@ -137,7 +139,7 @@ contains
       end select
    end subroutine resolve_order
 
-   !> The process without sign constraint: the mean is added to it.
+   !> Fits an autoregressive process without sign constraint, and adds the mean.
    subroutine fit_unconstrained(request, model, error)
       type(process_request), intent(in) :: request
       type(process_model_type), intent(out) :: model

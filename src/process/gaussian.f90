@@ -22,7 +22,7 @@ module process_gaussian
 
 contains
 
-   !> Consecutive values of a stationary run, by the way that the request names.
+   !> Draws consecutive values of a stationary run in the way that the request names.
    subroutine draw_as_requested(model, stream, values)
       type(process_model_type), intent(in) :: model     !! solved, without sign constraint
       type(stream_type), intent(inout) :: stream
@@ -38,7 +38,7 @@ contains
       end select
    end subroutine draw_as_requested
 
-   !> Consecutive values of a stationary run, started from the stationary Gaussian law: no burn-in.
+   !> Draws consecutive values of a run that starts from the stationary Gaussian law: no burn-in.
    subroutine draw_gaussian(model, stream, values)
       type(process_model_type), intent(in) :: model     !! solved, without sign constraint
       type(stream_type), intent(inout) :: stream
@@ -60,7 +60,8 @@ contains
       values = model%mu + values
    end subroutine draw_gaussian
 
-   !> The same from z = 0, with as many values dropped as it takes to forget that start (Sec. 2.3).
+   !> Draws consecutive values of a run that starts from z = 0, after as many as it takes to forget
+   !> that (Sec. 2.3).
    subroutine draw_from_rest(model, stream, values)
       type(process_model_type), intent(in) :: model
       type(stream_type), intent(inout) :: stream
@@ -75,8 +76,8 @@ contains
       values = model%mu + run(n_dropped + 1:)
    end subroutine draw_from_rest
 
-   !> Eq. (38) with the matrix G of the direct method on a window with margins as long as the
-   !! memory. Not stationary to rounding where that is more than `widest_margin`.
+   !> Draws by Eq. (38) with the matrix G of the direct method, on a window with margins as long as
+   !> the memory. Not stationary to rounding where that is more than `widest_margin`.
    subroutine draw_by_matrix(model, stream, values)
       type(process_model_type), intent(in) :: model
       type(stream_type), intent(inout) :: stream
@@ -118,7 +119,7 @@ contains
                                                 log(forgotten)/log(largest)))
    end function burn_in_length
 
-   !> Eq. (39) from point `first` + 1 on; white noise becomes the process.
+   !> Turns white noise into the process by Eq. (39), from point `first` + 1 on.
    pure subroutine recur(model, values, first)
       type(process_model_type), intent(in) :: model
       real(wp), intent(inout) :: values(:)

@@ -122,7 +122,7 @@ contains
                 ' nat more entropy'
    end function branch_note
 
-   !> b0 of a law that is given by the row of G, Eq. (25); 0 where it has none.
+   !> Scale b0 of a law that is given by the row of G, Eq. (25); 0 where it has none.
    pure real(wp) function innovation_scale(g) result(b0)
       real(wp), intent(in) :: g(0:)   !! [1/unit of X squared]
 
@@ -131,8 +131,8 @@ contains
       if (g(0) > 0.0_wp) b0 = 1.0_wp/sqrt(g(0))
    end function innovation_scale
 
-   !> Names the streams of random numbers that belong to a process: its own values, whatever stands
-   !> beside it in the scene.
+   !> Label of the streams of random numbers that belong to a process, whatever stands beside it in
+   !> the scene.
    pure function request_label(request) result(label)
       type(process_request), intent(in) :: request
       integer(long) :: label

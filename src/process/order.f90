@@ -28,8 +28,8 @@ module process_order
 
 contains
 
-   !> The request's own order, or for order = 0 the chosen one, at most `max_order`. Fails when no
-   !> order up to there has the length and keeps the bounds.
+   !> Chooses the order: the request's own, or for order = 0 by its bounds or the gain of entropy,
+   !> at most `max_order`. Fails when no order up to there has the length and keeps the bounds.
    subroutine choose_order(request, order, error)
       type(process_request), intent(in) :: request
       integer, intent(out) :: order
@@ -110,7 +110,8 @@ contains
       end if
    end subroutine fit_positive_order
 
-   !> Order 1, or the direct method's first feasible m_max.
+   !> Fits the lowest order that has a process: from 1, from 2 with both lengths imposed, or from
+   !> the direct method's first m_max that is not certainly infeasible.
    subroutine fit_lowest(request, order, model, error)
       type(process_request), intent(in) :: request
       integer, intent(out) :: order
@@ -131,7 +132,7 @@ contains
       end do
    end subroutine fit_lowest
 
-   !> The process of one order, std 1.
+   !> Fits the process of one order, std 1.
    subroutine fit_order(request, order, model, error)
       type(process_request), intent(in) :: request
       integer, intent(in) :: order
@@ -153,7 +154,7 @@ contains
       if (.not. model%is_solved) call raise(error, exit_no_solution, model%reason)
    end subroutine fit_order
 
-   !> A bound of the length that is imposed is a mistake.
+   !> Refuses a bound of a length that is imposed, bounds in the wrong order and max_order < 1.
    pure subroutine check_bounds(request, error)
       type(process_request), intent(in) :: request
       type(error_type), allocatable, intent(out) :: error

@@ -30,7 +30,7 @@ module process_packing
 
 contains
 
-   !> Everything that was found; not the request, which every rank knows from the scene.
+   !> Row of everything that was found; not the request, which every rank knows from the scene.
    function pack_model(model) result(numbers)
       type(process_model_type), intent(in) :: model
       real(wp), allocatable :: numbers(:)
@@ -69,7 +69,7 @@ contains
       call move_alloc(t%numbers, numbers)
    end function pack_search
 
-   !> The row back into what was found.
+   !> Fills a search from what pack_search gave.
    subroutine unpack_search(numbers, search)
       real(wp), intent(in) :: numbers(:)
       type(search_result), intent(out) :: search
@@ -135,7 +135,7 @@ contains
       value = nint(number)
    end subroutine integer_value
 
-   !> Exact up to 2**53.
+   !> Passes a whole number, exact up to 2**53.
    subroutine long_value(self, value)
       class(tape), intent(inout) :: self
       integer(long), intent(inout) :: value
@@ -156,7 +156,7 @@ contains
       value = number == 1
    end subroutine logical_value
 
-   !> An array stands behind its length; -1: not allocated.
+   !> Passes an array behind its length; -1: not allocated.
    subroutine real_array(self, values, first)
       class(tape), intent(inout) :: self
       real(wp), allocatable, intent(inout) :: values(:)
@@ -249,7 +249,7 @@ contains
       call self%pass(values)
    end subroutine visit_integers
 
-   !> Behind its values stands the number of rows.
+   !> Passes the values of a table, then the number of its rows.
    subroutine visit_table(self, what, values, rows)
       class(tape), intent(inout) :: self
       type(component), intent(in) :: what

@@ -27,7 +27,7 @@ module process_realization
 
 contains
 
-   !> The next realization of the process; its size is the number of points.
+   !> Draws the next realization of the process, of as many points as there are values.
    subroutine draw_points(model, stream, values)
       type(process_model_type), intent(in) :: model   !! solved
       type(stream_type), intent(inout) :: stream
@@ -52,9 +52,9 @@ contains
       end if
    end subroutine draw_points
 
-   !> Realizations that are independent of each other, for a large number of values: a value of many
-   !> chains costs a fifth of one of a single chain. The first values do not depend on how many are
-   !> drawn.
+   !> Draws realizations that are independent of each other, for a large number of values: a value
+   !> of many chains costs a fifth of one of a single chain. The first values do not depend on how
+   !> many are drawn.
    subroutine draw_chains(model, stream, values)
       type(process_model_type), intent(in) :: model   !! solved
       type(stream_type), intent(inout) :: stream
@@ -94,8 +94,9 @@ contains
                       ceiling(24.0_wp*(model%memory/62.0_wp)**2))
    end function sweeps_of
 
-   !> Eq. (25) of order 1 where K(m) alternates: a Markov chain. Its transition density is a mixture
-   !> of truncated normal laws, one for each value that may follow next but one.
+   !> Draws from the law of Eq. (25) of order 1 where K(m) alternates: a Markov chain. Its
+   !> transition density is a mixture of truncated normal laws, one for each value that may follow
+   !> next but one.
    subroutine draw_alternating(model, stream, values)
       type(process_model_type), intent(in) :: model   !! with G, order 1
       type(stream_type), intent(inout) :: stream
@@ -122,9 +123,10 @@ contains
       end do
    end subroutine draw_alternating
 
-   !> Eq. (25): a whole Gaussian window with margins beyond the memory, redrawn until all of it is
-   !> positive, its middle kept; or, where as many sweeps cost less than as many trials, one value
-   !> at a time (Gibbs), until the start has lost all but `forgotten` of its weight.
+   !> Draws from the law of Eq. (25): a whole Gaussian window with margins beyond the memory,
+   !> redrawn until all of it is positive, its middle kept; or, where as many sweeps cost less than
+   !> as many trials, one value at a time (Gibbs), until the start has lost all but `forgotten` of
+   !> its weight.
    subroutine draw_exact(model, stream, values)
       type(process_model_type), intent(in) :: model
       type(stream_type), intent(inout) :: stream

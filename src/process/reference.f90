@@ -96,7 +96,7 @@ contains
       model%is_solved = .true.
    end subroutine fit_reference
 
-   !> A realization of independent values, or of one.
+   !> Draws independent values, or one value for all points.
    subroutine draw_reference(model, stream, values)
       type(process_model_type), intent(in) :: model
       type(stream_type), intent(inout) :: stream

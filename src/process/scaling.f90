@@ -24,8 +24,8 @@ contains
       unit%std = request%std/unit_of(request)
    end function unit_request
 
-   !> Which processes share a fit: of each one, the number of the first that has the same. The ratio
-   !> std/mean is a rounded one: where two differ in the last place, each has its own fit.
+   !> Numbers of the processes that are fitted: of each one, the first that has the same fit. The
+   !> ratio std/mean is a rounded one: where two differ in the last place, each has its own fit.
    pure function first_of_fit(requests) result(first)
       type(process_request), intent(in) :: requests(:)
       integer :: first(size(requests))
@@ -69,8 +69,8 @@ contains
       is_same = .not. any(one < other .or. one > other)
    end function is_same_number
 
-   !> The process of the unit request as that of the request itself. Entropies grow by the logarithm
-   !> of the unit.
+   !> Carries the process of the unit request over to the request itself. Entropies grow by the
+   !> logarithm of the unit.
    subroutine carry_over(request, model)
       type(process_request), intent(in) :: request
       type(process_model_type), intent(inout) :: model

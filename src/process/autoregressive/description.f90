@@ -17,7 +17,8 @@ module process_autoregressive_description
 
 contains
 
-   !> Everything that follows from a_q and b0: poles, autocovariance, both lengths, entropy.
+   !> Describes the stationary process of a_q and b0: poles, autocovariance, both lengths, entropy.
+   !> Fails where the poles are not found or too many lags count.
    subroutine describe_ar(a, b0, model, error, known_sums)
       real(wp), intent(in) :: a(:)   !! a_q, q = 1..order; stationary
       real(wp), intent(in) :: b0     !! [unit of X]
@@ -37,7 +38,8 @@ contains
       call describe(kappa, a, b0, sums, model, error)
    end subroutine describe_ar
 
-   !> The same where the reflection coefficients and the sums are known.
+   !> Describes a process whose reflection coefficients and sums are known. K(m) is kept until its
+   !> largest pole leaves 1e-6 of K(0), to `max_stored_lags` at most.
    subroutine describe(kappa, a, b0, sums, model, error)
       real(wp), intent(in) :: kappa(:), a(:), b0
       type(correlation_sums), intent(in) :: sums

@@ -137,8 +137,8 @@ contains
          name = name//', L1 = '//to_text(second_length)
    end function name_of_lengths
 
-   !> Reflection coefficients of the maximum; none is positive, so K(1) >= 0. That the length is
-   !! reached is for `fit_ar` to check.
+   !> Finds the kappa_m of the maximum by the closed forms, which are those of K(m) >= 0. Whether
+   !> they reach the length, and whether K(m) >= 0, is for `fit_ar` to check.
    subroutine optimal_reflection(correlation, correlation_length, order, kappa, error, &
                                  second_length)
       character(*), intent(in) :: correlation
@@ -180,9 +180,9 @@ contains
       end select
    end subroutine optimal_reflection
 
-   !> L1: Newton's method from the weak limit, where kappa_m is proportional to m, to the target.
-   !> With
-   !! v_0 held too: from the maximum for L0 alone, where the multiplier is 0.
+   !> Follows the maximum along targets, by Newton's method at each, to the wanted L1. It starts
+   !> where the maximum is known: at a small L1, where kappa_m is proportional to m, or with v_0
+   !> held at the maximum for L0 alone, where the multiplier is 0.
    subroutine follow_targets(target, kappa, v_0)
       real(wp), intent(in) :: target             !! L1 [lags]
       real(wp), intent(out) :: kappa(:)          !! of the last target on the path that was solved
@@ -222,7 +222,7 @@ contains
       kappa(order) = -tanh(0.5_wp*v(order - 1))
    end subroutine follow_targets
 
-   !> Newton's method on the optimality conditions of L1 at one target.
+   !> Solves the optimality conditions of L1 at one target by Newton's method.
    subroutine solve_optimality(target, unknowns, is_converged, v_0)
       real(wp), intent(in) :: target
       real(wp), intent(inout) :: unknowns(:)   !! v_m, m = 0..order-1, and the multiplier nu
@@ -256,8 +256,8 @@ contains
       if (.not. present(v_0)) is_converged = is_converged .and. all(unknowns > 0.0_wp)
    end subroutine solve_optimality
 
-   !> Gradient of - sum ln cosh((v_(m-1) - v_m)/2) + nu (sum sinh v_m - L (1 + exp(-v_0))) in v and
-   !! nu, and its Jacobian.
+   !> Evaluates the gradient of - sum ln cosh((v_(m-1) - v_m)/2) + nu (sum sinh v_m - L (1 +
+   !> exp(-v_0))) in v and nu, and its Jacobian.
    pure subroutine optimality_conditions(target, unknowns, residual, jacobian)
       real(wp), intent(in) :: target
       real(wp), intent(in) :: unknowns(0:)

@@ -25,7 +25,7 @@ contains
       end do
    end function coefficients_of
 
-   !> The best predictor of one order more (Levinson).
+   !> Raises the best predictor by one order (Levinson).
    pure subroutine step_up(a, order, kappa)
       real(wp), intent(inout) :: a(:)   !! its first order - 1 entries in, order out
       integer, intent(in) :: order      !! the new one

@@ -42,8 +42,8 @@ module process_autoregressive_search
 
 contains
 
-   !> The best of several searches; not feasible where none of them has both lengths, nor tried at a
-   !> high order, where none ever did.
+   !> Finds the best of several searches for both lengths; not feasible where none of them has both,
+   !> or above order 10, where none ever did.
    subroutine find_best(length, second_length, order, best, error)
       real(wp), intent(in) :: length, second_length   !! L0 and L1 [lags], positive
       integer, intent(in) :: order
@@ -60,7 +60,7 @@ contains
       end do
    end subroutine find_best
 
-   !> One search, from the start that belongs to (seed, trial).
+   !> Finds a local maximum of the entropy from the start that belongs to (seed, trial).
    subroutine find_rival(correlation, length, order, seed, trial, rival, error, second_length)
       character(*), intent(in) :: correlation   !! 'L0' or 'L1'
       real(wp), intent(in) :: length            !! [lags], positive
@@ -124,7 +124,7 @@ contains
       end do
    end function start_of
 
-   !> - 0.5 sum ln(1 - kappa^2), scaled.
+   !> Computes - 0.5 sum ln(1 - kappa^2) = sum ln cosh x, scaled, and its gradient.
    subroutine entropy_lost(self, x, value, gradient)
       class(length_problem), intent(inout) :: self
       real(wp), intent(in) :: x(:)
@@ -135,7 +135,8 @@ contains
       if (present(gradient)) gradient = self%scale*tanh(x)
    end subroutine entropy_lost
 
-   !> ln of the lengths over the wanted ones.
+   !> Computes ln(length/wanted length) for each imposed length, and its gradient; `out_of_reach`
+   !> where too many lags count.
    subroutine length_defect(self, x, values, jacobian)
       class(length_problem), intent(inout) :: self
       real(wp), intent(in) :: x(:)

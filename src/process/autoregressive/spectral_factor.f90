@@ -15,11 +15,11 @@ module process_autoregressive_spectral_factor
 
 contains
 
-   !> Newton's method for B (Wilson, 1969): from any stable start it converges for every positive
-   !! symbol.
-   !!
-   !! `a` and `b0` are the start and the result. Where the symbol is not positive, or so nearly zero
-   !! that double precision cannot tell, `is_positive` comes back false and `a`, `b0` mean nothing.
+   !> Solves |B|^2 = g for B by Newton's method (Wilson, 1969), which converges from any stable
+   !> start for every positive symbol.
+   !>
+   !> `a` and `b0` are the start and the result. Where the symbol is not positive, or so nearly zero
+   !> that double precision cannot tell, `is_positive` comes back false and `a`, `b0` mean nothing.
    pure subroutine factor_symbol(symbol, a, b0, is_positive)
       real(wp), intent(in) :: symbol(0:)   !! g_m, m = 0..order
       real(wp), intent(inout) :: a(:)      !! a_q, q = 1..order; all zero is a start
@@ -104,7 +104,8 @@ contains
       end do
    end function autocorrelation
 
-   !> Fourier coefficients of 1/g: the autocovariance of the process, to any lag.
+   !> Computes the Fourier coefficients of 1/g, the autocovariance of the process, to the last lag
+   !> of `reciprocal`.
    pure subroutine reciprocal_of_process(a, b0, reciprocal, is_stable)
       real(wp), intent(in) :: a(:), b0
       real(wp), intent(out) :: reciprocal(0:)

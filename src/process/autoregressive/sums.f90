@@ -33,8 +33,8 @@ module process_autoregressive_sums
 
 contains
 
-   !> Sums |K(m)| and m |K(m)| over all lags, K(0) = 1. Fails where poles lie so near the circle,
-   !! without one real pole outliving the others, that more than `most_lags` count.
+   !> Adds up |K(m)| and m |K(m)| over all lags, K(0) = 1. Fails where more than `most_lags` lags
+   !> count: poles near the circle, without one real pole that outlives the others.
    subroutine sum_correlation(kappa, sums, error, most_lags)
       real(wp), intent(in) :: kappa(:)   !! all inside (-1, 1)
       type(correlation_sums), intent(out) :: sums

@@ -27,7 +27,7 @@ module process_direct_climb
 
 contains
 
-   !> From s and the free lags to the unknowns of a maximization.
+   !> Prepares a maximization with given signs s and free lags; its x is still 0.
    subroutine begin_climb(constraint, s, is_free, state)
       type(length_constraint), intent(in) :: constraint
       real(wp), intent(in) :: s(:)
@@ -44,7 +44,7 @@ contains
       state%along(1:) = 0.5_wp*constraint%weights(1:)*state%s
    end subroutine begin_climb
 
-   !> D with its derivatives at state%x.
+   !> Evaluates D at state%x, with its derivatives in delta and in the free x_m.
    subroutine evaluate_climb(constraint, workspace, state)
       type(length_constraint), intent(in) :: constraint
       type(reciprocal_workspace), intent(inout) :: workspace

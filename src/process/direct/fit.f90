@@ -62,7 +62,7 @@ contains
       model%entropy_ceiling = model%entropy_ceiling + log(request%std)
    end subroutine fit_direct
 
-   !> How many parts a request's search is best cut into; 1: it is not worth sharing.
+   !> Number of parts that a request's search is best cut into; 1: it is not worth sharing.
    function count_parts(request) result(n)
       type(process_request), intent(in) :: request
       integer :: n
@@ -77,8 +77,8 @@ contains
       n = int(max(1_long, count_sequences(constraint_of(request))/part_size))
    end function count_parts
 
-   !> The process from the search of all sequences, whole or joined from its parts. While some are
-   !! missing the model stays unsolved, without a reason.
+   !> Describes the process from the search of all sequences, whole or joined from its parts. While
+   !> some are missing the model stays unsolved, without a reason.
    subroutine conclude_direct(request, search, model)
       type(process_request), intent(in) :: request
       type(search_result), intent(in) :: search
@@ -90,7 +90,8 @@ contains
       call describe_winner(request, search, .true., model)
    end subroutine conclude_direct
 
-   !> The best solution of a search, and the list of them; a reason where there is none.
+   !> Describes the best solution of a search and lists all of them; gives the reason where there is
+   !> none.
    subroutine describe_winner(request, search, is_certain, model)
       type(process_request), intent(in) :: request
       type(search_result), intent(in) :: search
@@ -120,7 +121,8 @@ contains
       call search_all_signs(constraint_of(request), part, n_parts, workspace, result)
    end subroutine search_direct
 
-   !> All sequences where they are few; else likely ones, with a proof where there is one.
+   !> Searches all sequences where they are few; else likely ones, with a proof that none has more
+   !> entropy where there is one.
    subroutine search_as_affordable(constraint, workspace, search, is_certain, how)
       type(length_constraint), intent(in) :: constraint
       type(reciprocal_workspace), intent(inout) :: workspace
@@ -218,7 +220,7 @@ contains
       model = described
    end subroutine describe
 
-   !> a_q of the solution for a sequence of signs.
+   !> Computes a_q of a solution, from its spectral factor B where it has one, else from its symbol.
    pure subroutine coefficients_of_solution(request, solution, a, is_positive)
       type(process_request), intent(in) :: request
       type(sequence_solution), intent(in) :: solution
@@ -260,7 +262,7 @@ contains
       symbol(1:) = lambda_3*delta*weights(1:)*s
    end function direct_symbol
 
-   !> The autoregressive process of Eq. (39) whose inverse covariance has the given symbol.
+   !> Computes the autoregressive process of Eq. (39) whose inverse covariance has the given symbol.
    pure subroutine equivalent_process(symbol, a, b0, is_positive)
       real(wp), intent(in) :: symbol(0:)            !! g_m, m = 0..m_max
       real(wp), allocatable, intent(out) :: a(:)    !! (m_max)
@@ -300,8 +302,8 @@ contains
       end associate
    end function residual
 
-   !> K(m) and (-1)^m K(m) are one solution: the one whose first odd lag that is not zero is
-   !! positive.
+   !> The solution or its mirror image, which is the same solution: the one whose first odd lag that
+   !> is not zero has K(m) > 0.
    pure function mirrored(solution) result(turned)
       type(sequence_solution), intent(in) :: solution
       type(sequence_solution) :: turned
@@ -316,7 +318,7 @@ contains
       if (m <= size(solution%s)) turned = mirror_image(solution)
    end function mirrored
 
-   !> (-1)^m K(m).
+   !> Solution with (-1)^m K(m).
    pure function mirror_image(solution) result(turned)
       type(sequence_solution), intent(in) :: solution
       type(sequence_solution) :: turned
@@ -327,7 +329,7 @@ contains
       if (allocated(turned%factor)) turned%factor(1::2) = -turned%factor(1::2)
    end function mirror_image
 
-   !> 0 where K(m) = 0 is held by an s_m between the signs.
+   !> Signs as integers; 0 where K(m) = 0 is held by an s_m between the signs.
    elemental function integer_signs(s) result(signs)
       real(wp), intent(in) :: s
       integer :: signs

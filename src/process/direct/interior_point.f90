@@ -19,7 +19,8 @@ module process_direct_interior_point
 
 contains
 
-   !> Interior-point method for all penalized lags at once, until it is seen which K(m) are zero.
+   !> Finds which penalized lags have K(m) = 0, with s_m and delta to start from, by an
+   !> interior-point method that moves all of them at once.
    subroutine hold_at_zero(constraint, s, is_free, delta, workspace)
       type(length_constraint), intent(in) :: constraint
       real(wp), intent(inout) :: s(:)          !! (m_max) found where penalized
@@ -78,7 +79,8 @@ contains
       is_hopeless = minval(values) >= 0.0_wp
    end function is_hopeless
 
-   !> Primal-dual step on D + mu sum ln(upper lower); shortened until that rises.
+   !> Takes a primal-dual step on D + mu sum ln(upper lower), halved until that rises; `is_moving`
+   !> is false where it never does.
    subroutine take_interior_step(constraint, workspace, mu, upper, lower, p, q, state, is_moving)
       type(length_constraint), intent(in) :: constraint
       type(reciprocal_workspace), intent(inout) :: workspace

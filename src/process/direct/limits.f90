@@ -15,8 +15,8 @@ module process_direct_limits
 
 contains
 
-   !> The smallest m_max, found by searching all signs; `is_smallest` is false where that would take
-   !! too long, and m_max is then one that is certainly feasible.
+   !> Finds the smallest m_max that has a solution by searching all signs. Where that would take too
+   !> long `is_smallest` is false, and m_max is one that is certainly feasible.
    subroutine smallest_feasible_m_max(correlation, length, m_max, is_smallest)
       character(*), intent(in) :: correlation   !! 'L0' or 'L1'
       real(wp), intent(in) :: length            !! [lags]
@@ -41,7 +41,7 @@ contains
       m_max = enough
    end subroutine smallest_feasible_m_max
 
-   !> At this m_max, and above, there is a solution.
+   !> An m_max at which, as at all above, there is a solution.
    pure function certainly_feasible_m_max(correlation, length) result(m_max)
       character(*), intent(in) :: correlation
       real(wp), intent(in) :: length
@@ -50,7 +50,7 @@ contains
       m_max = floor(min(merge(length, 2.0_wp*length, correlation == 'L0'), 1.0e9_wp)) + 1
    end function certainly_feasible_m_max
 
-   !> At this m_max, and below, there is none.
+   !> An m_max at which, as at all below, there is none.
    pure function certainly_infeasible_m_max(correlation, length) result(m_max)
       character(*), intent(in) :: correlation
       real(wp), intent(in) :: length

@@ -47,7 +47,7 @@ module process_direct_reciprocal_symbol
 
 contains
 
-   !> For symbols of this band; may be called again.
+   !> Prepares the workspace for symbols of this band; may be called again, also for another one.
    subroutine prepare(self, m_max)
       class(reciprocal_workspace), intent(inout) :: self
       integer, intent(in) :: m_max
@@ -76,7 +76,7 @@ contains
       end do
    end subroutine finish_workspace
 
-   !> Forget what the last symbols needed.
+   !> Forgets which transform length and spectral factor the last symbols needed.
    subroutine restart(self)
       class(reciprocal_workspace), intent(inout) :: self
 
@@ -106,7 +106,7 @@ contains
       call evaluate_by_factor(self, symbol, along, cosines, evaluation)
    end subroutine evaluate
 
-   !> Values of a symbol at the points 2 pi j/n, j = 0..n/2, of the length in use.
+   !> Computes a symbol's values at the points 2 pi j/n, j = 0..n/2, n the length in use.
    subroutine values_on_circle(self, symbol, values)
       class(reciprocal_workspace), intent(inout) :: self
       real(wp), intent(in) :: symbol(0:)
@@ -121,7 +121,8 @@ contains
       end associate
    end subroutine values_on_circle
 
-   !> `is_resolved`: nothing to speak of is left where lags fold back.
+   !> Evaluates on n points of the circle, n the length in use. `is_resolved` is false where the
+   !> Fourier coefficients of 1/g around lag n/2 are not negligible: others are folded back on them.
    subroutine evaluate_by_fft(self, symbol, along, cosines, evaluation, is_resolved)
       class(reciprocal_workspace), intent(inout) :: self
       real(wp), intent(in) :: symbol(0:), along(0:)
@@ -163,7 +164,7 @@ contains
       call fill_derivatives(along, cosines, slope, square, evaluation)
    end subroutine evaluate_by_fft
 
-   !> Gradient and curvature from the Fourier coefficients of 1/g, A/g^2 and 1/g^2.
+   !> Computes gradient and curvature from the Fourier coefficients of 1/g, A/g^2 and 1/g^2.
    pure subroutine fill_derivatives(along, cosines, slope, square, evaluation)
       real(wp), intent(in) :: along(0:)
       integer, intent(in) :: cosines(:)
@@ -210,7 +211,7 @@ contains
       circle%spectrum(:ubound(symbol, 1)) = cmplx(symbol, kind=wp)
    end subroutine set_symbol
 
-   !> An even function from its values on half of the circle.
+   !> Fills the circle with an even function, given on half of it.
    pure subroutine fill_evenly(signal, values)
       real(wp), intent(inout) :: signal(0:)
       real(wp), intent(in) :: values(0:)
@@ -221,7 +222,7 @@ contains
       signal(half + 1:) = values(half - 1:1:-1)
    end subroutine fill_evenly
 
-   !> The same without any sampling: the mean of ln |B|^2 is 2 ln B_0.
+   !> Evaluates from the spectral factor B, without any sampling: the mean of ln g is 2 ln B_0.
    subroutine evaluate_by_factor(self, symbol, along, cosines, evaluation)
       class(reciprocal_workspace), intent(inout) :: self
       real(wp), intent(in) :: symbol(0:), along(0:)
@@ -252,7 +253,7 @@ contains
       end if
    end subroutine evaluate_by_factor
 
-   !> Gradient and curvature from the changes of B, which is known to second order: as exact as B.
+   !> Computes gradient and curvature from the changes of B along each direction: as exact as B.
    pure subroutine differentiate_factor(factor, reciprocal, along, cosines, evaluation)
       real(wp), intent(in) :: factor(0:)       !! B
       real(wp), intent(in) :: reciprocal(0:)   !! to twice the order
@@ -294,8 +295,8 @@ contains
       end do
    end function toeplitz_product
 
-   !> The same from 1/g^2, the spectrum of the process that has every pole of 1/g twice: cheap for
-   !> many cosines, less exact where poles are very near the circle.
+   !> Computes gradient and curvature from 1/g^2, the spectrum of the process that has every pole of
+   !> 1/g twice: cheap for many cosines, less exact where poles are very near the circle.
    pure subroutine differentiate_square(a, b0, along, cosines, evaluation)
       real(wp), intent(in) :: a(:), b0
       real(wp), intent(in) :: along(0:)

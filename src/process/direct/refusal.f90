@@ -14,7 +14,7 @@ module process_direct_refusal
 
 contains
 
-   !> Bad numbers; unallocated: none.
+   !> Finds the first bad number of a request, and says what is allowed; unallocated: none.
    subroutine find_complaint(request, complaint)
       type(process_request), intent(in) :: request
       character(:), allocatable, intent(out) :: complaint
@@ -52,7 +52,7 @@ contains
          to_text(n)//' sequences of signs: must be at most '//to_text(most)
    end subroutine find_too_many_sequences
 
-   !> No solution was found.
+   !> Reason why there is no solution, with an m_max that has one.
    function reason_of_failure(request, is_certain) result(reason)
       type(process_request), intent(in) :: request
       logical, intent(in) :: is_certain   !! every sequence was examined
@@ -69,7 +69,7 @@ contains
       end if
    end function reason_of_failure
 
-   !> A solution was found, and double precision cannot hold it.
+   !> Reason to refuse a solution that double precision cannot hold.
    pure function reason_of_inaccuracy(request, residual) result(reason)
       type(process_request), intent(in) :: request
       real(wp), intent(in) :: residual   !! of the optimality conditions

@@ -26,7 +26,8 @@ module process_direct_sequence_bound
 
 contains
 
-   !> From a known solution; uses enough points to give the solution's own entropy.
+   !> Prepares the bounds that follow from a known solution, on enough points to give its own
+   !> entropy.
    subroutine prepare(self, constraint, known)
       class(sequence_bound), intent(inout) :: self
       type(length_constraint), intent(in) :: constraint
@@ -53,7 +54,7 @@ contains
       excludes = bound(self, signs) < self%to_beat - margin
    end function excludes
 
-   !> n + 1 points on half the circle, 0 and pi among them.
+   !> Tabulates the terms of g at n + 1 points of half the circle, 0 and pi among them.
    pure subroutine tabulate(self, constraint, known, n)
       class(sequence_bound), intent(inout) :: self
       type(length_constraint), intent(in) :: constraint
@@ -70,7 +71,7 @@ contains
                     + matmul(terms(:, constraint%penalized), known%s(constraint%penalized))
    end subroutine tabulate
 
-   !> Huge where g is not positive: these multipliers then tell nothing of the sequence.
+   !> Upper bound of a sequence's entropy; huge where g is not positive, and nothing is known.
    pure real(wp) function bound(self, signs)
       class(sequence_bound), intent(in) :: self
       integer, intent(in) :: signs(:)

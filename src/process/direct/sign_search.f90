@@ -49,10 +49,10 @@ contains
       is_best = size(constraint%penalized) == 0
    end function is_all_plus_best
 
-   !> Part `part` of `n_parts` of all sequences; the parts differ in the leading signs.
-   !!
-   !! Without `known`, every sequence is solved. With it, those that have certainly less entropy
-   !! than this solution are left out.
+   !> Searches part `part` of `n_parts` of all sequences; the parts differ in the leading signs.
+   !>
+   !> Without `known`, every sequence is solved. With it, those that have certainly less entropy
+   !> than this solution are left out.
    subroutine search_all_signs(constraint, part, n_parts, workspace, result, known)
       type(length_constraint), intent(in) :: constraint
       integer, intent(in) :: part, n_parts                     !! part = 1..n_parts
@@ -106,12 +106,12 @@ contains
       call sort_and_cut(total%solutions)
    end subroutine add_search
 
-   !> A few sequences that are likely to win, each improved until it is consistent, the best one
-   !! then sign by sign and, where there are few, pair by pair.
-   !!
-   !! All plus wins where m_max is large beside L1. Nearer to the limit the winners are sequences
-   !! whose sum of cosines is flat: quadratic phases, and all plus with the last sign turned. Where
-   !! signs are very many, seconds are spent on those starts alone that have won there.
+   !> Searches a few sequences that are likely to win: improves each until it is consistent, then
+   !> turns signs of the best one by one and, where they are few, pair by pair.
+   !>
+   !> All plus wins where m_max is large beside L1. Nearer to the limit the winners are sequences
+   !> whose sum of cosines is flat: quadratic phases, and all plus with the last sign turned. Above
+   !> `very_many` signs only the starts that have won there are tried.
    subroutine search_structured(constraint, workspace, best)
       type(length_constraint), intent(in) :: constraint
       type(reciprocal_workspace), intent(inout) :: workspace   !! prepared for m_max
@@ -142,8 +142,8 @@ contains
       if (best%is_feasible .and. n <= many) call turn_signs(constraint, n <= few, workspace, best)
    end subroutine search_structured
 
-   !> The mean of ln g without the penalized lags bounds the entropy of every sequence, by the
-   !! argument above.
+   !> Bounds the entropy of every sequence by that of all plus without the penalized lags, by the
+   !> argument above.
    subroutine limit_of_entropy(constraint, workspace, entropy)
       type(length_constraint), intent(in) :: constraint
       type(reciprocal_workspace), intent(inout) :: workspace
@@ -177,7 +177,7 @@ contains
       solution%is_feasible = solution%is_consistent
    end subroutine make_consistent
 
-   !> Local search: turns signs, or pairs of them too, as long as that helps.
+   !> Turns single signs, and pairs of them if asked for, as long as the best entropy grows.
    subroutine turn_signs(constraint, in_pairs, workspace, best)
       type(length_constraint), intent(in) :: constraint
       logical, intent(in) :: in_pairs
@@ -259,7 +259,7 @@ contains
       end do
    end function signs_at
 
-   !> By descending entropy, equal ones by their numbers; only the best are kept.
+   !> Sorts by descending entropy, equal ones by their numbers, and keeps the best `max_listed`.
    pure subroutine sort_and_cut(solutions)
       type(sequence_solution), allocatable, intent(inout) :: solutions(:)
       integer, allocatable :: order(:)

@@ -85,7 +85,7 @@ contains
       solution%is_feasible = .false.
    end subroutine solve_sequence
 
-   !> Newton's method on delta and on x_m of the free lags, the other signs given.
+   !> Solves for delta and for x_m of the free lags by Newton's method, the other signs given.
    subroutine solve_active_set(constraint, s, is_free, delta, workspace, solution)
       type(length_constraint), intent(in) :: constraint
       real(wp), intent(in) :: s(:)           !! (m_max) the start where free
@@ -126,7 +126,7 @@ contains
       if (is_done) call describe(constraint, state, solution)
    end subroutine solve_active_set
 
-   !> All plus, once more where g(0) is lost in the rounding of g_0.
+   !> Solves all plus once more where g(0) is lost in the rounding of g_0.
    subroutine approach_touch(constraint, solution)
       type(length_constraint), intent(in) :: constraint
       type(sequence_solution), intent(inout) :: solution
@@ -154,7 +154,7 @@ contains
       solution%factor(:) = factor
    end subroutine approach_touch
 
-   !> Newton's step; the decrement is twice the rise of D that it promises.
+   !> Finds Newton's step; the decrement is twice the rise of D that it promises.
    subroutine find_step(state, limit, step, decrement)
       type(climb_state), intent(in) :: state
       real(wp), intent(in) :: limit   !! of delta, where nothing but delta moves

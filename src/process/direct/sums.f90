@@ -13,10 +13,12 @@ module process_direct_sums
 
 contains
 
+   !> Adds up |K(m)| and m |K(m)| over all lags.
+   !>
    !> With every s_m = +1 and no penalized lag, 1/g is a series in powers of a sum of cosines with
-   !! positive factors: all K(m) > 0, and the sums are closed forms (see
-   !! `process_autoregressive_sums`). Else
-   !! all moduli are summed, at high order from an FFT.
+   !> positive factors: all K(m) > 0, and the sums are closed forms (see
+   !> `process_autoregressive_sums`). Else all moduli are summed, above order `high_order` from an
+   !> FFT.
    subroutine sum_direct_correlation(a, is_positive, sums, error)
       real(wp), intent(in) :: a(:)
       logical, intent(in) :: is_positive   !! all K(m) > 0 is known
@@ -41,7 +43,7 @@ contains
       end if
    end subroutine sum_direct_correlation
 
-   !> From all lags at once, on a circle so long that the last ones are negligible.
+   !> Adds up the moduli of all lags at once, on a circle so long that the last ones are negligible.
    subroutine sum_by_fft(a, sums, error)
       real(wp), intent(in) :: a(:)
       type(correlation_sums), intent(out) :: sums

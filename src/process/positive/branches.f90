@@ -38,10 +38,10 @@ module process_positive_branches
 
 contains
 
-   !> After a search in the unconstrained optimum's shape has failed: the maximum with K(m) >= 0, or
-   !> the alternating one where that is not asked for or has ended; where some K(m) have changed
-   !> their sign on the way, that of the larger entropy. The direct method's orders do not contain
-   !> each other.
+   !> Searches by continuation from order 1, after a search in the unconstrained optimum's shape has
+   !> failed: the maximum with K(m) >= 0 or, with branch = 'any' and where that has ended, the
+   !> alternating one. Where some K(m) have changed their sign on the way, that of the larger
+   !> entropy. Not by the direct method, whose orders do not contain each other.
    subroutine search_branches(request, seed, effort, law, point, found, error)
       type(process_request), intent(in) :: request   !! of order 2 or more
       integer(long), intent(in) :: seed
@@ -93,7 +93,7 @@ contains
       entropy = entropy - log(law%last%moments%std)
    end function relative_entropy
 
-   !> The maximum of one branch, or the std/mean at which it ends: `limit`.
+   !> Finds the maximum of one branch; fails with the std/mean at which it ends.
    subroutine continue_first_order(request, seed, is_alternating, effort, law, point, found, &
                                    limit, error)
       type(process_request), intent(in) :: request   !! of order 2 or more
@@ -176,7 +176,7 @@ contains
       if (limit > 0.0_wp) text = to_text(floor(1.0e3_wp*limit)/1.0e3_wp)
    end function text_of
 
-   !> From the law of order 1 by maxima of order 2, 4, 8, .. to a start in the wanted order.
+   !> Raises the law of order 1 by maxima of order 2, 4, 8, .. to a start in the wanted order.
    subroutine rise_to_order(request, seed, first, ratio, decay, effort, law, point, error)
       type(process_request), intent(in) :: request
       integer(long), intent(in) :: seed
@@ -227,7 +227,7 @@ contains
       end do
    end subroutine rise_to_order
 
-   !> The law of a request in the family of another one, to be simulated from its moments.
+   !> Begins the law of a request in the family of another one, to be simulated from its moments.
    subroutine begin_law(request, seed, decay, ratio, effort, law, error)
       type(process_request), intent(in) :: request
       integer(long), intent(in) :: seed
@@ -251,8 +251,8 @@ contains
       law%n_steps = shape_steps
    end subroutine begin_law
 
-   !> Maxima at larger and larger std/mean, from that of the start to the wanted one. Where they end
-   !> before `found` is not converged.
+   !> Climbs by maxima at larger and larger std/mean, from that of the start to the wanted one.
+   !> Where they end before, `found` is not converged.
    subroutine climb(law, start, wanted, point, found, limit)
       type(sampled_objective), intent(inout) :: law
       real(wp), intent(in) :: start, wanted
@@ -284,7 +284,7 @@ contains
       end do
    end subroutine climb
 
-   !> Maximum in the interior or on the face that the search runs into.
+   !> Finds the maximum in the interior, or on the face that the search runs into.
    subroutine find_maximum(law, point, found)
       type(sampled_objective), intent(inout) :: law
       real(wp), allocatable, intent(inout) :: point(:)
@@ -310,9 +310,10 @@ contains
       end do
    end subroutine find_maximum
 
-   !> Signs of K(m) as they came out, and the maximum with these; not converged where they do not
-   !> come to rest. Where K(m) >= 0 is wanted, or K(m) has the other sign with either one, K(m) = 0
-   !> is a constraint, as long as its multiplier does not pull K(m) to a side that is allowed.
+   !> Adopts the signs that K(m) have at the maximum, and finds that with these; not converged where
+   !> they do not come to rest. Where K(m) >= 0 is wanted, or K(m) has the other sign with either
+   !> one, K(m) = 0 is a constraint, as long as its multiplier does not pull K(m) to a side that is
+   !> allowed.
    subroutine adopt_signs(law, point, found, autocovariance)
       type(sampled_objective), intent(inout) :: law
       real(wp), allocatable, intent(inout) :: point(:)
@@ -384,7 +385,7 @@ contains
       end associate
    end function pulls_of
 
-   !> The maximum on more simulated values than before, with the signs that K(m) have there.
+   !> Finds the maximum on more simulated values than before, with the signs that K(m) have there.
    subroutine sharpen(law, point, found)
       type(sampled_objective), intent(inout) :: law
       real(wp), allocatable, intent(inout) :: point(:)

@@ -144,8 +144,8 @@ contains
                                 0.0_wp))
    end function error_of_partition
 
-   !> The autocovariance lag by lag, from as many values as lags allow. Fails where it clearly has
-   !> not the signs by which the length was summed.
+   !> Estimates the autocovariance lag by lag, on as many values as the number of lags allows. Fails
+   !> where a K(m) clearly has not the sign by which the length was summed.
    subroutine describe_lags(law, point, spread, model, error)
       type(sampled_objective), intent(in) :: law
       real(wp), intent(in) :: point(:)
@@ -210,7 +210,7 @@ contains
       call note_acceptances(other, other_error, model)
    end subroutine compare_laws
 
-   !> Lambda belongs to the exact law, the other three to one-at-a-time rejection.
+   !> Notes Lambda of the exact law, or the three acceptances of one-at-a-time rejection.
    subroutine note_acceptances(law, entropy_error, model)
       type(sampled_objective), intent(in) :: law
       real(wp), intent(in) :: entropy_error   !! standard error of this law's entropy [nat]

@@ -57,8 +57,8 @@ contains
               4)
    end function sweeps_to_forget
 
-   !> Averages over batches, a lane over a stretch of sweeps each; rows as in the sequential law, of
-   !> the acceptance sums only the density at 0.
+   !> Samples averages over batches, a lane over a stretch of sweeps each; rows as in the sequential
+   !> law, of the acceptance sums only the density at 0.
    subroutine sample_exact(g, field, companion, centre, ring_length, n_burn_in, n_sweeps, stream, &
                            batches)
       real(wp), intent(in) :: g(0:)          !! row of G, lags 0..order
@@ -102,7 +102,7 @@ contains
       end do
    end subroutine sample_exact
 
-   !> Products around closed rings.
+   !> Adds products around closed rings.
    pure subroutine add_ring(n_single, n_lags, length, d, sums)
       integer, intent(in) :: n_single, n_lags, length
       real(wp), intent(in) :: d(lanes, length)
@@ -114,8 +114,8 @@ contains
       call add_products(n_lags, length, n_single, n_lags, closed, sums)
    end subroutine add_ring
 
-   !> Consecutive values of one stationary run: the middle of a ring that has forgotten its start
-   !> and is longer than the memory by margins on both sides.
+   !> Draws consecutive values of one stationary run, from a ring that has forgotten its start and
+   !> is longer by margins beyond the memory.
    subroutine draw_window(g, field, start, margin, n_sweeps, stream, values)
       real(wp), intent(in) :: g(0:), field  !! see `sample_exact`
       real(wp), intent(in) :: start         !! near the mean
@@ -153,7 +153,7 @@ contains
       allocate (ring%x(lanes, 1 - ring%order:length + ring%order))
    end function new_ring
 
-   !> One sweep: every value redrawn given its neighbours. Places as far apart as a lane is long do
+   !> Redraws every value given its neighbours: one sweep. Places as far apart as a lane is long do
    !> not see each other, so that all lanes move at once.
    subroutine redraw(ring, stream, at_zero)
       type(ring_type), intent(inout) :: ring
@@ -223,7 +223,7 @@ contains
       if (i > length - order) x(:, i - length) = merge(cshift(value, -1), value, is_wound)
    end subroutine place
 
-   !> psi, and its standard error.
+   !> Computes psi, and its standard error.
    subroutine log_partition(g, field, ring_length, n_burn_in, n_sweeps, stream, psi, standard_error)
       real(wp), intent(in) :: g(0:), field  !! see `sample_exact`
       integer, intent(in) :: ring_length
@@ -257,8 +257,8 @@ contains
       standard_error = norm2([sqrt(variance), between_nodes])
    end subroutine log_partition
 
-   !> - sum G_k E[(z_i - mu)(z_(i+k) - mu)], k > 0, under the law of this G, centred on mu. Where G
-   !> is indefinite its companion is that of a weaker one.
+   !> Estimates - sum G_k E[(z_i - mu)(z_(i+k) - mu)], k > 0, under the law of this G, centred on
+   !> mu. Where G is indefinite its companion is that of a G of weaker correlation.
    subroutine sample_slope(g, mu, field, ring_length, n_burn_in, n_sweeps, stream, slope, &
                            standard_error)
       real(wp), intent(in) :: g(0:)

@@ -48,7 +48,7 @@ module process_positive_family
 
 contains
 
-   !> The law of a point, in units of b0 or, by_precision, of 1/sqrt(G_0).
+   !> Computes the parameters of a point's law, in units of b0 or, by_precision, of 1/sqrt(G_0).
    pure subroutine unfold(self, point, law, is_inside)
       class(parameter_family), intent(in) :: self
       real(wp), intent(in) :: point(:)
@@ -101,7 +101,7 @@ contains
       end associate
    end function couplings
 
-   !> How far, for each p, values p apart with all others near 0 are from driving each other to
+   !> Room, for each p, that is left until values p apart, all others near 0, drive each other to
    !> infinity.
    pure function room(self, point)
       class(parameter_family), intent(in) :: self   !! by_coefficients or by_precision

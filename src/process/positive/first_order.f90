@@ -40,8 +40,9 @@ module process_positive_first_order
 
 contains
 
-   !> The law with the wanted ratio and length: that with K(m) >= 0 where there is one (its entropy
-   !> is the larger one), else the alternating one. Fails with the limits where there is none.
+   !> Finds the law with the wanted ratio and length: that with K(m) >= 0 where there is one (its
+   !> entropy is the larger one), else the alternating one. Fails with the limits where there is
+   !> none.
    subroutine match_first_order(request, law, error)
       type(process_request), intent(in) :: request   !! order 1
       type(first_order_law), intent(out) :: law      !! in units of b0, see there
@@ -78,7 +79,7 @@ contains
       if (allocated(failure)) call raise(error, exit_no_solution, reason//'; '//failure%message)
    end subroutine match_first_order
 
-   !> The law of one branch that has the wanted ratio and length, where there is one.
+   !> Finds the law of one branch with the wanted ratio and length. Fails where there is none.
    subroutine match_branch(request, is_alternating, law, error)
       type(process_request), intent(in) :: request
       logical, intent(in) :: is_alternating
@@ -118,8 +119,8 @@ contains
                  to_text(excess)//' (relative) from std/mean')
    end subroutine match_branch
 
-   !> The largest std/mean of a branch at the request's length; `huge` where the strongest
-   !> alternation has still more.
+   !> Finds the largest std/mean of a branch at the request's length; `huge` where the strongest
+   !> alternation that the nodes resolve is shorter still.
    subroutine find_limit(request, is_alternating, limit, error)
       type(process_request), intent(in) :: request   !! of any order
       logical, intent(in) :: is_alternating
@@ -187,7 +188,7 @@ contains
       if (value < 0.0_wp) parameter = -log(1.0_wp - value)
    end function compressed
 
-   !> The member of a family that has its length.
+   !> Finds the member of a family that has its length.
    subroutine match_length(family, inner, law, error)
       type(family_type), intent(in) :: family
       real(wp), intent(inout) :: inner         !! a guess; then that of the law
@@ -218,7 +219,8 @@ contains
                  to_text(family%length))
    end subroutine match_length
 
-   !> At a limit the inner parameter is -ln of minus the field, or ln -r.
+   !> Computes the law of a family at an inner parameter. At a limit that is -ln of minus the field
+   !> or, alternating, ln -r.
    subroutine evaluate(family, inner, law, error)
       type(family_type), intent(in) :: family
       real(wp), intent(in) :: inner
@@ -250,8 +252,8 @@ contains
       call new_first_order_law(r, slack, steepness, field, family%is_sequential, law, error)
    end subroutine evaluate
 
-   !> Everything that is known of the process, in the unit of X. Where K(m) alternates: the
-   !> recursion of the sequential law, the matrix G of the exact one.
+   !> Describes the process in the unit of X. Where K(m) alternates: by the recursion of the
+   !> sequential law, by the matrix G of the exact one.
    subroutine describe_first_order(request, law, model, error)
       type(process_request), intent(in) :: request
       type(first_order_law), intent(in) :: law
@@ -303,8 +305,8 @@ contains
       if (law%r < 0.0_wp) call look_beside_first_order(request, model)
    end subroutine describe_first_order
 
-   !> Entropy of the other law's process of order 1 with K(m) >= 0, where it is larger than an
-   !> alternating one's.
+   !> Finds the entropy of the other law's process of order 1 with K(m) >= 0; it is noted where it
+   !> is larger than that of an alternating one.
    subroutine look_beside_first_order(request, model)
       type(process_request), intent(in) :: request
       type(process_model_type), intent(inout) :: model
@@ -344,7 +346,7 @@ contains
       model%l1_cut = correlation_length_l1(model%autocovariance(0:1))
    end subroutine describe_correlation
 
-   !> Lambda belongs to the exact law, the other three to one-at-a-time rejection.
+   !> Notes Lambda of the exact law, or the three acceptances of one-at-a-time rejection.
    subroutine note_acceptances(law, model)
       type(first_order_law), intent(in) :: law
       type(process_model_type), intent(inout) :: model
@@ -366,7 +368,7 @@ contains
       length = merge(law%l0, law%l1, correlation == 'L0')
    end function length_of
 
-   !> For messages.
+   !> Name of a request, for messages.
    pure function named(request) result(name)
       type(process_request), intent(in) :: request
       character(:), allocatable :: name

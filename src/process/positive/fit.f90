@@ -153,7 +153,8 @@ contains
       first_order_has = .not. allocated(refusal)
    end function first_order_has
 
-   !> Signs and multipliers of Eq. (30), and the largest residual of the optimality conditions.
+   !> Names signs and multipliers of Eq. (30), and the largest residual of the optimality
+   !> conditions.
    subroutine name_multipliers(law, violation, model)
       type(sampled_objective), intent(in) :: law
       real(wp), intent(in) :: violation   !! of the targets, relative
@@ -167,8 +168,8 @@ contains
       model%lambda_3 = solution%lambda_3
    end subroutine name_multipliers
 
-   !> Where K(m) alternates: the entropy of the other law's process with K(m) >= 0 where that is
-   !> larger.
+   !> Fits, where K(m) alternates, the other law's process with K(m) >= 0; its entropy is noted
+   !> where it is larger.
    recursive subroutine look_beside(request, seed, model)
       type(process_request), intent(in) :: request
       integer(long), intent(in) :: seed
@@ -234,8 +235,8 @@ contains
       end do
    end subroutine finish
 
-   !> The constraints once more, on as many values as were asked for or as the standard errors want;
-   !> the shape stays.
+   !> Meets the targets once more, on as many values as were asked for or as the standard errors
+   !> want; the shape stays.
    subroutine match_targets(law, fit_steps, found, point, violation, error)
       type(sampled_objective), intent(inout) :: law
       integer, intent(in) :: fit_steps   !! of a batch; 0: as the errors want

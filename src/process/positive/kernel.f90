@@ -44,7 +44,7 @@ module process_positive_kernel
 
 contains
 
-   !> Law of these parameters, with all that is known of it. Fails where LAPACK does.
+   !> Computes the law of these parameters, with all that is known of it. Fails where LAPACK does.
    subroutine new_first_order_law(r, slack, steepness, field, is_sequential, law, error)
       real(wp), intent(in) :: r, slack, steepness, field   !! see the type
       logical, intent(in) :: is_sequential
@@ -97,8 +97,8 @@ contains
       end if
    end subroutine new_first_order_law
 
-   !> r > 0: Gauss nodes where the mass is, dense enough for the kernel's width; what is left out is
-   !> below 1e-15.
+   !> Places Gauss nodes for r > 0 where the mass is, dense enough for the kernel's width; what is
+   !> left out is below 1e-15.
    pure subroutine place_nodes(law, nodes, weights)
       type(first_order_law), intent(in) :: law
       real(wp), allocatable, intent(out) :: nodes(:), weights(:)
@@ -115,7 +115,7 @@ contains
       call gauss_legendre(low, high, nodes, weights)
    end subroutine place_nodes
 
-   !> How far the mass goes beyond mu, or beyond 0 where mu < 0.
+   !> Distance that the mass reaches beyond mu, or beyond 0 where mu < 0.
    pure function reach_of(law) result(reach)
       type(first_order_law), intent(in) :: law
       real(wp) :: reach
@@ -134,8 +134,9 @@ contains
       end if
    end function reach_of
 
-   !> r > 0: ln of what the kernel has of each node, beside exp(-r (x - y)^2/2), for mu < 0 without
-   !> exp(-(mu slack)^2/2); and, for the sequential law, ln of the root of its stationary density.
+   !> Computes for r > 0 the ln of each node's factor in the kernel, beside exp(-r (x - y)^2/2), for
+   !> mu < 0 without exp(-(mu slack)^2/2); and, for the sequential law, the ln of the root of its
+   !> stationary density.
    pure subroutine describe_nodes(law, part, vector)
       type(first_order_law), intent(in) :: law
       real(wp), allocatable, intent(out) :: part(:), vector(:)   !! (node)
@@ -162,7 +163,7 @@ contains
       if (law%field > 0.0_wp) mu = law%field/law%slack**merge(1, 2, law%is_sequential)
    end function positive_mu
 
-   !> r < 0: the same; every other value is near 0, where nodes are denser.
+   !> Places nodes for r < 0, denser near 0, where every other value is.
    pure subroutine place_alternating_nodes(law, nodes, weights)
       type(first_order_law), intent(in) :: law
       real(wp), allocatable, intent(out) :: nodes(:), weights(:)
@@ -184,8 +185,8 @@ contains
       weights = 3.0_wp*reach*t**2*weights
    end subroutine place_alternating_nodes
 
-   !> r < 0: the same, beside exp(r x y). phi(c)/Phi(c), c the conditional mean, stands for the
-   !> acceptance; for steepness 0 its limit but for a constant.
+   !> Computes for r < 0 what `describe_nodes` does, beside exp(r x y). phi(c)/Phi(c), c the
+   !> conditional mean, stands for the acceptance; for steepness 0 its limit but for a constant.
    pure subroutine describe_alternating_nodes(law, part, vector)
       type(first_order_law), intent(in) :: law
       real(wp), allocatable, intent(out) :: part(:), vector(:)
@@ -223,8 +224,9 @@ contains
       end do
    end function decay_of
 
-   !> The largest eigenvalue and its vector, the only one of one sign: inverse iteration, at first
-   !> from above (Noda), where no other value is nearer; and all pairs where that ends elsewhere.
+   !> Finds the largest eigenvalue and its vector, the only one of one sign: by inverse iteration,
+   !> with the first shifts above that value (Noda), so that no other one is nearer; by all pairs
+   !> where that ends elsewhere.
    subroutine find_perron(kernel, vector, perron, error)
       real(wp), intent(in) :: kernel(:, :)               !! (n, n) symmetric, positive
       real(wp), allocatable, intent(out) :: vector(:)    !! (n) of norm 1
@@ -280,8 +282,8 @@ contains
       bound = maxval(image/max(vector, least), mask=vector >= least)
    end function bound_above
 
-   !> Mean, std and both lengths: with w = (x - mean) v the lags are K(m) = w'A^m w, |K(m)| the same
-   !> of -A where they alternate.
+   !> Computes mean, std and both lengths: with w = (x - mean) v the lags are K(m) = w'A^m w, |K(m)|
+   !> the same of -A where they alternate.
    subroutine describe_sums(law, vector, error)
       type(first_order_law), intent(inout) :: law
       real(wp), intent(in) :: vector(:)   !! (node)
@@ -304,7 +306,8 @@ contains
       law%l1 = dot_product(z(:, 1), z(:, 1) - law%deviation)/dot_product(law%deviation, z(:, 1))
    end subroutine describe_sums
 
-   !> Exact law: Lambda and the entropy, by E[x_i dE/dx_i] = 1, E the exponent of the density.
+   !> Computes Lambda and the entropy of the exact law, by E[x_i dE/dx_i] = 1, E the exponent of the
+   !> density.
    pure subroutine describe_partition(law, log_perron)
       type(first_order_law), intent(inout) :: law
       real(wp), intent(in) :: log_perron
@@ -317,7 +320,8 @@ contains
          law%log_lambda = law%log_lambda - 0.5_wp*(law%field/law%slack)**2
    end subroutine describe_partition
 
-   !> Sequential law: acceptances, and E[ln sqrt(2 pi e) + ln alpha - c phi(c)/(2 alpha)].
+   !> Computes acceptances and entropy of the sequential law, E[ln sqrt(2 pi e) + ln alpha - c
+   !> phi(c)/(2 alpha)].
    pure subroutine describe_acceptances(law, c, density)
       type(first_order_law), intent(inout) :: law
       real(wp), intent(in) :: c(:)         !! (node) conditional mean of the next value

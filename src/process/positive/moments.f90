@@ -108,7 +108,8 @@ contains
                                                    sums(:, n_single + 1), sums(:, n_single + 2))
    end subroutine add_products
 
-   !> The lags from `first` on, by sums over the past that move along with the step.
+   !> Adds the products of lags `first` to `last`, by sums over the past that move along with the
+   !> step.
    pure subroutine add_far_products(history, n_steps, first, last, d, plain, weighted)
       integer, intent(in) :: history, n_steps, first, last
       real(wp), intent(in) :: d(lanes, 1 - history:n_steps)
@@ -134,9 +135,9 @@ contains
       end do
    end subroutine add_far_products
 
-   !> Everything but the autocovariance lag by lag. What lies beyond the last lag is taken from the
-   !> companion; lags without a row of their own are positive. The std is 0
-   !> where the variance is lost in rounding: nothing else is known then.
+   !> Moments, lengths, entropy and acceptances. What lies beyond the last lag is taken from the
+   !> companion; lags without a row of their own are positive. The std is 0 where the variance is
+   !> lost in rounding: nothing else is known then.
    pure function estimate_moments(batches, companion, order, tail_l0, tail_moment, signs) &
       result(moments)
       type(batch_averages), intent(in) :: batches
@@ -232,7 +233,7 @@ contains
       end do
    end subroutine arrange_rows
 
-   !> E sum w_m (x_n - centre)(x_(n+m) - centre) and its standard error.
+   !> Estimates E sum w_m (x_n - centre)(x_(n+m) - centre), and its standard error.
    pure subroutine estimate_products(batches, companion, weights, centre, value, standard_error)
       type(batch_averages), intent(in) :: batches
       real(wp), intent(in) :: companion(0:)   !! autocovariance of y, m = 0..n_lags
@@ -271,8 +272,8 @@ contains
       control = new_control(deviations, lanes)
    end function controls_of
 
-   !> K(m), m = 0..last, and standard errors; each lag with its own lag of the companion as a
-   !> control.
+   !> Estimates K(m), m = 0..last, and standard errors; each lag with its own lag of the companion
+   !> as a control.
    pure subroutine estimate_autocovariance(batches, companion, last, autocovariance, &
                                            standard_error, rests)
       type(batch_averages), intent(in) :: batches
@@ -333,8 +334,8 @@ contains
       end do
    end function new_control
 
-   !> The average over the batches less what the controls explain of its error, and what they leave
-   !> of each batch's deviation from it. Where a quantity is linear in the controls, this is exact.
+   !> Frees the average over the batches of the error that the controls explain; `rest` is what they
+   !> leave of each batch's deviation. Exact for a quantity that is linear in the controls.
    pure subroutine free(self, series, average, rest)
       class(control_type), intent(in) :: self
       real(wp), intent(in) :: series(:)   !! (batch)

@@ -71,8 +71,8 @@ module process_positive_objective
 
 contains
 
-   !> Objective of a problem in its first family: the companion's shape, or the direct method's
-   !> symbol.
+   !> Begins the objective of a problem in its first family: the companion's shape, or the direct
+   !> method's symbol.
    subroutine new_objective(problem, objective)
       type(sampled_problem), intent(in) :: problem
       type(sampled_objective), intent(out) :: objective
@@ -99,8 +99,8 @@ contains
       end if
    end subroutine new_objective
 
-   !> G_m/G_0, m = 1..m_max, as those of s_m = 1 times s_m. Some |s_m| are 1, and no other lag has a
-   !> larger |G_m/a_m|; where a_m = 0 the sign does not matter and is +.
+   !> Splits G_m/G_0, m = 1..m_max, into those of s_m = 1 and s_m. Some |s_m| are 1, and no other
+   !> lag has a larger |G_m/a_m|; where a_m = 0 the sign does not matter and is +.
    pure subroutine split_symbol(problem, unit, s)
       type(sampled_problem), intent(in) :: problem   !! of the direct method
       real(wp), allocatable, intent(out) :: unit(:), s(:)
@@ -114,7 +114,8 @@ contains
       end associate
    end subroutine split_symbol
 
-   !> Ratio and length or lengths relative to what is wanted, then the features that `gain` needs.
+   !> Evaluates ratio and length or lengths relative to what is wanted, then the features that
+   !> `gain` needs.
    subroutine evaluate(self, point, state, is_inside)
       class(sampled_objective), intent(inout) :: self
       real(wp), intent(in) :: point(:)
@@ -184,7 +185,7 @@ contains
       ring_length = max(3*self%problem%n_lags, 64)
    end function ring_length
 
-   !> A value of high order costs more, and so does each lag that is kept.
+   !> Counts simulated values: one of high order costs more, and so does each lag that is kept.
    pure subroutine count_values(self, n_steps)
       class(sampled_objective), intent(inout) :: self
       integer, intent(in) :: n_steps   !! of all lanes
@@ -224,14 +225,15 @@ contains
          self%n_burn_in = max(self%n_burn_in, ceiling(12.0_wp/(1.0_wp - self%problem%decay)**2))
    end subroutine settle
 
-   !> From now on averages of every lag, at the cost of every lag.
+   !> Keeps averages of every lag from now on, at the cost of every lag.
    pure subroutine keep_every_lag(self)
       class(sampled_objective), intent(inout) :: self
 
       call self%keep_lags(self%problem%n_lags)
    end subroutine keep_every_lag
 
-   !> From now on averages of so many lags one by one.
+   !> Keeps averages of the first lags one by one from now on: `n_single`, or as many as are held at
+   !> zero.
    pure subroutine keep_lags(self, n_single)
       class(sampled_objective), intent(inout) :: self
       integer, intent(in) :: n_single
@@ -240,7 +242,7 @@ contains
                                       n_batches)
    end subroutine keep_lags
 
-   !> From now on K(m) = 0 at these lags and no others.
+   !> Holds K(m) = 0 from now on at these lags and no others.
    pure subroutine hold_at_zero(self, lags)
       class(sampled_objective), intent(inout) :: self
       integer, intent(in) :: lags(:)
@@ -286,7 +288,7 @@ contains
              - 0.5_wp*log(to(first + 1)/from(first + 1))
    end function gain
 
-   !> (batch, component) What is left of each batch's deviation from the state of the last
+   !> Rests (batch, component): what is left of each batch's deviation from the state of the last
    !> evaluation; lengths as infinite sums. Multipliers are known but for the mean in the first one.
    pure function state_rests(self) result(rests)
       class(sampled_objective), intent(in) :: self
@@ -321,8 +323,8 @@ contains
       end associate
    end function state_rests
 
-   !> Entropy per point of x/b0 at the point of the last evaluation, and its standard error; that of
-   !> the exact law by `log_partition`.
+   !> Finds the entropy per point of x/b0 at the point of the last evaluation, and its standard
+   !> error; that of the exact law by `log_partition`.
    subroutine find_entropy(self, entropy, standard_error)
       class(sampled_objective), intent(inout) :: self
       real(wp), intent(out) :: entropy, standard_error
@@ -350,7 +352,7 @@ contains
                            self%problem%correlation == 'L1')
    end function length_error
 
-   !> Back to the first number, for a trial that reads this many.
+   !> Goes back to the first number, for a trial that reads this many.
    pure subroutine rewind_numbers(self, n_values)
       class(shared_numbers), intent(inout) :: self
       real(wp), intent(in) :: n_values
@@ -368,7 +370,7 @@ contains
       call self%stream_type%uniforms(self%kept)
    end subroutine rewind_numbers
 
-   !> Both ways give the same numbers where each request is even.
+   !> Reads the next numbers, kept or drawn anew: the same ones where each request is even.
    pure subroutine next_numbers(self, values)
       class(shared_numbers), intent(inout) :: self
       real(wp), intent(out) :: values(:)

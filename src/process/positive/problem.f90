@@ -47,8 +47,8 @@ module process_positive_problem
 
 contains
 
-   !> Problem of a request under the law of a sampler's name. Fails for bad numbers and where more
-   !> lags count than a search carries in a minute or two.
+   !> Poses the problem of a request under the law of a sampler's name. Fails for bad numbers and
+   !> where more lags count than a search carries in a minute or two.
    subroutine new_problem(request, sampler, stream, problem, error, decay, sequence)
       type(process_request), intent(in) :: request
       character(*), intent(in) :: sampler
@@ -121,7 +121,7 @@ contains
       if (any(rho(problem%n_single + 2:) < 0.0_wp)) problem%n_single = problem%n_lags
    end subroutine new_problem
 
-   !> The process without sign constraint, by the request's method.
+   !> Solves for the process without sign constraint, by the request's method.
    subroutine solve_unconstrained(request, model, error, sequence)
       type(process_request), intent(in) :: request
       type(process_model_type), intent(out) :: model
@@ -155,7 +155,7 @@ contains
       end if
    end subroutine solve_unconstrained
 
-   !> For messages.
+   !> Name of the problem, for messages.
    pure function name(self, order) result(text)
       class(sampled_problem), intent(in) :: self
       integer, intent(in) :: order

@@ -32,7 +32,7 @@ module process_positive_refinement
 
 contains
 
-   !> One step more, on more simulated values: as good as a whole search on them. Where a
+   !> Takes one step more, on more simulated values: as good as a whole search on them. Where a
    !> difference leaves the domain, or the maximum is too flat for the step to be a short one, the
    !> point stays, and its spread is not known.
    subroutine refine(law, step, point, found, spread)

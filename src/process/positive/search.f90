@@ -39,7 +39,7 @@ module process_positive_search
 
 contains
 
-   !> The unconstrained optimum of another length that has the targets under the law, on few
+   !> Finds the unconstrained optimum of another length that has the targets under the law, on few
    !> simulated values: `point` is (ln factor, coordinate). Fails where that family ends before.
    subroutine approach(request, seed, law, point, found, error, most_effort, sequence)
       type(process_request), intent(in) :: request
@@ -110,7 +110,7 @@ contains
       if (present(sequence)) has_negative = any(sequence%s < 0.0_wp)
    end function has_negative
 
-   !> The normal law that has mean and std where it is positive.
+   !> Fits the normal law that has mean and std where it is positive.
    subroutine fit_univariate(request, mu, sigma, error)
       type(process_request), intent(in) :: request
       real(wp), intent(out) :: mu, sigma
@@ -122,7 +122,7 @@ contains
                     rounded_text(request%std/request%mean, 6)//': K(m) >= 0 needs std < mean')
    end subroutine fit_univariate
 
-   !> Why a family does not have the wanted ratio.
+   !> Reason why a family does not have the wanted ratio.
    pure function reason_of_end(limit) result(reason)
       real(wp), intent(in) :: limit   !! the largest std/mean met, less its error; 0: none
       character(:), allocatable :: reason
@@ -135,7 +135,8 @@ contains
       end if
    end function reason_of_end
 
-   !> Every coefficient free. The direct method's form is that of the maximum already.
+   !> Finds the maximum with every coefficient free. The direct method's form is that of the maximum
+   !> already.
    subroutine find_shape(law, point, found, error, spread)
       type(sampled_objective), intent(inout) :: law
       real(wp), allocatable, intent(inout) :: point(:)
@@ -155,9 +156,9 @@ contains
       if (.not. allocated(error)) call require_converged(law, found, size(point) - 1, error)
    end subroutine find_shape
 
-   !> Every coefficient free. Where correlation is so weak that the entropy does not feel its shape
-   !> above the noise of the sample, the shape of the unconstrained optimum is kept, with the
-   !> residual it leaves.
+   !> Finds the maximum from a point with every coefficient free. Where correlation is so weak that
+   !> the entropy does not feel its shape above the noise of the sample, the shape of the
+   !> unconstrained optimum is kept, with the residual it leaves.
    subroutine free_shape(law, point, found, error, spread)
       type(sampled_objective), intent(inout) :: law
       real(wp), allocatable, intent(inout) :: point(:)
@@ -278,9 +279,9 @@ contains
       point = outer
    end subroutine follow_family
 
-   !> The coordinate that gives the wanted length at this factor, and std/mean there. The length
-   !> grows with mu, up to that of the Gaussian. Where there is none the moments stay those of
-   !> before, from which the next chains start.
+   !> Finds the coordinate that gives the wanted length at this factor, and std/mean there. The
+   !> length grows with mu, up to that of the Gaussian. Where there is none the moments stay those
+   !> of before, from which the next chains start.
    subroutine match_length(law, point, ratio, is_found)
       type(sampled_objective), intent(inout) :: law
       real(wp), intent(inout) :: point(2)

@@ -18,7 +18,7 @@ module process_positive_sequential
 
 contains
 
-   !> Averages over batches of a stationary run: batch = one lane over one stretch of time.
+   !> Samples averages over batches of a stationary run: batch = one lane over one stretch of time.
    !>
    !> Beside the process x runs its linear companion y, driven by the part of x that the past does
    !> not foretell, scaled to unit variance: the second moments of y are exactly those of its
@@ -75,7 +75,8 @@ contains
                                        n_stretches*((n_steps + block_steps - 1)/block_steps))
    end function numbers_needed
 
-   !> One block of steps of all lanes; the newest values become the history of the next block.
+   !> Marches all lanes by one block of steps; the newest values become the history of the next
+   !> block.
    subroutine march_block(a, offset, companion, centre, history, stream, d, y, acceptance)
       real(wp), intent(in) :: a(:), offset, companion(:), centre
       integer, intent(in) :: history
@@ -130,7 +131,7 @@ contains
       acceptance(:, 5) = acceptance(:, 5) + hazard
    end subroutine add_acceptance
 
-   !> Consecutive values of one chain, after its burn-in [b0].
+   !> Draws consecutive values of one chain, after its burn-in [b0].
    subroutine march_sequential(a, offset, start, n_burn_in, stream, values)
       real(wp), intent(in) :: a(:), offset
       real(wp), intent(in) :: start         !! the chain's past, near the mean [b0]
@@ -151,7 +152,7 @@ contains
       values = x(n_burn_in + 1:)
    end subroutine march_sequential
 
-   !> Consecutive values of independent chains side by side, after their burn-in [b0].
+   !> Draws consecutive values of independent chains side by side, after their burn-in [b0].
    subroutine march_chains(a, offset, start, n_burn_in, stream, values)
       real(wp), intent(in) :: a(:), offset
       real(wp), intent(in) :: start           !! each chain's past, near the mean [b0]

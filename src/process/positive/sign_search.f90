@@ -36,8 +36,9 @@ module process_positive_sign_search
 
 contains
 
-   !> The signs of the largest entropy, with the search's own account in the model; `all_signs`
-   !> solves and lists every sequence. Without a solution the error is that of the first sequence.
+   !> Finds the signs of the largest entropy, with the search's own account in the model;
+   !> `all_signs` solves and lists every sequence. Without a solution the error is that of the first
+   !> sequence.
    subroutine search_signs(request, seed, law, point, found, model, error)
       type(process_request), intent(in) :: request
       integer(long), intent(in) :: seed
@@ -94,8 +95,8 @@ contains
       call list_solutions(solutions(:model%n_consistent), model)
    end subroutine search_signs
 
-   !> The Gaussian solutions of all sequences of signs by descending entropy, each with its mirror
-   !> image after it; of too many, that of the largest entropy alone.
+   !> Lists the Gaussian solutions of all sequences of signs by descending entropy, each with its
+   !> mirror image after it; of too many, that of the largest entropy alone.
    subroutine list_sequences(request, sequences, is_complete, error)
       type(process_request), intent(in) :: request
       type(sequence_solution), allocatable, intent(out) :: sequences(:)
@@ -153,7 +154,7 @@ contains
       is_nonnegative = all(sequence%correlation >= -zero)
    end function is_nonnegative
 
-   !> The positive process of a sequence. Fails where a K(m) has another sign.
+   !> Solves for the positive process of a sequence. Fails where a K(m) has another sign.
    subroutine solve_signs(request, seed, sequence, effort, trial, error)
       type(process_request), intent(in) :: request
       integer(long), intent(in) :: seed
@@ -186,7 +187,7 @@ contains
                                              state(:trial%law%n_constraints))
    end subroutine solve_signs
 
-   !> By descending entropy.
+   !> Lists the best solutions by descending entropy.
    pure subroutine list_solutions(solutions, model)
       type(process_solution), intent(in) :: solutions(:)
       type(process_model_type), intent(inout) :: model

@@ -66,7 +66,7 @@ contains
       is_wrong = law%signs*autocovariance < -max(3.0_wp*standard_error, unclear*autocovariance(0))
    end subroutine compare_signs
 
-   !> Direct method: beyond m_max, where no length is imposed, signs are those that K(m) has.
+   !> Adopts the signs that K(m) have beyond the direct method's m_max, where no length is imposed.
    subroutine adopt_far_signs(law, point, state, error)
       type(sampled_objective), intent(inout) :: law
       real(wp), intent(in) :: point(:)
@@ -87,8 +87,8 @@ contains
       if (.not. any(is_wrong)) call law%keep_lags(law%problem%n_single)
    end subroutine adopt_far_signs
 
-   !> Signs and multipliers of Eq. (30) from the matrix G: G_0 = 2 lambda_3 + 2 lambda_2 a_0, G_m =
-   !> lambda_2 a_m s_m; sign 0 where |s_m| < 1.
+   !> Computes signs and multipliers of Eq. (30) from the matrix G: G_0 = 2 lambda_3 + 2 lambda_2
+   !> a_0, G_m = lambda_2 a_m s_m; sign 0 where |s_m| < 1.
    subroutine multipliers_of(law, b0, solution, residual)
       type(sampled_objective), intent(in) :: law   !! of the direct method
       real(wp), intent(in) :: b0                   !! [unit of X]
@@ -114,7 +114,7 @@ contains
       end associate
    end subroutine multipliers_of
 
-   !> The signs of the unconstrained solution made those of the positive law: a lag with a_m > 0
+   !> Makes the signs of the unconstrained solution those of the positive law: a lag with a_m > 0
    !> whose K(m) has the other sign is given an s_m in between that makes it 0, and one whose s_m
    !> would leave [-1, 1] is given that sign for good. Where a_m < 0 the entropy has its least value
    !> at K(m) = 0, not its largest: another sign there belongs to another sequence. The targets are

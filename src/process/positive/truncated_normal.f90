@@ -23,7 +23,7 @@ module process_positive_truncated_normal
 
 contains
 
-   !> The draw x > 0, in units of b, whose conditional distribution function is 1 - u.
+   !> Draws x > 0, in units of b; the conditional distribution function there is 1 - u.
    !>
    !> The acceptance probability Phi(c) is factor exp(-max(-c, 0)^2/2); hazard is phi(c)/Phi(c).
    elemental subroutine draw_truncated(c, u, x, hazard, factor)
@@ -48,8 +48,8 @@ contains
       x = merge(excess, merge(c + excess, max(c - excess, 0.0_wp), upper < lower), c < 0.0_wp)
    end subroutine draw_truncated
 
-   !> `draw_truncated` on all lanes, eight at a time: by the quantile of the normal law where none
-   !> of them lies in a tail, which takes a third of the time.
+   !> Draws as `draw_truncated` on all lanes, eight at a time: by the quantile of the normal law
+   !> where none of them lies in a tail, which takes a third of the time.
    pure subroutine draw_truncated_lanes(c, u, x, hazard, factor)
       real(wp), intent(in) :: c(lanes), u(lanes)
       real(wp), intent(out) :: x(lanes), hazard(lanes), factor(lanes)
@@ -74,7 +74,7 @@ contains
       end do
    end subroutine draw_truncated_lanes
 
-   !> `draw_truncated` for c >= 0 and u not in a tail.
+   !> Draws as `draw_truncated`, for c >= 0 and u not in a tail.
    elemental subroutine draw_ordinary(c, u, x, hazard, factor)
       real(wp), intent(in) :: c, u
       real(wp), intent(out) :: x, hazard, factor
@@ -128,8 +128,8 @@ contains
       variance = max(1.0_wp - hazard*(c + hazard), 1.0_wp/(c**2 + 6.0_wp))
    end function truncated_variance
 
-   !> From the factor of `draw_truncated` to the acceptance probability, not below exp(-600), where
-   !> c < 0; and what the factor's logarithm lacks, added up.
+   !> Scales the factor of `draw_truncated` by exp(-c^2/2) where c < 0, to the acceptance
+   !> probability, not below exp(-600); adds the exponents up, which the factor's logarithm lacks.
    pure subroutine scale_below(c, acceptance, sums)
       real(wp), intent(in) :: c(lanes)
       real(wp), intent(inout) :: acceptance(lanes), sums(lanes)
@@ -181,7 +181,7 @@ contains
       end if
    end function hazard_ratio
 
-   !> Mean and variance of the truncated law in units of b and b^2, to 1e-10 relatively.
+   !> Computes mean and variance of the truncated law in units of b and b^2, to 1e-10 relatively.
    elemental subroutine relative_moments(c, mean, variance)
       real(wp), intent(in) :: c
       real(wp), intent(out) :: mean, variance
@@ -209,8 +209,8 @@ contains
       end if
    end subroutine relative_moments
 
-   !> The normal law that, kept where positive, has this mean and std. std < mean is necessary and
-   !> sufficient; at std = mean the exponential law is reached, with mu = -infinity.
+   !> Fits the normal law that, kept where positive, has this mean and std. std < mean is necessary
+   !> and sufficient; at std = mean the exponential law is reached, with mu = -infinity.
    pure subroutine fit_truncated_normal(mean, std, mu, sigma, error)
       real(wp), intent(in) :: mean, std
       real(wp), intent(out) :: mu, sigma
@@ -349,7 +349,7 @@ contains
       value = power*ln2 + 2.0_wp*s*(1.0_wp + t*(1.0_wp/3.0_wp + t*value))
    end function log_in_range
 
-   !> x = m 2^power with m in [sqrt(1/2), sqrt(2)), and s = (m - 1)/(m + 1).
+   !> Splits x = m 2^power with m in [sqrt(1/2), sqrt(2)), and s = (m - 1)/(m + 1).
    elemental subroutine split(x, power, s)
       real(wp), intent(in) :: x
       real(wp), intent(out) :: power, s
