@@ -5,8 +5,7 @@ module process_fit
    use core_text, only: to_text
    use process_autoregressive_fit, only: fit_ar
    use process_direct_fit, only: conclude_direct, fit_direct
-   use process_direct_limits, only: certainly_feasible_m_max
-   use process_direct_refusal, only: find_complaint
+   use process_direct_limits, only: certainly_feasible_m_max, find_complaint
    use process_direct_sign_search, only: search_result
    use process_gaussian, only: burn_in_length, widest_margin
    use process_model, only: process_model_type, process_request
@@ -105,8 +104,7 @@ contains
          call find_complaint(resolved, model%reason)
          resolved%all_signs = .false.   ! a few signs tell as much
          if (.not. allocated(model%reason) .and. &
-             resolved%order < certainly_feasible_m_max(resolved%correlation, &
-                                                       resolved%correlation_length)) &
+             resolved%order < certainly_feasible_m_max(resolved)) &
             call fit_direct(resolved, model)
       end if
       model%request = request

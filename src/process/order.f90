@@ -122,9 +122,7 @@ contains
       first = 1
       if (request%correlation == 'both') first = 2
       if (request%method == 'direct') &
-         first = min(request%max_order, &
-                     1 + certainly_infeasible_m_max(request%correlation, &
-                                                    request%correlation_length))
+         first = min(request%max_order, 1 + certainly_infeasible_m_max(request))
       do order = first, request%max_order
          call fit_order(request, order, model, error)
          if (.not. (allocated(error) .and. (request%method == 'direct' .or. &

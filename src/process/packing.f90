@@ -21,11 +21,7 @@ module process_packing
    contains
       procedure :: visit_real, visit_integer, visit_text, visit_reals, visit_integers, &
          visit_table, visit_seconds
-      procedure, private :: real_value, integer_value, long_value, logical_value
-      procedure, private :: real_array, integer_array
-      procedure, private :: check_name
-      generic :: pass => real_value, integer_value, long_value, logical_value, real_array, &
-         integer_array
+      procedure, private :: number, real_array, integer_array, check_name
    end type tape
 
 contains
@@ -83,37 +79,43 @@ contains
    subroutine walk_search(t, search)
       type(tape), intent(inout) :: t
       type(search_result), intent(inout) :: search
-      integer :: i, n
+      real(wp) :: counts(3)   ! whole numbers, exact up to 2**53
+      integer :: i
 
-      call t%pass(search%n_examined)
-      call t%pass(search%n_excluded)
-      call t%pass(search%n_consistent)
-      call t%pass(search%seconds)
-      n = 0
-      if (allocated(search%solutions)) n = size(search%solutions)
-      call t%pass(n)
-      if (.not. t%is_writing) allocate (search%solutions(n))
-      do i = 1, n
-         call walk_sequence(t, search%solutions(i))
+      counts = 0.0_wp
+      if (allocated(search%solutions)) counts(3) = size(search%solutions)
+      counts(:2) = real([search%n_examined, search%n_consistent], wp)
+      do i = 1, 3
+         call t%number(counts(i))
+      end do
+      search%n_examined = nint(counts(1), long)
+      search%n_consistent = nint(counts(2), long)
+      call t%number(search%seconds)
+      if (.not. t%is_writing) allocate (search%solutions(nint(counts(3))))
+      do i = 1, size(search%solutions)
+         call walk_solution(t, search%solutions(i))
       end do
    end subroutine walk_search
 
-   subroutine walk_sequence(t, solution)
+   subroutine walk_solution(t, solution)
       type(tape), intent(inout) :: t
       type(sequence_solution), intent(inout) :: solution
+      real(wp) :: place
 
-      call t%pass(solution%is_feasible)
-      call t%pass(solution%is_consistent)
-      call t%pass(solution%s)
-      call t%pass(solution%delta)
-      call t%pass(solution%lambda_3)
-      call t%pass(solution%correlation, first=0)
-      call t%pass(solution%entropy)
-      call t%pass(solution%number)
-      call t%pass(solution%factor, first=0)
-   end subroutine walk_sequence
+      solution%is_feasible = .true.   ! else no search lists it
+      solution%is_consistent = .true.
+      call t%real_array(solution%s)
+      call t%number(solution%delta)
+      call t%number(solution%lambda_3)
+      call t%real_array(solution%correlation, first=0)
+      call t%number(solution%entropy)
+      place = real(solution%number, wp)
+      call t%number(place)
+      solution%number = nint(place, long)
+      call t%real_array(solution%factor, first=0)
+   end subroutine walk_solution
 
-   subroutine real_value(self, value)
+   subroutine number(self, value)
       class(tape), intent(inout) :: self
       real(wp), intent(inout) :: value
 
@@ -123,51 +125,22 @@ contains
          self%position = self%position + 1
          value = self%numbers(self%position)
       end if
-   end subroutine real_value
-
-   subroutine integer_value(self, value)
-      class(tape), intent(inout) :: self
-      integer, intent(inout) :: value
-      real(wp) :: number
-
-      number = value
-      call self%real_value(number)
-      value = nint(number)
-   end subroutine integer_value
-
-   !> Passes a whole number, exact up to 2**53.
-   subroutine long_value(self, value)
-      class(tape), intent(inout) :: self
-      integer(long), intent(inout) :: value
-      real(wp) :: number
-
-      number = real(value, wp)
-      call self%real_value(number)
-      value = nint(number, long)
-   end subroutine long_value
-
-   subroutine logical_value(self, value)
-      class(tape), intent(inout) :: self
-      logical, intent(inout) :: value
-      integer :: number
-
-      number = merge(1, 0, value)
-      call self%integer_value(number)
-      value = number == 1
-   end subroutine logical_value
+   end subroutine number
 
    !> Passes an array behind its length; -1: not allocated.
    subroutine real_array(self, values, first)
       class(tape), intent(inout) :: self
       real(wp), allocatable, intent(inout) :: values(:)
       integer, intent(in), optional :: first   !! lower bound, else 1
+      real(wp) :: length
       integer :: lower, n
 
       lower = 1
       if (present(first)) lower = first
-      n = -1
-      if (self%is_writing .and. allocated(values)) n = size(values)
-      call self%integer_value(n)
+      length = -1.0_wp
+      if (self%is_writing .and. allocated(values)) length = size(values)
+      call self%number(length)
+      n = nint(length)
       if (self%is_writing) then
          if (n > 0) self%numbers = [self%numbers, values]
       else
@@ -200,17 +173,20 @@ contains
 
       call self%check_name(what)
       if (present(none) .and. .not. self%is_writing) value = none
-      call self%pass(value)
-      if (present(error)) call self%pass(error)
+      call self%number(value)
+      if (present(error)) call self%number(error)
    end subroutine visit_real
 
    subroutine visit_integer(self, what, value)
       class(tape), intent(inout) :: self
       type(component), intent(in) :: what
       integer, intent(inout) :: value
+      real(wp) :: passed
 
       call self%check_name(what)
-      call self%pass(value)
+      passed = value
+      call self%number(passed)
+      value = nint(passed)
    end subroutine visit_integer
 
    subroutine visit_text(self, what, value)
@@ -222,7 +198,7 @@ contains
 
       call self%check_name(what)
       if (allocated(value)) codes = [(iachar(value(i:i)), i=1, len(value))]
-      call self%pass(codes)
+      call self%integer_array(codes)
       if (allocated(value)) deallocate (value)
       if (.not. allocated(codes)) return
       allocate (character(size(codes)) :: value)
@@ -237,7 +213,7 @@ contains
       real(wp), allocatable, intent(inout) :: values(:)
 
       call self%check_name(what)
-      call self%pass(values, what%axis%first)
+      call self%real_array(values, what%axis%first)
    end subroutine visit_reals
 
    subroutine visit_integers(self, what, values)
@@ -246,7 +222,7 @@ contains
       integer, allocatable, intent(inout) :: values(:)
 
       call self%check_name(what)
-      call self%pass(values)
+      call self%integer_array(values)
    end subroutine visit_integers
 
    !> Passes the values of a table, then the number of its rows.
@@ -256,21 +232,20 @@ contains
       integer, allocatable, intent(inout) :: values(:, :)
       type(axis_type), intent(in) :: rows
       integer, allocatable :: flat(:)
-      integer :: n_columns, n_rows
+      real(wp) :: n_rows
 
       call self%check_name(what)
       call self%check_name(component(rows%name))
-      n_rows = 0
+      n_rows = 0.0_wp
       if (allocated(values)) then
          flat = reshape(values, [size(values)])
          n_rows = size(values, 1)
          deallocate (values)
       end if
-      call self%pass(flat)
-      call self%pass(n_rows)
+      call self%integer_array(flat)
+      call self%number(n_rows)
       if (.not. allocated(flat)) return
-      n_columns = size(flat)/max(1, n_rows)
-      values = reshape(flat, [n_rows, n_columns])
+      values = reshape(flat, [nint(n_rows), size(flat)/max(1, nint(n_rows))])
    end subroutine visit_table
 
    subroutine visit_seconds(self, what, value)
@@ -279,19 +254,19 @@ contains
       real(wp), intent(inout) :: value
 
       call self%check_name(what)
-      call self%pass(value)
+      call self%number(value)
    end subroutine visit_seconds
 
    !> Stops where another component stands than this one.
    subroutine check_name(self, what)
       class(tape), intent(inout) :: self
       type(component), intent(in) :: what
-      integer :: expected, number
+      real(wp) :: expected, found
 
-      expected = int(modulo(label_of(what%name), 2_long**30))
-      number = expected
-      call self%pass(number)
-      if (number /= expected) error stop 'unpack_model: the row is none of pack_model'
+      expected = real(modulo(label_of(what%name), 2_long**30), wp)
+      found = expected
+      call self%number(found)
+      if (abs(found - expected) > 0.0_wp) error stop 'unpack_model: the row is none of pack_model'
    end subroutine check_name
 
 end module process_packing

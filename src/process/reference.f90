@@ -7,7 +7,7 @@ module process_reference
    use core_error, only: error_type
    use core_kinds, only: two_pi, wp
    use core_random, only: stream_type
-   use process_entropy, only: white_noise_entropy
+   use process_entropy, only: gaussian_entropy
    use process_model, only: process_model_type, process_request
    use process_positive_truncated_normal, only: draw_truncated, fit_truncated_normal, &
                                                 hazard_ratio, log_acceptance
@@ -66,7 +66,7 @@ contains
       model%b0 = request%std
       model%mean = request%mean
       model%std = request%std
-      model%entropy_bound = white_noise_entropy(request%std)
+      model%entropy_bound = gaussian_entropy(request%std)
       model%entropy = model%entropy_bound
       allocate (model%autocovariance(0:n_lags), source=0.0_wp)
       model%autocovariance(0) = request%std**2
@@ -81,7 +81,7 @@ contains
             model%acceptance_ratio = model%lambda
             model%acceptance_mean = model%lambda
             model%acceptance_geometric = model%lambda
-            model%entropy = white_noise_entropy(model%b0) + log_acceptance(c) &
+            model%entropy = gaussian_entropy(model%b0) + log_acceptance(c) &
                             - 0.5_wp*c*hazard_ratio(c)
          end associate
       end if

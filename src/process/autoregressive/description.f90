@@ -7,7 +7,7 @@ module process_autoregressive_description
       reflection_of
    use process_autoregressive_sums, only: correlation_sums, sum_correlation
    use process_correlation, only: correlation_length_l0, correlation_length_l1
-   use process_entropy, only: gaussian_entropy, white_noise_entropy
+   use process_entropy, only: gaussian_entropy
    use process_model, only: process_model_type
    implicit none(type, external)
    private
@@ -65,7 +65,7 @@ contains
       model%l0_cut = correlation_length_l0(model%autocovariance(:size(a)))
       model%l1_cut = correlation_length_l1(model%autocovariance(:size(a)))
       model%entropy = gaussian_entropy(b0)
-      model%entropy_bound = white_noise_entropy(model%std)
+      model%entropy_bound = gaussian_entropy(model%std)
    end subroutine describe
 
 end module process_autoregressive_description

@@ -1,9 +1,11 @@
 !> The constraint on the correlation length, as the search for its signs sees it (Sec. 2.1).
 module process_direct_constraint
    use core_kinds, only: wp
+   use process_correlation, only: constraint_weights
+   use process_model, only: process_request
    implicit none(type, external)
    private
-   public :: length_constraint, new_constraint
+   public :: length_constraint, constraint_of, new_constraint
 
    !> Eq. (11): sum a_m |K(m)| = 0.
    type :: length_constraint
@@ -14,6 +16,15 @@ module process_direct_constraint
    end type length_constraint
 
 contains
+
+   !> Constraint of a request of the direct method.
+   pure function constraint_of(request) result(constraint)
+      type(process_request), intent(in) :: request
+      type(length_constraint) :: constraint
+
+      constraint = new_constraint(constraint_weights(request%correlation, &
+                                                     request%correlation_length, request%order))
+   end function constraint_of
 
    !> The constraint with these weights.
    pure function new_constraint(weights) result(constraint)

@@ -12,10 +12,10 @@ module process_direct_fit
    use process_autoregressive_spectral_factor, only: factor_symbol, symbol_of_process
    use process_autoregressive_sums, only: correlation_sums
    use process_correlation, only: constraint_weights, correlation_length
-   use process_direct_constraint, only: length_constraint, new_constraint
-   use process_direct_limits, only: certainly_infeasible_m_max
+   use process_direct_constraint, only: constraint_of, length_constraint
+   use process_direct_limits, only: certainly_infeasible_m_max, find_complaint, reason_of_failure, &
+      reason_of_inaccuracy
    use process_direct_reciprocal_symbol, only: reciprocal_workspace
-   use process_direct_refusal, only: find_complaint, reason_of_failure, reason_of_inaccuracy
    use process_direct_sign_search, only: count_sequences, is_all_plus_best, limit_of_entropy, &
       search_all_signs, search_result, search_structured
    use process_direct_sign_sequence, only: sequence_solution
@@ -24,8 +24,8 @@ module process_direct_fit
    implicit none(type, external)
    private
    public :: fit_direct, count_parts, search_direct, conclude_direct
-   public :: coefficients_of_solution, constraint_of, direct_symbol, equivalent_process, &
-             integer_signs, mirror_image, mirrored
+   public :: coefficients_of_solution, direct_symbol, equivalent_process, integer_signs, &
+             mirror_image, mirrored
 
    character(*), parameter :: every_sequence = 'all sequences'
    real(wp), parameter :: optimality_tolerance = 1.0e-8_wp
@@ -44,7 +44,7 @@ contains
       model%request = request
       call find_complaint(request, model%reason)
       if (allocated(model%reason)) return
-      if (is_hopeless(request)) then
+      if (request%order <= certainly_infeasible_m_max(request)) then
          model%reason = reason_of_failure(request, is_certain=.true.)
          return
       end if
@@ -73,7 +73,7 @@ contains
       if (request%method /= 'direct' .or. request%positive .or. .not. request%all_signs) return
       call find_complaint(request, complaint)
       if (allocated(complaint)) return
-      if (is_hopeless(request)) return
+      if (request%order <= certainly_infeasible_m_max(request)) return
       n = int(max(1_long, count_sequences(constraint_of(request))/part_size))
    end function count_parts
 
@@ -156,24 +156,6 @@ contains
          if (best%is_feasible) search%solutions = [best]
       end if
    end subroutine search_as_affordable
-
-   !> True if no signs can give the length.
-   pure function is_hopeless(request)
-      type(process_request), intent(in) :: request
-      logical :: is_hopeless
-
-      is_hopeless = request%order <= certainly_infeasible_m_max(request%correlation, &
-                                                                request%correlation_length)
-   end function is_hopeless
-
-   !> Constraint on the length, Eq. (11).
-   pure function constraint_of(request) result(constraint)
-      type(process_request), intent(in) :: request
-      type(length_constraint) :: constraint
-
-      constraint = new_constraint(constraint_weights(request%correlation, &
-                                                     request%correlation_length, request%order))
-   end function constraint_of
 
    !> Fills the model from one solution, in the unit of X, and checks it anew from a_q and b0 alone.
    subroutine describe(request, found, model)

@@ -1,37 +1,127 @@
-!> Which m_max a correlation length needs in the direct method (Sec. 2.2).
+!> Requests that the direct method refuses, and the m_max that a correlation length needs (Sec. 2.2).
 !>
 !> L0 needs m_max > L0. With L1, all plus has a solution when m_max > 2 L1; other signs can do with
 !> less. As |K(m)| <= K(0), sum (m - L1)|K(m)| over m > L1 must exceed L1 K(0), whence a bound from
 !> below.
 module process_direct_limits
-   use core_kinds, only: wp
-   use process_correlation, only: constraint_weights
-   use process_direct_constraint, only: length_constraint, new_constraint
+   use core_kinds, only: long, wp
+   use core_text, only: to_text
+   use process_direct_constraint, only: constraint_of, length_constraint
    use process_direct_reciprocal_symbol, only: reciprocal_workspace
    use process_direct_sign_search, only: count_sequences, search_all_signs, search_result
+   use process_model, only: process_request
    implicit none(type, external)
    private
-   public :: smallest_feasible_m_max, certainly_feasible_m_max, certainly_infeasible_m_max
+   public :: find_complaint, reason_of_failure, reason_of_inaccuracy
+   public :: certainly_feasible_m_max, certainly_infeasible_m_max
 
 contains
 
+   !> Finds the first bad number of a request, and says what is allowed; unallocated: none.
+   subroutine find_complaint(request, complaint)
+      type(process_request), intent(in) :: request
+      character(:), allocatable, intent(out) :: complaint
+
+      if (request%correlation /= 'L0' .and. request%correlation /= 'L1') then
+         complaint = "correlation = '"//trim(request%correlation)//"': must be 'L0' or 'L1'"
+      else if (request%order < 1) then
+         complaint = 'order = '//to_text(request%order)// &
+            ': m_max of the direct method must be at least 1'
+      else if (.not. (request%correlation_length > 0.0_wp .and. &
+                      request%correlation_length <= huge(1.0_wp))) then
+         complaint = 'correlation_length = '//to_text(request%correlation_length)// &
+            ': must be finite and positive'
+      else if (.not. (request%std > 0.0_wp .and. request%std <= huge(1.0_wp))) then
+         complaint = 'std = '//to_text(request%std)//': must be finite and positive'
+      else if (request%all_signs) then
+         call find_too_many_sequences(request, complaint)
+      end if
+   end subroutine find_complaint
+
+   subroutine find_too_many_sequences(request, complaint)
+      type(process_request), intent(in) :: request
+      character(:), allocatable, intent(inout) :: complaint
+      integer(long) :: most, n
+
+      n = count_sequences(constraint_of(request))
+      most = 2_long**30   ! half a day of one core
+      if (request%positive) then   ! each sampled, and its mirror image another process
+         n = 2*n
+         most = 2_long**11
+      end if
+      if (n > most) complaint = named(request)//': all_signs = .true. would solve '// &
+         to_text(n)//' sequences of signs: must be at most '//to_text(most)
+   end subroutine find_too_many_sequences
+
+   !> Reason why there is no solution, with an m_max that has one.
+   function reason_of_failure(request, is_certain) result(reason)
+      type(process_request), intent(in) :: request
+      logical, intent(in) :: is_certain   !! every sequence was examined
+      character(:), allocatable :: reason
+
+      if (request%order >= certainly_feasible_m_max(request)) then
+         reason = named(request)//': too near the limit for double precision; a larger m_max '// &
+                  'is farther from it'
+      else if (is_certain) then
+         reason = named(request)//': no process has this; '//advice(request)
+      else
+         reason = named(request)//': no process was found that has this; '//advice(request)
+      end if
+   end function reason_of_failure
+
+   !> Reason to refuse a solution that double precision cannot hold.
+   pure function reason_of_inaccuracy(request, residual) result(reason)
+      type(process_request), intent(in) :: request
+      real(wp), intent(in) :: residual   !! of the optimality conditions
+      character(:), allocatable :: reason
+
+      reason = named(request)//': the optimality conditions are met to '//to_text(residual)// &
+               ' only, too near the limit for double precision; a larger m_max is farther from it'
+   end function reason_of_inaccuracy
+
+   pure function named(request) result(name)
+      type(process_request), intent(in) :: request
+      character(:), allocatable :: name
+
+      name = 'direct method, '//trim(request%correlation)//' = '// &
+             to_text(request%correlation_length)//' cut at m_max = '//to_text(request%order)
+   end function named
+
+   !> The smallest m_max that is feasible, as far as it is known.
+   function advice(request) result(text)
+      type(process_request), intent(in) :: request
+      character(:), allocatable :: text
+      integer :: m_max
+      logical :: is_smallest
+
+      call smallest_feasible_m_max(request, m_max, is_smallest)
+      if (is_smallest) then
+         text = 'the smallest m_max that is feasible is '//to_text(m_max)
+      else
+         text = 'm_max = '//to_text(m_max)//' is feasible, and none below '// &
+                to_text(certainly_infeasible_m_max(request) + 1)//' is'
+      end if
+   end function advice
+
    !> Finds the smallest m_max that has a solution by searching all signs. Where that would take too
    !> long `is_smallest` is false, and m_max is one that is certainly feasible.
-   subroutine smallest_feasible_m_max(correlation, length, m_max, is_smallest)
-      character(*), intent(in) :: correlation   !! 'L0' or 'L1'
-      real(wp), intent(in) :: length            !! [lags]
+   subroutine smallest_feasible_m_max(request, m_max, is_smallest)
+      type(process_request), intent(in) :: request
       integer, intent(out) :: m_max
       logical, intent(out) :: is_smallest
       integer, parameter :: most_sequences = 256
+      type(process_request) :: trial
       type(length_constraint) :: constraint
       type(reciprocal_workspace) :: workspace
       type(search_result) :: search
       integer :: enough
 
-      enough = certainly_feasible_m_max(correlation, length)
+      enough = certainly_feasible_m_max(request)
       is_smallest = .true.
-      do m_max = certainly_infeasible_m_max(correlation, length) + 1, enough - 1
-         constraint = new_constraint(constraint_weights(correlation, length, m_max))
+      trial = request
+      do m_max = certainly_infeasible_m_max(request) + 1, enough - 1
+         trial%order = m_max
+         constraint = constraint_of(trial)
          is_smallest = count_sequences(constraint) <= most_sequences
          if (.not. is_smallest) exit
          call workspace%prepare(m_max)
@@ -42,34 +132,30 @@ contains
    end subroutine smallest_feasible_m_max
 
    !> An m_max at which, as at all above, there is a solution.
-   pure function certainly_feasible_m_max(correlation, length) result(m_max)
-      character(*), intent(in) :: correlation
-      real(wp), intent(in) :: length
-      integer :: m_max
+   pure integer function certainly_feasible_m_max(request) result(m_max)
+      type(process_request), intent(in) :: request
 
-      m_max = floor(min(merge(length, 2.0_wp*length, correlation == 'L0'), 1.0e9_wp)) + 1
+      associate (length => request%correlation_length)
+         m_max = floor(min(merge(length, 2.0_wp*length, request%correlation == 'L0'), 1.0e9_wp)) + 1
+      end associate
    end function certainly_feasible_m_max
 
    !> An m_max at which, as at all below, there is none.
-   pure function certainly_infeasible_m_max(correlation, length) result(m_max)
-      character(*), intent(in) :: correlation
-      real(wp), intent(in) :: length
-      integer :: m_max
+   pure integer function certainly_infeasible_m_max(request) result(m_max)
+      type(process_request), intent(in) :: request
       real(wp) :: shortest
       integer :: lag
 
-      if (correlation == 'L0') then
-         m_max = floor(min(length, 1.0e9_wp))
-         return
-      end if
-      ! the sum with all |K(m)| = K(0)
-      m_max = floor(min(length, 0.4e9_wp))
-      shortest = 0.0_wp
-      do lag = m_max + 1, m_max + 100000
-         shortest = shortest + lag - length
-         if (shortest > length) exit
-         m_max = lag
-      end do
+      associate (length => request%correlation_length)
+         m_max = floor(min(length, merge(1.0e9_wp, 0.4e9_wp, request%correlation == 'L0')))
+         if (request%correlation == 'L0') return
+         shortest = 0.0_wp   ! the sum with all |K(m)| = K(0)
+         do lag = m_max + 1, m_max + 100000
+            shortest = shortest + lag - length
+            if (shortest > length) exit
+            m_max = lag
+         end do
+      end associate
    end function certainly_infeasible_m_max
 
 end module process_direct_limits

@@ -6,7 +6,7 @@ module process_direct_sequence_bound
    use core_kinds, only: pi, wp
    use process_direct_constraint, only: length_constraint
    use process_direct_sign_sequence, only: sequence_solution
-   use process_entropy, only: white_noise_entropy
+   use process_entropy, only: gaussian_entropy
    implicit none(type, external)
    private
    public :: sequence_bound
@@ -81,7 +81,7 @@ contains
       bound = huge(1.0_wp)
       if (.not. minval(g) > 0.0_wp) return
       associate (n => size(g) - 1)
-         bound = white_noise_entropy(1.0_wp) - 0.5_wp*(0.5_wp*(log(g(1)) + log(g(n + 1))) &
+         bound = gaussian_entropy(1.0_wp) - 0.5_wp*(0.5_wp*(log(g(1)) + log(g(n + 1))) &
                                                        + sum(log(g(2:n))))/n
       end associate
    end function bound

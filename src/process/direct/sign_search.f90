@@ -23,7 +23,6 @@ module process_direct_sign_search
    !> Result of a search, or of a part of one.
    type :: search_result
       integer(long) :: n_examined = 0     !! sequences
-      integer(long) :: n_excluded = 0     !! of them: by an upper bound of their entropy
       integer(long) :: n_consistent = 0   !! of them: solutions whose K(m) have the signs s_m
       real(wp) :: seconds = 0.0_wp        !! of CPU time, where the caller keeps it
       type(sequence_solution), allocatable :: solutions(:)   !! consistent, by descending entropy
@@ -76,10 +75,7 @@ contains
          signs = signs_at(positions, index, size(signs))
          result%n_examined = result%n_examined + 1
          if (present(known)) then
-            if (bound%excludes(signs)) then
-               result%n_excluded = result%n_excluded + 1
-               cycle
-            end if
+            if (bound%excludes(signs)) cycle
          end if
          call solve_sequence(constraint, signs, workspace, solution)
          if (.not. (solution%is_feasible .and. solution%is_consistent)) cycle
@@ -98,7 +94,6 @@ contains
       type(search_result), intent(inout) :: total   !! at first as it is declared
 
       total%n_examined = total%n_examined + part%n_examined
-      total%n_excluded = total%n_excluded + part%n_excluded
       total%n_consistent = total%n_consistent + part%n_consistent
       total%seconds = total%seconds + part%seconds
       if (.not. allocated(total%solutions)) allocate (total%solutions(0))

@@ -16,7 +16,7 @@ module process_direct_sign_sequence
    use process_direct_interior_point, only: hold_at_zero
    use process_direct_reciprocal_symbol, only: reciprocal_workspace
    use process_direct_touching_symbol, only: solve_touching
-   use process_entropy, only: white_noise_entropy
+   use process_entropy, only: gaussian_entropy
    implicit none(type, external)
    private
    public :: sequence_solution, solve_sequence
@@ -149,7 +149,7 @@ contains
       solution%delta = delta
       solution%lambda_3 = 0.5_wp*k(0)
       solution%correlation(:) = k/k(0)
-      solution%entropy = white_noise_entropy(1.0_wp) - log(factor(0))
+      solution%entropy = gaussian_entropy(1.0_wp) - log(factor(0))
       allocate (solution%factor(0:constraint%m_max))
       solution%factor(:) = factor
    end subroutine approach_touch
@@ -227,7 +227,7 @@ contains
          where (.not. abs(constraint%weights(1:)) > 0.0_wp) solution%s = sign(1.0_wp, k(1:))
          allocate (solution%correlation(0:constraint%m_max))
          solution%correlation(:) = k/k(0)
-         solution%entropy = white_noise_entropy(1.0_wp) - 0.5_wp*state%value%log_mean
+         solution%entropy = gaussian_entropy(1.0_wp) - 0.5_wp*state%value%log_mean
          associate (lags => constraint%rewarded)
             solution%is_consistent = all(solution%s(lags)*k(lags) >= -sign_rounding*k(0))
          end associate

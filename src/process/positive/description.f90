@@ -5,7 +5,7 @@ module process_positive_description
    use core_kinds, only: wp
    use process_autoregressive_model, only: find_poles
    use process_correlation, only: correlation_length_l0, correlation_length_l1
-   use process_entropy, only: white_noise_entropy
+   use process_entropy, only: gaussian_entropy
    use process_model, only: process_model_type, process_request
    use process_positive_objective, only: new_objective, sampled_objective
    use process_positive_moments, only: estimate_autocovariance
@@ -51,7 +51,7 @@ contains
       model%branch = branch_of(law%signs(1:))
       call law%find_entropy(model%entropy, model%entropy_error)
       model%entropy = model%entropy + log(model%b0)
-      model%entropy_bound = white_noise_entropy(request%std)
+      model%entropy_bound = gaussian_entropy(request%std)
       call note_acceptances(law, model%entropy_error, model)
    end subroutine outline_sampled
 

@@ -10,7 +10,7 @@ module process_positive_first_order
    use core_text, only: rounded_text, to_text
    use numerics_root_search, only: new_root_search, root_search
    use process_correlation, only: correlation_length_l0, correlation_length_l1
-   use process_entropy, only: white_noise_entropy
+   use process_entropy, only: gaussian_entropy
    use process_model, only: process_model_type, process_request
    use process_positive_kernel, only: first_order_law, new_first_order_law
    use process_positive_sequential, only: memory_of
@@ -269,7 +269,7 @@ contains
       model%mean = model%b0*law%mean
       model%std = request%std
       model%entropy = law%entropy + log(model%b0)
-      model%entropy_bound = white_noise_entropy(request%std)
+      model%entropy_bound = gaussian_entropy(request%std)
       model%optimality = max(abs(model%mean/request%mean - 1.0_wp), &
                              abs(length_of(law, request%correlation)/request%correlation_length &
                                  - 1.0_wp))

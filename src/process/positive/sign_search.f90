@@ -9,8 +9,8 @@ module process_positive_sign_search
    use core_text, only: to_text
    use numerics_constrained_maximum, only: search_result
    use numerics_sorting, only: sort_order
-   use process_direct_constraint, only: length_constraint
-   use process_direct_fit, only: constraint_of, fit_direct, mirror_image, mirrored
+   use process_direct_constraint, only: constraint_of, length_constraint
+   use process_direct_fit, only: fit_direct, mirror_image, mirrored
    use process_direct_reciprocal_symbol, only: reciprocal_workspace
    use process_direct_sign_search, only: count_sequences, max_listed, search_structured, &
                                          sequence_signs
