@@ -196,6 +196,7 @@ contains
       lower = request
       lower%order = 1
       law%family%kind = free
+      allocate (law%family%faces(0))
       point = [-atanh(first%r), asinh(first%field)]
       if (first%r < 0.0_wp) then
          law%family%kind = merge(by_precision, by_coefficients, request%sampler == 'exact')
@@ -209,7 +210,7 @@ contains
                         error)
          if (allocated(error)) return
          point = [point(:size(point) - 1), &
-                  spread(0.0_wp, 1, lower%order + merge(0, 1, law%family%face > 0) - size(point)), &
+                  spread(0.0_wp, 1, lower%order + 1 - size(law%family%faces) - size(point)), &
                   point(size(point))]
          call law%settle(point)
          if (lower%order == request%order) return
@@ -261,14 +262,14 @@ contains
       real(wp), intent(out) :: limit
       real(wp), allocatable :: reached(:)
       real(wp) :: step
-      integer :: face
+      integer, allocatable :: faces(:)
 
       law%problem%ratio = start
       limit = 0.0_wp
       step = 0.04_wp   ! relative
       do
          reached = point
-         face = law%family%face
+         faces = law%family%faces
          call find_maximum(law, point, found)
          if (found%is_converged) then
             limit = law%problem%ratio
@@ -276,7 +277,7 @@ contains
             call law%settle(point)
          else
             point = reached
-            law%family%face = face
+            law%family%faces = faces
             step = 0.5_wp*step
             if (step < least_step .or. .not. limit > 0.0_wp .or. law%is_exhausted()) return
          end if
@@ -284,29 +285,34 @@ contains
       end do
    end subroutine climb
 
-   !> Finds the maximum in the interior, or on the face that the search runs into.
+   !> Finds the maximum in the interior, or on the faces that the search runs into.
    subroutine find_maximum(law, point, found)
       type(sampled_objective), intent(inout) :: law
       real(wp), allocatable, intent(inout) :: point(:)
       type(search_result), intent(inout) :: found   !! its metric is begun with, where it fits
       real(wp), parameter :: near = 0.05_wp
       real(wp), allocatable :: metric(:, :)
-      integer :: p, pass
+      real(wp), allocatable :: room(:)
+      integer :: i, p
 
-      do pass = 1, 3
+      do
          if (allocated(metric)) deallocate (metric)
          if (allocated(found%metric)) then
             if (size(found%metric, 1) == size(point)) metric = found%metric
          end if
          call maximize(law, point, law%n_constraints, branch_difference, acceptable, &
                        max_iterations, found, metric)
-         if (found%is_converged .or. law%family%face > 0 .or. law%family%kind == free) return
-         associate (room => law%family%room(point))
+         if (found%is_converged .or. law%family%kind == free .or. law%is_exhausted() .or. &
+             size(point) <= law%n_constraints) return
+         room = law%family%room(point)
+         associate (faces => law%family%faces)
+            room(faces) = huge(near)
             p = minloc(room, 1)
             if (room(p) > near) return
+            i = count(faces < p)
          end associate
-         point = [point(:p - 1), point(p + 1:)]
-         law%family%face = p
+         point = [point(:p - i - 1), point(p - i + 1:)]
+         law%family%faces = [law%family%faces(:i), p, law%family%faces(i + 1:)]
       end do
    end subroutine find_maximum
 
@@ -320,6 +326,7 @@ contains
       type(search_result), intent(inout) :: found
       real(wp), allocatable, intent(out) :: autocovariance(:)   !! (0:n_lags)
       integer, parameter :: max_passes = 12
+      integer, parameter :: surer = 16   ! times as many steps tell the signs
       real(wp), allocatable :: pulls(:), reached(:), state(:)
       integer, allocatable :: lags(:)
       logical, allocatable :: is_held(:), is_wrong(:)
@@ -328,7 +335,8 @@ contains
       n_steps = law%n_steps
       allocate (is_held(size(law%signs)), source=law%problem%is_nonnegative)
       do pass = 1, max_passes
-         call compare_signs(law, point, autocovariance, is_wrong, found%is_converged, state)
+         call compare_signs(law, point, surer*n_steps, autocovariance, is_wrong, &
+                            found%is_converged, state)
          if (.not. found%is_converged) return
          law%n_steps = n_steps
          is_wrong(law%zeros + 1) = .false.

@@ -33,9 +33,9 @@ module process_positive_family
       real(wp), allocatable :: s(:)
       integer, allocatable :: free(:)
       real(wp) :: factor = 1.0_wp   !! free: by which points are multiplied
-      !> by_coefficients, by_precision: values this far apart could just grow together; the
-      !> coefficient of that lag follows from the others and is not in a point; 0: none does
-      integer :: face = 0
+      !> by_coefficients, by_precision: distances, in ascending order, of values that could just grow
+      !> together; coefficients of these lags follow from the others and are not in a point
+      integer, allocatable :: faces(:)
    contains
       procedure :: room
       procedure :: unfold
@@ -64,7 +64,7 @@ contains
 
       law%coordinate = sinh(max(-outside, min(point(size(point)), outside)))
       is_inside = abs(law%coordinate) < 1.0e6_wp
-      if (self%face > 0) is_inside = is_inside .and. law%coordinate < 0.0_wp   ! else they do grow
+      if (size(self%faces) > 0) is_inside = is_inside .and. law%coordinate < 0.0_wp   ! else they do grow
       select case (self%kind)
       case (by_precision)
          law%g(:) = [1.0_wp, 0.5_wp*couplings(self, point)]
@@ -91,18 +91,24 @@ contains
       if (is_inside) law%g(:) = symbol_of_process(law%a, 1.0_wp)
    end subroutine unfold
 
-   !> a_q, or 2 G_m/G_0, lags 1..order: that of a face from the others.
+   !> a_q, or 2 G_m/G_0, lags 1..order: those of faces from the others.
    pure function couplings(family, point) result(all_lags)
       type(parameter_family), intent(in) :: family
       real(wp), intent(in) :: point(:)
       real(wp), allocatable :: all_lags(:)
+      integer :: i
 
       all_lags = merge(2.0_wp, 1.0_wp, family%kind == by_precision)*point(:size(point) - 1)
-      associate (p => family%face)
-         if (p == 0) return
-         all_lags = [all_lags(:p - 1), 0.0_wp, all_lags(p:)]
-         all_lags(p) = margin - 1.0_wp - sum(all_lags(p::p))
-      end associate
+      do i = 1, size(family%faces)
+         associate (p => family%faces(i))
+            all_lags = [all_lags(:p - 1), 0.0_wp, all_lags(p:)]
+         end associate
+      end do
+      do i = size(family%faces), 1, -1
+         associate (p => family%faces(i))
+            all_lags(p) = margin - 1.0_wp - sum(all_lags(2*p::p))
+         end associate
+      end do
    end function couplings
 
    !> Room, for each p, that is left until values p apart, all others near 0, drive each other to

@@ -80,7 +80,7 @@ contains
       objective%problem = problem
       objective%known = problem%autocovariance
       allocate (objective%signs(0:problem%n_lags), source=sign(1.0_wp, problem%autocovariance))
-      allocate (objective%zeros(0))
+      allocate (objective%zeros(0), objective%family%faces(0))
       objective%numbers%origin = problem%stream
       allocate (objective%last%g(0:size(problem%companion)), source=0.0_wp)
       objective%last%batches = new_batches(problem%n_lags, problem%n_single, n_batches)

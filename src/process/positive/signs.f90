@@ -46,19 +46,19 @@ contains
    end function is_opposite
 
    !> Compares the signs by which lengths are summed with those of K(m) on many values.
-   subroutine compare_signs(law, point, autocovariance, is_wrong, is_inside, state)
+   subroutine compare_signs(law, point, n_steps, autocovariance, is_wrong, is_inside, state)
       type(sampled_objective), intent(inout) :: law   !! from now on with averages of every lag
       real(wp), intent(in) :: point(:)
+      integer, intent(in) :: n_steps    !! of a batch
       real(wp), allocatable, intent(out) :: autocovariance(:)   !! (0:n_lags)
       logical, allocatable, intent(out) :: is_wrong(:)          !! (0:n_lags)
       logical, intent(out) :: is_inside
       real(wp), allocatable, intent(out) :: state(:)            !! of the law
-      integer, parameter :: sure_steps = 2048      ! of a batch
       real(wp), parameter :: unclear = 0.5_wp*clear
       real(wp), allocatable :: standard_error(:)
 
       call law%keep_every_lag()
-      law%n_steps = sure_steps
+      law%n_steps = n_steps
       call law%evaluate(point, state, is_inside)
       if (.not. is_inside) return
       call estimate_autocovariance(law%last%batches, law%known, law%problem%n_lags, &
@@ -72,11 +72,12 @@ contains
       real(wp), intent(in) :: point(:)
       real(wp), allocatable, intent(out) :: state(:)   !! of the law, on many values
       type(error_type), allocatable, intent(out) :: error
+      integer, parameter :: sure_steps = 2048      ! of a batch
       real(wp), allocatable :: unused(:)
       logical, allocatable :: is_wrong(:)
       logical :: is_inside
 
-      call compare_signs(law, point, unused, is_wrong, is_inside, state)
+      call compare_signs(law, point, sure_steps, unused, is_wrong, is_inside, state)
       if (.not. is_inside) then
          call raise(error, exit_no_solution, law%problem%name(law%problem%cut)// &
                     ': the solution on few simulated values is lost on more')
