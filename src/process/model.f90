@@ -2,11 +2,11 @@
 module process_model
    use core_kinds, only: long, wp
    use core_random, only: label_of
-   use core_text, only: to_text
+   use core_text, only: rounded_text, to_text
    implicit none(type, external)
    private
    public :: process_request, process_model_type, process_solution, inversion_check, &
-             branch_note, innovation_scale, request_label
+             branch_note, innovation_scale, positive_name, request_label
 
    !> A wanted process. Lengths are in lags; mean and std in the unit of X.
    type :: process_request
@@ -121,6 +121,18 @@ contains
                 to_text(nint(1.0e4_wp*(model%nonnegative_entropy - model%entropy))/1.0e4_wp)// &
                 ' nat more entropy'
    end function branch_note
+
+   !> Name of a positive process, for messages.
+   pure function positive_name(request) result(name)
+      type(process_request), intent(in) :: request
+      character(:), allocatable :: name
+
+      name = 'positive process ('//trim(request%sampler)//' law) with std/mean = '// &
+             rounded_text(request%std/request%mean, 6)//', '//trim(request%correlation)//' = '// &
+             to_text(request%correlation_length)
+      if (request%correlation == 'both') name = name//', '//to_text(request%second_length)
+      name = name//', order = '//to_text(request%order)
+   end function positive_name
 
    !> Scale b0 of a law that is given by the row of G, Eq. (25); 0 where it has none.
    pure real(wp) function innovation_scale(g) result(b0)

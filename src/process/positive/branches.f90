@@ -55,7 +55,6 @@ contains
       type(search_result) :: trial_found
       real(wp), allocatable :: trial_point(:)
       character(:), allocatable :: message
-      real(wp) :: limit
       integer :: branch
 
       if (request%method == 'direct' .or. request%correlation == 'both' .or. &
@@ -64,7 +63,7 @@ contains
       do branch = 1, merge(2, 1, request%branch == 'any')
          if (branch == 1 .and. request%std >= request%mean) cycle
          call continue_first_order(request, seed, branch == 2, effort, trial, trial_point, &
-                                   trial_found, limit, failure)
+                                   trial_found, failure)
          if (.not. allocated(failure)) then
             if (.not. allocated(error)) then
                if (relative_entropy(trial) < relative_entropy(law)) return
@@ -95,7 +94,7 @@ contains
 
    !> Finds the maximum of one branch; fails with the std/mean at which it ends.
    subroutine continue_first_order(request, seed, is_alternating, effort, law, point, found, &
-                                   limit, error)
+                                   error)
       type(process_request), intent(in) :: request   !! of order 2 or more
       integer(long), intent(in) :: seed
       logical, intent(in) :: is_alternating
@@ -103,14 +102,13 @@ contains
       type(sampled_objective), intent(out) :: law
       real(wp), allocatable, intent(out) :: point(:)
       type(search_result), intent(out) :: found
-      real(wp), intent(out) :: limit      !! the largest that was found; 0: none
       type(error_type), allocatable, intent(out) :: error
       real(wp), parameter :: inside = 0.97_wp   ! of the limit of order 1, beyond it
       real(wp), allocatable :: autocovariance(:), signs(:)
       integer, allocatable :: lags(:)
       type(process_request) :: one
       type(first_order_law) :: first
-      real(wp) :: decay, wanted
+      real(wp) :: decay, limit, wanted
       integer :: pass
       logical :: is_at_rest
       integer, parameter :: max_passes = 4

@@ -159,7 +159,7 @@ contains
 
       longer = law
       longer%n_steps = min(law%n_steps, max(affordable/law%problem%n_lags, 512))
-      call longer%keep_every_lag()
+      call longer%keep_lags(law%problem%n_lags)
       call longer%evaluate(point, state, is_inside)
       call estimate_autocovariance(longer%last%batches, law%known, law%problem%n_lags, &
                                    model%autocovariance, model%autocovariance_error)

@@ -58,7 +58,7 @@ contains
    end function sweeps_to_forget
 
    !> Samples averages over batches, a lane over a stretch of sweeps each; rows as in the sequential
-   !> law, of the acceptance sums only the density at 0.
+   !> law, without acceptance sums.
    subroutine sample_exact(g, field, companion, centre, ring_length, n_burn_in, n_sweeps, stream, &
                            batches)
       real(wp), intent(in) :: g(0:)          !! row of G, lags 0..order
@@ -72,7 +72,7 @@ contains
       class(stream_type), intent(inout) :: stream
       type(batch_averages), intent(inout) :: batches   !! allocated; a multiple of `lanes` batches
       type(ring_type) :: ring
-      real(wp) :: at_zero(lanes), sums(lanes, -1:batches%n_single + 2, 2)
+      real(wp) :: sums(lanes, -1:batches%n_single + 2, 2)
       integer :: first, last, stretch, sweep
 
       batches%centre = centre
@@ -80,15 +80,13 @@ contains
       ring%x = centre
       ring%h = symbol_of_process(companion, 1.0_wp)
       allocate (ring%y(lanes, 1 - ring%order:ring%length + ring%order), source=0.0_wp)
-      at_zero = 0.0_wp
       do sweep = 1, n_burn_in
-         call redraw(ring, stream, at_zero)
+         call redraw(ring, stream)
       end do
       do stretch = 1, size(batches%x, 2)/lanes
-         at_zero = 0.0_wp
          sums = 0.0_wp
          do sweep = 1, n_sweeps
-            call redraw(ring, stream, at_zero)
+            call redraw(ring, stream)
             call add_ring(batches%n_single, batches%n_lags, ring%length, &
                           ring%x(:, 1:ring%length) - centre, sums(:, :, 1))
             call add_ring(batches%n_single, batches%n_lags, ring%length, &
@@ -98,7 +96,6 @@ contains
          last = stretch*lanes
          batches%x(:, first:last) = transpose(sums(:, :, 1))/(n_sweeps*ring%length)
          batches%y(:, first:last) = transpose(sums(:, :, 2))/(n_sweeps*ring%length)
-         batches%acceptance(5, first:last) = at_zero/(n_sweeps*ring%length)
       end do
    end subroutine sample_exact
 
@@ -124,14 +121,12 @@ contains
       class(stream_type), intent(inout) :: stream
       real(wp), intent(out) :: values(:)
       type(ring_type) :: ring
-      real(wp) :: at_zero(lanes)
       integer :: n, sweep
 
       ring = new_ring(g, field, max((size(values) + 2*margin + lanes - 1)/lanes, size(g)), .true.)
       ring%x = start
-      at_zero = 0.0_wp
       do sweep = 1, n_sweeps
-         call redraw(ring, stream, at_zero)
+         call redraw(ring, stream)
       end do
       do n = 1, size(values)
          values(n) = ring%x((n - 1)/ring%length + 1, modulo(n - 1, ring%length) + 1)
@@ -155,27 +150,26 @@ contains
 
    !> Redraws every value given its neighbours: one sweep. Places as far apart as a lane is long do
    !> not see each other, so that all lanes move at once.
-   subroutine redraw(ring, stream, at_zero)
+   subroutine redraw(ring, stream)
       type(ring_type), intent(inout) :: ring
       class(stream_type), intent(inout) :: stream
-      real(wp), intent(inout) :: at_zero(lanes)   !! the density at 0, added up
       real(wp) :: u(lanes*ring%length)
 
       call stream%uniforms(u)
       if (allocated(ring%y)) then
-         call redraw_lanes(ring%length, ring%is_wound, ring%field, ring%g, u, ring%x, at_zero, &
+         call redraw_lanes(ring%length, ring%is_wound, ring%field, ring%g, u, ring%x, &
                            ring%h, ring%y)
       else
-         call redraw_lanes(ring%length, ring%is_wound, ring%field, ring%g, u, ring%x, at_zero)
+         call redraw_lanes(ring%length, ring%is_wound, ring%field, ring%g, u, ring%x)
       end if
    end subroutine redraw
 
-   pure subroutine redraw_lanes(length, is_wound, field, g, u, x, at_zero, h, y)
+   pure subroutine redraw_lanes(length, is_wound, field, g, u, x, h, y)
       integer, intent(in) :: length
       logical, intent(in) :: is_wound
       real(wp), intent(in), contiguous :: g(0:)
       real(wp), intent(in) :: field, u(lanes, length)
-      real(wp), intent(inout) :: x(lanes, 2 - size(g):length + size(g) - 1), at_zero(lanes)
+      real(wp), intent(inout) :: x(lanes, 2 - size(g):length + size(g) - 1)
       real(wp), intent(in), optional :: h(0:size(g) - 1)
       real(wp), intent(inout), optional :: y(lanes, 2 - size(g):length + size(g) - 1)
       real(wp) :: c(lanes), drawn(lanes), factor(lanes), hazard(lanes), scale
@@ -186,7 +180,6 @@ contains
       do i = 1, length
          c = scale*(field - neighbours(order, g, x(:, i - order:i + order)))
          call draw_truncated_lanes(c, u(:, i), drawn, hazard, factor)
-         at_zero = at_zero + hazard/scale
          call place(length, order, is_wound, i, scale*drawn, x)
          if (.not. present(y)) cycle
          drawn = (drawn - c - hazard)/sqrt(truncated_variance(c, hazard))

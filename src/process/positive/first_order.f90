@@ -7,18 +7,17 @@
 module process_positive_first_order
    use core_error, only: error_type, exit_no_solution, raise
    use core_kinds, only: wp
-   use core_text, only: rounded_text, to_text
+   use core_text, only: to_text
    use numerics_root_search, only: new_root_search, root_search
    use process_correlation, only: correlation_length_l0, correlation_length_l1
    use process_entropy, only: gaussian_entropy
-   use process_model, only: process_model_type, process_request
+   use process_model, only: positive_name, process_model_type, process_request
    use process_positive_kernel, only: first_order_law, new_first_order_law
    use process_positive_sequential, only: memory_of
    use process_positive_truncated_normal, only: fit_truncated_normal
    implicit none(type, external)
    private
-   public :: match_first_order, match_branch, find_limit, stated, describe_first_order, &
-      look_beside_first_order
+   public :: match_first_order, match_branch, find_limit, describe_first_order
 
    !> [lags] seconds of matrices of order 800
    real(wp), parameter :: longest_first_order = 1000.0_wp
@@ -63,7 +62,7 @@ contains
          call match_branch(request, .false., law, error)
          return
       end if
-      reason = named(request)//': std/mean must be below '//stated(limit)//' with K(m) >= 0'
+      reason = positive_name(request)//': std/mean must be below '//stated(limit)//' with K(m) >= 0'
       if (request%branch == 'nonnegative') then
          call raise(error, exit_no_solution, reason)
          return
@@ -115,7 +114,7 @@ contains
          call search%advance(family%outer, excess)
          if (abs(family%outer) > 1.0e3_wp) exit
       end do
-      call raise(error, exit_no_solution, named(request)//': the search ended '// &
+      call raise(error, exit_no_solution, positive_name(request)//': the search ended '// &
                  to_text(excess)//' (relative) from std/mean')
    end subroutine match_branch
 
@@ -167,7 +166,7 @@ contains
       family%is_sequential = request%sampler == 'sequential'
       family%is_alternating = is_alternating
       if (family%length > longest_first_order) &
-         call raise(error, exit_no_solution, named(request)//': lengths up to '// &
+         call raise(error, exit_no_solution, positive_name(request)//': lengths up to '// &
                     to_text(longest_first_order)//' can be resolved')
    end subroutine begin_family
 
@@ -302,26 +301,7 @@ contains
          model%other_entropy = other%entropy + log(model%b0)
          call note_acceptances(other, model)
       end if
-      if (law%r < 0.0_wp) call look_beside_first_order(request, model)
    end subroutine describe_first_order
-
-   !> Finds the entropy of the other law's process of order 1 with K(m) >= 0; it is noted where it
-   !> is larger than that of an alternating one.
-   subroutine look_beside_first_order(request, model)
-      type(process_request), intent(in) :: request
-      type(process_model_type), intent(inout) :: model
-      type(process_request) :: beside
-      type(first_order_law) :: law
-      type(error_type), allocatable :: refusal
-
-      beside = request
-      beside%sampler = merge('exact     ', 'sequential', request%sampler == 'sequential')
-      beside%branch = 'nonnegative'
-      call match_first_order(beside, law, refusal)
-      if (allocated(refusal)) return
-      law%entropy = law%entropy + log(request%std/law%std)
-      if (law%entropy > model%entropy) model%nonnegative_entropy = law%entropy
-   end subroutine look_beside_first_order
 
    subroutine describe_correlation(request, law, model)
       type(process_request), intent(in) :: request
@@ -367,15 +347,5 @@ contains
 
       length = merge(law%l0, law%l1, correlation == 'L0')
    end function length_of
-
-   !> Name of a request, for messages.
-   pure function named(request) result(name)
-      type(process_request), intent(in) :: request
-      character(:), allocatable :: name
-
-      name = 'positive process ('//trim(request%sampler)//' law) with std/mean = '// &
-             rounded_text(request%std/request%mean, 6)//', '//trim(request%correlation)//' = '// &
-             to_text(request%correlation_length)//', order = 1'
-   end function named
 
 end module process_positive_first_order

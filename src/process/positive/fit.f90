@@ -13,8 +13,7 @@ module process_positive_fit
    use process_positive_description, only: compare_laws, describe_sampled, outline_sampled
    use process_positive_branches, only: branch_difference, search_branches, sharpen
    use process_positive_family, only: by_symbol
-   use process_positive_first_order, only: describe_first_order, look_beside_first_order, &
-                                           match_first_order
+   use process_positive_first_order, only: describe_first_order, match_first_order
    use process_positive_kernel, only: first_order_law
    use process_positive_objective, only: sampled_objective
    use process_positive_refinement, only: refine, shape_spread
@@ -73,9 +72,9 @@ contains
             if (allocated(law%last%a)) call compare_laws(request, law, point, model)
             model%optimality = found%residual
             if (request%method == 'direct') call name_multipliers(law, violation, model)
-            call look_beside(request, seed, model)
          end if
       end if
+      if (.not. allocated(error)) call look_beside(request, seed, model)
       model%is_solved = .not. allocated(error)
       if (allocated(error)) model%reason = error%message
    end subroutine fit_positive
@@ -91,6 +90,7 @@ contains
       type(error_type), allocatable, intent(out) :: error
       type(sampled_objective) :: law
       type(first_order_law) :: first_order
+      type(process_request) :: one
       type(search_result) :: found
       real(wp), parameter :: quick_effort(2) = [1.0e8_wp, 4.0e7_wp]   ! sequential, exact: 1 s or 2
       real(wp), allocatable :: point(:), unused(:)
@@ -123,8 +123,12 @@ contains
          law%most_effort = huge(1.0_wp)
          call law%evaluate(point, unused, is_inside)
          if (is_exact .or. law%problem%decay > 0.0_wp) call outline_sampled(request, law, model)
-         if (is_alternating_below_mean(model)) call look_beside_first_order(request, model)
       end if
+      if (allocated(error)) return
+      one = request   ! tells roughly
+      one%method = 'autoregressive'
+      one%order = 1
+      call look_beside(one, seed, model)
    end subroutine foresee_positive
 
    !> True if the direct method has sequences of signs left when that of the unconstrained optimum
@@ -178,7 +182,8 @@ contains
       type(process_request) :: beside
       type(process_model_type) :: other
 
-      if (.not. is_alternating_below_mean(model)) return
+      if (.not. allocated(model%branch) .or. request%std >= request%mean) return
+      if (model%branch /= 'alternating') return
       beside = request
       beside%sampler = merge('exact     ', 'sequential', request%sampler == 'sequential')
       beside%branch = 'nonnegative'
@@ -187,15 +192,6 @@ contains
       if (other%is_solved .and. other%entropy > model%entropy) &
          model%nonnegative_entropy = other%entropy
    end subroutine look_beside
-
-   !> True if K(m) alternates where the other law may have K(m) >= 0.
-   pure logical function is_alternating_below_mean(model)
-      type(process_model_type), intent(in) :: model
-
-      is_alternating_below_mean = .false.
-      if (allocated(model%branch)) is_alternating_below_mean = &
-         model%branch == 'alternating' .and. model%request%std < model%request%mean
-   end function is_alternating_below_mean
 
    !> True if quadrature solves the request.
    pure function is_first_order(request) result(is_so)
@@ -260,7 +256,7 @@ contains
       end if
       if (violation <= missed) return
       law%most_effort = bound
-      call raise(error, exit_no_solution, law%problem%name(ubound(law%last%g, 1))// &
+      call raise(error, exit_no_solution, law%problem%name// &
                  ': the solution meets the targets on few simulated values, not on '// &
                  to_text(law%n_steps)//' in each batch')
 

@@ -9,8 +9,8 @@ module process_positive_moments
       estimate_autocovariance, estimate_products
    public :: add_products, n_acceptance_sums
 
-   !> alpha, 1/alpha, ln alpha, c phi(c)/(2 alpha), density at 0
-   integer, parameter :: n_acceptance_sums = 5
+   !> alpha, 1/alpha, ln alpha, c phi(c)/(2 alpha)
+   integer, parameter :: n_acceptance_sums = 4
 
    !> Averages over independent stretches of a run; `x` and `y` hold d, then d_n d_(n-m) for m =
    !> 0..n_single, then of the lags beyond, up to n_lags, the sums of d_n d_(n-m) and of m d_n
@@ -33,7 +33,6 @@ module process_positive_moments
       real(wp) :: l0 = 0.0_wp, l0_error = 0.0_wp         !! infinite sums
       real(wp) :: l1 = 0.0_wp, l1_error = 0.0_wp
       real(wp) :: entropy = 0.0_wp, entropy_error = 0.0_wp   !! of x/std; sequential law only
-      real(wp) :: at_zero = 0.0_wp, at_zero_error = 0.0_wp   !! density p_X(0)
       real(wp) :: acceptance_ratio = 1.0_wp, acceptance_mean = 1.0_wp, acceptance_geometric = 1.0_wp
       !> (batch, 5) what is left of each batch's deviation: mean, ratio, L0, L1, entropy
       real(wp), allocatable :: rests(:, :)
@@ -193,8 +192,6 @@ contains
       moments%entropy = moments%entropy + half_log_two_pi_e - log(moments%std)
       moments%rests(:, 5) = work - 0.5_wp*rest(:, 1)/k(1)
       moments%entropy_error = control%standard_error(moments%rests(:, 5))
-      call control%free(batches%acceptance(5, :), moments%at_zero, work)
-      moments%at_zero_error = control%standard_error(work)
       call control%free(batches%acceptance(1, :), moments%acceptance_mean, work)
       if (any(batches%acceptance(2, :) > 0.0_wp)) &
          moments%acceptance_ratio = size(work)/sum(batches%acceptance(2, :))

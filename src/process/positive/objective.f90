@@ -60,7 +60,6 @@ module process_positive_objective
       procedure :: evaluate
       procedure :: gain
       procedure :: settle
-      procedure :: keep_every_lag
       procedure :: keep_lags
       procedure :: hold_at_zero
       procedure :: is_exhausted
@@ -224,13 +223,6 @@ contains
       if (self%problem%decay > 0.0_wp) &   ! as neighbours of a Markov process forget
          self%n_burn_in = max(self%n_burn_in, ceiling(12.0_wp/(1.0_wp - self%problem%decay)**2))
    end subroutine settle
-
-   !> Keeps averages of every lag from now on, at the cost of every lag.
-   pure subroutine keep_every_lag(self)
-      class(sampled_objective), intent(inout) :: self
-
-      call self%keep_lags(self%problem%n_lags)
-   end subroutine keep_every_lag
 
    !> Keeps averages of the first lags one by one from now on: `n_single`, or as many as are held at
    !> zero.

@@ -5,7 +5,7 @@ module process_positive_problem
    use core_error, only: error_type, exit_bad_input, exit_no_solution, raise
    use core_kinds, only: wp
    use core_random, only: stream_type
-   use core_text, only: rounded_text, to_text
+   use core_text, only: to_text
    use process_autoregressive_description, only: describe_ar
    use process_autoregressive_fit, only: fit_ar, optimal_reflection
    use process_autoregressive_model, only: autocovariance_of, coefficients_of, innovation_std, &
@@ -14,7 +14,7 @@ module process_positive_problem
    use process_autoregressive_sums, only: correlation_sums, sum_correlation
    use process_direct_fit, only: coefficients_of_solution, fit_direct
    use process_direct_sign_sequence, only: sequence_solution
-   use process_model, only: process_model_type, process_request
+   use process_model, only: positive_name, process_model_type, process_request
    use process_positive_sequential, only: memory_of
    implicit none(type, external)
    private
@@ -23,6 +23,7 @@ module process_positive_problem
    !> Targets under the law of one-at-a-time rejection (Sec. 2.4) or of Eq. (25), and the
    !> unconstrained process of the wanted length, its companion.
    type :: sampled_problem
+      character(:), allocatable :: name              !! for messages
       logical :: is_exact = .false.                  !! the law is that of Eq. (25)
       character(:), allocatable :: correlation       !! 'L0', 'L1' or 'both'
       real(wp) :: ratio = 0.0_wp                     !! std/mean
@@ -41,8 +42,6 @@ module process_positive_problem
       integer :: n_single = 0                        !! lags that are kept one by one
       integer :: memory = 0                          !! steps beyond which nothing is felt, to 1e-9
       real(wp) :: decay = 0.0_wp                     !! alternating: |K(m + 1)/K(m)| at order 1
-   contains
-      procedure :: name
    end type sampled_problem
 
 contains
@@ -79,6 +78,7 @@ contains
       kappa = reflection_of(unconstrained%a)
       call sum_correlation(kappa, sums, error)
       if (allocated(error)) return
+      problem%name = positive_name(request)
       problem%correlation = trim(request%correlation)
       problem%ratio = request%std/request%mean
       problem%length = request%correlation_length
@@ -154,19 +154,5 @@ contains
          call describe_ar(coefficients_of(kappa), 1.0_wp, model, error)
       end if
    end subroutine solve_unconstrained
-
-   !> Name of the problem, for messages.
-   pure function name(self, order) result(text)
-      class(sampled_problem), intent(in) :: self
-      integer, intent(in) :: order
-      character(:), allocatable :: text
-
-      text = 'positive process ('//trim(merge('exact     ', 'sequential', self%is_exact))// &
-             ' law) with std/mean = '//rounded_text(self%ratio, 6)//', '// &
-             self%correlation//' = '// &
-             to_text(self%length)
-      if (self%correlation == 'both') text = text//', '//to_text(self%second_length)
-      text = text//', order = '//to_text(order)
-   end function name
 
 end module process_positive_problem

@@ -94,13 +94,13 @@ contains
             law%n_steps = quick_steps
             call law%evaluate(point, state, is_inside)
          else if (.not. law%is_exhausted()) then
-            call raise(error, exit_no_solution, problem%name(size(problem%companion))// &
+            call raise(error, exit_no_solution, problem%name// &
                        reason_of_end(limit))
             return
          end if
       end if
       found%is_converged = found%violation <= close_enough
-      call require_converged(law, found, size(problem%companion), error)
+      call require_converged(law, found, error)
    end subroutine approach
 
    pure logical function has_negative(sequence)
@@ -153,7 +153,7 @@ contains
       point = [exp(point(1))/law%family%factor*law%family%direction, point(2)]
       law%family%kind = free
       call free_shape(law, point, found, error, spread)
-      if (.not. allocated(error)) call require_converged(law, found, size(point) - 1, error)
+      if (.not. allocated(error)) call require_converged(law, found, error)
    end subroutine find_shape
 
    !> Finds the maximum from a point with every coefficient free. Where correlation is so weak that
@@ -209,19 +209,18 @@ contains
       end if
    end subroutine free_shape
 
-   subroutine require_converged(law, found, order, error)
+   subroutine require_converged(law, found, error)
       type(sampled_objective), intent(in) :: law
       type(search_result), intent(in) :: found
-      integer, intent(in) :: order
       type(error_type), allocatable, intent(out) :: error
 
       if (found%is_converged) return
       if (law%is_exhausted()) then
-         call raise(error, exit_no_solution, law%problem%name(order)// &
+         call raise(error, exit_no_solution, law%problem%name// &
                     ': the search was given up after '//to_text(nint(1.0e-6_wp*law%effort))// &
                     ' million simulated values, its bound')
       else
-         call raise(error, exit_no_solution, law%problem%name(order)//': the search ended '// &
+         call raise(error, exit_no_solution, law%problem%name//': the search ended '// &
                     to_text(found%violation)//' (relative) from its targets, with '// &
                     to_text(found%residual)//' of the gradient left')
       end if

@@ -128,7 +128,6 @@ contains
       acceptance(:, 1) = acceptance(:, 1) + alpha
       acceptance(:, 2) = acceptance(:, 2) + 1.0_wp/alpha
       acceptance(:, 4) = acceptance(:, 4) + 0.5_wp*c*hazard
-      acceptance(:, 5) = acceptance(:, 5) + hazard
    end subroutine add_acceptance
 
    !> Draws consecutive values of one chain, after its burn-in [b0].

@@ -133,7 +133,7 @@ contains
          call search_structured(constraint, workspace, found(1))
       end if
       order = sort_order(-found%entropy)
-      order = pack(order, found(order)%is_feasible)
+      order = pack(order, [(found(order(i))%is_feasible, i=1, n)])
       allocate (sequences(2*size(order)))
       do i = 1, size(order)
          sequences(2*i - 1) = mirrored(found(order(i)))
@@ -176,7 +176,7 @@ contains
       call adopt_far_signs(trial%law, trial%point, state, error)
       if (allocated(error)) return
       if (request%branch == 'nonnegative' .and. any(trial%solution%signs < 0)) &
-         call raise(error, exit_no_solution, trial%law%problem%name(request%order)// &
+         call raise(error, exit_no_solution, trial%law%problem%name// &
                     ': some K(m) are negative')
       b0 = request%std/trial%law%last%moments%std
       trial%law%n_steps = entropy_steps

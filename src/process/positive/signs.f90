@@ -32,7 +32,7 @@ contains
       do m = 1, ubound(autocovariance, 1)
          if (.not. is_opposite(law%signs(m), autocovariance(m), &
                                standard_error(m), autocovariance(0))) cycle
-         call raise(error, exit_no_solution, law%problem%name(ubound(law%last%g, 1))// &
+         call raise(error, exit_no_solution, law%problem%name// &
                     ': the search ended where K('//to_text(m)//') has changed its sign')
          return
       end do
@@ -57,7 +57,7 @@ contains
       real(wp), parameter :: unclear = 0.5_wp*clear
       real(wp), allocatable :: standard_error(:)
 
-      call law%keep_every_lag()
+      call law%keep_lags(law%problem%n_lags)
       law%n_steps = n_steps
       call law%evaluate(point, state, is_inside)
       if (.not. is_inside) return
@@ -79,7 +79,7 @@ contains
 
       call compare_signs(law, point, sure_steps, unused, is_wrong, is_inside, state)
       if (.not. is_inside) then
-         call raise(error, exit_no_solution, law%problem%name(law%problem%cut)// &
+         call raise(error, exit_no_solution, law%problem%name// &
                     ': the solution on few simulated values is lost on more')
          return
       end if
@@ -142,7 +142,7 @@ contains
                cycle
             end if
             if (.not. violation <= matched) then
-               call raise(error, exit_no_solution, law%problem%name(size(s))// &
+               call raise(error, exit_no_solution, law%problem%name// &
                           ': the search for s_m ended '//to_text(violation)// &
                           ' (relative) from its targets')
                return
@@ -153,7 +153,7 @@ contains
             is_free = is_free .or. is_wrong()
          end associate
       end do
-      call raise(error, exit_no_solution, law%problem%name(size(is_free))// &
+      call raise(error, exit_no_solution, law%problem%name// &
                  ': no signs s_m were found that are those of its K(m)')
 
    contains
