@@ -1,4 +1,4 @@
-!> Requests that the direct method refuses, and the m_max that a correlation length needs (Sec. 2.2).
+!> Requests that the direct method refuses, and the m_max that a length needs (Sec. 2.2).
 !>
 !> L0 needs m_max > L0. With L1, all plus has a solution when m_max > 2 L1; other signs can do with
 !> less. As |K(m)| <= K(0), sum (m - L1)|K(m)| over m > L1 must exceed L1 K(0), whence a bound from

@@ -13,7 +13,7 @@ module process_positive_branches
    use core_error, only: error_type, exit_no_solution, raise
    use core_kinds, only: long, wp
    use core_random, only: label_of, new_stream
-   use core_text, only: to_text
+   use core_text, only: rounded_text, to_text
    use numerics_constrained_maximum, only: maximize, search_result
    use process_model, only: process_request
    use process_positive_family, only: by_coefficients, by_precision, free, &
@@ -108,8 +108,9 @@ contains
       integer, allocatable :: lags(:)
       type(process_request) :: one
       type(first_order_law) :: first
+      character(:), allocatable :: reason, signs_wanted
       real(wp) :: decay, limit, wanted
-      integer :: pass
+      integer :: highest, pass
       logical :: is_at_rest
       integer, parameter :: max_passes = 4
 
@@ -122,11 +123,11 @@ contains
       limit = 0.0_wp
       call match_branch(one, is_alternating, first, error)
       if (allocated(error)) return
-      decay = first%memory
-      call rise_to_order(request, seed, first, one%std/request%mean, decay, effort, law, point, &
+      call rise_to_order(request, seed, first, one%std/request%mean, effort, law, point, highest, &
                          error)
       if (allocated(error)) return
       call climb(law, one%std/request%mean, wanted, point, found, limit)
+      decay = first%memory
       is_at_rest = .true.
       do pass = 1, max_passes
          if (found%is_converged) then
@@ -147,43 +148,32 @@ contains
          call law%settle(point)
          call find_maximum(law, point, found)
       end do
+      signs_wanted = trim(merge('alternating K(m)', 'K(m) >= 0       ', is_alternating))
       if (.not. effort > 0.0_wp) then
-         call raise(error, exit_no_solution, &
-                    'followed from order 1, the search was given up at its bound of values')
+         reason = 'the search was given up at its bound of values'
       else if (.not. is_at_rest) then
-         call raise(error, exit_no_solution, &
-                    'followed from order 1, the signs of K(m) do not come to rest')
+         reason = 'the signs of K(m) do not come to rest'
       else if (limit >= wanted) then
-         call raise(error, exit_no_solution, 'followed from order 1, K(m) does not fade within '// &
-                    to_text(law%problem%n_lags)//' lags')
-      else if (is_alternating) then
-         call raise(error, exit_no_solution, &
-                    'followed from order 1, alternating K(m) ends at std/mean = '//text_of(limit))
+         reason = 'K(m) does not fade within '//to_text(law%problem%n_lags)//' lags'
+      else if (limit > 0.0_wp) then
+         reason = signs_wanted//' ends at std/mean = '//to_text(floor(1.0e3_wp*limit)/1.0e3_wp)
       else
-         call raise(error, exit_no_solution, &
-                    'followed from order 1, K(m) >= 0 ends at std/mean = '//text_of(limit))
+         reason = signs_wanted//' at std/mean = '//rounded_text(one%std/one%mean, 6)// &
+                  ' was found to order '//to_text(highest)//' only'
       end if
+      call raise(error, exit_no_solution, 'followed from order 1, '//reason)
    end subroutine continue_first_order
 
-   !> A limit that was found, or '0: none was found'.
-   pure function text_of(limit) result(text)
-      real(wp), intent(in) :: limit
-      character(:), allocatable :: text
-
-      text = '0: none was found'
-      if (limit > 0.0_wp) text = to_text(floor(1.0e3_wp*limit)/1.0e3_wp)
-   end function text_of
-
    !> Raises the law of order 1 by maxima of order 2, 4, 8, .. to a start in the wanted order.
-   subroutine rise_to_order(request, seed, first, ratio, decay, effort, law, point, error)
+   subroutine rise_to_order(request, seed, first, ratio, effort, law, point, highest, error)
       type(process_request), intent(in) :: request
       integer(long), intent(in) :: seed
       type(first_order_law), intent(in) :: first
       real(wp), intent(in) :: ratio   !! std/mean of the law of order 1
-      real(wp), intent(in) :: decay   !! of K(m), where it alternates
       real(wp), intent(inout) :: effort   !! see `search_branches`; less all but the last law
       type(sampled_objective), intent(out) :: law
       real(wp), allocatable, intent(out) :: point(:)
+      integer, intent(out) :: highest   !! order whose maximum was found
       type(error_type), allocatable, intent(out) :: error
       type(process_request) :: lower
       type(parameter_family) :: family
@@ -193,6 +183,7 @@ contains
 
       lower = request
       lower%order = 1
+      highest = 1
       law%family%kind = free
       allocate (law%family%faces(0))
       point = [-atanh(first%r), asinh(first%field)]
@@ -204,8 +195,8 @@ contains
       law%last%moments%std = first%std
       do
          lower%order = min(2*lower%order, request%order)
-         call begin_law(lower, seed, merge(decay, 0.0_wp, first%r < 0.0_wp), ratio, effort, law, &
-                        error)
+         call begin_law(lower, seed, merge(first%memory, 0.0_wp, first%r < 0.0_wp), ratio, &
+                        effort, law, error)
          if (allocated(error)) return
          point = [point(:size(point) - 1), &
                   spread(0.0_wp, 1, lower%order + 1 - size(law%family%faces) - size(point)), &
@@ -219,6 +210,7 @@ contains
          effort = max(0.0_wp, effort - law%effort)
          if (found%is_converged) then
             point = reached
+            highest = lower%order
          else
             law%family = family
             law%last%moments = moments

@@ -33,8 +33,8 @@ module process_positive_family
       real(wp), allocatable :: s(:)
       integer, allocatable :: free(:)
       real(wp) :: factor = 1.0_wp   !! free: by which points are multiplied
-      !> by_coefficients, by_precision: distances, in ascending order, of values that could just grow
-      !> together; coefficients of these lags follow from the others and are not in a point
+      !> by_coefficients, by_precision: ascending; values so far apart could just grow together, and
+      !> coefficients of these lags follow from the others and are not in a point
       integer, allocatable :: faces(:)
    contains
       procedure :: room
@@ -64,7 +64,7 @@ contains
 
       law%coordinate = sinh(max(-outside, min(point(size(point)), outside)))
       is_inside = abs(law%coordinate) < 1.0e6_wp
-      if (size(self%faces) > 0) is_inside = is_inside .and. law%coordinate < 0.0_wp   ! else they do grow
+      if (size(self%faces) > 0) is_inside = is_inside .and. law%coordinate < 0.0_wp   ! or they grow
       select case (self%kind)
       case (by_precision)
          law%g(:) = [1.0_wp, 0.5_wp*couplings(self, point)]

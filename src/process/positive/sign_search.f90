@@ -25,6 +25,8 @@ module process_positive_sign_search
 
    real(wp), parameter :: negligible = 1.0e-4_wp   !! of entropies, which are sampled [nat]
 
+   integer(long), parameter :: most_sequences = 1024   !! but for mirror images, that are all tried
+
    !> Solution for one sequence.
    type :: sign_trial
       type(sampled_objective) :: law
@@ -86,9 +88,14 @@ contains
       if (is_whole .and. is_excluded) model%search = 'all sequences, some excluded by a bound'
       if (is_whole .and. i > size(sequences)) model%search = 'all sequences'
       if (model%n_consistent == 0) then
-         reason = error%message
-         if (model%n_examined > 1) call raise(error, exit_no_solution, reason// &
-                                '; sequences of signs tried: '//to_text(model%n_examined))
+         if (model%n_examined == 1) return
+         reason = 'more than '//to_text(2*int(most_sequences))   ! mirror images count
+         if (is_whole) reason = to_text(size(sequences))
+         reason = error%message//'; of '//reason//' sequences of signs '// &
+                  to_text(model%n_examined)//' were tried without success'
+         if (is_whole .and. i <= size(sequences)) &
+            reason = reason//', the bound of the search; all_signs = .true. tries all'
+         call raise(error, exit_no_solution, reason)
          return
       end if
       if (allocated(error)) deallocate (error)
@@ -102,7 +109,6 @@ contains
       type(sequence_solution), allocatable, intent(out) :: sequences(:)
       logical, intent(out) :: is_complete
       type(error_type), allocatable, intent(out) :: error
-      integer(long), parameter :: most = 1024
       type(length_constraint) :: constraint
       type(process_model_type) :: unsigned_model
       type(process_request) :: unsigned
@@ -120,8 +126,8 @@ contains
          return
       end if
       constraint = constraint_of(request)
-      is_complete = count_sequences(constraint) <= most
-      n = merge(int(min(count_sequences(constraint), most)), 1, is_complete)
+      is_complete = count_sequences(constraint) <= most_sequences
+      n = merge(int(min(count_sequences(constraint), most_sequences)), 1, is_complete)
       allocate (found(n))
       call workspace%prepare(request%order)
       if (is_complete) then
