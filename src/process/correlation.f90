@@ -5,45 +5,28 @@ module process_correlation
    use core_kinds, only: wp
    implicit none(type, external)
    private
-   public :: correlation_length, correlation_length_l0, correlation_length_l1, constraint_weights
+   public :: constraint_weights, correlation_length
 
 contains
 
-   !> The length by its definition's name, 'L0' or 'L1'. Unit: lags.
+   !> Length of Eq. (8), 'L0', or of Eq. (9), 'L1' [lags].
    pure function correlation_length(definition, autocovariance) result(length)
       character(*), intent(in) :: definition
-      real(wp), intent(in) :: autocovariance(0:)   !! K_XX(m), m = 0..m_max
-      real(wp) :: length
-
-      select case (definition)
-      case ('L0')
-         length = correlation_length_l0(autocovariance)
-      case ('L1')
-         length = correlation_length_l1(autocovariance)
-      case default
-         error stop 'correlation_length: the definition is L0 or L1'
-      end select
-   end function correlation_length
-
-   !> Eq. (8). Unit: lags.
-   pure function correlation_length_l0(autocovariance) result(length)
-      !> K_XX(m), m = 0..m_max [unit of X squared]; needs K_XX(0) > 0
-      real(wp), intent(in) :: autocovariance(0:)
-      real(wp) :: length
-
-      length = sum(abs(autocovariance(1:)))/autocovariance(0)
-   end function correlation_length_l0
-
-   !> Eq. (9). Unit: lags.
-   pure function correlation_length_l1(autocovariance) result(length)
       !> K_XX(m), m = 0..m_max [unit of X squared]; needs K_XX(0) > 0
       real(wp), intent(in) :: autocovariance(0:)
       real(wp) :: length
       integer :: m
 
-      length = sum([(m*abs(autocovariance(m)), m=0, ubound(autocovariance, 1))])/ &
-               sum(abs(autocovariance))
-   end function correlation_length_l1
+      select case (definition)
+      case ('L0')
+         length = sum(abs(autocovariance(1:)))/autocovariance(0)
+      case ('L1')
+         length = sum([(m*abs(autocovariance(m)), m=0, ubound(autocovariance, 1))])/ &
+                  sum(abs(autocovariance))
+      case default
+         error stop 'correlation_length: the definition is L0 or L1'
+      end select
+   end function correlation_length
 
    !> a_m of Eqs. (13), (14), m = 0..m_max: sum a_m |K_XX(m)| = 0 imposes the length, Eq. (11).
    pure function constraint_weights(definition, length, m_max) result(weights)

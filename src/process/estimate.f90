@@ -127,11 +127,11 @@ contains
       type(piece_type), allocatable, intent(out) :: pieces(:)
       type(process_estimate_type), intent(inout) :: estimate
       type(piece_type) :: piece
+      real(wp), allocatable :: column(:)
       integer, allocatable :: there(:)
-      integer :: first, i, k, last, n
+      integer :: first, i, k, last
 
-      allocate (pieces(0))
-      n = 0
+      allocate (pieces(0), column(0))
       do i = 1, size(records)
          associate (value => records(i)%value)
             there = pack([(k, k=1, size(value))], mask=.not. ieee_is_nan(value))
@@ -141,21 +141,14 @@ contains
          do first = 1, size(there), longest_piece
             last = min(first + longest_piece - 1, size(there))
             piece%point = there(first:last)
-            piece%row = [(n + k, k=first, last)]
+            piece%row = [(size(column) + k, k=first, last)]
             pieces = [pieces, piece]
          end do
-         n = n + size(there)
+         column = [column, records(i)%value(there)]
       end do
       estimate%n_records = size(records)
-      estimate%n_values = n
-      allocate (values(n, 1))
-      n = 0
-      do i = 1, size(records)
-         associate (there => pack(records(i)%value, mask=.not. ieee_is_nan(records(i)%value)))
-            values(n + 1:n + size(there), 1) = there
-            n = n + size(there)
-         end associate
-      end do
+      estimate%n_values = size(column)
+      values = reshape(column, [size(column), 1])
    end subroutine take_values
 
    pure subroutine check_values(values, error)

@@ -190,15 +190,14 @@ contains
                  to_text(other_length(request, model))//', by order '//to_text(order))
    end subroutine refuse_bound
 
-   !> True if a bound ends the orders that keep it, rather than only begins them, or if there is
-   !> none.
-   pure function limits_drift(request) result(does_limit)
+   !> True if a bound ends the orders that keep it, rather than only begins them.
+   pure logical function limits_drift(request)
       type(process_request), intent(in) :: request
-      logical :: does_limit
 
-      does_limit = .not. bound_of(request) > 0.0_wp .or. request%upper_bound > 0.0_wp .or. &
-                   request%bound_side == 'automatic' .or. &
-                   (request%bound_side == 'upper' .eqv. request%correlation == 'L0')
+      associate (interval => interval_of(request))
+         limits_drift = merge(interval(2) < huge(1.0_wp), interval(1) > 0.0_wp, &
+                              request%correlation == 'L0')
+      end associate
    end function limits_drift
 
    !> True if the drift has come to the orders that keep the bounds.
@@ -206,14 +205,7 @@ contains
       type(process_request), intent(in) :: request
       type(process_model_type), intent(in) :: model
 
-      has_begun = .not. bound_of(request) > 0.0_wp .or. &
-                  limits_drift(request) .and. .not. request%upper_bound > 0.0_wp
-      if (has_begun) return
-      if (request%correlation == 'L0') then
-         has_begun = keeps(request, model, bound_of(request), huge(1.0_wp))
-      else
-         has_begun = keeps(request, model, 0.0_wp, max(bound_of(request), request%upper_bound))
-      end if
+      has_begun = keeps(request, model, merge(1, 2, request%correlation == 'L0'))
    end function has_begun
 
    !> True if the drift has not left the orders that keep the bounds.
@@ -221,29 +213,45 @@ contains
       type(process_request), intent(in) :: request
       type(process_model_type), intent(in) :: model
 
-      is_within = .not. (bound_of(request) > 0.0_wp .and. limits_drift(request))
-      if (is_within) return
-      if (request%correlation == 'L0') then
-         is_within = keeps(request, model, 0.0_wp, max(bound_of(request), request%upper_bound))
-      else
-         is_within = keeps(request, model, bound_of(request), huge(1.0_wp))
-      end if
+      is_within = keeps(request, model, merge(2, 1, request%correlation == 'L0'))
    end function is_within
 
-   !> True if the other length is between two; so is one that equals a bound, within its error.
-   pure logical function keeps(request, model, low, high)
+   !> True if the other length keeps its lower or its upper bound; so does one that equals it,
+   !> within its error.
+   pure logical function keeps(request, model, side)
       type(process_request), intent(in) :: request
       type(process_model_type), intent(in) :: model
-      real(wp), intent(in) :: low, high
+      integer, intent(in) :: side   !! 1: lower, 2: upper
       real(wp), parameter :: slack = 1.0e-9_wp, errors = 2.0_wp
-      real(wp) :: error
+      real(wp) :: error, interval(2)
 
       error = errors*merge(model%l1_error, model%l0_error, request%correlation == 'L0')
+      interval = interval_of(request)
       associate (length => other_length(request, model))
-         keeps = length + error >= (1.0_wp - slack)*low .and. &
-                 length - error - high <= slack*high
+         if (side == 1) then
+            keeps = length + error >= (1.0_wp - slack)*interval(1)
+         else
+            keeps = length - error - interval(2) <= slack*interval(2)
+         end if
       end associate
    end function keeps
+
+   !> Lower and upper bound of the other length; 0 and huge where there is none.
+   pure function interval_of(request) result(interval)
+      type(process_request), intent(in) :: request
+      real(wp) :: interval(2)
+      logical :: is_upper
+
+      interval = [0.0_wp, huge(1.0_wp)]
+      if (.not. bound_of(request) > 0.0_wp) return
+      is_upper = merge(request%correlation == 'L0', request%bound_side == 'upper', &
+                       request%bound_side == 'automatic')
+      if (request%upper_bound > 0.0_wp) then
+         interval = [bound_of(request), request%upper_bound]
+      else
+         interval(merge(2, 1, is_upper)) = bound_of(request)
+      end if
+   end function interval_of
 
    !> The length that is not imposed.
    pure function other_length(request, model) result(length)

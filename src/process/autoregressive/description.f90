@@ -6,7 +6,7 @@ module process_autoregressive_description
    use process_autoregressive_model, only: autocovariance_of, find_poles, innovation_std, &
       reflection_of
    use process_autoregressive_sums, only: correlation_sums, sum_correlation
-   use process_correlation, only: correlation_length_l0, correlation_length_l1
+   use process_correlation, only: correlation_length
    use process_entropy, only: gaussian_entropy
    use process_model, only: process_model_type
    implicit none(type, external)
@@ -62,8 +62,8 @@ contains
       model%autocovariance(:) = model%std**2*autocovariance_of(kappa, n_lags)
       model%l0 = sums%l0
       model%l1 = sums%l1
-      model%l0_cut = correlation_length_l0(model%autocovariance(:size(a)))
-      model%l1_cut = correlation_length_l1(model%autocovariance(:size(a)))
+      model%l0_cut = correlation_length('L0', model%autocovariance(:size(a)))
+      model%l1_cut = correlation_length('L1', model%autocovariance(:size(a)))
       model%entropy = gaussian_entropy(b0)
       model%entropy_bound = gaussian_entropy(model%std)
    end subroutine describe

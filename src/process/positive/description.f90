@@ -4,7 +4,7 @@ module process_positive_description
    use core_error, only: error_type
    use core_kinds, only: wp
    use process_autoregressive_model, only: find_poles
-   use process_correlation, only: correlation_length_l0, correlation_length_l1
+   use process_correlation, only: correlation_length
    use process_entropy, only: gaussian_entropy
    use process_model, only: process_model_type, process_request
    use process_positive_objective, only: new_objective, sampled_objective
@@ -92,8 +92,8 @@ contains
       call describe_lags(law, point, spread, model, error)
       if (allocated(error)) return
       m = min(request%order, law%problem%n_lags)
-      model%l0_cut = correlation_length_l0(model%autocovariance(0:m))
-      model%l1_cut = correlation_length_l1(model%autocovariance(0:m))
+      model%l0_cut = correlation_length('L0', model%autocovariance(0:m))
+      model%l1_cut = correlation_length('L1', model%autocovariance(0:m))
    end subroutine describe_sampled
 
    !> Standard error of the largest entropy under the wanted ratio and length: that of this law's

@@ -9,7 +9,7 @@ module process_positive_first_order
    use core_kinds, only: wp
    use core_text, only: to_text
    use numerics_root_search, only: new_root_search, root_search
-   use process_correlation, only: correlation_length_l0, correlation_length_l1
+   use process_correlation, only: correlation_length
    use process_entropy, only: gaussian_entropy
    use process_model, only: positive_name, process_model_type, process_request
    use process_positive_kernel, only: first_order_law, new_first_order_law
@@ -322,8 +322,8 @@ contains
       model%autocovariance(:) = model%b0**2*law%autocovariance(n_lags)
       model%l0 = law%l0
       model%l1 = law%l1
-      model%l0_cut = correlation_length_l0(model%autocovariance(0:1))
-      model%l1_cut = correlation_length_l1(model%autocovariance(0:1))
+      model%l0_cut = correlation_length('L0', model%autocovariance(0:1))
+      model%l1_cut = correlation_length('L1', model%autocovariance(0:1))
    end subroutine describe_correlation
 
    !> Notes Lambda of the exact law, or the three acceptances of one-at-a-time rejection.
