@@ -109,8 +109,8 @@ contains
       type(process_request) :: one
       type(first_order_law) :: first
       character(:), allocatable :: reason, signs_wanted
-      real(wp) :: decay, limit, wanted
-      integer :: highest, pass
+      real(wp) :: decay, limit, reached, wanted
+      integer :: attempt, highest, pass
       logical :: is_at_rest
       integer, parameter :: max_passes = 4
 
@@ -123,10 +123,16 @@ contains
       limit = 0.0_wp
       call match_branch(one, is_alternating, first, error)
       if (allocated(error)) return
-      call rise_to_order(request, seed, first, one%std/request%mean, effort, law, point, highest, &
-                         error)
-      if (allocated(error)) return
-      call climb(law, one%std/request%mean, wanted, point, found, limit)
+      do attempt = 1, 2
+         call rise_to_order(request, seed, first, merge(1, request%order, attempt == 1), effort, &
+                            law, point, highest, error)
+         if (allocated(error)) return
+         call climb(law, one%std/request%mean, wanted, point, found, reached)
+         limit = max(limit, reached)
+         if (found%is_converged .or. attempt == 2 .or. .not. is_alternating .or. &
+             law%is_exhausted()) exit
+         effort = max(0.0_wp, effort - law%effort)
+      end do
       decay = first%memory
       is_at_rest = .true.
       do pass = 1, max_passes
@@ -165,11 +171,11 @@ contains
    end subroutine continue_first_order
 
    !> Raises the law of order 1 by maxima of order 2, 4, 8, .. to a start in the wanted order.
-   subroutine rise_to_order(request, seed, first, ratio, effort, law, point, highest, error)
+   subroutine rise_to_order(request, seed, first, most_faces, effort, law, point, highest, error)
       type(process_request), intent(in) :: request
       integer(long), intent(in) :: seed
       type(first_order_law), intent(in) :: first
-      real(wp), intent(in) :: ratio   !! std/mean of the law of order 1
+      integer, intent(in) :: most_faces   !! see `parameter_family`
       real(wp), intent(inout) :: effort   !! see `search_branches`; less all but the last law
       type(sampled_objective), intent(out) :: law
       real(wp), allocatable, intent(out) :: point(:)
@@ -185,6 +191,7 @@ contains
       lower%order = 1
       highest = 1
       law%family%kind = free
+      law%family%most_faces = most_faces
       allocate (law%family%faces(0))
       point = [-atanh(first%r), asinh(first%field)]
       if (first%r < 0.0_wp) then
@@ -195,8 +202,8 @@ contains
       law%last%moments%std = first%std
       do
          lower%order = min(2*lower%order, request%order)
-         call begin_law(lower, seed, merge(first%memory, 0.0_wp, first%r < 0.0_wp), ratio, &
-                        effort, law, error)
+         call begin_law(lower, seed, merge(first%memory, 0.0_wp, first%r < 0.0_wp), &
+                        first%std/first%mean, effort, law, error)
          if (allocated(error)) return
          point = [point(:size(point) - 1), &
                   spread(0.0_wp, 1, lower%order + 1 - size(law%family%faces) - size(point)), &
@@ -293,6 +300,7 @@ contains
          call maximize(law, point, law%n_constraints, branch_difference, acceptable, &
                        max_iterations, found, metric)
          if (found%is_converged .or. law%family%kind == free .or. law%is_exhausted() .or. &
+             size(law%family%faces) == law%family%most_faces .or. &
              size(point) <= law%n_constraints) return
          room = law%family%room(point)
          associate (faces => law%family%faces)

@@ -36,6 +36,7 @@ module process_positive_family
       !> by_coefficients, by_precision: ascending; values so far apart could just grow together, and
       !> coefficients of these lags follow from the others and are not in a point
       integer, allocatable :: faces(:)
+      integer :: most_faces = 1   !! that a search may take
    contains
       procedure :: room
       procedure :: unfold
