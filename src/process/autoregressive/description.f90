@@ -3,7 +3,8 @@
 module process_autoregressive_description
    use core_error, only: error_type
    use core_kinds, only: wp
-   use process_autoregressive_model, only: autocovariance_of, find_poles, innovation_std, &
+   use numerics_roots, only: find_polynomial_roots
+   use process_autoregressive_model, only: autocovariance_of, innovation_std, &
       reflection_of
    use process_autoregressive_sums, only: correlation_sums, sum_correlation
    use process_correlation, only: correlation_length
@@ -48,7 +49,7 @@ contains
       real(wp), parameter :: smallest_stored = 1.0e-6_wp   !! of K(m)/K(0)
       integer :: n_lags
 
-      call find_poles(a, model%poles, error)
+      call find_polynomial_roots(a, model%poles, error)
       if (allocated(error)) return
       model%order = size(a)
       model%a = a

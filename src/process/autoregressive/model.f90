@@ -5,12 +5,10 @@
 !> coefficient of the best predictor of order m; all in (-1, 1) is the same as all poles inside the
 !> unit circle.
 module process_autoregressive_model
-   use core_error, only: error_type
    use core_kinds, only: wp
-   use numerics_roots, only: find_polynomial_roots
    implicit none(type, external)
    private
-   public :: coefficients_of, reflection_of, innovation_std, step_up, autocovariance_of, find_poles
+   public :: coefficients_of, reflection_of, innovation_std, step_up, autocovariance_of
 
 contains
 
@@ -82,14 +80,5 @@ contains
          correlation(m) = -dot_product(a, correlation(m - 1:m - order:-1))
       end do
    end function autocovariance_of
-
-   !> Poles of Eq. (40), by descending modulus.
-   subroutine find_poles(a, poles, error)
-      real(wp), intent(in) :: a(:)
-      complex(wp), allocatable, intent(out) :: poles(:)   !! (order)
-      type(error_type), allocatable, intent(out) :: error
-
-      call find_polynomial_roots(a, poles, error)
-   end subroutine find_poles
 
 end module process_autoregressive_model

@@ -10,10 +10,26 @@ module process_autoregressive_spectral_factor
    use process_autoregressive_model, only: autocovariance_of, innovation_std, reflection_of
    implicit none(type, external)
    private
-   public :: factor_symbol, change_of_factor, symbol_of_process, reciprocal_of_process
+   public :: equivalent_process, factor_symbol, change_of_factor, symbol_of_process, &
+             reciprocal_of_process
    public :: autocorrelation
 
 contains
+
+   !> Computes the autoregressive process of Eq. (39) whose inverse covariance has the given symbol.
+   pure subroutine equivalent_process(symbol, a, b0, is_positive)
+      real(wp), intent(in) :: symbol(0:)            !! g_m, m = 0..m_max
+      real(wp), allocatable, intent(out) :: a(:)    !! (m_max)
+      real(wp), intent(out) :: b0
+      logical, intent(out) :: is_positive           !! false: g has no such process
+
+      allocate (a(ubound(symbol, 1)), source=0.0_wp)
+      b0 = 1.0_wp
+      is_positive = symbol(0) > 0.0_wp
+      if (.not. is_positive) return
+      b0 = 1.0_wp/sqrt(symbol(0))
+      call factor_symbol(symbol, a, b0, is_positive)
+   end subroutine equivalent_process
 
    !> Solves |B|^2 = g for B by Newton's method (Wilson, 1969), which converges from any stable
    !> start for every positive symbol.

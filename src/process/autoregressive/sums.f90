@@ -11,8 +11,9 @@ module process_autoregressive_sums
    use core_kinds, only: wp
    use core_text, only: to_text
    use numerics_elementary, only: exp_minus_one
+   use numerics_roots, only: find_polynomial_roots
    use process_autoregressive_model, only: autocovariance_of, coefficients_of, &
-      find_poles, innovation_std
+      innovation_std
    implicit none(type, external)
    private
    public :: correlation_sums, sum_correlation, log_spectral_ratios, mirror
@@ -54,7 +55,7 @@ contains
       sums%is_nonnegative = .true.
       if (order == 0) return
       folded = kappa
-      call find_poles(coefficients_of(folded(:order)), poles, error)
+      call find_polynomial_roots(coefficients_of(folded(:order)), poles, error)
       if (allocated(error)) return
       if (poles(1)%re < 0.0_wp .and. .not. abs(poles(1)%im) > 0.0_wp) then
          sums%is_mirrored = .true.   ! it has the same sums

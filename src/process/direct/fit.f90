@@ -9,7 +9,7 @@ module process_direct_fit
    use core_kinds, only: long, wp
    use process_autoregressive_description, only: describe_ar
    use process_autoregressive_model, only: autocovariance_of, innovation_std, reflection_of
-   use process_autoregressive_spectral_factor, only: factor_symbol, symbol_of_process
+   use process_autoregressive_spectral_factor, only: equivalent_process, symbol_of_process
    use process_autoregressive_sums, only: correlation_sums
    use process_correlation, only: constraint_weights, correlation_length
    use process_direct_constraint, only: constraint_of, length_constraint
@@ -24,8 +24,7 @@ module process_direct_fit
    implicit none(type, external)
    private
    public :: fit_direct, count_parts, search_direct, conclude_direct
-   public :: coefficients_of_solution, direct_symbol, equivalent_process, integer_signs, &
-             mirror_image, mirrored
+   public :: coefficients_of_solution, direct_symbol, integer_signs, mirror_image, mirrored
 
    character(*), parameter :: every_sequence = 'all sequences'
    real(wp), parameter :: optimality_tolerance = 1.0e-8_wp
@@ -243,21 +242,6 @@ contains
       symbol(0) = 2.0_wp*lambda_3*(1.0_wp + delta*weights(0))
       symbol(1:) = lambda_3*delta*weights(1:)*s
    end function direct_symbol
-
-   !> Computes the autoregressive process of Eq. (39) whose inverse covariance has the given symbol.
-   pure subroutine equivalent_process(symbol, a, b0, is_positive)
-      real(wp), intent(in) :: symbol(0:)            !! g_m, m = 0..m_max
-      real(wp), allocatable, intent(out) :: a(:)    !! (m_max)
-      real(wp), intent(out) :: b0
-      logical, intent(out) :: is_positive           !! false: g has no such process
-
-      allocate (a(ubound(symbol, 1)), source=0.0_wp)
-      b0 = 1.0_wp
-      is_positive = symbol(0) > 0.0_wp
-      if (.not. is_positive) return
-      b0 = 1.0_wp/sqrt(symbol(0))
-      call factor_symbol(symbol, a, b0, is_positive)
-   end subroutine equivalent_process
 
    !> Largest violation of: the length, lambda_3 = 1/(2 sigma^2), and g_m = delta a_m s_m/2 with s_m
    !! = sgn K(m), or anywhere between where K(m) = 0. The last one relative to g_0. Everything from

@@ -61,18 +61,16 @@ contains
       type(sequence_solution), allocatable :: found(:)
       type(sequence_solution) :: solution
       type(sequence_bound) :: bound
-      integer, allocatable :: positions(:)
       integer :: signs(size(constraint%rewarded))
       integer(long) :: first, index, longer, n
 
       n = count_sequences(constraint)
-      positions = searched_positions(constraint)
       if (present(known)) call bound%prepare(constraint, known)
       allocate (found(0))
       longer = modulo(n, int(n_parts, long))   ! parts that have one sequence more
       first = n/n_parts*(part - 1) + min(int(part - 1, long), longer)
       do index = first, first + n/n_parts - merge(0, 1, part <= longer)
-         signs = signs_at(positions, index, size(signs))
+         signs = sequence_signs(constraint, index)
          result%n_examined = result%n_examined + 1
          if (present(known)) then
             if (bound%excludes(signs)) cycle
@@ -237,22 +235,15 @@ contains
       type(length_constraint), intent(in) :: constraint
       integer(long), intent(in) :: index
       integer :: signs(size(constraint%rewarded))
-
-      signs = signs_at(searched_positions(constraint), index, size(signs))
-   end function sequence_signs
-
-   pure function signs_at(positions, index, n) result(signs)
-      integer, intent(in) :: positions(:)   !! that are searched
-      integer(long), intent(in) :: index
-      integer, intent(in) :: n
-      integer :: signs(n)
+      integer, allocatable :: positions(:)
       integer :: bit
 
+      positions = searched_positions(constraint)
       signs = 1
       do bit = 0, size(positions) - 1
          if (btest(index, bit)) signs(positions(size(positions) - bit)) = -1
       end do
-   end function signs_at
+   end function sequence_signs
 
    !> Sorts by descending entropy, equal ones by their numbers, and keeps the best `max_listed`.
    pure subroutine sort_and_cut(solutions)

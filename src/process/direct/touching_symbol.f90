@@ -8,7 +8,7 @@
 module process_direct_touching_symbol
    use core_kinds, only: extended, wp
    use process_autoregressive_spectral_factor, only: autocorrelation, change_of_factor, &
-      factor_symbol, reciprocal_of_process
+      equivalent_process, reciprocal_of_process
    implicit none(type, external)
    private
    public :: solve_touching
@@ -29,14 +29,13 @@ contains
       real(wp), parameter :: widest = 8.0_wp, settled = 1.0e-14_wp
       real(wp), parameter :: rounding = 1.0e-8_wp   ! of K(m), at most; more shows in the residual
       real(extended) :: fine(0:ubound(weights, 1)), symbol(0:ubound(weights, 1))
-      real(wp) :: a(ubound(weights, 1)), b0, change, height, last_height, last_y, y
+      real(wp), allocatable :: a(:)
+      real(wp) :: b0, change, height, last_height, last_y, y
       integer :: step
 
       y = first
       symbol = symbol_at(weights, y)
-      a = 0.0_wp
-      b0 = 1.0_wp/sqrt(real(symbol(0), wp))
-      call factor_symbol(real(symbol, wp), a, b0, is_solved)
+      call equivalent_process(real(symbol, wp), a, b0, is_solved)
       if (.not. is_solved) return
       fine = [1.0_wp, a]/b0
       last_y = 0.0_wp

@@ -3,14 +3,14 @@
 module process_positive_description
    use core_error, only: error_type
    use core_kinds, only: wp
-   use process_autoregressive_model, only: find_poles
+   use numerics_roots, only: find_polynomial_roots
    use process_correlation, only: correlation_length
    use process_entropy, only: gaussian_entropy
    use process_model, only: process_model_type, process_request
    use process_positive_objective, only: new_objective, sampled_objective
    use process_positive_moments, only: estimate_autocovariance
    use process_positive_problem, only: new_problem, sampled_problem
-   use process_positive_refinement, only: shape_spread
+   use process_positive_refinement, only: error_of_runs, shape_spread
    use process_positive_signs, only: require_signs
    use process_positive_truncated_normal, only: lanes, log_sqrt_two_pi
    implicit none(type, external)
@@ -84,7 +84,7 @@ contains
       model%l1_error = hypot(model%l1_error, by_shape(2))
       model%entropy_error = error_of_maximum(law, multipliers, model%entropy_error)
       if (allocated(law%last%a)) then
-         call find_poles(model%a, model%poles, error)
+         call find_polynomial_roots(model%a, model%poles, error)
          if (allocated(error)) return
       else
          allocate (model%poles(0))
@@ -119,19 +119,9 @@ contains
          end if
       end associate
       rest = rest - matmul(rests(:, :size(multipliers)), multipliers)
-      standard_error = hypot(by_partition, &
-                             error_of_runs(reshape(rest, [lanes, size(rest)/lanes])))
+      rest = sum(reshape(rest, [lanes, size(rest)/lanes]), dim=2)/size(rest)
+      standard_error = norm2([by_partition, error_of_runs(reshape(rest, [lanes, 1]))])
    end function error_of_maximum
-
-   !> Standard error of an average over batches whose runs alone are independent.
-   pure function error_of_runs(rests) result(standard_error)
-      real(wp), intent(in) :: rests(:, :)   !! (run, batch of it)
-      real(wp) :: standard_error
-
-      associate (runs => sum(rests, dim=2)/size(rests), n => size(rests, 1))
-         standard_error = sqrt(sum(runs**2)*n/(n - 1.0_wp))
-      end associate
-   end function error_of_runs
 
    !> The part of the exact law's entropy error that is psi's; the other one is the mean's.
    pure function error_of_partition(law, entropy_error) result(standard_error)

@@ -16,7 +16,7 @@ module process_positive_exact
    use core_random, only: stream_type
    use numerics_quadrature, only: gauss_legendre
    use process_autoregressive_model, only: autocovariance_of, innovation_std, reflection_of
-   use process_autoregressive_spectral_factor, only: factor_symbol, symbol_of_process
+   use process_autoregressive_spectral_factor, only: equivalent_process, symbol_of_process
    use process_positive_moments, only: add_products, batch_averages, estimate_products, new_batches
    use process_positive_truncated_normal, only: draw_truncated_lanes, lanes, log_acceptance, &
       log_sqrt_two_pi, truncated_variance
@@ -156,12 +156,8 @@ contains
       real(wp) :: u(lanes*ring%length)
 
       call stream%uniforms(u)
-      if (allocated(ring%y)) then
-         call redraw_lanes(ring%length, ring%is_wound, ring%field, ring%g, u, ring%x, &
-                           ring%h, ring%y)
-      else
-         call redraw_lanes(ring%length, ring%is_wound, ring%field, ring%g, u, ring%x)
-      end if
+      ! a companion that is not allocated is absent
+      call redraw_lanes(ring%length, ring%is_wound, ring%field, ring%g, u, ring%x, ring%h, ring%y)
    end subroutine redraw
 
    pure subroutine redraw_lanes(length, is_wound, field, g, u, x, h, y)
@@ -262,7 +258,8 @@ contains
       real(wp), intent(out) :: slope, standard_error
       integer, parameter :: n_batches = 8*lanes
       type(batch_averages) :: batches
-      real(wp), dimension(ubound(g, 1)) :: a, kappa
+      real(wp), allocatable :: a(:)
+      real(wp) :: kappa(ubound(g, 1))
       real(wp), dimension(0:ubound(g, 1)) :: companion, weaker, weights
       real(wp) :: b0
       integer :: order
@@ -271,9 +268,7 @@ contains
       order = ubound(g, 1)
       weaker = g
       do
-         a = 0.0_wp
-         b0 = 1.0_wp/sqrt(g(0))
-         call factor_symbol(weaker, a, b0, is_positive)
+         call equivalent_process(weaker, a, b0, is_positive)
          if (is_positive) exit
          weaker(1:) = 0.8_wp*weaker(1:)
       end do

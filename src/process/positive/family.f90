@@ -6,7 +6,7 @@
 module process_positive_family
    use core_kinds, only: wp
    use process_autoregressive_model, only: coefficients_of, reflection_of
-   use process_autoregressive_spectral_factor, only: factor_symbol, symbol_of_process
+   use process_autoregressive_spectral_factor, only: equivalent_process, symbol_of_process
    use process_positive_moments, only: batch_averages, positive_moments
    implicit none(type, external)
    private
@@ -128,12 +128,11 @@ contains
    pure function reflection_of_symbol(symbol) result(kappa)
       real(wp), intent(in) :: symbol(0:)
       real(wp) :: kappa(ubound(symbol, 1))
-      real(wp) :: a(ubound(symbol, 1)), b0
+      real(wp), allocatable :: a(:)
+      real(wp) :: unused
       logical :: is_positive
 
-      a = 0.0_wp
-      b0 = 1.0_wp/sqrt(symbol(0))
-      call factor_symbol(symbol, a, b0, is_positive)
+      call equivalent_process(symbol, a, unused, is_positive)
       kappa = 1.0_wp
       if (is_positive) kappa = reflection_of(a)
    end function reflection_of_symbol

@@ -13,7 +13,7 @@ module process_positive_refinement
    use process_positive_truncated_normal, only: lanes
    implicit none(type, external)
    private
-   public :: refine, shape_spread
+   public :: error_of_runs, refine, shape_spread
 
    integer, parameter :: refinement_steps = 2048   !! of a batch
    real(wp), parameter :: longest = 0.1_wp         !! a longer step is more than a refinement
@@ -124,7 +124,7 @@ contains
 
       errors = 0.0_wp
       if (allocated(self%shares)) &
-         errors = error_of_sums(matmul(self%shares, transpose(self%by_length)))
+         errors = error_of_runs(matmul(self%shares, transpose(self%by_length)))
    end function length_errors
 
    !> Standard errors of K(m)/K(0), m = 0..n_lags, by the shape alone. Beyond the order the
@@ -144,16 +144,16 @@ contains
          series(run, :) = 0.5_wp*(carried_on(self%correlation + change, n_lags) &
                                   - carried_on(self%correlation - change, n_lags))
       end do
-      errors = error_of_sums(series)
+      errors = error_of_runs(series)
    end function correlation_errors
 
-   !> Standard errors of sums over independent shares.
-   pure function error_of_sums(shares) result(errors)
+   !> Standard errors of sums over independent runs.
+   pure function error_of_runs(shares) result(errors)
       real(wp), intent(in) :: shares(:, :)   !! (run, sum)
       real(wp) :: errors(size(shares, 2))
 
       errors = sqrt(sum(shares**2, dim=1)*lanes/(lanes - 1.0_wp))
-   end function error_of_sums
+   end function error_of_runs
 
    !> rho(0..order) to n_lags by its own predictor.
    pure function carried_on(rho, n_lags) result(longer)
