@@ -26,7 +26,6 @@ module io_process_results
       procedure :: visit_reals => put_reals
       procedure :: visit_integers => put_integers
       procedure :: visit_table => put_table
-      procedure :: visit_seconds => put_seconds
    end type writing_visitor
 
    !> Reads each component of a group.
@@ -41,7 +40,6 @@ module io_process_results
       procedure :: visit_reals => take_reals
       procedure :: visit_integers => take_integers
       procedure :: visit_table => take_table
-      procedure :: visit_seconds => take_seconds
       procedure, private :: find_extents, path_of
    end type reading_visitor
 
@@ -132,7 +130,12 @@ contains
       if (present(none)) then
          if (.not. abs(value - none) > 0.0_wp) return
       end if
-      call self%group%put_value(trim(what%name), value, trim(what%units), trim(what%about), error)
+      if (what%about == '') then
+         call self%group%attribute(trim(what%name), value)
+      else
+         call self%group%put_value(trim(what%name), value, trim(what%units), trim(what%about), &
+                                   error)
+      end if
    end subroutine put_real
 
    subroutine put_integer(self, what, value)
@@ -192,15 +195,7 @@ contains
       call self%group%put(trim(what%name), values, label)
    end subroutine put_table
 
-   subroutine put_seconds(self, what, value)
-      class(writing_visitor), intent(inout) :: self
-      type(component), intent(in) :: what
-      real(wp), intent(inout) :: value
-
-      call self%group%attribute(trim(what%name), value)
-   end subroutine put_seconds
-
-   !> Writes an axis, once in a group.
+   !> An axis, once in a group.
    subroutine put_axis(self, axis, n)
       class(writing_visitor), intent(inout) :: self
       type(axis_type), intent(in) :: axis
@@ -229,6 +224,10 @@ contains
       real(wp), intent(in), optional :: none
 
       if (allocated(self%error)) return
+      if (what%about == '') then
+         call read_attribute(self%file, self%group, trim(what%name), value, self%error)
+         return
+      end if
       if (present(none)) then
          value = none
          if (.not. self%file%has(self%path_of(what))) return
@@ -299,16 +298,7 @@ contains
       call read_dataset(self%file, self%path_of(what), values, self%error)
    end subroutine take_table
 
-   subroutine take_seconds(self, what, value)
-      class(reading_visitor), intent(inout) :: self
-      type(component), intent(in) :: what
-      real(wp), intent(inout) :: value
-
-      if (allocated(self%error)) return
-      call read_attribute(self%file, self%group, trim(what%name), value, self%error)
-   end subroutine take_seconds
-
-   !> Finds the extents of an array that is allocated; else leaves them unallocated.
+   !> Extents of an array that is there; else unallocated.
    subroutine find_extents(self, what, n_axes, extents)
       class(reading_visitor), intent(inout) :: self
       type(component), intent(in) :: what

@@ -15,7 +15,8 @@ module process_components
       integer :: first = 1
    end type axis_type
 
-   !> Name, unit and meaning of a component; a text or a whole number has its name alone.
+   !> Name, unit and meaning of a component; a text, a whole number and a processor time, which
+   !> belongs to the run and not to the process, have their names alone.
    type :: component
       character(24) :: name = ''
       character(20) :: units = '1'   !! '1': a pure number
@@ -35,7 +36,6 @@ module process_components
       procedure(act_on_reals), deferred :: visit_reals
       procedure(act_on_integers), deferred :: visit_integers
       procedure(act_on_table), deferred :: visit_table
-      procedure(act_on_seconds), deferred :: visit_seconds
    end type component_visitor
 
    abstract interface
@@ -89,15 +89,6 @@ module process_components
          integer, allocatable, intent(inout) :: values(:, :)
          type(axis_type), intent(in) :: rows   !! the first one
       end subroutine act_on_table
-
-      !> Acts on a processor time [s], which belongs to the run and not to the process.
-      subroutine act_on_seconds(self, what, value)
-         import :: component, component_visitor, wp
-         implicit none(type, external)
-         class(component_visitor), intent(inout) :: self
-         type(component), intent(in) :: what
-         real(wp), intent(inout) :: value
-      end subroutine act_on_seconds
    end interface
 
    type(axis_type), parameter :: &
@@ -129,7 +120,7 @@ contains
       status = trim(merge('solved    ', 'infeasible', model%is_solved))
       call visitor%visit(component('status'), status)
       call visitor%visit(component('reason'), model%reason)
-      call visitor%visit_seconds(component('fit_seconds'), model%seconds)
+      call visitor%visit(component('fit_seconds'), model%seconds)
       model%is_solved = .false.
       if (allocated(status)) model%is_solved = status == 'solved'
       if (.not. model%is_solved) return
@@ -298,8 +289,8 @@ contains
       if (model%request%inversion_half_width == 0) return
       associate (check => model%inversion)
          call visitor%visit(component('inversion_half_width'), check%half_width)
-         call visitor%visit_seconds(component('inversion_seconds'), check%seconds)
-         call visitor%visit_seconds(component('direct_seconds'), check%seconds_of_fit)
+         call visitor%visit(component('inversion_seconds'), check%seconds)
+         call visitor%visit(component('direct_seconds'), check%seconds_of_fit)
          call visitor%visit(component('inversion_autocovariance', 'unit of x squared', &
                              'K_XX by inversion, Eq. (35)', by_inversion_lag), check%autocovariance)
          call visitor%visit(component('inversion_error', '1', &

@@ -19,8 +19,7 @@ module process_packing
       real(wp), allocatable :: numbers(:)
       integer :: position = 0   !! numbers already read
    contains
-      procedure :: visit_real, visit_integer, visit_text, visit_reals, visit_integers, &
-         visit_table, visit_seconds
+      procedure :: visit_real, visit_integer, visit_text, visit_reals, visit_integers, visit_table
       procedure, private :: number, real_array, integer_array, check_name
    end type tape
 
@@ -247,15 +246,6 @@ contains
       if (.not. allocated(flat)) return
       values = reshape(flat, [nint(n_rows), size(flat)/max(1, nint(n_rows))])
    end subroutine visit_table
-
-   subroutine visit_seconds(self, what, value)
-      class(tape), intent(inout) :: self
-      type(component), intent(in) :: what
-      real(wp), intent(inout) :: value
-
-      call self%check_name(what)
-      call self%number(value)
-   end subroutine visit_seconds
 
    !> Stops where another component stands than this one.
    subroutine check_name(self, what)
