@@ -51,6 +51,7 @@ contains
       real(wp), intent(in), optional :: most_effort   !! see `sampled_objective`
       type(sequence_solution), intent(in), optional :: sequence   !! see `new_problem`
       real(wp), parameter :: steep = 0.9_wp   ! std/mean of a start
+      character(:), allocatable :: reason
       type(sampled_problem) :: problem
       real(wp), allocatable :: state(:)
       real(wp) :: b0, centre, coordinate, far_point(2), limit, mu, sigma
@@ -94,8 +95,11 @@ contains
             law%n_steps = quick_steps
             call law%evaluate(point, state, is_inside)
          else if (.not. law%is_exhausted()) then
-            call raise(error, exit_no_solution, problem%name// &
-                       reason_of_end(limit))
+            reason = ': nothing was found with the shape of the unconstrained optimum'
+            if (limit > 0.0_wp) &
+               reason = ': with the shape of the unconstrained optimum std/mean ends at '// &
+                        to_text(floor(1.0e3_wp*limit)/1.0e3_wp)
+            call raise(error, exit_no_solution, problem%name//reason)
             return
          end if
       end if
@@ -121,19 +125,6 @@ contains
          call raise(error, exit_no_solution, 'positive process with std/mean = '// &
                     rounded_text(request%std/request%mean, 6)//': K(m) >= 0 needs std < mean')
    end subroutine fit_univariate
-
-   !> Reason why a family does not have the wanted ratio.
-   pure function reason_of_end(limit) result(reason)
-      real(wp), intent(in) :: limit   !! the largest std/mean met, less its error; 0: none
-      character(:), allocatable :: reason
-
-      if (limit > 0.0_wp) then
-         reason = ': with the shape of the unconstrained optimum std/mean ends at '// &
-                  to_text(floor(1.0e3_wp*limit)/1.0e3_wp)
-      else
-         reason = ': nothing was found with the shape of the unconstrained optimum'
-      end if
-   end function reason_of_end
 
    !> Finds the maximum with every coefficient free. The direct method's form is that of the maximum
    !> already.
