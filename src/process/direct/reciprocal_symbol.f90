@@ -47,7 +47,7 @@ module process_direct_reciprocal_symbol
 
 contains
 
-   !> Prepares the workspace for symbols of this band; may be called again, also for another one.
+   !> Prepares the workspace for symbols of this band; may be called again, for another band too.
    subroutine prepare(self, m_max)
       class(reciprocal_workspace), intent(inout) :: self
       integer, intent(in) :: m_max

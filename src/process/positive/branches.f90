@@ -314,10 +314,10 @@ contains
       end do
    end subroutine find_maximum
 
-   !> Adopts the signs that K(m) have at the maximum, and finds that with these; not converged where
-   !> they do not come to rest. Where K(m) >= 0 is wanted, or K(m) has the other sign with either
-   !> one, K(m) = 0 is a constraint, as long as its multiplier does not pull K(m) to a side that is
-   !> allowed.
+   !> Adopts the signs that K(m) have at the maximum and finds the maximum with them; not converged
+   !> where they do not come to rest. Where K(m) >= 0 is wanted, or K(m) has the other sign with
+   !> either one, K(m) = 0 is a constraint, as long as its multiplier does not pull K(m) to a side
+   !> that is allowed.
    subroutine adopt_signs(law, point, found, autocovariance)
       type(sampled_objective), intent(inout) :: law
       real(wp), allocatable, intent(inout) :: point(:)

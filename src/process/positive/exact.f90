@@ -112,7 +112,7 @@ contains
    end subroutine add_ring
 
    !> Draws consecutive values of one stationary run, from a ring that has forgotten its start and
-   !> is longer by margins beyond the memory.
+   !> is longer than they are by margins beyond the memory.
    subroutine draw_window(g, field, start, margin, n_sweeps, stream, values)
       real(wp), intent(in) :: g(0:), field  !! see `sample_exact`
       real(wp), intent(in) :: start         !! near the mean

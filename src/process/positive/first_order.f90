@@ -118,8 +118,8 @@ contains
                  to_text(excess)//' (relative) from std/mean')
    end subroutine match_branch
 
-   !> Finds the largest std/mean of a branch at the request's length; `huge` where the strongest
-   !> alternation that the nodes resolve is shorter still.
+   !> Finds the largest std/mean of a branch at the request's length; `huge` where even the
+   !> strongest alternation that the nodes resolve has a shorter length.
    subroutine find_limit(request, is_alternating, limit, error)
       type(process_request), intent(in) :: request   !! of any order
       logical, intent(in) :: is_alternating
