@@ -92,7 +92,7 @@ contains
       last = min(nint(band(2)/spacing), n/2)
    end subroutine choose_lines
 
-   !> Sums lines with random amplitudes, of the given powers in expectation.
+   !> Adds up lines with random amplitudes, of the given powers in expectation.
    subroutine synthesize(power, first, n, stream, force)
       real(wp), intent(in) :: power(:)      !! (line) from the first [N^2]
       integer, intent(in) :: first, n       !! first line; steps of the period

@@ -32,6 +32,7 @@ module structure_model
       real(wp), allocatable :: damping_ratio(:)      !! (mode), all joints stuck; size 0: not modal
       integer :: n_zero_modes = 0                    !! all joints stuck: motion without force
       real(wp), allocatable :: frequencies_stuck(:)  !! (mode) [Hz], ascending
+      real(wp), allocatable :: modes_stuck(:, :)     !! Phi (dof, mode), Phi' M Phi = 1
       real(wp), allocatable :: frequencies_slip(:)   !! (mode) [Hz], ascending
    contains
       procedure :: has_lumped_mass
@@ -61,7 +62,7 @@ contains
       type(part_names), intent(in) :: names
       type(structure_type), intent(inout) :: structure
       type(error_type), allocatable, intent(out) :: error
-      real(wp), allocatable :: stuck_modes(:, :), slip_modes(:, :)
+      real(wp), allocatable :: slip_modes(:, :)
       integer :: j, n_zero
 
       call set_sizes(structure)
@@ -75,10 +76,10 @@ contains
                       slip_modes, n_zero, error)
       if (allocated(error)) return
       call find_modes(structure%stuck_stiffness([(.true., j=1, structure%n_joints)]), &
-                      structure%mass, structure%frequencies_stuck, stuck_modes, &
+                      structure%mass, structure%frequencies_stuck, structure%modes_stuck, &
                       structure%n_zero_modes, error, names%stiffness)
       if (allocated(error)) return
-      call form_damping(damping, names%damping, stuck_modes, structure, error)
+      call form_damping(damping, names%damping, structure, error)
    end subroutine build_structure
 
    pure subroutine set_sizes(structure)
@@ -134,10 +135,9 @@ contains
    end subroutine check_mass
 
    !> Forms C by whichever kind of damping is given.
-   subroutine form_damping(damping, name, modes, structure, error)
+   subroutine form_damping(damping, name, structure, error)
       type(damping_type), intent(in) :: damping
       character(*), intent(in) :: name
-      real(wp), intent(in) :: modes(:, :)   !! (dof, mode) with all joints stuck
       type(structure_type), intent(inout) :: structure
       type(error_type), allocatable, intent(out) :: error
       real(wp), allocatable :: decay(:), unused(:, :)
@@ -167,8 +167,8 @@ contains
          structure%damping_ratio = damping%ratio
          if (size(damping%ratio) == 1) &
             structure%damping_ratio = spread(damping%ratio(1), 1, structure%n_dof)
-         structure%damping = modal_damping(structure%mass, modes, structure%damping_ratio, &
-                                           structure%frequencies_stuck)
+         structure%damping = modal_damping(structure%mass, structure%modes_stuck, &
+                                           structure%damping_ratio, structure%frequencies_stuck)
       end if
    end subroutine form_damping
 

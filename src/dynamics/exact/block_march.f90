@@ -111,9 +111,9 @@ contains
       end do
    end subroutine march_part
 
-   !> Transitions of the suspects in their order. Where joints may be involved all are judged first;
-   !> samples with involved joints that are not local are marched again, of the others each joint by
-   !> itself. What is done to a sample depends on that sample alone.
+   !> Makes the transitions of the suspects in their order. Where joints may be involved all are
+   !> judged first; samples with involved joints that are not local are marched again, of the others
+   !> each joint by itself. What is done to a sample depends on that sample alone.
    subroutine make_transitions(base, found, begin, state, room, error)
       class(base_system), intent(inout) :: base
       integer, intent(in) :: found

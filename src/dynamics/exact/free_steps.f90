@@ -124,7 +124,7 @@ contains
       end associate
    end subroutine finish_part
 
-   !> Rows two at a time: their suspects are the bits of one word.
+   !> Finishes rows two at a time: their suspects are the bits of one word.
    subroutine finish_rows(degree, paths, start, x, finish, list, found)
       integer, value :: degree
       type(joint_paths), intent(in) :: paths

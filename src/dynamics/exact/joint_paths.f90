@@ -233,7 +233,7 @@ contains
       lift = merge(-margin*reach, boundless, abs(side) > 0.0_wp)
    end subroutine watch
 
-   !> Sums over the joints of a row, formed anew so that no rounding gathers.
+   !> Forms the sums over the joints of a row anew, so that no rounding gathers.
    pure subroutine set_row(self, lane, row)
       class(joint_paths), intent(inout) :: self
       integer, intent(in) :: lane, row

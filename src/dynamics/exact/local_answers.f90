@@ -42,8 +42,8 @@ contains
       call find_local(damping, stiffness, series, tolerance, answers)
    end subroutine new_local_answers
 
-   !> Columns of N_1 .. N_4, which say how the dofs around one follow it (7): -C^, C^ C~ - K^,
-   !> C^ K~ + K^ C~, K^ K~; C~ and K~ are without diagonals.
+   !> Finds the columns of N_1 .. N_4, which say how the dofs around one follow it (7): -C^, C^ C~ -
+   !> K^, C^ K~ + K^ C~, K^ K~; C~ and K~ are without diagonals.
    subroutine find_near(damping, stiffness, series, tolerance, answers)
       real(wp), intent(in), dimension(:, :) :: damping, stiffness   !! C^, K^ with half the joints
       type(series_type), intent(in) :: series

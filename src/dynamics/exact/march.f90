@@ -8,6 +8,7 @@ module dynamics_exact_march
    use dynamics_exact_base_system, only: base_system
    use dynamics_exact_block_march, only: march_block
    use dynamics_exact_modal_form, only: modal_form, new_modal_form
+   use dynamics_exact_modal_terms, only: longest_in_parts
    use dynamics_exact_series, only: fastest_rate, longest_part
    use dynamics_exact_series_form, only: new_series_form, series_form
    use dynamics_response, only: block_state, marcher_type
@@ -48,12 +49,7 @@ contains
       marcher%tolerance = tolerance
       if (structure%has_lumped_mass()) call use_series(marcher)
       ! in modes, each of m joints reads n modes three times and pushes them as often, at least
-      if (6.0_wp*structure%n_joints*structure%n_dof < marcher%work_series) &
-         call try_modes(marcher, error)
-      if (allocated(error) .or. allocated(marcher%base)) return
-      call raise(error, exit_bad_input, 'integration%dt = '//to_text(dt)//': must be at most '// &
-                 rounded_text(most_parts*dt/marcher%parts, 6, down=.true.)// &
-                 ' with so stiff a joint or spring')
+      if (6.0_wp*structure%n_joints*structure%n_dof < marcher%work_series) call try_modes(marcher)
    end subroutine new_exact_march
 
    !> Refuses what cannot be marched.
@@ -61,19 +57,35 @@ contains
       type(structure_type), intent(in) :: structure
       real(wp), intent(in) :: dt, tolerance
       type(error_type), allocatable, intent(out) :: error
+      real(wp) :: longest
 
       if (.not. dt > 0.0_wp) then
          call raise(error, exit_bad_input, 'integration%dt = '//to_text(dt)//': must be positive')
       else if (.not. (tolerance > 0.0_wp .and. tolerance < 1.0_wp)) then
          call raise(error, exit_bad_input, 'integration%tolerance = '//to_text(tolerance)// &
                     ': must be between 0 and 1')
-      else if (parts_of_step(structure, dt) > most_parts) then
-         call raise(error, exit_bad_input, 'integration%dt = '//to_text(dt)// &
-                    ': must be at most '// &
-                    rounded_text(most_parts*dt/parts_of_step(structure, dt), 6, down=.true.)// &
-                    ' with so light a mass or so stiff a spring')
+      else
+         longest = longest_step(structure, dt, tolerance)
+         if (dt > longest) call raise(error, exit_bad_input, &
+                                      'integration%dt = '//to_text(dt)//': must be at most '// &
+                                      rounded_text(longest, 6, down=.true.)// &
+                                      ' with so light a mass, so stiff a spring or joint')
       end if
    end subroutine check_exact
+
+   !> Longest step [s] of most_parts parts, up to dt.
+   pure real(wp) function longest_step(structure, dt, tolerance)
+      type(structure_type), intent(in) :: structure
+      real(wp), intent(in) :: dt, tolerance
+
+      longest_step = dt
+      if (structure%has_lumped_mass()) then
+         if (parts_of_step(structure, dt) > most_parts) &
+            longest_step = most_parts*longest_part/fastest_rate(structure)
+      else
+         longest_step = longest_in_parts(structure, most_parts, dt, tolerance)
+      end if
+   end function longest_step
 
    !> Chooses power series.
    subroutine use_series(marcher)
@@ -88,21 +100,17 @@ contains
       call move_alloc(form, marcher%base)
    end subroutine use_series
 
-   !> Chooses modes if they need less work than power series; if they need too many parts, without
-   !> power series, `base` is left out.
-   subroutine try_modes(marcher, error)
+   !> Chooses modes if they need less work than power series.
+   subroutine try_modes(marcher)
       type(exact_march), intent(inout) :: marcher
-      type(error_type), allocatable, intent(out) :: error
       type(modal_form), allocatable :: form
 
       allocate (form)
-      call new_modal_form(marcher%structure, marcher%dt, marcher%tolerance, form, error)
-      if (allocated(error)) return
-      if (form%operators%n_parts <= most_parts) &
-         marcher%work_modes = form%operators%n_parts*form%operators%work()
-      if (marcher%work_modes >= marcher%work_series .and. allocated(marcher%base)) return
+      call new_modal_form(marcher%structure, marcher%dt, marcher%tolerance, form)
+      if (form%operators%n_parts > most_parts) return
+      marcher%work_modes = form%operators%n_parts*form%operators%work()
+      if (marcher%work_modes >= marcher%work_series) return
       marcher%parts = form%operators%n_parts
-      if (marcher%parts > most_parts) return
       marcher%form = 'modes'
       if (allocated(marcher%base)) deallocate (marcher%base)
       call move_alloc(form, marcher%base)

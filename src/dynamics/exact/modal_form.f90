@@ -56,15 +56,13 @@ module dynamics_exact_modal_form
 contains
 
    !> Prepares as many parts a step as the tolerance needs, relative to the rms displacement.
-   subroutine new_modal_form(structure, dt, tolerance, form, error)
+   subroutine new_modal_form(structure, dt, tolerance, form)
       type(structure_type), intent(in) :: structure
       real(wp), intent(in) :: dt          !! [s]
       real(wp), intent(in) :: tolerance
       type(modal_form), intent(out) :: form
-      type(error_type), allocatable, intent(out) :: error
 
-      call new_modal_operators(structure, dt, tolerance, form%operators, error)
-      if (allocated(error)) return
+      call new_modal_operators(structure, dt, tolerance, form%operators)
       form%h = form%operators%h
       form%n_forces = structure%n_forces
       form%has_works_of_all = .true.
@@ -272,7 +270,7 @@ contains
 
    contains
 
-      !> Joints whose guards may have a zero.
+      !> Adopts the joints whose guards may have a zero.
       subroutine adopt_suspects(paths)
          type(lane_paths), intent(inout) :: paths
          integer :: j
@@ -372,10 +370,10 @@ contains
       real(wp), intent(out) :: velocity(:, :)
       real(wp) :: x(width, self%n_padded)
 
-      call self%operators%shape_rows%multiply(self%now(:, :, 1), x)
+      call self%operators%shape%multiply(self%now(:, :, 1), x)
       displacement = x(:, :self%operators%n_modes)
       if (size(velocity) == 0) return
-      call self%operators%shape_rows%multiply(self%now(:, :, 2), x)
+      call self%operators%shape%multiply(self%now(:, :, 2), x)
       velocity = x(:, :self%operators%n_modes)/self%h
    end subroutine put_state
 

@@ -7,14 +7,12 @@
 !> W k. The path of joint j is u_j = (G q)_j, G = W' Phi. Numbers in brackets are formulas of
 !> docs/exact_march.md.
 module dynamics_exact_modal_operators
-   use core_error, only: error_type
    use core_kinds, only: two_pi, wp
    use dynamics_exact_modal_ledger, only: modal_ledger
-   use dynamics_exact_modal_terms, only: choose_terms, count_parts, modal_terms, n_markov, &
-                                         path_degree
+   use dynamics_exact_modal_terms, only: choose_terms, count_parts, joint_gain, modal_terms, &
+                                         n_markov, path_degree
    use numerics_dense_product, only: pack_matrix, packed_matrix, padded_rows
    use numerics_exponential, only: exponential_type, find_exponential
-   use numerics_lapack, only: solve_symmetric_eigenproblem
    use structure_model, only: structure_type
    implicit none(type, external)
    private
@@ -24,7 +22,6 @@ module dynamics_exact_modal_operators
    type, extends(modal_terms) :: modal_operators
       integer :: n_modes = 0, n_joints = 0
       logical :: decouples = .true.   !! C^ is diagonal
-      real(wp), allocatable :: shape(:, :)      !! Phi (dof, mode)
       real(wp), allocatable :: momentum(:, :)   !! M Phi (dof, mode): q = (M Phi)' x
       real(wp), allocatable :: slider_push(:, :)   !! S (mode, joint)
       real(wp), allocatable :: load(:, :)       !! h^2 Phi' b (mode, force)
@@ -36,7 +33,7 @@ module dynamics_exact_modal_operators
       type(packed_matrix) :: propagator         !! as rotation, but of all modes and without f'
       real(wp), allocatable :: rise(:, :)       !! (row of propagator, force) of f'
       type(packed_matrix) :: kick               !! as weight, but of all modes: rows q, q'
-      type(packed_matrix) :: read, push, shape_rows   !! G, S, Phi
+      type(packed_matrix) :: read, push, shape   !! G, S, Phi
       type(packed_matrix) :: answer(3:path_degree)   !! power k of a path from the sliders' (M5)
       type(packed_matrix) :: rest               !! as kick, less the uniform motion of the sliders
       real(wp), allocatable :: rate(:), damping(:, :)   !! Omega (mode), C^ (mode, mode)
@@ -94,29 +91,23 @@ contains
    end subroutine propagate
 
    !> Prepares the form for as many parts a step as the tolerance needs, relative to the rms.
-   subroutine new_modal_operators(structure, dt, tolerance, operators, error)
+   subroutine new_modal_operators(structure, dt, tolerance, operators)
       type(structure_type), intent(in) :: structure
       real(wp), intent(in) :: dt          !! [s]
       real(wp), intent(in) :: tolerance
       type(modal_operators), intent(out) :: operators
-      type(error_type), allocatable, intent(out) :: error
-      real(wp), allocatable :: eigenvalues(:), gain(:, :), damping(:, :), omega(:), moved(:, :, :)
-      logical :: all_stuck(structure%n_joints)
+      real(wp), allocatable :: gain(:, :), damping(:, :), omega(:), moved(:, :, :)
       integer :: r
 
-      all_stuck = .true.
-      call solve_symmetric_eigenproblem(structure%stuck_stiffness(all_stuck), structure%mass, &
-                                        eigenvalues, operators%shape, error)
-      if (allocated(error)) return
       omega = two_pi*structure%frequencies_stuck   ! zero where rounding hides it
       operators%n_modes = structure%n_dof
       operators%n_joints = structure%n_joints
-      gain = matmul(transpose(structure%direction), operators%shape)
-      operators%n_parts = count_parts(structure%joint_stiffness, gain, dt*omega, dt, tolerance)
+      gain = joint_gain(structure)
+      operators%n_parts = count_parts(structure, dt, tolerance)
       operators%h = dt/operators%n_parts
       operators%direction = structure%direction
-      operators%momentum = matmul(structure%mass, operators%shape)
-      operators%load = operators%h**2*matmul(transpose(operators%shape), structure%load)
+      operators%momentum = matmul(structure%mass, structure%modes_stuck)
+      operators%load = operators%h**2*matmul(transpose(structure%modes_stuck), structure%load)
       operators%slider_push = operators%h**2*transpose(spread(structure%joint_stiffness, 2, &
                                                               structure%n_dof)*gain)
       if (size(structure%damping_ratio) > 0) then
@@ -125,15 +116,15 @@ contains
             damping(r, r) = 2.0_wp*structure%damping_ratio(r)*omega(r)*operators%h
          end do
       else
-         damping = operators%h*matmul(transpose(operators%shape), &
-                                      matmul(structure%damping, operators%shape))
+         damping = operators%h*matmul(transpose(structure%modes_stuck), &
+                                      matmul(structure%damping, structure%modes_stuck))
       end if
       operators%decouples = is_diagonal(damping)
       call choose_terms(structure%joint_stiffness, gain, operators%h*omega, damping, tolerance, &
                         operators)
       call pack_matrix(gain, operators%read)
       call pack_matrix(operators%slider_push, operators%push)
-      call pack_matrix(operators%shape, operators%shape_rows)
+      call pack_matrix(structure%modes_stuck, operators%shape)
       if (operators%decouples) then
          call put_rotations(operators%h*omega, damping, operators, moved)
       else

@@ -1,10 +1,12 @@
 !> Parts of a step and terms of the formulas that the modal form needs for a tolerance: (M7), (M8)
 !> of docs/exact_march.md.
 module dynamics_exact_modal_terms
-   use core_kinds, only: wp
+   use core_kinds, only: two_pi, wp
+   use structure_model, only: structure_type
    implicit none(type, external)
    private
-   public :: choose_terms, count_parts, modal_terms, n_markov, path_degree
+   public :: choose_terms, count_parts, joint_gain, longest_in_parts, modal_terms, n_markov
+   public :: path_degree
 
    integer, parameter :: path_degree = 6   !! of the paths of joints
    integer, parameter :: n_markov = 3      !! terms of the answer of a joint to a slider
@@ -24,27 +26,75 @@ module dynamics_exact_modal_terms
 
 contains
 
-   !> Parts of a step, a power of two, that keep the paths of joints within the tolerance (M7).
-   !>
-   !> A mode of rate rho = omega h leaves the polynomial through its values by 2.7e-6 rho^6 of its
-   !> amplitude. The answers of joints to sliders, kappa = h^2 W' M^-1 W k, are cut off at
-   !> kappa^3/5040 of their velocity; the fit of their kernel gains 20. Counts on to 2^30.
-   pure integer function count_parts(joint_stiffness, gain, rate, dt, tolerance) result(n_parts)
-      real(wp), intent(in) :: joint_stiffness(:), gain(:, :)   !! k [N/m]; G (joint, mode)
-      real(wp), intent(in) :: rate(:)                          !! omega dt (mode)
+   !> Parts of a step, a power of two, that keep the paths of joints within the tolerance (M7); counts
+   !> on to 2^30.
+   pure integer function count_parts(structure, dt, tolerance) result(n_parts)
+      type(structure_type), intent(in) :: structure
       real(wp), intent(in) :: dt, tolerance
-      real(wp) :: error, kappa, share(size(rate))
+      real(wp), allocatable :: gain(:, :)
+      real(wp) :: reach
 
-      share = shares(gain, rate)
-      kappa = dt**2*compliance(joint_stiffness, gain, rate, 0)
+      gain = joint_gain(structure)
+      reach = compliance(structure%joint_stiffness, gain, structure%frequencies_stuck, 0)
       n_parts = 1
-      do
-         error = maxval(share*min(rate/n_parts, quintic_error*(rate/n_parts)**6)) &
-                 + (kappa/real(n_parts, wp)**2)**3/(20.0_wp*5040.0_wp)/n_parts
-         if (safety*error <= tolerance .or. n_parts == 2**30) return
+      do while (n_parts < 2**30)
+         if (path_error(structure, gain, reach, dt, n_parts) <= tolerance) return
          n_parts = 2*n_parts
       end do
    end function count_parts
+
+   !> Longest step [s] up to dt that so many parts serve (M7).
+   pure real(wp) function longest_in_parts(structure, n_parts, dt, tolerance) result(longest)
+      type(structure_type), intent(in) :: structure
+      integer, intent(in) :: n_parts
+      real(wp), intent(in) :: dt, tolerance
+      integer, parameter :: halvings = 100
+      real(wp), allocatable :: gain(:, :)
+      real(wp) :: middle, reach, too_long
+      integer :: i
+
+      gain = joint_gain(structure)
+      reach = compliance(structure%joint_stiffness, gain, structure%frequencies_stuck, 0)
+      longest = dt
+      if (path_error(structure, gain, reach, dt, n_parts) <= tolerance) return
+      longest = 0.0_wp
+      too_long = dt
+      do i = 1, halvings
+         middle = 0.5_wp*(longest + too_long)
+         if (path_error(structure, gain, reach, middle, n_parts) <= tolerance) then
+            longest = middle
+         else
+            too_long = middle
+         end if
+      end do
+   end function longest_in_parts
+
+   !> G = W' Phi (joint, mode).
+   pure function joint_gain(structure) result(gain)
+      type(structure_type), intent(in) :: structure
+      real(wp) :: gain(structure%n_joints, structure%n_dof)
+
+      gain = matmul(transpose(structure%direction), structure%modes_stuck)
+   end function joint_gain
+
+   !> Error of the paths of joints, relative to the rms displacement, with so many parts a step (M7).
+   !>
+   !> A mode of rate rho = omega h leaves the polynomial through its values by 2.7e-6 rho^6 of its
+   !> amplitude. The answers of joints to sliders, kappa = h^2 W' M^-1 W k, are cut off at
+   !> kappa^3/5040 of their velocity; the fit of their kernel gains 20.
+   pure real(wp) function path_error(structure, gain, reach, dt, n_parts)
+      type(structure_type), intent(in) :: structure
+      real(wp), intent(in) :: gain(:, :)    !! G (joint, mode)
+      real(wp), intent(in) :: reach, dt     !! W' M^-1 W k [1/s^2], [s]
+      integer, intent(in) :: n_parts
+      real(wp) :: kappa, rate(structure%n_dof)   ! omega dt (mode)
+
+      rate = two_pi*structure%frequencies_stuck*dt
+      kappa = reach*(dt/n_parts)**2
+      path_error = safety*(maxval(shares(gain, rate)*min(rate/n_parts, &
+                                                         quintic_error*(rate/n_parts)**6)) &
+                           + kappa**3/(20.0_wp*5040.0_wp)/n_parts)
+   end function path_error
 
    !> Share of each mode in the paths of joints, at most 1; amplitudes beyond omega dt = 1 fall as
    !> omega^-2.

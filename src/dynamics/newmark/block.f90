@@ -271,7 +271,7 @@ contains
       call enter_transition(state, j, w, self%now(state, w), place, 0)
    end subroutine stick
 
-   !> Bounds and pattern of a joint that slips in a direction, or is stuck (0).
+   !> Sets bounds and pattern of a joint that slips in a direction, or is stuck (0).
    !> One that carries nothing (mu N = 0) slips for ever.
    pure subroutine set_regime(self, j, w, direction, slider)
       class(newmark_block), intent(inout) :: self

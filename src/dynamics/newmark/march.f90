@@ -214,7 +214,8 @@ contains
       list(n) = number
    end subroutine append
 
-   !> Steps are counted from the start of the march, ticks from the beginning of this piece.
+   !> Starts the records. Steps are counted from the start of the march, ticks from the beginning of
+   !> this piece.
    pure subroutine start_recorder(state, block, every, recorder)
       type(block_state), intent(in) :: state
       type(newmark_block), intent(in) :: block
