@@ -1,26 +1,26 @@
-!> Products of a matrix with 32 columns side by side.
+!> Products of a matrix with eight columns side by side.
 !>
 !> The sums of four rows and eight columns fill eight arrays of four numbers, which stay in
 !> registers; x is read once for the four rows. A matrix is packed by four rows and padded with rows
-!> of zeros. Columns that are zero in a group of eight can be left out: no bit of y changes.
+!> of zeros. Columns whose factors are zero can be left out: no bit of y changes.
 module numerics_dense_product
    use core_kinds, only: wp
    implicit none(type, external)
    private
-   public :: packed_matrix, pack_matrix, padded_rows, product_width, groups
+   public :: packed_matrix, pack_matrix, padded_rows, product_width
 
-   integer, parameter :: lanes = 4, vectors = 2, groups = 4, rows_together = 4
-   integer, parameter :: product_width = lanes*vectors*groups   !! 32: four groups of eight
+   integer, parameter :: lanes = 4, vectors = 2, rows_together = 4
+   integer, parameter :: product_width = lanes*vectors   !! 8
 
    !> A matrix by fours of rows.
    type :: packed_matrix
       integer :: n_fours = 0
       real(wp), allocatable :: value(:, :, :)   !! (row of the four, column, four)
-      integer, allocatable :: all_columns(:, :) !! (entry, group) 1, 2, ...
-      integer :: n_all(groups) = 0              !! entries
+      integer, allocatable :: all_columns(:)    !! 1, 2, ...
    contains
       procedure :: multiply
-      procedure :: multiply_add
+      procedure :: multiply_some
+      procedure :: add_some
    end type packed_matrix
 
 contains
@@ -39,8 +39,7 @@ contains
       integer :: j, q, r
 
       packed%n_fours = padded_rows(size(a, 1))/rows_together
-      packed%all_columns = spread([(j, j=1, size(a, 2))], 2, groups)
-      packed%n_all = size(a, 2)
+      packed%all_columns = [(j, j=1, size(a, 2))]
       allocate (packed%value(rows_together, size(a, 2), packed%n_fours), source=0.0_wp)
       do q = 1, packed%n_fours
          do r = 1, min(rows_together, size(a, 1) - rows_together*(q - 1))
@@ -50,64 +49,66 @@ contains
    end subroutine pack_matrix
 
    !> Finds y = A x. Padded rows of y become zero.
-   pure subroutine multiply(self, x, y, columns, n_columns)
+   pure subroutine multiply(self, x, y)
       class(packed_matrix), intent(in) :: self
-      real(wp), intent(in) :: x(product_width, *)      !! (32, column)
-      real(wp), intent(inout) :: y(product_width, *)   !! (32, padded row)
-      !> columns(:n_columns(group), group) that are not zero there; all if absent
-      integer, intent(in), optional, contiguous :: columns(:, :)
-      integer, intent(in), optional :: n_columns(groups)
+      real(wp), intent(in) :: x(product_width, *)      !! (8, column)
+      real(wp), intent(inout) :: y(product_width, *)   !! (8, padded row)
 
-      if (present(columns)) then
-         call add_rows(self, columns, n_columns, .false., x, y)
-      else
-         call add_rows(self, self%all_columns, self%n_all, .false., x, y)
-      end if
+      call go_over(self, self%all_columns, 1, .false., x, 1, y)
    end subroutine multiply
 
-   !> Finds y = y + A x.
-   pure subroutine multiply_add(self, x, y, columns, n_columns)
+   !> Finds y = A x with some columns of each layer: as many columns of A one after another.
+   pure subroutine multiply_some(self, columns, n_layers, x, y)
       class(packed_matrix), intent(in) :: self
-      real(wp), intent(in) :: x(product_width, *)      !! (32, column)
-      real(wp), intent(inout) :: y(product_width, *)   !! (32, padded row)
-      !> columns(:n_columns(group), group) that are not zero there; all if absent
-      integer, intent(in), optional, contiguous :: columns(:, :)
-      integer, intent(in), optional :: n_columns(groups)
+      integer, intent(in), contiguous :: columns(:)    !! of the first layer
+      integer, intent(in) :: n_layers
+      real(wp), intent(in) :: x(product_width, *)      !! (8, column)
+      real(wp), intent(inout) :: y(product_width, *)   !! (8, padded row)
 
-      if (present(columns)) then
-         call add_rows(self, columns, n_columns, .true., x, y)
-      else
-         call add_rows(self, self%all_columns, self%n_all, .true., x, y)
-      end if
-   end subroutine multiply_add
+      call go_over(self, columns, n_layers, .false., x, 1, y)
+   end subroutine multiply_some
 
-   !> Finds y = A x, or y + A x, group by group, so that one group of x stays in the cache.
-   pure subroutine add_rows(self, columns, n_columns, is_added, x, y)
+   !> Finds y = y + A x in the same way, in the first of every `stride` columns of y.
+   pure subroutine add_some(self, columns, n_layers, x, stride, y)
+      class(packed_matrix), intent(in) :: self
+      integer, intent(in), contiguous :: columns(:)    !! of the first layer
+      integer, intent(in) :: n_layers, stride
+      real(wp), intent(in) :: x(product_width, *)      !! (8, column)
+      real(wp), intent(inout) :: y(product_width, *)
+
+      call go_over(self, columns, n_layers, .true., x, stride, y)
+   end subroutine add_some
+
+   !> Lists the columns of all layers and goes over the fours of rows.
+   pure subroutine go_over(self, columns, n_layers, is_added, x, stride, y)
       type(packed_matrix), intent(in) :: self
-      integer, intent(in), contiguous :: columns(:, :)
-      integer, intent(in) :: n_columns(groups)
+      integer, intent(in), contiguous :: columns(:)
+      integer, intent(in) :: n_layers, stride
       logical, intent(in) :: is_added
       real(wp), intent(in) :: x(product_width, *)
-      real(wp), intent(inout) :: y(product_width, *)
-      integer :: g
+      real(wp), intent(inout) :: y(product_width, stride, *)
+      integer :: all_columns(n_layers*size(columns)), k, n
 
-      do g = 1, groups
-         if (n_columns(g) > 0) then
-            call add_group(g, self%n_fours, size(self%value, 2), self%value, &
-                           columns(:n_columns(g), g), is_added, x, y)
-         else if (.not. is_added) then
-            y(lanes*vectors*(g - 1) + 1:lanes*vectors*g, :rows_together*self%n_fours) = 0.0_wp
-         end if
+      n = size(columns)
+      if (n == 0) then
+         if (.not. is_added) y(:, 1, :rows_together*self%n_fours) = 0.0_wp
+         return
+      end if
+      do k = 0, n_layers - 1
+         all_columns(k*n + 1:(k + 1)*n) = columns + k*(size(self%value, 2)/n_layers)
       end do
-   end subroutine add_rows
+      call multiply_fours(self%n_fours, size(self%value, 2), self%value, all_columns, is_added, x, &
+                          stride, y)
+   end subroutine go_over
 
-   pure subroutine add_group(g, n_fours, n_columns, a, columns, is_added, x, y)
-      integer, intent(in) :: g, n_fours, n_columns
+   pure subroutine multiply_fours(n_fours, n_columns, a, columns, is_added, x, stride, y)
+      integer, intent(in) :: n_fours, n_columns
       real(wp), intent(in) :: a(rows_together, n_columns, n_fours)
       integer, intent(in), contiguous :: columns(:)   !! not none
+      integer, intent(in) :: stride
       logical, intent(in) :: is_added
-      real(wp), intent(in) :: x(lanes, vectors, groups, *)
-      real(wp), intent(inout) :: y(lanes, vectors, groups, rows_together, *)
+      real(wp), intent(in) :: x(lanes, vectors, *)
+      real(wp), intent(inout) :: y(lanes, vectors, stride, rows_together, *)
       real(wp), dimension(lanes) :: a1, a2, b1, b2, c1, c2, d1, d2
       real(wp) :: x1, x2
       integer :: c, j, l, q
@@ -116,8 +117,8 @@ contains
          j = columns(1)
          !$omp simd
          do l = 1, lanes
-            x1 = x(l, 1, g, j)
-            x2 = x(l, 2, g, j)
+            x1 = x(l, 1, j)
+            x2 = x(l, 2, j)
             a1(l) = a(1, j, q)*x1
             a2(l) = a(1, j, q)*x2
             b1(l) = a(2, j, q)*x1
@@ -131,8 +132,8 @@ contains
             j = columns(c)
             !$omp simd
             do l = 1, lanes
-               x1 = x(l, 1, g, j)
-               x2 = x(l, 2, g, j)
+               x1 = x(l, 1, j)
+               x2 = x(l, 2, j)
                a1(l) = a1(l) + a(1, j, q)*x1
                a2(l) = a2(l) + a(1, j, q)*x2
                b1(l) = b1(l) + a(2, j, q)*x1
@@ -146,29 +147,29 @@ contains
          if (is_added) then
             !$omp simd
             do l = 1, lanes
-               y(l, 1, g, 1, q) = y(l, 1, g, 1, q) + a1(l)
-               y(l, 2, g, 1, q) = y(l, 2, g, 1, q) + a2(l)
-               y(l, 1, g, 2, q) = y(l, 1, g, 2, q) + b1(l)
-               y(l, 2, g, 2, q) = y(l, 2, g, 2, q) + b2(l)
-               y(l, 1, g, 3, q) = y(l, 1, g, 3, q) + c1(l)
-               y(l, 2, g, 3, q) = y(l, 2, g, 3, q) + c2(l)
-               y(l, 1, g, 4, q) = y(l, 1, g, 4, q) + d1(l)
-               y(l, 2, g, 4, q) = y(l, 2, g, 4, q) + d2(l)
+               y(l, 1, 1, 1, q) = y(l, 1, 1, 1, q) + a1(l)
+               y(l, 2, 1, 1, q) = y(l, 2, 1, 1, q) + a2(l)
+               y(l, 1, 1, 2, q) = y(l, 1, 1, 2, q) + b1(l)
+               y(l, 2, 1, 2, q) = y(l, 2, 1, 2, q) + b2(l)
+               y(l, 1, 1, 3, q) = y(l, 1, 1, 3, q) + c1(l)
+               y(l, 2, 1, 3, q) = y(l, 2, 1, 3, q) + c2(l)
+               y(l, 1, 1, 4, q) = y(l, 1, 1, 4, q) + d1(l)
+               y(l, 2, 1, 4, q) = y(l, 2, 1, 4, q) + d2(l)
             end do
          else
             !$omp simd
             do l = 1, lanes
-               y(l, 1, g, 1, q) = a1(l)
-               y(l, 2, g, 1, q) = a2(l)
-               y(l, 1, g, 2, q) = b1(l)
-               y(l, 2, g, 2, q) = b2(l)
-               y(l, 1, g, 3, q) = c1(l)
-               y(l, 2, g, 3, q) = c2(l)
-               y(l, 1, g, 4, q) = d1(l)
-               y(l, 2, g, 4, q) = d2(l)
+               y(l, 1, 1, 1, q) = a1(l)
+               y(l, 2, 1, 1, q) = a2(l)
+               y(l, 1, 1, 2, q) = b1(l)
+               y(l, 2, 1, 2, q) = b2(l)
+               y(l, 1, 1, 3, q) = c1(l)
+               y(l, 2, 1, 3, q) = c2(l)
+               y(l, 1, 1, 4, q) = d1(l)
+               y(l, 2, 1, 4, q) = d2(l)
             end do
          end if
       end do
-   end subroutine add_group
+   end subroutine multiply_fours
 
 end module numerics_dense_product

@@ -165,16 +165,20 @@ contains
 
    end subroutine make_transitions
 
-   !> Notes the samples of a group that must be marched again.
+   !> Notes the samples of a group that must be marched again, and how far clear joints are from a
+   !> transition.
    pure subroutine find_involved(base, group, room)
-      class(base_system), intent(in) :: base
+      class(base_system), intent(inout) :: base
       type(transition_group), intent(in) :: group
       type(march_room), intent(inout) :: room
       integer :: e, l
 
       do e = 1, group%n
-         if (group%verdict(e) == clear) cycle
          l = group%lane(e)
+         if (group%verdict(e) == clear) then
+            if (base%paths%keeps_slack) base%paths%slack(l, group%joint(e)) = group%is_clear(e)
+            cycle
+         end if
          if (.not. base%paths%is_local(group%joint(e))) then
             room%is_involved(l) = .true.
          else if (size(base%paths%moved) > 0) then
@@ -335,7 +339,7 @@ contains
    end subroutine list_sliding
 
    subroutine keep_record(base, displacement, velocity, room)
-      class(base_system), intent(in) :: base
+      class(base_system), intent(inout) :: base
       real(wp), intent(inout) :: displacement(:, :, :), velocity(:, :, :)
       type(march_room), intent(inout) :: room
 

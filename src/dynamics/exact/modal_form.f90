@@ -14,31 +14,36 @@ module dynamics_exact_modal_form
    use dynamics_exact_joint_paths, only: layer_reach, layer_side, layer_slider, layer_spring, width
    use dynamics_exact_modal_lane, only: lane_paths
    use dynamics_exact_modal_operators, only: modal_operators, new_modal_operators
-   use dynamics_exact_modal_sliders, only: moving_sliders
-   use dynamics_exact_modal_steps, only: put_free_paths, put_rest, rotate, take_motion
+   use dynamics_exact_modal_sliders, only: groups, lanes, moving_sliders
+   use dynamics_exact_modal_steps, only: put_free_paths, put_load, put_rest, rotate, take_motion
    use dynamics_exact_modal_terms, only: path_degree
    use dynamics_exact_transitions, only: transition_group
    use dynamics_joint, only: enter_transition, slip_direction
    use dynamics_alignment, only: aligned_memory
    use dynamics_response, only: block_state
-   use numerics_dense_product, only: groups, padded_rows
+   use numerics_dense_product, only: padded_rows
    use structure_model, only: structure_type
    implicit none(type, external)
    private
    public :: modal_form, new_modal_form
 
-   !> Modes and joints of 32 samples side by side.
+   !> Modes and joints of 32 samples, in groups of eight side by side.
    type, extends(base_system) :: modal_form
       type(modal_operators) :: operators
       integer :: n_padded = 0, m_padded = 0
-      real(wp), pointer, contiguous :: now(:, :, :) => null()      !! (lane, mode, 1:3) q, q', f(0)
-      real(wp), pointer, contiguous :: ahead(:, :, :) => null()    !! (.., 1:4) q, q' at 1, at 1/2
-      real(wp), pointer, contiguous :: pushed(:, :) => null()      !! (lane, mode) by sliders: S z
-      real(wp), pointer, contiguous :: taken(:, :, :) => null()    !! (lane, mode, 0:moment) S I
-      real(wp), pointer, contiguous :: value(:, :, :) => null()    !! (lane, joint, 1:4) G ahead
+      integer :: n_groups = 0   !! that have samples
+      logical :: is_behind = .false.   !! modes are still to be taken to the start of the part
+      real(wp), pointer, contiguous :: now(:, :, :, :) => null()  !! (lane, mode, q q' f(0), group)
+      !> (lane, mode, 1:4, group) q, q' at 1; at 1/2 less those of the cubic through both ends
+      real(wp), pointer, contiguous :: ahead(:, :, :, :) => null()
+      real(wp), pointer, contiguous :: pushed(:, :, :) => null()     !! (lane, mode, group) S z
+      real(wp), pointer, contiguous :: taken(:, :, :, :) => null()   !! (.., 0:moment, group) S I
+      real(wp), pointer, contiguous :: value(:, :, :, :) => null()   !! (.., joint, 1:4, ..) G ahead
       type(moving_sliders) :: sliders
-      !> Where a ledger is kept: (lane, mode, 1:4), see its start_part; (.., q q'), see its add_part
-      real(wp), pointer, contiguous, private :: works(:, :, :) => null(), rest(:, :, :) => null()
+      !> Where a ledger is kept: (lane, mode, 1:5, group), see its start_part; (.., q q', group),
+      !> see its add_part
+      real(wp), pointer, contiguous, private :: works(:, :, :, :) => null(), &
+                                                rest(:, :, :, :) => null()
       type(aligned_memory), private :: memory
       type(lane_paths), private :: lane   !! room for redo
    contains
@@ -73,33 +78,46 @@ contains
    !> See base_system.
    subroutine begin(self)
       class(modal_form), intent(inout) :: self
-      real(wp), pointer, contiguous :: plane(:, :, :)
-      integer :: extra, j
+      integer :: j, n, m, n_planes
 
-      call self%sliders%start(self%operators%n_joints, self%m_padded, self%operators%n_moments)
-      call self%paths%start(path_degree, [(0.0_wp, j=1, self%m_padded)], &
-                            [(j, j=1, self%operators%n_joints)], &
+      n = self%n_padded
+      m = self%m_padded
+      call self%sliders%start(self%operators%n_joints, m, self%operators%n_moments)
+      call self%paths%start(path_degree, [(0.0_wp, j=1, m)], [(j, j=1, self%operators%n_joints)], &
                             [(1.0_wp, j=1, self%operators%n_joints)])
       self%paths%keeps_slack = .true.
-      extra = merge(6, 0, self%keeps_ledger)
+      n_planes = 9 + self%operators%n_moments
       if (self%keeps_ledger) then
+         n_planes = n_planes + 7
          associate (for => self%operators)
             if (.not. for%ledger%is_ready) &
-               call for%ledger%prepare(self%h, for%rate, for%damping, for%load, for%decouples)
+               call for%ledger%prepare(self%h, for%rate, for%damping, for%load, for%half, &
+                                       for%velocity_at_half)
          end associate
       end if
-      call self%memory%start(width*((9 + self%operators%n_moments + extra)*self%n_padded &
-                                    + 4*self%m_padded))
-      call self%memory%take([width, self%n_padded, 3], self%now)
-      call self%memory%take([width, self%n_padded, 4], self%ahead)
-      call self%memory%take([width, self%n_padded, self%operators%n_moments + 1], self%taken)
-      self%taken(1:, 1:, 0:) => self%taken
-      call self%memory%take([width, self%n_padded, 1], plane)
-      self%pushed => plane(:, :, 1)
-      call self%memory%take([width, self%m_padded, 4], self%value)
+      call self%memory%start(width*(n_planes*n + 4*m))
+      call take_planes(n, 3, self%now)
+      call take_planes(n, 4, self%ahead)
+      call take_planes(n, self%operators%n_moments + 1, self%taken)
+      self%taken(1:, 1:, 0:, 1:) => self%taken
+      call self%memory%take([lanes, n, groups], self%pushed)
+      call take_planes(m, 4, self%value)
       if (.not. self%keeps_ledger) return
-      call self%memory%take([width, self%n_padded, 4], self%works)
-      call self%memory%take([width, self%n_padded, 2], self%rest)
+      call take_planes(n, 5, self%works)
+      call take_planes(n, 2, self%rest)
+
+   contains
+
+      !> Hands out planes of every group.
+      subroutine take_planes(rows, many, planes)
+         integer, intent(in) :: rows, many
+         real(wp), pointer, contiguous, intent(out) :: planes(:, :, :, :)
+         real(wp), pointer, contiguous :: all(:, :, :)
+
+         call self%memory%take([lanes, rows, many*groups], all)
+         planes(1:lanes, 1:rows, 1:many, 1:groups) => all
+      end subroutine take_planes
+
    end subroutine begin
 
    !> Takes what `give` has kept where displacements, velocities and step are as it left them.
@@ -107,10 +125,12 @@ contains
       class(modal_form), intent(inout) :: self
       type(block_state), intent(in) :: state
       real(wp) :: slider(self%operators%n_joints)
-      integer :: l, m, n, w
+      integer :: e, g, l, m, n, w
 
       n = self%operators%n_modes
       m = self%operators%n_joints
+      self%n_groups = group_of(self%paths%n_samples)
+      self%is_behind = .false.
       self%now = 0.0_wp
       self%pushed = 0.0_wp
       self%sliders%has_switched = .true.   ! regimes are given
@@ -118,21 +138,23 @@ contains
          x = 0.0_wp
          do l = 1, self%paths%n_samples
             w = self%paths%first_sample + l - 1
+            g = group_of(l)
+            e = l - lanes*(g - 1)
             associate (place => state%displacement(:, w), speed => state%velocity(:, w))
                if (is_kept(w)) then
                   associate (kept => state%modal(:, w))
-                     self%now(l, :n, 1) = kept(:n)
-                     self%now(l, :n, 2) = kept(n + 1:2*n)
-                     self%pushed(l, :n) = kept(2*n + 1:3*n)
+                     self%now(e, :n, 1, g) = kept(:n)
+                     self%now(e, :n, 2, g) = kept(n + 1:2*n)
+                     self%pushed(e, :n, g) = kept(2*n + 1:3*n)
                      x(l, :m, layer(0)) = kept(3*n + 1:3*n + m)
                      x(l, :m, layer(1)) = kept(3*n + m + 1:3*n + 2*m)
                   end associate
                   cycle
                end if
                slider = state%slider(:, w)
-               self%now(l, :n, 1) = matmul(place, self%operators%momentum)
-               self%now(l, :n, 2) = matmul(speed, self%operators%momentum)*self%h
-               self%pushed(l, :n) = matmul(self%operators%slider_push, slider)
+               self%now(e, :n, 1, g) = matmul(place, self%operators%momentum)
+               self%now(e, :n, 2, g) = matmul(speed, self%operators%momentum)*self%h
+               self%pushed(e, :n, g) = matmul(self%operators%slider_push, slider)
                x(l, :m, layer(0)) = matmul(place, self%operators%direction)
                x(l, :m, layer(1)) = matmul(speed, self%operators%direction)*self%h
             end associate
@@ -157,12 +179,19 @@ contains
 
    end subroutine take
 
+   !> Group of a lane.
+   elemental integer function group_of(lane)
+      integer, intent(in) :: lane
+
+      group_of = 1 + (lane - 1)/lanes
+   end function group_of
+
    !> See base_system.
    subroutine give(self, state)
-      class(modal_form), intent(in) :: self
+      class(modal_form), intent(inout) :: self
       type(block_state), intent(inout) :: state
       real(wp), dimension(width, self%operators%n_modes) :: displacement, velocity
-      integer :: l, m, n, w
+      integer :: e, g, l, m, n, w
 
       n = self%operators%n_modes
       m = self%operators%n_joints
@@ -175,11 +204,13 @@ contains
       associate (x => self%paths%x, layer => self%paths%layer)
          do l = 1, self%paths%n_samples
             w = self%paths%first_sample + l - 1
+            g = group_of(l)
+            e = l - lanes*(g - 1)
             state%displacement(:, w) = displacement(l, :)
             state%velocity(:, w) = velocity(l, :)
-            state%modal(:, w) = [self%now(l, :n, 1), self%now(l, :n, 2), self%pushed(l, :n), &
-                                 x(l, :m, layer(0)), x(l, :m, layer(1)), displacement(l, :), &
-                                 velocity(l, :)]
+            state%modal(:, w) = [self%now(e, :n, 1, g), self%now(e, :n, 2, g), &
+                                 self%pushed(e, :n, g), x(l, :m, layer(0)), &
+                                 x(l, :m, layer(1)), displacement(l, :), velocity(l, :)]
          end do
       end associate
    end subroutine give
@@ -190,42 +221,64 @@ contains
       real(wp), intent(in) :: force(:, :, 0:)
       integer, intent(inout) :: list(:)
       integer, intent(out) :: found
-      integer :: i, k, m, n
+      integer :: g
 
-      n = self%n_padded
-      m = self%m_padded
-      if (self%keeps_ledger) call self%operators%ledger%start_part(force, self%now, self%pushed, &
-                                                                   self%works)
-      if (self%operators%decouples) then
-         call rotate(n, merge(4, self%operators%n_reads, self%keeps_ledger), &
-                     self%operators%rotation, self%operators%load, force, self%now, &
-                     self%pushed, self%ahead)
-      else
-         call self%operators%propagate(force, self%pushed, self%now, self%ahead)
-      end if
-      do i = 1, self%operators%n_reads
-         call self%operators%read%multiply(self%ahead(:, :, i), self%value(:, :, i))
+      do g = 1, self%n_groups
+         if (self%is_behind) call take_sliders(self, g)
+         associate (first => lanes*(g - 1) + 1)
+            call run_group(self, g, first, force(first:first + lanes - 1, :, :))
+         end associate
       end do
-      associate (x => self%paths%x, v => self%paths%layer(1), u => self%paths%layer(0), &
-                 regime => self%paths%regime, sliders => self%sliders)
-         call put_free_paths(m, size(x, 2), self%operators%n_reads, self%value, x(:, :, u), &
-                             x(:, :, v), x(:, :, 2:6))
-         call sliders%follow(regime(:, :, layer_side), regime(:, :, layer_spring))
-         call sliders%mask(1, x(:, :, v))
-         call sliders%mask(2, x(:, :, 2))
-         do k = 3, path_degree
-            associate (first => self%operators%first_power(k))
-               if (first <= k - 2) &
-                  call self%operators%answer(k)%multiply_add(sliders%motion(:, :, first:), &
-                                                             x(:, :, k), sliders%moved, &
-                                                             (k - 1 - first)*sliders%n_moved)
-            end associate
-            if (k <= 4) call sliders%mask(k, x(:, :, k))
-         end do
-         call sliders%integrate_motion(size(x, 2), x(:, :, v), x(:, :, 2:6))
-      end associate
+      self%is_behind = .false.
       call finish_part(self%paths, list, found)
    end subroutine run_part
+
+   !> Takes the modes of a group ahead, and follows the paths of its joints.
+   subroutine run_group(self, g, first, force)
+      class(modal_form), intent(inout) :: self
+      integer, intent(in) :: g, first   !! group; its first lane
+      real(wp), intent(in), contiguous :: force(:, :, :)   !! (lane, force, value and rise) [N]
+      integer :: i, k, n, rows
+
+      n = self%n_padded
+      rows = size(self%paths%x, 2)
+      associate (now => self%now(:, :, :, g), ahead => self%ahead(:, :, :, g), &
+                 pushed => self%pushed(:, :, g), value => self%value(:, :, :, g), &
+                 for => self%operators, sliders => self%sliders, x => self%paths%x, &
+                 u => self%paths%layer(0), v => self%paths%layer(1), &
+                 regime => self%paths%regime)
+         if (.not. for%decouples) call put_load(n, for%load, force, pushed, now(:, :, 3))
+         if (self%keeps_ledger) call for%ledger%start_part(g, n, force, now, pushed, &
+                                                           self%works(:, :, :, g))
+         if (for%decouples) then
+            call rotate(n, for%first_read, for%rotation, for%load, force, now, pushed, ahead)
+         else
+            call for%propagator%find(now, force, ahead)
+            call for%middle%find(now, force, value(:, :, 3:))
+         end if
+         do i = 1, 4
+            associate (many => size(for%reads(i)%value, 2))
+               if (many > 0) call for%reads(i)%multiply(ahead(:, for%n_modes - many + 1:, i), &
+                                                        value(:, :, i))
+            end associate
+         end do
+         call put_free_paths(self%m_padded, rows, for%first_read(4) <= for%n_modes, value, &
+                             x(first, 1, u), x(first, 1, v), x(first, 1, 2))
+         call sliders%follow(g, regime(first, 1, layer_side), regime(first, 1, layer_spring))
+         call sliders%mask(g, 1, x(first, 1, v))
+         call sliders%mask(g, 2, x(first, 1, 2))
+         do k = 3, path_degree
+            associate (least => for%first_power(k))
+               if (least <= k - 2) &
+                  call for%answer(k)%add_some(sliders%moved(:sliders%n_moved(g), g), &
+                                              k - 1 - least, sliders%motion(:, :, least:, g), &
+                                              groups, x(first, 1, k))
+            end associate
+            if (k <= 4) call sliders%mask(g, k, x(first, 1, k))
+         end do
+         call sliders%integrate_motion(g, rows, x(first, 1, v), x(first, 1, 2))
+      end associate
+   end subroutine run_group
 
    !> Stops, as it is never called: joints act on each other, so no joint is local.
    subroutine correct(self, group, entry)
@@ -251,7 +304,8 @@ contains
          if (.not. allocated(paths%slack)) call paths%start(self%operators%n_joints, &
                                                             self%operators%n_moments)
          call paths%begin(self%paths%slack(lane, :self%operators%n_joints), &
-                          self%sliders%moves(lane, :self%operators%n_joints))
+                          self%sliders%moves(lane - lanes*(group_of(lane) - 1), &
+                                            :self%operators%n_joints, group_of(lane)))
          do round = 0, self%max_transitions
             call adopt_suspects(paths)
             call paths%find_crossings()
@@ -273,12 +327,14 @@ contains
       !> Adopts the joints whose guards may have a zero.
       subroutine adopt_suspects(paths)
          type(lane_paths), intent(inout) :: paths
-         integer :: j
+         integer :: j, k
 
+         if (minval(paths%slack) > 0.0_wp) return
          do j = 1, self%operators%n_joints
             if (paths%slack(j) > 0.0_wp) cycle
-            associate (regime => self%paths%regime(lane, j, :))
-               call paths%adopt(j, self%paths%x(lane, j, self%paths%layer), regime(layer_side), &
+            associate (regime => self%paths%regime(lane, j, :), layer => self%paths%layer, &
+                       x => self%paths%x(lane, j, :))
+               call paths%adopt(j, [(x(layer(k) + 1), k=0, path_degree)], regime(layer_side), &
                                 regime(layer_slider), regime(layer_reach))
             end associate
          end do
@@ -306,92 +362,115 @@ contains
                end if
                call self%paths%switch(lane, i, direction, place)
             end associate
-            call self%sliders%switch(i, lane)
+            call self%sliders%switch(group_of(lane), i)
             call paths%switch_slider(self%operators, e, real(direction, wp))
          end do
       end subroutine switch_suspects
 
       !> Adds to the ends of paths and to the sliders' integrals.
       subroutine put_changes(paths)
-         type(lane_paths), intent(in) :: paths
-         real(wp) :: place, velocity
-         integer :: j
+         type(lane_paths), intent(inout) :: paths
+         integer :: e, g, i, j
 
-         associate (x => self%paths%x, finish => self%paths%finish)
+         call paths%end_changes()
+         associate (place => self%paths%x(lane, :, self%paths%finish(0)), &
+                    velocity => self%paths%x(lane, :, self%paths%finish(1)))
             do j = 1, self%operators%n_joints
-               call paths%end_changes(j, place, velocity)
-               x(lane, j, finish(0)) = x(lane, j, finish(0)) + place
-               x(lane, j, finish(1)) = x(lane, j, finish(1)) + velocity
-               if (.not. self%sliders%has_moved(1 + (lane - 1)*groups/width, j)) cycle
-               associate (moments => self%sliders%moments(lane, j, :))
-                  moments = moments + paths%moments(j, :)
-               end associate
+               place(j) = place(j) + paths%place(j)
+               velocity(j) = velocity(j) + paths%velocity(j)
             end do
          end associate
+         g = group_of(lane)
+         e = lane - lanes*(g - 1)
+         do i = 1, self%sliders%n_moved(g)
+            j = self%sliders%moved(i, g)
+            associate (moments => self%sliders%moments(e, j, :, g))
+               moments = moments + paths%moments(j, :)
+            end associate
+         end do
       end subroutine put_changes
 
    end subroutine redo
 
-   !> Makes the ends the starts.
+   !> Makes the ends the starts. The modes follow when they are needed, group by group, so that they
+   !> are in the cache.
    subroutine go_on(self)
       class(modal_form), intent(inout) :: self
 
-      if (.not. self%keeps_ledger) call take_sliders(self)
+      self%is_behind = .not. self%keeps_ledger
       call self%paths%exchange_ends()
    end subroutine go_on
 
-   !> Takes the modes to the end of the part, with the motion of the sliders (M6).
-   subroutine take_sliders(self)
+   !> Takes the modes of a group to the end of the part, with the motion of the sliders (M6).
+   subroutine take_sliders(self, g)
       class(modal_form), intent(inout) :: self
+      integer, intent(in) :: g
       integer :: k
 
-      if (any(self%sliders%has_switched)) call self%sliders%list_moved()
-      associate (sliders => self%sliders, last => self%operators%n_moments)
-         do k = 0, merge(last, 0, self%operators%decouples)
-            call self%operators%push%multiply(sliders%moments(:, :, k), self%taken(:, :, k), &
-                                              sliders%moved, sliders%n_moved)
+      associate (for => self%operators, last => self%operators%n_moments, &
+                 moments => self%sliders%moments(:, :, :, g), &
+                 moved => self%sliders%moved(:self%sliders%n_moved(g), g))
+         do k = 0, merge(last, 0, for%decouples)
+            call for%push%multiply_some(moved, 1, moments(:, :, k + 1), self%taken(:, :, k, g))
          end do
-         if (self%operators%decouples) then
-            call take_motion(self%n_padded, self%operators%weight, self%ahead, self%taken, &
-                             self%now, self%pushed)
+         if (for%decouples) then
+            call take_motion(self%n_padded, for%weight, self%ahead(:, :, :, g), &
+                             self%taken(:, :, :, g), self%now(:, :, :, g), self%pushed(:, :, g))
          else
-            self%now(:, :, 1:2) = self%ahead(:, :, 1:2)
-            call self%operators%kick%multiply_add(sliders%moments, self%now, sliders%moved, &
-                                                  (last + 1)*sliders%n_moved)
-            self%pushed = self%pushed + self%taken(:, :, 0)
+            self%now(:, :, 1:2, g) = self%ahead(:, :, 1:2, g)
+            call for%kick%add_some(moved, last + 1, moments, 1, self%now(:, :, :, g))
+            self%pushed(:, :, g) = self%pushed(:, :, g) + self%taken(:, :, 0, g)
          end if
       end associate
    end subroutine take_sliders
 
    !> See base_system.
    subroutine put_state(self, displacement, velocity)
-      class(modal_form), intent(in) :: self
+      class(modal_form), intent(inout) :: self
       real(wp), intent(out) :: displacement(:, :)
       real(wp), intent(out) :: velocity(:, :)
-      real(wp) :: x(width, self%n_padded)
+      real(wp) :: x(lanes, self%n_padded)
+      integer :: g
 
-      call self%operators%shape%multiply(self%now(:, :, 1), x)
-      displacement = x(:, :self%operators%n_modes)
-      if (size(velocity) == 0) return
-      call self%operators%shape%multiply(self%now(:, :, 2), x)
-      velocity = x(:, :self%operators%n_modes)/self%h
+      do g = 1, self%n_groups
+         if (self%is_behind) call take_sliders(self, g)
+         associate (first => lanes*(g - 1) + 1, n => self%operators%n_modes)
+            call self%operators%shape%multiply(self%now(:, :, 1, g), x)
+            displacement(first:first + lanes - 1, :) = x(:, :n)
+            if (size(velocity) == 0) cycle
+            call self%operators%shape%multiply(self%now(:, :, 2, g), x)
+            velocity(first:first + lanes - 1, :) = x(:, :n)/self%h
+         end associate
+      end do
+      self%is_behind = .false.
    end subroutine put_state
 
    !> See base_system. The modes go on here.
    subroutine add_works(self, work)
       class(modal_form), intent(inout) :: self
       real(wp), intent(inout) :: work(:, :)   !! (lane, input viscous) [J]
+      real(wp) :: of_group(lanes, 2)
+      integer :: g
 
-      call take_sliders(self)
       associate (for => self%operators, sliders => self%sliders)
-         if (for%decouples) then
-            call put_rest(self%n_padded, for%weight, for%rotation, self%taken, self%rest)
-         else
-            call for%rest%multiply(sliders%moments, self%rest, sliders%moved, &
-                                   (for%n_moments + 1)*sliders%n_moved)
-         end if
-         call for%ledger%add_part(self%now, self%ahead, self%taken(:, :, 0), self%rest, &
-                                  self%works, work)
+         do g = 1, self%n_groups
+            call take_sliders(self, g)
+            if (for%decouples) then
+               call put_rest(self%n_padded, for%weight, for%rotation, self%taken(:, :, :, g), &
+                             self%rest(:, :, :, g))
+            else
+               call for%rest%multiply_some(sliders%moved(:sliders%n_moved(g), g), &
+                                           for%n_moments + 1, sliders%moments(:, :, :, g), &
+                                           self%rest(:, :, :, g))
+            end if
+            of_group = 0.0_wp
+            call for%ledger%add_part(g, self%n_padded, self%now(:, :, :, g), &
+                                     self%ahead(:, :, 2, g), self%taken(:, :, 0, g), &
+                                     self%rest(:, :, :, g), self%works(:, :, :, g), of_group)
+            associate (first => lanes*(g - 1) + 1)
+               work(first:first + lanes - 1, :) = work(first:first + lanes - 1, :) + of_group
+            end associate
+         end do
       end associate
    end subroutine add_works
 

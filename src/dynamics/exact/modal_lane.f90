@@ -8,19 +8,16 @@
 !> joint becomes one when the changes may exceed the slack of its guard (M10).
 module dynamics_exact_modal_lane
    use core_kinds, only: wp
+   use dynamics_alignment, only: lanes => register_width, whole_registers
    use dynamics_exact_guard_zeros, only: first_transition, no_crossing
    use dynamics_exact_modal_operators, only: modal_operators
    use dynamics_exact_modal_terms, only: n_markov, path_degree
+   use dynamics_exact_transitions, only: fall
    implicit none(type, external)
    private
    public :: lane_paths
 
-   !> 0! .. 10!
-   real(wp), parameter :: factorial(0:10) = [1.0_wp, 1.0_wp, 2.0_wp, 6.0_wp, 24.0_wp, 120.0_wp, &
-                                             720.0_wp, 5040.0_wp, 40320.0_wp, 362880.0_wp, &
-                                             3628800.0_wp]
-
-   !> Joints of one sample; time runs from the last transition, in parts.
+   !> Joints of one sample, padded to whole registers; time runs from the last transition, in parts.
    type :: lane_paths
       integer :: n_suspects = 0
       integer, allocatable :: suspect(:)        !! (entry) joint
@@ -33,8 +30,12 @@ module dynamics_exact_modal_lane
       real(wp), allocatable :: slack(:)         !! (joint) lower bound of its guard
       real(wp), allocatable :: follows(:)       !! (joint) 1 where the slider moves with the joint
       real(wp), allocatable :: moments(:, :)    !! (joint, 0:moments) added to sliders' integrals
-      !> (joint, power from 1) room for what moves otherwise; (joint) for answers and their bound
-      real(wp), allocatable, private :: motion(:, :), answer(:), bound(:)
+      !> (joint, power from 1) room for what moves otherwise; (joint) for answers and their bound;
+      !> (entry) for columns of Y and their shares in one power of the answers
+      real(wp), allocatable, private :: motion(:, :), answer(:), bound(:), share(:)
+      integer, allocatable, private :: column(:)
+      !> (joint) changes of the path and of the velocity at the end of the part
+      real(wp), allocatable :: place(:), velocity(:)
       real(wp) :: left = 1.0_wp                 !! of the part
    contains
       procedure :: start
@@ -44,7 +45,7 @@ module dynamics_exact_modal_lane
       procedure :: move_on
       procedure :: switch_slider
       procedure :: end_changes
-      procedure, private :: add_moments
+      procedure, private :: add_power
    end type lane_paths
 
 contains
@@ -53,13 +54,17 @@ contains
    pure subroutine start(self, n_joints, n_moments)
       class(lane_paths), intent(inout) :: self
       integer, intent(in) :: n_joints, n_moments
+      integer :: m
 
-      allocate (self%path(0:path_degree, n_joints), self%change(n_joints, 0:path_degree))
-      allocate (self%moments(n_joints, 0:n_moments), self%motion(n_joints, path_degree))
-      allocate (self%answer(n_joints), self%bound(n_joints))
+      m = whole_registers(n_joints)
+      allocate (self%path(0:path_degree, n_joints), self%change(m, 0:path_degree))
+      allocate (self%moments(m, 0:n_moments), self%motion(m, path_degree))
+      allocate (self%answer(m), self%bound(m), self%place(m), self%velocity(m))
+      allocate (self%follows(m), source=0.0_wp)
+      allocate (self%slack(m), source=huge(1.0_wp))
+      allocate (self%share(2*n_joints + 2), self%column(2*n_joints + 2))
       allocate (self%suspect(n_joints), self%side(n_joints), self%slider(n_joints), &
-                self%reach(n_joints), self%crossing(n_joints), self%slack(n_joints), &
-                self%follows(n_joints))
+                self%reach(n_joints), self%crossing(n_joints))
    end subroutine start
 
    !> Begins a part: no suspects, no changes.
@@ -69,10 +74,10 @@ contains
 
       self%n_suspects = 0
       self%left = 1.0_wp
-      self%change = 0.0_wp
-      self%moments = 0.0_wp
-      self%slack = slack
-      self%follows = follows
+      call clear(size(self%change), self%change)
+      call clear(size(self%moments), self%moments)
+      self%slack(:size(slack)) = slack
+      self%follows(:size(follows)) = follows
    end subroutine begin
 
    !> Follows a joint from now on, whose path was given at the start of the part.
@@ -89,8 +94,10 @@ contains
          self%slider(e) = slider
          self%reach(e) = reach
          self%path(:, e) = path
-         call shift(self%path(:, e), 1.0_wp - self%left)
-         self%path(:, e) = self%path(:, e) + self%change(joint, :)
+         if (self%left < 1.0_wp) then
+            call shift(self%path(:, e), 1.0_wp - self%left)
+            self%path(:, e) = self%path(:, e) + self%change(joint, :)
+         end if
       end associate
       self%slack(joint) = huge(1.0_wp)
    end subroutine adopt
@@ -110,20 +117,33 @@ contains
    pure subroutine move_on(self, span)
       class(lane_paths), intent(inout) :: self
       real(wp), intent(in) :: span
-      integer :: e, k, m
+      integer :: e
 
       do e = 1, self%n_suspects
          call shift(self%path(:, e), span)
       end do
-      if (self%left < 1.0_wp) then
-         do m = 0, path_degree - 1
-            do k = path_degree - 1, m, -1
-               self%change(:, k) = self%change(:, k) + span*self%change(:, k + 1)
-            end do
-         end do
-      end if
+      if (self%left < 1.0_wp) call shift_all(size(self%slack)/lanes, span, self%change)
       self%left = self%left - span
    end subroutine move_on
+
+   !> Expands the changes of all joints about a later time.
+   pure subroutine shift_all(blocks, span, change)
+      integer, intent(in) :: blocks
+      real(wp), intent(in) :: span
+      real(wp), intent(inout) :: change(lanes, blocks, 0:path_degree)
+      integer :: b, k, l, m
+
+      do m = 0, path_degree - 1
+         do k = path_degree - 1, m, -1
+            do b = 1, blocks
+               !$omp simd
+               do l = 1, lanes
+                  change(l, b, k) = change(l, b, k) + span*change(l, b, k + 1)
+               end do
+            end do
+         end do
+      end do
+   end subroutine shift_all
 
    !> Expands a polynomial about a later time.
    pure subroutine shift(path, span)
@@ -145,11 +165,12 @@ contains
       integer, intent(in) :: entry
       real(wp), intent(in) :: way   !! +1 or -1
       real(wp) :: power
-      integer :: d, e, i, j, k, m, s
+      integer :: e, i, j, k, many, n, s
 
-      m = size(self%slack)
+      n = size(self%suspect)
       associate (motion => self%motion, answer => self%answer, bound => self%bound)
-         motion = 0.0_wp
+         call clear(size(motion), motion)
+         call clear(size(bound), bound)
          i = self%suspect(entry)
          if (abs(self%side(entry)) > 0.0_wp) then
             self%path(1, entry) = 0.0_wp
@@ -162,88 +183,115 @@ contains
             self%side(entry) = way
             self%follows(i) = 1.0_wp
          end if
-         bound = 0.0_wp
          power = self%left
          do k = 3, path_degree
             power = power*self%left
             if (operators%first_power(k) > k - 2) cycle
-            answer = 0.0_wp
+            many = 0
             do e = max(operators%first_power(k), k - 1 - n_markov), k - 2
-               d = k - 2 - e
-               do j = merge(i, 1, e < 3), merge(i, m, e < 3)   ! the others answer from power 3 on
-                  if (abs(motion(j, e)) > 0.0_wp) &
-                     call add_answer(m, operators%markov(1, j, d), &
-                                     motion(j, e)*(factorial(e)/factorial(k)), answer)
+               do j = merge(i, 1, e < 3), merge(i, n, e < 3)   ! the others answer from power 3 on
+                  self%column(many + 1) = n*(k - 2 - e) + j
+                  self%share(many + 1) = motion(j, e)*fall(e, k - e)
+                  many = many + merge(1, 0, abs(motion(j, e)) > 0.0_wp)
                end do
             end do
-            call take_answer(m, k*power, answer, self%follows, motion(1, k), self%change(1, k), &
-                             bound)
+            call self%add_power(operators%markov, k, many, k*power)
             do s = 1, self%n_suspects
                self%path(k, s) = self%path(k, s) + answer(self%suspect(s))
             end do
          end do
          self%slack = self%slack - bound
-         call self%add_moments(motion)
+         call add_moments(size(answer)/lanes, self%left, motion, ubound(self%moments, 2), &
+                          self%moments)
       end associate
    end subroutine switch_slider
 
-   pure subroutine add_answer(m, markov, share, answer)
-      integer, intent(in) :: m
-      real(wp), intent(in) :: markov(m), share
-      real(wp), intent(inout) :: answer(m)
+   pure subroutine clear(n, values)
+      integer, intent(in) :: n
+      real(wp), intent(inout) :: values(n)
 
-      answer = answer + markov*share
-   end subroutine add_answer
+      values = 0.0_wp
+   end subroutine clear
 
-   !> Adds one power of the answers to the sliders that follow, the paths, and the bound of changes
-   !> of velocities, and so of paths.
-   pure subroutine take_answer(m, weight, answer, follows, motion, change, bound)
-      integer, intent(in) :: m
-      real(wp), intent(in) :: weight, answer(m), follows(m)
-      real(wp), intent(inout), dimension(m) :: motion, change, bound
+   !> Finds power k of the answers, and adds it to the sliders that follow, the paths, and the bound
+   !> of changes of velocities, and so of paths.
+   pure subroutine add_power(self, markov, k, many, weight)
+      class(lane_paths), intent(inout) :: self
+      real(wp), intent(in), contiguous :: markov(:, :)   !! see modal_operators
+      integer, intent(in) :: k, many                     !! columns that count
+      real(wp), intent(in) :: weight
+      real(wp) :: total(lanes)
+      integer :: e, first, l
 
-      motion = motion + follows*answer
-      change = change + answer
-      bound = bound + weight*abs(answer)
-   end subroutine take_answer
+      do first = 0, size(self%answer) - lanes, lanes
+         total = 0.0_wp
+         do e = 1, many
+            !$omp simd
+            do l = 1, lanes
+               total(l) = total(l) + self%share(e)*markov(first + l, self%column(e))
+            end do
+         end do
+         !$omp simd
+         do l = 1, lanes
+            self%answer(first + l) = total(l)
+            self%motion(first + l, k) = self%motion(first + l, k) + self%follows(first + l)*total(l)
+            self%change(first + l, k) = self%change(first + l, k) + total(l)
+            self%bound(first + l) = self%bound(first + l) + weight*abs(total(l))
+         end do
+      end do
+   end subroutine add_power
 
-   !> Changes of the path and of the velocity of a joint at the end of the part.
-   pure subroutine end_changes(self, joint, place, velocity)
-      class(lane_paths), intent(in) :: self
-      integer, intent(in) :: joint
-      real(wp), intent(out) :: place, velocity
-      integer :: k
+   !> Finds the changes of all paths and velocities at the end of the part.
+   pure subroutine end_changes(self)
+      class(lane_paths), intent(inout) :: self
 
-      place = self%change(joint, path_degree)
+      call find_ends(size(self%slack)/lanes, self%left, self%change, self%place, self%velocity)
+   end subroutine end_changes
+
+   pure subroutine find_ends(blocks, t, change, place, velocity)
+      integer, intent(in) :: blocks
+      real(wp), intent(in) :: t, change(lanes, blocks, 0:path_degree)
+      real(wp), intent(inout), dimension(lanes, blocks) :: place, velocity
+      integer :: b, k, l
+
+      place = change(:, :, path_degree)
       velocity = 0.0_wp
       do k = path_degree - 1, 0, -1
-         velocity = velocity*self%left + place
-         place = place*self%left + self%change(joint, k)
+         do b = 1, blocks
+            !$omp simd
+            do l = 1, lanes
+               velocity(l, b) = velocity(l, b)*t + place(l, b)
+               place(l, b) = place(l, b)*t + change(l, b, k)
+            end do
+         end do
       end do
-   end subroutine end_changes
+   end subroutine find_ends
 
    !> Adds a motion of the sliders from now on to their integrals at the end of the part: I_s of t^k
    !> is k!/(k + s)! t^(k + s).
-   pure subroutine add_moments(self, motion)
-      class(lane_paths), intent(inout) :: self
-      real(wp), intent(in), contiguous :: motion(:, :)   !! (joint, power from 1)
-      real(wp) :: power(path_degree), share(path_degree)
-      integer :: j, k, s
+   pure subroutine add_moments(blocks, left, motion, last, moments)
+      integer, intent(in) :: blocks, last
+      real(wp), intent(in) :: left, motion(lanes, blocks, path_degree)
+      real(wp), intent(inout) :: moments(lanes, blocks, 0:last)
+      real(wp) :: power, share(path_degree)   ! power: of what is left
+      integer :: b, k, l, s
 
-      power(1) = self%left
-      do k = 2, path_degree
-         power(k) = power(k - 1)*self%left
-      end do
-      do s = 0, ubound(self%moments, 2)
-         do k = 1, path_degree
-            share(k) = power(k)*(factorial(k)/factorial(k + s))
+      power = 1.0_wp
+      do s = 0, last
+         share(1) = left*power
+         do k = 2, path_degree
+            share(k) = left*share(k - 1)
          end do
-         power = power*self%left
-         do j = 1, size(motion, 1)
-            self%moments(j, s) = self%moments(j, s) &
-                                 + (((motion(j, 1)*share(1) + motion(j, 2)*share(2)) &
-                                     + (motion(j, 3)*share(3) + motion(j, 4)*share(4))) &
-                                    + (motion(j, 5)*share(5) + motion(j, 6)*share(6)))
+         power = left*power
+         share = share*fall(:path_degree, s)
+         do b = 1, blocks
+            !$omp simd
+            do l = 1, lanes
+               moments(l, b, s) = moments(l, b, s) &
+                                  + (((motion(l, b, 1)*share(1) + motion(l, b, 2)*share(2)) &
+                                      + (motion(l, b, 3)*share(3) + motion(l, b, 4)*share(4))) &
+                                     + (motion(l, b, 5)*share(5) + motion(l, b, 6)*share(6)))
+            end do
          end do
       end do
    end subroutine add_moments

@@ -6,7 +6,8 @@
 !> formulas of docs/exact_march.md.
 module dynamics_exact_modal_ledger
    use core_kinds, only: wp
-   use dynamics_exact_joint_paths, only: width
+   use dynamics_exact_modal_sliders, only: groups, lanes
+   use dynamics_exact_modal_steps, only: rows_ahead
    use numerics_dense_product, only: pack_matrix, packed_matrix, padded_rows
    use numerics_lapack, only: multiply
    implicit none(type, external)
@@ -25,11 +26,13 @@ module dynamics_exact_modal_ledger
       real(wp), allocatable, private :: area(:, :, :)
       !> Where C^ decouples, (mode) C^_rr and (entry, mode) the form (M9): vv, va, aa, vg, ag, gg
       real(wp), allocatable, private :: decay(:), loss(:, :)
+      real(wp), allocatable, private :: half(:, :)       !! (q q' f(0) f', mode) v at 1/2
       !> Where it does not, C^ and the form, block of rows by block, on and above its diagonal
       type(packed_matrix), private :: damping, form(n_blocks)
+      type(rows_ahead), private :: velocity_at_half
       integer, private :: block_rows = 0
-      !> (lane, force) X(0) and (.., power) forces of the part under way
-      real(wp), allocatable, private :: place(:, :), force(:, :, :)
+      !> (lane, force, group) X(0) and (.., power, group) forces of the part under way
+      real(wp), allocatable, private :: place(:, :, :), force(:, :, :, :)
    contains
       procedure :: prepare
       procedure :: start_part
@@ -39,12 +42,13 @@ module dynamics_exact_modal_ledger
 contains
 
    !> Prepares the quadratic forms of all modes, each by itself where C^ decouples.
-   subroutine prepare(self, h, rate, damping, load, decouples)
+   subroutine prepare(self, h, rate, damping, load, half, velocity_at_half)
       class(modal_ledger), intent(inout) :: self
       real(wp), intent(in) :: h                            !! of a part [s]
       real(wp), intent(in) :: rate(:), damping(:, :)       !! Omega (mode), C^ (mode, mode)
       real(wp), intent(in) :: load(:, :)                   !! (mode, force) h^2 Phi' b
-      logical, intent(in) :: decouples
+      real(wp), intent(in), allocatable :: half(:, :)      !! where C^ decouples
+      type(rows_ahead), intent(in) :: velocity_at_half     !! where it does not
       real(wp), allocatable :: area(:, :), padded(:, :), w(:, :)
       integer :: first, i, j, last, n, np, r
 
@@ -53,8 +57,11 @@ contains
       self%scale = 1.0_wp/h**2
       self%stiffness = rate**2
       self%load = load
-      allocate (self%area(n, 3, size(load, 2)), self%place(width, size(load, 2)))
-      if (decouples) then
+      allocate (self%area(n, 3, size(load, 2)))
+      allocate (self%place(lanes, size(load, 2), groups), &
+                self%force(lanes, size(load, 2), 0:1, groups))
+      if (allocated(half)) then
+         self%half = half
          self%decay = [(damping(r, r), r=1, n)]
          allocate (self%loss(6, n))
          do r = 1, n
@@ -67,6 +74,7 @@ contains
       end if
       call find_loss(rate, damping, load, w, area)
       self%area = reshape(area, [n, 3, size(load, 2)])
+      self%velocity_at_half = velocity_at_half
       call pack_matrix(damping, self%damping)
       np = padded_rows(n)
       allocate (padded(3*np, 3*np), source=0.0_wp)
@@ -138,51 +146,60 @@ contains
       area = transpose(change(m - size(load, 2) + 1:, :3*n))
    end subroutine find_loss
 
-   !> Keeps velocities, accelerations and displacements at the start of a part.
-   pure subroutine start_part(self, force, now, pushed, y)
+   !> Keeps velocities, accelerations and displacements at the start of a part, and the velocities
+   !> of the free motion at its half.
+   pure subroutine start_part(self, g, rows, force, now, pushed, y)
       class(modal_ledger), intent(inout) :: self
-      real(wp), intent(in) :: force(:, :, 0:)            !! (lane, force, value and rise) [N]
-      real(wp), intent(in), contiguous :: now(:, :, :)   !! (lane, mode, 1:2) q, q'
-      real(wp), intent(in) :: pushed(:, :)               !! (lane, mode) S z
-      real(wp), intent(inout), contiguous :: y(:, :, :)  !! (.., 1:4) v, a, g; room
+      integer, intent(in) :: g, rows                     !! group of lanes
+      real(wp), intent(in) :: force(lanes, size(self%load, 2), 0:1)   !! value and rise [N]
+      real(wp), intent(in) :: now(lanes, rows, 3)        !! q, q', f(0) where C^ couples
+      real(wp), intent(in) :: pushed(lanes, rows)        !! S z
+      real(wp), intent(inout) :: y(lanes, rows, 5)       !! v, a, g; room; v at 1/2
+      real(wp) :: push(lanes)
       integer :: f, r
 
-      self%force = force
-      self%place = 0.0_wp
-      if (.not. allocated(self%decay)) call self%damping%multiply(now(:, :, 2), y(:, :, 4))
+      self%force(:, :, :, g) = force
+      self%place(:, :, g) = 0.0_wp
+      if (.not. allocated(self%decay)) then
+         call self%damping%multiply(now(:, :, 2), y(:, :, 4))
+         call self%velocity_at_half%find(now, force, y(:, :, 5))
+      end if
       do r = 1, size(self%stiffness)
          if (allocated(self%decay)) y(:, r, 4) = self%decay(r)*now(:, r, 2)
-         y(:, r, 1) = now(:, r, 2)
-         y(:, r, 2) = pushed(:, r) - self%stiffness(r)*now(:, r, 1)
+         push = pushed(:, r)
          y(:, r, 3) = 0.0_wp
          do f = 1, size(self%load, 2)
-            y(:, r, 2) = y(:, r, 2) + self%load(r, f)*force(:, f, 0)
+            push = push + self%load(r, f)*force(:, f, 0)
             y(:, r, 3) = y(:, r, 3) + self%load(r, f)*force(:, f, 1)
-            self%place(:, f) = self%place(:, f) + self%load(r, f)*now(:, r, 1)
+            self%place(:, f, g) = self%place(:, f, g) + self%load(r, f)*now(:, r, 1)
          end do
-         y(:, r, 2) = y(:, r, 2) - y(:, r, 4)
+         y(:, r, 1) = now(:, r, 2)
+         y(:, r, 2) = (push - self%stiffness(r)*now(:, r, 1)) - y(:, r, 4)
+         if (allocated(self%decay)) &
+            y(:, r, 5) = (self%half(1, r)*now(:, r, 1) + self%half(2, r)*now(:, r, 2)) &
+                         + (self%half(3, r)*push + self%half(4, r)*y(:, r, 3))
       end do
    end subroutine start_part
 
-   !> Works of all lanes over the part: input, of all forces, is by parts F(1) X(1) - F(0) X(0) - F'
+   !> Works of a group over the part: input, of all forces, is by parts F(1) X(1) - F(0) X(0) - F'
    !> times the integral of X. The rest of the sliders' motion adds a t^2 + b t^3 to v (M9).
-   pure subroutine add_part(self, now, ahead, turned, rest, y, work)
+   pure subroutine add_part(self, g, rows, now, free, turned, rest, y, work)
       class(modal_ledger), intent(in) :: self
-      real(wp), intent(in) :: now(:, :, :)         !! (lane, mode, 1:2) q, q' at the end
-      real(wp), intent(in) :: ahead(:, :, :)       !! (.., 1:4) free motion: q, q' at 1, at 1/2
-      real(wp), intent(in) :: turned(:, :)         !! (lane, mode) S zeta(1)
-      !> (lane, mode, q q') at the end by the rest of the sliders' motion
-      real(wp), intent(in), contiguous :: rest(:, :, :)
-      real(wp), intent(inout), contiguous :: y(:, :, :)   !! see start_part
-      real(wp), intent(inout) :: work(width, 2)    !! input, viscous
-      real(wp), dimension(width) :: area, half, place, uniform   ! half, uniform: v at 1/2 and 1
+      integer, intent(in) :: g, rows
+      real(wp), intent(in) :: now(lanes, rows, 2)    !! q, q' at the end
+      real(wp), intent(in) :: free(lanes, rows)      !! q' at the end of the free motion
+      real(wp), intent(in) :: turned(lanes, rows)    !! S zeta(1)
+      real(wp), intent(in) :: rest(lanes, rows, 2)   !! q, q' at the end by the rest
+      real(wp), intent(inout) :: y(lanes, rows, 5)   !! see start_part
+      real(wp), intent(inout) :: work(lanes, 2)      !! input, viscous
+      real(wp), dimension(lanes) :: area, half, place, uniform   ! half, uniform: v at 1/2 and 1
       real(wp) :: c(6)
       integer :: f, n, r
 
       n = size(self%stiffness)
       y(:, :n, 3) = y(:, :n, 3) + turned(:, :n)
       do f = 1, size(self%load, 2)
-         area = self%place(:, f)
+         area = self%place(:, f, g)
          place = 0.0_wp
          do r = 1, n
             place = place + self%load(r, f)*now(:, r, 1)
@@ -190,9 +207,9 @@ contains
                            + self%area(r, 3, f)*y(:, r, 3)) &
                    + self%load(r, f)*(0.4_wp*rest(:, r, 1) - 0.05_wp*rest(:, r, 2))
          end do
-         associate (before => self%force(:, f, 0), rise => self%force(:, f, 1))
+         associate (before => self%force(:, f, 0, g), rise => self%force(:, f, 1, g))
             work(:, 1) = work(:, 1) + self%scale*((before + rise)*place &
-                                                  - before*self%place(:, f) - rise*area)
+                                                  - before*self%place(:, f, g) - rise*area)
          end associate
       end do
       if (allocated(self%decay)) then
@@ -206,14 +223,14 @@ contains
             y(:, r, 4) = self%decay(r)*rest(:, r, 2)
          end do
       else
-         call add_form(self, 3*size(y, 2), y, y(:, :, 4), work(:, 2))
+         call add_form(self, 3*rows, y, y(:, :, 4), work(:, 2))
          call self%damping%multiply(rest(:, :, 1), y(:, :, 3))
          call self%damping%multiply(rest(:, :, 2), y(:, :, 4))
       end if
       do r = 1, n
          associate (q => rest(:, r, 1), v => rest(:, r, 2))
             uniform = now(:, r, 2) - v
-            half = ahead(:, r, 4) + 0.25_wp*(uniform - ahead(:, r, 2))
+            half = y(:, r, 5) + 0.25_wp*(uniform - free(:, r))
             work(:, 2) = work(:, 2) + self%scale* &
                          (y(:, r, 3)*((1.6_wp*half + 0.4_wp*uniform) + (48.0_wp/35.0_wp)*q) &
                           + y(:, r, 4)*((5.0_wp*uniform - 4.0_wp*half - y(:, r, 1))/30.0_wp &
@@ -226,9 +243,9 @@ contains
    pure subroutine add_form(self, rows, y, product, work)
       class(modal_ledger), intent(in) :: self
       integer, intent(in) :: rows
-      real(wp), intent(in) :: y(width, rows)
-      real(wp), intent(inout) :: product(width, self%block_rows)   !! room
-      real(wp), intent(inout) :: work(width)
+      real(wp), intent(in) :: y(lanes, rows)
+      real(wp), intent(inout) :: product(lanes, self%block_rows)   !! room
+      real(wp), intent(inout) :: work(lanes)
       integer :: b, first, r
 
       do b = 1, n_blocks

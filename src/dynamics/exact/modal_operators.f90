@@ -8,7 +8,9 @@
 !> docs/exact_march.md.
 module dynamics_exact_modal_operators
    use core_kinds, only: two_pi, wp
+   use dynamics_alignment, only: whole_registers
    use dynamics_exact_modal_ledger, only: modal_ledger
+   use dynamics_exact_modal_steps, only: rows_ahead
    use dynamics_exact_modal_terms, only: choose_terms, count_parts, joint_gain, modal_terms, &
                                          n_markov, path_degree
    use numerics_dense_product, only: pack_matrix, packed_matrix, padded_rows
@@ -26,22 +28,24 @@ module dynamics_exact_modal_operators
       real(wp), allocatable :: slider_push(:, :)   !! S (mode, joint)
       real(wp), allocatable :: load(:, :)       !! h^2 Phi' b (mode, force)
       real(wp), allocatable :: direction(:, :)  !! W (dof, joint)
-      !> (entry, mode), where C^ decouples: q, q' at 1 and at 1/2 from q, q', f(0), f' (M3)
-      real(wp), allocatable :: rotation(:, :)
+      !> Where C^ decouples, from q, q', f(0), f' (entry, .., mode): q, q' at 1, both at 1/2 less
+      !> those of the cubic through both ends (M3), (M4); q' at 1/2 itself, for the ledger
+      real(wp), allocatable :: rotation(:, :, :), half(:, :)
       !> (0:moment, q or q', mode) where C^ decouples (M6)
       real(wp), allocatable :: weight(:, :, :)
-      type(packed_matrix) :: propagator         !! as rotation, but of all modes and without f'
-      real(wp), allocatable :: rise(:, :)       !! (row of propagator, force) of f'
+      !> Where it does not, from all modes: q, q' at 1; values and slopes of paths at 1/2 less those
+      !> of the cubics; q' at 1/2
+      type(rows_ahead) :: propagator, middle, velocity_at_half
       type(packed_matrix) :: kick               !! as weight, but of all modes: rows q, q'
-      type(packed_matrix) :: read, push, shape   !! G, S, Phi
+      type(packed_matrix) :: reads(4), push, shape   !! G, of the modes that are read; S, Phi
       type(packed_matrix) :: answer(3:path_degree)   !! power k of a path from the sliders' (M5)
       type(packed_matrix) :: rest               !! as kick, less the uniform motion of the sliders
       real(wp), allocatable :: rate(:), damping(:, :)   !! Omega (mode), C^ (mode, mode)
       type(modal_ledger) :: ledger
-      real(wp), allocatable :: markov(:, :, :)  !! Y_d (joint, joint of the slider, d) (M5)
+      !> Y_0, Y_1, Y_2 (joint, joint of the slider), joints padded to whole registers (M5)
+      real(wp), allocatable :: markov(:, :)
    contains
       procedure :: work
-      procedure :: propagate
    end type modal_operators
 
 contains
@@ -55,40 +59,17 @@ contains
       do k = 3, path_degree
          work = work + size(self%answer(k)%value)
       end do
-      work = work + self%n_reads*size(self%read%value)
+      do k = 1, 4
+         work = work + size(self%reads(k)%value)
+      end do
       if (self%decouples) then
          work = work + (16.0_wp + 2.0_wp*self%n_moments)*self%n_modes &
                 + (self%n_moments + 1.0_wp)*size(self%push%value)
       else
-         work = work + size(self%propagator%value) + size(self%kick%value) + size(self%push%value)
+         work = work + size(self%propagator%from%value) + size(self%middle%from%value) &
+                + size(self%kick%value) + size(self%push%value)
       end if
    end function work
-
-   !> Takes all modes ahead together (M3).
-   pure subroutine propagate(self, force, pushed, now, ahead)
-      class(modal_operators), intent(in) :: self
-      real(wp), intent(in) :: force(:, :, 0:)          !! (lane, force, power) [N]
-      real(wp), intent(in) :: pushed(:, :)             !! (lane, mode) S z
-      real(wp), intent(inout), contiguous :: now(:, :, :)     !! (.., 1:3) q, q', f(0)
-      real(wp), intent(inout), contiguous :: ahead(:, :, :)   !! (.., 1:4) q, q' at 1, at 1/2
-      integer :: f, r, row
-
-      do r = 1, self%n_modes
-         now(:, r, 3) = pushed(:, r)
-         do f = 1, size(self%load, 2)
-            now(:, r, 3) = now(:, r, 3) + self%load(r, f)*force(:, f, 0)
-         end do
-      end do
-      call self%propagator%multiply(now, ahead)
-      do f = 1, size(self%load, 2)
-         do r = 1, 4
-            do row = 1, size(ahead, 2)
-               ahead(:, row, r) = ahead(:, row, r) + force(:, f, 1)* &
-                                  self%rise((r - 1)*size(ahead, 2) + row, f)
-            end do
-         end do
-      end do
-   end subroutine propagate
 
    !> Prepares the form for as many parts a step as the tolerance needs, relative to the rms.
    subroutine new_modal_operators(structure, dt, tolerance, operators)
@@ -122,13 +103,20 @@ contains
       operators%decouples = is_diagonal(damping)
       call choose_terms(structure%joint_stiffness, gain, operators%h*omega, damping, tolerance, &
                         operators)
-      call pack_matrix(gain, operators%read)
+      call pack_matrix(gain, operators%reads(1))
+      call pack_matrix(gain, operators%reads(2))
       call pack_matrix(operators%slider_push, operators%push)
       call pack_matrix(structure%modes_stuck, operators%shape)
+      do r = 3, 4
+         associate (first => merge(operators%first_read(r), operators%n_modes + 1, &
+                                   operators%decouples))
+            call pack_matrix(gain(:, first:), operators%reads(r))
+         end associate
+      end do
       if (operators%decouples) then
          call put_rotations(operators%h*omega, damping, operators, moved)
       else
-         call put_propagator(operators%h*omega, damping, operators, moved)
+         call put_propagator(operators%h*omega, damping, gain, operators, moved)
       end if
       call put_answers(gain, moved, operators)
       operators%rate = operators%h*omega
@@ -157,27 +145,29 @@ contains
       type(modal_operators), intent(inout) :: operators
       real(wp), allocatable, intent(out) :: moved(:, :, :)   !! see put_answers
       type(exponential_type) :: half, full
+      real(wp), parameter :: start_q(4) = [1.0_wp, 0.0_wp, 0.0_wp, 0.0_wp]
+      real(wp), parameter :: start_p(4) = [0.0_wp, 1.0_wp, 0.0_wp, 0.0_wp]
       real(wp) :: a(2, 2), b(2, 1), fit(0:operators%n_moments, 0:operators%n_moments + 1), scale
       integer :: k, last, r
 
       last = operators%n_moments
       fit = kernel_fit(operators%n_moments)
-      allocate (operators%rotation(16, size(rate)), operators%weight(0:last, 2, size(rate)), &
+      allocate (operators%rotation(4, 4, size(rate)), operators%half(4, size(rate)), &
+                operators%weight(0:last, 2, size(rate)), &
                 moved(size(rate), operators%n_joints, n_markov))
       do r = 1, size(rate)
          scale = max(1.0_wp, rate(r))   ! of q', so that the matrix is balanced
          a = reshape([0.0_wp, -rate(r)**2/scale, scale, -damping(r, r)], [2, 2])
          b = reshape([0.0_wp, 1.0_wp/scale], [2, 1])
          call find_exponential(a, b, max(n_markov, last + 1), half, full)
-         associate (to => operators%rotation(:, r))
-            to(9:12) = [half%value(1, 1), half%value(1, 2)/scale, half%moment(1, 1, 0), &
-                        0.5_wp*half%moment(1, 1, 0) - half%moment(1, 1, 1)]
-            to(13:16) = [half%value(2, 1)*scale, half%value(2, 2), half%moment(2, 1, 0)*scale, &
-                         (0.5_wp*half%moment(2, 1, 0) - half%moment(2, 1, 1))*scale]
-            to(1:4) = [full%value(1, 1), full%value(1, 2)/scale, full%moment(1, 1, 0), &
-                       full%moment(1, 1, 0) - full%moment(1, 1, 1)]
-            to(5:8) = [full%value(2, 1)*scale, full%value(2, 2), full%moment(2, 1, 0)*scale, &
-                       (full%moment(2, 1, 0) - full%moment(2, 1, 1))*scale]
+         associate (q => at_end(1.0_wp, 1, full), p => at_end(1.0_wp, 2, full), &
+                    half_q => at_end(0.5_wp, 1, half), half_p => at_end(0.5_wp, 2, half), &
+                    to => operators%rotation(:, :, r))
+            to(:, 1) = q
+            to(:, 2) = p
+            to(:, 3) = half_q - 0.5_wp*(start_q + q) - 0.125_wp*(start_p - p)
+            to(:, 4) = half_p - 1.5_wp*(q - start_q) + 0.25_wp*(start_p + p)
+            operators%half(:, r) = half_p
          end associate
          do k = 1, n_markov
             moved(r, :, k) = full%moment(1, 1, k)*operators%slider_push(r, :)
@@ -185,12 +175,28 @@ contains
          operators%weight(:, 1, r) = matmul(fit, full%moment(1, 1, 0:last + 1))
          operators%weight(:, 2, r) = matmul(fit, full%moment(2, 1, 0:last + 1))*scale
       end do
+
+   contains
+
+      !> Factors of q, q', f(0), f' in q (row 1) or q' (2) after a time.
+      pure function at_end(time, row, of) result(factor)
+         real(wp), intent(in) :: time
+         integer, intent(in) :: row
+         type(exponential_type), intent(in) :: of
+         real(wp) :: factor(4)
+
+         factor = merge(1.0_wp, scale, row == 1)* &
+                  [of%value(row, 1), of%value(row, 2)/scale, of%moment(row, 1, 0), &
+                   time*of%moment(row, 1, 0) - of%moment(row, 1, 1)]
+      end function at_end
+
    end subroutine put_rotations
 
    !> Takes all modes together: the exponential of the first-order system and its moments (M3),
    !> (M6).
-   pure subroutine put_propagator(rate, damping, operators, moved)
+   pure subroutine put_propagator(rate, damping, gain, operators, moved)
       real(wp), intent(in) :: rate(:), damping(:, :)   !! Omega (mode), C^ (mode, mode)
+      real(wp), intent(in) :: gain(:, :)               !! G (joint, mode)
       type(modal_operators), intent(inout) :: operators
       real(wp), allocatable, intent(out) :: moved(:, :, :)   !! see put_answers
       type(exponential_type) :: half, full
@@ -198,7 +204,7 @@ contains
       real(wp) :: b(2*size(rate), size(rate)), scale(size(rate))
       real(wp) :: fit(0:operators%n_moments, 0:operators%n_moments + 1)
       real(wp) :: kernel(2*size(rate), size(rate))
-      real(wp), allocatable :: kick(:, :), propagator(:, :), uniform(:, :)
+      real(wp), allocatable :: kick(:, :), uniform(:, :), values(:, :)
       integer :: i, k, last, m, n, np, r
 
       n = size(rate)
@@ -217,24 +223,17 @@ contains
       call unscale(half)
       call unscale(full)
 
-      allocate (propagator(4*np, 3*np), source=0.0_wp)
-      allocate (operators%rise(4*np, size(operators%load, 2)), source=0.0_wp)
-      do i = 0, 1   ! rows q, q'; columns q, q', f(0)
-         associate (rows => [(r, r=i*n + 1, i*n + n)], at_full => [(r, r=i*np + 1, i*np + n)], &
-                    at_half => [(r, r=(i + 2)*np + 1, (i + 2)*np + n)])
-            do k = 0, 1
-               propagator(at_half, k*np + 1:k*np + n) = half%value(rows, k*n + 1:k*n + n)
-               propagator(at_full, k*np + 1:k*np + n) = full%value(rows, k*n + 1:k*n + n)
-            end do
-            propagator(at_half, 2*np + 1:2*np + n) = half%moment(rows, :, 0)
-            propagator(at_full, 2*np + 1:2*np + n) = full%moment(rows, :, 0)
-            operators%rise(at_half, :) = matmul(0.5_wp*half%moment(rows, :, 0) - &
-                                                half%moment(rows, :, 1), operators%load)
-            operators%rise(at_full, :) = matmul(full%moment(rows, :, 0) - &
-                                                full%moment(rows, :, 1), operators%load)
-         end associate
-      end do
-      call pack_matrix(propagator, operators%propagator)
+      associate (start => unit_rows(), end => rows_at(1.0_wp, full), &
+                 middle => rows_at(0.5_wp, half), q => [(r, r=1, n)], p => [(r, r=n + 1, 2*n)])
+         call pack_rows(stacked(end(q, :), end(p, :)), operators%propagator)
+         call pack_rows(middle(p, :), operators%velocity_at_half)
+         values = matmul(gain, middle(q, :) - 0.5_wp*(start(q, :) + end(q, :)) &
+                         - 0.125_wp*(start(p, :) - end(p, :)))
+         if (operators%first_read(4) <= n) &
+            values = stacked(values, matmul(gain, middle(p, :) - 1.5_wp*(end(q, :) - start(q, :)) &
+                                            + 0.25_wp*(start(p, :) + end(p, :))))
+         call pack_rows(values, operators%middle)
+      end associate
 
       allocate (moved(n, operators%n_joints, n_markov))
       do k = 1, n_markov
@@ -261,6 +260,54 @@ contains
       call pack_matrix(kick, operators%rest)
 
    contains
+
+      !> Rows q, q' after a time, from q, q', f(0), f' (mode) of each force.
+      pure function rows_at(time, of) result(rows)
+         real(wp), intent(in) :: time
+         type(exponential_type), intent(in) :: of
+         real(wp), allocatable :: rows(:, :)
+
+         allocate (rows(2*n, 3*n + size(operators%load, 2)))
+         rows(:, :2*n) = of%value
+         rows(:, 2*n + 1:3*n) = of%moment(:, :, 0)
+         rows(:, 3*n + 1:) = matmul(time*of%moment(:, :, 0) - of%moment(:, :, 1), operators%load)
+      end function rows_at
+
+      !> Rows q, q' at the start.
+      pure function unit_rows() result(rows)
+         real(wp) :: rows(2*n, 3*n + size(operators%load, 2))
+         integer :: s
+
+         rows = 0.0_wp
+         do s = 1, 2*n
+            rows(s, s) = 1.0_wp
+         end do
+      end function unit_rows
+
+      !> Rows of a and of b, each padded.
+      pure function stacked(a, b) result(rows)
+         real(wp), intent(in) :: a(:, :), b(:, :)
+         real(wp) :: rows(2*padded_rows(size(a, 1)), size(a, 2))
+
+         rows = 0.0_wp
+         rows(:size(a, 1), :) = a
+         rows(size(rows, 1)/2 + 1:size(rows, 1)/2 + size(b, 1), :) = b
+      end function stacked
+
+      !> Packs rows, the columns of modes padded.
+      pure subroutine pack_rows(rows, to)
+         real(wp), intent(in) :: rows(:, :)
+         type(rows_ahead), intent(out) :: to
+         real(wp) :: from(size(rows, 1), 3*np)
+         integer :: s
+
+         from = 0.0_wp
+         do s = 0, 2
+            from(:, s*np + 1:s*np + n) = rows(:, s*n + 1:s*n + n)
+         end do
+         call pack_matrix(from, to%from)
+         to%rise = rows(:, 3*n + 1:)
+      end subroutine pack_rows
 
       !> Goes from scaled q' back to q'.
       pure subroutine unscale(of)
@@ -329,12 +376,14 @@ contains
 
       m = size(gain, 1)
       mp = padded_rows(m)
-      allocate (operators%markov(m, m, 0:n_markov - 1), source=0.0_wp)
+      allocate (operators%markov(whole_registers(m), m*n_markov), source=0.0_wp)
       do d = 0, n_markov - 1
-         do k = 1, n_markov
-            operators%markov(:, :, d) = operators%markov(:, :, d) + inverse(d + 1, k)* &
-                                        gamma(real(d + 2, wp))*matmul(gain, moved(:, :, k))
-         end do
+         associate (markov => operators%markov(:m, d*m + 1:(d + 1)*m))
+            do k = 1, n_markov
+               markov = markov + inverse(d + 1, k)*gamma(real(d + 2, wp)) &
+                        *matmul(gain, moved(:, :, k))
+            end do
+         end associate
       end do
       do k = 3, path_degree
          associate (first => operators%first_power(k))
@@ -342,7 +391,8 @@ contains
             do e = first, k - 2
                d = k - 2 - e
                answer(:, (e - first)*mp + 1:(e - first)*mp + m) = &
-                  operators%markov(:, :, d)*(gamma(real(e + 1, wp))/gamma(real(k + 1, wp)))
+                  operators%markov(:m, d*m + 1:(d + 1)*m) &
+                  *(gamma(real(e + 1, wp))/gamma(real(k + 1, wp)))
             end do
             call pack_matrix(answer(:, :(k - 1 - first)*mp), operators%answer(k))
          end associate

@@ -19,15 +19,16 @@ module dynamics_exact_modal_terms
       real(wp) :: h = 0.0_wp       !! of a part [s]
       integer :: n_parts = 1       !! of a step, a power of two
       integer :: n_moments = 4     !! integrals of a slider's motion that its modes need
-      integer :: n_reads = 4       !! of u(1), u'(1), u(1/2), u'(1/2) that free paths go through
+      !> first mode whose displacement (3) and velocity (4) at half the part joints read
+      integer :: first_read(3:4) = 1
       !> (power of a path) least power of the sliders that adds to it; beyond power - 2: none does
       integer :: first_power(3:path_degree) = 1
    end type modal_terms
 
 contains
 
-   !> Parts of a step, a power of two, that keep the paths of joints within the tolerance (M7); counts
-   !> on to 2^30.
+   !> Parts of a step, a power of two up to 2^30, that keep the paths of joints within the tolerance
+   !> (M7).
    pure integer function count_parts(structure, dt, tolerance) result(n_parts)
       type(structure_type), intent(in) :: structure
       real(wp), intent(in) :: dt, tolerance
@@ -77,7 +78,7 @@ contains
       gain = matmul(transpose(structure%direction), structure%modes_stuck)
    end function joint_gain
 
-   !> Error of the paths of joints, relative to the rms displacement, with so many parts a step (M7).
+   !> Error of the paths of joints with so many parts a step, relative to the rms displacement (M7).
    !>
    !> A mode of rate rho = omega h leaves the polynomial through its values by 2.7e-6 rho^6 of its
    !> amplitude. The answers of joints to sliders, kappa = h^2 W' M^-1 W k, are cut off at
@@ -132,7 +133,7 @@ contains
       real(wp), intent(in) :: tolerance
       class(modal_terms), intent(inout) :: terms
       real(wp), parameter :: steps = 30.0_wp   ! for which the error of a part lives on, see (1)
-      real(wp), parameter :: quartic_error = 7.5e-5_wp
+      real(wp), parameter :: cubic_error = 2.6e-3_wp, quartic_error = 7.5e-5_wp   ! (M4)
       real(wp) :: answer(0:n_markov - 1), kernel(0:4), memory, path(5), share(size(rate))
       integer :: d, k
 
@@ -146,8 +147,11 @@ contains
       associate (decay => maxval(sum(abs(damping), 1)))
          answer = [kernel(0), kernel(0)*decay, kernel(2) + kernel(0)*decay**2]
       end associate
-      terms%n_reads = 4
-      if (term_safety*quartic_error*path(5) <= 0.5_wp*tolerance) terms%n_reads = 3
+      associate (fastest => max(rate, sum(abs(damping), 1)))
+         terms%first_read(3) = first_beyond(cubic_error*share*fastest**4)
+         terms%first_read(4) = max(terms%first_read(3), &
+                                   first_beyond(quartic_error*share*fastest**5))
+      end associate
       memory = steps*terms%n_parts
       terms%n_moments = 4
       if (memory*(kernel(2)*path(3) + kernel(4)*path(2))*1.0e-5_wp <= 0.2_wp*tolerance) &
@@ -160,6 +164,18 @@ contains
                terms%first_power(k) = k - 2 - d
          end do
       end do
+
+   contains
+
+      !> First mode whose error counts, or one behind the last.
+      pure integer function first_beyond(error)
+         real(wp), intent(in) :: error(:)   !! (mode)
+
+         do first_beyond = 1, size(error)
+            if (term_safety*error(first_beyond) > 0.5_wp*tolerance) return
+         end do
+      end function first_beyond
+
    end subroutine choose_terms
 
 end module dynamics_exact_modal_terms

@@ -43,7 +43,8 @@ module dynamics_exact_transitions
       real(wp), dimension(group_size), private :: slider = 0.0_wp, reach = 0.0_wp
       real(wp), dimension(group_size), private :: spring = 0.0_wp, stiffness = 0.0_wp
       real(wp), private :: own(group_size, n_near) = 0.0_wp
-      real(wp), dimension(group_size), private :: is_clear, is_plain   ! where positive
+      !> where positive: a bound of the guard; a guard with a plain zero
+      real(wp), dimension(group_size) :: is_clear, is_plain
       !> from tau on, after shift_path
       real(wp), private :: path(group_size, 0:most_degree) = 0.0_wp
       real(wp) :: answer(group_size, 3:most_degree)            !! d of (6)
