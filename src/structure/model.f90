@@ -245,7 +245,7 @@ contains
             if (.not. eigenvalues(r) > 0.0_wp) n_zero = n_zero + 1
          end do
       end associate
-      frequencies = sqrt(max(eigenvalues, 0.0_wp))/two_pi
+      allocate (frequencies, source=sqrt(max(eigenvalues, 0.0_wp))/two_pi)
    end subroutine find_modes
 
    !> C = M Phi diag(2 zeta omega) Phi' M (dof, dof) [N s/m].

@@ -49,7 +49,7 @@ module dynamics_exact_base_system
       !> Gives displacements and velocities back, such that `take` restores them bit for bit.
       subroutine give(self, state)
          import :: base_system, block_state
-         class(base_system), intent(inout) :: self
+         class(base_system), intent(in) :: self
          type(block_state), intent(inout) :: state
       end subroutine give
 
@@ -92,7 +92,7 @@ module dynamics_exact_base_system
       !> Puts the state of all lanes now.
       subroutine put_state(self, displacement, velocity)
          import :: base_system, wp
-         class(base_system), intent(inout) :: self
+         class(base_system), intent(in) :: self
          real(wp), intent(out) :: displacement(:, :)   !! (lane, dof) [m]
          real(wp), intent(out) :: velocity(:, :)       !! (lane, dof) [m/s]; or size 0
       end subroutine put_state

@@ -339,7 +339,7 @@ contains
    end subroutine list_sliding
 
    subroutine keep_record(base, displacement, velocity, room)
-      class(base_system), intent(inout) :: base
+      class(base_system), intent(in) :: base
       real(wp), intent(inout) :: displacement(:, :, :), velocity(:, :, :)
       type(march_room), intent(inout) :: room
 

@@ -32,7 +32,6 @@ module dynamics_exact_modal_form
       type(modal_operators) :: operators
       integer :: n_padded = 0, m_padded = 0
       integer :: n_groups = 0   !! that have samples
-      logical :: is_behind = .false.   !! modes are still to be taken to the start of the part
       real(wp), pointer, contiguous :: now(:, :, :, :) => null()  !! (lane, mode, q q' f(0), group)
       !> (lane, mode, 1:4, group) q, q' at 1; at 1/2 less those of the cubic through both ends
       real(wp), pointer, contiguous :: ahead(:, :, :, :) => null()
@@ -130,7 +129,6 @@ contains
       n = self%operators%n_modes
       m = self%operators%n_joints
       self%n_groups = group_of(self%paths%n_samples)
-      self%is_behind = .false.
       self%now = 0.0_wp
       self%pushed = 0.0_wp
       self%sliders%has_switched = .true.   ! regimes are given
@@ -188,7 +186,7 @@ contains
 
    !> See base_system.
    subroutine give(self, state)
-      class(modal_form), intent(inout) :: self
+      class(modal_form), intent(in) :: self
       type(block_state), intent(inout) :: state
       real(wp), dimension(width, self%operators%n_modes) :: displacement, velocity
       integer :: e, g, l, m, n, w
@@ -224,12 +222,10 @@ contains
       integer :: g
 
       do g = 1, self%n_groups
-         if (self%is_behind) call take_sliders(self, g)
          associate (first => lanes*(g - 1) + 1)
             call run_group(self, g, first, force(first:first + lanes - 1, :, :))
          end associate
       end do
-      self%is_behind = .false.
       call finish_part(self%paths, list, found)
    end subroutine run_part
 
@@ -392,12 +388,16 @@ contains
 
    end subroutine redo
 
-   !> Makes the ends the starts. The modes follow when they are needed, group by group, so that they
-   !> are in the cache.
+   !> Makes the ends the starts.
    subroutine go_on(self)
       class(modal_form), intent(inout) :: self
+      integer :: g
 
-      self%is_behind = .not. self%keeps_ledger
+      if (.not. self%keeps_ledger) then
+         do g = 1, self%n_groups
+            call take_sliders(self, g)
+         end do
+      end if
       call self%paths%exchange_ends()
    end subroutine go_on
 
@@ -426,14 +426,13 @@ contains
 
    !> See base_system.
    subroutine put_state(self, displacement, velocity)
-      class(modal_form), intent(inout) :: self
+      class(modal_form), intent(in) :: self
       real(wp), intent(out) :: displacement(:, :)
       real(wp), intent(out) :: velocity(:, :)
       real(wp) :: x(lanes, self%n_padded)
       integer :: g
 
       do g = 1, self%n_groups
-         if (self%is_behind) call take_sliders(self, g)
          associate (first => lanes*(g - 1) + 1, n => self%operators%n_modes)
             call self%operators%shape%multiply(self%now(:, :, 1, g), x)
             displacement(first:first + lanes - 1, :) = x(:, :n)
@@ -442,7 +441,6 @@ contains
             velocity(first:first + lanes - 1, :) = x(:, :n)/self%h
          end associate
       end do
-      self%is_behind = .false.
    end subroutine put_state
 
    !> See base_system. The modes go on here.

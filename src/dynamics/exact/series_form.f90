@@ -101,7 +101,7 @@ contains
 
    !> See base_system.
    subroutine give(self, state)
-      class(series_form), intent(inout) :: self
+      class(series_form), intent(in) :: self
       type(block_state), intent(inout) :: state
       integer :: i, l, w
 
@@ -346,7 +346,7 @@ contains
 
    !> See base_system.
    subroutine put_state(self, displacement, velocity)
-      class(series_form), intent(inout) :: self
+      class(series_form), intent(in) :: self
       real(wp), intent(out) :: displacement(:, :)
       real(wp), intent(out) :: velocity(:, :)
 
