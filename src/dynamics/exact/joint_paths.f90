@@ -73,9 +73,9 @@ contains
       self%degree = degree
       self%n_rows = size(base)
       self%n_joints = size(row)
-      self%row = row
-      self%base = base
-      self%spring = spring
+      allocate (self%row, source=row)   ! assigned, gfortran 12 reads bounds that are not there yet
+      allocate (self%base, source=base)
+      allocate (self%spring, source=spring)
       self%is_local = spread(.false., 1, self%n_joints)
       self%moved = [integer ::]
       self%own = spread(spread(0.0_wp, 1, 4), 2, self%n_rows)
@@ -118,7 +118,8 @@ contains
       class(joint_paths), intent(inout) :: self
 
       call self%memory%free()
-      if (allocated(self%layer)) deallocate (self%first, self%joint, self%joint_row, self%layer)
+      if (allocated(self%layer)) deallocate (self%row, self%base, self%spring, self%first, &
+                                             self%joint, self%joint_row, self%layer)
    end subroutine free
 
    !> Makes the end of a part the start of the next one.

@@ -219,11 +219,13 @@ contains
       real(wp), intent(in) :: force(:, :, 0:)
       integer, intent(inout) :: list(:)
       integer, intent(out) :: found
+      real(wp) :: push(lanes, self%n_forces, 0:1)
       integer :: g
 
       do g = 1, self%n_groups
          associate (first => lanes*(g - 1) + 1)
-            call run_group(self, g, first, force(first:first + lanes - 1, :, :))
+            push = force(first:first + lanes - 1, :, :)
+            call run_group(self, g, first, push)
          end associate
       end do
       call finish_part(self%paths, list, found)
@@ -233,7 +235,7 @@ contains
    subroutine run_group(self, g, first, force)
       class(modal_form), intent(inout) :: self
       integer, intent(in) :: g, first   !! group; its first lane
-      real(wp), intent(in), contiguous :: force(:, :, :)   !! (lane, force, value and rise) [N]
+      real(wp), intent(in) :: force(lanes, self%n_forces, 0:1)   !! value and rise [N]
       integer :: i, k, n, rows
 
       n = self%n_padded
