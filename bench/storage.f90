@@ -2,6 +2,7 @@
 !> and of several, and what a group of samples takes in the merge.
 program storage
    use campaign_bands, only: band_collector, start_bands
+   use campaign_group_percentiles, only: high, low, middle, percentile_collector
    use campaign_joint_statistics, only: joint_collector, start_joints
    use campaign_results, only: block_result
    use campaign_selection, only: selection_type
@@ -101,11 +102,11 @@ contains
       call random_number(psd)
       call start_bands(1000000, n_dof, [(real(i, wp), i=1, n_band)], percentiles, 1_long, 1, bands)
       call cpu_time(began)
-      call bands%add(1, 1, 1, psd(:, :, :bands%group_first(2) - 1))
+      call bands%add(1, 1, 1, psd(:, :, :bands%percentiles%group_first(2) - 1))
       call tell('spectra_part', began, 1)
-      call repeat_group(bands)
+      call repeat_group(bands%percentiles)
       call cpu_time(began)
-      call bands%open_selection(1, n_band, selection)
+      call bands%percentiles%open_selection(1, n_dof*n_band, selection)
       do f = 1, n_band
          do dof = 1, n_dof
             call selection%add(dof + n_dof*(f - 1), psd(dof, f, :))
@@ -127,13 +128,13 @@ contains
       allocate (values(3*n_dof, 16000), series(n_dof, n_spans, 16000))
       call random_number(values)
       call random_number(series)
-      call start_joints(1000000, 3*n_dof, percentiles, 1_long, joints)
+      call start_joints(1000000, 3*n_dof, percentiles, joints)
       call cpu_time(began)
       call joints%add(1, values)
       call tell('joints_group', began, 1)
       call repeat_group(joints%percentiles)
       call cpu_time(began)
-      call joints%percentiles%open_selection(1, 1, selection)
+      call joints%percentiles%open_selection(1, size(values, 1), selection)
       do i = 1, size(values, 1)
          call selection%add(i, values(i, :))
       end do
@@ -145,17 +146,15 @@ contains
    end subroutine measure_joints
 
    !> Finds the percentiles of uniform numbers, as if all groups were like the first.
-   subroutine repeat_group(bands)
-      type(band_collector), intent(inout) :: bands
-      integer :: i
+   subroutine repeat_group(collector)
+      type(percentile_collector), intent(inout) :: collector
+      integer :: p
 
-      associate (at => bands%at_frequency, n => size(percentiles))
-         do i = 1, n
-            at(:, :, i) = percentiles(i)/100
-            at(:, :, n + i) = percentiles(i)/100 - 4.0e-4_wp
-            at(:, :, 2*n + i) = percentiles(i)/100 + 4.0e-4_wp
-         end do
-      end associate
+      do p = 1, size(percentiles)
+         collector%at(:, p, middle) = percentiles(p)/100
+         collector%at(:, p, low) = percentiles(p)/100 - 4.0e-4_wp
+         collector%at(:, p, high) = percentiles(p)/100 + 4.0e-4_wp
+      end do
    end subroutine repeat_group
 
    !> Prints the milliseconds of one of n times of some work.

@@ -1,6 +1,7 @@
 !> The statistics of a case over its samples, in memory that does not grow with their number.
 module driver_statistics
-   use campaign_bands, only: band_collector, sample_groups, start_bands
+   use campaign_bands, only: band_collector, start_bands
+   use campaign_group_percentiles, only: sample_groups
    use campaign_joint_statistics, only: joint_collector, start_joints
    use campaign_plan, only: kept_dofs, plan_type
    use campaign_results, only: block_result, case_statistics, spectrum_layout
@@ -67,7 +68,7 @@ contains
          associate (structure => plan%structure)
             call start_joints(n_samples, 3*structure%n_joints + merge(structure%n_dof, 0, &
                                                                  plan%excitation%kind == 'sine'), &
-                              plan%output%percentiles, plan%seed, task%numbers)
+                              plan%output%percentiles, task%numbers)
             n_groups = task%numbers%percentiles%n_groups()
             call start_spans(count_spans(plan%integration), structure%n_joints, n_groups, &
                              task%spans)
@@ -102,8 +103,8 @@ contains
             call add_joints(self, store, group, error)
          else
             call add_slice(self%number, store, self%shards, slice, (slice - 1)*self%width + 1, &
-                          min(slice*self%width, size(self%bands%at_frequency, 2)), group, &
-                          self%bands, error)
+                           min(slice*self%width, size(self%bands%moments, 2)), group, &
+                           self%bands, error)
          end if
       end do
    end subroutine take_items
@@ -124,13 +125,13 @@ contains
       if (world%is_root()) call finish_joints(self, plan, statistics)
       if (.not. self%has_bands) return
       associate (bands => self%bands)
-         call world%add_up(size(bands%at_frequency), bands%at_frequency)
+         call world%add_up(size(bands%percentiles%at), bands%percentiles%at)
          call world%add_up(size(bands%moments), bands%moments)
          call world%add_up(size(bands%replicate), bands%replicate)
          call world%add_up(size(bands%integral), bands%integral)
          if (allocated(bands%batches%variance)) &
             call world%add_up(size(bands%batches%variance), bands%batches%variance)
-         if (bands%has_selection()) call select_percentiles(self, world, store, error)
+         if (bands%percentiles%has_selection()) call select_percentiles(self, world, store, error)
          if (world%is_root() .and. .not. allocated(error)) call bands%finish(statistics)
       end associate
    end subroutine close_case
@@ -146,20 +147,23 @@ contains
       integer :: first, last, n_dof, n_frequencies, together
       logical :: is_done
 
-      n_dof = size(self%bands%at_frequency, 1)
-      n_frequencies = size(self%bands%at_frequency, 2)
-      together = frequencies_together(n_dof, n_frequencies)
-      do first = 1, n_frequencies, together*(1 + world%n_ranks/self%bands%n_groups())
-         last = min(first + together*(1 + world%n_ranks/self%bands%n_groups()) - 1, n_frequencies)
-         call self%bands%open_selection(first, last, selection)
-         is_done = .false.
-         do while (.not. is_done)
-            call select_from(self, world, store, first, last, selection, error)
-            if (world%any_true(allocated(error))) return
-            call select_together(world, selection, is_done)
+      n_dof = size(self%bands%moments, 1)
+      n_frequencies = size(self%bands%moments, 2)
+      associate (percentiles => self%bands%percentiles)
+         together = frequencies_together(n_dof, n_frequencies) &
+                    *(1 + world%n_ranks/percentiles%n_groups())
+         do first = 1, n_frequencies, together
+            last = min(first + together - 1, n_frequencies)
+            call percentiles%open_selection(n_dof*(first - 1) + 1, n_dof*last, selection)
+            is_done = .false.
+            do while (.not. is_done)
+               call select_from(self, world, store, first, last, selection, error)
+               if (world%any_true(allocated(error))) return
+               call select_together(world, selection, is_done)
+            end do
+            call percentiles%take_selection(n_dof*(first - 1) + 1, n_dof*last, selection)
          end do
-         call self%bands%take_selection(first, last, selection)
-      end do
+      end associate
    end subroutine select_percentiles
 
    !> Finds the order statistics, unless all values have to be added once more. Collective.
@@ -192,17 +196,17 @@ contains
       real(wp), allocatable :: psd(:, :, :)   ! (dof, frequency, sample)
       integer :: dof, f, from, group, item, n_dof, n_ranges, together
 
-      n_dof = size(self%bands%at_frequency, 1)
-      together = frequencies_together(n_dof, size(self%bands%at_frequency, 2))
+      n_dof = size(self%bands%moments, 1)
+      together = frequencies_together(n_dof, size(self%bands%moments, 2))
       n_ranges = (last - first)/together + 1
-      call new_counter(world, n_ranges*self%bands%n_groups(), counter)
+      call new_counter(world, n_ranges*self%bands%percentiles%n_groups(), counter)
       do
          item = counter%next(stops=allocated(error))
          if (item == 0) exit
          call attend_to_others()
          group = (item - 1)/n_ranges + 1
          from = first + together*modulo(item - 1, n_ranges)
-         associate (samples => self%bands%group_first(group:group + 1))
+         associate (samples => self%bands%percentiles%group_first(group:group + 1))
             allocate (psd(n_dof, min(together, last - from + 1), samples(2) - samples(1)))
             call read_band(store, self%shards, self%number, 'psd', samples(1), from, psd, error)
          end associate
@@ -274,20 +278,20 @@ contains
       type(selection_type) :: selection
       logical :: is_done
 
-      associate (numbers => self%numbers, at => self%numbers%percentiles%at_frequency)
+      associate (numbers => self%numbers, at => self%numbers%percentiles%at)
          call world%add_up(size(numbers%sums), numbers%sums)
          call world%add_up(size(at), at)
          call world%add_up(size(self%spans%common), self%spans%common)
          call world%add_up(size(self%spans%autocovariance), self%spans%autocovariance)
          if (.not. numbers%percentiles%has_selection()) return
-         call numbers%percentiles%open_selection(1, 1, selection)
+         call numbers%percentiles%open_selection(1, size(at, 1), selection)
          is_done = .false.
          do while (.not. is_done)
             call select_joints(self, world, store, selection, error)
             if (world%any_true(allocated(error))) return
             call select_together(world, selection, is_done)
          end do
-         call numbers%percentiles%take_selection(1, 1, selection)
+         call numbers%percentiles%take_selection(1, size(at, 1), selection)
       end associate
    end subroutine join_joints
 
@@ -371,21 +375,21 @@ contains
       type(error_type), allocatable, intent(out) :: error
       real(wp), allocatable :: psd(:, :, :)     ! (dof, frequency, sample)
       real(wp), allocatable :: power(:, :, :)   ! (dof, batch and range, sample)
-      integer :: f, n_dof, n_samples, place, together
+      integer :: f, first_sample, n_dof, n_samples, place, together
 
-      n_dof = size(bands%at_frequency, 1)
-      together = frequencies_together(n_dof, size(bands%at_frequency, 2))
-      n_samples = bands%group_first(group + 1) - bands%group_first(group)
+      n_dof = size(bands%moments, 1)
+      first_sample = bands%percentiles%group_first(group)
+      together = frequencies_together(n_dof, size(bands%moments, 2))
+      n_samples = bands%percentiles%group_size(group)
       do f = first, last, together
          call attend_to_others()
          allocate (psd(n_dof, min(together, last - f + 1), n_samples))
-         call read_band(store, shards, number, 'psd', bands%group_first(group), f, psd, error)
+         call read_band(store, shards, number, 'psd', first_sample, f, psd, error)
          if (.not. allocated(error) .and. allocated(bands%batches%variance)) then
             place = bands%first_of_power(f)
             allocate (power(n_dof, bands%first_of_power(f + size(psd, 2) - 1) + n_batches &
                             - place, n_samples))
-            call read_band(store, shards, number, 'power_series', bands%group_first(group), &
-                           place, power, error)
+            call read_band(store, shards, number, 'power_series', first_sample, place, power, error)
          end if
          if (allocated(error)) return
          call bands%add(slice, f, group, psd, power)

@@ -1,12 +1,14 @@
 !> Plain statistics of numbers of every sample, from samples that come in groups.
 !>
 !> Groups may be taken by different ranks: sums over the ranks of `sums` and
-!> `percentiles%at_frequency`, which are zero where nothing was added, make a collector that has
+!> `percentiles%at`, which are zero where nothing was added, make a collector that has
 !> all.
 module campaign_joint_statistics
-   use campaign_bands, only: band_collector, start_bands
+   use campaign_group_percentiles, only: high, low, middle, percentile_collector, &
+      start_percentiles
    use campaign_results, only: joint_statistics
-   use core_kinds, only: long, wp
+   use core_kinds, only: wp
+   use numerics_sorting, only: sort_order
    use numerics_statistics, only: moments_type, n_sums, sums_of
    implicit none(type, external)
    private
@@ -15,7 +17,7 @@ module campaign_joint_statistics
    !> Collects numbers: quantities of the joints.
    type :: joint_collector
       real(wp), allocatable :: sums(:, :, :)   !! (sum, number, group) as sums_of has them
-      type(band_collector) :: percentiles      !! as at a single frequency
+      type(percentile_collector) :: percentiles   !! (number)
    contains
       procedure :: add
       procedure :: finish
@@ -24,14 +26,12 @@ module campaign_joint_statistics
 contains
 
    !> Prepares a collector; needs two samples or more.
-   subroutine start_joints(n_samples, n_numbers, percentiles, seed, collector)
+   pure subroutine start_joints(n_samples, n_numbers, percentiles, collector)
       integer, intent(in) :: n_samples, n_numbers
       real(wp), intent(in) :: percentiles(:)    !! [%]
-      integer(long), intent(in) :: seed
       type(joint_collector), intent(out) :: collector
 
-      call start_bands(n_samples, n_numbers, [0.0_wp, 1.0_wp], percentiles, seed, 1, &
-                       collector%percentiles, draws_again=.false.)
+      call start_percentiles(n_samples, n_numbers, percentiles, collector%percentiles)
       allocate (collector%sums(n_sums, n_numbers, collector%percentiles%n_groups()), source=0.0_wp)
    end subroutine start_joints
 
@@ -40,12 +40,14 @@ contains
       class(joint_collector), intent(inout) :: self
       integer, intent(in) :: group
       real(wp), intent(in) :: values(:, :)   !! (number, sample)
+      real(wp) :: rank(self%percentiles%n_percentiles(), 3)
       integer :: i
 
+      rank = self%percentiles%ranks_in_group(size(values, 2))
       do i = 1, size(values, 1)
          self%sums(:, i, group) = sums_of(values(i, :))
+         call self%percentiles%add(i, values(i, sort_order(values(i, :))), rank)
       end do
-      call self%percentiles%add(1, 1, group, reshape(values, [size(values, 1), 1, size(values, 2)]))
    end subroutine add
 
    !> Computes the statistics of numbers first..last, once all groups are added and the percentiles
@@ -66,11 +68,11 @@ contains
       statistics%std = moments%standard_deviation()
       statistics%mean_error = moments%error_of_mean()
       statistics%std_error = moments%error_of_deviation()
-      call self%percentiles%percentiles_at(1, statistics%percentiles, statistics%low, &
-                                           statistics%high)
-      statistics%percentiles = statistics%percentiles(first:last, :)
-      statistics%low = statistics%low(first:last, :)
-      statistics%high = statistics%high(first:last, :)
+      associate (at => self%percentiles%at)
+         statistics%percentiles = at(first:last, :, middle)
+         statistics%low = at(first:last, :, low)
+         statistics%high = at(first:last, :, high)
+      end associate
    end subroutine finish
 
 end module campaign_joint_statistics

@@ -1,7 +1,8 @@
 !> How large the results of a plan and the memory of a rank become, from the shapes of what is kept.
 module campaign_size
    use campaign_audit, only: add_audits, kept_of
-   use campaign_bands, only: largest_group, n_replicates
+   use campaign_bands, only: n_replicates
+   use campaign_group_percentiles, only: largest_group
    use campaign_estimates, only: n_quantities
    use campaign_plan, only: kept_dofs, output_settings, plan_type
    use campaign_pooling, only: case_pool, find_points, find_pools, plan_draws, reason_for_plain

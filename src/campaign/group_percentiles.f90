@@ -1,0 +1,179 @@
+!> Percentiles of many columns of numbers with the ends of their 95 % intervals, from samples that
+!> come in groups.
+!>
+!> Percentiles interpolate linearly between order statistics (Hyndman and Fan, type 7). Their
+!> intervals are order statistics (binomial, 95 %). Where there is more than one group, percentiles
+!> averaged over the groups are where those of all samples are looked for: `open_selection`, to
+!> which all values are added again, and `take_selection`.
+!>
+!> Groups may be taken by different ranks: sums of `at` over the ranks, which is zero where nothing
+!> was added, make a collector that has all. They have the same bits on any number of ranks only
+!> after the selection.
+module campaign_group_percentiles
+   use campaign_selection, only: selection_type, start_selection
+   use core_kinds, only: long, wp
+   use statistics_order, only: at_rank, interval_rank
+   implicit none(type, external)
+   private
+   public :: percentile_collector, start_percentiles, largest_group, sample_groups
+
+   integer, parameter :: largest_group = 2**14    !! samples sorted together
+   integer, parameter, public :: middle = 1, low = 2, high = 3   !! percentile, ends of its interval
+
+   !> Collects the percentiles of numbers of every sample.
+   type :: percentile_collector
+      integer :: n_samples = 0
+      integer, allocatable :: group_first(:)   !! (group + 1) first sample; behind the last: n + 1
+      real(wp), allocatable :: at(:, :, :)     !! (column, percentile; middle, low or high)
+      real(wp), allocatable, private :: rank(:, :)  !! (percentile; middle, low or high) in 1..n
+   contains
+      procedure :: n_groups
+      procedure :: n_percentiles
+      procedure :: group_size
+      procedure :: ranks_in_group
+      procedure :: add
+      procedure :: has_selection
+      procedure :: open_selection
+      procedure :: take_selection
+      procedure, private :: below
+   end type percentile_collector
+
+contains
+
+   !> First samples of groups of nearly equal size, as few as possible; behind the last, n + 1.
+   pure function sample_groups(n_samples) result(first)
+      integer, intent(in) :: n_samples
+      integer, allocatable :: first(:)   !! (group + 1)
+      integer :: g, n_groups
+
+      n_groups = (n_samples - 1)/largest_group + 1
+      first = [(1 + int((g - 1)*int(n_samples, long)/n_groups), g=1, n_groups + 1)]
+   end function sample_groups
+
+   !> Prepares a collector; needs two samples or more.
+   pure subroutine start_percentiles(n_samples, n_columns, percentiles, collector)
+      integer, intent(in) :: n_samples, n_columns
+      real(wp), intent(in) :: percentiles(:)   !! [%]
+      type(percentile_collector), intent(out) :: collector
+      integer :: p
+
+      collector%n_samples = n_samples
+      collector%group_first = sample_groups(n_samples)
+      allocate (collector%rank(size(percentiles), 3))
+      collector%rank(:, middle) = 1.0_wp + (n_samples - 1)*percentiles/100.0_wp
+      do p = 1, size(percentiles)
+         collector%rank(p, low) = interval_rank(n_samples, percentiles(p)/100.0_wp, .false.)
+         collector%rank(p, high) = interval_rank(n_samples, percentiles(p)/100.0_wp, .true.)
+      end do
+      allocate (collector%at(n_columns, size(percentiles), 3), source=0.0_wp)
+   end subroutine start_percentiles
+
+   pure integer function n_groups(self)
+      class(percentile_collector), intent(in) :: self
+
+      n_groups = size(self%group_first) - 1
+   end function n_groups
+
+   pure integer function n_percentiles(self)
+      class(percentile_collector), intent(in) :: self
+
+      n_percentiles = size(self%rank, 1)
+   end function n_percentiles
+
+   !> Number of a group's samples.
+   pure integer function group_size(self, group)
+      class(percentile_collector), intent(in) :: self
+      integer, intent(in) :: group
+
+      group_size = self%group_first(group + 1) - self%group_first(group)
+   end function group_size
+
+   !> Ranks in a group of m samples that are expected at the same probability, rank/(m + 1), as the
+   !> ranks among all samples.
+   pure function ranks_in_group(self, m) result(rank)
+      class(percentile_collector), intent(in) :: self
+      integer, intent(in) :: m
+      real(wp) :: rank(size(self%rank, 1), 3)   !! (percentile; middle, low or high)
+
+      rank = self%rank*((m + 1)/(self%n_samples + 1.0_wp))
+      rank = max(1.0_wp, min(rank, real(m, wp)))
+   end function ranks_in_group
+
+   !> Adds a group's values of one column; hands back their percentiles where wanted.
+   pure subroutine add(self, column, sorted, rank, in_group)
+      class(percentile_collector), intent(inout) :: self
+      integer, intent(in) :: column
+      real(wp), intent(in) :: sorted(:)      !! ascending
+      real(wp), intent(in) :: rank(:, :)     !! as ranks_in_group has them
+      real(wp), intent(out), optional :: in_group(:)   !! (percentile)
+      real(wp) :: values(size(rank, 1), 3)
+      integer :: p, which
+
+      do which = 1, 3
+         do p = 1, size(rank, 1)
+            values(p, which) = at_rank(sorted, rank(p, which))
+         end do
+      end do
+      self%at(column, :, :) = self%at(column, :, :) + real(size(sorted), wp)/self%n_samples*values
+      if (present(in_group)) in_group = values(:, middle)
+   end subroutine add
+
+   !> True if the percentiles of all samples have to be selected: those of the groups are not them.
+   pure logical function has_selection(self)
+      class(percentile_collector), intent(in) :: self
+
+      has_selection = self%n_groups() > 1
+   end function has_selection
+
+   !> Prepares to select the order statistics of all samples in columns first..last: those on both
+   !> sides of each percentile, and the ends of its interval. The groups know the interval to a
+   !> third of its width; its bracket is three times as wide.
+   pure subroutine open_selection(self, first, last, selection)
+      class(percentile_collector), intent(in) :: self
+      integer, intent(in) :: first, last
+      type(selection_type), intent(out) :: selection
+      real(wp), parameter :: rounding = 1.0e-12_wp   ! of the mean over groups
+      real(wp) :: bracket(2, self%n_percentiles(), last - first + 1)
+      integer :: c, p, place(4, self%n_percentiles())
+
+      do p = 1, self%n_percentiles()
+         place(:, p) = [self%below(p), self%below(p) + 1, nint(self%rank(p, [low, high]))]
+         do c = first, last
+            associate (ends => self%at(c, p, [low, high]))
+               bracket(:, p, c - first + 1) = ends + ((ends(2) - ends(1)) + rounding*abs(ends)) &
+                                              *[-1.0_wp, 1.0_wp]
+            end associate
+         end do
+      end do
+      call start_selection(place, bracket, selection)
+   end subroutine open_selection
+
+   !> Puts what was selected in the place of the groups' percentiles.
+   pure subroutine take_selection(self, first, last, selection)
+      class(percentile_collector), intent(inout) :: self
+      integer, intent(in) :: first, last
+      type(selection_type), intent(in) :: selection
+      real(wp) :: above, below
+      integer :: c, p
+
+      do c = 1, last - first + 1
+         do p = 1, self%n_percentiles()
+            below = selection%value(1, p, c)
+            above = selection%value(2, p, c)
+            self%at(first + c - 1, p, middle) = &
+               below + (self%rank(p, middle) - self%below(p))*(above - below)
+            self%at(first + c - 1, p, low) = selection%value(3, p, c)
+            self%at(first + c - 1, p, high) = selection%value(4, p, c)
+         end do
+      end do
+   end subroutine take_selection
+
+   !> Place of the order statistic below a percentile.
+   pure integer function below(self, p)
+      class(percentile_collector), intent(in) :: self
+      integer, intent(in) :: p
+
+      below = min(int(self%rank(p, middle)), self%n_samples - 1)
+   end function below
+
+end module campaign_group_percentiles
