@@ -28,8 +28,8 @@ contains
                           '&structure needs &excitation')
       call reader%require(.not. scene%has_chain, 'chain', 'n_dof', &
                           'must be absent with &structure: a scene has one structure')
-      call check_damping(reader)
-      if (reader%was_given(group, 'load')) &
+      call check_damping(scene, reader)
+      if (scene%structure_files%load /= '') &
          call reader%require(.not. reader%was_given('excitation', 'dof'), 'excitation', 'dof', &
                              'must be absent with structure%load, which says where forces act')
       associate (this => scene%structure_files)
@@ -67,19 +67,21 @@ contains
 
    end subroutine check_structure
 
-   !> Checks that at most one kind of damping is given.
-   subroutine check_damping(reader)
+   !> Checks that at most one kind of damping is given. An empty name and zeros, as in the template,
+   !> give none.
+   subroutine check_damping(scene, reader)
+      type(scene_type), intent(in) :: scene
       type(reader_type), intent(inout) :: reader
       character(*), parameter :: rule = 'must be absent with structure%'
+      logical :: has_ratio, is_rayleigh
 
-      if (reader%was_given(group, 'damping_matrix')) then
-         call reader%require(.not. reader%was_given(group, 'rayleigh'), group, 'rayleigh', &
-                             rule//'damping_matrix')
-         call reader%require(.not. reader%was_given(group, 'damping_ratio'), group, &
-                             'damping_ratio', rule//'damping_matrix')
-      else if (reader%was_given(group, 'rayleigh')) then
-         call reader%require(.not. reader%was_given(group, 'damping_ratio'), group, &
-                             'damping_ratio', rule//'rayleigh')
+      has_ratio = reader%was_given(group, 'damping_ratio')
+      is_rayleigh = any(scene%structure_files%rayleigh > 0.0_wp)
+      if (scene%structure_files%damping_matrix /= '') then
+         call reader%require(.not. is_rayleigh, group, 'rayleigh', rule//'damping_matrix')
+         call reader%require(.not. has_ratio, group, 'damping_ratio', rule//'damping_matrix')
+      else if (is_rayleigh) then
+         call reader%require(.not. has_ratio, group, 'damping_ratio', rule//'rayleigh')
       end if
    end subroutine check_damping
 
