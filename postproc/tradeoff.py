@@ -158,7 +158,7 @@ def tables_of(results: Results) -> Iterator[Table]:
         rows, "Numerical errors, the largest over cases and joints; standard errors in"
         " brackets, in units of the last digits.",
     )  # fmt: skip
-    errors = _group(results, "errors")
+    errors = _group(results, "parts")
     if errors is not None:
         yield Table(
             "tradeoff_errors", "What the error of the scene is made of",

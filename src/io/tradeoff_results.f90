@@ -66,7 +66,7 @@ contains
       type(error_type), allocatable, intent(out) :: error
       type(group_type) :: group
 
-      group = new_group(writer%file, '/tradeoff/errors')
+      group = new_group(writer%file, '/tradeoff/parts')
       call put_component('discretisation', errors%discretisation, 'error by the setting')
       call put_component('time', errors%time, 'standard error for the length of the march')
       call put_component('samples', errors%samples, 'standard error for the number of samples')

@@ -51,9 +51,9 @@ def test_a_scene_gets_its_tradeoff(entroslip, small_scene, tmp_path):
         front = data["slip"][data["is_on_front"] == 1]
         assert float(front.min()) == float(data["slip"].min())
     with h5py.File(path) as file:
-        check_sizes(file["tradeoff/sizes"], file["tradeoff/errors"])
+        check_sizes(file["tradeoff/sizes"], file["tradeoff/parts"])
         check_variants(file["tradeoff/variants"])
-        errors = file["tradeoff/errors"]
+        errors = file["tradeoff/parts"]
         assert all(errors[name][()] > 0 for name in errors), dict(errors)
     again = entroslip("tradeoff", small_scene, *FEW_STEPS, "--output", "three.h5", ranks=3)
     assert again.returncode == 0, again.stderr
