@@ -61,7 +61,7 @@ contains
       call group%take_error(error)
    end subroutine write_process
 
-   !> Writes everything that was found for a process; the request is written apart.
+   !> Writes all that was found; not the request.
    subroutine write_solution(group, model, is_sealed)
       type(group_type), intent(inout) :: group
       type(process_model_type), intent(in) :: model
@@ -76,7 +76,7 @@ contains
       group = visitor%group
    end subroutine write_solution
 
-   !> Reads everything that write_solution wrote; the request is known.
+   !> Reads all that write_solution was given; the request is known.
    subroutine read_solution(file, group, model, error)
       type(hdf5_file), intent(in) :: file
       character(*), intent(in) :: group
@@ -195,7 +195,7 @@ contains
       call self%group%put(trim(what%name), values, label)
    end subroutine put_table
 
-   !> An axis, once in a group.
+   !> Writes an axis, once in a group.
    subroutine put_axis(self, axis, n)
       class(writing_visitor), intent(inout) :: self
       type(axis_type), intent(in) :: axis
@@ -298,7 +298,7 @@ contains
       call read_dataset(self%file, self%path_of(what), values, self%error)
    end subroutine take_table
 
-   !> Extents of an array that is there; else unallocated.
+   !> Finds the extents of an array that is there; else leaves them unallocated.
    subroutine find_extents(self, what, n_axes, extents)
       class(reading_visitor), intent(inout) :: self
       type(component), intent(in) :: what

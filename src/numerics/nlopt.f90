@@ -108,8 +108,9 @@ contains
             call raise(error, exit_bad_input, 'NLopt: the start must lie inside the bounds')
          else
             outcome%is_converged = any(code == [success, ftol_reached, xtol_reached])
-            outcome%is_feasible = is_finite(claimed) .and. &
-                              largest_defect(problem, outcome%x) <= settings%constraint_tolerance
+            outcome%is_feasible = is_finite(claimed)
+            if (outcome%is_feasible) outcome%is_feasible = &
+               largest_defect(problem, outcome%x) <= settings%constraint_tolerance
          end if
       end if
       call nlopt_destroy(luggage%optimizer)

@@ -97,8 +97,8 @@ module dynamics_exact_base_system
          real(wp), intent(out) :: velocity(:, :)       !! (lane, dof) [m/s]; or size 0
       end subroutine put_state
 
-      !> Works of the force and of the dampers over the part that run_part has run, of all lanes.
-      !> Called before go_on where a ledger is kept.
+      !> Adds the works of the force and of the dampers over the part that run_part has run, of all
+      !> lanes. Called before go_on where a ledger is kept.
       subroutine add_works(self, work)
          import :: base_system, wp
          class(base_system), intent(inout) :: self

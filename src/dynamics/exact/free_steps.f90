@@ -17,7 +17,7 @@ module dynamics_exact_free_steps
 
 contains
 
-   !> Powers 2 .. P of all rows.
+   !> Finds powers 2 .. P of all rows.
    subroutine expand_block(series, operators, push, paths)
       type(series_type), intent(in) :: series
       type(power_operator), intent(in) :: operators(0:)
@@ -81,7 +81,7 @@ contains
       end do
    end subroutine push_links
 
-   !> Paths of the links from those of the dofs, one power.
+   !> Forms the paths of the links from those of the dofs, one power.
    subroutine follow_links(top, series, x)
       integer, intent(in) :: top   !! rows
       type(series_type), intent(in) :: series

@@ -60,7 +60,7 @@ module dynamics_exact_joint_paths
 
 contains
 
-   !> Lanes at rest. base and spring may have any unit that their equation has.
+   !> Starts with all lanes at rest. base and spring may have any unit that their equation has.
    subroutine start(self, degree, base, row, spring)
       class(joint_paths), intent(inout) :: self
       integer, intent(in) :: degree

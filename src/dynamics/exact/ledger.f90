@@ -70,9 +70,9 @@ contains
       allocate (ledger%area(width, size(series%loaded)), source=0.0_wp)
    end function new_ledger
 
-   !> Works of all lanes over one part. Answers to transitions are part of the velocities of their
-   !> own dofs, the others' are left out: they are below a hundredth of it. The force's work on an
-   !> answer is by parts f(1) d(1) - f' times the integral of d.
+   !> Adds the works of all lanes over one part. Answers to transitions are part of the velocities
+   !> of their own dofs, the others' are left out: they are below a hundredth of it. The force's
+   !> work on an answer is by parts f(1) d(1) - f' times the integral of d.
    pure subroutine add_part(self, series, push, paths, work)
       class(ledger_type), intent(inout) :: self
       type(series_type), intent(in) :: series
@@ -163,7 +163,7 @@ contains
       end do
    end subroutine add_viscous
 
-   !> Answers to transitions before t, in the velocities of their dofs.
+   !> Adds the answers to transitions before t, in the velocities of their dofs.
    pure subroutine add_answers(self, degree, t, velocity)
       class(ledger_type), intent(in) :: self
       integer, intent(in) :: degree
@@ -206,7 +206,7 @@ contains
       end associate
    end subroutine note_answer
 
-   !> Works of one sample over a piece of a part.
+   !> Adds the works of one sample over a piece of a part.
    pure subroutine add_piece(self, series, push, x, span, work)
       class(ledger_type), intent(in) :: self
       type(series_type), intent(in) :: series

@@ -110,8 +110,8 @@ contains
       end do
    end subroutine find_local
 
-   !> Answers of a dof to the path t + t^2 of its joint: the largest error of the local one at the
-   !> end of the part, against the series of all dofs, and the displacements of the others.
+   !> Compares the local answer of a dof to the path t + t^2 of its joint with the series of all
+   !> dofs: its largest error at the end of the part, and the displacements of the others.
    pure subroutine compare_answers(answers, degree, damping, stiffness, dof, spring, error, &
                                    shift)
       type(local_answers), intent(in) :: answers

@@ -181,8 +181,9 @@ contains
       end do
    end subroutine start_part
 
-   !> Works of a group over the part: input, of all forces, is by parts F(1) X(1) - F(0) X(0) - F'
-   !> times the integral of X. The rest of the sliders' motion adds a t^2 + b t^3 to v (M9).
+   !> Adds the works of a group over the part: input, of all forces, is by parts F(1) X(1) - F(0)
+   !> X(0) - F' times the integral of X. The rest of the sliders' motion adds a t^2 + b t^3 to v
+   !> (M9).
    pure subroutine add_part(self, g, rows, now, free, turned, rest, y, work)
       class(modal_ledger), intent(in) :: self
       integer, intent(in) :: g, rows

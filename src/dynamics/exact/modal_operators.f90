@@ -37,9 +37,10 @@ module dynamics_exact_modal_operators
       !> of the cubics; q' at 1/2
       type(rows_ahead) :: propagator, middle, velocity_at_half
       type(packed_matrix) :: kick               !! as weight, but of all modes: rows q, q'
+      !> as kick, less the uniform motion of the sliders; behind `answer`, gfortran 12 leaks it
+      type(packed_matrix) :: rest
       type(packed_matrix) :: reads(4), push, shape   !! G, of the modes that are read; S, Phi
       type(packed_matrix) :: answer(3:path_degree)   !! power k of a path from the sliders' (M5)
-      type(packed_matrix) :: rest               !! as kick, less the uniform motion of the sliders
       real(wp), allocatable :: rate(:), damping(:, :)   !! Omega (mode), C^ (mode, mode)
       type(modal_ledger) :: ledger
       !> Y_0, Y_1, Y_2 (joint, joint of the slider), joints padded to whole registers (M5)
@@ -359,8 +360,8 @@ contains
       end do
    end function kernel_fit
 
-   !> Answers of the joints to a slider: the integral of H(t - s) zeta(s), H(s) = G E(s) S, E the
-   !> displacement after a unit impulse. H is taken as Y_0 s + Y_1 s^2/2 + Y_2 s^3/6, its
+   !> Adds the answers of the joints to a slider: the integral of H(t - s) zeta(s), H(s) = G E(s) S,
+   !> E the displacement after a unit impulse. H is taken as Y_0 s + Y_1 s^2/2 + Y_2 s^3/6, its
    !> least-squares fit on [0, 1] from its moments, so power e of a slider adds Y_d e!/k! to power k
    !> = e + d + 2 of a path (M5).
    pure subroutine put_answers(gain, moved, operators)

@@ -128,7 +128,7 @@ contains
       end do
    end subroutine multiply
 
-   !> Integrals of the motion: I_s of t^k is k!/(k + s)! (M6).
+   !> Integrates the motion: I_s of t^k is k!/(k + s)! (M6).
    pure subroutine integrate_motion(self, g, rows, x1, x)
       class(moving_sliders), intent(inout) :: self
       integer, intent(in) :: g, rows

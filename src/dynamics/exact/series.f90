@@ -287,7 +287,7 @@ contains
       end do
    end subroutine expand
 
-   !> Paths of the links from those of the dofs, one power of one sample.
+   !> Forms the paths of the links from those of the dofs, one power of one sample.
    pure subroutine follow_links(self, x)
       class(series_type), intent(in) :: self
       real(wp), intent(inout) :: x(:)   !! (row)

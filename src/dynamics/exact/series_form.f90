@@ -73,8 +73,8 @@ contains
       self%push = spread(spread(spread(0.0_wp, 1, width), 2, size(self%series%loaded)), 3, 2)
    end subroutine begin
 
-   !> Velocities are in m per part here, in m/s in the block: those that `give` has left unchanged
-   !> are taken as they were.
+   !> Takes samples over. Velocities are in m per part here, in m/s in the block: those that `give`
+   !> has left unchanged are taken as they were.
    subroutine take(self, state)
       class(series_form), intent(inout) :: self
       type(block_state), intent(in) :: state
@@ -130,7 +130,7 @@ contains
       call finish_part(self%paths, list, found)
    end subroutine run_part
 
-   !> Loads of the dofs that have one, and their rise.
+   !> Forms the loads of the dofs that have one, and their rise.
    pure subroutine form_push(series, n_forces, force, push)
       type(series_type), intent(in) :: series
       integer, intent(in) :: n_forces

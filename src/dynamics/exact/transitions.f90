@@ -113,7 +113,7 @@ contains
       group%path(:, 0) = group%slider + group%way*group%reach
    end subroutine take_answer
 
-   !> Lanes, joints, paths and regimes of the suspects.
+   !> Takes over lanes, joints, paths and regimes of the suspects.
    pure subroutine take_suspects(degree, paths, list, group)
       integer, value :: degree
       type(joint_paths), intent(in) :: paths
@@ -362,8 +362,8 @@ contains
       end associate
    end subroutine respond
 
-   !> Verdicts: the new guard must keep clear of zero to the end. A slip goes on; a joint that has
-   !> stuck goes inwards, and not as far as its other limit.
+   !> Finds the verdicts: the new guard must keep clear of zero to the end. A slip goes on; a joint
+   !> that has stuck goes inwards, and not as far as its other limit.
    pure subroutine judge(degree, group)
       integer, value :: degree
       type(transition_group), intent(inout) :: group

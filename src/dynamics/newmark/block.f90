@@ -295,7 +295,7 @@ contains
          merge(ibset(self%pattern(w), j - 1), ibclr(self%pattern(w), j - 1), direction == 0)
    end subroutine set_regime
 
-   !> Accelerations from the equation of motion.
+   !> Finds the accelerations from the equation of motion.
    pure subroutine balance(self, state, w)
       class(newmark_block), intent(inout) :: self
       type(block_state), intent(in) :: state

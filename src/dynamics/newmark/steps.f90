@@ -44,7 +44,7 @@ module dynamics_newmark_steps
 
 contains
 
-   !> Tables for short frames and average acceleration, else the system of all structures.
+   !> Prepares tables for short frames and average acceleration, else the system of all structures.
    subroutine new_newmark_steps(frame, dt, max_halvings, beta, gamma, steps, error)
       type(newmark_frame), intent(in) :: frame
       real(wp), intent(in) :: dt                 !! [s]
@@ -106,7 +106,7 @@ contains
       end associate
    end subroutine fill_tables
 
-   !> Diagonals of M^-1 [K W], four to a group, and memory for so many reals more.
+   !> Fills in the diagonals of M^-1 [K W], four to a group; allocates so many reals more.
    subroutine fill_diagonals(self, frame, more)
       type(newmark_steps), intent(inout) :: self
       type(newmark_frame), intent(in) :: frame
