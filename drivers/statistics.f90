@@ -34,7 +34,7 @@ module driver_statistics
       logical, private :: has_numbers = .false.   !! of the joints
       logical, private :: has_spans = .false.
       integer, private :: width = 0              !! frequencies of a slice
-      integer, private :: n_slices = 0            !! of all frequencies
+      integer, private :: n_slices = 0           !! of all frequencies
       type(band_collector), private :: bands
       type(joint_collector), private :: numbers  !! as numbers_of has them
       type(span_collector), private :: spans

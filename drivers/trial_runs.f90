@@ -95,38 +95,20 @@ contains
       call share_published(found%value)
       call share_published(found%plain_error)
       call share_published(found%gain)
-      call share_table(found%slip_fraction)
-      call share_table(found%ratio_without)
+      call world%broadcast(found%slip_fraction, owner)
+      call world%broadcast(found%ratio_without, owner)
 
    contains
 
       subroutine share_published(of)
          type(published_numbers), intent(inout) :: of
 
-         call share_list(of%slip)
-         call share_list(of%slip_std)
-         call share_list(of%band_ratio)
+         call world%broadcast(of%slip, owner)
+         call world%broadcast(of%slip_std, owner)
+         call world%broadcast(of%band_ratio, owner)
          call world%broadcast(of%psd_mean, owner)
          call world%broadcast(of%psd_percentiles, owner)
       end subroutine share_published
-
-      subroutine share_list(values)
-         real(wp), allocatable, intent(inout) :: values(:)
-         logical :: is_there
-
-         is_there = allocated(values)
-         call world%broadcast(is_there, owner)
-         if (is_there) call world%broadcast(values, owner)
-      end subroutine share_list
-
-      subroutine share_table(values)
-         real(wp), allocatable, intent(inout) :: values(:, :)
-         logical :: is_there
-
-         is_there = allocated(values)
-         call world%broadcast(is_there, owner)
-         if (is_there) call world%broadcast(values, owner)
-      end subroutine share_table
 
    end subroutine share_result
 

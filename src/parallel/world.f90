@@ -210,7 +210,7 @@ contains
    end function maximum
 
    !> Sends a value from one rank (the root, or `from`) to all; collective.
-   !> Allocatable values take its shape.
+   !> Allocatable reals take its shape, or are not allocated where they are not there.
    subroutine broadcast_integer(self, value, from)
       class(world_type), intent(in) :: self
       integer, intent(inout) :: value
@@ -250,9 +250,11 @@ contains
       integer, intent(in), optional :: from
       real(wp), allocatable :: column(:, :)
 
-      if (self%rank == source(from)) column = reshape(values, [size(values), 1])
+      if (self%rank == source(from) .and. allocated(values)) &
+         column = reshape(values, [size(values), 1])
       call self%broadcast(column, from)
-      values = column(:, 1)
+      if (allocated(values)) deallocate (values)
+      if (allocated(column)) values = column(:, 1)
    end subroutine broadcast_reals
 
    subroutine broadcast_matrix(self, values, from)
@@ -262,12 +264,14 @@ contains
       integer, allocatable :: extent(:)
 
       if (self%n_ranks == 1) return
-      if (self%rank == source(from)) extent = shape(values)
-      call self%broadcast(extent, from)
-      if (self%rank /= source(from)) then
-         if (allocated(values)) deallocate (values)
-         allocate (values(extent(1), extent(2)))
+      if (self%rank == source(from)) then
+         extent = [-1, -1]
+         if (allocated(values)) extent = shape(values)
       end if
+      call self%broadcast(extent, from)
+      if (self%rank /= source(from) .and. allocated(values)) deallocate (values)
+      if (extent(1) < 0) return
+      if (self%rank /= source(from)) allocate (values(extent(1), extent(2)))
       call MPI_Bcast(values, size(values), MPI_DOUBLE_PRECISION, source(from), self%comm)
    end subroutine broadcast_matrix
 

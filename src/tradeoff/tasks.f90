@@ -332,12 +332,14 @@ contains
             call find_published(plan, result, found%value)
          case (of_samples)
             call find_plain_errors(plan, result, found%plain_error)
-            call no_gains(plan, found%gain)
             associate (case_number => self%cases(task%row))
-               if (self%most_fitted(case_number) > 0) &
+               if (self%most_fitted(case_number) > 0) then
                   call find_gains(plan, self%scope%models(plan%cases(case_number)%process), &
                                   level%friction, result, self%scope%has_settings, found%gain, &
                                   error)
+               else
+                  call no_gains(plan, found%gain)
+               end if
             end associate
          case default
             call find_variant(plan, result, found)
