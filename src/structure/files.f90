@@ -6,15 +6,15 @@ module structure_files
    use core_phrases, only: counted
    use core_table, only: read_table, table_type
    use core_text, only: to_text
-   use structure_matrix_market, only: read_matrix
-   use structure_model, only: build_structure, check_matrix, damping_type, part_names, &
-      structure_type
+   use structure_matrix_market, only: matrix_file, read_matrix
+   use structure_model, only: build_structure, damping_type, part_names, structure_type
    implicit none(type, external)
    private
    public :: read_structure, structure_paths
 
    integer, parameter :: most_points = 100000   !! points of a friction process
    integer, parameter :: most_forces = 100
+   real(wp), parameter :: rounding = 1.0e-12_wp   !! times the largest entry: equal
 
    !> Where the parts of a structure lie; '': there is no such file.
    type :: structure_paths
@@ -48,27 +48,65 @@ contains
       names%mass = paths%mass   ! by component: gfortran 12 misjudges the lengths in a constructor
       names%stiffness = paths%stiffness
       names%damping = 'structure%damping_ratio'
-      call read_matrix(paths%mass, structure%mass, complaints)
-      call read_matrix(paths%stiffness, structure%stiffness, complaints)
+      call read_symmetric(paths%mass, .true., structure%n_dof, structure%mass, complaints)
+      call read_symmetric(paths%stiffness, .false., structure%n_dof, structure%stiffness, &
+                          complaints)
       if (paths%damping /= '') then
-         call read_matrix(paths%damping, damping%matrix, complaints)
+         call read_symmetric(paths%damping, .false., structure%n_dof, damping%matrix, complaints)
          names%damping = paths%damping
       end if
-      if (complaints%n > n_before) return
-      structure%n_dof = size(structure%mass, 1)
-      call check_matrix(structure%stiffness, structure%n_dof, paths%stiffness, error)
-      if (paths%damping /= '' .and. .not. allocated(error)) &
-         call check_matrix(damping%matrix, structure%n_dof, paths%damping, error)
-      if (allocated(error)) then   ! before joints are judged by that size
-         call complaints%add_general(error%message)
-         return
-      end if
+      if (complaints%n > n_before) return   ! before joints are judged by that size
       call read_joints(paths, structure, complaints)
       call read_load(paths%load, forced_dof, structure, complaints)
       if (complaints%n > n_before) return
       call build_structure(damping, names, structure, error)
       if (allocated(error)) call complaints%add_general(error%message)
    end subroutine read_structure
+
+   !> Reads a symmetric matrix (dof, dof); the first settles how many dofs there are.
+   subroutine read_symmetric(path, is_mass, n_dof, matrix, complaints)
+      character(*), intent(in) :: path
+      logical, intent(in) :: is_mass    !! whose diagonal must be positive
+      integer, intent(inout) :: n_dof   !! 0: not known yet
+      real(wp), allocatable, intent(out) :: matrix(:, :)
+      type(complaint_list), intent(inout) :: complaints
+      type(matrix_file) :: file
+      integer :: i, j, n_before, worst(2)
+
+      n_before = complaints%n
+      call read_matrix(path, file, complaints)
+      if (complaints%n > n_before) return
+      if (n_dof == 0) n_dof = size(file%value, 1)
+      if (any(shape(file%value) /= n_dof)) then
+         call file%refuse(file%size_line, 'holds '//to_text(size(file%value, 1))//' x '// &
+                          to_text(size(file%value, 2))//' entries: must be '//to_text(n_dof)// &
+                          ' x '//to_text(n_dof)//', as many as there are dofs', complaints)
+         return
+      end if
+      worst = maxloc(abs(file%value - transpose(file%value)))
+      if (file%line(worst(2), worst(1)) > file%line(worst(1), worst(2))) worst = worst([2, 1])
+      i = worst(1)
+      j = worst(2)   ! the later of the two on its line
+      if (abs(file%value(i, j) - file%value(j, i)) > rounding*maxval(abs(file%value))) &
+         call file%refuse(file%line(i, j), entry(file, i, j)//' but ('//to_text(j)//', '// &
+                          to_text(i)//') = '//to_text(file%value(j, i))//': must be symmetric', &
+                          complaints)
+      do i = 1, n_dof
+         if (file%value(i, i) > 0.0_wp .or. .not. is_mass) cycle
+         call file%refuse(file%line(i, i), entry(file, i, i)// &
+                          ': a mass matrix must be positive definite', complaints)
+         exit
+      end do
+      call move_alloc(file%value, matrix)
+   end subroutine read_symmetric
+
+   pure function entry(file, i, j) result(text)
+      type(matrix_file), intent(in) :: file
+      integer, intent(in) :: i, j
+      character(:), allocatable :: text
+
+      text = 'entry ('//to_text(i)//', '//to_text(j)//') = '//to_text(file%value(i, j))
+   end function entry
 
    !> Reads dof_a dof_b stiffness normal_load friction [friction_point], a joint a line; without the
    !> dofs where there is a file of directions.
@@ -103,18 +141,19 @@ contains
       character(*), intent(in) :: path
       type(structure_type), intent(inout) :: structure
       type(complaint_list), intent(inout) :: complaints
+      type(matrix_file) :: file
       integer :: j, n_before
 
       n_before = complaints%n
-      call read_matrix(path, structure%direction, complaints)
+      call read_matrix(path, file, complaints)
       if (complaints%n > n_before) return
-      if (any(shape(structure%direction) /= [structure%n_dof, structure%n_joints])) then
-         call complaints%add_general(path//': holds '//to_text(size(structure%direction, 1))// &
-                                     ' x '//to_text(size(structure%direction, 2))// &
-                                     ' entries: must be dofs x joints, '// &
-                                     to_text(structure%n_dof)//' x '//to_text(structure%n_joints))
+      if (any(shape(file%value) /= [structure%n_dof, structure%n_joints])) then
+         call file%refuse(file%size_line, 'holds '//to_text(size(file%value, 1))//' x '// &
+                          to_text(size(file%value, 2))//' entries: must be dofs x joints, '// &
+                          to_text(structure%n_dof)//' x '//to_text(structure%n_joints), complaints)
          return
       end if
+      call move_alloc(file%value, structure%direction)
       do j = 1, structure%n_joints
          if (any(abs(structure%direction(:, j)) > 0.0_wp)) cycle
          call complaints%add_general(path//': column '//to_text(j)//': must not be zero')

@@ -13,10 +13,20 @@ module structure_matrix_market
    use structure_sizes, only: memory_of_matrices, most_dofs, too_large
    implicit none(type, external)
    private
-   public :: read_matrix
+   public :: matrix_file, read_matrix
 
    integer, parameter :: word_length = 40        !! longer ones are no numbers
    character(*), parameter :: importer = ': convert it with `python -m entroslip.structure`'
+
+   !> A full matrix, and where its entries stand in the file.
+   type :: matrix_file
+      character(:), allocatable :: path
+      real(wp), allocatable :: value(:, :)       !! (row, column); of size (0, 0) after a complaint
+      integer, allocatable :: line(:, :)         !! (row, column) of the file; 0: not there, a zero
+      integer :: size_line = 0
+   contains
+      procedure :: refuse
+   end type matrix_file
 
    !> The file on its way, and what its header says.
    type :: reader_type
@@ -30,15 +40,16 @@ module structure_matrix_market
 
 contains
 
-   !> Reads the full matrix; of size (0, 0) after a complaint.
+   !> Reads a matrix, and where its entries stand.
    subroutine read_matrix(path, matrix, complaints)
       character(*), intent(in) :: path
-      real(wp), allocatable, intent(out) :: matrix(:, :)   !! (row, column)
+      type(matrix_file), intent(out) :: matrix
       type(complaint_list), intent(inout) :: complaints
       character(:), allocatable :: refusal
       type(reader_type) :: reader
 
-      allocate (matrix(0, 0))
+      matrix%path = path
+      allocate (matrix%value(0, 0))
       call read_source(path, reader%source, refusal, huge(1) - 1)
       if (allocated(refusal)) then
          call complaints%add_general(path//': '//refusal)
@@ -46,12 +57,27 @@ contains
       end if
       call read_header(reader)
       if (.not. allocated(reader%rule)) call read_sizes(reader)
+      matrix%size_line = reader%line
       if (.not. allocated(reader%rule)) call read_entries(reader, matrix)
       if (.not. allocated(reader%rule)) return
-      call complaints%add_general(path//':'//to_text(reader%line)//': '//reader%rule)
-      deallocate (matrix)
-      allocate (matrix(0, 0))
+      call matrix%refuse(reader%line, reader%rule, complaints)
+      deallocate (matrix%value)
+      allocate (matrix%value(0, 0))
    end subroutine read_matrix
+
+   !> Complains of a line; of the file where the line is 0.
+   subroutine refuse(self, line, rule, complaints)
+      class(matrix_file), intent(in) :: self
+      integer, intent(in) :: line
+      character(*), intent(in) :: rule   !! its subject first
+      type(complaint_list), intent(inout) :: complaints
+
+      if (line == 0) then
+         call complaints%add_general(self%path//': '//rule)
+      else
+         call complaints%add_general(self%path//':'//to_text(line)//': '//rule)
+      end if
+   end subroutine refuse
 
    !> Reads %%MatrixMarket matrix coordinate|array real|integer general|symmetric
    subroutine read_header(reader)
@@ -167,14 +193,13 @@ contains
    !> Reads exactly as many entries as the header promises, each once.
    subroutine read_entries(reader, matrix)
       type(reader_type), intent(inout) :: reader
-      real(wp), allocatable, intent(inout) :: matrix(:, :)
-      logical, allocatable :: is_given(:, :)
+      type(matrix_file), intent(inout) :: matrix
       real(wp) :: value
       integer :: i, j, n
 
-      deallocate (matrix)
-      allocate (matrix(reader%n_rows, reader%n_columns), source=0.0_wp)
-      if (reader%is_coordinate) allocate (is_given(reader%n_rows, reader%n_columns), source=.false.)
+      deallocate (matrix%value)
+      allocate (matrix%value(reader%n_rows, reader%n_columns), source=0.0_wp)
+      allocate (matrix%line(reader%n_rows, reader%n_columns), source=0)
       i = 0
       j = 1
       do n = 1, reader%n_entries
@@ -184,7 +209,7 @@ contains
          end if
          if (reader%is_coordinate) then
             call read_entry(reader, i, j, value)
-            if (.not. allocated(reader%rule)) call judge_place(reader, i, j, is_given)
+            if (.not. allocated(reader%rule)) call judge_place(reader, i, j, matrix%line)
          else
             i = i + 1   ! columns one behind the other; of a symmetric one from the diagonal down
             if (i > reader%n_rows) then
@@ -194,8 +219,12 @@ contains
             call read_value(reader, value)
          end if
          if (allocated(reader%rule)) return
-         matrix(i, j) = value
-         if (reader%is_symmetric) matrix(j, i) = value
+         matrix%value(i, j) = value
+         matrix%line(i, j) = reader%line
+         if (reader%is_symmetric) then
+            matrix%value(j, i) = value
+            matrix%line(j, i) = reader%line
+         end if
       end do
       if (advance(reader)) reader%rule = shown(reader)//': stands behind the last of '// &
                                          to_text(reader%n_entries)//' entries'
@@ -224,20 +253,18 @@ contains
 
    !> Requires a place within the matrix, in the lower triangle of a symmetric one, and not given
    !> before.
-   subroutine judge_place(reader, i, j, is_given)
+   subroutine judge_place(reader, i, j, line)
       type(reader_type), intent(inout) :: reader
       integer, intent(in) :: i, j
-      logical, intent(inout) :: is_given(:, :)
+      integer, intent(in) :: line(:, :)   !! of the entries before
 
       if (i < 1 .or. i > reader%n_rows .or. j < 1 .or. j > reader%n_columns) then
          reader%rule = shown(reader)//': row and column must be from 1 to '// &
                        to_text(reader%n_rows)//' and '//to_text(reader%n_columns)
       else if (reader%is_symmetric .and. i < j) then
          reader%rule = shown(reader)//': a symmetric file must hold the lower triangle alone'
-      else if (is_given(i, j)) then
+      else if (line(i, j) > 0) then
          reader%rule = shown(reader)//': the entry is there twice'
-      else
-         is_given(i, j) = .true.
       end if
    end subroutine judge_place
 

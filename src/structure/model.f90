@@ -10,11 +10,9 @@ module structure_model
    use numerics_lapack, only: solve_positive_definite, solve_symmetric_eigenproblem
    implicit none(type, external)
    private
-   public :: damping_type, part_names, structure_type
-   public :: build_structure, check_matrix
+   public :: build_structure, damping_type, part_names, structure_type
 
    real(wp), parameter :: least_share = 1.0e-10_wp   !! times the largest eigenvalue: zero
-   real(wp), parameter :: rounding = 1.0e-12_wp      !! times the largest entry: equal
 
    !> One structure. Matrices are full; has_lumped_mass says that M is diagonal.
    type :: structure_type
@@ -55,8 +53,9 @@ module structure_model
 
 contains
 
-   !> Completes a structure whose M, K, joints, directions and load are given: checks the matrices,
-   !> finds the frequencies, forms C. Joints are checked by whoever reads them.
+   !> Completes a structure whose M, K, joints, directions and load are given: finds the
+   !> frequencies, forms C, and refuses what cannot move or would feed energy. Sizes, symmetry and
+   !> joints are checked by whoever reads them.
    subroutine build_structure(damping, names, structure, error)
       type(damping_type), intent(in) :: damping
       type(part_names), intent(in) :: names
@@ -66,10 +65,7 @@ contains
       integer :: j, n_zero
 
       call set_sizes(structure)
-      call check_matrix(structure%mass, structure%n_dof, names%mass, error)
-      if (.not. allocated(error)) call check_mass(structure%mass, names%mass, error)
-      if (.not. allocated(error)) &
-         call check_matrix(structure%stiffness, structure%n_dof, names%stiffness, error)
+      call check_mass(structure%mass, names%mass, error)
       if (allocated(error)) return
 
       call find_modes(structure%stiffness, structure%mass, structure%frequencies_slip, &
@@ -91,42 +87,12 @@ contains
       structure%n_points = maxval(structure%friction_point)
    end subroutine set_sizes
 
-   !> Requires a matrix that is square, of the order of M, and symmetric.
-   pure subroutine check_matrix(matrix, n_dof, name, error)
-      real(wp), intent(in) :: matrix(:, :)
-      integer, intent(in) :: n_dof
-      character(*), intent(in) :: name
-      type(error_type), allocatable, intent(out) :: error
-      integer :: worst(2)
-
-      if (any(shape(matrix) /= n_dof)) then
-         call raise(error, exit_bad_input, name//': holds '//to_text(size(matrix, 1))//' x '// &
-                    to_text(size(matrix, 2))//' entries: must be '//to_text(n_dof)//' x '// &
-                    to_text(n_dof)//', as many as there are dofs')
-         return
-      end if
-      worst = maxloc(abs(matrix - transpose(matrix)))
-      associate (i => worst(1), j => worst(2))
-         if (abs(matrix(i, j) - matrix(j, i)) > rounding*maxval(abs(matrix))) &
-            call raise(error, exit_bad_input, name//': entry ('//to_text(i)//', '//to_text(j)// &
-                       ') = '//to_text(matrix(i, j))//' but ('//to_text(j)//', '//to_text(i)// &
-                       ') = '//to_text(matrix(j, i))//': must be symmetric')
-      end associate
-   end subroutine check_matrix
-
    subroutine check_mass(mass, name, error)
       real(wp), intent(in) :: mass(:, :)   !! (dof, dof) [kg]
       character(*), intent(in) :: name
       type(error_type), allocatable, intent(out) :: error
       real(wp), allocatable :: factor(:, :), unused(:, :)
-      integer :: i
 
-      do i = 1, size(mass, 1)
-         if (mass(i, i) > 0.0_wp) cycle
-         call raise(error, exit_bad_input, name//': entry ('//to_text(i)//', '//to_text(i)// &
-                    ') = '//to_text(mass(i, i))//': a mass matrix must be positive definite')
-         return
-      end do
       factor = mass
       allocate (unused(size(mass, 1), 1), source=0.0_wp)
       call solve_positive_definite(factor, unused, error)
@@ -144,8 +110,6 @@ contains
 
       allocate (structure%damping_ratio(0))
       if (allocated(damping%matrix)) then
-         call check_matrix(damping%matrix, structure%n_dof, name, error)
-         if (allocated(error)) return
          call solve_symmetric_eigenproblem(damping%matrix, structure%mass, decay, unused, error)
          if (allocated(error)) return
          if (decay(1) < -least_share*maxval(abs(decay))) &
