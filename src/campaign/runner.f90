@@ -65,8 +65,8 @@ contains
       call runner%use_every(max(plan%output%spectrum_every, 1))
    end subroutine prepare_runner
 
-   !> Form of the exact march, with the multiplications of a sample in a step by each form, without
-   !> transitions; '' for Newmark's.
+   !> Form of the exact march, with the multiplications of a sample in a step by each form; '' for
+   !> Newmark's.
    pure function form_of_march(self) result(text)
       class(runner_type), intent(in) :: self
       character(:), allocatable :: text

@@ -24,7 +24,7 @@ module dynamics_exact_march
       real(wp) :: tolerance = 0.0_wp     !! displacement error relative to its rms
       integer :: parts = 1               !! of a step
       character(:), allocatable :: form  !! 'power series' or 'modes'
-      !> Multiplications of one sample in a step, transitions aside; huge where it cannot be done.
+      !> Multiplications of one sample in a step; huge where it cannot be done.
       real(wp) :: work_series = huge(1.0_wp), work_modes = huge(1.0_wp)
       class(base_system), allocatable :: base
    contains
@@ -87,34 +87,61 @@ contains
       end if
    end function longest_step
 
-   !> Chooses power series.
+   !> Chooses power series in as many parts as take the least work: in shorter ones more joints are
+   !> answered locally (8).
    subroutine use_series(marcher)
       type(exact_march), intent(inout) :: marcher
       type(series_form), allocatable :: form
+      integer :: parts
+      real(wp) :: without, work   ! of transitions; in all
 
-      marcher%parts = max(1, ceiling(parts_of_step(marcher%structure, marcher%dt)))
-      allocate (form)
-      call new_series_form(marcher%structure, marcher%dt, marcher%parts, marcher%tolerance, form)
-      marcher%work_series = marcher%parts*form%series%work()
-      marcher%form = 'power series'
-      call move_alloc(form, marcher%base)
+      parts = max(1, ceiling(parts_of_step(marcher%structure, marcher%dt)))
+      do
+         allocate (form)
+         call new_series_form(marcher%structure, marcher%dt, parts, marcher%tolerance, form)
+         work = form%work(parts, transitions_of_step(marcher%structure, marcher%dt))
+         without = form%work(parts, 0.0_wp)
+         if (work < marcher%work_series) then
+            marcher%work_series = work
+            marcher%parts = parts
+            marcher%form = 'power series'
+            if (allocated(marcher%base)) deallocate (marcher%base)
+            call move_alloc(form, marcher%base)
+         end if
+         parts = 2*parts
+         if (without >= min(work, marcher%work_series) .or. parts > most_parts) exit
+         if (allocated(form)) deallocate (form)
+      end do
    end subroutine use_series
 
    !> Chooses modes if they need less work than power series.
    subroutine try_modes(marcher)
       type(exact_march), intent(inout) :: marcher
+      real(wp), parameter :: of_transition = 4500.0_wp   ! multiplications (11)
       type(modal_form), allocatable :: form
 
       allocate (form)
       call new_modal_form(marcher%structure, marcher%dt, marcher%tolerance, form)
       if (form%operators%n_parts > most_parts) return
-      marcher%work_modes = form%operators%n_parts*form%operators%work()
+      marcher%work_modes = form%operators%n_parts*form%operators%work() &
+                           + of_transition*transitions_of_step(marcher%structure, marcher%dt)
       if (marcher%work_modes >= marcher%work_series) return
       marcher%parts = form%operators%n_parts
       marcher%form = 'modes'
       if (allocated(marcher%base)) deallocate (marcher%base)
       call move_alloc(form, marcher%base)
    end subroutine try_modes
+
+   !> Transitions of a sample in a step, by a guess: one of every joint in a period of the slowest
+   !> mode that has one, all joints stuck (11).
+   pure real(wp) function transitions_of_step(structure, dt) result(transitions)
+      type(structure_type), intent(in) :: structure
+      real(wp), intent(in) :: dt   !! [s]
+
+      transitions = 0.0_wp
+      if (structure%n_zero_modes < structure%n_dof) &
+         transitions = structure%n_joints*dt*structure%frequencies_stuck(structure%n_zero_modes + 1)
+   end function transitions_of_step
 
    !> How many parts of a step the fastest mode needs in power series, at least (4). Modes need no
    !> parts for their own sake: 1 where the mass is not diagonal.
