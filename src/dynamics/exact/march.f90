@@ -132,15 +132,13 @@ contains
       call move_alloc(form, marcher%base)
    end subroutine try_modes
 
-   !> Transitions of a sample in a step, by a guess: one of every joint in a period of the slowest
-   !> mode that has one, all joints stuck (11).
+   !> Transitions of a sample in a step, by a guess: one of every joint in a period of the fastest
+   !> mode with all joints stuck, but in 20 steps at most, as forces are written (11).
    pure real(wp) function transitions_of_step(structure, dt) result(transitions)
       type(structure_type), intent(in) :: structure
       real(wp), intent(in) :: dt   !! [s]
 
-      transitions = 0.0_wp
-      if (structure%n_zero_modes < structure%n_dof) &
-         transitions = structure%n_joints*dt*structure%frequencies_stuck(structure%n_zero_modes + 1)
+      transitions = structure%n_joints*min(dt*maxval(structure%frequencies_stuck), 0.05_wp)
    end function transitions_of_step
 
    !> How many parts of a step the fastest mode needs in power series, at least (4). Modes need no
