@@ -8,9 +8,8 @@ program bench_process_direct
    use core_error, only: error_type
    use core_kinds, only: wp
    use process_correlation, only: constraint_weights
-   use process_direct_check, only: check_by_inversion
    use process_direct_constraint, only: length_constraint, new_constraint
-   use process_direct_fit, only: fit_direct, search_direct
+   use process_direct_fit, only: check_by_inversion, fit_direct, search_direct
    use process_direct_reciprocal_symbol, only: reciprocal_workspace
    use process_direct_sign_search, only: search_result
    use process_direct_sign_sequence, only: sequence_solution, solve_sequence

@@ -10,8 +10,7 @@ module driver_processes
    use numerics_sorting, only: sort_order
    use parallel_work, only: new_counter, work_counter
    use parallel_world, only: world_type
-   use process_direct_check, only: check_by_inversion
-   use process_direct_fit, only: count_parts, search_direct
+   use process_direct_fit, only: check_by_inversion, count_parts, search_direct
    use process_direct_sign_search, only: add_search, search_result
    use process_fit, only: fit_from_search, fit_process, resolve_order
    use process_model, only: process_model_type, process_request

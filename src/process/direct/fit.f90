@@ -7,6 +7,8 @@
 module process_direct_fit
    use core_error, only: error_type
    use core_kinds, only: long, wp
+   use numerics_lapack, only: invert_matrix
+   use numerics_toeplitz, only: dense_toeplitz
    use process_autoregressive_description, only: describe_ar
    use process_autoregressive_model, only: autocovariance_of, innovation_std, reflection_of
    use process_autoregressive_spectral_factor, only: equivalent_process, symbol_of_process
@@ -20,10 +22,10 @@ module process_direct_fit
       search_all_signs, search_result, search_structured
    use process_direct_sign_sequence, only: sequence_solution
    use process_direct_sums, only: sum_direct_correlation
-   use process_model, only: process_model_type, process_request, process_solution
+   use process_model, only: inversion_check, process_model_type, process_request, process_solution
    implicit none(type, external)
    private
-   public :: fit_direct, count_parts, search_direct, conclude_direct
+   public :: fit_direct, count_parts, search_direct, conclude_direct, check_by_inversion
    public :: coefficients_of_solution, direct_symbol, integer_signs, mirror_image, mirrored
 
    character(*), parameter :: every_sequence = 'all sequences'
@@ -322,5 +324,29 @@ contains
          end associate
       end do
    end subroutine list_solutions
+
+   !> Solves Eq. (35), the paper's own way to K(m): the inverse of a finite matrix G, of 2 half_width
+   !> + 1 points. It errs like |largest pole|^(2 half_width), and costs half_width^3, which is for
+   !> the caller to measure.
+   subroutine check_by_inversion(model, half_width, check, error)
+      type(process_model_type), intent(in) :: model   !! solved, without sign constraint
+      integer, intent(in) :: half_width               !! M of Eq. (35), at least the order
+      type(inversion_check), intent(out) :: check
+      type(error_type), allocatable, intent(out) :: error
+      real(wp), allocatable :: inverse(:, :)
+      integer :: middle
+
+      middle = half_width + 1
+      call invert_matrix(dense_toeplitz(symbol_of_process(model%a, model%b0), 2*half_width + 1), &
+                         inverse, error)
+      if (allocated(error)) return
+      check%half_width = half_width
+      allocate (check%autocovariance(0:model%order))
+      check%autocovariance(:) = inverse(middle:middle + model%order, middle)
+      associate (exact => model%autocovariance(:model%order))
+         check%error = maxval(abs(check%autocovariance - exact))/model%autocovariance(0)
+      end associate
+      check%expected_error = maxval(abs(model%poles))**(2.0_wp*half_width)
+   end subroutine check_by_inversion
 
 end module process_direct_fit
