@@ -106,7 +106,11 @@ contains
       estimate%std = found%std(1)
       estimate%l0 = found%l0(1)
       estimate%l1 = found%l1(1)
-      call request_of(estimate, found%order(1), all(values > 0.0_wp))
+      estimate%request%correlation_length = estimate%l0
+      estimate%request%order = found%order(1)
+      estimate%request%mean = estimate%mean
+      estimate%request%std = estimate%std
+      estimate%request%positive = all(values > 0.0_wp)
       call fit_process(estimate%request, seed, estimate%model)
       if (.not. estimate%model%is_solved) then
          call raise(error, exit_no_solution, 'no process has the estimates (mean '// &
@@ -114,6 +118,7 @@ contains
                     to_text(estimate%l0)//'): '//estimate%model%reason)
          return
       end if
+      allocate (copies(size(values, 1), n_replicates))
       call draw_copies(records, estimate%model, seed, copies)
       call fit_columns(copies, pieces, candidates, again, error)
       if (allocated(error)) return
@@ -183,31 +188,34 @@ contains
       integer, intent(in) :: n_values, n_lags
       type(candidate_type), allocatable, intent(out) :: candidates(:)
       type(error_type), allocatable, intent(out) :: error
-      type(correlation_sums) :: sums
-      real(wp), allocatable :: kappa(:)
-      integer :: c, i, k, n_lengths
+      integer :: i, k, n_lengths
 
       n_lengths = 1 + nint(lengths_per_decade*log10(min(longest, n_values/3.0_wp)/shortest))
       allocate (candidates(1 + size(orders)*n_lengths))
-      candidates(1)%order = 1
-      allocate (candidates(1)%correlation(0:n_lags), source=0.0_wp)
-      candidates(1)%correlation(0) = 1.0_wp
-      c = 1
-      do i = 1, size(orders)
-         do k = 0, n_lengths - 1
-            c = c + 1
-            candidates(c)%order = orders(i)
-            candidates(c)%l0 = shortest*10.0_wp**(real(k, wp)/lengths_per_decade)
-            call optimal_reflection('L0', candidates(c)%l0, orders(i), kappa, error)
-            if (allocated(error)) return
-            call sum_correlation(kappa, sums, error)
-            if (allocated(error)) return
-            candidates(c)%l1 = sums%l1
-            allocate (candidates(c)%correlation(0:n_lags))
-            candidates(c)%correlation = autocovariance_of(kappa, n_lags)
-         end do
+      candidates%order = [1, ((orders(i), k=1, n_lengths), i=1, size(orders))]
+      candidates%l0 = [0.0_wp, ((shortest*10.0_wp**(real(k, wp)/lengths_per_decade), &
+                                 k=0, n_lengths - 1), i=1, size(orders))]
+      do i = 1, size(candidates)
+         call describe_candidate(n_lags, candidates(i), error)
+         if (allocated(error)) return
       end do
    end subroutine list_candidates
+
+   !> Fills in what follows from the order and L0 of a candidate.
+   subroutine describe_candidate(n_lags, candidate, error)
+      integer, intent(in) :: n_lags
+      type(candidate_type), intent(inout) :: candidate
+      type(error_type), allocatable, intent(out) :: error
+      type(correlation_sums) :: sums
+      real(wp), allocatable :: kappa(:)
+
+      call optimal_reflection('L0', candidate%l0, candidate%order, kappa, error)
+      if (.not. allocated(error)) call sum_correlation(kappa, sums, error)
+      if (allocated(error)) return
+      candidate%l1 = sums%l1
+      allocate (candidate%correlation(0:n_lags))
+      candidate%correlation(:) = autocovariance_of(kappa, n_lags)
+   end subroutine describe_candidate
 
    !> Finds the best candidate of each column, Eq. (1), and the statistics of its tests.
    subroutine fit_columns(values, pieces, candidates, fit, error)
@@ -217,8 +225,8 @@ contains
       type(fit_type), intent(out) :: fit
       type(error_type), allocatable, intent(out) :: error
       real(wp), dimension(size(candidates), size(values, 2)) :: badness, mean, variance
-      real(wp) :: residuals(size(values, 1))
-      integer :: best, c, column, n
+      real(wp) :: correlation(lags_tested), residuals(size(values, 1))
+      integer :: best, c, column, n, n_pairs(lags_tested)
 
       n = size(values, 2)
       do c = 1, size(candidates)
@@ -238,7 +246,8 @@ contains
          fit%distance(column) = anderson_darling(residuals)
          call whiten(pieces, candidates(best)%correlation, residuals, error)
          if (allocated(error)) return
-         fit%misfit(column) = sum(pairs_of(pieces)*correlation_of(residuals, pieces)**2)
+         call correlate(residuals, pieces, correlation, n_pairs)
+         fit%misfit(column) = sum(n_pairs*correlation**2)
       end do
    end subroutine fit_columns
 
@@ -339,15 +348,17 @@ contains
       l1 = l1*(candidates(neighbour)%l1/l1)**abs(shift)
    end subroutine refine
 
-   !> Mean product of standardized values that many points apart, lags 1 to lags_tested; zero
-   !> without pairs.
-   pure function correlation_of(x, pieces) result(correlation)
+   !> Correlates standardized values that many points apart, lags 1 to lags_tested: mean products,
+   !> zero without pairs.
+   pure subroutine correlate(x, pieces, correlation, n_pairs)
       real(wp), intent(in) :: x(:)   !! (value)
       type(piece_type), intent(in) :: pieces(:)
-      real(wp) :: correlation(lags_tested)
+      real(wp), intent(out) :: correlation(lags_tested)
+      integer, intent(out) :: n_pairs(lags_tested)
       integer :: i, j, k, lag
 
       correlation = 0.0_wp
+      n_pairs = 0
       do i = 1, size(pieces)
          associate (point => pieces(i)%point, row => pieces(i)%row)
             do j = 1, size(point)
@@ -355,30 +366,13 @@ contains
                   lag = point(k) - point(j)
                   if (lag > lags_tested) exit
                   correlation(lag) = correlation(lag) + x(row(j))*x(row(k))
+                  n_pairs(lag) = n_pairs(lag) + 1
                end do
             end do
          end associate
       end do
-      correlation = correlation/max(pairs_of(pieces), 1)
-   end function correlation_of
-
-   !> Number of pairs of values that many points apart, lags 1 to lags_tested.
-   pure function pairs_of(pieces) result(n_pairs)
-      type(piece_type), intent(in) :: pieces(:)
-      integer :: n_pairs(lags_tested)
-      integer :: i, j, k
-
-      n_pairs = 0
-      do i = 1, size(pieces)
-         associate (point => pieces(i)%point)
-            do j = 1, size(point)
-               associate (lag => point(j + 1:) - point(j))
-                  n_pairs = n_pairs + [(count(lag == k), k=1, lags_tested)]
-               end associate
-            end do
-         end associate
-      end do
-   end function pairs_of
+      correlation = correlation/max(n_pairs, 1)
+   end subroutine correlate
 
    !> Distance of the values from a standard normal law: A^2 of Anderson and Darling (1952).
    pure function anderson_darling(x) result(distance)
@@ -395,47 +389,25 @@ contains
       distance = -n - sum([((2*i - 1)*(below(i) + above(n + 1 - i)), i=1, n)])/n
    end function anderson_darling
 
-   !> Writes the estimates as a request.
-   pure subroutine request_of(estimate, order, is_positive)
-      type(process_estimate_type), intent(inout) :: estimate
-      integer, intent(in) :: order
-      logical, intent(in) :: is_positive
-
-      associate (request => estimate%request)
-         request%method = 'autoregressive'
-         request%correlation = 'L0'
-         request%sampler = 'sequential'
-         request%correlation_length = estimate%l0
-         request%order = order
-         request%mean = estimate%mean
-         request%std = estimate%std
-         request%positive = is_positive
-      end associate
-   end subroutine request_of
-
    !> Draws realizations of the process at the points that were measured (value, realization).
    subroutine draw_copies(records, model, seed, copies)
       type(measured_record), intent(in) :: records(:)
       type(process_model_type), intent(in) :: model
       integer(long), intent(in) :: seed
-      real(wp), allocatable, intent(out) :: copies(:, :)
+      real(wp), intent(out) :: copies(:, :)
       type(stream_type) :: stream
       real(wp), allocatable :: line(:)
-      integer :: i, k, n, n_values
+      integer :: i, k, n
 
-      n_values = sum([(count(.not. ieee_is_nan(records(i)%value)), i=1, size(records))])
-      allocate (copies(n_values, n_replicates))
-      do k = 1, n_replicates
+      do k = 1, size(copies, 2)
          stream = new_stream(seed, label_of('estimate'), k)
          n = 0
          do i = 1, size(records)
-            associate (is_there => .not. ieee_is_nan(records(i)%value))
-               allocate (line(size(is_there)))
-               call draw_points(model, stream, line)
-               copies(n + 1:n + count(is_there), k) = pack(line, is_there)
-               n = n + count(is_there)
-               deallocate (line)
-            end associate
+            line = records(i)%value
+            call draw_points(model, stream, line)
+            line = pack(line, .not. ieee_is_nan(records(i)%value))
+            copies(n + 1:n + size(line), k) = line
+            n = n + size(line)
          end do
       end do
    end subroutine draw_copies
@@ -446,6 +418,7 @@ contains
       type(piece_type), intent(in) :: pieces(:)
       type(fit_type), intent(in) :: found, again
       type(process_estimate_type), intent(inout) :: estimate
+      integer :: unused(lags_tested)
 
       estimate%mean_error = standard_deviation(again%mean)
       estimate%std_error = standard_deviation(again%std)
@@ -455,7 +428,7 @@ contains
       estimate%l1_range = range_of(again%l1)
       estimate%p_correlation = share_above(again%misfit, found%misfit(1))
       estimate%p_marginal = share_above(again%distance, found%distance(1))
-      estimate%correlation = correlation_of((values - estimate%mean)/estimate%std, pieces)
+      call correlate((values - estimate%mean)/estimate%std, pieces, estimate%correlation, unused)
       estimate%expected = estimate%model%autocovariance(1:lags_tested) &
                           /estimate%model%autocovariance(0)
    end subroutine judge
