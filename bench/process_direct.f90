@@ -8,10 +8,10 @@ program bench_process_direct
    use core_error, only: error_type
    use core_kinds, only: wp
    use process_correlation, only: constraint_weights
-   use process_direct_constraint, only: length_constraint, new_constraint
-   use process_direct_fit, only: check_by_inversion, fit_direct, search_direct
+   use process_direct_constraint, only: constraint_of, length_constraint, new_constraint
+   use process_direct_fit, only: check_by_inversion, fit_direct
    use process_direct_reciprocal_symbol, only: reciprocal_workspace
-   use process_direct_sign_search, only: search_result
+   use process_direct_sign_search, only: search_all_signs, search_result
    use process_direct_sign_sequence, only: sequence_solution, solve_sequence
    use process_model, only: inversion_check, process_model_type, process_request
    implicit none(type, external)
@@ -47,7 +47,6 @@ contains
 
       call fit_direct(request(correlation, length, m_max), model)
       constraint = new_constraint(constraint_weights(correlation, length, m_max))
-      call workspace%prepare(m_max)
       best = huge(1.0_wp)
       do round = 1, n_rounds
          call cpu_time(start)
@@ -79,7 +78,7 @@ contains
       real(wp) :: finish, start
 
       call cpu_time(start)
-      call search_direct(request(correlation, length, m_max), 1, 1, search)
+      call search_all_signs(constraint_of(request(correlation, length, m_max)), 1, 1, search)
       call cpu_time(finish)
       write (output_unit, '(1x, a, f5.1, a, i3, a, f9.3, a, i0, a, f14.10)') correlation//' =', &
          length, ', m_max =', m_max, ': all sequences solved ', finish - start, &

@@ -10,11 +10,13 @@ module driver_processes
    use numerics_sorting, only: sort_order
    use parallel_work, only: new_counter, work_counter
    use parallel_world, only: world_type
-   use process_direct_fit, only: check_by_inversion, count_parts, search_direct
-   use process_direct_sign_search, only: add_search, search_result
+   use process_direct_constraint, only: constraint_of
+   use process_direct_fit, only: check_by_inversion, count_parts
+   use process_direct_sign_search, only: add_search, pack_search, search_all_signs, &
+                                         search_result, unpack_search
    use process_fit, only: fit_from_search, fit_process, resolve_order
    use process_model, only: process_model_type, process_request
-   use process_packing, only: pack_model, pack_search, unpack_model, unpack_search
+   use process_packing, only: pack_model, unpack_model
    use process_scaling, only: carry_over, first_of_fit, unit_request
    implicit none(type, external)
    private
@@ -192,7 +194,7 @@ contains
       real(wp) :: finish, start
 
       call cpu_time(start)
-      call search_direct(request, share%part, share%n_parts, found)
+      call search_all_signs(constraint_of(request), share%part, share%n_parts, found)
       call cpu_time(finish)
       found%seconds = finish - start
       call add_search(found, search)
@@ -212,7 +214,8 @@ contains
       do rank = 0, world%n_ranks - 1
          if (rank == world%rank) numbers = pack_search(search)
          call world%broadcast(numbers, from=rank)
-         call unpack_search(numbers, found)
+         if (.not. world%is_root()) cycle
+         call unpack_search(numbers, constraint_of(resolved), found)
          call add_search(found, merged)
       end do
       if (.not. world%is_root()) return

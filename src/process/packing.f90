@@ -1,16 +1,13 @@
-!> A solved process, or a part of a search for one, as a row of numbers and back, to hand it to
-!> other ranks.
+!> A solved process as a row of numbers and back, to hand it to other ranks.
 module process_packing
    use core_kinds, only: long, wp
    use core_random, only: label_of
    use process_components, only: axis_type, component, component_visitor, forget_components, &
                                  visit_components
-   use process_direct_sign_search, only: search_result
-   use process_direct_sign_sequence, only: sequence_solution
    use process_model, only: process_model_type
    implicit none(type, external)
    private
-   public :: pack_model, unpack_model, pack_search, unpack_search
+   public :: pack_model, unpack_model
 
    !> Walks through a model and a row of numbers together, in either direction: one list of
    !> components serves both.
@@ -50,69 +47,6 @@ contains
       call visit_components(t, model)
       if (t%position /= size(numbers)) error stop 'unpack_model: the row is none of pack_model'
    end subroutine unpack_model
-
-   !> Numbers of a search that a merged search needs.
-   function pack_search(search) result(numbers)
-      type(search_result), intent(in) :: search
-      real(wp), allocatable :: numbers(:)
-      type(search_result) :: copy
-      type(tape) :: t
-
-      copy = search
-      allocate (t%numbers(0))
-      call walk_search(t, copy)
-      call move_alloc(t%numbers, numbers)
-   end function pack_search
-
-   !> Fills a search from what pack_search gave.
-   subroutine unpack_search(numbers, search)
-      real(wp), intent(in) :: numbers(:)
-      type(search_result), intent(out) :: search
-      type(tape) :: t
-
-      t%is_writing = .false.
-      t%numbers = numbers
-      call walk_search(t, search)
-   end subroutine unpack_search
-
-   subroutine walk_search(t, search)
-      type(tape), intent(inout) :: t
-      type(search_result), intent(inout) :: search
-      real(wp) :: counts(3)   ! whole numbers, exact up to 2**53
-      integer :: i
-
-      counts = 0.0_wp
-      if (allocated(search%solutions)) counts(3) = size(search%solutions)
-      counts(:2) = real([search%n_examined, search%n_consistent], wp)
-      do i = 1, 3
-         call t%number(counts(i))
-      end do
-      search%n_examined = nint(counts(1), long)
-      search%n_consistent = nint(counts(2), long)
-      call t%number(search%seconds)
-      if (.not. t%is_writing) allocate (search%solutions(nint(counts(3))))
-      do i = 1, size(search%solutions)
-         call walk_solution(t, search%solutions(i))
-      end do
-   end subroutine walk_search
-
-   subroutine walk_solution(t, solution)
-      type(tape), intent(inout) :: t
-      type(sequence_solution), intent(inout) :: solution
-      real(wp) :: place
-
-      solution%is_feasible = .true.   ! else no search lists it
-      solution%is_consistent = .true.
-      call t%real_array(solution%s)
-      call t%number(solution%delta)
-      call t%number(solution%lambda_3)
-      call t%real_array(solution%correlation, first=0)
-      call t%number(solution%entropy)
-      place = real(solution%number, wp)
-      call t%number(place)
-      solution%number = nint(place, long)
-      call t%real_array(solution%factor, first=0)
-   end subroutine walk_solution
 
    subroutine number(self, value)
       class(tape), intent(inout) :: self

@@ -17,7 +17,6 @@ module process_direct_fit
    use process_direct_constraint, only: constraint_of, length_constraint
    use process_direct_limits, only: certainly_infeasible_m_max, find_complaint, reason_of_failure, &
       reason_of_inaccuracy
-   use process_direct_reciprocal_symbol, only: reciprocal_workspace
    use process_direct_sign_search, only: count_sequences, is_all_plus_best, limit_of_entropy, &
       search_all_signs, search_result, search_structured
    use process_direct_sign_sequence, only: sequence_solution
@@ -25,7 +24,7 @@ module process_direct_fit
    use process_model, only: inversion_check, process_model_type, process_request, process_solution
    implicit none(type, external)
    private
-   public :: fit_direct, count_parts, search_direct, conclude_direct, check_by_inversion
+   public :: fit_direct, count_parts, conclude_direct, check_by_inversion
    public :: coefficients_of_solution, direct_symbol, integer_signs, mirror_image, mirrored
 
    character(*), parameter :: every_sequence = 'all sequences'
@@ -38,7 +37,6 @@ contains
       type(process_request), intent(in) :: request
       type(process_model_type), intent(out) :: model
       type(length_constraint) :: constraint
-      type(reciprocal_workspace) :: workspace
       type(search_result) :: search
       logical :: is_certain
 
@@ -50,16 +48,15 @@ contains
          return
       end if
       if (request%all_signs) then
-         call search_direct(request, 1, 1, search)
+         call search_all_signs(constraint_of(request), 1, 1, search)
          call conclude_direct(request, search, model)
          return
       end if
       constraint = constraint_of(request)
-      call workspace%prepare(request%order)
-      call search_as_affordable(constraint, workspace, search, is_certain, model%search)
+      call search_as_affordable(constraint, search, is_certain, model%search)
       call describe_winner(request, search, is_certain, model)
       if (is_certain .or. .not. model%is_solved) return
-      call limit_of_entropy(constraint, workspace, model%entropy_ceiling)
+      call limit_of_entropy(constraint, model%entropy_ceiling)
       model%entropy_ceiling = model%entropy_ceiling + log(request%std)
    end subroutine fit_direct
 
@@ -110,52 +107,34 @@ contains
       model%entropy_ceiling = model%entropy
    end subroutine describe_winner
 
-   !> Solves part `part` of `n_parts` of all sign sequences: to be shared out, and joined by
-   !! `add_search`.
-   subroutine search_direct(request, part, n_parts, result)
-      type(process_request), intent(in) :: request
-      integer, intent(in) :: part, n_parts   !! part = 1..n_parts
-      type(search_result), intent(out) :: result
-      type(reciprocal_workspace) :: workspace
-
-      call workspace%prepare(request%order)
-      call search_all_signs(constraint_of(request), part, n_parts, workspace, result)
-   end subroutine search_direct
-
-   !> Searches all sequences where they are few; else likely ones, with a proof that none has more
-   !> entropy where there is one.
-   subroutine search_as_affordable(constraint, workspace, search, is_certain, how)
+   !> Searches all sequences where they are few; else likely ones, and all after them where one has
+   !> been found, theory does not know it for the best and there are not many more.
+   subroutine search_as_affordable(constraint, search, is_certain, how)
       type(length_constraint), intent(in) :: constraint
-      type(reciprocal_workspace), intent(inout) :: workspace
       type(search_result), intent(out) :: search
       logical, intent(out) :: is_certain                 !! no sequence has more entropy
       character(:), allocatable, intent(out) :: how
       integer(long), parameter :: most_sequences = 2048   ! solved in a fraction of a second
-      integer(long), parameter :: cheaper = 8             ! when many are excluded by the bound
+      integer(long), parameter :: many_more = 8           ! in a second
       type(sequence_solution) :: best
       integer(long) :: affordable
 
       affordable = most_sequences/(1 + size(constraint%penalized)/4)
-      is_certain = count_sequences(constraint) <= affordable
-      if (is_certain) then
-         call search_all_signs(constraint, 1, 1, workspace, search)
-         how = every_sequence
-         return
+      if (count_sequences(constraint) > affordable) then
+         call search_structured(constraint, best)
+         is_certain = is_all_plus_best(constraint)
+         if (is_certain .or. .not. best%is_feasible .or. &
+             count_sequences(constraint) > many_more*affordable) then
+            how = trim(merge('all plus  ', 'structured', is_certain))
+            search%n_examined = 1
+            allocate (search%solutions(0))
+            if (best%is_feasible) search%solutions = [best]
+            return
+         end if
       end if
-      call search_structured(constraint, workspace, best)
-      is_certain = is_all_plus_best(constraint)
-      if (best%is_feasible .and. .not. is_certain .and. &
-          count_sequences(constraint) <= cheaper*affordable) then
-         call search_all_signs(constraint, 1, 1, workspace, search, best)
-         is_certain = .true.
-         how = 'all sequences, some excluded by a bound'
-      else
-         how = 'structured'
-         if (is_certain) how = 'all plus'
-         search%n_examined = 1
-         allocate (search%solutions(0))
-         if (best%is_feasible) search%solutions = [best]
-      end if
+      call search_all_signs(constraint, 1, 1, search)
+      is_certain = .true.
+      how = every_sequence
    end subroutine search_as_affordable
 
    !> Fills the model from one solution, in the unit of X, and checks it anew from a_q and b0 alone.

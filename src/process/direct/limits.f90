@@ -7,7 +7,6 @@ module process_direct_limits
    use core_kinds, only: long, wp
    use core_text, only: to_text
    use process_direct_constraint, only: constraint_of, length_constraint
-   use process_direct_reciprocal_symbol, only: reciprocal_workspace
    use process_direct_sign_search, only: count_sequences, search_all_signs, search_result
    use process_model, only: process_request
    implicit none(type, external)
@@ -112,7 +111,6 @@ contains
       integer, parameter :: most_sequences = 256
       type(process_request) :: trial
       type(length_constraint) :: constraint
-      type(reciprocal_workspace) :: workspace
       type(search_result) :: search
       integer :: enough
 
@@ -124,8 +122,7 @@ contains
          constraint = constraint_of(trial)
          is_smallest = count_sequences(constraint) <= most_sequences
          if (.not. is_smallest) exit
-         call workspace%prepare(m_max)
-         call search_all_signs(constraint, 1, 1, workspace, search)
+         call search_all_signs(constraint, 1, 1, search)
          if (size(search%solutions) > 0) return
       end do
       m_max = enough

@@ -39,7 +39,6 @@ module process_direct_reciprocal_symbol
       real(wp) :: b0 = 0.0_wp
    contains
       procedure :: prepare
-      procedure :: restart
       procedure :: evaluate
       procedure :: values_on_circle
       final :: finish_workspace
@@ -47,7 +46,8 @@ module process_direct_reciprocal_symbol
 
 contains
 
-   !> Prepares the workspace for symbols of this band; may be called again, for another band too.
+   !> Prepares the workspace for symbols of this band, and forgets which transform length and spectral
+   !> factor the last ones needed; plans of the same band stay.
    subroutine prepare(self, m_max)
       class(reciprocal_workspace), intent(inout) :: self
       integer, intent(in) :: m_max
@@ -63,7 +63,8 @@ contains
       self%first_length = good_fft_length(max(64, 8*m_max))
       ! the spectral factor costs about as much as an FFT of 1.5 m_max**2 points
       self%longest_length = max(self%first_length, min(longest, max(512, 3*m_max*m_max/2)))
-      call self%restart()
+      self%level = 1
+      if (allocated(self%a)) deallocate (self%a)
    end subroutine prepare
 
    subroutine finish_workspace(self)
@@ -75,14 +76,6 @@ contains
          call self%to_lags(level)%release()
       end do
    end subroutine finish_workspace
-
-   !> Forgets which transform length and spectral factor the last symbols needed.
-   subroutine restart(self)
-      class(reciprocal_workspace), intent(inout) :: self
-
-      self%level = 1
-      if (allocated(self%a)) deallocate (self%a)
-   end subroutine restart
 
    !> Evaluates g and its derivatives along A and along the cosines.
    subroutine evaluate(self, symbol, along, cosines, evaluation)

@@ -13,12 +13,11 @@ module process_direct_sign_search
    use numerics_sorting, only: sort_order
    use process_direct_constraint, only: length_constraint, new_constraint
    use process_direct_reciprocal_symbol, only: reciprocal_workspace
-   use process_direct_sequence_bound, only: sequence_bound
    use process_direct_sign_sequence, only: sequence_solution, solve_sequence
    implicit none(type, external)
    private
-   public :: search_result, count_sequences, search_all_signs, add_search, search_structured, &
-             is_all_plus_best, limit_of_entropy, sequence_signs
+   public :: search_result, count_sequences, search_all_signs, add_search, pack_search, &
+             unpack_search, search_structured, is_all_plus_best, limit_of_entropy, sequence_signs
 
    !> Result of a search, or of a part of one.
    type :: search_result
@@ -49,33 +48,22 @@ contains
    end function is_all_plus_best
 
    !> Searches part `part` of `n_parts` of all sequences; the parts differ in the leading signs.
-   !>
-   !> Without `known`, every sequence is solved. With it, those that have certainly less entropy
-   !> than this solution are left out.
-   subroutine search_all_signs(constraint, part, n_parts, workspace, result, known)
+   subroutine search_all_signs(constraint, part, n_parts, result)
       type(length_constraint), intent(in) :: constraint
-      integer, intent(in) :: part, n_parts                     !! part = 1..n_parts
-      type(reciprocal_workspace), intent(inout) :: workspace   !! prepared for m_max
+      integer, intent(in) :: part, n_parts   !! part = 1..n_parts
       type(search_result), intent(out) :: result
-      type(sequence_solution), intent(in), optional :: known
+      type(reciprocal_workspace) :: workspace
       type(sequence_solution), allocatable :: found(:)
       type(sequence_solution) :: solution
-      type(sequence_bound) :: bound
-      integer :: signs(size(constraint%rewarded))
       integer(long) :: first, index, longer, n
 
       n = count_sequences(constraint)
-      if (present(known)) call bound%prepare(constraint, known)
       allocate (found(0))
       longer = modulo(n, int(n_parts, long))   ! parts that have one sequence more
       first = n/n_parts*(part - 1) + min(int(part - 1, long), longer)
       do index = first, first + n/n_parts - merge(0, 1, part <= longer)
-         signs = sequence_signs(constraint, index)
+         call solve_sequence(constraint, sequence_signs(constraint, index), workspace, solution)
          result%n_examined = result%n_examined + 1
-         if (present(known)) then
-            if (bound%excludes(signs)) cycle
-         end if
-         call solve_sequence(constraint, signs, workspace, solution)
          if (.not. (solution%is_feasible .and. solution%is_consistent)) cycle
          result%n_consistent = result%n_consistent + 1
          solution%number = index
@@ -99,17 +87,47 @@ contains
       call sort_and_cut(total%solutions)
    end subroutine add_search
 
+   !> Row of numbers of a search, to hand it to another rank: its solutions by their numbers.
+   pure function pack_search(search) result(numbers)
+      type(search_result), intent(in) :: search
+      real(wp), allocatable :: numbers(:)   !! whole ones are exact up to 2**53
+
+      numbers = [real(wp) :: search%n_examined, search%n_consistent, search%seconds]
+      if (allocated(search%solutions)) numbers = [numbers, real(search%solutions%number, wp)]
+   end function pack_search
+
+   !> Fills a search from its row, its few solutions by solving them once more: the same bits.
+   subroutine unpack_search(numbers, constraint, search)
+      real(wp), intent(in) :: numbers(:)
+      type(length_constraint), intent(in) :: constraint
+      type(search_result), intent(out) :: search
+      type(reciprocal_workspace) :: workspace
+      integer :: i
+
+      search%n_examined = nint(numbers(1), long)
+      search%n_consistent = nint(numbers(2), long)
+      search%seconds = numbers(3)
+      allocate (search%solutions(size(numbers) - 3))
+      do i = 1, size(search%solutions)
+         associate (number => nint(numbers(3 + i), long))
+            call solve_sequence(constraint, sequence_signs(constraint, number), workspace, &
+                                search%solutions(i))
+            search%solutions(i)%number = number
+         end associate
+      end do
+   end subroutine unpack_search
+
    !> Searches a few sequences that are likely to win: improves each until it is consistent, then
    !> turns signs of the best one by one and, where they are few, pair by pair.
    !>
    !> All plus wins where m_max is large beside L1. Nearer to the limit the winners are sequences
    !> whose sum of cosines is flat: quadratic phases, and all plus with the last sign turned. Above
    !> `very_many` signs only the starts that have won there are tried.
-   subroutine search_structured(constraint, workspace, best)
+   subroutine search_structured(constraint, best)
       type(length_constraint), intent(in) :: constraint
-      type(reciprocal_workspace), intent(inout) :: workspace   !! prepared for m_max
-      type(sequence_solution), intent(out) :: best             !! not feasible: none was found
+      type(sequence_solution), intent(out) :: best   !! not feasible: none was found
       integer, parameter :: few = 16, many = 48, very_many = 200
+      type(reciprocal_workspace) :: workspace
       type(sequence_solution) :: solution
       integer :: signs(size(constraint%rewarded)), i, n, n_rates, max_passes
       logical :: is_large
@@ -137,11 +155,11 @@ contains
 
    !> Bounds the entropy of every sequence by that of all plus without the penalized lags, by the
    !> argument above.
-   subroutine limit_of_entropy(constraint, workspace, entropy)
+   subroutine limit_of_entropy(constraint, entropy)
       type(length_constraint), intent(in) :: constraint
-      type(reciprocal_workspace), intent(inout) :: workspace
       real(wp), intent(out) :: entropy   !! minus huge: no sequence has a solution
       type(length_constraint) :: relaxed
+      type(reciprocal_workspace) :: workspace
       type(sequence_solution) :: solution
       integer :: i
 

@@ -41,11 +41,11 @@ module process_direct_sign_sequence
 
 contains
 
-   !> Solves for given signs of the rewarded lags. The workspace must be prepared for m_max.
+   !> Solves for given signs of the rewarded lags.
    subroutine solve_sequence(constraint, signs, workspace, solution)
       type(length_constraint), intent(in) :: constraint
       integer, intent(in) :: signs(:)   !! +1 or -1, one per rewarded lag
-      type(reciprocal_workspace), intent(inout) :: workspace
+      type(reciprocal_workspace), intent(inout) :: workspace   !! keeps plans from one to the next
       type(sequence_solution), intent(out) :: solution
       integer, parameter :: max_passes = 8
       logical :: is_free(constraint%m_max), was_free(constraint%m_max)
@@ -56,7 +56,7 @@ contains
       s(constraint%rewarded) = signs
       is_free = .false.
       delta = 0.0_wp
-      call workspace%restart()
+      call workspace%prepare(constraint%m_max)
       if (size(constraint%penalized) == 0 .or. all(signs > 0)) then
          ! all signs plus, far from the limits: nothing is held at zero
          call solve_active_set(constraint, s, is_free, delta, workspace, solution)

@@ -129,14 +129,13 @@ contains
       is_complete = count_sequences(constraint) <= most_sequences
       n = merge(int(min(count_sequences(constraint), most_sequences)), 1, is_complete)
       allocate (found(n))
-      call workspace%prepare(request%order)
       if (is_complete) then
          do i = 1, n
             call solve_sequence(constraint, sequence_signs(constraint, i - 1_long), workspace, &
                                 found(i))
          end do
       else
-         call search_structured(constraint, workspace, found(1))
+         call search_structured(constraint, found(1))
       end if
       order = sort_order(-found%entropy)
       order = pack(order, [(found(order(i))%is_feasible, i=1, n)])
