@@ -6,8 +6,8 @@ module numerics_nlopt_c
    public :: nlopt_add_equality_mconstraint
    public :: nlopt_algorithm_from_string, nlopt_create, nlopt_destroy, nlopt_force_stop
    public :: nlopt_optimize, nlopt_set_ftol_rel
-   public :: nlopt_set_lower_bounds, nlopt_set_maxeval, nlopt_set_min_objective
-   public :: nlopt_set_upper_bounds, nlopt_set_xtol_rel, nlopt_version
+   public :: nlopt_set_lower_bounds1, nlopt_set_maxeval, nlopt_set_min_objective
+   public :: nlopt_set_upper_bounds1, nlopt_set_xtol_rel, nlopt_version
 
    interface
       subroutine nlopt_version(major, minor, bugfix) bind(c)
@@ -48,19 +48,19 @@ module numerics_nlopt_c
          integer(c_int) :: code
       end function nlopt_add_equality_mconstraint
 
-      function nlopt_set_lower_bounds(optimizer, bounds) result(code) bind(c)
+      function nlopt_set_lower_bounds1(optimizer, bound) result(code) bind(c)
          import :: c_double, c_int, c_ptr
          type(c_ptr), value :: optimizer
-         real(c_double), intent(in) :: bounds(*)
+         real(c_double), value :: bound
          integer(c_int) :: code
-      end function nlopt_set_lower_bounds
+      end function nlopt_set_lower_bounds1
 
-      function nlopt_set_upper_bounds(optimizer, bounds) result(code) bind(c)
+      function nlopt_set_upper_bounds1(optimizer, bound) result(code) bind(c)
          import :: c_double, c_int, c_ptr
          type(c_ptr), value :: optimizer
-         real(c_double), intent(in) :: bounds(*)
+         real(c_double), value :: bound
          integer(c_int) :: code
-      end function nlopt_set_upper_bounds
+      end function nlopt_set_upper_bounds1
 
       function nlopt_set_ftol_rel(optimizer, tolerance) result(code) bind(c)
          import :: c_double, c_int, c_ptr

@@ -59,8 +59,7 @@ contains
       tolerance = optimality_tolerance
       if (correlation == 'both' .and. .not. (sums%is_nonnegative .and. &
                                              missed <= length_tolerance)) then
-         call find_best(correlation_length, second_length, order, best, error)
-         if (allocated(error)) return
+         call find_best(correlation_length, second_length, order, best)
          if (best%is_feasible) then
             kappa = best%kappa
             call sum_correlation(kappa, sums, error)

@@ -8,8 +8,7 @@ module process_autoregressive_search
    use core_kinds, only: long, wp
    use core_random, only: label_of, new_stream, stream_type
    use numerics_elementary, only: log_cosh
-   use numerics_nlopt, only: minimization_outcome, minimization_problem, minimization_settings, &
-      minimize
+   use numerics_nlopt, only: minimization_problem, minimize
    use process_autoregressive_gradient, only: length_gradient
    use process_autoregressive_model, only: innovation_std
    use process_autoregressive_sums, only: correlation_sums, sum_correlation
@@ -44,37 +43,33 @@ contains
 
    !> Finds the best of several searches for both lengths; not feasible where none of them has both,
    !> or above order 10, where none ever did.
-   subroutine find_best(length, second_length, order, best, error)
+   subroutine find_best(length, second_length, order, best)
       real(wp), intent(in) :: length, second_length   !! L0 and L1 [lags], positive
       integer, intent(in) :: order
       type(ar_rival), intent(out) :: best
-      type(error_type), allocatable, intent(out) :: error
       integer, parameter :: n_trials = 12, highest_order = 10
       type(ar_rival) :: rival
       integer :: trial
 
       do trial = 1, merge(n_trials, 0, order <= highest_order)
-         call find_rival('L0', length, order, 0_long, trial, rival, error, second_length)
-         if (allocated(error)) return
+         call find_rival('L0', length, order, 0_long, trial, rival, second_length)
          if (rival%is_feasible .and. rival%entropy > best%entropy) best = rival
       end do
    end subroutine find_best
 
    !> Finds a local maximum of the entropy from the start that belongs to (seed, trial).
-   subroutine find_rival(correlation, length, order, seed, trial, rival, error, second_length)
+   subroutine find_rival(correlation, length, order, seed, trial, rival, second_length)
       character(*), intent(in) :: correlation   !! 'L0' or 'L1'
       real(wp), intent(in) :: length            !! [lags], positive
       integer, intent(in) :: order
       integer(long), intent(in) :: seed
       integer, intent(in) :: trial              !! counts from 1
       type(ar_rival), intent(out) :: rival
-      type(error_type), allocatable, intent(out) :: error
       real(wp), intent(in), optional :: second_length   !! with 'L0': L1, imposed too
       type(length_problem) :: problem
-      type(minimization_settings) :: settings
-      type(minimization_outcome) :: outcome
-      real(wp) :: start(order)
-      integer :: i
+      real(wp), parameter :: met = 1.0e-9_wp   ! relative, of a length
+      integer, parameter :: max_evaluations = 300
+      real(wp) :: x(order)
 
       problem%correlation = [character(2) :: correlation]
       problem%length = [length]
@@ -83,17 +78,11 @@ contains
          problem%length = [length, second_length]
       end if
       problem%n_equalities = size(problem%length)
-      settings%max_evaluations = 300
-      settings%constraint_tolerance = 1.0e-9_wp
-      settings%lower = [(-farthest, i=1, order)]
-      settings%upper = -settings%lower
-      start = start_of(problem, order, seed, trial)
-      problem%scale = 1.0_wp/sum(log_cosh(start))
-      call minimize(problem, settings, start, outcome, error)
-      if (allocated(error)) return
-      rival%kappa = tanh(outcome%x)
+      x = start_of(problem, order, seed, trial)
+      problem%scale = 1.0_wp/sum(log_cosh(x))
+      call minimize(problem, farthest, met, max_evaluations, x, rival%is_feasible)
+      rival%kappa = tanh(x)
       rival%entropy = gaussian_entropy(innovation_std(rival%kappa, 1.0_wp))
-      rival%is_feasible = outcome%is_feasible
    end subroutine find_rival
 
    !> Random signs and sizes, scaled until the length is about the wanted one.
