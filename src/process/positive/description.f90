@@ -104,11 +104,9 @@ contains
       real(wp), intent(in) :: multipliers(:)   !! see `describe_sampled`
       real(wp), intent(in) :: entropy_error    !! of this law's entropy
       real(wp) :: standard_error
-      real(wp), allocatable :: rests(:, :)
       real(wp), allocatable :: rest(:)
       real(wp) :: by_partition
 
-      rests = law%state_rests()
       by_partition = 0.0_wp
       associate (from => law%last%moments%rests, moments => law%last%moments)
          rest = from(:, 5)
@@ -118,7 +116,7 @@ contains
                    - from(:, 1)/moments%mean
          end if
       end associate
-      rest = rest - matmul(rests(:, :size(multipliers)), multipliers)
+      rest = rest - matmul(law%rests(:, :size(multipliers)), multipliers)
       rest = sum(reshape(rest, [lanes, size(rest)/lanes]), dim=2)/size(rest)
       standard_error = norm2([by_partition, error_of_runs(reshape(rest, [lanes, 1]))])
    end function error_of_maximum

@@ -56,6 +56,9 @@ module process_positive_objective
       real(wp) :: effort = 0.0_wp, most_effort = 3.0e9_wp
       type(shared_numbers) :: numbers
       type(law_estimate) :: last                     !! of the last evaluation
+      !> (batch, component) what is left of each batch's deviation from its state: of multipliers
+      !> that of the first one alone, by the mean
+      real(wp), allocatable :: rests(:, :)
    contains
       procedure :: evaluate
       procedure :: gain
@@ -63,7 +66,6 @@ module process_positive_objective
       procedure :: keep_lags
       procedure :: hold_at_zero
       procedure :: is_exhausted
-      procedure :: state_rests
       procedure :: find_entropy
       procedure :: length_error
    end type sampled_objective
@@ -120,8 +122,6 @@ contains
       real(wp), intent(in) :: point(:)
       real(wp), allocatable, intent(out) :: state(:)
       logical, intent(out) :: is_inside
-      type(positive_moments) :: cut
-      real(wp), allocatable :: k(:), unused(:)
 
       associate (problem => self%problem, last => self%last)
          call self%family%unfold(point, last, is_inside)
@@ -135,22 +135,68 @@ contains
          last%moments = estimate_moments(last%batches, self%known, ubound(last%g, 1), &
                                          problem%tail_l0, problem%tail_moment, self%signs)
          is_inside = last%moments%std > 0.0_wp .and. last%moments%ratio < largest_ratio
-         if (.not. is_inside) return
-         cut = last%moments
+         if (is_inside) call describe_state(self, state)
+      end associate
+   end subroutine evaluate
+
+   !> Computes the state of the last estimate, and its rests. Features: sequential law, the entropy
+   !> of x/std; exact law, moments m, K(0..order), and their multipliers.
+   subroutine describe_state(self, state)
+      class(sampled_objective), intent(inout) :: self
+      real(wp), allocatable, intent(out) :: state(:)
+      type(positive_moments) :: cut   ! where lengths are imposed as finite sums
+      real(wp), allocatable :: k(:), lags(:, :), unused(:)
+      real(wp) :: g(0:ubound(self%last%g, 1))
+      integer :: i, n, n_features
+
+      associate (problem => self%problem, last => self%last, all => self%last%moments)
+         cut = all
          if (problem%cut > 0) cut = estimate_moments(last%batches, self%known(:problem%cut), &
                                                      problem%cut, 0.0_wp, 0.0_wp, &
                                                      self%signs(:problem%cut))
-         state = [last%moments%ratio/problem%ratio - 1.0_wp, &
-                  merge(cut%l1, cut%l0, problem%correlation == 'L1')/problem%length - 1.0_wp]
-         if (self%n_constraints - size(self%zeros) == 3) &
-            state = [state, cut%l1/problem%second_length - 1.0_wp]
-         if (size(self%zeros) > 0) then
-            call estimate_autocovariance(last%batches, self%known, maxval(self%zeros), k, unused)
-            state = [state, k(self%zeros)/k(0)]
+         n_features = merge(2*size(g) + 2, 1, problem%is_exact)
+         n = max(0, maxval(self%zeros), merge(ubound(g, 1), 0, problem%is_exact))
+         allocate (state(0), lags(n_batches, 0:n))
+         if (n > 0) call estimate_autocovariance(last%batches, self%known, n, k, unused, lags)
+         if (allocated(self%rests)) deallocate (self%rests)
+         allocate (self%rests(n_batches, self%n_constraints + n_features), source=0.0_wp)
+         call add(all%ratio/problem%ratio - 1.0_wp, all%rests(:, 2)/problem%ratio)
+         if (problem%correlation == 'L1') then
+            call add(cut%l1/problem%length - 1.0_wp, cut%rests(:, 4)/problem%length)
+         else
+            call add(cut%l0/problem%length - 1.0_wp, cut%rests(:, 3)/problem%length)
          end if
-         state = [state, features_of(self)]
+         if (self%n_constraints - size(self%zeros) == 3) &
+            call add(cut%l1/problem%second_length - 1.0_wp, cut%rests(:, 4)/problem%second_length)
+         do i = 1, size(self%zeros)
+            associate (rho => k(self%zeros(i))/k(0))
+               call add(rho, (lags(:, self%zeros(i)) - rho*lags(:, 0))/k(0))
+            end associate
+         end do
+         if (.not. problem%is_exact) then
+            call add(all%entropy, all%rests(:, 5))
+            return
+         end if
+         g = last%g
+         g(0) = 0.5_wp*g(0)
+         call add(all%mean, all%rests(:, 1))
+         do i = 0, ubound(g, 1)
+            call add(k(i), lags(:, i))
+         end do
+         call add(2.0_wp*all%mean*sum(g) - last%coordinate, 2.0_wp*sum(g)*all%rests(:, 1))
+         state = [state, g]
       end associate
-   end subroutine evaluate
+
+   contains
+
+      subroutine add(value, rest)
+         real(wp), intent(in) :: value, rest(:)
+
+         state = [state, value]
+         self%rests(:, size(state)) = rest
+      end subroutine add
+
+   end subroutine describe_state
 
    subroutine simulate_sequential(self)
       class(sampled_objective), intent(inout) :: self
@@ -243,27 +289,6 @@ contains
       self%zeros = lags
    end subroutine hold_at_zero
 
-   !> Sequential law: the entropy of x/std. Exact law: moments m, K(0..order), and their
-   !> multipliers.
-   pure function features_of(self) result(features)
-      class(sampled_objective), intent(in) :: self
-      real(wp), allocatable :: features(:)
-      real(wp), allocatable :: k(:), unused(:)
-      real(wp) :: g(0:ubound(self%last%g, 1))
-
-      associate (last => self%last)
-         if (.not. self%problem%is_exact) then
-            features = [last%moments%entropy]
-            return
-         end if
-         call estimate_autocovariance(last%batches, self%known, ubound(g, 1), k, unused)
-         g = last%g
-         g(0) = 0.5_wp*g(0)
-         features = [last%moments%mean, k, &
-                     2.0_wp*last%moments%mean*sum(g) - last%coordinate, g]
-      end associate
-   end function features_of
-
    !> Gain of entropy of x/std. That of the exact law is known by its differences: along a change of
    !> the multipliers, dh = - sum (multiplier) d(moment), by the trapezoidal rule.
    pure real(wp) function gain(self, from, to)
@@ -279,41 +304,6 @@ contains
                                 - from(first:first + n - 1)) &
              - 0.5_wp*log(to(first + 1)/from(first + 1))
    end function gain
-
-   !> Rests (batch, component): what is left of each batch's deviation from the state of the last
-   !> evaluation; lengths as infinite sums. Multipliers are known but for the mean in the first one.
-   pure function state_rests(self) result(rests)
-      class(sampled_objective), intent(in) :: self
-      real(wp), allocatable :: rests(:, :)
-      real(wp), allocatable :: k(:), lags(:, :), unused(:)
-      integer :: c, i, n
-
-      associate (from => self%last%moments%rests, g => self%last%g)
-         n = merge(ubound(g, 1), 0, self%problem%is_exact)
-         c = self%n_constraints
-         allocate (rests(size(from, 1), c + merge(2*n + 4, 1, self%problem%is_exact)), &
-                   source=0.0_wp)
-         rests(:, 1) = from(:, 2)/self%problem%ratio
-         rests(:, 2) = from(:, merge(4, 3, self%problem%correlation == 'L1'))/self%problem%length
-         associate (n_targets => c - size(self%zeros))
-            if (n_targets == 3) rests(:, 3) = from(:, 4)/self%problem%second_length
-            allocate (lags(size(from, 1), 0:max(0, maxval(self%zeros))))
-            if (size(self%zeros) > 0) &
-               call estimate_autocovariance(self%last%batches, self%known, ubound(lags, 2), k, &
-                                            unused, lags)
-            do i = 1, size(self%zeros)
-               rests(:, n_targets + i) = (lags(:, self%zeros(i)) &
-                                          - k(self%zeros(i))/k(0)*lags(:, 0))/k(0)
-            end do
-         end associate
-         rests(:, c + 1) = from(:, 5)
-         if (.not. self%problem%is_exact) return
-         rests(:, c + 1) = from(:, 1)
-         call estimate_autocovariance(self%last%batches, self%known, n, k, unused, &
-                                      rests(:, c + 2:c + n + 2))
-         rests(:, c + n + 3) = from(:, 1)*(2.0_wp*sum(g) - g(0))
-      end associate
-   end function state_rests
 
    !> Finds the entropy per point of x/b0 at the point of the last evaluation, and its standard
    !> error; that of the exact law by `log_partition`.

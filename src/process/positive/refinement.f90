@@ -54,7 +54,7 @@ contains
       call law%settle(point)
       call law%evaluate(point, state, is_inside)
       if (.not. is_inside) return
-      rests = law%state_rests()
+      rests = law%rests
       trial%correlation = correlation_of(law)
       lengths = [law%last%moments%l0, law%last%moments%l1]
       allocate (trial%by_correlation(0:size(trial%correlation) - 1, n), trial%by_length(2, n))
@@ -65,7 +65,7 @@ contains
          if (.not. is_inside) return
          gradient(i) = law%gain(state, moved_state)/step
          jacobian(:, i) = (moved_state(:law%n_constraints) - state(:law%n_constraints))/step
-         noise(:, i, :) = noise_of(law, state, rests, moved_state, law%state_rests())/step
+         noise(:, i, :) = noise_of(law, state, rests, moved_state, law%rests)/step
          trial%by_correlation(:, i) = (correlation_of(law) - trial%correlation)/step
          trial%by_length(:, i) = ([law%last%moments%l0, law%last%moments%l1] - lengths)/step
       end do
