@@ -6,10 +6,9 @@
 !> sign with every lag, and -r may exceed what a stationary Gaussian process has. Moments, sums over
 !> all lags and entropies are good to about 1e-10.
 module process_positive_kernel
-   use core_error, only: error_type
+   use core_error, only: error_type, exit_no_solution, raise
    use core_kinds, only: wp
-   use numerics_lapack, only: solve_linear_system, solve_positive_definite, &
-      solve_symmetric_eigenproblem
+   use numerics_lapack, only: solve_linear_system, solve_positive_definite
    use numerics_quadrature, only: gauss_legendre
    use process_positive_truncated_normal, only: hazard_ratio, log_acceptance, log_sqrt_two_pi
    implicit none(type, external)
@@ -44,7 +43,7 @@ module process_positive_kernel
 
 contains
 
-   !> Computes the law of these parameters, with all that is known of it. Fails where LAPACK does.
+   !> Computes the law of these parameters, with all that is known of it. Fails where nodes do not resolve it.
    subroutine new_first_order_law(r, slack, steepness, field, is_sequential, law, error)
       real(wp), intent(in) :: r, slack, steepness, field   !! see the type
       logical, intent(in) :: is_sequential
@@ -224,17 +223,17 @@ contains
       end do
    end function decay_of
 
-   !> Finds the largest eigenvalue and its vector, the only one of one sign: by inverse iteration,
-   !> with the first shifts above that value (Noda), so that no other one is nearer; by all pairs
-   !> where that ends elsewhere.
+   !> Finds the largest eigenvalue and its vector, the only one of one sign: by inverse iteration
+   !> with shifts above that value (Noda), so that no other one is nearer. Fails where the kernel is
+   !> not finite.
    subroutine find_perron(kernel, vector, perron, error)
       real(wp), intent(in) :: kernel(:, :)               !! (n, n) symmetric, positive
       real(wp), allocatable, intent(out) :: vector(:)    !! (n) of norm 1
       real(wp), intent(out) :: perron
       type(error_type), allocatable, intent(out) :: error
-      integer, parameter :: n_powers = 30, n_above = 3, max_steps = 12
-      real(wp), parameter :: settled = 1.0e-13_wp, rounding = 1.0e-10_wp
-      real(wp), allocatable :: next(:), shifted(:, :), values(:), vectors(:, :)
+      integer, parameter :: n_powers = 30, max_steps = 12
+      real(wp), parameter :: settled = 1.0e-13_wp
+      real(wp), allocatable :: next(:), shifted(:, :)
       real(wp) :: shift
       integer :: i, step
 
@@ -243,33 +242,20 @@ contains
          next = matmul(kernel, vector)
          vector = next/norm2(next)
       end do
-      next = matmul(kernel, vector)
-      perron = dot_product(vector, next)
-      do step = 1, max_steps
-         shift = perron
-         if (step <= n_above) shift = bound_above(next, vector)
+      do step = 0, max_steps
+         next = matmul(kernel, vector)
+         perron = dot_product(vector, next)
+         if (norm2(next - perron*vector) <= settled*perron) return
+         shift = bound_above(next, vector)
          shifted = kernel
          do i = 1, size(vector)
             shifted(i, i) = shifted(i, i) - shift
          end do
          call solve_linear_system(shifted, vector, next, error)
-         if (allocated(error)) exit   ! the shift is the eigenvalue itself
+         if (allocated(error)) return
          vector = next/sign(norm2(next), sum(next))
-         next = matmul(kernel, vector)
-         perron = dot_product(vector, next)
-         if (norm2(next - perron*vector) <= settled*perron) exit
       end do
-      if (allocated(error)) deallocate (error)
-      if (all(vector >= -rounding*maxval(vector)) .and. step <= max_steps) return
-      shifted = 0.0_wp*kernel
-      do i = 1, size(vector)
-         shifted(i, i) = 1.0_wp
-      end do
-      call solve_symmetric_eigenproblem(kernel, shifted, values, vectors, error)
-      if (allocated(error)) return
-      perron = values(size(values))
-      vector = vectors(:, size(values))
-      vector = vector*sign(1.0_wp, sum(vector))
+      call raise(error, exit_no_solution, 'positive process of order 1: the nodes do not resolve it')
    end subroutine find_perron
 
    !> Bound of the largest eigenvalue (Collatz, Wielandt), by the components that count.
