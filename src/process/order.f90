@@ -43,15 +43,13 @@ contains
       if (allocated(error)) return
       call fit_lowest(request, order, model, error)
       if (allocated(error)) return
-      do while (.not. has_begun(request, model) .and. order < request%max_order)
+      do while (place_of(request, model) < 0 .and. order < request%max_order)
          order = order + 1
          call fit_order(request, order, model, error)
          if (allocated(error)) return
       end do
-      if (.not. (has_begun(request, model) .and. is_within(request, model))) then
-         call refuse_bound(request, order, model, error)
-         return
-      end if
+      if (place_of(request, model) /= 0) call refuse_bound(request, order, model, error)
+      if (allocated(error)) return
       if (bound_of(request) > 0.0_wp .and. .not. limits_drift(request)) return
       do order = order, request%max_order - 1
          call fit_order(request, order + 1, higher, error)
@@ -61,7 +59,7 @@ contains
          end if
          if (allocated(error)) return
          if (bound_of(request) > 0.0_wp) then
-            is_enough = .not. is_within(request, higher)
+            is_enough = place_of(request, higher) > 0
          else
             is_enough = higher%entropy - model%entropy < least_gain
          end if
@@ -86,11 +84,8 @@ contains
       if (.not. model%is_solved .or. .not. bound_of(request) > 0.0_wp) return
       step = 0
       do
-         if (.not. has_begun(request, model)) then
-            way = 1
-         else if (.not. is_within(request, model)) then
-            way = -1
-         else
+         way = -place_of(request, model)
+         if (way == 0) then
             best = model
             way = merge(1, -1, limits_drift(request))
          end if
@@ -200,41 +195,23 @@ contains
       end associate
    end function limits_drift
 
-   !> True if the drift has come to the orders that keep the bounds.
-   pure logical function has_begun(request, model)
+   !> Where the drift is: -1 before the orders that keep the bounds, 0 among them, 1 beyond. A length
+   !> that equals a bound keeps it, within its error.
+   pure integer function place_of(request, model) result(place)
       type(process_request), intent(in) :: request
       type(process_model_type), intent(in) :: model
-
-      has_begun = keeps(request, model, merge(1, 2, request%correlation == 'L0'))
-   end function has_begun
-
-   !> True if the drift has not left the orders that keep the bounds.
-   pure logical function is_within(request, model)
-      type(process_request), intent(in) :: request
-      type(process_model_type), intent(in) :: model
-
-      is_within = keeps(request, model, merge(2, 1, request%correlation == 'L0'))
-   end function is_within
-
-   !> True if the other length keeps its lower or its upper bound; so does one that equals it,
-   !> within its error.
-   pure logical function keeps(request, model, side)
-      type(process_request), intent(in) :: request
-      type(process_model_type), intent(in) :: model
-      integer, intent(in) :: side   !! 1: lower, 2: upper
       real(wp), parameter :: slack = 1.0e-9_wp, errors = 2.0_wp
       real(wp) :: error, interval(2)
 
       error = errors*merge(model%l1_error, model%l0_error, request%correlation == 'L0')
       interval = interval_of(request)
+      place = 0
       associate (length => other_length(request, model))
-         if (side == 1) then
-            keeps = length + error >= (1.0_wp - slack)*interval(1)
-         else
-            keeps = length - error - interval(2) <= slack*interval(2)
-         end if
+         if (length + error < (1.0_wp - slack)*interval(1)) place = -1
+         if (length - error - interval(2) > slack*interval(2)) place = 1
       end associate
-   end function keeps
+      if (request%correlation == 'L1') place = -place   ! L0 falls as the order grows
+   end function place_of
 
    !> Lower and upper bound of the other length; 0 and huge where there is none.
    pure function interval_of(request) result(interval)
