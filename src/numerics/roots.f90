@@ -3,7 +3,6 @@ module numerics_roots
    use core_error, only: error_type
    use core_kinds, only: wp
    use numerics_lapack, only: find_eigenvalues
-   use numerics_simultaneous_roots, only: find_roots_together
    implicit none(type, external)
    private
    public :: find_polynomial_roots
@@ -12,34 +11,27 @@ contains
 
    !> Finds all roots of x**n + sum c_q x**(n-q), by descending modulus, conjugates together.
    !!
-   !! Eigenvalues of the companion matrix, or at high degree all roots together, each polished by
-   !! Newton steps that lower the polynomial's value.
+   !! Eigenvalues of the companion matrix, each polished by Newton steps that lower the polynomial's
+   !! value.
    subroutine find_polynomial_roots(coefficients, roots, error)
       real(wp), intent(in) :: coefficients(:)             !! c_q, q = 1..n
       complex(wp), allocatable, intent(out) :: roots(:)   !! (n)
       type(error_type), allocatable, intent(out) :: error
-      integer, parameter :: high_degree = 64   ! from here eigenvalues, n^3, cost more
       real(wp), allocatable :: companion(:, :)
       integer :: i, n
-      logical :: is_found
 
       n = size(coefficients)
       if (n == 0) then
          allocate (roots(0))
          return
       end if
-      is_found = .false.
-      if (n > high_degree .and. abs(coefficients(n)) > 0.0_wp) &
-         call find_roots_together(coefficients, roots, is_found)
-      if (.not. is_found) then
-         allocate (companion(n, n), source=0.0_wp)
-         companion(1, :) = -coefficients
-         do i = 2, n
-            companion(i, i - 1) = 1.0_wp
-         end do
-         call find_eigenvalues(companion, roots, error)
-         if (allocated(error)) return
-      end if
+      allocate (companion(n, n), source=0.0_wp)
+      companion(1, :) = -coefficients
+      do i = 2, n
+         companion(i, i - 1) = 1.0_wp
+      end do
+      call find_eigenvalues(companion, roots, error)
+      if (allocated(error)) return
       call polish(coefficients, roots)
       call sort_by_modulus(roots)
    end subroutine find_polynomial_roots
