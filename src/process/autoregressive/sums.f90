@@ -16,7 +16,7 @@ module process_autoregressive_sums
       innovation_std
    implicit none(type, external)
    private
-   public :: correlation_sums, sum_correlation, log_spectral_ratios, mirror
+   public :: correlation_sums, sum_correlation, positive_sums, log_spectral_ratios, mirror
 
    !> Infinite sums of one process.
    type :: correlation_sums
@@ -96,11 +96,26 @@ contains
       end do
    end function log_spectral_ratios
 
+   !> Sums of a process that is known to have K(m) >= 0 at every lag: closed forms.
+   pure function positive_sums(kappa) result(sums)
+      real(wp), intent(in) :: kappa(:)
+      type(correlation_sums) :: sums
+      real(wp) :: log_r(0:size(kappa))
+
+      log_r = log_spectral_ratios(kappa)
+      associate (last => log_r(size(kappa)))
+         sums%is_nonnegative = .true.
+         sums%l0 = 0.5_wp*exp_minus_one(last)
+         sums%l1 = 0.5_wp*exp(last)*sum(sinh(last - log_r(:size(kappa) - 1)))/(1.0_wp + sums%l0)
+      end associate
+   end function positive_sums
+
    !> Adds the lags one by one: all moduli, or the negative ones beside the closed forms.
    pure subroutine march(kappa, sums)
       real(wp), intent(in) :: kappa(:)
       type(correlation_sums), intent(inout) :: sums   !! n_lags and is_closed are set
-      real(wp) :: log_r(0:size(kappa)), moment, negative, total
+      type(correlation_sums) :: signed
+      real(wp) :: moment, negative, total
       real(wp) :: mirrored   ! what of (-1)^m K(m) is negative
       real(wp), allocatable :: rho(:)
       integer :: m, order
@@ -120,9 +135,9 @@ contains
          moment = moment + merge(2, 1, sums%is_closed)*m*abs(rho(m))
       end do
       if (sums%is_closed) then
-         log_r = log_spectral_ratios(kappa)
-         total = total + 0.5_wp*exp_minus_one(log_r(order))
-         moment = moment + 0.5_wp*exp(log_r(order))*sum(sinh(log_r(order) - log_r(:order - 1)))
+         signed = positive_sums(kappa)
+         total = total + signed%l0
+         moment = moment + signed%l1*(1.0_wp + signed%l0)
       end if
       sums%l0 = total
       sums%l1 = moment/(1.0_wp + sums%l0)

@@ -12,7 +12,7 @@ module process_direct_fit
    use process_autoregressive_description, only: describe_ar
    use process_autoregressive_model, only: autocovariance_of, innovation_std, reflection_of
    use process_autoregressive_spectral_factor, only: equivalent_process, symbol_of_process
-   use process_autoregressive_sums, only: correlation_sums
+   use process_autoregressive_sums, only: correlation_sums, positive_sums, sum_correlation
    use process_correlation, only: constraint_weights, correlation_length
    use process_direct_constraint, only: constraint_of, length_constraint
    use process_direct_limits, only: certainly_infeasible_m_max, find_complaint, reason_of_failure, &
@@ -20,7 +20,6 @@ module process_direct_fit
    use process_direct_sign_search, only: count_sequences, is_all_plus_best, limit_of_entropy, &
       search_all_signs, search_result, search_structured
    use process_direct_sign_sequence, only: sequence_solution
-   use process_direct_sums, only: sum_direct_correlation
    use process_model, only: inversion_check, process_model_type, process_request, process_solution
    implicit none(type, external)
    private
@@ -146,15 +145,20 @@ contains
       type(sequence_solution) :: solution
       type(correlation_sums) :: sums
       type(error_type), allocatable :: error
-      real(wp), allocatable :: a(:)
+      real(wp), allocatable :: a(:), kappa(:)
       real(wp) :: b0
       logical :: is_positive
 
       solution = mirrored(found)
       call coefficients_of_solution(request, solution, a, is_positive)
       if (is_positive) then
-         b0 = request%std*innovation_std(reflection_of(a), 1.0_wp)
-         call sum_direct_correlation(a, are_all_positive(request, solution%s), sums, error)
+         kappa = reflection_of(a)
+         b0 = request%std*innovation_std(kappa, 1.0_wp)
+         if (are_all_positive(request, solution%s)) then
+            sums = positive_sums(kappa)
+         else
+            call sum_correlation(kappa, sums, error)
+         end if
          if (.not. allocated(error)) call describe_ar(a, b0, described, error, sums)
          if (allocated(error)) model%reason = error%message
       else
@@ -200,13 +204,14 @@ contains
       end if
    end subroutine coefficients_of_solution
 
-   pure function are_all_positive(request, s) result(is_so)
+   !> True if all K(m) > 0 by theory: every s_m = +1 and no lag penalized, so that 1/g is a series in
+   !> powers of a sum of cosines with positive factors.
+   pure logical function are_all_positive(request, s)
       type(process_request), intent(in) :: request
       real(wp), intent(in) :: s(:)
-      logical :: is_so
 
-      is_so = all(s > 0.0_wp) .and. &
-              (request%correlation == 'L0' .or. request%correlation_length <= 1.0_wp)
+      are_all_positive = all(s > 0.0_wp) .and. &
+                         (request%correlation == 'L0' .or. request%correlation_length <= 1.0_wp)
    end function are_all_positive
 
    !> Entries of the matrix G of Eqs. (23), (28), (30): G_n(n+m) = g_m, and its symbol's
