@@ -405,7 +405,7 @@ contains
          do i = 1, size(records)
             line = records(i)%value
             call draw_points(model, stream, line)
-            line = pack(line, .not. ieee_is_nan(records(i)%value))
+            line = pack(line, mask=.not. ieee_is_nan(records(i)%value))
             copies(n + 1:n + size(line), k) = line
             n = n + size(line)
          end do

@@ -195,8 +195,8 @@ contains
       end associate
    end function limits_drift
 
-   !> Where the drift is: -1 before the orders that keep the bounds, 0 among them, 1 beyond. A length
-   !> that equals a bound keeps it, within its error.
+   !> Place of the drift: -1 before the orders that keep the bounds, 0 among them, 1 beyond. A
+   !> length that equals a bound keeps it, within its error.
    pure integer function place_of(request, model) result(place)
       type(process_request), intent(in) :: request
       type(process_model_type), intent(in) :: model

@@ -204,7 +204,7 @@ contains
       end if
    end subroutine coefficients_of_solution
 
-   !> True if all K(m) > 0 by theory: every s_m = +1 and no lag penalized, so that 1/g is a series in
+   !> True if all K(m) > 0 by theory: with every s_m = +1 and no lag penalized 1/g is a series in
    !> powers of a sum of cosines with positive factors.
    pure logical function are_all_positive(request, s)
       type(process_request), intent(in) :: request
@@ -309,9 +309,9 @@ contains
       end do
    end subroutine list_solutions
 
-   !> Solves Eq. (35), the paper's own way to K(m): the inverse of a finite matrix G, of 2 half_width
-   !> + 1 points. It errs like |largest pole|^(2 half_width), and costs half_width^3, which is for
-   !> the caller to measure.
+   !> Solves Eq. (35), the paper's own way to K(m): the inverse of a finite matrix G, of
+   !> 2 half_width + 1 points. It errs like |largest pole|^(2 half_width), and costs half_width^3,
+   !> which is for the caller to measure.
    subroutine check_by_inversion(model, half_width, check, error)
       type(process_model_type), intent(in) :: model   !! solved, without sign constraint
       integer, intent(in) :: half_width               !! M of Eq. (35), at least the order

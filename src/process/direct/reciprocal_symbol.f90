@@ -46,8 +46,8 @@ module process_direct_reciprocal_symbol
 
 contains
 
-   !> Prepares the workspace for symbols of this band, and forgets which transform length and spectral
-   !> factor the last ones needed; plans of the same band stay.
+   !> Prepares the workspace for symbols of this band, and forgets which transform length and
+   !> spectral factor the last ones needed; plans of the same band stay.
    subroutine prepare(self, m_max)
       class(reciprocal_workspace), intent(inout) :: self
       integer, intent(in) :: m_max

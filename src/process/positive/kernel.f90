@@ -43,7 +43,8 @@ module process_positive_kernel
 
 contains
 
-   !> Computes the law of these parameters, with all that is known of it. Fails where nodes do not resolve it.
+   !> Computes the law of these parameters, with all that is known of it. Fails where nodes do not
+   !> resolve it.
    subroutine new_first_order_law(r, slack, steepness, field, is_sequential, law, error)
       real(wp), intent(in) :: r, slack, steepness, field   !! see the type
       logical, intent(in) :: is_sequential
@@ -255,7 +256,7 @@ contains
          if (allocated(error)) return
          vector = next/sign(norm2(next), sum(next))
       end do
-      call raise(error, exit_no_solution, 'positive process of order 1: the nodes do not resolve it')
+      call raise(error, exit_no_solution, 'positive process of order 1: nodes do not resolve it')
    end subroutine find_perron
 
    !> Bound of the largest eigenvalue (Collatz, Wielandt), by the components that count.
