@@ -12,7 +12,7 @@ module io_hdf5_attributes
    use core_system, only: text_at
    use hdf5
    use io_hdf5_file, only: hdf5_file
-   use io_hdf5_outcome, only: outcome_type
+   use io_hdf5_outcome, only: conclude, forget_failure, note_failure
    implicit none(type, external)
    private
    public :: has_attribute, read_attribute, write_attribute, write_sealed_attribute
@@ -33,6 +33,7 @@ contains
 
       call h5aexists_by_name_f(file%id, object, name, has_attribute, status)
       has_attribute = has_attribute .and. status >= 0
+      call forget_failure()
    end function has_attribute
 
    !> Writes a number, a logical or a text; the object is a group or dataset, '/' the file itself.
@@ -41,25 +42,25 @@ contains
       character(*), intent(in) :: object, name
       class(*), intent(in), target :: value
       type(error_type), allocatable, intent(out) :: error
-      type(outcome_type) :: outcome
       integer, target :: flag
 
       select type (value)
       type is (character(*))
          call write_text(file, object, name, value, error)
+         return
       type is (logical)
          flag = merge(1, 0, value)
-         call write_value(file, object, name, H5T_NATIVE_INTEGER, c_loc(flag), outcome, error)
+         call write_value(file, object, name, H5T_NATIVE_INTEGER, c_loc(flag))
       type is (integer)
-         call write_value(file, object, name, H5T_NATIVE_INTEGER, c_loc(value), outcome, error)
+         call write_value(file, object, name, H5T_NATIVE_INTEGER, c_loc(value))
       type is (integer(long))
-         call write_value(file, object, name, h5kind_to_type(long, H5_INTEGER_KIND), &
-                          c_loc(value), outcome, error)
+         call write_value(file, object, name, h5kind_to_type(long, H5_INTEGER_KIND), c_loc(value))
       type is (real(wp))
-         call write_value(file, object, name, H5T_NATIVE_DOUBLE, c_loc(value), outcome, error)
+         call write_value(file, object, name, H5T_NATIVE_DOUBLE, c_loc(value))
       class default
          error stop 'write_attribute: no kind of value that it knows'
       end select
+      call conclude(attribute_of(file, object, name)//': cannot be written', error)
    end subroutine write_attribute
 
    subroutine write_text(file, object, name, value, error)
@@ -68,15 +69,15 @@ contains
       type(error_type), allocatable, intent(out) :: error
       character(kind=c_char), allocatable, target :: characters(:)
       type(c_ptr), target :: location
-      type(outcome_type) :: outcome
       integer(hid_t) :: kind
       integer :: status
 
       characters = transfer(value//c_null_char, [c_char_'x'])
       location = c_loc(characters)
-      call new_text_kind(kind, outcome)
-      call write_value(file, object, name, kind, c_loc(location), outcome, error)
+      call new_text_kind(kind)
+      call write_value(file, object, name, kind, c_loc(location))
       call h5tclose_f(kind, status)
+      call conclude(attribute_of(file, object, name)//': cannot be written', error)
    end subroutine write_text
 
    !> Writes a text of fixed length. HDF5 keeps it under a checksum, unlike one of variable length,
@@ -87,39 +88,40 @@ contains
       character(*), intent(in) :: value
       type(error_type), allocatable, intent(out) :: error
       character(:), allocatable, target :: text
-      type(outcome_type) :: outcome
       integer(hid_t) :: kind
       integer :: status
 
       text = value
       if (len(text) == 0) text = ' '
-      call new_text_kind(kind, outcome, len(text))
-      call write_value(file, object, name, kind, c_loc(text), outcome, error)
+      call new_text_kind(kind, len(text))
+      call write_value(file, object, name, kind, c_loc(text))
       call h5tclose_f(kind, status)
+      call conclude(attribute_of(file, object, name)//': cannot be written', error)
    end subroutine write_sealed_attribute
 
-   subroutine write_value(file, object, name, kind, value, outcome, error)
+   subroutine write_value(file, object, name, kind, value)
       type(hdf5_file), intent(in) :: file
       character(*), intent(in) :: object, name
       integer(hid_t), intent(in) :: kind
       type(c_ptr), intent(in) :: value
-      type(outcome_type), intent(inout) :: outcome
-      type(error_type), allocatable, intent(out) :: error
       integer(hid_t) :: attribute, space
       integer :: status
 
       call h5screate_f(H5S_SCALAR_F, space, status)
-      call outcome%note(status)
       call h5acreate_by_name_f(file%id, object, name, kind, space, attribute, status)
-      call outcome%note(status)
       call h5awrite_f(attribute, kind, value, status)
-      call outcome%note(status)
       call h5aclose_f(attribute, status)
-      call outcome%note(status)
       call h5sclose_f(space, status)
-      call outcome%conclude(file%path//': attribute '//name//' of '//object// &
-                            ': cannot be written', error)
    end subroutine write_value
+
+   !> What a message calls an attribute.
+   pure function attribute_of(file, object, name) result(text)
+      type(hdf5_file), intent(in) :: file
+      character(*), intent(in) :: object, name
+      character(:), allocatable :: text
+
+      text = file%path//': attribute '//name//' of '//object
+   end function attribute_of
 
    subroutine read_text(file, object, name, value, error)
       type(hdf5_file), intent(in) :: file
@@ -128,22 +130,21 @@ contains
       type(error_type), allocatable, intent(out) :: error
       type(c_ptr), target :: location
       type(c_ptr) :: address
-      type(outcome_type) :: outcome
       integer(hid_t) :: kind, space
       integer(size_t) :: length
       integer :: status
 
       value = ''
-      call find_text_length(file, object, name, length, outcome)
+      call find_text_length(file, object, name, length)
       if (length > 0) then
          value = repeat(' ', int(length))
-         call new_text_kind(kind, outcome, int(length))
-         call read_value(file, object, name, kind, c_loc(value), outcome, error)
+         call new_text_kind(kind, int(length))
+         call read_value(file, object, name, kind, c_loc(value))
          value = trim(value)
       else
          location = c_null_ptr
-         call new_text_kind(kind, outcome)
-         call read_value(file, object, name, kind, c_loc(location), outcome, error)
+         call new_text_kind(kind)
+         call read_value(file, object, name, kind, c_loc(location))
          if (c_associated(location)) value = text_at(location)
          call h5screate_f(H5S_SCALAR_F, space, status)
          address = c_loc(location)
@@ -151,14 +152,14 @@ contains
          call h5sclose_f(space, status)
       end if
       call h5tclose_f(kind, status)
+      call conclude(attribute_of(file, object, name)//': cannot be read', error)
    end subroutine read_text
 
    !> Finds the bytes of a text of fixed length; 0 for one of variable length.
-   subroutine find_text_length(file, object, name, length, outcome)
+   subroutine find_text_length(file, object, name, length)
       type(hdf5_file), intent(in) :: file
       character(*), intent(in) :: object, name
       integer(size_t), intent(out) :: length
-      type(outcome_type), intent(inout) :: outcome
       integer(hid_t) :: attribute, kind
       logical :: is_variable
       integer :: status
@@ -166,14 +167,9 @@ contains
       length = 0
       is_variable = .true.
       call h5aopen_by_name_f(file%id, object, name, attribute, status)
-      call outcome%note(status)
       call h5aget_type_f(attribute, kind, status)
-      call outcome%note(status)
       call h5tis_variable_str_f(kind, is_variable, status)
-      call outcome%note(status)
-      if (.not. (is_variable .or. allocated(outcome%reason))) then
-         call h5tget_size_f(kind, length, status)
-      end if
+      if (status >= 0 .and. .not. is_variable) call h5tget_size_f(kind, length, status)
       call h5tclose_f(kind, status)
       call h5aclose_f(attribute, status)
    end subroutine find_text_length
@@ -183,10 +179,10 @@ contains
       character(*), intent(in) :: object, name
       integer, intent(out), target :: value
       type(error_type), allocatable, intent(out) :: error
-      type(outcome_type) :: outcome
 
       value = 0
-      call read_value(file, object, name, H5T_NATIVE_INTEGER, c_loc(value), outcome, error)
+      call read_value(file, object, name, H5T_NATIVE_INTEGER, c_loc(value))
+      call conclude(attribute_of(file, object, name)//': cannot be read', error)
    end subroutine read_integer
 
    subroutine read_long(file, object, name, value, error)
@@ -194,11 +190,10 @@ contains
       character(*), intent(in) :: object, name
       integer(long), intent(out), target :: value
       type(error_type), allocatable, intent(out) :: error
-      type(outcome_type) :: outcome
 
       value = 0
-      call read_value(file, object, name, h5kind_to_type(long, H5_INTEGER_KIND), c_loc(value), &
-                      outcome, error)
+      call read_value(file, object, name, h5kind_to_type(long, H5_INTEGER_KIND), c_loc(value))
+      call conclude(attribute_of(file, object, name)//': cannot be read', error)
    end subroutine read_long
 
    subroutine read_real(file, object, name, value, error)
@@ -206,63 +201,49 @@ contains
       character(*), intent(in) :: object, name
       real(wp), intent(out), target :: value
       type(error_type), allocatable, intent(out) :: error
-      type(outcome_type) :: outcome
 
       value = 0.0_wp
-      call read_value(file, object, name, H5T_NATIVE_DOUBLE, c_loc(value), outcome, error)
+      call read_value(file, object, name, H5T_NATIVE_DOUBLE, c_loc(value))
+      call conclude(attribute_of(file, object, name)//': cannot be read', error)
    end subroutine read_real
 
    !> Refuses what is not one single value: `value` has room for no more.
-   subroutine read_value(file, object, name, kind, value, outcome, error)
+   subroutine read_value(file, object, name, kind, value)
       type(hdf5_file), intent(in) :: file
       character(*), intent(in) :: object, name
       integer(hid_t), intent(in) :: kind
       type(c_ptr), value :: value
-      type(outcome_type), intent(inout) :: outcome
-      type(error_type), allocatable, intent(out) :: error
       integer(hid_t) :: attribute, space
       integer(hsize_t) :: n_values
       integer :: status
 
       call h5aopen_by_name_f(file%id, object, name, attribute, status)
-      call outcome%note(status)
       call h5aget_space_f(attribute, space, status)
-      call outcome%note(status)
       n_values = 0
       call h5sget_simple_extent_npoints_f(space, n_values, status)
-      call outcome%note(status)
       if (n_values == 1) then
          call h5aread_f(attribute, kind, value, status)
-         call outcome%note(status)
-      else if (.not. allocated(outcome%reason)) then
-         outcome%reason = 'it is not one value'
+      else
+         call note_failure('it is not one value')
       end if
       call h5sclose_f(space, status)
       call h5aclose_f(attribute, status)
-      call outcome%conclude(file%path//': attribute '//name//' of '//object//': cannot be read', &
-                            error)
    end subroutine read_value
 
    !> Creates the HDF5 type of UTF-8 text of a fixed length, or of variable length.
-   subroutine new_text_kind(kind, outcome, length)
+   subroutine new_text_kind(kind, length)
       integer(hid_t), intent(out) :: kind
-      type(outcome_type), intent(inout) :: outcome
       integer, intent(in), optional :: length   !! bytes
       integer :: status
 
       if (present(length)) then
          call h5tcopy_f(H5T_FORTRAN_S1, kind, status)
-         call outcome%note(status)
          call h5tset_size_f(kind, int(length, size_t), status)
-         call outcome%note(status)
       else
          call h5tcopy_f(H5T_STRING, kind, status)
-         call outcome%note(status)
          call h5tset_strpad_f(kind, H5T_STR_NULLTERM_F, status)
-         call outcome%note(status)
       end if
       call h5tset_cset_f(kind, H5T_CSET_UTF8_F, status)
-      call outcome%note(status)
    end subroutine new_text_kind
 
 end module io_hdf5_attributes

@@ -4,7 +4,7 @@ module io_hdf5_file
    use core_error, only: error_type
    use core_text, only: to_text
    use hdf5
-   use io_hdf5_outcome, only: outcome_type
+   use io_hdf5_outcome, only: conclude, forget_failure, listen_to_failures
    implicit none(type, external)
    private
    public :: hdf5_file, create_hdf5, has_hdf5_signature, hdf5_library, make_parents, &
@@ -52,19 +52,17 @@ contains
       character(*), intent(in) :: path
       type(hdf5_file), intent(out) :: file
       type(error_type), allocatable, intent(out) :: error
-      type(outcome_type) :: outcome
       integer(hid_t) :: access, root
       integer :: status
 
       call start_library()
       file%path = path
-      call new_access_list(access, outcome)
-      call new_timeless_list(H5P_FILE_CREATE_F, root, outcome)
+      call new_access_list(access)
+      call new_timeless_list(H5P_FILE_CREATE_F, root)
       call h5fcreate_f(path, H5F_ACC_TRUNC_F, file%id, status, root, access)
-      call outcome%note(status)
       call h5pclose_f(access, status)
       call h5pclose_f(root, status)
-      call outcome%conclude(path//': cannot be made', error)
+      call conclude(path//': cannot be made', error)
    end subroutine create_hdf5
 
    !> True if an existing file is HDF5, whole or damaged.
@@ -76,6 +74,7 @@ contains
       call start_library()
       call h5fis_hdf5_f(path, has, status)
       has = has .and. status >= 0
+      call forget_failure()
    end function has_hdf5_signature
 
    !> Opens an existing file for reading.
@@ -83,17 +82,15 @@ contains
       character(*), intent(in) :: path
       type(hdf5_file), intent(out) :: file
       type(error_type), allocatable, intent(out) :: error
-      type(outcome_type) :: outcome
       integer(hid_t) :: access
       integer :: status
 
       call start_library()
       file%path = path
-      call new_access_list(access, outcome)
+      call new_access_list(access)
       call h5fopen_f(path, H5F_ACC_RDONLY_F, file%id, status, access_prp=access)
-      call outcome%note(status)
       call h5pclose_f(access, status)
-      call outcome%conclude(path//': cannot be opened as HDF5', error)
+      call conclude(path//': cannot be opened as HDF5', error)
    end subroutine open_hdf5
 
    !> Closes the file. A full disk may show only here: a file counts as written when this
@@ -101,14 +98,12 @@ contains
    subroutine close_file(self, error)
       class(hdf5_file), intent(inout) :: self
       type(error_type), allocatable, intent(out) :: error
-      type(outcome_type) :: outcome
       integer :: status
 
       if (self%id < 0) return
       call h5fclose_f(self%id, status)
-      call outcome%note(status)
       self%id = -1
-      call outcome%conclude(self%path//': cannot be written to its end', error)
+      call conclude(self%path//': cannot be written to its end', error)
    end subroutine close_file
 
    !> Closes after an error, or a file that was only read; what fails now does not matter any more.
@@ -132,6 +127,7 @@ contains
             if (path(i:i) /= '/') cycle
          end if
          call h5lexists_f(self%id, path(:i - 1), has, status)
+         if (status < 0) call forget_failure()
          has = has .and. status >= 0
          if (.not. has) return
       end do
@@ -144,12 +140,11 @@ contains
       integer(hid_t) :: object
       integer :: kind, status
 
-      is_group = .false.
       call h5oopen_f(self%id, path, object, status)
-      if (status < 0) return
       call h5iget_type_f(object, kind, status)
       is_group = status >= 0 .and. kind == H5I_GROUP_F
       call h5oclose_f(object, status)
+      call forget_failure()
    end function is_group
 
    !> Lists the names in a group, sorted.
@@ -159,20 +154,17 @@ contains
       character(:), allocatable, intent(out) :: names(:)   !! padded with blanks
       type(error_type), allocatable, intent(out) :: error
       integer, parameter :: longest = 64
-      type(outcome_type) :: outcome
       integer :: i, n, status
 
-      n = 0
       call h5gn_members_f(self%id, group, n, status)
-      call outcome%note(status)
-      allocate (character(longest) :: names(max(n, 0)))
+      if (status < 0) n = 0   ! HDF5 leaves any number
+      allocate (character(longest) :: names(n))
       do i = 1, size(names)
          names(i) = ''
          call h5lget_name_by_idx_f(self%id, group, H5_INDEX_NAME_F, H5_ITER_INC_F, &
                                    int(i - 1, hsize_t), names(i), status)
-         call outcome%note(status)
       end do
-      call outcome%conclude(self%path//': '//group//': cannot be listed', error)
+      call conclude(self%path//': '//group//': cannot be listed', error)
    end subroutine list
 
    !> Creates a group and the groups above it.
@@ -180,72 +172,59 @@ contains
       class(hdf5_file), intent(in) :: self
       character(*), intent(in) :: path
       type(error_type), allocatable, intent(out) :: error
-      type(outcome_type) :: outcome
 
-      call make_parents(self, path, outcome)
-      call make_one_group(self, path, outcome)
-      call outcome%conclude(self%path//': '//path//': cannot be made', error)
+      call make_parents(self, path)
+      call make_one_group(self, path)
+      call conclude(self%path//': '//path//': cannot be made', error)
    end subroutine make_group
 
    !> Creates the missing groups in a path before its last slash.
-   subroutine make_parents(file, path, outcome)
+   subroutine make_parents(file, path)
       type(hdf5_file), intent(in) :: file
       character(*), intent(in) :: path   !! such as /campaign/c001/psd
-      type(outcome_type), intent(inout) :: outcome
       integer :: slash
 
       slash = 1
       do while (index(path(slash + 1:), '/') > 0)
          slash = slash + index(path(slash + 1:), '/')
-         if (.not. file%has(path(:slash - 1))) call make_one_group(file, path(:slash - 1), outcome)
+         if (.not. file%has(path(:slash - 1))) call make_one_group(file, path(:slash - 1))
       end do
    end subroutine make_parents
 
-   subroutine make_one_group(file, path, outcome)
+   subroutine make_one_group(file, path)
       type(hdf5_file), intent(in) :: file
       character(*), intent(in) :: path
-      type(outcome_type), intent(inout) :: outcome
       integer(hid_t) :: group, properties
       integer :: status
 
-      call new_timeless_list(H5P_GROUP_CREATE_F, properties, outcome)
+      call new_timeless_list(H5P_GROUP_CREATE_F, properties)
       call h5gcreate_f(file%id, path, group, status, gcpl_id=properties)
-      call outcome%note(status)
       call h5gclose_f(group, status)
-      call outcome%note(status)
       call h5pclose_f(properties, status)
    end subroutine make_one_group
 
    !> Creates the properties of objects that do not note the time: the same run gives the same
    !> bytes.
-   subroutine new_timeless_list(class, properties, outcome)
+   subroutine new_timeless_list(class, properties)
       integer(hid_t), intent(in) :: class
       integer(hid_t), intent(out) :: properties
-      type(outcome_type), intent(inout) :: outcome
       integer :: status
 
       call h5pcreate_f(class, properties, status)
-      call outcome%note(status)
       call h5pset_obj_track_times_f(properties, .false., status)
-      call outcome%note(status)
    end subroutine new_timeless_list
 
    !> Creates the access properties: format of HDF5 1.10, whose metadata have checksums; closing a
    !> file closes everything in it. HDF5's own file locks, which some network file systems refuse,
    !> are off: outputs have a lock of their own.
-   subroutine new_access_list(access, outcome)
+   subroutine new_access_list(access)
       integer(hid_t), intent(out) :: access
-      type(outcome_type), intent(inout) :: outcome
       integer :: status
 
       call h5pcreate_f(H5P_FILE_ACCESS_F, access, status)
-      call outcome%note(status)
       call h5pset_libver_bounds_f(access, H5F_LIBVER_V110_F, H5F_LIBVER_V110_F, status)
-      call outcome%note(status)
       call h5pset_fclose_degree_f(access, H5F_CLOSE_STRONG_F, status)
-      call outcome%note(status)
       status = c_set_file_locking(access, .false._c_bool, .true._c_bool)
-      call outcome%note(status)
    end subroutine new_access_list
 
    !> Starts the HDF5 library, once in a process, and silences its own messages: statuses are
@@ -257,7 +236,7 @@ contains
       call h5dont_atexit_f(status)   ! its cleaning up at exit crashes after a full disk
       call h5open_f(status)
       if (status < 0) error stop 'io_hdf5_file: the HDF5 library does not start'
-      call h5eset_auto_f(0, status)
+      call listen_to_failures()
       is_started = .true.
    end subroutine start_library
 

@@ -1,21 +1,18 @@
-!> How a series of HDF5 calls ended: the first failure, in HDF5's own words or the system's.
+!> The first failure of HDF5 since the last look, in HDF5's own words or the system's.
+!>
+!> HDF5 itself reports every call that fails, so the statuses that its Fortran procedures hand back
+!> are not looked at one by one: after a series of calls stands `conclude`. After the first failure
+!> HDF5 refuses what depends on it by itself.
 module io_hdf5_outcome
-   use, intrinsic :: iso_c_binding, only: c_associated, c_bool, c_char, c_f_pointer, c_funloc, &
-                                                            c_funptr, c_int, c_int64_t, c_loc, c_ptr
+   use, intrinsic :: iso_c_binding, only: c_associated, c_funloc, c_funptr, c_int, c_int64_t, &
+                                                                             c_null_ptr, c_ptr
    use core_error, only: error_type, exit_file, raise
    use core_system, only: text_at
    implicit none(type, external)
    private
-   public :: outcome_type
+   public :: conclude, forget_failure, listen_to_failures, note_failure
 
-   !> Every status of a series is noted; after the first failure HDF5 refuses what depends on it by
-   !> itself.
-   type :: outcome_type
-      character(:), allocatable :: reason   !! allocated after a failure
-   contains
-      procedure :: note
-      procedure :: conclude
-   end type outcome_type
+   character(:), allocatable :: reason   !! allocated after a failure
 
    !> H5E_error2_t: one entry of HDF5's stack of reasons.
    type, bind(c) :: entry_type
@@ -24,11 +21,15 @@ module io_hdf5_outcome
       type(c_ptr) :: function_name, file_name, description
    end type entry_type
 
-   type :: reason_type
-      character(:), allocatable :: text
-   end type reason_type
-
    interface
+      function c_set_auto(stack, report, client) result(status) bind(c, name='H5Eset_auto2')
+         import :: c_funptr, c_int, c_int64_t, c_ptr
+         integer(c_int64_t), value :: stack
+         type(c_funptr), value :: report
+         type(c_ptr), value :: client
+         integer(c_int) :: status
+      end function c_set_auto
+
       function c_walk(stack, direction, visit, client) result(status) bind(c, name='H5Ewalk2')
          import :: c_funptr, c_int, c_int64_t, c_ptr
          integer(c_int64_t), value :: stack
@@ -41,55 +42,67 @@ module io_hdf5_outcome
 
 contains
 
-   !> Takes note of one status; called right after its call.
-   subroutine note(self, status)
-      class(outcome_type), intent(inout) :: self
-      integer, intent(in) :: status
-
-      if (status < 0 .and. .not. allocated(self%reason)) self%reason = deepest_reason()
-   end subroutine note
-
-   !> Raises an error where any status was a failure.
-   subroutine conclude(self, message, error)
-      class(outcome_type), intent(in) :: self
-      character(*), intent(in) :: message
-      type(error_type), allocatable, intent(out) :: error
-
-      if (allocated(self%reason)) call raise(error, exit_file, message//': '//self%reason)
-   end subroutine conclude
-
-   !> The system's words where the system refused, else what the innermost function of HDF5 says.
-   function deepest_reason() result(text)
-      character(:), allocatable :: text
-      integer(c_int64_t), parameter :: current_stack = 0
-      integer(c_int), parameter :: from_inside = 0
-      character(*), parameter :: opening = "error message = '"
-      type(reason_type), target :: reason
-      integer :: first
+   !> Lets HDF5 report its failures here instead of printing them.
+   subroutine listen_to_failures()
+      integer(c_int64_t), parameter :: default_stack = 0
       integer(c_int) :: status
 
-      reason%text = ''
-      status = c_walk(current_stack, from_inside, c_funloc(visit), c_loc(reason))
-      text = reason%text
-      first = index(text, opening)
-      if (first > 0) then
-         text = text(first + len(opening):)
-         text = text(:index(text//"'", "'") - 1)
-      end if
-      if (text == '') text = 'HDF5 gives no reason'
-   end function deepest_reason
+      status = c_set_auto(default_stack, c_funloc(report), c_null_ptr)
+   end subroutine listen_to_failures
 
-   !> Keeps the first description that it is shown.
+   !> Keeps the first failure; called by HDF5. The system's words where the system refused, else what
+   !> the innermost function of HDF5 says.
+   function report(stack, client) result(status) bind(c)
+      integer(c_int64_t), value :: stack
+      type(c_ptr), value :: client
+      integer(c_int) :: status
+      integer(c_int), parameter :: from_inside = 0
+      character(*), parameter :: opening = "error message = '"
+      integer :: first
+
+      status = 0
+      if (allocated(reason)) return
+      reason = ''
+      status = c_walk(stack, from_inside, c_funloc(visit), client)
+      first = index(reason, opening)
+      if (first > 0) then
+         reason = reason(first + len(opening):)
+         reason = reason(:index(reason//"'", "'") - 1)
+      end if
+      if (reason == '') reason = 'HDF5 gives no reason'
+   end function report
+
+   !> Takes the description of the innermost function.
    function visit(depth, entry, client) result(status) bind(c)
       integer(c_int), value :: depth
       type(entry_type), intent(in) :: entry
       type(c_ptr), value :: client
       integer(c_int) :: status
-      type(reason_type), pointer :: reason
 
-      call c_f_pointer(client, reason)
-      if (depth == 0 .and. c_associated(entry%description)) reason%text = text_at(entry%description)
+      if (depth == 0 .and. c_associated(entry%description)) reason = text_at(entry%description)
       status = 0
+      if (c_associated(client)) status = -1   ! there is none
    end function visit
+
+   !> Notes a failure that HDF5 does not see.
+   subroutine note_failure(text)
+      character(*), intent(in) :: text
+
+      if (.not. allocated(reason)) reason = text
+   end subroutine note_failure
+
+   !> Forgets a failure that is an answer: there is no such object.
+   subroutine forget_failure()
+      if (allocated(reason)) deallocate (reason)
+   end subroutine forget_failure
+
+   !> Raises an error where any call has failed since the last look.
+   subroutine conclude(message, error)
+      character(*), intent(in) :: message
+      type(error_type), allocatable, intent(out) :: error
+
+      if (allocated(reason)) call raise(error, exit_file, message//': '//reason)
+      call forget_failure()
+   end subroutine conclude
 
 end module io_hdf5_outcome

@@ -5,10 +5,10 @@ module io_hdf5_parts
    use core_kinds, only: long, wp
    use hdf5
    use io_hdf5_file, only: hdf5_file
-   use io_hdf5_outcome, only: outcome_type
+   use io_hdf5_outcome, only: conclude
    implicit none(type, external)
    private
-   public :: close_part, extents_of, move_part, select_part
+   public :: close_part, extents_of, move, move_part, select_part
 
    !> Writes values into the part of a dataset that begins at `first` (counted from 1, Fortran's
    !> order), or reads them from there.
@@ -65,6 +65,7 @@ contains
                 c_loc(values), is_written, error)
    end subroutine move_longs
 
+   !> Writes or reads values of an HDF5 type, those of a scalar or of a part of a dataset.
    subroutine move(file, path, kind, first, extents, values, is_written, error)
       type(hdf5_file), intent(in) :: file
       character(*), intent(in) :: path
@@ -74,56 +75,51 @@ contains
       type(c_ptr), value :: values
       logical, intent(in) :: is_written
       type(error_type), allocatable, intent(out) :: error
-      type(outcome_type) :: outcome
       integer(hid_t) :: dataset, part, memory
       integer :: status
 
       if (any(extents <= 0)) return
-      call select_part(file, path, first, extents, dataset, part, memory, outcome)
+      call select_part(file, path, first, extents, dataset, part, memory)
       if (is_written) then
          call h5dwrite_f(dataset, kind, values, status, memory, part)
       else
          call h5dread_f(dataset, kind, values, status, memory, part)
       end if
-      call outcome%note(status)
-      call close_part(dataset, part, memory, outcome)
+      call close_part(dataset, part, memory)
       if (is_written) then
-         call outcome%conclude(file%path//': '//path//': cannot be written', error)
+         call conclude(file%path//': '//path//': cannot be written', error)
       else
-         call outcome%conclude(file%path//': '//path//': cannot be read', error)
+         call conclude(file%path//': '//path//': cannot be read', error)
       end if
    end subroutine move
 
    !> Opens what begins at `first` (counted from 1, Fortran's order).
-   subroutine select_part(file, path, first, extents, dataset, part, memory, outcome)
+   subroutine select_part(file, path, first, extents, dataset, part, memory)
       type(hdf5_file), intent(in) :: file
       character(*), intent(in) :: path
       integer, intent(in) :: first(:)
       integer(hsize_t), intent(in) :: extents(:)
       integer(hid_t), intent(out) :: dataset, part, memory
-      type(outcome_type), intent(inout) :: outcome
       integer :: status
 
       call h5dopen_f(file%id, path, dataset, status)
-      call outcome%note(status)
       call h5dget_space_f(dataset, part, status)
-      call outcome%note(status)
-      call h5sselect_hyperslab_f(part, H5S_SELECT_SET_F, int(first, hsize_t) - 1, extents, status)
-      call outcome%note(status)
-      call h5screate_simple_f(size(extents), extents, memory, status)
-      call outcome%note(status)
+      if (size(extents) == 0) then
+         call h5screate_f(H5S_SCALAR_F, memory, status)
+      else
+        call h5sselect_hyperslab_f(part, H5S_SELECT_SET_F, int(first, hsize_t) - 1, extents, status)
+         call h5screate_simple_f(size(extents), extents, memory, status)
+      end if
    end subroutine select_part
 
    !> Closes what select_part has opened.
-   subroutine close_part(dataset, part, memory, outcome)
+   subroutine close_part(dataset, part, memory)
       integer(hid_t), intent(in) :: dataset, part, memory
-      type(outcome_type), intent(inout) :: outcome
       integer :: status
 
       call h5sclose_f(memory, status)
       call h5sclose_f(part, status)
       call h5dclose_f(dataset, status)
-      call outcome%note(status)
    end subroutine close_part
 
 end module io_hdf5_parts

@@ -7,8 +7,8 @@ module io_hdf5_reading
    use core_text, only: to_text
    use hdf5
    use io_hdf5_file, only: hdf5_file
-   use io_hdf5_outcome, only: outcome_type
-   use io_hdf5_parts, only: close_part, extents_of, select_part
+   use io_hdf5_outcome, only: conclude
+   use io_hdf5_parts, only: close_part, extents_of, move, select_part
    implicit none(type, external)
    private
    public :: check_dataset, read_dataset, read_extent, read_shape
@@ -26,27 +26,22 @@ contains
       character(*), intent(in) :: path
       integer(long), allocatable, intent(out) :: extents(:)
       type(error_type), allocatable, intent(out) :: error
-      type(outcome_type) :: outcome
       integer(hid_t) :: dataset, space
       integer(hsize_t), allocatable :: most(:), now(:)
       integer :: n_axes, status
 
       n_axes = 0
       call h5dopen_f(file%id, path, dataset, status)
-      call outcome%note(status)
       call h5dget_space_f(dataset, space, status)
-      call outcome%note(status)
       call h5sget_simple_extent_ndims_f(space, n_axes, status)
-      call outcome%note(status)
       allocate (most(max(n_axes, 0)), now(max(n_axes, 0)), source=0_hsize_t)
       if (n_axes > 0) then
          call h5sget_simple_extent_dims_f(space, now, most, status)
-         call outcome%note(status)
       end if
       extents = int(now, long)
       call h5sclose_f(space, status)
       call h5dclose_f(dataset, status)
-      call outcome%conclude(file%path//': '//path//': cannot be read', error)
+      call conclude(file%path//': '//path//': cannot be read', error)
    end subroutine read_shape
 
    !> Reads the extents of a dataset and refuses another number of axes than expected.
@@ -98,24 +93,15 @@ contains
       integer(long), intent(in) :: extents(:)
       type(c_ptr), value :: values
       type(error_type), allocatable, intent(out) :: error
-      type(outcome_type) :: outcome
       integer(long), allocatable :: found(:)
-      integer(hid_t) :: dataset
-      integer :: status
 
       call read_extent(file, path, size(extents), found, error)
       if (allocated(error)) return
       if (any(found /= extents)) then
          call raise(error, exit_file, file%path//': '//path//': has another shape than expected')
-         return
+      else
+         call move(file, path, kind, spread(1, 1, size(extents)), extents, values, .false., error)
       end if
-      if (any(found == 0)) return
-      call h5dopen_f(file%id, path, dataset, status)
-      call outcome%note(status)
-      call h5dread_f(dataset, kind, values, status)
-      call outcome%note(status)
-      call h5dclose_f(dataset, status)
-      call outcome%conclude(file%path//': '//path//': cannot be read', error)
    end subroutine read_whole
 
    !> Reads all of a dataset, a piece at a time, for HDF5 to see that its checksums are right.
@@ -126,7 +112,6 @@ contains
       integer, parameter :: piece = 2**20   ! values
       integer(long), allocatable :: extents(:)
       real(wp), allocatable, target :: values(:)
-      type(outcome_type) :: outcome
       type(c_ptr) :: address
       integer(hsize_t), allocatable :: count(:)
       integer(hid_t) :: dataset, memory, part
@@ -149,13 +134,12 @@ contains
       do i = 1, int(extents(n)), rows
          first(n) = i
          count(n) = min(int(rows, hsize_t), extents(n) - i + 1)
-         call select_part(file, path, first, count, dataset, part, memory, outcome)
+         call select_part(file, path, first, count, dataset, part, memory)
          address = c_loc(values)
          call h5dread_f(dataset, H5T_NATIVE_DOUBLE, address, status, memory, part)
-         call outcome%note(status)
-         call close_part(dataset, part, memory, outcome)
+         call close_part(dataset, part, memory)
       end do
-      call outcome%conclude(file%path//': '//path//': cannot be read back', error)
+      call conclude(file%path//': '//path//': cannot be read back', error)
    end subroutine check_dataset
 
 end module io_hdf5_reading

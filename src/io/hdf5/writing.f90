@@ -11,8 +11,8 @@ module io_hdf5_writing
    use h5ds, only: h5dsattach_scale_f, h5dsset_scale_f
    use io_hdf5_attributes, only: write_attribute
    use io_hdf5_file, only: hdf5_file, make_parents, new_timeless_list
-   use io_hdf5_outcome, only: outcome_type
-   use io_hdf5_parts, only: extents_of
+   use io_hdf5_outcome, only: conclude
+   use io_hdf5_parts, only: extents_of, move
    implicit none(type, external)
    private
    public :: label_type, make_dataset, write_dataset
@@ -41,9 +41,7 @@ contains
       integer, intent(in) :: extents(:)   !! Fortran's order
       type(label_type), intent(in) :: label
       type(error_type), allocatable, intent(out) :: error
-      type(outcome_type) :: outcome
-      integer(hid_t) :: dataset, kind
-      integer :: status
+      integer(hid_t) :: kind
 
       kind = H5T_NATIVE_DOUBLE
       select type (mold)
@@ -52,11 +50,7 @@ contains
       type is (integer(long))
          kind = h5kind_to_type(long, H5_INTEGER_KIND)
       end select
-      call create(file, path, kind, int(extents, hsize_t), label, dataset, outcome)
-      call h5dclose_f(dataset, status)
-      call outcome%note(status)
-      call outcome%conclude(file%path//': '//path//': cannot be made', error)
-      if (.not. allocated(error)) call describe(file, path, label, error)
+      call create(file, path, kind, int(extents, hsize_t), label, error)
    end subroutine make_dataset
 
    subroutine write_real(file, path, values, label, error)
@@ -100,58 +94,46 @@ contains
       type(c_ptr), value :: values
       type(label_type), intent(in) :: label
       type(error_type), allocatable, intent(out) :: error
-      type(outcome_type) :: outcome
-      integer(hid_t) :: dataset
-      integer :: status
 
-      call create(file, path, kind, extents, label, dataset, outcome)
-      if (all(extents > 0)) then
-         call h5dwrite_f(dataset, kind, values, status)
-         call outcome%note(status)
-      end if
-      call h5dclose_f(dataset, status)
-      call outcome%note(status)
-      call outcome%conclude(file%path//': '//path//': cannot be written', error)
-      if (.not. allocated(error)) call describe(file, path, label, error)
+      call create(file, path, kind, extents, label, error)
+      if (.not. allocated(error)) &
+         call move(file, path, kind, spread(1, 1, size(extents)), extents, values, .true., error)
    end subroutine write_whole
 
-   !> Creates a dataset: a scalar in the object header, an array in chunks, both under a checksum
-   !> of HDF5's own.
-   subroutine create(file, path, kind, extents, label, dataset, outcome)
+   !> Creates a dataset with its label: a scalar in the object header, an array in chunks, both under
+   !> a checksum of HDF5's own.
+   subroutine create(file, path, kind, extents, label, error)
       type(hdf5_file), intent(in) :: file
       character(*), intent(in) :: path
       integer(hid_t), intent(in) :: kind
       integer(hsize_t), intent(in) :: extents(:)
       type(label_type), intent(in) :: label
-      integer(hid_t), intent(out) :: dataset
-      type(outcome_type), intent(inout) :: outcome
+      type(error_type), allocatable, intent(out) :: error
       integer(hsize_t) :: chunk(size(extents))
-      integer(hid_t) :: properties, space
+      integer(hid_t) :: dataset, properties, space
       integer :: n_axes, status
 
       n_axes = size(extents)
-      call make_parents(file, path, outcome)
-      call new_timeless_list(H5P_DATASET_CREATE_F, properties, outcome)
+      call make_parents(file, path)
+      call new_timeless_list(H5P_DATASET_CREATE_F, properties)
       if (n_axes == 0) then
          call h5screate_f(H5S_SCALAR_F, space, status)
-         call outcome%note(status)
          call h5pset_layout_f(properties, H5D_COMPACT_F, status)
       else
          call h5screate_simple_f(n_axes, extents, space, status)
-         call outcome%note(status)
          if (all(extents > 0)) then
             chunk = chunk_of(int(extents, long))
             if (allocated(label%chunk)) chunk = int(label%chunk, hsize_t)
             call h5pset_chunk_f(properties, n_axes, chunk, status)
-            call outcome%note(status)
             call h5pset_fletcher32_f(properties, status)
          end if
       end if
-      call outcome%note(status)
       call h5dcreate_f(file%id, path, kind, space, dataset, status, dcpl_id=properties)
-      call outcome%note(status)
+      call h5dclose_f(dataset, status)
       call h5sclose_f(space, status)
       call h5pclose_f(properties, status)
+      call conclude(file%path//': '//path//': cannot be made', error)
+      if (.not. allocated(error)) call describe(file, path, label, error)
    end subroutine create
 
    !> Writes units, long name and axes of a dataset.
@@ -174,7 +156,6 @@ contains
       type(hdf5_file), intent(in) :: file
       character(*), intent(in) :: path, axes
       type(error_type), allocatable, intent(out) :: error
-      type(outcome_type) :: outcome
       integer(hid_t) :: dataset, scale
       character(len(axes)) :: names(len(axes) + 1)   ! more than enough
       integer :: above, i, n_axes, slash, status
@@ -182,10 +163,8 @@ contains
       slash = index(path, '/', back=.true.)
       call split(axes, names, n_axes)
       call h5dopen_f(file%id, path, dataset, status)
-      call outcome%note(status)
       if (n_axes == 1 .and. path(slash + 1:) == names(1)) then
          call h5dsset_scale_f(dataset, status, path(slash + 1:))
-         call outcome%note(status)
          n_axes = 0
       end if
       do i = 1, n_axes
@@ -193,15 +172,11 @@ contains
          if (.not. file%has(path(:slash)//trim(names(i)))) &
             above = index(path(:slash - 1), '/', back=.true.)
          call h5dopen_f(file%id, path(:above)//trim(names(i)), scale, status)
-         call outcome%note(status)
          call h5dsattach_scale_f(dataset, scale, i, status)   ! counted as Python counts
-         call outcome%note(status)
          call h5dclose_f(scale, status)
-         call outcome%note(status)
       end do
       call h5dclose_f(dataset, status)
-      call outcome%note(status)
-      call outcome%conclude(file%path//': '//path//': cannot be given its axes ('//axes//')', error)
+      call conclude(file%path//': '//path//': cannot be given its axes ('//axes//')', error)
    end subroutine attach_axes
 
    !> Splits a line into words.
