@@ -10,8 +10,7 @@ module io_audit_results
    use io_blocks, only: kept_axis, put_short
    use io_case_results, only: case_group, finish_case, write_dofs, write_frequency
    use io_gathering, only: shards_of
-   use io_group, only: counted, group_type, new_group
-   use io_hdf5, only: label_type
+   use io_group, only: group_type, new_group
    use io_results, only: results_writer
    use io_shards, only: shard_type
    use io_store, only: shard_store
@@ -44,14 +43,14 @@ contains
       call group%attribute('standard_error_method', &
                            'jackknife over the samples repeated; zero where all are; of rms '// &
                            'values at least the root mean square over joints or dofs')
-      call group%put('sample', counted(samples%n_samples), label_type('1', 'sample', 'sample'))
+      call group%put_axis('sample', samples%n_samples, 'sample')
       call write_dofs(group, plan)
       call put_short(group, plan, samples)
       call write_slip_errors(group, errors)
       if (plan%output%spectrum) then
          call write_frequency(group, layout)
-         call group%put('percentile', plan%output%percentiles, &
-                        label_type('%', 'percentile over samples', 'percentile'))
+         call group%put('percentile', plan%output%percentiles, '%', 'percentile over samples', &
+                        'percentile')
          call write_spectrum_errors(group, kept_axis(plan), errors)
       end if
       call finish_case(group, plan, number, store, shards_of(shards, number, samples%n_samples), &
@@ -83,7 +82,7 @@ contains
          character(*), intent(in) :: name, meaning
          real(wp), allocatable, intent(in) :: values(:)   !! (joint)
 
-         call group%put_allocated(name, values, label_type('%', meaning, 'joint'))
+         call group%put(name, values, '%', meaning, 'joint')
       end subroutine put
 
    end subroutine write_slip_errors
@@ -93,26 +92,21 @@ contains
       type(group_type), intent(inout) :: group
       character(*), intent(in) :: dof   !! the axis
       type(numerical_error), intent(in) :: errors
-      ! gfortran does not free text that is joined inside of a structure constructor
-      character(:), allocatable :: percentile_axes
 
-      percentile_axes = 'percentile '//dof
       call group%attribute('band_ratio', band_ratio_error(errors))
-      call group%put_allocated('psd_mean_difference', errors%psd_mean, &
-                               label_type('1', 'numerical error of psd_mean, relative: '// &
-                                          'integral of its absolute value', dof))
-      call group%put_allocated('psd_mean_difference_error', errors%psd_mean_error, &
-                               label_type('1', 'standard error of psd_mean_difference', dof))
-      call group%put_allocated('psd_percentiles_difference', errors%psd_percentiles, &
-                               label_type('1', 'numerical error of psd_percentiles, relative: '// &
-                                          'integral of its absolute value', percentile_axes))
-      call group%put_allocated('psd_percentiles_difference_error', errors%psd_percentiles_error, &
-                               label_type('1', 'standard error of psd_percentiles_difference', &
-                                          percentile_axes))
-      call group%put_allocated('band_ratio_difference', errors%band_ratio, &
-                               label_type('1', 'numerical error of band_ratio, relative', dof))
-      call group%put_allocated('band_ratio_difference_error', errors%band_ratio_error, &
-                               label_type('1', 'standard error of band_ratio_difference', dof))
+      call group%put('psd_mean_difference', errors%psd_mean, '1', 'numerical error of '// &
+                     'psd_mean, relative: integral of its absolute value', dof)
+      call group%put('psd_mean_difference_error', errors%psd_mean_error, '1', &
+                     'standard error of psd_mean_difference', dof)
+      call group%put('psd_percentiles_difference', errors%psd_percentiles, '1', &
+                     'numerical error of psd_percentiles, relative: integral of its '// &
+                     'absolute value', 'percentile '//dof)
+      call group%put('psd_percentiles_difference_error', errors%psd_percentiles_error, '1', &
+                     'standard error of psd_percentiles_difference', 'percentile '//dof)
+      call group%put('band_ratio_difference', errors%band_ratio, '1', &
+                     'numerical error of band_ratio, relative', dof)
+      call group%put('band_ratio_difference_error', errors%band_ratio_error, '1', &
+                     'standard error of band_ratio_difference', dof)
    end subroutine write_spectrum_errors
 
 end module io_audit_results

@@ -10,9 +10,8 @@ module io_case_results
    use core_phrases, only: numbered
    use io_blocks, only: kept_axis, put_long
    use io_gathering, only: count_transitions
-   use io_group, only: counted, group_type, new_group
-   use io_hdf5, only: label_type
-   use io_results, only: results_writer
+   use io_group, only: group_type, new_group
+   use io_results, only: about_dofs, about_joints, results_writer
    use io_shards, only: read_shard, shard_type
    use io_store, only: shard_store
    use numerics_correlated, only: n_batches
@@ -52,18 +51,17 @@ contains
       group = new_group(writer%file, case_group(number, size(plan%cases)))
       call write_attributes(group, plan, number)
       associate (case => plan%cases(number))
-         call group%put('sample', case%first_sample - 1 + counted(case%n_samples), &
-                        label_type('1', 'sample', 'sample'))
+         call group%put_axis('sample', case%n_samples, 'sample', case%first_sample)
       end associate
       call write_dofs(group, plan)
       if (plan%output%slip) then
-         call group%put('span', counted(count_spans(plan%integration)), &
-                        label_type('1', 'equal span of the time that is measured', 'span'))
+         call group%put_axis('span', count_spans(plan%integration), &
+                             'equal span of the time that is measured')
          if (count_spans(plan%integration) >= fewest_spans) &
             call group%attribute('time_average_method', time_average_method)
       end if
-      call group%put('percentile', plan%output%percentiles, &
-                     label_type('%', 'percentile over samples', 'percentile'))
+      call group%put('percentile', plan%output%percentiles, '%', 'percentile over samples', &
+                     'percentile')
       if (plan%output%spectrum) call write_spectrum_axes(group, layout, folded_share)
       if (plan%output%history) call write_history_axes(group, plan, force)
    end subroutine begin_case
@@ -88,7 +86,7 @@ contains
       rows = 0
       if (kept%transitions .and. .not. allocated(group%error)) then
          call count_transitions(shards, plan%cases(number)%n_samples, n_rows, group%error)
-         call group%put('transition', counted(n_rows), label_type('1', 'transition', 'transition'))
+         call group%put_axis('transition', n_rows, 'transition')
       end if
       do i = 1, size(shards)
          if (is_lean .and. .not. (kept%transitions .or. kept%history)) exit
@@ -112,14 +110,11 @@ contains
       type(plan_type), intent(in) :: plan
       character(:), allocatable :: kept
 
-      call group%put('dof', counted(plan%structure%n_dof), &
-                     label_type('1', 'degree of freedom; of a chain: mass, from the wall', 'dof'))
-      call group%put('joint', counted(plan%structure%n_joints), &
-                     label_type('1', 'joint; of a chain: that of the mass of this number', 'joint'))
+      call group%put_axis('dof', plan%structure%n_dof, about_dofs)
+      call group%put_axis('joint', plan%structure%n_joints, about_joints)
       kept = kept_axis(plan)
-      if (kept /= 'dof') &
-         call group%put(kept, kept_dofs(plan), &
-                        label_type('1', 'dof whose spectra and histories are kept', kept))
+      if (kept /= 'dof') call group%put(kept, kept_dofs(plan), '1', &
+                                        'dof whose spectra and histories are kept', kept)
    end subroutine write_dofs
 
    subroutine write_attributes(group, plan, number)
@@ -165,16 +160,16 @@ contains
       call group%attribute('every', layout%every)
       call group%attribute('sided', 'one')
       if (layout%follows_power) then
-         call group%put('batch', counted(size(batch_frequencies(layout))), &
-                        label_type('1', 'batch of segments in a range of frequencies', 'batch'))
-         call group%put('batch_frequency', batch_frequencies(layout), &
-                        label_type('Hz', 'highest frequency of its range', 'batch'))
+         call group%put_axis('batch', size(batch_frequencies(layout)), &
+                             'batch of segments in a range of frequencies')
+         call group%put('batch_frequency', batch_frequencies(layout), 'Hz', &
+                        'highest frequency of its range', 'batch')
       end if
       if (size(folded_share) == 0) return
       call group%attribute('folded_share', maxval(folded_share))
-      call group%put('folded_share', folded_share, &
-                     label_type('1', 'share of the power that thinning folds below the highest '// &
-                                'frequency, in a pilot march', 'dof'))
+      call group%put('folded_share', folded_share, '1', &
+                     'share of the power that thinning folds below the highest frequency, in a '// &
+                     'pilot march', 'dof')
    end subroutine write_spectrum_axes
 
    !> The highest frequency [Hz] of the range of each place in a power series.
@@ -193,7 +188,7 @@ contains
       type(group_type), intent(inout) :: group
       type(spectrum_layout), intent(in) :: layout
 
-      call group%put('frequency', layout%frequency, label_type('Hz', 'frequency', 'frequency'))
+      call group%put('frequency', layout%frequency, 'Hz', 'frequency', 'frequency')
    end subroutine write_frequency
 
    subroutine write_history_axes(group, plan, force)
@@ -206,21 +201,19 @@ contains
 
       unit = trim(merge('m/s^2', 'N    ', plan%excitation%base))
       n_forces = plan%structure%n_forces
-      call group%put('time', [(i*plan%integration%dt, i=0, plan%integration%n_steps)], &
-                     label_type('s', 'time', 'time'))
+      call group%put('time', [(i*plan%integration%dt, i=0, plan%integration%n_steps)], 's', &
+                     'time', 'time')
       if (.not. present(force)) return
-      if (n_forces > 1) call group%put('force_number', counted(n_forces), &
-                                       label_type('1', 'force, a column of the load', &
-                                                  'force_number'))
+      if (n_forces > 1) call group%put_axis('force_number', n_forces, 'force, a column of the load')
       if (size(force, 2) == 1) then
-         call group%put('force', force(:, 1), label_type(unit, 'force', 'time'))
+         call group%put('force', force(:, 1), unit, 'force', 'time')
       else if (n_forces == 1) then
-         call group%put('force', force, label_type(unit, 'force', 'sample time'))
+         call group%put('force', force, unit, 'force', 'sample time')
       else if (size(force, 2) == n_forces) then
-         call group%put('force', force, label_type(unit, 'force', 'force_number time'))
+         call group%put('force', force, unit, 'force', 'force_number time')
       else
-         call group%put_allocated('force', by_sample(force, n_forces), &
-                                  label_type(unit, 'force', 'sample force_number time'))
+         call group%put('force', by_sample(force, n_forces), unit, 'force', &
+                        'sample force_number time')
       end if
    end subroutine write_history_axes
 

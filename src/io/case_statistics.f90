@@ -10,7 +10,6 @@ module io_case_statistics
    use core_phrases, only: numbered
    use io_blocks, only: kept_axis
    use io_group, only: group_type, new_group
-   use io_hdf5, only: label_type
    use numerics_sorting, only: sort_order
    implicit none(type, external)
    private
@@ -56,14 +55,13 @@ contains
       type(group_type), intent(inout) :: group
       type(case_estimates), intent(in) :: found
 
-      call group%put('friction_point', found%friction_points, &
-                     label_type('1', 'point of the process, of the friction of one joint or more', &
-                                'friction_point'))
-      call group%put('sensitivity', found%sensitivity, &
-                     label_type('1', 'share of the variance of slip_fraction due to one '// &
-                                'friction value', 'joint friction_point'))
-      call group%put('sensitivity_error', found%sensitivity_error, &
-                     label_type('1', 'standard error of sensitivity', 'joint friction_point'))
+      call group%put('friction_point', found%friction_points, '1', &
+                     'point of the process, of the friction of one joint or more', 'friction_point')
+      call group%put('sensitivity', found%sensitivity, '1', &
+                     'share of the variance of slip_fraction due to one friction value', &
+                     'joint friction_point')
+      call group%put('sensitivity_error', found%sensitivity_error, '1', &
+                     'standard error of sensitivity', 'joint friction_point')
    end subroutine write_sensitivities
 
    !> Writes the groups `plain` (plain estimates) and `error_ratio`, and the attributes that say
@@ -215,7 +213,7 @@ contains
       type(plan_type), intent(in) :: plan
       type(case_statistics), intent(in) :: statistics
       character(*), parameter :: not_lowered = ' that more samples do not lower: the march is '// &
-                                               'finite'
+                                 'finite'
       type(statistics_visitor) :: v
 
       v%group = group
@@ -241,39 +239,29 @@ contains
    end subroutine write_time_errors
 
    !> Visits a statistic, where it is there.
-   subroutine visit(self, name, units, axes, about, values)
+   recursive subroutine visit(self, name, units, axes, about, values)
       class(statistics_visitor), intent(inout) :: self
       character(*), intent(in) :: name, units
       character(*), intent(in) :: axes    !! in Python's order; 'kept': that of the kept dofs
       character(*), intent(in) :: about
       real(wp), intent(in), contiguous, optional, target :: values(..)
       real(wp), pointer :: row(:)
-
-      if (.not. present(values)) return
-      if (self%deed == gains) then
-         call c_f_pointer(c_loc(values), row, [size(values)])
-         call note_gain(self, name, row)
-      else
-         call self%group%put(name, values, label_of(self, units, axes, about))
-      end if
-   end subroutine visit
-
-   pure function label_of(self, units, axes, about) result(label)
-      class(statistics_visitor), intent(in) :: self
-      character(*), intent(in) :: units, axes, about
-      type(label_type) :: label
       integer :: last
 
-      label%units = units
-      label%long_name = about
-      if (self%deed == ratios) then
-         label%units = '1'
-         label%long_name = 'standard error of plain sampling over that of the estimate'
-      end if
+      if (.not. present(values)) return
       last = index(axes, ' ', back=.true.)
-      label%axes = axes
-      if (axes(last + 1:) == 'kept') label%axes = axes(:last)//self%dof
-   end function label_of
+      if (axes(last + 1:) == 'kept') then
+         call self%visit(name, units, axes(:last)//self%dof, about, values)
+      else if (self%deed == gains) then
+         call c_f_pointer(c_loc(values), row, [size(values)])
+         call note_gain(self, name, row)
+      else if (self%deed == ratios) then
+         call self%group%put(name, values, '1', &
+                             'standard error of plain sampling over that of the estimate', axes)
+      else
+         call self%group%put(name, values, units, about, axes)
+      end if
+   end subroutine visit
 
    !> Notes with a best estimate how it came about and what that gains.
    subroutine note_gain(self, name, ratio)

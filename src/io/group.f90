@@ -6,7 +6,7 @@ module io_group
    use io_hdf5, only: hdf5_file, label_type, write_attribute, write_dataset
    implicit none(type, external)
    private
-   public :: group_type, new_group, counted
+   public :: group_type, new_group
 
    !> A group and the first error met in filling it.
    type :: group_type
@@ -18,7 +18,7 @@ module io_group
       generic :: put => put_reals, put_integers
       generic :: column => real_column, integer_column
       procedure :: attribute
-      procedure :: put_allocated
+      procedure :: put_axis
       procedure :: put_value
       procedure :: start_table
       procedure :: take_error
@@ -57,37 +57,26 @@ contains
          call write_attribute(self%file, self%path, name, value, self%error)
    end subroutine attribute
 
-   !> Writes a whole dataset of any rank.
-   subroutine put_reals(self, name, values, label)
+   !> Writes a whole dataset of any rank, where `values` is there.
+   subroutine put_reals(self, name, values, units, long_name, axes)
       class(group_type), intent(inout) :: self
-      character(*), intent(in) :: name
-      real(wp), intent(in), contiguous :: values(..)
-      type(label_type), intent(in) :: label
+      character(*), intent(in) :: name, units, long_name
+      real(wp), intent(in), contiguous, optional :: values(..)
+      character(*), intent(in) :: axes   !! in Python's order; '' of a scalar
 
-      if (.not. allocated(self%error)) then
-         call write_dataset(self%file, self%path//'/'//name, values, label, self%error)
-      end if
+      if (.not. present(values) .or. allocated(self%error)) return
+      call write_dataset(self%file, self%path//'/'//name, values, &
+                         label_type(units, long_name, axes), self%error)
    end subroutine put_reals
 
-   !> Writes a whole dataset of any rank, where `values` is allocated.
-   subroutine put_allocated(self, name, values, label)
+   subroutine put_integers(self, name, values, units, long_name, axes)
       class(group_type), intent(inout) :: self
-      character(*), intent(in) :: name
-      real(wp), intent(in), contiguous, optional :: values(..)
-      type(label_type), intent(in) :: label
-
-      if (present(values)) call self%put(name, values, label)
-   end subroutine put_allocated
-
-   subroutine put_integers(self, name, values, label)
-      class(group_type), intent(inout) :: self
-      character(*), intent(in) :: name
+      character(*), intent(in) :: name, units, long_name, axes
       integer, intent(in), contiguous :: values(..)
-      type(label_type), intent(in) :: label
 
-      if (.not. allocated(self%error)) then
-         call write_dataset(self%file, self%path//'/'//name, values, label, self%error)
-      end if
+      if (allocated(self%error)) return
+      call write_dataset(self%file, self%path//'/'//name, values, &
+                         label_type(units, long_name, axes), self%error)
    end subroutine put_integers
 
    !> Writes a scalar, and beside it its standard error where it has one.
@@ -96,16 +85,23 @@ contains
       character(*), intent(in) :: name, units, long_name
       real(wp), intent(in) :: value
       real(wp), intent(in), optional :: standard_error
-      type(label_type) :: label
 
-      label%units = units
-      label%long_name = long_name
-      label%axes = ''
-      call self%put(name, value, label)
-      if (.not. present(standard_error)) return
-      label%long_name = 'standard error: '//long_name
-      call self%put(name//'_error', standard_error, label)
+      call self%put(name, value, units, long_name, '')
+      call self%put(name//'_error', standard_error, units, 'standard error: '//long_name, '')
    end subroutine put_value
+
+   !> Writes an axis without values of its own: 1, 2, ... or from another first number on.
+   subroutine put_axis(self, name, n, long_name, first)
+      class(group_type), intent(inout) :: self
+      character(*), intent(in) :: name, long_name
+      integer, intent(in) :: n
+      integer, intent(in), optional :: first
+      integer :: before, i
+
+      before = 0
+      if (present(first)) before = first - 1
+      call self%put(name, [(before + i, i=1, n)], '1', long_name, name)
+   end subroutine put_axis
 
    !> Writes the axis of the columns that follow; rows are counted from 1.
    subroutine start_table(self, axis, n_rows, long_name)
@@ -114,7 +110,7 @@ contains
       integer, intent(in) :: n_rows
 
       self%axis = axis
-      call self%put(axis, counted(n_rows), label_type('1', long_name, axis))
+      call self%put_axis(axis, n_rows, long_name)
    end subroutine start_table
 
    subroutine real_column(self, name, values, units, long_name)
@@ -122,7 +118,7 @@ contains
       character(*), intent(in) :: name, units, long_name
       real(wp), intent(in) :: values(:)
 
-      call self%put(name, values, label_type(units, long_name, trim(self%axis)))
+      call self%put(name, values, units, long_name, trim(self%axis))
    end subroutine real_column
 
    !> Writes a column of whole numbers, or of flags 0 and 1, without a unit.
@@ -131,16 +127,7 @@ contains
       character(*), intent(in) :: name, long_name
       integer, intent(in) :: values(:)
 
-      call self%put(name, values, label_type('1', long_name, trim(self%axis)))
+      call self%put(name, values, '1', long_name, trim(self%axis))
    end subroutine integer_column
-
-   !> 1, 2, ... n: the values of an axis without others.
-   pure function counted(n) result(numbers)
-      integer, intent(in) :: n
-      integer :: numbers(n)
-      integer :: i
-
-      numbers = [(i, i=1, n)]
-   end function counted
 
 end module io_group

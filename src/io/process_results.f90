@@ -3,9 +3,9 @@ module io_process_results
    use core_error, only: error_type, exit_file, raise
    use core_kinds, only: long, wp
    use core_phrases, only: numbered
-   use io_group, only: counted, group_type, new_group
-   use io_hdf5, only: has_attribute, hdf5_file, label_type, read_attribute, read_dataset, &
-                      read_extent, write_sealed_attribute
+   use io_group, only: group_type, new_group
+   use io_hdf5, only: has_attribute, hdf5_file, read_attribute, read_dataset, read_extent, &
+                      write_sealed_attribute
    use io_results, only: results_writer
    use process_components, only: axis_type, component, component_visitor, forget_components, &
                                  visit_components
@@ -167,7 +167,8 @@ contains
 
       if (.not. allocated(values)) return
       call put_axis(self, what%axis, size(values))
-      call self%group%put(trim(what%name), values, label_of(what))
+      call self%group%put(trim(what%name), values, trim(what%units), trim(what%about), &
+                          trim(what%axis%name))
    end subroutine put_reals
 
    subroutine put_integers(self, what, values)
@@ -177,7 +178,8 @@ contains
 
       if (.not. allocated(values)) return
       call put_axis(self, what%axis, size(values))
-      call self%group%put(trim(what%name), values, label_of(what))
+      call self%group%put(trim(what%name), values, trim(what%units), trim(what%about), &
+                          trim(what%axis%name))
    end subroutine put_integers
 
    subroutine put_table(self, what, values, rows)
@@ -185,14 +187,12 @@ contains
       type(component), intent(in) :: what
       integer, allocatable, intent(inout) :: values(:, :)
       type(axis_type), intent(in) :: rows
-      type(label_type) :: label
 
       if (.not. allocated(values)) return
       call put_axis(self, rows, size(values, 1))
       call put_axis(self, what%axis, size(values, 2))
-      label = label_of(what)
-      label%axes = trim(what%axis%name)//' '//trim(rows%name)
-      call self%group%put(trim(what%name), values, label)
+      call self%group%put(trim(what%name), values, trim(what%units), trim(what%about), &
+                          trim(what%axis%name)//' '//trim(rows%name))
    end subroutine put_table
 
    !> Writes an axis, once in a group.
@@ -203,18 +203,8 @@ contains
 
       if (allocated(self%group%error)) return
       if (self%group%file%has(self%group%path//'/'//trim(axis%name))) return
-      call self%group%put(trim(axis%name), counted(n) + axis%first - 1, &
-                          label_type('1', trim(axis%about), trim(axis%name)))
+      call self%group%put_axis(trim(axis%name), n, trim(axis%about), axis%first)
    end subroutine put_axis
-
-   pure function label_of(what) result(label)
-      type(component), intent(in) :: what
-      type(label_type) :: label
-
-      label%units = trim(what%units)
-      label%long_name = trim(what%about)
-      label%axes = trim(what%axis%name)
-   end function label_of
 
    subroutine take_real(self, what, value, error, none)
       class(reading_visitor), intent(inout) :: self
@@ -323,11 +313,10 @@ contains
       type(group_type), intent(inout) :: group
       real(wp), intent(in), contiguous :: realizations(:, :)   !! (point, realization)
 
-      call group%put('point', counted(size(realizations, 1)), label_type('1', 'point', 'point'))
-      call group%put('realization', counted(size(realizations, 2)), &
-                     label_type('1', 'realization', 'realization'))
-      call group%put('realizations', realizations, &
-                     label_type('unit of x', 'realizations of the process', 'realization point'))
+      call group%put_axis('point', size(realizations, 1), 'point')
+      call group%put_axis('realization', size(realizations, 2), 'realization')
+      call group%put('realizations', realizations, 'unit of x', 'realizations of the process', &
+                     'realization point')
    end subroutine write_realizations
 
 end module io_process_results

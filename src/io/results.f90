@@ -6,8 +6,8 @@ module io_results
    use core_kinds, only: long, wp
    use io_contents, only: check_contents, note_contents
    use io_files, only: folder_of, remove_file, sync_file, sync_folder, unfinished_name
-   use io_group, only: counted, group_type, new_group
-   use io_hdf5, only: create_hdf5, hdf5_file, label_type, open_hdf5, write_attribute
+   use io_group, only: group_type, new_group
+   use io_hdf5, only: create_hdf5, hdf5_file, open_hdf5, write_attribute
    use io_identity, only: identity_type, write_identity
    use io_lock, only: lock_type
    use numerics_sparse, only: sparse_matrix, sparse_of
@@ -15,6 +15,10 @@ module io_results
    implicit none(type, external)
    private
    public :: provenance_type, results_writer, begin_results
+
+   character(*), parameter, public :: &
+      about_dofs = 'degree of freedom; of a chain: mass, from the wall', &
+      about_joints = 'joint; of a chain: that of the mass of this number'
 
    !> Where results come from; what differs between two equal runs stands in attributes of the file
    !> alone.
@@ -111,35 +115,30 @@ contains
       call group%attribute('n_zero_modes', structure%n_zero_modes)
       call group%put_value('dt', how%dt, 's', 'time step')
       associate (n => structure%n_dof)
-         call group%put('mode', counted(n), label_type('1', 'mode, from the lowest', 'mode'))
-         call group%put('dof', counted(n), &
-                       label_type('1', 'degree of freedom; of a chain: mass, from the wall', 'dof'))
-         call group%put('joint', counted(structure%n_joints), &
-                     label_type('1', 'joint; of a chain: that of the mass of this number', 'joint'))
-         call group%put('force', counted(structure%n_forces), &
-                        label_type('1', 'force, a column of the load', 'force'))
+         call group%put_axis('mode', n, 'mode, from the lowest')
+         call group%put_axis('dof', n, about_dofs)
+         call group%put_axis('joint', structure%n_joints, about_joints)
+         call group%put_axis('force', structure%n_forces, 'force, a column of the load')
       end associate
-      call group%put('frequencies_stuck', structure%frequencies_stuck, &
-                     label_type('Hz', 'natural frequency with all joints stuck', 'mode'))
-      call group%put('frequencies_slip', structure%frequencies_slip, &
-                     label_type('Hz', 'natural frequency with all joints slipping', 'mode'))
+      call group%put('frequencies_stuck', structure%frequencies_stuck, 'Hz', &
+                     'natural frequency with all joints stuck', 'mode')
+      call group%put('frequencies_slip', structure%frequencies_slip, 'Hz', &
+                     'natural frequency with all joints slipping', 'mode')
       if (size(structure%damping_ratio) > 0) &
-         call group%put('damping_ratio', structure%damping_ratio, &
-                        label_type('1', 'damping ratio with all joints stuck', 'mode'))
+         call group%put('damping_ratio', structure%damping_ratio, '1', &
+                        'damping ratio with all joints stuck', 'mode')
       call write_entries(group, 'mass', 'kg', structure%mass)
       call write_entries(group, 'stiffness', 'N/m', structure%stiffness)
       call write_entries(group, 'damping', 'N s/m', structure%damping)
-      call group%put('joint_stiffness', structure%joint_stiffness, &
-                     label_type('N/m', 'stiffness of the joint while it sticks', 'joint'))
-      call group%put('normal_load', structure%normal_load, &
-                     label_type('N', 'normal load of the joint', 'joint'))
-      call group%put('joint_friction', structure%joint_friction, &
-                     label_type('1', 'friction coefficient as given', 'joint'))
-      call group%put('friction_point', structure%friction_point, &
-                     label_type('1', 'point of the process that gives the friction', 'joint'))
-      call group%put('directions', structure%direction, &
-                     label_type('1', 'direction of the joint', 'joint dof'))
-      call group%put('load', structure%load, label_type('1', 'factor of the force', 'force dof'))
+      call group%put('joint_stiffness', structure%joint_stiffness, 'N/m', &
+                     'stiffness of the joint while it sticks', 'joint')
+      call group%put('normal_load', structure%normal_load, 'N', 'normal load of the joint', 'joint')
+      call group%put('joint_friction', structure%joint_friction, '1', &
+                     'friction coefficient as given', 'joint')
+      call group%put('friction_point', structure%friction_point, '1', &
+                     'point of the process that gives the friction', 'joint')
+      call group%put('directions', structure%direction, '1', 'direction of the joint', 'joint dof')
+      call group%put('load', structure%load, '1', 'factor of the force', 'force dof')
       call group%take_error(error)
    end subroutine write_structure
 
@@ -153,10 +152,10 @@ contains
 
       entries = sparse_of(matrix)
       axis = name//'_entry'
-      call group%put(axis, counted(size(entries%value)), label_type('1', 'entry', axis))
-      call group%put(name//'_row', entries%row_of_entries(), label_type('1', 'row', axis))
-      call group%put(name//'_column', entries%column, label_type('1', 'column', axis))
-      call group%put(name//'_value', entries%value, label_type(unit, 'value', axis))
+      call group%put_axis(axis, size(entries%value), 'entry')
+      call group%put(name//'_row', entries%row_of_entries(), '1', 'row', axis)
+      call group%put(name//'_column', entries%column, '1', 'column', axis)
+      call group%put(name//'_value', entries%value, unit, 'value', axis)
    end subroutine write_entries
 
    !> Closes the file, reads it back, and gives it its name; before that there is nothing of that
