@@ -7,7 +7,7 @@ module driver_audit
    use core_error, only: error_type
    use core_kinds, only: wp
    use io_audit_results, only: write_audit
-   use io_gathering, only: read_band, read_samples, shards_of
+   use io_gathering, only: read_part, read_samples, shards_of
    use io_results, only: results_writer
    use io_shards, only: shard_type
    use io_store, only: shard_store
@@ -65,9 +65,9 @@ contains
          do f = 1, n_frequencies, together
             allocate (tested(n_dof, min(together, n_frequencies - f + 1), n))
             allocate (reference, mold=tested)
-            call read_band(store, own, audited, 'psd', 1, f, tested, error)
+            call read_part(store, own, audited, 'psd', [1, f, 1], tested, error)
             if (.not. allocated(error)) &
-               call read_band(store, audits, audit, 'psd', 1, f, reference, error)
+               call read_part(store, audits, audit, 'psd', [1, f, 1], reference, error)
             if (allocated(error)) return
             call comparison%add(tested, reference, plan%output%percentiles)
             deallocate (tested, reference)

@@ -4,7 +4,7 @@ module driver_judge_results
    use campaign_estimates, only: case_estimates
    use campaign_plan, only: plan_type
    use campaign_pooling, only: fewest_samples, most_fitted
-   use campaign_results, only: case_statistics
+   use campaign_results, only: case_statistics, of_slip
    use campaign_samples_needed, only: find_need, needs_more_samples, slip_error, slip_error_of, &
       statistical_error, with_own_records
    use core_error, only: error_type, exit_no_solution, raise
@@ -73,7 +73,7 @@ contains
       if (allocated(error)) return
       statistical = 0.0_wp
       do i = 1, size(errors)
-         if (allocated(errors(i)%statistics%slip%mean_error)) &
+         if (allocated(errors(i)%statistics%numbers(of_slip)%mean_error)) &
             statistical = max(statistical, statistical_error( &
                               slip_error_of(errors(i)%statistics, errors(i)%ratio, 0, .false.)))
       end do
@@ -265,10 +265,10 @@ contains
       real(wp), allocatable :: ratio(:)   !! (joint)
 
       if (estimates%estimator == 'plain') then
-         allocate (ratio, mold=estimates%best%slip%mean)
+         allocate (ratio, mold=estimates%best%numbers(of_slip)%mean)
          ratio = 1.0_wp
       else
-         ratio = estimates%error_ratio%slip%mean
+         ratio = estimates%error_ratio%numbers(of_slip)%mean
       end if
    end function ratio_of
 

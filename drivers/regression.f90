@@ -2,14 +2,15 @@
 !> joint or a dof at a time.
 module driver_regression
    use, intrinsic :: iso_c_binding, only: c_f_pointer, c_loc
-   use campaign_estimates, only: case_estimates, n_quantities
+   use campaign_estimates, only: case_estimates
    use campaign_law, only: draw_law
    use campaign_plan, only: kept_dofs, plan_type
    use campaign_pooling, only: case_pool, estimators_of, find_points, find_pools, reason_for_plain
-   use campaign_results, only: block_result, case_statistics, joint_statistics
+   use campaign_results, only: block_result, case_statistics, joint_statistics, n_quantities, &
+      of_amplitude, of_dissipation, of_distance, of_slip
    use core_error, only: error_type
    use core_kinds, only: wp
-   use io_gathering, only: read_density, read_samples, shards_of
+   use io_gathering, only: read_part, read_samples, shards_of
    use io_shards, only: shard_type
    use io_store, only: shard_store
    use parallel_work, only: new_counter, work_counter
@@ -93,7 +94,7 @@ contains
       real(wp), intent(in) :: frequency(:)
       type(case_statistics), intent(in) :: statistics(:)
       type(workshop_type), intent(inout) :: workshop
-      integer :: c, i, p
+      integer :: c, i, p, q
 
       workshop%share_below = plan%output%percentiles/100.0_wp
       workshop%n_joints = plan%structure%n_joints
@@ -110,11 +111,11 @@ contains
             do i = 1, size(cases)
                c = cases(i)
                workshop%plain(c) = statistics(c)
-               call share_joints(workshop%plain(c)%slip)
-               call share_joints(workshop%plain(c)%slip_distance)
-               call share_joints(workshop%plain(c)%dissipation)
-               if (workshop%n_amplitudes > 0) &
-                  call share_joints(workshop%plain(c)%harmonic_amplitude)
+               do q = 1, merge(of_amplitude, n_quantities, workshop%n_amplitudes > 0)
+                  call world%broadcast(workshop%plain(c)%numbers(q)%mean)
+                  call world%broadcast(workshop%plain(c)%numbers(q)%std)
+                  call world%broadcast(workshop%plain(c)%numbers(q)%percentiles)
+               end do
                if (size(workshop%dofs) > 0) then
                   call world%broadcast(workshop%plain(c)%psd_mean)
                   call share_cube(workshop%plain(c)%psd_percentiles, &
@@ -128,14 +129,6 @@ contains
       end do
 
    contains
-
-      subroutine share_joints(plain)
-         type(joint_statistics), intent(inout) :: plain
-
-         call world%broadcast(plain%mean)
-         call world%broadcast(plain%std)
-         call world%broadcast(plain%percentiles)
-      end subroutine share_joints
 
       subroutine share_cube(values, extent)
          real(wp), allocatable, intent(inout) :: values(:, :, :)   !! allocated at the root
@@ -167,11 +160,15 @@ contains
       end if
       associate (dof => part - workshop%n_joints, n_spectra => size(workshop%dofs))
          if (dof <= 0) then
-            call estimate_joint(workshop, part, error)
+            call estimate_numbers(workshop, [of_slip, of_distance, of_dissipation], part, &
+                                  workshop%responses(:, :, part), error)
          else if (dof <= n_spectra) then
             call estimate_dof(store, shards, dof, workshop, error)
          else
-            call estimate_amplitude(workshop, dof - n_spectra, error)
+            associate (place => dof - n_spectra)
+               call estimate_numbers(workshop, [of_amplitude], place, &
+                                     workshop%amplitudes(:, place:place), error)
+            end associate
          end if
       end associate
    end subroutine do_task
@@ -207,9 +204,9 @@ contains
             if (allocated(error)) return
             friction(first(i):first(i + 1) - 1, :) = transpose(samples%friction(workshop%takers, :))
             associate (ours => workshop%responses(first(i):first(i + 1) - 1, :, :))
-               ours(:, 1, :) = transpose(samples%slip_fraction)
-               ours(:, 2, :) = transpose(samples%slip_distance)
-               ours(:, 3, :) = transpose(samples%dissipation)
+               ours(:, of_slip, :) = transpose(samples%slip_fraction)
+               ours(:, of_distance, :) = transpose(samples%slip_distance)
+               ours(:, of_dissipation, :) = transpose(samples%dissipation)
             end associate
             if (size(workshop%amplitudes) > 0) &
                workshop%amplitudes(first(i):first(i + 1) - 1, :) = &
@@ -236,66 +233,38 @@ contains
       end associate
    end subroutine gather_pool
 
-   subroutine estimate_joint(workshop, joint, error)
+   !> Estimates numbers of one joint or dof that follow the same inputs, for all cases at hand.
+   subroutine estimate_numbers(workshop, quantities, place, values, error)
       type(workshop_type), intent(inout) :: workshop
-      integer, intent(in) :: joint
+      integer, intent(in) :: quantities(:)   !! of_slip and others
+      integer, intent(in) :: place           !! joint or dof
+      real(wp), intent(in) :: values(:, :)   !! (sample, quantity)
       type(error_type), allocatable, intent(out) :: error
       type(scalar_plain), allocatable :: plain(:, :)
       type(scalar_type), allocatable :: estimates(:, :)
       integer :: i, q
 
       associate (cases => workshop%pools(workshop%at_hand)%cases)
-         allocate (plain(n_quantities, size(cases)), estimates(n_quantities, size(cases)))
+         allocate (plain(size(quantities), size(cases)), estimates(size(quantities), size(cases)))
          do i = 1, size(cases)
-            plain(1, i) = plain_of(workshop%plain(cases(i))%slip, joint)
-            plain(2, i) = plain_of(workshop%plain(cases(i))%slip_distance, joint)
-            plain(3, i) = plain_of(workshop%plain(cases(i))%dissipation, joint)
-         end do
-         call estimate_scalars(workshop%pool, workshop%responses(:, :, joint), &
-                               [.true., .false., .false.], workshop%share_below, plain, estimates, &
-                               error)
-         if (allocated(error)) return
-         do i = 1, size(cases)
-            do q = 1, n_quantities
-               call workshop%found(cases(i))%take_scalar(q, joint, estimates(q, i))
+            do q = 1, size(quantities)
+               associate (statistics => workshop%plain(cases(i))%numbers(quantities(q)))
+                  plain(q, i)%mean = statistics%mean(place)
+                  plain(q, i)%deviation = statistics%std(place)
+                  plain(q, i)%percentile = statistics%percentiles(place, :)
+               end associate
             end do
          end do
-      end associate
-
-   end subroutine estimate_joint
-
-   !> Plain statistics of one joint or dof.
-   pure function plain_of(statistics, place) result(plain)
-      type(joint_statistics), intent(in) :: statistics
-      integer, intent(in) :: place
-      type(scalar_plain) :: plain
-
-      plain%mean = statistics%mean(place)
-      plain%deviation = statistics%std(place)
-      plain%percentile = statistics%percentiles(place, :)
-   end function plain_of
-
-   subroutine estimate_amplitude(workshop, dof, error)
-      type(workshop_type), intent(inout) :: workshop
-      integer, intent(in) :: dof
-      type(error_type), allocatable, intent(out) :: error
-      type(scalar_plain), allocatable :: plain(:, :)
-      type(scalar_type), allocatable :: estimates(:, :)
-      integer :: i
-
-      associate (cases => workshop%pools(workshop%at_hand)%cases)
-         allocate (plain(1, size(cases)), estimates(1, size(cases)))
-         do i = 1, size(cases)
-            plain(1, i) = plain_of(workshop%plain(cases(i))%harmonic_amplitude, dof)
-         end do
-         call estimate_scalars(workshop%pool, workshop%amplitudes(:, dof:dof), [.false.], &
+         call estimate_scalars(workshop%pool, values, quantities == of_slip, &
                                workshop%share_below, plain, estimates, error)
          if (allocated(error)) return
          do i = 1, size(cases)
-            call workshop%found(cases(i))%take_amplitude(dof, estimates(1, i))
+            do q = 1, size(quantities)
+               call workshop%found(cases(i))%take_scalar(quantities(q), place, estimates(q, i))
+            end do
          end do
       end associate
-   end subroutine estimate_amplitude
+   end subroutine estimate_numbers
 
    subroutine estimate_dof(store, shards, dof, workshop, error)
       type(shard_store), intent(in) :: store
@@ -305,16 +274,20 @@ contains
       type(error_type), allocatable, intent(out) :: error
       type(spectrum_plain), allocatable :: plain(:)
       type(spectrum_type), allocatable :: estimates(:)
-      real(wp), allocatable :: density(:, :)   ! (sample, frequency)
+      real(wp), allocatable :: density(:, :)      ! (sample, frequency)
+      real(wp), allocatable :: of_case(:, :, :)   ! (1, frequency, sample)
       integer :: i
 
       associate (cases => workshop%pools(workshop%at_hand)%cases, &
                  n_fitted => workshop%pools(workshop%at_hand)%n_fitted, pool => workshop%pool)
          allocate (density(size(pool%x, 1), size(workshop%plain(cases(1))%psd_mean, 2)))
          do i = 1, size(cases)
-            call read_density(store, shards_of(shards, cases(i), n_fitted(i)), cases(i), dof, &
-                              density(pool%first(i):pool%first(i + 1) - 1, :), error)
+            allocate (of_case(1, size(density, 2), n_fitted(i)))
+            call read_part(store, shards_of(shards, cases(i), n_fitted(i)), cases(i), 'psd', &
+                           [dof, 1, 1], of_case, error)
             if (allocated(error)) return
+            density(pool%first(i):pool%first(i + 1) - 1, :) = transpose(of_case(1, :, :))
+            deallocate (of_case)
          end do
          allocate (plain(size(cases)), estimates(size(cases)))
          do i = 1, size(cases)
@@ -344,11 +317,11 @@ contains
 
       subroutine add_statistics(of)
          type(case_statistics), intent(inout) :: of
+         integer :: q
 
-         call add_numbers(of%slip)
-         call add_numbers(of%slip_distance)
-         call add_numbers(of%dissipation)
-         call add_numbers(of%harmonic_amplitude)
+         do q = of_slip, of_amplitude
+            call add_numbers(of%numbers(q))
+         end do
          call add(of%psd_mean)
          call add(of%psd_mean_error)
          call add(of%psd_percentiles)

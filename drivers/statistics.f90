@@ -4,14 +4,15 @@ module driver_statistics
    use campaign_group_percentiles, only: sample_groups
    use campaign_joint_statistics, only: joint_collector, start_joints
    use campaign_plan, only: kept_dofs, plan_type
-   use campaign_results, only: block_result, case_statistics, spectrum_layout
+   use campaign_results, only: block_result, case_statistics, n_quantities, of_amplitude, &
+      spectrum_layout
    use campaign_selection, only: selection_type
    use campaign_time_average, only: count_spans, fewest_spans, span_collector, start_spans
    use core_chunks, only: frequencies_together
    use core_error, only: error_type
    use core_kinds, only: wp
    use io_blocks, only: put_short
-   use io_gathering, only: read_band, read_samples, read_slip_series
+   use io_gathering, only: read_part, read_samples
    use io_group, only: group_type
    use io_shards, only: shard_type
    use io_store, only: shard_store
@@ -23,6 +24,7 @@ module driver_statistics
    public :: case_task, open_case, write_short
 
    integer, parameter :: most_slices = 32   !! of the frequencies, shared out over the ranks
+   integer, parameter :: samples_together = 64   !! whose slip series are read at once
 
    !> The statistics of one case in the making: `open_case`, then every rank takes items when it has
    !> time, then `close`. An item is a slice of the frequencies of a group of samples, or the joints
@@ -54,7 +56,7 @@ contains
       type(shard_type), intent(in) :: shards(:)   !! of the case, as shards_of has them
       type(case_task), intent(out) :: task
       type(spectrum_layout), intent(in), optional :: layout   !! absent: without spectra
-      integer :: n_dof, n_groups, n_samples
+      integer :: n_dof, n_groups, n_numbers, n_samples
 
       task%number = number
       task%shards = shards
@@ -66,9 +68,9 @@ contains
       n_groups = 0
       if (task%has_numbers) then
          associate (structure => plan%structure)
-            call start_joints(n_samples, 3*structure%n_joints + merge(structure%n_dof, 0, &
-                                                                 plan%excitation%kind == 'sine'), &
-                              plan%output%percentiles, task%numbers)
+            n_numbers = n_quantities*structure%n_joints
+            if (plan%excitation%kind == 'sine') n_numbers = n_numbers + structure%n_dof
+            call start_joints(n_samples, n_numbers, plan%output%percentiles, task%numbers)
             n_groups = task%numbers%percentiles%n_groups()
             call start_spans(count_spans(plan%integration), structure%n_joints, n_groups, &
                              task%spans)
@@ -208,7 +210,8 @@ contains
          from = first + together*modulo(item - 1, n_ranges)
          associate (samples => self%bands%percentiles%group_first(group:group + 1))
             allocate (psd(n_dof, min(together, last - from + 1), samples(2) - samples(1)))
-            call read_band(store, self%shards, self%number, 'psd', samples(1), from, psd, error)
+            call read_part(store, self%shards, self%number, 'psd', [1, from, samples(1)], psd, &
+                           error)
          end associate
          if (.not. allocated(error)) then
             do f = 1, size(psd, 2)
@@ -239,14 +242,13 @@ contains
          if (allocated(error)) return
          call self%numbers%add(group, numbers_of(samples))
          if (.not. self%has_spans) return
-         do i = 1, size(self%shards)
-            associate (shard => self%shards(i))
-               if (shard%first_sample > last) exit
-               if (shard%first_sample + shard%n_samples <= first(1)) cycle
-               call read_slip_series(shard, first(1), last, series, error)
-            end associate
+         do i = first(1), last, samples_together
+            allocate (series(size(self%spans%common, 2), size(self%spans%common, 1), &
+                             min(samples_together, last - i + 1)))
+            call read_part(store, self%shards, self%number, 'slip_series', [1, 1, i], series, error)
             if (allocated(error)) return
             call self%spans%add(group, series)
+            deallocate (series)
          end do
       end associate
    end subroutine add_joints
@@ -329,15 +331,16 @@ contains
       class(case_task), intent(in) :: self
       type(plan_type), intent(in) :: plan
       type(case_statistics), intent(inout) :: statistics
+      integer :: q
 
       statistics%n_samples = plan%cases(self%number)%n_samples
       associate (n => plan%structure%n_joints)
-         call self%numbers%finish(1, n, statistics%slip)
-         call self%numbers%finish(n + 1, 2*n, statistics%slip_distance)
-         call self%numbers%finish(2*n + 1, 3*n, statistics%dissipation)
+         do q = 1, n_quantities
+            call self%numbers%finish((q - 1)*n + 1, q*n, statistics%numbers(q))
+         end do
          if (plan%excitation%kind == 'sine') &
             call self%numbers%finish(3*n + 1, 3*n + plan%structure%n_dof, &
-                                     statistics%harmonic_amplitude)
+                                     statistics%numbers(of_amplitude))
       end associate
       if (.not. self%has_spans) return
       call self%spans%finish(statistics%n_samples, statistics)
@@ -384,12 +387,13 @@ contains
       do f = first, last, together
          call attend_to_others()
          allocate (psd(n_dof, min(together, last - f + 1), n_samples))
-         call read_band(store, shards, number, 'psd', first_sample, f, psd, error)
+         call read_part(store, shards, number, 'psd', [1, f, first_sample], psd, error)
          if (.not. allocated(error) .and. allocated(bands%batches%variance)) then
             place = bands%first_of_power(f)
             allocate (power(n_dof, bands%first_of_power(f + size(psd, 2) - 1) + n_batches &
                             - place, n_samples))
-            call read_band(store, shards, number, 'power_series', first_sample, place, power, error)
+            call read_part(store, shards, number, 'power_series', [1, place, first_sample], &
+                           power, error)
          end if
          if (allocated(error)) return
          call bands%add(slice, f, group, psd, power)

@@ -1,14 +1,12 @@
 !> The best estimates of a case: those of a regression where there is one, else plain sampling's.
 module campaign_estimates
-   use campaign_results, only: case_statistics, joint_statistics
+   use campaign_results, only: case_statistics, joint_statistics, of_slip
    use core_kinds, only: wp
    use statistics_scalars, only: scalar_type
    use statistics_spectra, only: spectrum_type
    implicit none(type, external)
    private
-   public :: case_estimates, n_quantities
-
-   integer, parameter :: n_quantities = 3   !! of a joint: slip fraction, slip distance, dissipation
+   public :: case_estimates
 
    !> Estimates of one case with how they came about.
    type :: case_estimates
@@ -24,7 +22,6 @@ module campaign_estimates
    contains
       procedure :: start
       procedure :: take_scalar
-      procedure :: take_amplitude
       procedure :: take_spectrum
    end type case_estimates
 
@@ -38,14 +35,11 @@ contains
       integer, intent(in) :: friction_points(:)    !! of the process, ascending
 
       self%friction_points = friction_points
-      allocate (self%sensitivity(size(friction_points), size(plain%slip%mean)), source=0.0_wp)
+      allocate (self%sensitivity(size(friction_points), size(plain%numbers(of_slip)%mean)), &
+                source=0.0_wp)
       allocate (self%sensitivity_error, source=self%sensitivity)
       associate (best => self%best, ratio => self%error_ratio)
-         call start_numbers(plain%slip, best%slip, ratio%slip)
-         call start_numbers(plain%slip_distance, best%slip_distance, ratio%slip_distance)
-         call start_numbers(plain%dissipation, best%dissipation, ratio%dissipation)
-         call start_numbers(plain%harmonic_amplitude, best%harmonic_amplitude, &
-                            ratio%harmonic_amplitude)
+         call start_numbers(plain%numbers, best%numbers, ratio%numbers)
          if (.not. allocated(plain%psd_mean)) return
          associate (n_dof => size(plain%psd_percentiles, 1), nf => size(plain%psd_percentiles, 2), &
                     np => size(plain%psd_percentiles, 3))
@@ -68,7 +62,7 @@ contains
       end associate
    end subroutine start
 
-   pure subroutine start_numbers(plain, best, ratio)
+   elemental subroutine start_numbers(plain, best, ratio)
       type(joint_statistics), intent(in) :: plain
       type(joint_statistics), intent(inout) :: best, ratio
 
@@ -84,52 +78,29 @@ contains
       best%high = ratio%percentiles
    end subroutine start_numbers
 
-   !> Replaces the plain estimates of a quantity of a joint.
-   pure subroutine take_scalar(self, quantity, joint, scalar)
+   !> Replaces the plain estimates of a number of a joint or dof.
+   pure subroutine take_scalar(self, quantity, place, scalar)
       class(case_estimates), intent(inout) :: self
-      integer, intent(in) :: quantity   !! 1: slip fraction, 2: slip distance, 3: dissipation
-      integer, intent(in) :: joint
+      integer, intent(in) :: quantity   !! of_slip, of_distance, of_dissipation or of_amplitude
+      integer, intent(in) :: place      !! joint or dof
       type(scalar_type), intent(in) :: scalar
 
-      associate (best => self%best, ratio => self%error_ratio)
-         select case (quantity)
-         case (1)
-            call replace(joint, scalar, best%slip, ratio%slip)
-            self%sensitivity(:, joint) = scalar%sensitivity
-            self%sensitivity_error(:, joint) = scalar%sensitivity_error
-         case (2)
-            call replace(joint, scalar, best%slip_distance, ratio%slip_distance)
-         case (3)
-            call replace(joint, scalar, best%dissipation, ratio%dissipation)
-         end select
+      associate (best => self%best%numbers(quantity), ratio => self%error_ratio%numbers(quantity))
+         best%mean(place) = scalar%mean
+         best%mean_error(place) = scalar%mean_error
+         best%std(place) = scalar%deviation
+         best%std_error(place) = scalar%deviation_error
+         best%percentiles(place, :) = scalar%percentile
+         best%low(place, :) = scalar%low
+         best%high(place, :) = scalar%high
+         ratio%mean(place) = scalar%mean_ratio
+         ratio%std(place) = scalar%deviation_ratio
+         ratio%percentiles(place, :) = scalar%percentile_ratio
       end associate
+      if (quantity /= of_slip) return
+      self%sensitivity(:, place) = scalar%sensitivity
+      self%sensitivity_error(:, place) = scalar%sensitivity_error
    end subroutine take_scalar
-
-   !> Replaces the plain estimates of the amplitude of a dof under a sine.
-   pure subroutine take_amplitude(self, dof, scalar)
-      class(case_estimates), intent(inout) :: self
-      integer, intent(in) :: dof
-      type(scalar_type), intent(in) :: scalar
-
-      call replace(dof, scalar, self%best%harmonic_amplitude, self%error_ratio%harmonic_amplitude)
-   end subroutine take_amplitude
-
-   pure subroutine replace(joint, scalar, best, ratio)
-      integer, intent(in) :: joint
-      type(scalar_type), intent(in) :: scalar
-      type(joint_statistics), intent(inout) :: best, ratio
-
-      best%mean(joint) = scalar%mean
-      best%mean_error(joint) = scalar%mean_error
-      best%std(joint) = scalar%deviation
-      best%std_error(joint) = scalar%deviation_error
-      best%percentiles(joint, :) = scalar%percentile
-      best%low(joint, :) = scalar%low
-      best%high(joint, :) = scalar%high
-      ratio%mean(joint) = scalar%mean_ratio
-      ratio%std(joint) = scalar%deviation_ratio
-      ratio%percentiles(joint, :) = scalar%percentile_ratio
-   end subroutine replace
 
    !> Replaces the plain estimates of the spectra of a dof.
    pure subroutine take_spectrum(self, dof, spectrum)

@@ -7,6 +7,10 @@ module campaign_results
    private
    public :: block_result, case_statistics, joint_statistics, memory_of_block, spectrum_layout
 
+   !> Numbers of a sample that have statistics: of its joints, and of its dofs under a sine.
+   integer, parameter, public :: of_slip = 1, of_distance = 2, of_dissipation = 3, of_amplitude = 4
+   integer, parameter, public :: n_quantities = 3   !! of a joint: the first ones
+
    !> How spectra were formed; the same for every sample of a campaign.
    type :: spectrum_layout
       integer :: every = 1                      !! every k-th step was used
@@ -58,10 +62,8 @@ module campaign_results
    !> Statistics over the samples of one case. Errors are standard errors, intervals are of 95 %.
    type :: case_statistics
       integer :: n_samples = 0
-      type(joint_statistics) :: slip            !! of slip fractions
-      type(joint_statistics) :: slip_distance   !! [m]
-      type(joint_statistics) :: dissipation     !! [J]
-      type(joint_statistics) :: harmonic_amplitude   !! of dofs in place of joints, sine alone [m]
+      !> of slip fractions, slip distances [m], dissipations [J]; of amplitudes [m] of dofs
+      type(joint_statistics) :: numbers(of_slip:of_amplitude)
       !> (joint) of what the samples have in common, for a march of finite length
       real(wp), allocatable :: slip_mean_time_error(:)
       real(wp), allocatable :: slip_std_time_part(:)     !! (joint) standard deviation it adds

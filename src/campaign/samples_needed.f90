@@ -10,7 +10,7 @@
 !> are 3 to 9 times those of 128 (docs/accuracy.md).
 module campaign_samples_needed
    use campaign_pooling, only: fewest_samples
-   use campaign_results, only: case_statistics
+   use campaign_results, only: case_statistics, of_slip
    use core_kinds, only: long, wp
    implicit none(type, external)
    private
@@ -47,7 +47,7 @@ contains
       error%most_fitted = most_fitted
       error%has_own_records = has_own_records
       if (.not. allocated(statistics%slip_mean_time_error)) return
-      error%samples = points*statistics%slip%mean_error
+      error%samples = points*statistics%numbers(of_slip)%mean_error
       error%ratio = max(1.0_wp, ratio)
       error%record = points*statistics%slip_mean_time_error
       error%own = error%record

@@ -3,9 +3,9 @@ module campaign_size
    use campaign_audit, only: add_audits, kept_of
    use campaign_bands, only: n_replicates
    use campaign_group_percentiles, only: largest_group
-   use campaign_estimates, only: n_quantities
    use campaign_plan, only: kept_dofs, output_settings, plan_type
    use campaign_pooling, only: case_pool, find_points, find_pools, plan_draws, reason_for_plain
+   use campaign_results, only: n_quantities
    use campaign_runner, only: block_width
    use campaign_time_average, only: count_spans, fewest_spans
    use core_chunks, only: frequencies_together, stored_bytes
@@ -46,7 +46,7 @@ contains
       type(plan_type), intent(in) :: plan           !! without audits
       integer, intent(in) :: every                  !! every k-th step enters the spectra
       real(wp), intent(in) :: transitions           !! of a sample in a step
-      type(process_model_type), intent(in), optional :: foreseen(:)   !! (process)
+      type(process_model_type), intent(in) :: foreseen(:)   !! (process)
       real(wp) :: bytes
       type(plan_type) :: all_cases
       integer :: c
@@ -55,11 +55,7 @@ contains
       if (plan%n_realizations > 0) bytes = bytes + margin*size(plan%processes)* &
                                            (word*(plan%n_realizations + plan%n_points) &
                                             + stored_bytes([plan%n_points, plan%n_realizations]))
-      if (present(foreseen)) then
-         bytes = bytes + sum(size_of_process(plan%processes, foreseen))
-      else
-         bytes = bytes + sum(size_of_process(plan%processes))
-      end if
+      bytes = bytes + sum(size_of_process(plan%processes, foreseen))
       if (.not. plan%has_structure) return
       all_cases = plan
       call add_audits(all_cases)
@@ -79,29 +75,24 @@ contains
    !> as are kept.
    elemental function size_of_process(request, foreseen) result(bytes)
       type(process_request), intent(in) :: request
-      type(process_model_type), intent(in), optional :: foreseen
+      type(process_model_type), intent(in) :: foreseen
       real(wp) :: bytes
       real(wp), parameter :: of_lag = 2.5_wp, of_order = 3.5_wp, of_node = 2.5_wp, &
                              most_lags = 4097.0_wp, most_of_positive = 601.0_wp
       real(wp) :: n_lags, n_solutions, order
 
       bytes = of_refused
-      if (present(foreseen)) then
-         if (.not. foreseen%is_solved) return
-      end if
+      if (.not. foreseen%is_solved) return
       order = request%order
       if (request%order == 0) order = request%max_order
       n_lags = min(10.0_wp + 12*request%correlation_length &
                    + order*(5.0_wp + 4.5_wp*request%correlation_length), &
                    merge(most_of_positive, most_lags, request%positive))   ! a bound
-      if (present(foreseen)) then
-         if (allocated(foreseen%a)) order = size(foreseen%a)
-         if (allocated(foreseen%autocovariance)) n_lags = size(foreseen%autocovariance)
-      end if
+      if (allocated(foreseen%a)) order = size(foreseen%a)
+      if (allocated(foreseen%autocovariance)) n_lags = size(foreseen%autocovariance)
       n_solutions = 1.0_wp
       if (request%all_signs) n_solutions = min(2.0_wp**min(order, 30.0_wp), 1.0_wp*max_listed)
       bytes = of_process + word*(of_lag*n_lags + of_order*order + n_solutions*(0.5_wp*order + 4))
-      if (.not. present(foreseen)) return
       if (allocated(foreseen%nodes)) bytes = bytes + word*of_node*size(foreseen%nodes)
    end function size_of_process
 

@@ -4,7 +4,8 @@ module io_case_statistics
    use, intrinsic :: iso_c_binding, only: c_f_pointer, c_loc
    use campaign_estimates, only: case_estimates
    use campaign_plan, only: plan_type
-   use campaign_results, only: case_statistics, joint_statistics
+   use campaign_results, only: case_statistics, joint_statistics, of_amplitude, of_dissipation, &
+      of_distance, of_slip
    use core_error, only: error_type
    use core_kinds, only: wp
    use core_phrases, only: numbered
@@ -40,7 +41,7 @@ contains
 
       call write_statistics(group, plan, found%best, found%estimator /= 'plain')
       call write_time_errors(group, plan, plain)
-      if (allocated(plain%slip%mean)) then
+      if (allocated(plain%numbers(of_slip)%mean)) then
          call group%attribute('estimator', trim(found%estimator))
          if (len(found%reason) > 0) call group%attribute('plain_reason', found%reason)
       end if
@@ -105,7 +106,7 @@ contains
       logical, intent(in) :: is_regression
       type(statistics_visitor) :: v
 
-      if (.not. allocated(statistics%slip%mean)) return
+      if (.not. allocated(statistics%numbers(of_slip)%mean)) return
       call write_methods(group, is_regression, allocated(statistics%psd_mean))
       v%group = group
       v%dof = kept_axis(plan)
@@ -149,11 +150,12 @@ contains
                                  by_both = 'percentile frequency kept'
 
       associate (s => statistics)
-         call visit_numbers('slip', '1', 'slip_fraction', 'joint', s%slip)
-         call visit_numbers('slip_distance', 'm', 'slip_distance', 'joint', s%slip_distance)
-         call visit_numbers('dissipation', 'J', 'dissipation', 'joint', s%dissipation)
+         call visit_numbers('slip', '1', 'slip_fraction', 'joint', s%numbers(of_slip))
+         call visit_numbers('slip_distance', 'm', 'slip_distance', 'joint', &
+                            s%numbers(of_distance))
+         call visit_numbers('dissipation', 'J', 'dissipation', 'joint', s%numbers(of_dissipation))
          call visit_numbers('harmonic_amplitude', 'm', 'harmonic_amplitude', 'dof', &
-                            s%harmonic_amplitude)
+                            s%numbers(of_amplitude))
          call v%visit('psd_mean', 'm^2/Hz', by_frequency, 'mean of psd', s%psd_mean)
          call v%visit('psd_mean_error', 'm^2/Hz', by_frequency, 'standard error of psd_mean', &
                       s%psd_mean_error)

@@ -1,6 +1,6 @@
 !> Errors of the cases as a results file states them: targets are judged by what was written.
 module io_error_results
-   use campaign_results, only: case_statistics
+   use campaign_results, only: case_statistics, of_slip
    use core_error, only: error_type
    use core_kinds, only: long, wp
    use io_case_results, only: case_group
@@ -56,7 +56,8 @@ contains
 
       associate (statistics => errors%statistics)
          call read_attribute(file, group, 'n_samples', statistics%n_samples, error)
-         call read_row(file, group//'/slip_mean_error', statistics%slip%mean_error, error)
+         call read_row(file, group//'/slip_mean_error', statistics%numbers(of_slip)%mean_error, &
+                       error)
          call read_row(file, group//'/slip_mean_time_error', statistics%slip_mean_time_error, error)
          call read_row(file, group//'/slip_std_time_part', statistics%slip_std_time_part, error)
       end associate
@@ -66,8 +67,9 @@ contains
       if (allocated(error)) return
       if (.not. allocated(errors%ratio)) then
          allocate (errors%ratio(0))
-         if (allocated(errors%statistics%slip%mean_error)) &
-            errors%ratio = 0.0_wp*errors%statistics%slip%mean_error + 1.0_wp
+         associate (slip => errors%statistics%numbers(of_slip))
+            if (allocated(slip%mean_error)) errors%ratio = 0.0_wp*slip%mean_error + 1.0_wp
+         end associate
       end if
       if (.not. allocated(errors%percentiles)) allocate (errors%percentiles(0))
       if (allocated(is_steady)) errors%n_unsteady = count(.not. is_steady > 0.0_wp)

@@ -1,5 +1,4 @@
-!> Data of all shards of one case: small data of all samples, spectra a range of frequencies at a
-!> time.
+!> Data of all shards of one case: small data of all samples, large data a part at a time.
 module io_gathering
    use campaign_results, only: block_result
    use core_error, only: error_type, exit_file, raise
@@ -12,8 +11,7 @@ module io_gathering
    use numerics_sorting, only: sort_order
    implicit none(type, external)
    private
-   public :: count_transitions, finished_samples, read_band, read_density, read_samples, &
-             read_slip_series, shards_of
+   public :: count_transitions, finished_samples, read_part, read_samples, shards_of
 
 contains
 
@@ -77,27 +75,6 @@ contains
       end do
    end subroutine count_transitions
 
-   !> Reads the slip series of those samples of a shard that are among first..last.
-   subroutine read_slip_series(shard, first, last, series, error)
-      type(shard_type), intent(in) :: shard
-      integer, intent(in) :: first, last
-      real(wp), allocatable, intent(out) :: series(:, :, :)   !! (joint, span, sample)
-      type(error_type), allocatable, intent(out) :: error
-      type(hdf5_file) :: file
-      integer(long), allocatable :: n(:)
-      integer :: before, n_samples
-
-      call common_samples(shard, first, last, before, n_samples)
-      call open_hdf5(shard%path, file, error)
-      if (allocated(error)) return
-      call read_extent(file, '/slip_series', 3, n, error)
-      if (.not. allocated(error)) then
-         allocate (series(n(1), n(2), n_samples))
-         call move_part(file, '/slip_series', [1, 1, before + 1], series, .false., error)
-      end if
-      call file%abandon()
-   end subroutine read_slip_series
-
    !> Reads samples first..last without slip series, spectra, histories and transitions.
    subroutine read_samples(store, shards, case_number, first, last, block, error)
       type(shard_store), intent(in) :: store
@@ -126,68 +103,38 @@ contains
       end do
    end subroutine read_samples
 
-   !> Reads spectra of samples first_sample, first_sample + 1, ... at frequencies first_place,
-   !> first_place + 1, ... (both counted from 1), or the power in batches and ranges of them.
-   !> Ranges of frequencies_together need the fewest reads.
-   subroutine read_band(store, shards, case_number, name, first_sample, first_place, values, &
-                        error)
+   !> Reads a part of a dataset of the samples: all values behind the first one, as far as there is
+   !> room. Ranges of frequencies_together need the fewest reads of spectra.
+   subroutine read_part(store, shards, case_number, name, first, values, error)
       type(shard_store), intent(in) :: store
       type(shard_type), intent(in) :: shards(:)   !! of one case, as shards_of has them
       integer, intent(in) :: case_number
-      character(*), intent(in) :: name            !! 'psd' or 'power_series'
-      integer, intent(in) :: first_sample, first_place
-      real(wp), intent(out) :: values(:, :, :)    !! (dof, frequency or batch and range, sample)
+      character(*), intent(in) :: name            !! 'psd', 'power_series' or 'slip_series'
+      integer, intent(in) :: first(3)             !! place of the first value on each axis
+      !> (dof or joint; frequency, batch and range, or span; sample)
+      real(wp), intent(out) :: values(:, :, :)
       type(error_type), allocatable, intent(out) :: error
       type(hdf5_file) :: file
       real(wp), allocatable :: part(:, :, :)
       integer :: before, i, last, n, place
 
-      last = first_sample + size(values, 3) - 1
-      call require_all(store, shards, case_number, first_sample, last, error)
+      last = first(3) + size(values, 3) - 1
+      call require_all(store, shards, case_number, first(3), last, error)
       if (allocated(error)) return
       do i = 1, size(shards)
-         call common_samples(shards(i), first_sample, last, before, n)
+         call common_samples(shards(i), first(3), last, before, n)
          if (n < 1) cycle
          call open_hdf5(shards(i)%path, file, error)
          if (allocated(error)) return
          allocate (part(size(values, 1), size(values, 2), n))
-         call move_part(file, '/'//name, [1, first_place, before + 1], part, .false., error)
+         call move_part(file, '/'//name, [first(:2), before + 1], part, .false., error)
          call file%abandon()
          if (allocated(error)) return
-         place = shards(i)%first_sample + before - first_sample
+         place = shards(i)%first_sample + before - first(3)
          values(:, :, place + 1:place + n) = part
          deallocate (part)
       end do
-   end subroutine read_band
-
-   !> Reads the spectra of one dof of samples 1, 2, ...
-   subroutine read_density(store, shards, case_number, dof, density, error)
-      type(shard_store), intent(in) :: store
-      type(shard_type), intent(in) :: shards(:)   !! of one case, as shards_of has them
-      integer, intent(in) :: case_number
-      integer, intent(in) :: dof                  !! its place among those whose spectra are kept
-      real(wp), intent(out) :: density(:, :)      !! (sample, frequency) [m^2/Hz]
-      type(error_type), allocatable, intent(out) :: error
-      type(hdf5_file) :: file
-      real(wp), allocatable :: part(:, :, :)
-      integer :: before, i, n, place
-
-      call require_all(store, shards, case_number, 1, size(density, 1), error)
-      if (allocated(error)) return
-      do i = 1, size(shards)
-         call common_samples(shards(i), 1, size(density, 1), before, n)
-         if (n < 1) cycle
-         call open_hdf5(shards(i)%path, file, error)
-         if (allocated(error)) return
-         allocate (part(1, size(density, 2), n))
-         call move_part(file, '/psd', [dof, 1, before + 1], part, .false., error)
-         call file%abandon()
-         if (allocated(error)) return
-         place = shards(i)%first_sample + before
-         density(place:place + n - 1, :) = transpose(part(1, :, :))
-         deallocate (part)
-      end do
-   end subroutine read_density
+   end subroutine read_part
 
    !> Finds the samples of a shard that are among first..last: n of them, after the first `before`.
    pure subroutine common_samples(shard, first, last, before, n)

@@ -5,7 +5,7 @@ module io_campaign
    use campaign_comparison, only: compare_slip, compare_spectra, numerical_error
    use campaign_estimates, only: case_estimates
    use campaign_plan, only: plan_type
-   use campaign_results, only: block_result, case_statistics, spectrum_layout
+   use campaign_results, only: block_result, case_statistics, of_slip, spectrum_layout
    use core_error, only: error_type
    use core_kinds, only: long, wp
    use core_text, only: to_text
@@ -163,11 +163,11 @@ contains
       integer :: d
 
       statistics%n_samples = n_samples
-      statistics%slip%mean = [(0.1_wp*d, d=1, n_dof)]
-      statistics%slip%std = 0.1_wp*statistics%slip%mean
-      statistics%slip%mean_error = 0.01_wp*statistics%slip%mean
-      statistics%slip%std_error = 0.01_wp*statistics%slip%std
-      statistics%slip_mean_time_error = 0.02_wp*statistics%slip%mean
+      statistics%numbers(of_slip)%mean = [(0.1_wp*d, d=1, n_dof)]
+      statistics%numbers(of_slip)%std = 0.1_wp*statistics%numbers(of_slip)%mean
+      statistics%numbers(of_slip)%mean_error = 0.01_wp*statistics%numbers(of_slip)%mean
+      statistics%numbers(of_slip)%std_error = 0.01_wp*statistics%numbers(of_slip)%std
+      statistics%slip_mean_time_error = 0.02_wp*statistics%numbers(of_slip)%mean
       allocate (statistics%psd_mean(n_dof, n_frequencies), source=1.5_wp)
       allocate (statistics%psd_percentiles(n_dof, n_frequencies, 2), source=2.5_wp)
       allocate (statistics%pseudo_variance_percentiles(n_dof, 2), source=3.5_wp)
