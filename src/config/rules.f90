@@ -48,85 +48,72 @@ contains
       type(scene_type), intent(in) :: scene
       integer, intent(in) :: i
       type(reader_type), intent(inout) :: reader
+      integer, parameter :: highest_ar_order = 200
 
-      associate (this => scene%processes(i), n_orders => size(scene%processes(i)%orders), &
+      associate (this => scene%processes(i), shared => scene%processes(i)%shared, &
+                 n_orders => size(scene%processes(i)%orders), &
                  n_lengths => size(scene%processes(i)%lengths))
          if (reader%was_given('process', 'order', i)) then
             if (n_orders > 0 .and. n_lengths > 0) &
-               call reader%require(this%pairing /= 'zip' .or. any(n_orders == [1, n_lengths]), &
-                                   'process', 'order', 'must be one for all correlation '// &
-                                   'lengths, or one for each of the '//to_text(n_lengths)// &
-                                   ", with pairing = 'zip'", number=i)
+               call require(this%pairing /= 'zip' .or. any(n_orders == [1, n_lengths]), 'order', &
+                            'must be one for all correlation lengths, or one for each of the '// &
+                            to_text(n_lengths)//", with pairing = 'zip'")
          else
-            call reader%require(this%shared%method /= 'direct', 'process', 'order', &
-                                "must be given with method = 'direct'", number=i)
-            call reader%require(this%pairing /= 'product', 'process', 'order', &
-                                "must be given with pairing = 'product'", number=i)
+            call require(shared%method /= 'direct', 'order', &
+                         "must be given with method = 'direct'")
+            call require(this%pairing /= 'product', 'order', &
+                         "must be given with pairing = 'product'")
          end if
-         call reader%require(this%shared%correlation == 'L1' .or. all(this%range_l0 <= 0.0_wp), &
-                             'process', 'bound_l0', 'must be absent with L0 imposed', number=i)
-         call reader%require(this%shared%correlation == 'L0' .or. all(this%range_l1 <= 0.0_wp), &
-                             'process', 'bound_l1', 'must be absent with L1 imposed', number=i)
-         call require_range(this%range_l0, 'bound_l0', i, reader)
-         call require_range(this%range_l1, 'bound_l1', i, reader)
-         if (this%shared%correlation == 'both') call check_both(this, i, reader)
-         call check_direct(this, i, reader)
+         call require(shared%correlation == 'L1' .or. all(this%range_l0 <= 0.0_wp), 'bound_l0', &
+                      'must be absent with L0 imposed')
+         call require(shared%correlation == 'L0' .or. all(this%range_l1 <= 0.0_wp), 'bound_l1', &
+                      'must be absent with L1 imposed')
+         call require_range(this%range_l0, 'bound_l0')
+         call require_range(this%range_l1, 'bound_l1')
+         if (shared%correlation == 'both') then
+            call require(all(this%lengths > 0.0_wp), 'correlation_length', &
+                         "must be positive with correlation = 'both'")
+            call require(shared%second_length > 0.0_wp, 'second_length', &
+                         "must be positive with correlation = 'both'")
+            call require(shared%method == 'autoregressive', 'correlation', &
+                         "must be 'L0' or 'L1' but with method = 'autoregressive'")
+         end if
+         if (shared%method == 'direct') then
+            call require(shared%inversion_half_width == 0 .or. &
+                         all(shared%inversion_half_width >= this%orders), &
+                         'inversion_half_width', 'must be 0 or at least order')
+         else
+            call require(all(this%orders <= highest_ar_order), 'order', 'must be at most '// &
+                         to_text(highest_ar_order)//", but with method = 'direct'")
+         end if
          if (reader%was_given('process', 'mean', i)) &
-            call reader%require(.not. this%shared%positive .or. this%shared%mean > 0.0_wp, &
-                                'process', 'mean', 'must be positive with positive = .true.', &
-                                number=i)
-         call reader%require(this%shared%positive .or. .not. scene%runs_samples(), 'process', &
-                             'positive', 'must be .true. with motion: no friction coefficient '// &
-                             'is negative', number=i)
+            call require(.not. shared%positive .or. shared%mean > 0.0_wp, 'mean', &
+                         'must be positive with positive = .true.')
+         call require(shared%positive .or. .not. scene%runs_samples(), 'positive', &
+                      'must be .true. with motion: no friction coefficient is negative')
       end associate
+
+   contains
+
+      subroutine require(condition, name, rule)
+         logical, intent(in) :: condition
+         character(*), intent(in) :: name, rule
+
+         call reader%require(condition, 'process', name, rule, number=i)
+      end subroutine require
+
+      !> Requires one bound, or a lower and an upper one.
+      subroutine require_range(bound, name)
+         real(wp), intent(in) :: bound(:)
+         character(*), intent(in) :: name
+
+         call require(any(size(bound) == [1, 2]), name, &
+                      'must be one bound, or a lower and an upper one')
+         if (size(bound) == 2) call require(bound(1) > 0.0_wp .and. bound(1) < bound(2), name, &
+                                            'must be positive and ascending where it is a range')
+      end subroutine require_range
+
    end subroutine check_process
-
-   !> Requires one bound, or a lower and an upper one.
-   subroutine require_range(bound, name, i, reader)
-      real(wp), intent(in) :: bound(:)
-      character(*), intent(in) :: name
-      integer, intent(in) :: i
-      type(reader_type), intent(inout) :: reader
-
-      call reader%require(any(size(bound) == [1, 2]), 'process', name, &
-                          'must be one bound, or a lower and an upper one', number=i)
-      if (size(bound) == 2) &
-         call reader%require(bound(1) > 0.0_wp .and. bound(1) < bound(2), 'process', name, &
-                             'must be positive and ascending where it is a range', number=i)
-   end subroutine require_range
-
-   !> Checks the lengths of a process on which both are imposed.
-   subroutine check_both(this, i, reader)
-      type(process_group), intent(in) :: this
-      integer, intent(in) :: i
-      type(reader_type), intent(inout) :: reader
-
-      call reader%require(all(this%lengths > 0.0_wp), 'process', 'correlation_length', &
-                          "must be positive with correlation = 'both'", number=i)
-      call reader%require(this%shared%second_length > 0.0_wp, 'process', 'second_length', &
-                          "must be positive with correlation = 'both'", number=i)
-      call reader%require(this%shared%method == 'autoregressive', 'process', 'correlation', &
-                          "must be 'L0' or 'L1' but with method = 'autoregressive'", number=i)
-   end subroutine check_both
-
-   !> Checks the values that belong to one method alone.
-   subroutine check_direct(this, i, reader)
-      type(process_group), intent(in) :: this
-      integer, intent(in) :: i
-      type(reader_type), intent(inout) :: reader
-      integer, parameter :: highest_ar_order = 200
-
-      if (.not. allocated(this%orders)) return
-      if (this%shared%method == 'direct') then
-         call reader%require(this%shared%inversion_half_width == 0 .or. &
-                             all(this%shared%inversion_half_width >= this%orders), 'process', &
-                             'inversion_half_width', 'must be 0 or at least order', number=i)
-      else
-         call reader%require(all(this%orders <= highest_ar_order), 'process', 'order', &
-                             'must be at most '//to_text(highest_ar_order)// &
-                             ", but with method = 'direct'", number=i)
-      end if
-   end subroutine check_direct
 
    !> Checks that all &process agree on n_points and n_realizations, of which the results have one
    !> each; gives the values of one group to those that do not have them.
@@ -218,18 +205,17 @@ contains
       associate (p => scene%output%percentiles, accuracy => scene%accuracy)
          call reader%require(all(p(2:) > p(:size(p) - 1)), 'output', 'percentiles', &
                              'must ascend')
-         call reader%require(.not. accuracy%sample_until_met .or. &
-                             accuracy%target_statistical > 0.0_wp, 'accuracy', &
-                             'sample_until_met', 'needs a target_statistical')
-         call reader%require(.not. accuracy%sample_until_met .or. &
-                             .not. (scene%excitation%per_sample .and. &
-                                    scene%excitation%kind == 'file'), 'accuracy', &
-                             'sample_until_met', 'needs forces without end: a file has so many')
-         call reader%require(.not. accuracy%target_statistical > 0.0_wp .or. &
-                             scene%output%keeps('slip'), 'accuracy', 'target_statistical', &
+         if (accuracy%sample_until_met) then
+            call reader%require(accuracy%target_statistical > 0.0_wp, 'accuracy', &
+                                'sample_until_met', 'needs a target_statistical')
+            call reader%require(.not. (scene%excitation%per_sample .and. &
+                                       scene%excitation%kind == 'file'), 'accuracy', &
+                                'sample_until_met', 'needs forces without end: a file has so many')
+         end if
+         if (.not. accuracy%target_statistical > 0.0_wp) return
+         call reader%require(scene%output%keeps('slip'), 'accuracy', 'target_statistical', &
                              "needs 'slip' among output%quantities")
-         call reader%require(.not. accuracy%target_statistical > 0.0_wp .or. &
-                             scene%runs_samples() .and. scene%campaign%n_samples > 1, 'accuracy', &
+         call reader%require(scene%runs_samples() .and. scene%campaign%n_samples > 1, 'accuracy', &
                              'target_statistical', 'needs two samples with drawn friction or more')
       end associate
    end subroutine check_statistics
