@@ -19,7 +19,7 @@ module driver_output
    use io_error_results, only: case_errors, read_errors
    use io_files, only: remove_file
    use io_gathering, only: finished_samples
-   use io_lock, only: join_lock, lock_type, take_lock
+   use io_lock, only: lock_type, take_lock
    use io_process_shards, only: extract_processes, read_kept
    use io_shards, only: has_shard, list_shards, remove_covered, shard_type, verify_shard
    use io_store, only: new_store, remove_leftovers, remove_store, shard_store
@@ -78,7 +78,8 @@ contains
       if (output%is_shared) then
          if (world%is_root()) call find_stored(plan, output, error)
          call output%stop_on(world, error)
-         if (.not. world%is_root()) call join_lock(output%path, output%lock, error)
+         if (.not. world%is_root()) &
+            call take_lock(output%path, output%lock, error, is_shared=.true.)
       else if (world%is_root()) then
          call find_finished(line%is_fresh .or. present(replay_ending), plan, output, shards, error)
       end if
@@ -130,7 +131,7 @@ contains
       type(shard_type), allocatable :: shards(:)
       integer :: c
 
-      call join_lock(output%path, output%lock, error)
+      call take_lock(output%path, output%lock, error, is_shared=.true.)
       if (allocated(error)) return
       call inspect_results(output%path, output%store%identity, output%n_stored, error)
       if (.not. allocated(error)) call list_shards(output%store, shards, error)

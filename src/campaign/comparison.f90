@@ -89,20 +89,10 @@ contains
       real(wp), intent(in) :: psd(:, :, :)     !! (dof, frequency, sample); two samples or more
       real(wp), intent(in) :: percentiles(:)   !! [%], ascending
       real(wp) :: ratio(size(psd, 1))
-      real(wp) :: low, high, sorted(size(psd, 3))
-      integer :: dof, f, n
+      real(wp) :: ratios(0:size(psd, 3), size(psd, 1))
 
-      n = size(psd, 3)
-      do dof = 1, size(psd, 1)
-         low = 0.0_wp
-         high = 0.0_wp
-         do f = 1, size(psd, 2)
-            sorted = psd(dof, f, sort_order(psd(dof, f, :)))
-            low = low + at_rank(sorted, 1.0_wp + (n - 1)*percentiles(1)/100.0_wp)
-            high = high + at_rank(sorted, 1.0_wp + (n - 1)*percentiles(size(percentiles))/100.0_wp)
-         end do
-         ratio(dof) = share(high, low)
-      end do
+      ratios = ratio_replicates(psd, percentiles)
+      ratio = ratios(0, :)
    end function band_ratios
 
    !> Band ratios of all samples (replicate 0) and of all but the i-th (1..n).

@@ -29,13 +29,12 @@ contains
    !> One row per process, then the reasons why some have no solution.
    function process_table(plan, foreseen) result(text)
       type(plan_type), intent(in) :: plan
-      type(process_model_type), intent(in), optional :: foreseen(:)
+      type(process_model_type), intent(in) :: foreseen(:)
       character(:), allocatable :: text, order, law
       integer :: i
 
-      text = 'process  method         correlation  order  mean   std     law'
-      if (present(foreseen)) text = text//'        solution'
-      text = text//line_feed
+      text = 'process  method         correlation  order  mean   std     law        solution'// &
+             line_feed
       do i = 1, min(size(plan%processes), max_rows)
          associate (p => plan%processes(i))
             order = to_text(p%order)
@@ -45,19 +44,13 @@ contains
             if (is_reference(p)) law = law_name(p)
             text = text//padded(numbered('p', i), 9)//padded(trim(p%method), 15)// &
                    padded(length_text(p), 13)//padded(order, 7)// &
-                   padded(brief(p%mean), 7)//padded(brief(p%std), 8)
+                   padded(brief(p%mean), 7)//padded(brief(p%std), 8)//padded(law, 11)// &
+                   verdict(foreseen(i))//line_feed
          end associate
-         if (present(foreseen)) law = padded(law, 11)//verdict(foreseen(i))
-         text = text//law//line_feed
       end do
-      if (size(plan%processes) > max_rows) then
-         text = text//'... and '//to_text(size(plan%processes) - max_rows)//' more'
-         if (present(foreseen)) text = text//', of which '// &
-                                       to_text(count(.not. foreseen(max_rows + 1:)%is_solved))// &
-                                       ' infeasible'
-         text = text//line_feed
-      end if
-      if (.not. present(foreseen)) return
+      if (size(plan%processes) > max_rows) &
+         text = text//'... and '//to_text(size(plan%processes) - max_rows)//' more, of which '// &
+                to_text(count(.not. foreseen(max_rows + 1:)%is_solved))//' infeasible'//line_feed
       if (plan%n_realizations > 0 .or. any(plan%cases%process > 0)) &
          text = text//drawing_text(foreseen, plan%n_points)
       do i = 1, size(foreseen)

@@ -31,8 +31,8 @@ contains
       integer, intent(in) :: every          !! every k-th step enters the spectra
       real(wp), intent(in) :: transitions   !! transitions of a sample in a step
       !> (process) whether it has a solution, as far as that is known before the fit, or why not
-      type(process_model_type), intent(in), optional :: foreseen(:)
-      real(wp), intent(in), optional :: audit_nanoseconds   !! of a sample-step that is repeated
+      type(process_model_type), intent(in) :: foreseen(:)
+      real(wp), intent(in) :: audit_nanoseconds   !! of a sample-step that is repeated; 0: not known
       character(:), allocatable :: text
 
       text = labelled('scene', plan%title//', '//scene%path)// &
@@ -302,7 +302,7 @@ contains
    pure function audit_text(plan, n_ranks, nanoseconds) result(text)
       type(plan_type), intent(in) :: plan
       integer, intent(in) :: n_ranks
-      real(wp), intent(in), optional :: nanoseconds
+      real(wp), intent(in) :: nanoseconds   !! 0: not known
       character(:), allocatable :: text
       type(plan_type) :: audited
       type(integration_settings) :: reference
@@ -312,8 +312,8 @@ contains
       audited%cases = pack(audited%cases, audited%cases%audits > 0)
       reference = reference_for(plan%integration)
       text = counted(sum(audited%cases%n_samples), 'sample', 'samples')//' repeated, '// &
-             trim(reference%method)//', tolerance '//brief(reference%tolerance)
-      if (present(nanoseconds)) text = text//': '//work_text(audited, n_ranks, nanoseconds)
+             trim(reference%method)//', tolerance '//brief(reference%tolerance)//': '// &
+             work_text(audited, n_ranks, nanoseconds)
    end function audit_text
 
    !> Work of the march of all samples, and its time where the cost of a sample-step is known.
@@ -336,7 +336,7 @@ contains
       type(plan_type), intent(in) :: plan
       integer, intent(in) :: every
       real(wp), intent(in) :: transitions
-      type(process_model_type), intent(in), optional :: foreseen(:)   !! (process)
+      type(process_model_type), intent(in) :: foreseen(:)   !! (process)
       character(:), allocatable :: text
 
       text = labelled('memory', 'about '//size_text(memory_of_rank(plan, every, transitions))// &

@@ -157,15 +157,13 @@ contains
       type(dataset_type), intent(in) :: what
       real(wp), intent(inout), contiguous :: values(..)
 
+      call prepare(self, what, 0.0_wp, shape(values))
       if (self%deed == checks) then
-         call self%checksum%add(trim(what%name))
          call self%checksum%add(values)
-         return
-      end if
-      if (self%deed /= reads) call make_room(self, what, 0.0_wp, shape(values))
-      if (.not. allocated(self%error)) &
+      else if (.not. allocated(self%error)) then
          call move_part(self%file, path_of(self, what), first_of(self, rank(values)), values, &
                         self%deed /= reads, self%error)
+      end if
    end subroutine act_on_reals
 
    subroutine act_on_integers(self, what, values)
@@ -173,15 +171,13 @@ contains
       type(dataset_type), intent(in) :: what
       integer, intent(inout), contiguous :: values(:)
 
+      call prepare(self, what, 0, shape(values))
       if (self%deed == checks) then
-         call self%checksum%add(trim(what%name))
          call self%checksum%add(values)
-         return
-      end if
-      if (self%deed /= reads) call make_room(self, what, 0, shape(values))
-      if (.not. allocated(self%error)) &
+      else if (.not. allocated(self%error)) then
          call move_part(self%file, path_of(self, what), first_of(self, rank(values)), values, &
                         self%deed /= reads, self%error)
+      end if
    end subroutine act_on_integers
 
    subroutine act_on_longs(self, what, values)
@@ -189,15 +185,13 @@ contains
       type(dataset_type), intent(in) :: what
       integer(long), intent(inout), contiguous :: values(..)
 
+      call prepare(self, what, 0_long, shape(values))
       if (self%deed == checks) then
-         call self%checksum%add(trim(what%name))
          call self%checksum%add(values)
-         return
-      end if
-      if (self%deed /= reads) call make_room(self, what, 0_long, shape(values))
-      if (.not. allocated(self%error)) &
+      else if (.not. allocated(self%error)) then
          call move_part(self%file, path_of(self, what), first_of(self, rank(values)), values, &
                         self%deed /= reads, self%error)
+      end if
    end subroutine act_on_longs
 
    !> Place in the file where the rows concerned begin.
@@ -210,10 +204,11 @@ contains
       first(n_axes) = self%before + 1
    end function first_of
 
-   !> Makes the dataset where it is not there yet. In a block's own file it has no axes, and spectra
-   !> are cut into ranges of frequencies, which is how statistics read them. A chunk has the samples
-   !> of one block: more would not fit into HDF5's cache of 1 MB.
-   subroutine make_room(self, what, mold, extents)
+   !> Adds the name to a checksum, or makes the dataset that is written where it is not there yet.
+   !> In a block's own file it has no axes, and spectra are cut into ranges of frequencies, which is
+   !> how statistics read them. A chunk has the samples of one block: more would not fit into HDF5's
+   !> cache of 1 MB.
+   subroutine prepare(self, what, mold, extents)
       class(dataset_visitor), intent(inout) :: self
       type(dataset_type), intent(in) :: what
       class(*), intent(in) :: mold
@@ -221,6 +216,8 @@ contains
       type(label_type) :: label
       integer :: last
 
+      if (self%deed == checks) call self%checksum%add(trim(what%name))
+      if (self%deed == checks .or. self%deed == reads) return
       if (self%file%has(path_of(self, what))) return
       label%units = trim(what%units)
       label%long_name = trim(what%about)
@@ -234,7 +231,7 @@ contains
       end if
       call make_dataset(self%file, path_of(self, what), mold, &
                         [extents(:size(extents) - 1), self%n_all], label, self%error)
-   end subroutine make_room
+   end subroutine prepare
 
    !> Place of a dataset in the file.
    pure function path_of(self, what) result(path)

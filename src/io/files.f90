@@ -13,7 +13,7 @@ module io_files
    private
    public :: exists, file_size, folder_of, host_name, is_folder, process_id, shows_on_terminal
    public :: follow_links, list_files, list_unfinished, make_folder, remove_file, rename_file, &
-             sync_file, sync_folder, unfinished_name
+             sync_file, unfinished_name
 
    integer(c_int), parameter :: ask_exists = 0   !! of access(2)
    character(*), parameter :: unfinished = '.part-'   !! in names of files that are being filled
@@ -136,7 +136,7 @@ contains
       end if
    end subroutine rename_file
 
-   !> Returns when the contents of a file are on the disk.
+   !> Returns when the contents of a file, or the names in a folder, are on the disk.
    subroutine sync_file(path, error)
       character(*), intent(in) :: path
       type(error_type), allocatable, intent(out) :: error
@@ -154,14 +154,6 @@ contains
       end if
       closed = c_fclose(stream)
    end subroutine sync_file
-
-   !> Returns when the names in a folder are on the disk.
-   subroutine sync_folder(path, error)
-      character(*), intent(in) :: path
-      type(error_type), allocatable, intent(out) :: error
-
-      call sync_file(path, error)   ! a folder is opened and synced as a file is
-   end subroutine sync_folder
 
    !> Lists the paths folder/name of finished files in a folder, sorted, without hidden files.
    subroutine list_files(folder, paths, error)

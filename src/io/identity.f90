@@ -28,19 +28,22 @@ contains
       type(identity_type), intent(in) :: identity
       type(error_type), allocatable, intent(out) :: error
 
-      call write_sealed_attribute(file, '/', 'program', 'entroslip', error)
-      if (allocated(error)) return
       call write_attribute(file, '/', 'format_version', format_version, error)
-      if (allocated(error)) return
-      call write_sealed_attribute(file, '/', 'settings', identity%settings, error)
-      if (allocated(error)) return
-      call write_sealed_attribute(file, '/', 'fingerprint', identity%fingerprint, error)
-      if (allocated(error)) return
-      call write_sealed_attribute(file, '/', 'version', identity%version, error)
-      if (allocated(error)) return
-      call write_sealed_attribute(file, '/', 'architecture', identity%architecture, error)
-      if (allocated(error)) return
-      call write_sealed_attribute(file, '/', 'command', identity%command, error)
+      call write_text('program', 'entroslip')
+      call write_text('settings', identity%settings)
+      call write_text('fingerprint', identity%fingerprint)
+      call write_text('version', identity%version)
+      call write_text('architecture', identity%architecture)
+      call write_text('command', identity%command)
+
+   contains
+
+      subroutine write_text(name, text)
+         character(*), intent(in) :: name, text
+
+         if (.not. allocated(error)) call write_sealed_attribute(file, '/', name, text, error)
+      end subroutine write_text
+
    end subroutine write_identity
 
    !> Refuses, by name and with the difference, a file of another campaign or of another program.

@@ -21,7 +21,7 @@ module io_lock
                        c_lseek, c_pread, c_stat
    implicit none(type, external)
    private
-   public :: lock_type, join_lock, take_lock
+   public :: lock_type, take_lock
 
    integer(c_int), parameter :: unlock = 0, try_to_lock = 2   !! of lockf(3)
    integer(c_long), parameter :: whole = 0, one_byte = 1
@@ -30,7 +30,7 @@ module io_lock
    !> Words of struct stat [8 bytes]: device, inode, size, time of the last change.
    integer, parameter :: place_words(*) = [1, 2], content_words(*) = [1, 2, 7, 12, 13]
 
-   !> Held from `take_lock` or `join_lock` to `release`, or to the end of the process.
+   !> Held from `take_lock` to `release`, or to the end of the process.
    type :: lock_type
       private
       character(:), allocatable, public :: output   !! path of what is locked
@@ -52,40 +52,23 @@ module io_lock
 
 contains
 
-   !> Locks an output by a file `<output>.lock` that names its holder; refused by name while another
-   !> process holds it, alone or with others. Makes the folder of the output where it is missing.
-   subroutine take_lock(output, lock, error)
+   !> Locks an output by a file `<output>.lock` that names its holder, or takes a place among the
+   !> runs that share it; refused by name while another process holds it alone, and for a run alone
+   !> while others share it. Makes the folder of the output where it is missing.
+   subroutine take_lock(output, lock, error, is_shared)
       character(*), intent(in) :: output
       type(lock_type), intent(out) :: lock
       type(error_type), allocatable, intent(out) :: error
-
-      call begin(output, .false., lock, error)
-   end subroutine take_lock
-
-   !> Takes a place among the runs that share an output; refused by name while a run holds it
-   !> alone.
-   subroutine join_lock(output, lock, error)
-      character(*), intent(in) :: output
-      type(lock_type), intent(out) :: lock
-      type(error_type), allocatable, intent(out) :: error
-
-      call begin(output, .true., lock, error)
-   end subroutine join_lock
-
-   subroutine begin(output, is_shared, lock, error)
-      character(*), intent(in) :: output
-      logical, intent(in) :: is_shared
-      type(lock_type), intent(out) :: lock
-      type(error_type), allocatable, intent(out) :: error
+      logical, intent(in), optional :: is_shared
 
       lock%output = output
       lock%path = output//'.lock'
-      lock%is_shared = is_shared
+      if (present(is_shared)) lock%is_shared = is_shared
       call make_folder(folder_of(output), error, lock%n_folders)
       if (.not. allocated(error)) call obtain(lock, error)
       if (allocated(error)) call remove_folders(lock)
       if (.not. allocated(error)) lock%content = content_of(output)
-   end subroutine begin
+   end subroutine take_lock
 
    recursive subroutine obtain(lock, error)
       type(lock_type), intent(inout) :: lock

@@ -5,7 +5,7 @@ module io_results
    use core_error, only: error_type
    use core_kinds, only: long, wp
    use io_contents, only: check_contents, note_contents
-   use io_files, only: folder_of, remove_file, sync_file, sync_folder, unfinished_name
+   use io_files, only: folder_of, remove_file, sync_file, unfinished_name
    use io_group, only: group_type, new_group
    use io_hdf5, only: create_hdf5, hdf5_file, open_hdf5, write_attribute
    use io_identity, only: identity_type, write_identity
@@ -68,9 +68,8 @@ contains
 
       call write_identity(file, provenance%identity, error)
       if (.not. allocated(error)) call write_attribute(file, '/', 'seed', provenance%seed, error)
-      if (.not. allocated(error)) then
+      if (.not. allocated(error)) &
          call write_attribute(file, '/', 'n_ranks', provenance%n_ranks, error)
-      end if
       call write_text('title', provenance%title)
       call write_text('scene', provenance%scene)
       call write_text('overrides', provenance%overrides)
@@ -177,7 +176,7 @@ contains
       if (allocated(error)) then
          call self%abandon()
       else
-         call sync_folder(folder_of(self%path), error)
+         call sync_file(folder_of(self%path), error)   ! the new name
       end if
    end subroutine finish
 

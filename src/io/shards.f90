@@ -73,12 +73,10 @@ contains
          call find_checksum(blocks(i), 0, n_samples(i), checksum(i))
       end do
       call write_attribute(file, '/', 'case', blocks(1)%case_number, error)
-      if (.not. allocated(error)) then
+      if (.not. allocated(error)) &
          call write_attribute(file, '/', 'first_sample', blocks(1)%first_sample, error)
-      end if
-      if (.not. allocated(error)) then
+      if (.not. allocated(error)) &
          call write_attribute(file, '/', 'n_samples', sum(n_samples), error)
-      end if
       if (.not. allocated(error)) &
          call write_dataset(file, '/block_samples', n_samples, &
                             label_type('1', 'number of samples of the block', ''), error)
@@ -212,12 +210,10 @@ contains
       call open_own(store, shard%path, advice, file, error)
       if (allocated(error)) return
       call read_attribute(file, '/', 'case', block%case_number, error)
-      if (.not. allocated(error)) then
+      if (.not. allocated(error)) &
          call read_attribute(file, '/', 'first_sample', block%first_sample, error)
-      end if
-      if (.not. allocated(error)) then
+      if (.not. allocated(error)) &
          call read_attribute(file, '/', 'n_samples', block%n_samples, error)
-      end if
       if (.not. allocated(error)) then
          if (any([block%case_number, block%first_sample, block%n_samples] /= &
                  [shard%case_number, shard%first_sample, shard%n_samples])) then

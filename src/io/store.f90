@@ -3,7 +3,7 @@
 module io_store
    use core_error, only: error_type
    use io_files, only: exists, list_files, list_unfinished, make_folder, remove_file, rename_file, &
-                       sync_file, sync_folder, unfinished_name
+                       sync_file, unfinished_name
    use io_hdf5, only: create_hdf5, hdf5_file, open_hdf5
    use io_identity, only: identity_type, require_same, write_identity
    implicit none(type, external)
@@ -90,7 +90,7 @@ contains
       if (allocated(error)) then
          call remove_file(temporary, ignored)
       else
-         call sync_folder(store%folder, error)
+         call sync_file(store%folder, error)   ! the new name
       end if
    end subroutine finish_file
 

@@ -50,8 +50,8 @@ contains
       status = c_set_auto(default_stack, c_funloc(report), c_null_ptr)
    end subroutine listen_to_failures
 
-   !> Keeps the first failure; called by HDF5. The system's words where the system refused, else what
-   !> the innermost function of HDF5 says.
+   !> Keeps the first failure when HDF5 calls: the system's words where the system refused, else
+   !> what the innermost function of HDF5 says.
    function report(stack, client) result(status) bind(c)
       integer(c_int64_t), value :: stack
       type(c_ptr), value :: client

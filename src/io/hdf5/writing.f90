@@ -100,8 +100,8 @@ contains
          call move(file, path, kind, spread(1, 1, size(extents)), extents, values, .true., error)
    end subroutine write_whole
 
-   !> Creates a dataset with its label: a scalar in the object header, an array in chunks, both under
-   !> a checksum of HDF5's own.
+   !> Creates a dataset with its label: a scalar in the object header, an array in chunks, both
+   !> under a checksum of HDF5's own.
    subroutine create(file, path, kind, extents, label, error)
       type(hdf5_file), intent(in) :: file
       character(*), intent(in) :: path
