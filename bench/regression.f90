@@ -17,8 +17,8 @@ program regression
    use io_hdf5, only: hdf5_file, open_hdf5, read_dataset, read_extent
    use statistics_estimates, only: estimates_type, plain_percentile, two_sided
    use statistics_pool, only: new_pool, pool_type
-   use statistics_scalars, only: estimate_scalars, scalar_plain, scalar_type
-   use statistics_spectra, only: estimate_spectrum, spectrum_plain, spectrum_type
+   use statistics_scalars, only: estimate_scalars, scalar_type
+   use statistics_spectra, only: estimate_spectrum, spectrum_type
    implicit none(type, external)
    real(wp), parameter :: share_below(2) = [0.05_wp, 0.95_wp]
    real(wp), parameter :: highest = 3.0_wp   ! [Hz] of the outputs
@@ -30,8 +30,8 @@ program regression
       real(wp), allocatable :: density(:, :, :)   !! (dof, frequency, sample)
    end type case_data
    type(case_data), allocatable :: cases(:)
-   type(scalar_plain), allocatable :: slip_truth(:, :)         ! (joint, case)
-   type(spectrum_plain), allocatable :: spectrum_truth(:, :)   ! (dof, case)
+   type(scalar_type), allocatable :: slip_truth(:, :)         ! (joint, case)
+   type(spectrum_type), allocatable :: spectrum_truth(:, :)   ! (dof, case)
    real(wp), allocatable :: frequency(:)
    real(real32), allocatable :: numbers(:, :, :, :)            ! (5, output, joint, case)
    character(256), allocatable :: words(:)
@@ -113,7 +113,7 @@ contains
 
    pure function plain_of(y) result(plain)
       real(wp), intent(in) :: y(:)
-      type(scalar_plain) :: plain
+      type(scalar_type) :: plain
       integer :: p
 
       plain%mean = sum(y)/size(y)
@@ -126,7 +126,7 @@ contains
 
    pure function plain_spectrum(y) result(plain)
       real(wp), intent(in) :: y(:, :)   !! (sample, frequency)
-      type(spectrum_plain) :: plain
+      type(spectrum_type) :: plain
       integer :: p
 
       plain%mean = sum(y, 1)/size(y, 1)
@@ -182,7 +182,7 @@ contains
    subroutine estimate_joint(pool, j, chosen)
       type(pool_type), intent(in) :: pool
       integer, intent(in) :: j, chosen(:, :)
-      type(scalar_plain) :: plain(1, n_cases)
+      type(scalar_type) :: plain(1, n_cases)
       type(scalar_type) :: estimates(1, n_cases)
       type(error_type), allocatable :: error
       real(wp) :: y(n_fitted*n_cases, 1)
@@ -220,7 +220,7 @@ contains
    subroutine estimate_dof(pool, j, chosen)
       type(pool_type), intent(in) :: pool
       integer, intent(in) :: j, chosen(:, :)
-      type(spectrum_plain) :: plain(n_cases)
+      type(spectrum_type) :: plain(n_cases)
       type(spectrum_type) :: estimates(n_cases)
       type(error_type), allocatable :: error
       real(wp) :: y(n_fitted*n_cases, size(frequency))
@@ -265,7 +265,7 @@ contains
    end subroutine estimate_dof
 
    pure real(wp) function ratio_of(plain)
-      type(spectrum_plain), intent(in) :: plain
+      type(spectrum_type), intent(in) :: plain
 
       ratio_of = sum(plain%percentile(:, 2))/sum(plain%percentile(:, 1))
    end function ratio_of

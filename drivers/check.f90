@@ -1,27 +1,35 @@
 !> `entroslip check`: a scene read and checked, and what running it would mean. Writes nothing.
 module driver_check
    use campaign_plan, only: plan_type
+   use campaign_samples_needed, only: find_need, slip_error, statistical_error
    use campaign_size, only: refuse_oversize
    use config_scene, only: scene_type
    use config_summary, only: summary_text
-   use core_error, only: error_type, exit_done
-   use core_kinds, only: wp
-   use core_phrases, only: brief, labelled
+   use core_error, only: error_type, exit_done, exit_stopped
+   use core_kinds, only: long, wp
+   use core_phrases, only: brief, duration, labelled
    use core_terminal, only: say
    use core_text, only: to_text
    use driver_campaign, only: load_plan, refuse_unsolved
    use driver_choose_setting, only: keep_targets
    use driver_command_line, only: command_line
-   use driver_statistical_forecast, only: foresee_need
+   use driver_judge_results, only: need_words
+   use driver_processes, only: solve_processes
+   use driver_trial_runs, only: measure_settings
    use parallel_world, only: start_world, stop_world, world_type
    use process_fit, only: foresee_process
    use process_model, only: process_model_type
    use process_scaling, only: first_of_fit
    use tradeoff_forecast, only: cost_type, measure_cost
+   use tradeoff_front, only: slip_error_to_come
    use tradeoff_pilot, only: choose_every
+   use tradeoff_tasks, only: scope_type, tradeoff_type
    implicit none(type, external)
    private
    public :: check
+
+   !> Expected processor time of the march that a statistical target is foreseen from [s].
+   real(wp), parameter :: budget = 4.0_wp
 
 contains
 
@@ -111,5 +119,57 @@ contains
          end if
       end do
    end subroutine foresee_processes
+
+   !> Says how many samples and steps accuracy%target_statistical needs, without a final line feed;
+   !> '' without a target, or where a process has no solution. Fits the processes for it.
+   !> Collective.
+   subroutine foresee_need(world, plan, force, nanoseconds, text)
+      type(world_type), intent(in) :: world
+      type(plan_type), intent(in) :: plan
+      real(wp), intent(in) :: force(0:, :)   !! (step, 1 or sample) [N] of a file; else of size 0
+      real(wp), intent(in) :: nanoseconds    !! cost of a sample-step; on the root
+      character(:), allocatable, intent(out) :: text
+      type(process_model_type), allocatable :: models(:)
+      type(tradeoff_type) :: measured
+      type(error_type), allocatable :: error
+      logical :: is_stopped
+
+      text = ''
+      if (.not. (plan%has_structure .and. plan%accuracy%target_statistical > 0.0_wp)) return
+      if (all(plan%cases%process == 0)) return
+      call solve_processes(world, plan, .true., models)
+      if (.not. all(models%is_solved)) return
+      call measure_settings(world, plan, force, scope_type(budget=budget, has_settings=.false., &
+                                                           is_statistical=.true., models=models), &
+                            .true., measured, is_stopped, error)
+      call world%stop_on(error)
+      if (is_stopped) call stop_world(exit_stopped)
+      text = need_text(plan, slip_error_to_come(plan, measured), nanoseconds, world%n_ranks)
+   end subroutine foresee_need
+
+   !> The standard error to come, and what the target takes where that is more than the scene has.
+   pure function need_text(plan, error, nanoseconds, n_ranks) result(text)
+      type(plan_type), intent(in) :: plan
+      type(slip_error), intent(in) :: error
+      real(wp), intent(in) :: nanoseconds
+      integer, intent(in) :: n_ranks
+      character(:), allocatable :: text
+      integer(long) :: n_samples, n_steps
+      real(wp) :: more, seconds
+
+      associate (how => plan%integration, wanted => plan%accuracy%target_statistical)
+         text = 'target_statistical = '//brief(wanted)//': a standard error of about '// &
+                brief(statistical_error(error))//' points is foreseen'
+         if (statistical_error(error) > wanted) then
+            call find_need(error, wanted, how%n_steps - how%n_discard, n_samples, n_steps)
+            more = real(n_samples, wp)/error%n_samples*(n_steps + how%n_discard)/how%n_steps
+            seconds = 1.0e-9_wp*nanoseconds*more*how%n_steps &
+                      *sum(real(plan%cases%n_samples, wp))/n_ranks
+            text = text//'; '//need_words(plan, error, ', '//duration(seconds))
+         end if
+      end associate
+      text = labelled('statistics', text)
+      text = text(:len(text) - 1)
+   end function need_text
 
 end module driver_check

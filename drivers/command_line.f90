@@ -1,7 +1,8 @@
 !> Command line: a command, a scene, options.
 module driver_command_line
-   use core_spelling, only: nearest_name
    use core_error, only: error_type, exit_bad_input, raise
+   use core_phrases, only: joined
+   use core_spelling, only: nearest_name
    use io_files, only: exists
    implicit none(type, external)
    private
@@ -168,7 +169,7 @@ contains
                     trim(nearest)//'?')
       else
          call raise(error, exit_bad_input, 'unknown '//what//' '//word//'; there are '// &
-                    listed(known))
+                    joined(known))
       end if
    end subroutine refuse_unknown
 
@@ -179,7 +180,7 @@ contains
 
       if (exists(word)) then
          call raise(error, exit_bad_input, 'no command before '//word//'; there are '// &
-                    listed(names_in(commands)))
+                    joined(names_in(commands)))
       else
          call refuse_unknown('command', word, names_in(commands), error)
       end if
@@ -192,7 +193,7 @@ contains
       integer :: i
 
       if (.not. allocated(line%command)) then
-         call raise(error, exit_bad_input, 'no command; there are '//listed(names_in(commands))// &
+         call raise(error, exit_bad_input, 'no command; there are '//joined(names_in(commands))// &
                     ' (entroslip --help)')
          return
       end if
@@ -335,17 +336,5 @@ contains
          longest = max(longest, length)
       end do
    end function longest_argument
-
-   !> 'a, b, c'
-   pure function listed(names) result(text)
-      character(*), intent(in) :: names(:)
-      character(:), allocatable :: text
-      integer :: i
-
-      text = trim(names(1))
-      do i = 2, size(names)
-         text = text//', '//trim(names(i))
-      end do
-   end function listed
 
 end module driver_command_line

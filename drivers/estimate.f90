@@ -1,6 +1,7 @@
 !> `entroslip estimate`: from measured values to the process that explains them, and its &process.
 module driver_estimate
    use config_measured, only: read_measured
+   use config_plan, only: scene_name
    use core_complaints, only: complaint_list
    use core_error, only: error_type, exit_bad_input, exit_done, exit_file, raise
    use core_kinds, only: long, wp
@@ -121,15 +122,12 @@ contains
       character(*), intent(in) :: data, scene   !! paths
       type(process_estimate_type), intent(in) :: found
       integer, parameter :: n_copies = 400      ! of the measurement
-      character(:), allocatable :: results, text
+      character(:), allocatable :: text
 
-      results = scene(index(scene, '/', back=.true.) + 1:)
-      if (index(results, '.', back=.true.) > 1) &
-         results = results(:index(results, '.', back=.true.) - 1)
       text = 'written to '//scene//'; to draw the values beside the process:'//lf// &
              '  entroslip run '//scene//' --set process%n_points='//to_text(found%n_points)// &
              ' --set process%n_realizations='//to_text(n_copies*found%n_records)//lf// &
-             '  python -m entroslip '//results//'.h5 --measured '//data//' --out figures'
+             '  python -m entroslip '//scene_name(scene)//'.h5 --measured '//data//' --out figures'
    end function how_to_draw
 
    pure function with_error(value, error) result(text)

@@ -17,8 +17,8 @@ module driver_regression
    use parallel_world, only: attend_to_others, world_type
    use process_model, only: process_model_type
    use statistics_pool, only: new_pool, pool_type
-   use statistics_scalars, only: estimate_scalars, scalar_plain, scalar_type
-   use statistics_spectra, only: estimate_spectrum, spectrum_plain, spectrum_type
+   use statistics_scalars, only: estimate_scalars, scalar_type
+   use statistics_spectra, only: estimate_spectrum, spectrum_type
    implicit none(type, external)
    private
    public :: find_estimates
@@ -240,8 +240,7 @@ contains
       integer, intent(in) :: place           !! joint or dof
       real(wp), intent(in) :: values(:, :)   !! (sample, quantity)
       type(error_type), allocatable, intent(out) :: error
-      type(scalar_plain), allocatable :: plain(:, :)
-      type(scalar_type), allocatable :: estimates(:, :)
+      type(scalar_type), allocatable :: plain(:, :), estimates(:, :)
       integer :: i, q
 
       associate (cases => workshop%pools(workshop%at_hand)%cases)
@@ -272,8 +271,7 @@ contains
       integer, intent(in) :: dof   !! its place among those whose spectra are kept
       type(workshop_type), intent(inout) :: workshop
       type(error_type), allocatable, intent(out) :: error
-      type(spectrum_plain), allocatable :: plain(:)
-      type(spectrum_type), allocatable :: estimates(:)
+      type(spectrum_type), allocatable :: plain(:), estimates(:)
       real(wp), allocatable :: density(:, :)      ! (sample, frequency)
       real(wp), allocatable :: of_case(:, :, :)   ! (1, frequency, sample)
       integer :: i

@@ -1,15 +1,16 @@
 !> From shards to the results file: statistics of every case, and everything written as a whole.
 module driver_results
    use campaign_audit, only: audit_of
+   use campaign_comparison, only: compare_slip, numerical_error, spectrum_comparison
    use campaign_estimates, only: case_estimates
-   use campaign_plan, only: plan_type
-   use campaign_results, only: case_statistics
+   use campaign_plan, only: kept_dofs, plan_type
+   use campaign_results, only: block_result, case_statistics, spectrum_layout
    use campaign_runner, only: runner_type
    use config_scene, only: scene_type
+   use core_chunks, only: frequencies_together
    use core_error, only: error_type
    use core_kinds, only: wp
    use core_random, only: new_stream, stream_type
-   use driver_audit, only: finish_audit
    use driver_command_line, only: command_line
    use driver_deadline, only: seconds_so_far
    use driver_output, only: output_type
@@ -17,9 +18,10 @@ module driver_results
    use driver_regression, only: find_estimates
    use driver_shards, only: share_list, verify_shards
    use driver_statistics, only: case_task, open_case, write_short
+   use io_audit_results, only: write_audit
    use io_case_results, only: begin_case, finish_case
    use io_case_statistics, only: write_estimates
-   use io_gathering, only: shards_of
+   use io_gathering, only: read_part, read_samples, shards_of
    use io_group, only: group_type
    use io_process_results, only: write_process
    use io_results, only: begin_results, results_writer
@@ -220,5 +222,64 @@ contains
       end do
       call write_process(writer, number, model, error, values)
    end subroutine write_process_of
+
+   !> Compares the audit with the samples that it repeats, and writes it; for the root alone.
+   subroutine finish_audit(plan, audit, layout, store, shards, writer, error)
+      type(plan_type), intent(in) :: plan
+      integer, intent(in) :: audit   !! case number
+      type(spectrum_layout), intent(in) :: layout
+      type(shard_store), intent(in) :: store
+      type(shard_type), intent(in) :: shards(:)
+      type(results_writer), intent(in) :: writer
+      type(error_type), allocatable, intent(out) :: error
+      type(block_result) :: tested, reference
+      type(numerical_error) :: errors
+
+      associate (audited => plan%cases(audit)%audits, n => plan%cases(audit)%n_samples)
+         call read_samples(store, shards_of(shards, audited, n), audited, 1, n, tested, error)
+         if (.not. allocated(error)) &
+            call read_samples(store, shards_of(shards, audit, n), audit, 1, n, reference, error)
+         if (allocated(error)) return
+         call compare_slip(tested%slip_fraction, reference%slip_fraction, &
+                           plan%cases(audited)%n_samples, errors)
+      end associate
+      if (plan%output%spectrum) &
+         call compare_psd(plan, audit, size(layout%frequency), store, shards, errors, error)
+      if (allocated(error)) return
+      call write_audit(writer, plan, audit, reference, layout, errors, store, shards, error)
+   end subroutine finish_audit
+
+   !> Compares the spectra of a case with those of its audit, a range of frequencies at a time.
+   subroutine compare_psd(plan, audit, n_frequencies, store, shards, errors, error)
+      type(plan_type), intent(in) :: plan
+      integer, intent(in) :: audit   !! case number
+      integer, intent(in) :: n_frequencies
+      type(shard_store), intent(in) :: store
+      type(shard_type), intent(in) :: shards(:)
+      type(numerical_error), intent(inout) :: errors
+      type(error_type), allocatable, intent(out) :: error
+      type(spectrum_comparison) :: comparison
+      type(shard_type), allocatable :: audits(:), own(:)
+      real(wp), allocatable :: tested(:, :, :), reference(:, :, :)   ! (dof, frequency, sample)
+      integer :: f, n_dof, together
+
+      n_dof = size(kept_dofs(plan))
+      together = frequencies_together(n_dof, n_frequencies)
+      associate (audited => plan%cases(audit)%audits, n => plan%cases(audit)%n_samples)
+         own = shards_of(shards, audited, n)
+         audits = shards_of(shards, audit, n)
+         do f = 1, n_frequencies, together
+            allocate (tested(n_dof, min(together, n_frequencies - f + 1), n))
+            allocate (reference, mold=tested)
+            call read_part(store, own, audited, 'psd', [1, f, 1], tested, error)
+            if (.not. allocated(error)) &
+               call read_part(store, audits, audit, 'psd', [1, f, 1], reference, error)
+            if (allocated(error)) return
+            call comparison%add(tested, reference, plan%output%percentiles)
+            deallocate (tested, reference)
+         end do
+         call comparison%finish(plan%cases(audited)%n_samples, errors)
+      end associate
+   end subroutine compare_psd
 
 end module driver_results

@@ -104,9 +104,7 @@ contains
          if (slice > self%n_slices) then
             call add_joints(self, store, group, error)
          else
-            call add_slice(self%number, store, self%shards, slice, (slice - 1)*self%width + 1, &
-                           min(slice*self%width, size(self%bands%moments, 2)), group, &
-                           self%bands, error)
+            call add_slice(self, store, group, slice, error)
          end if
       end do
    end subroutine take_items
@@ -368,38 +366,38 @@ contains
       end do
    end subroutine write_short
 
-   !> Adds the spectra of a group of samples at frequencies first..last.
-   subroutine add_slice(number, store, shards, slice, first, last, group, bands, error)
-      integer, intent(in) :: number
+   !> Adds the spectra of a group of samples at a slice of the frequencies.
+   subroutine add_slice(self, store, group, slice, error)
+      class(case_task), intent(inout) :: self
       type(shard_store), intent(in) :: store
-      type(shard_type), intent(in) :: shards(:)
-      integer, intent(in) :: slice, first, last, group
-      type(band_collector), intent(inout) :: bands
+      integer, intent(in) :: group, slice
       type(error_type), allocatable, intent(out) :: error
       real(wp), allocatable :: psd(:, :, :)     ! (dof, frequency, sample)
       real(wp), allocatable :: power(:, :, :)   ! (dof, batch and range, sample)
-      integer :: f, first_sample, n_dof, n_samples, place, together
+      integer :: f, last, n_dof, n_samples, place, together
 
-      n_dof = size(bands%moments, 1)
-      first_sample = bands%percentiles%group_first(group)
-      together = frequencies_together(n_dof, size(bands%moments, 2))
-      n_samples = bands%percentiles%group_size(group)
-      do f = first, last, together
-         call attend_to_others()
-         allocate (psd(n_dof, min(together, last - f + 1), n_samples))
-         call read_part(store, shards, number, 'psd', [1, f, first_sample], psd, error)
-         if (.not. allocated(error) .and. allocated(bands%batches%variance)) then
-            place = bands%first_of_power(f)
-            allocate (power(n_dof, bands%first_of_power(f + size(psd, 2) - 1) + n_batches &
-                            - place, n_samples))
-            call read_part(store, shards, number, 'power_series', [1, place, first_sample], &
-                           power, error)
-         end if
-         if (allocated(error)) return
-         call bands%add(slice, f, group, psd, power)
-         deallocate (psd)
-         if (allocated(power)) deallocate (power)
-      end do
+      n_dof = size(self%bands%moments, 1)
+      n_samples = self%bands%percentiles%group_size(group)
+      together = frequencies_together(n_dof, size(self%bands%moments, 2))
+      last = min(slice*self%width, size(self%bands%moments, 2))
+      associate (bands => self%bands, first => self%bands%percentiles%group_first(group))
+         do f = (slice - 1)*self%width + 1, last, together
+            call attend_to_others()
+            allocate (psd(n_dof, min(together, last - f + 1), n_samples))
+            call read_part(store, self%shards, self%number, 'psd', [1, f, first], psd, error)
+            if (.not. allocated(error) .and. allocated(bands%batches%variance)) then
+               place = bands%first_of_power(f)
+               allocate (power(n_dof, bands%first_of_power(f + size(psd, 2) - 1) + n_batches &
+                               - place, n_samples))
+               call read_part(store, self%shards, self%number, 'power_series', [1, place, first], &
+                              power, error)
+            end if
+            if (allocated(error)) return
+            call bands%add(slice, f, group, psd, power)
+            deallocate (psd)
+            if (allocated(power)) deallocate (power)
+         end do
+      end associate
    end subroutine add_slice
 
 end module driver_statistics

@@ -52,7 +52,6 @@ module campaign_plan
       logical :: energy = .false.
       logical :: history = .false.
       logical :: harmonic = .false.             !! fundamental of the response to a sine
-      logical :: realizations = .false.
       logical :: transitions = .false.
       integer, allocatable :: dofs(:)           !! of spectra and histories, ascending; none: all
       real(wp), allocatable :: percentiles(:)   !! [%], ascending

@@ -166,7 +166,6 @@ contains
          plan%output%energy = output%keeps('energy')
          plan%output%history = output%keeps('history')
          plan%output%harmonic = excitation%kind == 'sine'
-         plan%output%realizations = plan%n_realizations > 0
          plan%output%transitions = output%keeps('transitions')
          plan%output%dofs = pack(output%dofs, output%dofs > 0)
          plan%output%segment_length = min(output%segment_length, &

@@ -253,7 +253,6 @@ contains
       real(wp), allocatable, intent(inout) :: values(:)
       integer(long), allocatable :: n(:)
 
-      if (allocated(values)) deallocate (values)
       call self%find_extents(what, 1, n)
       if (.not. allocated(n)) return
       allocate (values(what%axis%first:what%axis%first + n(1) - 1))
@@ -266,7 +265,6 @@ contains
       integer, allocatable, intent(inout) :: values(:)
       integer(long), allocatable :: n(:)
 
-      if (allocated(values)) deallocate (values)
       call self%find_extents(what, 1, n)
       if (.not. allocated(n)) return
       allocate (values(n(1)))
@@ -280,7 +278,6 @@ contains
       type(axis_type), intent(in) :: rows
       integer(long), allocatable :: n(:)
 
-      if (allocated(values)) deallocate (values)
       if (.not. self%file%has(self%group//'/'//trim(rows%name))) return
       call self%find_extents(what, 2, n)
       if (.not. allocated(n)) return

@@ -14,15 +14,9 @@ module statistics_scalars
    use statistics_surrogate, only: fit_outputs, fit_type, predict, surrogate_type
    implicit none(type, external)
    private
-   public :: scalar_plain, scalar_type, estimate_scalars
+   public :: scalar_type, estimate_scalars
 
    real(wp), parameter :: right_angle = 2.0_wp*atan(1.0_wp)
-
-   !> Plain statistics over all samples of a case.
-   type :: scalar_plain
-      real(wp) :: mean = 0.0_wp, deviation = 0.0_wp
-      real(wp), allocatable :: percentile(:)
-   end type scalar_plain
 
    !> Errors are standard errors, low and high the ends of 95 % intervals; ratios are the errors of
    !> plain sampling over those of the estimates.
@@ -43,7 +37,8 @@ contains
       real(wp), intent(in) :: y(:, :)                 !! (sample, number)
       logical, intent(in) :: is_fraction(:)           !! (number)
       real(wp), intent(in) :: share_below(:)          !! (percentile)
-      type(scalar_plain), intent(in) :: plain(:, :)   !! (number, case)
+      !> (number, case) mean, deviation and percentiles over all samples of the case
+      type(scalar_type), intent(in) :: plain(:, :)
       type(scalar_type), intent(out) :: estimates(:, :)   !! (number, case)
       type(error_type), allocatable, intent(out) :: error
       real(wp) :: raw(size(y, 1), size(y, 2)), bent(size(y, 1), size(y, 2))   ! (sample, number)

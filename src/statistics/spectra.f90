@@ -18,17 +18,12 @@ module statistics_spectra
    use statistics_surrogate, only: fit_outputs, fit_type, predict, surrogate_type
    implicit none(type, external)
    private
-   public :: spectrum_plain, spectrum_type, estimate_spectrum
+   public :: spectrum_type, estimate_spectrum
 
    integer, parameter, public :: together = 128   !! frequencies
    integer, parameter :: choosing = 24        !! frequencies choose the kernel, or a few more
    real(wp), parameter :: share_above = 1.0e-4_wp   !! of the power, left to plain sampling
    real(wp), parameter :: least_density = 1.0e-290_wp   !! its logarithm is finite
-
-   !> Plain statistics over all samples of a case.
-   type :: spectrum_plain
-      real(wp), allocatable :: mean(:), percentile(:, :)   !! (frequency), (frequency, percentile)
-   end type spectrum_plain
 
    !> Errors are standard errors, low and high the ends of 95 % intervals; ratios are the errors of
    !> plain sampling over those of the estimates.
@@ -56,7 +51,7 @@ contains
       real(wp), intent(in) :: density(:, :)        !! (sample, frequency)
       real(wp), intent(in) :: step                 !! between frequencies [Hz]
       real(wp), intent(in) :: share_below(:)       !! (percentile)
-      type(spectrum_plain), intent(in) :: plain(:) !! (case)
+      type(spectrum_type), intent(in) :: plain(:)  !! (case) mean, percentiles over all its samples
       type(spectrum_type), intent(out) :: estimates(:)   !! (case)
       type(error_type), allocatable, intent(out) :: error
       real(wp), allocatable :: outputs(:, :), some(:, :)

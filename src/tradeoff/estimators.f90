@@ -14,8 +14,8 @@ module tradeoff_estimators
    use process_model, only: process_model_type
    use statistics_estimates, only: estimates_type, plain_mean, plain_percentile
    use statistics_pool, only: new_pool, pool_type
-   use statistics_scalars, only: estimate_scalars, scalar_plain, scalar_type
-   use statistics_spectra, only: estimate_spectrum, spectrum_plain, spectrum_type
+   use statistics_scalars, only: estimate_scalars, scalar_type
+   use statistics_spectra, only: estimate_spectrum, spectrum_type
    use tradeoff_task_results, only: published_numbers
    implicit none(type, external)
    private
@@ -69,8 +69,7 @@ contains
       real(wp), intent(in) :: slip_fraction(:, :)   !! (joint, sample)
       type(published_numbers), intent(inout) :: gain
       type(error_type), allocatable, intent(out) :: error
-      type(scalar_plain) :: plain(1, 1)
-      type(scalar_type) :: estimate(1, 1)
+      type(scalar_type) :: plain(1, 1), estimate(1, 1)
       real(wp) :: scatter(size(slip_fraction, 1)), least(2)
       integer, allocatable :: ranking(:)
       integer :: i, joint
@@ -103,8 +102,7 @@ contains
       real(wp), intent(in) :: psd(:, :, :)   !! (dof, frequency, sample)
       type(published_numbers), intent(inout) :: gain
       type(error_type), allocatable, intent(out) :: error
-      type(spectrum_plain) :: plain(1)
-      type(spectrum_type) :: estimate(1)
+      type(spectrum_type) :: plain(1), estimate(1)
       type(estimates_type) :: some
       real(wp), allocatable :: density(:, :)   ! (sample, frequency)
       real(wp) :: of_mean, of_percentiles

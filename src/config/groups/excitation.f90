@@ -31,13 +31,12 @@ contains
       call visitor%visit(self%band, about('band', 'the noise has no power outside of it', 'Hz', &
          not_negative(), length=2, used=self%kind == 'band_limited'), default=[0.0_wp, 2.5_wp])
       call visitor%visit(self%variance, about('variance', &
-         'of the noise, in expectation; one or several, each a case', 'N^2', positive()), &
-         default=[real(wp) ::])
+         'of the noise, in expectation; one or several, each a case', 'N^2', positive()))
       call visitor%visit(self%frequency, about('frequency', 'sine: one or several, each a case', &
-         'Hz', positive(), used=self%kind == 'sine'), default=[real(wp) ::])
+         'Hz', positive(), used=self%kind == 'sine'))
       call visitor%visit(self%amplitude, about('amplitude', &
          'sine: one or several, each a case at every frequency', 'N', positive(), &
-         used=self%kind == 'sine'), default=[real(wp) ::])
+         used=self%kind == 'sine'))
       call visitor%visit_text(self%psd, about('psd', &
          'one-sided density, a text file: Hz and N^2/Hz on a line, linear in between', &
          shapes_samples=.false.))

@@ -43,9 +43,9 @@ contains
       call visitor%visit(self%shared%correlation, about('correlation', &
          'definition of the correlation length, Eq. 8 or 9; both: not direct', &
          choices='L0 L1 both'))
-      entry = about('correlation_length', 'one or several; 0: independent values; 1e12 or '// &
-                    'more: one value for all', 'points', not_negative(), required=has_law)
-      call visit_list(self%lengths)
+      call visitor%visit(self%lengths, about('correlation_length', &
+         'one or several; 0: independent values; 1e12 or more: one value for all', 'points', &
+         not_negative(), required=has_law))
       call visitor%visit(self%shared%second_length, about('second_length', &
          'both: L1, where correlation_length is L0', 'points', not_negative(), &
          used=self%shared%correlation == 'both'))
@@ -68,9 +68,8 @@ contains
       call visitor%visit(self%shared%max_order, about('max_order', 'order 0: search no further', &
          rule=between(1.0_wp, 200.0_wp), used=any_zero(self%orders)))
       call visitor%visit(self%shared%mean, about('mean', 'homogeneous', required=has_law))
-      entry = about('std', 'one or several, each with every pair', rule=positive(), &
-                    required=has_law)
-      call visit_list(self%stds)
+      call visitor%visit(self%stds, about('std', 'one or several, each with every pair', &
+         rule=positive(), required=has_law))
       call visitor%visit(self%shared%positive, about('positive', 'no negative values (Sec. 2.4)'))
       call visitor%visit(self%shared%sampler, about('sampler', &
          'positive values: one at a time as Sec. 2.4, or the law of Eq. 25 itself', &
@@ -97,20 +96,6 @@ contains
          shapes_samples=.false.))
       call visitor%visit(self%n_realizations, about('n_realizations', &
          'to be written, for all &process', rule=not_negative(), shapes_samples=.false.))
-
-   contains
-
-      !> Visits a list that must be given unless the process has samples instead of a law.
-      subroutine visit_list(list)
-         real(wp), allocatable, intent(inout) :: list(:)
-
-         if (has_law) then
-            call visitor%visit(list, entry)
-         else
-            call visitor%visit(list, entry, default=[real(wp) ::])
-         end if
-      end subroutine visit_list
-
    end subroutine visit
 
    !> Order for each correlation length, the paper's 2, 5, 10 for its 0.3, 1, 3; one where there is

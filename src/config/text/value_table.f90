@@ -40,7 +40,7 @@ module config_text_value_table
       procedure :: choices_text
    end type entry_type
 
-   !> Walks the table of a group. A list without default must be given.
+   !> Walks the table of a group. A list without default is empty.
    type, abstract :: visitor_type
    contains
       generic :: visit => visit_value, visit_integers, visit_reals
