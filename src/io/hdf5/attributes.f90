@@ -114,7 +114,7 @@ contains
       call h5sclose_f(space, status)
    end subroutine write_value
 
-   !> What a message calls an attribute.
+   !> Name of an attribute in messages.
    pure function attribute_of(file, object, name) result(text)
       type(hdf5_file), intent(in) :: file
       character(*), intent(in) :: object, name
