@@ -83,11 +83,11 @@ def merge(cost: Costs, n_ranks: int, n_samples: int, n_shards: int) -> tuple[flo
     passes = 2 if groups > 1 else 1
     share = n_samples / groups / GROUP
     parts = groups * -(-N_FREQUENCIES // N_BAND)
-    part = passes * n_shards / groups * cost.shard("read_band", blocks)
+    part = passes * n_shards / groups * cost.shard("read_part", blocks)
     part += share * (cost.of["spectra_part"] + (passes - 1) * cost.of["selection_part"])
     each = n_shards / groups * cost.shard("read_samples", blocks)
     joints = passes * each + share * (cost.of["joints_group"] + cost.of["spans_group"])
-    joints += n_shards / groups * cost.shard("read_band", blocks)  # the slip series, not larger
+    joints += n_shards / groups * cost.shard("read_part", blocks)  # the slip series, not larger
     joints += (passes - 1) * share * cost.of["joints_selection"]
     root = groups * each
     beside = max(root, -(-(parts + groups) // n_ranks) * max(part, joints))

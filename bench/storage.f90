@@ -9,7 +9,7 @@ program storage
    use campaign_time_average, only: span_collector, start_spans
    use core_error, only: error_type
    use core_kinds, only: long, wp
-   use io_gathering, only: read_band, read_samples
+   use io_gathering, only: read_part, read_samples
    use io_identity, only: identity_type
    use io_shards, only: list_shards, shard_type, verify_shard, write_shard
    use io_store, only: new_store, remove_store, shard_store
@@ -70,9 +70,9 @@ contains
 
       allocate (psd(n_dof, n_band, n_shards*n_blocks*n_samples))
       call cpu_time(began)
-      call read_band(store, shards, 1, 'psd', 1, 1, psd, error)
+      call read_part(store, shards, 1, 'psd', [1, 1, 1], psd, error)
       call check()
-      call tell('read_band'//ending, began, n_shards)
+      call tell('read_part'//ending, began, n_shards)
       call remove_store(store, error)
       call check()
    end subroutine measure_shards
