@@ -49,7 +49,6 @@ module numerics_constrained_maximum
       real(wp), allocatable :: multipliers(:)
       !> inverse Hessian of the Lagrangian, as far as it was seen
       real(wp), allocatable :: metric(:, :)
-      integer :: n_iterations = 0
    end type search_result
 
 contains
@@ -90,7 +89,6 @@ contains
          call step_to_maximum(found%metric, found%jacobian, gradient, state(:n_constraints), &
                               change, multipliers, is_regular)
          if (.not. is_regular) return
-         found%n_iterations = iteration
          found%multipliers = multipliers
          found%violation = maxval(abs(state(:n_constraints)))
          found%residual = maxval(abs(rest_of_gradient(gradient, found%jacobian)))
