@@ -60,7 +60,7 @@ contains
       else if (world%is_root()) then
          call writer%finish(output%lock, seconds_so_far(), error)
          if (.not. allocated(error)) &
-            call remove_covered(output%store, output%lock, plan%cases%n_samples, error)
+            call remove_covered(output%store, output%lock, [plan%cases%n_samples], error)
       end if
    end subroutine write_results
 
