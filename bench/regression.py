@@ -4,7 +4,7 @@ Campaigns of thousands of samples a case are the truth. From each of them N samp
 400) are drawn TIMES times (400), with replacement; each time all statistics are estimated, and
 their errors compared with plain sampling's. The law of the friction is that of the campaign's
 samples. Every case is estimated by itself, and pooled with those of the same force. Prints a table
-for each scene (paper, long, stuck, ring, twenty): median gain over cases, masses (and frequencies),
+for each scene (paper, stuck, ring, twenty): median gain over cases, masses (and frequencies),
 in brackets the least; mean coverage, in brackets the least and the largest of a case and a mass.
 What is left of the campaigns (`.thin.h5`: every fourth frequency, as far as there is power) and the
 draws (`.raw`) are kept in results/: more draws go on from there, and after a change of the
@@ -58,14 +58,9 @@ class Scene(NamedTuple):
 
 SCENES = {
     "paper": Scene(
-        "The paper's chain, L0 = 0.3 and 1, both std, both forces",
-        CHAIN | {"lengths": "0.3, 1.0", "orders": "2, 5"},
-        [[1, 3, 5, 7], [2, 4, 6, 8]],
-    ),
-    "long": Scene(
-        "The paper's chain, L0 = 3, both std, both forces",
-        CHAIN | {"lengths": "3.0", "orders": "10", "truth": 4000},
-        [[1, 3], [2, 4]],
+        "The paper's chain: L0 = 0.3, 1, 3, both std, both forces",
+        CHAIN | {"lengths": "0.3, 1.0, 3.0", "orders": "2, 5, 10"},
+        [[1, 3, 5, 7, 9, 11], [2, 4, 6, 8, 10, 12]],
     ),
     "stuck": Scene(
         "The chain nearly stuck: std 0.1, force 0.8",
