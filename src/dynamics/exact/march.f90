@@ -41,15 +41,18 @@ contains
       real(wp), intent(in) :: tolerance
       type(exact_march), intent(out) :: marcher
       type(error_type), allocatable, intent(out) :: error
+      real(wp) :: transitions
 
       call check_exact(structure, dt, tolerance, error)
       if (allocated(error)) return
       marcher%structure = structure
       marcher%dt = dt
       marcher%tolerance = tolerance
-      if (structure%has_lumped_mass()) call use_series(marcher)
+      transitions = transitions_of_step(structure, dt)
+      if (structure%has_lumped_mass()) call use_series(transitions, marcher)
       ! in modes, each of m joints reads n modes three times and pushes them as often, at least
-      if (6.0_wp*structure%n_joints*structure%n_dof < marcher%work_series) call try_modes(marcher)
+      if (6.0_wp*structure%n_joints*structure%n_dof < marcher%work_series) &
+         call try_modes(transitions, marcher)
    end subroutine new_exact_march
 
    !> Refuses what cannot be marched.
@@ -89,18 +92,19 @@ contains
 
    !> Chooses power series in as many parts as take the least work: in shorter ones more joints are
    !> answered locally (8).
-   subroutine use_series(marcher)
+   subroutine use_series(transitions, marcher)
+      real(wp), intent(in) :: transitions   !! of a sample in a step
       type(exact_march), intent(inout) :: marcher
       type(series_form), allocatable :: form
       integer :: parts
-      real(wp) :: without, work   ! of transitions; in all
+      real(wp) :: least, work   ! without transitions; in all
 
       parts = max(1, ceiling(parts_of_step(marcher%structure, marcher%dt)))
-      do
-         allocate (form)
+      do while (parts <= most_parts)
+         if (.not. allocated(form)) allocate (form)
          call new_series_form(marcher%structure, marcher%dt, parts, marcher%tolerance, form)
-         work = form%work(parts, transitions_of_step(marcher%structure, marcher%dt))
-         without = form%work(parts, 0.0_wp)
+         work = form%work(parts, transitions)
+         least = form%work(parts, 0.0_wp)
          if (work < marcher%work_series) then
             marcher%work_series = work
             marcher%parts = parts
@@ -108,14 +112,14 @@ contains
             if (allocated(marcher%base)) deallocate (marcher%base)
             call move_alloc(form, marcher%base)
          end if
+         if (least >= marcher%work_series) exit
          parts = 2*parts
-         if (without >= min(work, marcher%work_series) .or. parts > most_parts) exit
-         if (allocated(form)) deallocate (form)
       end do
    end subroutine use_series
 
    !> Chooses modes if they need less work than power series.
-   subroutine try_modes(marcher)
+   subroutine try_modes(transitions, marcher)
+      real(wp), intent(in) :: transitions   !! of a sample in a step
       type(exact_march), intent(inout) :: marcher
       real(wp), parameter :: of_transition = 4500.0_wp   ! multiplications (11)
       type(modal_form), allocatable :: form
@@ -123,8 +127,7 @@ contains
       allocate (form)
       call new_modal_form(marcher%structure, marcher%dt, marcher%tolerance, form)
       if (form%operators%n_parts > most_parts) return
-      marcher%work_modes = form%operators%n_parts*form%operators%work() &
-                           + of_transition*transitions_of_step(marcher%structure, marcher%dt)
+      marcher%work_modes = form%operators%n_parts*form%operators%work() + of_transition*transitions
       if (marcher%work_modes >= marcher%work_series) return
       marcher%parts = form%operators%n_parts
       marcher%form = 'modes'
