@@ -5,14 +5,14 @@ module exact_cases
    use core_kinds, only: long, wp
    use core_random, only: label_of, new_stream, stream_type
    use structure_model, only: structure_type
-   use dynamics_exact_march, only: exact_march, new_exact_march
-   use dynamics_exact_series_form, only: series_form
+   use dynamics_exact_march, only: exact_march, new_exact_march, parts_of_step
+   use dynamics_exact_series_form, only: new_series_form, series_form
    use dynamics_joint, only: close_account
    use dynamics_response, only: block_state, start_block
    use reference_case, only: paper_chain
    implicit none(type, external)
    private
-   public :: answer_anew, five_masses, march, paper_dt, random_force, random_friction
+   public :: five_masses, march, paper_dt, random_force, random_friction, use_fewest_parts
 
    real(wp), parameter :: paper_dt = 0.00843_wp
 
@@ -20,13 +20,14 @@ contains
 
    !> Marches one block from rest; a history of huge values when the marcher refuses, which no test
    !> takes for right.
-   subroutine march(chain, dt, tolerance, dof, friction, force, spacing, state, history, is_anew)
+   subroutine march(chain, dt, tolerance, dof, friction, force, spacing, state, history, &
+                    in_fewest_parts)
       type(structure_type), intent(in) :: chain
       real(wp), intent(in) :: dt, tolerance, friction(:, :), force(0:, :)
       integer, intent(in) :: dof, spacing
       type(block_state), intent(inout) :: state
       real(wp), allocatable, intent(out) :: history(:, :, :)
-      logical, intent(in), optional :: is_anew   !! no transition is answered locally
+      logical, intent(in), optional :: in_fewest_parts   !! given: see use_fewest_parts
       type(structure_type) :: structure
       type(exact_march) :: marcher
       type(error_type), allocatable :: error
@@ -37,21 +38,24 @@ contains
       allocate (history(ubound(force, 1)/spacing, chain%n_dof, size(friction, 2)))
       call start_block(chain, friction, state)
       call new_exact_march(structure, dt, tolerance, marcher, error)
-      if (present(is_anew)) call answer_anew(marcher)
+      if (.not. allocated(error) .and. present(in_fewest_parts)) call use_fewest_parts(marcher)
       if (.not. allocated(error)) call marcher%advance(state, force, spacing, history, error=error)
       if (allocated(error)) history = huge(1.0_wp)
       call close_account(structure, state%step*dt, state)
    end subroutine march
 
-   !> Makes every transition begin the series of its sample anew.
-   subroutine answer_anew(marcher)
+   !> Makes a march one by power series in the fewest parts of a step, whatever takes less work.
+   subroutine use_fewest_parts(marcher)
       type(exact_march), intent(inout) :: marcher
+      type(series_form), allocatable :: form
 
-      select type (base => marcher%base)
-      type is (series_form)
-         base%answers%is_local = .false.
-      end select
-   end subroutine answer_anew
+      marcher%parts = max(1, ceiling(parts_of_step(marcher%structure, marcher%dt)))
+      allocate (form)
+      call new_series_form(marcher%structure, marcher%dt, marcher%parts, marcher%tolerance, form)
+      marcher%form = 'power series'
+      deallocate (marcher%base)
+      call move_alloc(form, marcher%base)
+   end subroutine use_fewest_parts
 
    !> The paper's chain.
    function five_masses() result(chain)
