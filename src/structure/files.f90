@@ -78,9 +78,8 @@ contains
       if (complaints%n > n_before) return
       if (n_dof == 0) n_dof = size(file%value, 1)
       if (any(shape(file%value) /= n_dof)) then
-         call file%refuse(file%size_line, 'holds '//to_text(size(file%value, 1))//' x '// &
-                          to_text(size(file%value, 2))//' entries: must be '//to_text(n_dof)// &
-                          ' x '//to_text(n_dof)//', as many as there are dofs', complaints)
+         call refuse_sizes(file, size_text([n_dof, n_dof])//', as many as there are dofs', &
+                           complaints)
          return
       end if
       worst = maxloc(abs(file%value - transpose(file%value)))
@@ -99,6 +98,22 @@ contains
       end do
       call move_alloc(file%value, matrix)
    end subroutine read_symmetric
+
+   subroutine refuse_sizes(file, wanted, complaints)
+      type(matrix_file), intent(in) :: file
+      character(*), intent(in) :: wanted
+      type(complaint_list), intent(inout) :: complaints
+
+      call file%refuse(file%size_line, 'holds '//size_text(shape(file%value))// &
+                       ' entries: must be '//wanted, complaints)
+   end subroutine refuse_sizes
+
+   pure function size_text(extents) result(text)
+      integer, intent(in) :: extents(2)
+      character(:), allocatable :: text
+
+      text = to_text(extents(1))//' x '//to_text(extents(2))
+   end function size_text
 
    pure function entry(file, i, j) result(text)
       type(matrix_file), intent(in) :: file
@@ -148,9 +163,8 @@ contains
       call read_matrix(path, file, complaints)
       if (complaints%n > n_before) return
       if (any(shape(file%value) /= [structure%n_dof, structure%n_joints])) then
-         call file%refuse(file%size_line, 'holds '//to_text(size(file%value, 1))//' x '// &
-                          to_text(size(file%value, 2))//' entries: must be dofs x joints, '// &
-                          to_text(structure%n_dof)//' x '//to_text(structure%n_joints), complaints)
+         call refuse_sizes(file, 'dofs x joints, '// &
+                           size_text([structure%n_dof, structure%n_joints]), complaints)
          return
       end if
       call move_alloc(file%value, structure%direction)
