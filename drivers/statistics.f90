@@ -258,10 +258,11 @@ contains
 
       associate (n => size(samples%slip_fraction, 1))
          if (allocated(samples%harmonic_amplitude)) then
-            allocate (values(3*n + size(samples%harmonic_amplitude, 1), samples%n_samples))
-            values(3*n + 1:, :) = samples%harmonic_amplitude
+            allocate (values(n_quantities*n + size(samples%harmonic_amplitude, 1), &
+                             samples%n_samples))
+            values(n_quantities*n + 1:, :) = samples%harmonic_amplitude
          else
-            allocate (values(3*n, samples%n_samples))
+            allocate (values(n_quantities*n, samples%n_samples))
          end if
          values(:n, :) = samples%slip_fraction
          values(n + 1:2*n, :) = samples%slip_distance
@@ -337,7 +338,7 @@ contains
             call self%numbers%finish((q - 1)*n + 1, q*n, statistics%numbers(q))
          end do
          if (plan%excitation%kind == 'sine') &
-            call self%numbers%finish(3*n + 1, 3*n + plan%structure%n_dof, &
+            call self%numbers%finish(n_quantities*n + 1, n_quantities*n + plan%structure%n_dof, &
                                      statistics%numbers(of_amplitude))
       end associate
       if (.not. self%has_spans) return
