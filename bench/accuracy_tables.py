@@ -1,4 +1,4 @@
-"""Tables of docs/accuracy.md: python bench/accuracy_tables.py KIND FILE
+"""Tables of docs/accuracy.md and cost.md: python bench/accuracy_tables.py KIND FILE
 
 KIND is `settings` (FILE of `entroslip tradeoff`: those at the scene's step and the finest one),
 `errors` (FILE of `entroslip run` with an audit: least and largest over cases of the largest dof) or

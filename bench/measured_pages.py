@@ -1,9 +1,10 @@
-"""Writes the measured blocks of docs/accuracy.md anew: python bench/accuracy_page.py [WORD ...]
+"""Writes measured blocks of the documentation anew: python bench/measured_pages.py [WORD ...]
 
-A block stands between `<!-- measured by -->` and `<!-- end -->`: a command, indented, and what it
-prints. With words, only the blocks whose command has one of them: "entroslip tradeoff", settings,
-"entroslip run", errors, targets, regression, peers, requirements, chains. Says how long each took.
-What the page's text says of a block is not rewritten: read it again.
+A block of docs/accuracy.md, regression.md or cost.md stands between `<!-- measured by -->` and
+`<!-- end -->`: a command, indented, and what it prints. With words, only the blocks whose command
+has one of them: "entroslip tradeoff", settings, "entroslip run", errors, targets, regression,
+peers, requirements, chains. Says how long each took. What a page's text says of a block is not
+rewritten: read it again.
 """
 
 from __future__ import annotations
@@ -16,7 +17,7 @@ import time
 from pathlib import Path
 
 ROOT = Path(__file__).resolve().parent.parent
-PAGE = ROOT / "docs/accuracy.md"
+PAGES = [ROOT / "docs" / name for name in ("accuracy.md", "regression.md", "cost.md")]
 BLOCK = re.compile(r"(<!-- measured by -->\n\n    (.*?)\n).*?(<!-- end -->)", re.DOTALL)
 
 PROGRESS = re.compile(r"^\d+ of \d+ .* left\n", re.MULTILINE)
@@ -30,7 +31,9 @@ def block(found: re.Match[str]) -> str:
         return found[0]
     python = command.replace("python ", f"{sys.executable} ", 1)
     start = time.monotonic()
-    said = subprocess.run(shlex.split(python), cwd=ROOT, check=True, capture_output=True, text=True)
+    said = subprocess.run(
+        shlex.split(python, comments=True), cwd=ROOT, check=True, capture_output=True, text=True
+    )
     text = PROGRESS.sub("", said.stdout).strip("\n")
     print(f"{time.monotonic() - start:4.0f} s  {command}", flush=True)
     fence = "" if text.startswith(("|", "**")) else "```\n"
@@ -38,9 +41,10 @@ def block(found: re.Match[str]) -> str:
 
 
 if __name__ == "__main__":
-    commands = [found[2] for found in BLOCK.finditer(PAGE.read_text())]
+    commands = [found[2] for page in PAGES for found in BLOCK.finditer(page.read_text())]
     for word in sys.argv[1:]:
         if not any(word in command for command in commands):
             raise SystemExit(f"{word}: no block's command has it; they are\n" + "\n".join(commands))
     (ROOT / "results").mkdir(exist_ok=True)
-    PAGE.write_text(BLOCK.sub(block, PAGE.read_text()))
+    for page in PAGES:
+        page.write_text(BLOCK.sub(block, page.read_text()))
