@@ -15,7 +15,7 @@ module campaign_runner
    use structure_model, only: structure_type
    implicit none(type, external)
    private
-   public :: runner_type, prepare_runner, block_width
+   public :: runner_type, prepare_runner, block_width, new_marcher
 
    integer, parameter :: widest_block = 32            !! samples marched together
    integer, parameter :: records_per_piece = 264      !! between two looks at the spectra

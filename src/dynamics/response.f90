@@ -5,7 +5,7 @@ module dynamics_response
    use structure_model, only: structure_type
    implicit none(type, external)
    private
-   public :: block_state, marcher_type, transition_list, start_block, stored_energy
+   public :: block_state, march_work, marcher_type, transition_list, start_block, stored_energy
 
    !> Stick-slip transitions of one sample, in time order.
    type :: transition_list
@@ -47,10 +47,24 @@ module dynamics_response
       type(transition_list), allocatable :: transitions(:)   !! (sample)
    end type block_state
 
+   !> Counted work of a march: multiplications of one sample in a step, where 32 are marched side by
+   !> side ((11) of docs/exact_march.md). A sample alone, or in scattered places, counts more.
+   type :: march_work
+      real(wp) :: step = huge(1.0_wp)     !! without transitions
+      real(wp) :: transition = 0.0_wp     !! more for each transition
+      !> more for each part of the step that is begun anew; as many as transitions, by this share of
+      !> them, but not more than there are
+      real(wp) :: begin_anew = 0.0_wp, share_anew = 0.0_wp
+      integer :: n_parts = 1
+   contains
+      procedure :: with_transitions
+   end type march_work
+
    !> A time integration method, prepared for one structure and one time step.
    type, abstract :: marcher_type
       type(structure_type) :: structure
       real(wp) :: dt = 0.0_wp       !! [s]
+      type(march_work) :: work
    contains
       procedure(advance_block), deferred :: advance
    end type marcher_type
@@ -72,6 +86,15 @@ module dynamics_response
    end interface
 
 contains
+
+   !> Multiplications of a sample in a step with so many transitions.
+   elemental real(wp) function with_transitions(self, transitions) result(work)
+      class(march_work), intent(in) :: self
+      real(wp), intent(in) :: transitions
+
+      work = self%step + self%transition*transitions &
+             + self%begin_anew*min(self%share_anew*transitions, real(self%n_parts, wp))
+   end function with_transitions
 
    !> Starts a block at rest, sliders at zero, all joints stuck; a joint with mu N = 0 slips from
    !> the start.

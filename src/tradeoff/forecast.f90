@@ -12,7 +12,7 @@ module tradeoff_forecast
    use core_error, only: error_type
    use core_kinds, only: wp
    use tradeoff_sample, only: choose_levels, draw_level, level_type
-   use tradeoff_settings, only: expected_cost, own_setting
+   use tradeoff_settings, only: count_work, expected_cost, own_setting, setting_type
    implicit none(type, external)
    private
    public :: cost_type, measure_cost
@@ -44,10 +44,14 @@ contains
       type(runner_type) :: runner
       type(level_type), allocatable :: levels(:)
       type(cost_type) :: of_level
+      type(setting_type) :: own
       integer :: k
 
       call choose_levels(plan, levels)
-      cost%n_steps = steps_for(plan, sum([(size(levels(k)%sample), k=1, size(levels))]))
+      own = own_setting(plan)
+      call count_work(plan, own, error)
+      if (allocated(error)) return
+      cost%n_steps = steps_for(plan, sum([(size(levels(k)%sample), k=1, size(levels))]), own)
       short = plan
       short%integration%n_steps = cost%n_steps
       short%integration%n_discard = 0
@@ -69,12 +73,13 @@ contains
    end subroutine measure_cost
 
    !> Steps that the budget allows.
-   pure integer function steps_for(plan, n_samples)
+   pure integer function steps_for(plan, n_samples, own)
       type(plan_type), intent(in) :: plan
       integer, intent(in) :: n_samples
+      type(setting_type), intent(in) :: own   !! the scene's, counted
       real(wp) :: most
 
-      most = 1.0e9_wp*budget/(n_samples*expected_cost(own_setting(plan), plan, some_transitions))
+      most = 1.0e9_wp*budget/(n_samples*expected_cost(own, plan%structure%n_dof, some_transitions))
       if (plan%output%history) &
          most = min(most, history_memory/(16.0_wp*size(kept_dofs(plan))*n_samples))
       steps_for = min(plan%integration%n_steps, max(fewest_steps, int(min(most, 1.0e9_wp))))

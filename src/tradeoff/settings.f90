@@ -2,16 +2,17 @@
 !> each is expected to cost.
 module tradeoff_settings
    use campaign_plan, only: plan_type
+   use campaign_runner, only: new_marcher
+   use core_error, only: error_type
    use core_kinds, only: wp
-   use dynamics_exact_march, only: parts_of_step
    use dynamics_newmark_march, only: longest_step
+   use dynamics_response, only: march_work, marcher_type
    implicit none(type, external)
    private
    public :: setting_type, all_settings, settings_at_dt, own_setting, same_setting, with_setting
-   public :: reference_setting, expected_cost, setting_dt
+   public :: count_work, expected_cost, reference_setting, setting_dt
 
    real(wp), parameter :: reference_tolerance = 1.0e-12_wp
-   integer, parameter :: longest_tabulated = 8   !! masses of a chain that Newmark marches by tables
 
    !> A method, its step in terms of the scene's, and how closely it follows a transition.
    type :: setting_type
@@ -20,6 +21,7 @@ module tradeoff_settings
       integer :: stride = 1                 !! intervals of the force that a step takes together
       integer :: max_halvings = 0           !! newmark
       real(wp) :: tolerance = 0.0_wp        !! event
+      type(march_work) :: work              !! of a step of its own; see count_work
    end type setting_type
 
 contains
@@ -139,38 +141,31 @@ contains
       end associate
    end function with_setting
 
-   !> Expected cost of a sample-step of the scene, from counted work: trial steps, steps,
-   !> transitions, each in nanoseconds of a processor of 2023. It ranks settings, the same on every
-   !> machine and in every run; it is no forecast.
-   pure function expected_cost(setting, plan, transitions) result(nanoseconds)
-      type(setting_type), intent(in) :: setting
+   !> Counts the work of a setting's march.
+   subroutine count_work(plan, setting, error)
       type(plan_type), intent(in) :: plan
-      real(wp), intent(in) :: transitions   !! of all masses in a step of the scene
-      real(wp) :: nanoseconds
-      real(wp), parameter :: at_any_rate = 25.0_wp
-      real(wp) :: n, tries
+      type(setting_type), intent(inout) :: setting
+      type(error_type), allocatable, intent(out) :: error
+      class(marcher_type), allocatable :: marcher
+      type(plan_type) :: changed
 
-      n = plan%structure%n_dof
-      if (setting%method == 'newmark') then
-         ! down by halves to a transition, and up again
-         tries = real(setting%parts, wp)/setting%stride &
-                 + transitions*(1.0_wp + 2.0_wp*setting%max_halvings)
-         nanoseconds = tries*merge(18.0_wp, 15.0_wp*n, plan%structure%n_dof <= longest_tabulated)
-      else   ! measured on AVX2, docs/accuracy.md; a degree more for every one or two powers of ten,
-         ! and no transition is local beyond some 3e-10: docs/exact_march.md (8)
-         nanoseconds = parts()*6.0_wp*n*(1.0_wp - 0.15_wp*(6.0_wp + log10(setting%tolerance))) &
-                       + transitions*merge(150.0_wp, 2500.0_wp, setting%tolerance > 3.0e-10_wp)
-      end if
-      nanoseconds = nanoseconds + at_any_rate
+      changed = with_setting(plan, setting)
+      call new_marcher(changed, changed%integration, marcher, error)
+      if (.not. allocated(error)) setting%work = marcher%work
+   end subroutine count_work
 
-   contains
+   !> Expected cost of a sample-step of the scene, from counted work [ns of a processor of 2023]. It
+   !> ranks settings, the same on every machine and in every run; it is no forecast.
+   elemental real(wp) function expected_cost(setting, n_dof, transitions) result(nanoseconds)
+      type(setting_type), intent(in) :: setting   !! counted
+      integer, intent(in) :: n_dof
+      real(wp), intent(in) :: transitions         !! of a sample in a step of the scene
+      real(wp), parameter :: of_multiplication = 0.05_wp, of_record = 5.0_wp   ! of a dof, spectra
+      real(wp) :: steps   ! in one of the scene
 
-      !> Parts that the exact march makes of a step of the scene.
-      pure real(wp) function parts()
-         parts = max(1.0_wp, parts_of_step(plan%structure, &
-                                           setting_dt(setting, plan%integration%dt)))/setting%stride
-      end function parts
-
+      steps = real(setting%parts, wp)/setting%stride
+      nanoseconds = of_record*n_dof &
+                    + of_multiplication*steps*setting%work%with_transitions(transitions/steps)
    end function expected_cost
 
 end module tradeoff_settings

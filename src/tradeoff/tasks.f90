@@ -19,8 +19,8 @@ module tradeoff_tasks
    use tradeoff_estimators, only: find_gains, no_gains
    use tradeoff_sample, only: choose_levels, draw_level, fit_segments, level_type, march_level, &
       shortened
-   use tradeoff_settings, only: all_settings, expected_cost, own_setting, same_setting, &
-      reference_setting, setting_type, settings_at_dt
+   use tradeoff_settings, only: all_settings, count_work, expected_cost, own_setting, &
+      reference_setting, same_setting, setting_type, settings_at_dt
    use tradeoff_task_results, only: find_plain_errors, find_published, find_setting_errors, &
       find_variant, task_result
    use tradeoff_variants, only: remember_alike, variant_type
@@ -89,6 +89,7 @@ contains
       procedure(stop_query) :: should_stop
       type(tradeoff_type), intent(out) :: tradeoff
       type(error_type), allocatable, intent(out) :: error
+      type(setting_type) :: counted
       real(wp) :: of_plan, of_long   ! expected costs of a step [ns]
       integer :: i, unit, width
 
@@ -106,11 +107,16 @@ contains
       if (.not. scope%has_settings) tradeoff%settings = tradeoff%settings(:0)
       tradeoff%own = findloc(same_setting(tradeoff%settings, own_setting(plan)), .true., 1)
       tradeoff%n_wide = wide_block(plan, file_force)
-      associate (settings => tradeoff%settings, usual_cost => expected_cost(usual, plan, &
-                                                                            usual_transitions))
+      counted = usual
+      call count_work(plan, counted, error)
+      do i = 1, size(tradeoff%settings)
+         if (.not. allocated(error)) call count_work(plan, tradeoff%settings(i), error)
+      end do
+      if (allocated(error)) return
+      associate (usual_cost => expected_cost(counted, plan%structure%n_dof, usual_transitions))
          if (scope%has_settings) then
-            of_plan = width*sum([(expected_cost(settings(i), plan, usual_transitions), &
-                                  i=1, size(settings))])
+            of_plan = width*sum(expected_cost(tradeoff%settings, plan%structure%n_dof, &
+                                              usual_transitions))
             of_long = 10*width*usual_cost
          else   ! a block of each case, and half of a long march for every batch
             of_plan = 2*min(most_cases, size(plan%cases))*block_width(plan)*usual_cost
@@ -212,8 +218,8 @@ contains
                                               i=1, size(tradeoff%tasks))])
       associate (settings => tradeoff%settings)
          tasks = [((task_type(of_setting, i, k), k=1, n_levels), i=1, size(settings))]
-         cost = [((expected_cost(settings(i), tradeoff%plan, tradeoff%transitions(k)), &
-                   k=1, n_levels), i=1, size(settings))]
+         cost = [(expected_cost(settings(i), tradeoff%plan%structure%n_dof, tradeoff%transitions), &
+                  i=1, size(settings))]
       end associate
       tradeoff%tasks = [tradeoff%tasks, tasks(sort_order(-cost))]
       allocate (tradeoff%every(0), tradeoff%segment_length(0), tradeoff%cases(0))

@@ -11,7 +11,7 @@ module dynamics_exact_march
    use dynamics_exact_modal_terms, only: longest_in_parts
    use dynamics_exact_series, only: fastest_rate, longest_part
    use dynamics_exact_series_form, only: new_series_form, series_form
-   use dynamics_response, only: block_state, marcher_type
+   use dynamics_response, only: block_state, march_work, marcher_type
    use structure_model, only: structure_type
    implicit none(type, external)
    private
@@ -96,23 +96,23 @@ contains
       real(wp), intent(in) :: transitions   !! of a sample in a step
       type(exact_march), intent(inout) :: marcher
       type(series_form), allocatable :: form
+      type(march_work) :: work
       integer :: parts
-      real(wp) :: least, work   ! without transitions; in all
 
       parts = max(1, ceiling(parts_of_step(marcher%structure, marcher%dt)))
       do while (parts <= most_parts)
          if (.not. allocated(form)) allocate (form)
          call new_series_form(marcher%structure, marcher%dt, parts, marcher%tolerance, form)
-         work = form%work(parts, transitions)
-         least = form%work(parts, 0.0_wp)
-         if (work < marcher%work_series) then
-            marcher%work_series = work
+         work = form%work(parts)
+         if (work%with_transitions(transitions) < marcher%work_series) then
+            marcher%work = work
+            marcher%work_series = work%with_transitions(transitions)
             marcher%parts = parts
             marcher%form = 'power series'
             if (allocated(marcher%base)) deallocate (marcher%base)
             call move_alloc(form, marcher%base)
          end if
-         if (least >= marcher%work_series) exit
+         if (work%step >= marcher%work_series) exit
          parts = 2*parts
       end do
    end subroutine use_series
@@ -123,12 +123,16 @@ contains
       type(exact_march), intent(inout) :: marcher
       real(wp), parameter :: of_transition = 4500.0_wp   ! multiplications (11)
       type(modal_form), allocatable :: form
+      type(march_work) :: work
 
       allocate (form)
       call new_modal_form(marcher%structure, marcher%dt, marcher%tolerance, form)
       if (form%operators%n_parts > most_parts) return
-      marcher%work_modes = form%operators%n_parts*form%operators%work() + of_transition*transitions
+      work%step = form%operators%n_parts*form%operators%work()
+      work%transition = of_transition
+      marcher%work_modes = work%with_transitions(transitions)
       if (marcher%work_modes >= marcher%work_series) return
+      marcher%work = work
       marcher%parts = form%operators%n_parts
       marcher%form = 'modes'
       if (allocated(marcher%base)) deallocate (marcher%base)

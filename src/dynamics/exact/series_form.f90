@@ -17,7 +17,7 @@ module dynamics_exact_series_form
    use dynamics_exact_series, only: new_series, series_type
    use dynamics_exact_transitions, only: n_near, transition_group
    use dynamics_joint, only: enter_transition, slip_direction
-   use dynamics_response, only: block_state
+   use dynamics_response, only: block_state, march_work
    use structure_model, only: structure_type
    implicit none(type, external)
    private
@@ -60,18 +60,21 @@ contains
       call new_local_answers(structure, form%series, tolerance, form%answers)
    end subroutine new_series_form
 
-   !> Multiplications of one sample in a step. A transition that is not answered locally begins the
+   !> Work of a step of so many parts (11). A transition that is not answered locally begins the
    !> series of its sample anew, as does the part that it is found in; alone, without the samples
-   !> beside it, a multiplication takes as long as 15 (11).
-   pure real(wp) function work(self, parts, transitions)
+   !> beside it, a multiplication takes as long as 15.
+   pure type(march_work) function work(self, parts)
       class(series_form), intent(in) :: self
-      integer, intent(in) :: parts            !! of a step
-      real(wp), intent(in) :: transitions     !! of a sample in a step
-      real(wp), parameter :: alone = 15.0_wp
-      real(wp) :: redone
+      integer, intent(in) :: parts
+      real(wp), parameter :: alone = 15.0_wp, local = 1500.0_wp
 
-      redone = transitions*count(.not. self%answers%is_local)/max(1, size(self%answers%is_local))
-      work = self%series%work()*(parts + alone*(redone + min(redone, real(parts, wp))))
+      work%step = parts*self%series%work()
+      work%n_parts = parts
+      work%begin_anew = alone*self%series%work()
+      associate (is_local => self%answers%is_local)
+         work%share_anew = real(count(.not. is_local), wp)/max(1, size(is_local))
+      end associate
+      work%transition = (1.0_wp - work%share_anew)*local + work%share_anew*work%begin_anew
    end function work
 
    !> See base_system.

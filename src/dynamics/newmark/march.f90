@@ -54,6 +54,7 @@ contains
       call new_newmark_frame(structure, marcher%frame, error)
       if (allocated(error)) return
       call new_newmark_steps(marcher%frame, dt, max_halvings, beta, gamma, marcher%steps, error)
+      if (.not. allocated(error)) marcher%work = marcher%steps%work()
    end subroutine new_newmark
 
    !> Longest stable step of the scheme [s]: any if 2 beta >= gamma >= 1/2; below, no mode grows,

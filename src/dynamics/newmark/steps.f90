@@ -16,6 +16,7 @@ module dynamics_newmark_steps
    use dynamics_newmark_frame, only: newmark_frame
    use dynamics_newmark_woodbury, only: inverse_of, new_newmark_system, newmark_system, &
                                         try_woodbury
+   use dynamics_response, only: march_work
    implicit none(type, external)
    private
    public :: newmark_steps, new_newmark_steps
@@ -40,6 +41,7 @@ module dynamics_newmark_steps
       type(newmark_system), allocatable :: system !! where there are no tables
    contains
       procedure :: try
+      procedure :: work
    end type newmark_steps
 
 contains
@@ -130,6 +132,20 @@ contains
          self%diagonals(:, modulo(d, 4) + 1, d/4 + 1) = matrix%value(:, d + 1)
       end do
    end subroutine fill_diagonals
+
+   !> Work of a step of dt, in multiplications of the exact march. A transition is sought by halves
+   !> and left by doubles, and made.
+   pure type(march_work) function work(self)
+      class(newmark_steps), intent(in) :: self
+      real(wp), parameter :: of_switch = 1800.0_wp, of_try = 160.0_wp   ! that are no products
+
+      if (allocated(self%system)) then
+         work%step = self%system%work()
+      else
+         work%step = of_try + rows*(13 + 4*size(self%offset, 2) + size(self%solution, 2))
+      end if
+      work%transition = (1 + 2*self%max_halvings)*work%step + of_switch
+   end function work
 
    !> Tries a step with each of the listed samples, at its own level. The new motion goes to the
    !> spare slot; has_passed is 1 where a joint is beyond its limit at the end of the step, else 0.

@@ -35,6 +35,8 @@ module dynamics_newmark_woodbury
       type(diagonal_matrix) :: both                  !! W' of a column v and of the next one, x
       real(wp) :: beta = 0.0_wp, gamma = 0.0_wp
       type(newmark_level), allocatable :: level(:)   !! from 0
+   contains
+      procedure :: work
    end type newmark_system
 
 contains
@@ -88,6 +90,27 @@ contains
          end associate
       end do
    end subroutine new_newmark_system
+
+   !> Work of a try of the longest step with all joints stuck, in multiplications of the exact
+   !> march: one takes as long as two of those.
+   pure real(wp) function work(self)
+      class(newmark_system), intent(in) :: self
+      real(wp), parameter :: of_try = 1800.0_wp   ! that are no products
+
+      associate (span => self%level(0)%span)
+         work = of_try + 2*(entries(self%forces) + entries(self%directions) + entries(self%both) &
+                            + sum(span(2, :) - span(1, :) + 1) + 10*size(span, 2))
+      end associate
+
+   contains
+
+      pure integer function entries(matrix)
+         type(diagonal_matrix), intent(in) :: matrix
+
+         entries = sum(matrix%span(2, :) - matrix%span(1, :) + 1)
+      end function entries
+
+   end function work
 
    !> Finds S^-1 for one stiffness and length of step.
    subroutine inverse_of(structure, stiffness, h, beta, gamma, inverse, error)
