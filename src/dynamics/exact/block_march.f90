@@ -17,11 +17,18 @@ module dynamics_exact_block_march
    integer, parameter :: records_together = 32
    integer, parameter :: most_seen = 8   !! of the joints that switch in one part of one sample
 
+   !> Joints of a sample that switch in one part, and when, see (9).
+   type :: switching
+      integer :: n = 0
+      integer :: joint(most_seen)
+      real(wp) :: earliest(most_seen), latest(most_seen)   !! [parts]
+   end type switching
+
    !> Suspects of a part, its groups of transitions, and records that are not yet handed on.
    type :: march_room
       integer, allocatable :: list(:)
       logical :: is_involved(width) = .false.              !! marched again, by `redo`
-      integer :: n_seen(width), seen(most_seen, width)     !! rows that switch in the part, see (9)
+      type(switching) :: seen(width)       !! (lane) joints that switch in the part
       type(transition_group), allocatable :: groups(:)
       type(transition_group) :: one        !! a joint that is followed
       logical :: is_independent = .true.   !! no sample is ever marched again
@@ -137,7 +144,7 @@ contains
          allocate (more(2*n_groups))
          call move_alloc(more, room%groups)
       end if
-      room%n_seen = 0
+      room%seen%n = 0
       do g = 1, n_groups
          call examine_group(g, room%groups(g))
          call find_involved(base, room%groups(g), room)
@@ -182,8 +189,7 @@ contains
          if (.not. base%paths%is_local(group%joint(e))) then
             room%is_involved(l) = .true.
          else if (size(base%paths%moved) > 0) then
-            call note_joint(base, group%joint(e), room%seen(:, l), room%n_seen(l), &
-                            room%is_involved(l))
+            call note_joint(base, group, e, room%seen(l), room%is_involved(l))
          end if
       end do
    end subroutine find_involved
@@ -214,25 +220,32 @@ contains
       end do
    end subroutine enter_group
 
-   !> Notes a joint, and if it moves one that switches in the same part of its sample too much (9).
-   pure subroutine note_joint(base, joint, seen, n_seen, is_involved)
+   !> Notes a joint, and if it moves one that switches later in the part of its sample too much, or
+   !> is moved so (9). A joint that is followed may switch at any time.
+   pure subroutine note_joint(base, group, entry, seen, is_involved)
       class(base_system), intent(in) :: base
-      integer, intent(in) :: joint
-      integer, intent(inout) :: seen(:), n_seen   !! rows of the joints before this one
+      type(transition_group), intent(in) :: group
+      integer, intent(in) :: entry
+      type(switching), intent(inout) :: seen
       logical, intent(inout) :: is_involved
+      real(wp) :: earliest, latest
       integer :: s
 
-      associate (moved => base%paths%moved, first => base%paths%first_moved)
-         do s = 1, n_seen
-            if (any(moved(first(joint):first(joint + 1) - 1) == seen(s))) is_involved = .true.
+      is_involved = is_involved .or. seen%n == most_seen
+      if (is_involved) return
+      earliest = merge(group%time(entry), 0.0_wp, group%verdict(entry) == plain)
+      latest = merge(group%time(entry), 1.0_wp, group%verdict(entry) == plain)
+      associate (joint => group%joint(entry), paths => base%paths)
+         do s = 1, seen%n
+            is_involved = is_involved .or. &
+                          paths%moves(joint, seen%joint(s), seen%latest(s) - earliest) .or. &
+                          paths%moves(seen%joint(s), joint, latest - seen%earliest(s))
          end do
+         seen%n = seen%n + 1
+         seen%joint(seen%n) = joint
       end associate
-      if (n_seen == size(seen)) then
-         is_involved = .true.
-      else
-         n_seen = n_seen + 1
-         seen(n_seen) = base%paths%row(joint)
-      end if
+      seen%earliest(seen%n) = earliest
+      seen%latest(seen%n) = latest
    end subroutine note_joint
 
    !> Enters one transition into the ends of the part, the regimes and the account.

@@ -30,8 +30,10 @@ module dynamics_exact_joint_paths
       integer, allocatable :: joint(:)          !! (entry) joints by rows; none for a row without
       integer, allocatable :: joint_row(:)      !! (entry)
       logical, allocatable :: is_local(:)       !! (joint) answered by its own row (8)
-      !> (joint + 1), (entry): rows whose joints must not switch in one part with this one (9)
+      !> (joint + 1), (entry): rows whose joints must not switch more than so many parts after this
+      !> one (9)
       integer, allocatable :: first_moved(:), moved(:)
+      real(wp), allocatable :: free_span(:)     !! (entry)
       real(wp), allocatable :: own(:, :)        !! (1:4, row) of a row that answers so (7)
       integer, allocatable :: layer(:)          !! (0:degree)
       integer :: finish(0:1) = 0
@@ -55,6 +57,7 @@ module dynamics_exact_joint_paths
       procedure :: take_in
       procedure :: hand_back
       procedure :: switch
+      procedure :: moves
       procedure, private :: set_row
    end type joint_paths
 
@@ -201,6 +204,19 @@ contains
                          direction, self%regime, self%stiffness(lane, row), self%pull(lane, row))
       if (self%first(row + 1) - self%first(row) > 1) call self%set_row(lane, row)
    end subroutine switch
+
+   !> True if the transition of a joint may move another, that switches so many parts later, too
+   !> much (9).
+   pure logical function moves(self, joint, other, span)
+      class(joint_paths), intent(in) :: self
+      integer, intent(in) :: joint, other
+      real(wp), intent(in) :: span
+
+      associate (first => self%first_moved(joint), last => self%first_moved(joint + 1) - 1)
+         moves = any(self%moved(first:last) == self%row(other) .and. &
+                     self%free_span(first:last) < span)
+      end associate
+   end function moves
 
    !> Changes the regime of a joint that is alone on its row. Without branches, as slips start as
    !> often as they end.

@@ -14,6 +14,7 @@ module dynamics_exact_local_answers
       logical, allocatable :: is_local(:)       !! (joint)
       !> (joint + 1), (entry): dofs whose joints must not switch in one part with this one (9)
       integer, allocatable :: first_moved(:), moved(:)
+      real(wp), allocatable :: free_span(:)     !! (entry) apart from which they may, and less
       integer, allocatable :: first(:)          !! (dof + 1)
       integer, allocatable :: dof(:)            !! (entry)
       real(wp), allocatable :: value(:, :)      !! N_1 .. N_4 (1:4, entry)
@@ -90,11 +91,13 @@ contains
       type(local_answers), intent(inout) :: answers
       real(wp), parameter :: share = 5.0e-2_wp        !! of the tolerance, for one transition
       real(wp), parameter :: most_place = 10.0_wp     !! of the tolerance: the path is a tenth part
+      integer, parameter :: first_power = 4           !! of the answers of others
       real(wp), parameter :: most_shift = 1.0e-7_wp   !! a tenth of the margin of guards (5)
       real(wp) :: error, shift(size(damping, 1))
       integer :: i, j, k
 
-      allocate (answers%moved(0), answers%first_moved(size(series%row) + 1))
+      allocate (answers%moved(0), answers%free_span(0))
+      allocate (answers%first_moved(size(series%row) + 1))
       allocate (answers%is_local(size(series%row)), source=.false.)
       do j = 1, size(series%row)
          i = series%row(j)
@@ -103,7 +106,11 @@ contains
          if (any(series%end_dof == i)) cycle
          call compare_answers(answers, series%degree, damping, stiffness, i, series%spring(j), &
                               error, shift)
-        answers%moved = [answers%moved, pack([(k, k=1, size(shift))], shift > most_place*tolerance)]
+         associate (moves => shift > most_place*tolerance)
+            answers%moved = [answers%moved, pack([(k, k=1, size(shift))], moves)]
+            answers%free_span = [answers%free_span, (most_place*tolerance/pack(shift, moves)) &
+                                 **(1.0_wp/first_power)]
+         end associate
          answers%first_moved(j + 1) = size(answers%moved) + 1
          answers%is_local(j) = error <= share*tolerance .and. maxval(shift) <= most_shift .and. &
                                maxval(shift)*maxval(series%spring)/6.0_wp <= 2.0_wp*share*tolerance

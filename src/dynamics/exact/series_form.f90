@@ -87,6 +87,7 @@ contains
       self%paths%is_local = self%answers%is_local
       self%paths%first_moved = self%answers%first_moved
       self%paths%moved = self%answers%moved
+      self%paths%free_span = self%answers%free_span
       self%paths%own(:, :self%series%n_dof) = self%answers%own
       self%push = spread(spread(spread(0.0_wp, 1, width), 2, size(self%series%loaded)), 3, 2)
    end subroutine begin
