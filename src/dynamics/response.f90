@@ -51,6 +51,7 @@ module dynamics_response
    !> side ((11) of docs/exact_march.md). A sample alone, or in scattered places, counts more.
    type :: march_work
       real(wp) :: step = huge(1.0_wp)     !! without transitions
+      integer :: lanes = 1                !! samples that are marched in one, be they there or not
       real(wp) :: transition = 0.0_wp     !! more for each transition
       !> more for each part of the step that is begun anew; as many as transitions, by this share of
       !> them, but not more than there are
@@ -87,12 +88,17 @@ module dynamics_response
 
 contains
 
-   !> Multiplications of a sample in a step with so many transitions.
-   elemental real(wp) function with_transitions(self, transitions) result(work)
+   !> Multiplications of a sample in a step with so many transitions, in a block of so many samples
+   !> (if not given, of whole lanes).
+   elemental real(wp) function with_transitions(self, transitions, n_samples) result(work)
       class(march_work), intent(in) :: self
       real(wp), intent(in) :: transitions
+      integer, intent(in), optional :: n_samples
 
-      work = self%step + self%transition*transitions &
+      work = self%step
+      if (present(n_samples)) &
+         work = work*self%lanes*((n_samples + self%lanes - 1)/self%lanes)/n_samples
+      work = work + self%transition*transitions &
              + self%begin_anew*min(self%share_anew*transitions, real(self%n_parts, wp))
    end function with_transitions
 

@@ -51,7 +51,7 @@ contains
       own = own_setting(plan)
       call count_work(plan, own, error)
       if (allocated(error)) return
-      cost%n_steps = steps_for(plan, sum([(size(levels(k)%sample), k=1, size(levels))]), own)
+      cost%n_steps = steps_for(plan, [(size(levels(k)%sample), k=1, size(levels))], own)
       short = plan
       short%integration%n_steps = cost%n_steps
       short%integration%n_discard = 0
@@ -75,13 +75,14 @@ contains
    !> Steps that the budget allows.
    pure integer function steps_for(plan, n_samples, own)
       type(plan_type), intent(in) :: plan
-      integer, intent(in) :: n_samples
+      integer, intent(in) :: n_samples(:)     !! (level)
       type(setting_type), intent(in) :: own   !! the scene's, counted
       real(wp) :: most
 
-      most = 1.0e9_wp*budget/(n_samples*expected_cost(own, plan%structure%n_dof, some_transitions))
+      most = 1.0e9_wp*budget/sum(n_samples*expected_cost(own, plan%structure%n_dof, n_samples, &
+                                                         some_transitions))
       if (plan%output%history) &
-         most = min(most, history_memory/(16.0_wp*size(kept_dofs(plan))*n_samples))
+         most = min(most, history_memory/(16.0_wp*size(kept_dofs(plan))*sum(n_samples)))
       steps_for = min(plan%integration%n_steps, max(fewest_steps, int(min(most, 1.0e9_wp))))
    end function steps_for
 

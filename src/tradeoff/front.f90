@@ -68,8 +68,9 @@ contains
       do i = 1, n
          rows(i)%setting = tradeoff%settings(i)
          rows(i)%is_own = i == tradeoff%own
-         rows(i)%work = sum(share*expected_cost(rows(i)%setting, tradeoff%plan%structure%n_dof, &
-                                                tradeoff%transitions))
+         rows(i)%work = sum(share*[(expected_cost(rows(i)%setting, tradeoff%plan%structure%n_dof, &
+                                                 size(tradeoff%levels(k)%sample), &
+                                                 tradeoff%transitions(k)), k=1, size(share))])
       end do
       do i = 1, size(tradeoff%tasks)
          associate (task => tradeoff%tasks(i))

@@ -156,16 +156,18 @@ contains
 
    !> Expected cost of a sample-step of the scene, from counted work [ns of a processor of 2023]. It
    !> ranks settings, the same on every machine and in every run; it is no forecast.
-   elemental real(wp) function expected_cost(setting, n_dof, transitions) result(nanoseconds)
+   elemental real(wp) function expected_cost(setting, n_dof, n_samples, transitions) &
+      result(nanoseconds)
       type(setting_type), intent(in) :: setting   !! counted
-      integer, intent(in) :: n_dof
+      integer, intent(in) :: n_dof, n_samples     !! of a block
       real(wp), intent(in) :: transitions         !! of a sample in a step of the scene
       real(wp), parameter :: of_multiplication = 0.05_wp, of_record = 5.0_wp   ! of a dof, spectra
       real(wp) :: steps   ! in one of the scene
 
       steps = real(setting%parts, wp)/setting%stride
       nanoseconds = of_record*n_dof &
-                    + of_multiplication*steps*setting%work%with_transitions(transitions/steps)
+                    + of_multiplication*steps &
+                    *setting%work%with_transitions(transitions/steps, n_samples)
    end function expected_cost
 
 end module tradeoff_settings

@@ -113,10 +113,11 @@ contains
          if (.not. allocated(error)) call count_work(plan, tradeoff%settings(i), error)
       end do
       if (allocated(error)) return
-      associate (usual_cost => expected_cost(counted, plan%structure%n_dof, usual_transitions))
+      associate (usual_cost => expected_cost(counted, plan%structure%n_dof, block_width(plan), &
+                                             usual_transitions), n_levels => size(tradeoff%levels))
          if (scope%has_settings) then
             of_plan = width*sum(expected_cost(tradeoff%settings, plan%structure%n_dof, &
-                                              usual_transitions))
+                                              max(1, width/n_levels), usual_transitions))
             of_long = 10*width*usual_cost
          else   ! a block of each case, and half of a long march for every batch
             of_plan = 2*min(most_cases, size(plan%cases))*block_width(plan)*usual_cost
@@ -218,8 +219,9 @@ contains
                                               i=1, size(tradeoff%tasks))])
       associate (settings => tradeoff%settings)
          tasks = [((task_type(of_setting, i, k), k=1, n_levels), i=1, size(settings))]
-         cost = [(expected_cost(settings(i), tradeoff%plan%structure%n_dof, tradeoff%transitions), &
-                  i=1, size(settings))]
+         cost = [((expected_cost(settings(i), tradeoff%plan%structure%n_dof, &
+                                 size(tradeoff%levels(k)%sample), tradeoff%transitions(k)), &
+                   k=1, n_levels), i=1, size(settings))]
       end associate
       tradeoff%tasks = [tradeoff%tasks, tasks(sort_order(-cost))]
       allocate (tradeoff%every(0), tradeoff%segment_length(0), tradeoff%cases(0))

@@ -8,6 +8,7 @@ module dynamics_exact_march
    use dynamics_exact_base_system, only: base_system
    use dynamics_exact_block_march, only: march_block
    use dynamics_exact_modal_form, only: modal_form, new_modal_form
+   use dynamics_exact_modal_sliders, only: lanes
    use dynamics_exact_modal_terms, only: longest_in_parts
    use dynamics_exact_series, only: fastest_rate, longest_part
    use dynamics_exact_series_form, only: new_series_form, series_form
@@ -129,6 +130,7 @@ contains
       call new_modal_form(marcher%structure, marcher%dt, marcher%tolerance, form)
       if (form%operators%n_parts > most_parts) return
       work%step = form%operators%n_parts*form%operators%work()
+      work%lanes = lanes
       work%transition = of_transition
       marcher%work_modes = work%with_transitions(transitions)
       if (marcher%work_modes >= marcher%work_series) return

@@ -69,6 +69,7 @@ contains
       real(wp), parameter :: alone = 15.0_wp, local = 1500.0_wp
 
       work%step = parts*self%series%work()
+      work%lanes = width
       work%n_parts = parts
       work%begin_anew = alone*self%series%work()
       associate (is_local => self%answers%is_local)
