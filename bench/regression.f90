@@ -4,13 +4,14 @@
 !>    bench_regression TRUTH N TIMES RAW CASE...
 !>
 !> TRUTH is a thinned campaign (`thinned` of regression.py). The cases are one pool, of the first
-!> 600 samples drawn. RAW is a file of the draws, which is filled up to TIMES of them: of each case,
+!> samples drawn. RAW is a file of the draws, which is filled up to TIMES of them: of each case,
 !> joint and output five numbers (real32): the errors of plain sampling and of the estimate, the
 !> estimate's distances to both ends of its interval, and the standard error that plain sampling
 !> states. Outputs: mean, standard deviation, 5 and 95 % of slip, pseudo-variances of the mean, of
 !> 5 and of 95 %, band ratio; then mean spectrum, its 5 and 95 % at each frequency below 3 Hz.
 program regression
    use, intrinsic :: iso_fortran_env, only: real32
+   use campaign_pooling, only: most_samples
    use core_error, only: error_type
    use core_kinds, only: long, wp
    use core_random, only: label_of, new_stream, stream_type
@@ -22,7 +23,6 @@ program regression
    implicit none(type, external)
    real(wp), parameter :: share_below(2) = [0.05_wp, 0.95_wp]
    real(wp), parameter :: highest = 3.0_wp   ! [Hz] of the outputs
-   integer, parameter :: most_samples = 600   ! of a pool, as campaign_pooling has it
    integer(long), parameter :: seed = 1_long
    type :: case_data
       real(wp), allocatable :: friction(:, :)     !! (point, sample)

@@ -13,9 +13,10 @@ module campaign_pooling
              reason_for_plain
 
    integer, parameter, public :: fewest_samples = 20   !! of a case
-   integer, parameter :: most_inputs = 64       !! friction values of a sample
-   integer, parameter :: most_samples = 600     !! of a pool
-   integer, parameter :: enough_samples = 100   !! that no case of a pool has to go below
+   integer, parameter :: most_inputs = 64               !! friction values of a sample
+   integer, parameter :: most_cases = 6                 !! of a pool, each with enough samples
+   integer, parameter :: enough_samples = 100           !! with fewer of them there may be more cases
+   integer, parameter, public :: most_samples = 2400    !! of a pool, an equal part of each case
 
    integer, parameter :: most_values = 2**21   !! of the draws of a law
    integer, parameter :: fewest_draws = 2**14, most_draws = 2**17
@@ -107,7 +108,8 @@ contains
       n = max(plan%cases(number)%n_samples, maxval(plan%cases(members)%n_samples))
       takes = plan%estimator == 'pooled' .and. .not. plan%excitation%per_sample
       takes = takes .and. have_same_force(plan%cases(members(1)), plan%cases(number))
-      takes = takes .and. (size(members) + 1)*min(n, enough_samples) <= most_samples
+      takes = takes .and. (size(members) + 1)*min(n, enough_samples) &
+              <= most_cases*enough_samples
       do i = 1, size(members)
          takes = takes .and. label_of_case(plan, members(i)) /= label_of_case(plan, number)
       end do

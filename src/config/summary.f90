@@ -2,6 +2,7 @@
 module config_summary
    use campaign_audit, only: add_audits, reference_for
    use campaign_plan, only: integration_settings, plan_type, strength_of
+   use campaign_pooling, only: case_pool, estimators_of, find_pools
    use campaign_size, only: is_fitted_to_values, memory_of_rank, results_size
    use config_fingerprint, only: fingerprint
    use config_groups, only: scene_type
@@ -45,6 +46,7 @@ contains
          text = text//labelled('work', work_text(plan, n_ranks, nanoseconds)// &
                                trim(merge(', and the fits', '              ', &
                                           any(is_fitted_to_values(plan%processes)))))
+         text = text//estimates_text(plan)
          if (repeats(plan)) text = text//labelled('audit', audit_text(plan, n_ranks, &
                                                                       audit_nanoseconds))
       end if
@@ -287,6 +289,44 @@ contains
       if (share*fewest_steps > 1.0_wp) text = text//': newmark distorts it'
       text = labelled('resolution', text)
    end function resolution_text
+
+   !> Text on which samples serve one regression; pools of one size are counted.
+   pure function estimates_text(plan) result(text)
+      type(plan_type), intent(in) :: plan
+      character(:), allocatable :: text
+      type(case_pool), allocatable :: pools(:)
+      integer, allocatable :: sizes(:, :)   ! (samples and cases, pool)
+      character(64), allocatable :: parts(:)
+      integer :: n_alike, p
+
+      text = ''
+      if (all(plan%cases%n_samples <= 1)) return
+      pools = find_pools(plan)
+      sizes = reshape([(sum(pools(p)%n_fitted), size(pools(p)%cases), p=1, size(pools))], &
+                      [2, size(pools)])
+      allocate (parts(0))
+      do p = 1, size(pools)
+         if (any(is_alike(sizes(:, :p - 1), sizes(:, p)))) cycle
+         n_alike = count(is_alike(sizes, sizes(:, p)))
+         parts = [character(64) :: parts, counted(n_alike, 'regression', 'regressions')// &
+                  ' over '//to_text(sizes(1, p))//' samples of '// &
+                  counted(sizes(2, p), 'case', 'cases')]
+      end do
+      n_alike = count(estimators_of(plan) == 'plain' .and. plan%cases%n_samples > 1)
+      if (n_alike > 0) parts = [character(64) :: parts, 'plain sampling of '// &
+                                counted(n_alike, 'case', 'cases')]
+      text = labelled('estimates', joined(parts))
+
+   contains
+
+      pure function is_alike(all_sizes, one)
+         integer, intent(in) :: all_sizes(:, :), one(:)
+         logical :: is_alike(size(all_sizes, 2))
+
+         is_alike = all_sizes(1, :) == one(1) .and. all_sizes(2, :) == one(2)
+      end function is_alike
+
+   end function estimates_text
 
    !> True if samples are repeated to find their numerical error.
    pure logical function repeats(plan)
