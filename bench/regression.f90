@@ -3,10 +3,10 @@
 !>
 !>    bench_regression TRUTH N TIMES RAW CASE...
 !>
-!> TRUTH is a thinned campaign (`thinned` of regression.py). The cases are one pool, of the first
-!> samples drawn. RAW is a file of the draws, which is filled up to TIMES of them: of each case,
-!> joint and output five numbers (real32): the errors of plain sampling and of the estimate, the
-!> estimate's distances to both ends of its interval, and the standard error that plain sampling
+!> TRUTH is a thinned campaign (`thinned` of regression.py). The cases are one pool, which takes the
+!> first samples drawn. RAW is a file of the draws, which is filled up to TIMES of them: of each
+!> case, joint and output five numbers (real32): the errors of plain sampling and of the estimate,
+!> the estimate's distances to both ends of its interval, and the standard error that plain sampling
 !> states. Outputs: mean, standard deviation, 5 and 95 % of slip, pseudo-variances of the mean, of
 !> 5 and of 95 %, band ratio; then mean spectrum, its 5 and 95 % at each frequency below 3 Hz.
 program regression

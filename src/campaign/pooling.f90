@@ -15,7 +15,7 @@ module campaign_pooling
    integer, parameter, public :: fewest_samples = 20   !! of a case
    integer, parameter :: most_inputs = 64               !! friction values of a sample
    integer, parameter :: most_cases = 6                 !! of a pool, each with enough samples
-   integer, parameter :: enough_samples = 100           !! with fewer of them there may be more cases
+   integer, parameter :: enough_samples = 100           !! with fewer, a pool has more cases
    integer, parameter, public :: most_samples = 2400    !! of a pool, an equal part of each case
 
    integer, parameter :: most_values = 2**21   !! of the draws of a law

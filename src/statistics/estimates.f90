@@ -11,7 +11,7 @@ module statistics_estimates
    implicit none(type, external)
    private
    public :: estimates_type, plain_mean, plain_deviation, plain_percentile, blend, &
-             enlarge, stated_error, two_sided, upward_error
+             enlarge, stated_error, sum_of_squares, two_sided, upward_error
 
    real(wp), parameter :: two_sided = 1.959964_wp   !! standard errors of a 95 % interval
    real(wp), parameter :: least_stretch = 0.5_wp   !! where samples tie; a blend with a fit does not
@@ -95,7 +95,8 @@ contains
          plain%influence(:, o) = slope*merge(p - 1.0_wp, p, y(:, o) <= plain%value(o))
          plain%influence(:, o) = plain%influence(:, o) - sum(plain%influence(:, o))/n
          if (.not. slope > 0.0_wp) cycle
-         factor = 1.0_wp/student_factor(plain%influence(:, o))
+         factor = 1.0_wp/student_factor(plain%influence(:, o), &
+                                        sum_of_squares(plain%influence(:, o)))
          plain%stretch(:, o) = max(least_stretch, merge(factor, 1.0_wp, has_ends) &
                                    *[slope_between(sorted, rank - two_sided*scatter, rank), &
                                      slope_between(sorted, rank, rank + two_sided*scatter)]/slope)
@@ -177,29 +178,31 @@ contains
       integer, intent(in) :: n_samples       !! of the case
       real(wp) :: error
       real(wp) :: square
-      integer :: i
 
-      square = 0.0_wp
-      !$omp simd reduction(+:square)
-      do i = 1, size(influence)
-         square = square + influence(i)**2
-      end do
+      square = sum_of_squares(influence)
       error = abs(bias)
-      if (square > 0.0_wp) error = hypot(student_factor(influence) &
+      if (square > 0.0_wp) error = hypot(student_factor(influence, square) &
                                          *sqrt(square*n_samples/(n_samples - 1.0_wp)), bias)
    end function stated_error
 
-   !> Two-sided 95 % point of Student's law over that of the normal one.
-   pure real(wp) function student_factor(influence)
-      real(wp), intent(in) :: influence(:)   !! (sample), not all 0
-      real(wp) :: fourth, scale, square
+   pure real(wp) function sum_of_squares(values) result(total)
+      real(wp), intent(in) :: values(:)
       integer :: i
 
-      square = 0.0_wp
-      !$omp simd reduction(+:square)
-      do i = 1, size(influence)
-         square = square + influence(i)**2
+      total = 0.0_wp
+      !$omp simd reduction(+:total)
+      do i = 1, size(values)
+         total = total + values(i)**2
       end do
+   end function sum_of_squares
+
+   !> Two-sided 95 % point of Student's law over that of the normal one.
+   pure real(wp) function student_factor(influence, square)
+      real(wp), intent(in) :: influence(:)   !! (sample), not all 0
+      real(wp), intent(in) :: square         !! sum of their squares
+      real(wp) :: fourth, scale
+      integer :: i
+
       scale = 1.0_wp/sqrt(square)
       fourth = 0.0_wp
       !$omp simd reduction(+:fourth)

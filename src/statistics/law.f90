@@ -9,7 +9,7 @@
 !> efficiency e is the variance of the function over that of what polynomials leave of it, between
 !> neighbours (half the mean square of their differences, as for any systematic sample). Means of
 !> slip fractions have e = 80 to 20,000, their percentiles 2 to 300 (those of indicators). For the
-!> many outputs of spectra e is a constant, measured on the paper's chain (M = 1024 to 4096).
+!> spectra at each frequency e is a constant, measured on the paper's chain (M = 1024 to 4096).
 module statistics_law
    use core_error, only: error_type
    use core_kinds, only: wp
@@ -17,16 +17,14 @@ module statistics_law
    use statistics_estimates, only: stated_error
    implicit none(type, external)
    private
-   public :: draws_type, law_type, choose_points, efficiency_of, error_share, keep_draws, &
-             state_error
+   public :: draws_type, law_type, choose_points, error_of_points, error_with_efficiency, &
+             keep_draws, state_error
 
    integer, parameter :: most_with_products = 12   !! inputs
    integer, parameter, public :: most_kept = 2**15   !! draws
    integer, parameter, public :: n_points = 4096     !! that stand for a law
-   real(wp), parameter, public :: of_mean_densities = 7.0_wp, of_mean_powers = 20.0_wp, &
-                                  of_percentiles = 2.0_wp, &
+   real(wp), parameter, public :: of_mean_densities = 7.0_wp, of_percentiles = 2.0_wp, &
                                   of_percentile_powers = 4.0_wp   !! efficiencies
-   real(wp), parameter :: most_efficient = 1.0e6_wp
 
    !> Draws of a law.
    type :: draws_type
@@ -120,10 +118,9 @@ contains
 
    !> States the error of the regression and of the points of the law for its share of the estimate,
    !> and how much larger plain sampling's is.
-   pure subroutine state_error(law, efficiency, n_samples, influence, bias, of_plain, share, &
-                               stated, ratio)
-      type(law_type), intent(in) :: law
-      real(wp), intent(in) :: efficiency               !! of the points
+   pure subroutine state_error(of_points, n_samples, influence, bias, of_plain, share, stated, &
+                               ratio)
+      real(wp), intent(in) :: of_points                !! standard error that the points leave
       integer, intent(in) :: n_samples
       real(wp), intent(in) :: influence(:), bias       !! (sample) of the estimate
       real(wp), intent(in) :: of_plain(:)              !! (sample) influences of plain sampling
@@ -133,27 +130,25 @@ contains
 
       plain = stated_error(of_plain, 0.0_wp, n_samples)
       stated = plain
-      if (share > 0.0_wp) stated = hypot(stated_error(influence, bias, n_samples), &
-                                         share*plain*error_share(law, efficiency, n_samples))
+      if (share > 0.0_wp) stated = hypot(stated_error(influence, bias, n_samples), share*of_points)
       ratio = 1.0_wp
       if (stated > 0.0_wp) ratio = plain/stated
    end subroutine state_error
 
-   !> Standard error that the points leave, over that of plain sampling.
-   pure real(wp) function error_share(law, efficiency, n_samples)
+   !> Standard error that points of a given efficiency leave in the mean of a function.
+   pure real(wp) function error_with_efficiency(law, efficiency, spread) result(error)
       type(law_type), intent(in) :: law
-      real(wp), intent(in) :: efficiency   !! of the points
-      integer, intent(in) :: n_samples     !! of plain sampling
+      real(wp), intent(in) :: efficiency
+      real(wp), intent(in) :: spread   !! standard deviation of the function over the law
 
-      error_share = sqrt(n_samples*(1.0_wp/(efficiency*size(law%weight)) &
-                                    + 1.0_wp/law%n_independent))
-   end function error_share
+      error = spread*sqrt(1.0_wp/(efficiency*size(law%weight)) + 1.0_wp/law%n_independent)
+   end function error_with_efficiency
 
-   !> Computes how many independent draws each point is worth for the mean of a function.
-   subroutine efficiency_of(law, values, efficiency, error)
+   !> Computes the standard error that the points leave in the mean of a function.
+   subroutine error_of_points(law, values, stated, error)
       type(law_type), intent(in) :: law
       real(wp), intent(in) :: values(:)   !! (point) of the function
-      real(wp), intent(out) :: efficiency
+      real(wp), intent(out) :: stated
       type(error_type), allocatable, intent(out) :: error
       real(wp), allocatable :: square(:, :)
       real(wp) :: rest(size(values)), slope(size(law%square, 1), 1), between, variance
@@ -162,14 +157,14 @@ contains
       n = size(values)
       slope(:, 1) = matmul(values, law%polynomial)/n
       square = law%square
-      efficiency = 1.0_wp
+      stated = 0.0_wp
       call solve_positive_definite(square, slope, error)
       if (allocated(error)) return
       rest = values - matmul(law%polynomial, slope(:, 1))
       between = sum((rest(2:) - rest(:n - 1))**2)/(2*(n - 1))
       variance = dot_product(law%weight, (values - dot_product(law%weight, values))**2)
-      if (variance > 0.0_wp) efficiency = variance/max(between, variance/most_efficient)
-   end subroutine efficiency_of
+      stated = sqrt(between/n + variance/law%n_independent)
+   end subroutine error_of_points
 
    !> Computes the weights of the points that keep the means of the polynomials; equal weights
    !> unless all are positive.

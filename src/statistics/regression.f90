@@ -209,33 +209,32 @@ contains
 
    !> Estimates the mean of y = exp(output) half way between the mean of exp(G) and the ratio
    !> estimate from it, with half of their difference as bias.
-   subroutine law_mean_of_exponential(surrogate, fit, view, values, y, estimate)
+   subroutine law_mean_of_exponential(surrogate, fit, view, grown, y, estimate)
       type(surrogate_type), intent(in) :: surrogate
       type(fit_type), intent(in) :: fit
       type(view_type), intent(in) :: view
-      real(wp), intent(in) :: values(:, :)    !! (point, output) G
+      real(wp), intent(in) :: grown(:, :)     !! (point, output) exp(G)
       real(wp), intent(in) :: y(:, :)         !! (own sample, output)
       type(estimates_type), intent(out) :: estimate
       real(wp), allocatable :: some(:, :), weighted(:, :), average_row(:, :), average(:, :)
       real(wp), allocatable :: of_all(:, :), of_samples(:, :), average_of_samples(:, :)
       real(wp), allocatable :: feature(:, :), weight(:, :)
-      real(wp) :: each(size(values, 1)), width(2, size(values, 2))
+      real(wp) :: each(size(grown, 1)), width(2, size(grown, 2))
       real(wp) :: mean, ratio
       integer :: o
 
       some = view%rows(:, ::thinning)
-      allocate (weighted(size(some, 2), size(values, 2)))
-      allocate (average_row(size(view%rows, 1), size(values, 2)))
-      allocate (average(size(surrogate%eigenvalue), size(values, 2)))
+      allocate (weighted(size(some, 2), size(grown, 2)))
+      allocate (average_row(size(view%rows, 1), size(grown, 2)))
+      allocate (average(size(surrogate%eigenvalue), size(grown, 2)))
       allocate (average_of_samples, mold=average)
-      allocate (estimate%value(size(values, 2)), estimate%excess(2, size(values, 2)))
+      allocate (estimate%value(size(grown, 2)), estimate%excess(2, size(grown, 2)))
       allocate (estimate%bias, mold=estimate%value)
       of_all = exp(fit%predicted)
       of_samples = of_all(view%first:view%last, :)
-      do o = 1, size(values, 2)
-         each = exp(values(:, o))
-         width(:, o) = width_of(view, each, of_all(:, o))
-         each = view%weight*each
+      do o = 1, size(grown, 2)
+         width(:, o) = width_of(view, grown(:, o), of_all(:, o))
+         each = view%weight*grown(:, o)
          mean = sum(each)
          weighted(:, o) = each(::thinning)/sum(each(::thinning))
          ratio = sum(y(:, o))/sum(of_samples(:, o))
@@ -250,7 +249,7 @@ contains
       average = average - 0.5_wp*average_of_samples
       call find_weights(surrogate, fit, average, 0.5_wp, weight)
       estimate%influence = fit%residual*weight
-      do o = 1, size(values, 2)
+      do o = 1, size(grown, 2)
          associate (own => estimate%influence(view%first:view%last, o), &
                     of_own => weight(view%first:view%last, o))
             own = own + 0.5_wp*(y(:, o)/sum(y(:, o)) - of_samples(:, o))
@@ -260,7 +259,7 @@ contains
       end do
       estimate%kappa = kappa_of(fit, weight)
       call divide_by_root(estimate)
-      do o = 1, size(values, 2)
+      do o = 1, size(grown, 2)
          estimate%excess(:, o) = excess_of(width(:, o), estimate%kappa(o))
       end do
    end subroutine law_mean_of_exponential

@@ -4,10 +4,11 @@ module statistics_scalars
    use core_error, only: error_type
    use core_kinds, only: wp
    use statistics_estimates, only: blend, enlarge, estimates_type, plain_deviation, &
-                                   plain_mean, plain_percentile, two_sided, upward_error
+                                   plain_mean, plain_percentile, sum_of_squares, two_sided, &
+                                   upward_error
    use statistics_influences, only: view_law, view_type
    use statistics_kernel_choice, only: learn_kernel
-   use statistics_law, only: choose_points, efficiency_of, law_type, n_points, state_error
+   use statistics_law, only: choose_points, error_of_points, law_type, n_points, state_error
    use statistics_pool, only: among_all, pool_type, residual_share
    use statistics_regression, only: law_deviation, law_mean, law_percentile
    use statistics_sensitivity, only: find_sensitivity
@@ -74,7 +75,7 @@ contains
          type(scalar_type), intent(inout) :: best(:)   !! (number)
          type(estimates_type) :: ours, theirs, both
          real(wp) :: values(size(law%weight), size(raw, 2)), least(size(raw, 2))
-         real(wp) :: share(size(raw, 2)), at_plain(size(raw, 2)), efficiency
+         real(wp) :: share(size(raw, 2)), at_plain(size(raw, 2)), of_points
          integer :: i
 
          associate (own => raw(view%first:view%last, :), n => pool%n_samples(case_number), &
@@ -88,9 +89,9 @@ contains
             call enlarge(both, theirs)
             do i = 1, size(best)
                best(i)%mean = both%value(i)
-               call efficiency_of(law, values(:, i), efficiency, error)
+               call error_of_points(law, values(:, i), of_points, error)
                if (allocated(error)) return
-               call state_error(law, efficiency, n, both%influence(:, i), both%bias(i), &
+               call state_error(of_points, n, both%influence(:, i), both%bias(i), &
                                 theirs%influence(:, i), 1.0_wp - share(i), best(i)%mean_error, &
                                 best(i)%mean_ratio)
                best(i)%mean_error = upward_error(best(i)%mean, best(i)%mean_error)
@@ -106,11 +107,12 @@ contains
             call enlarge(both, theirs)
             do i = 1, size(best)
                best(i)%deviation = both%value(i)
-               call efficiency_of(law, (values(:, i) &
-                                        - dot_product(law%weight, values(:, i)))**2, &
-                                  efficiency, error)
+               call error_of_points(law, (values(:, i) &
+                                          - dot_product(law%weight, values(:, i)))**2, &
+                                    of_points, error)
                if (allocated(error)) return
-               call state_error(law, efficiency, n, both%influence(:, i), both%bias(i), &
+               of_points = of_points/(2.0_wp*ours%value(i))   ! of a root
+               call state_error(of_points, n, both%influence(:, i), both%bias(i), &
                                 theirs%influence(:, i), 1.0_wp - share(i), &
                                 best(i)%deviation_error, best(i)%deviation_ratio)
                best(i)%deviation_error = upward_error(best(i)%deviation, best(i)%deviation_error)
@@ -127,9 +129,10 @@ contains
          type(estimates_type) :: ours, theirs, both
          real(wp) :: values(size(law%weight), size(raw, 2)), least(size(raw, 2))
          real(wp) :: share(size(raw, 2))
-         real(wp) :: at_plain(size(raw, 2)), efficiency, ends(2), reach
-         integer :: i, p
+         real(wp) :: at_plain(size(raw, 2)), ends(2), of_points, reach
+         integer :: i, n, p
 
+         n = pool%n_samples(case_number)
          call predict(surrogate, bent_fit, view%rows, values)
          values = max(0.0_wp, values)
          do i = 1, size(best)
@@ -148,12 +151,16 @@ contains
                                                                    share_below(p)), at_plain)
             call blend(ours, theirs, least, both, share)
             do i = 1, size(best)
-               call efficiency_of(law, merge(1.0_wp, 0.0_wp, values(:, i) <= ours%value(i)), &
-                                  efficiency, error)
+               call error_of_points(law, merge(1.0_wp, 0.0_wp, values(:, i) <= ours%value(i)), &
+                                    of_points, error)
                if (allocated(error)) return
-               call state_error(law, efficiency, pool%n_samples(case_number), &
-                                both%influence(:, i), both%bias(i), theirs%influence(:, i), &
-                                1.0_wp - share(i), reach, best(i)%percentile_ratio(p))
+               associate (below => share_below(p))   ! over the density, as plain sampling's error
+                  of_points = of_points*sqrt(n*sum_of_squares(theirs%influence(:, i)) &
+                                             /(below*(1.0_wp - below)))
+               end associate
+               call state_error(of_points, n, both%influence(:, i), both%bias(i), &
+                                theirs%influence(:, i), 1.0_wp - share(i), reach, &
+                                best(i)%percentile_ratio(p))
                best(i)%percentile(p) = unbend(both%value(i), is_fraction(i))
                ends = both%value(i) + two_sided*reach*[-1.0_wp, 1.0_wp]*both%stretch(:, i)
                best(i)%low(p) = unbend(ends(1), is_fraction(i))

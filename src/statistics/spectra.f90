@@ -8,11 +8,12 @@ module statistics_spectra
    use core_kinds, only: wp
    use numerics_sorting, only: sort_order
    use statistics_estimates, only: blend, enlarge, estimates_type, plain_mean, &
-                                   plain_percentile, two_sided, upward_error
+                                   plain_percentile, sum_of_squares, two_sided, upward_error
    use statistics_influences, only: view_law, view_type
    use statistics_kernel_choice, only: learn_kernel
-   use statistics_law, only: choose_points, law_type, n_points, of_mean_densities, &
-                             of_mean_powers, of_percentile_powers, of_percentiles, state_error
+   use statistics_law, only: choose_points, error_of_points, error_with_efficiency, law_type, &
+                             n_points, of_mean_densities, of_percentile_powers, of_percentiles, &
+                             state_error
    use statistics_pool, only: among_all, pool_type, residual_share
    use statistics_regression, only: law_mean_of_exponential, law_percentile
    use statistics_surrogate, only: fit_outputs, fit_type, predict, surrogate_type
@@ -89,13 +90,16 @@ contains
          type(integral_type) :: of_mean, of_percentile(size(share_below))
          real(wp), allocatable :: values(:, :)
          integer, allocatable :: ranking(:, :)   ! (rank, frequency) the case's samples
+         real(wp) :: power(size(law%weight))     ! of exp(G) at each point
+         real(wp) :: of_points
          integer :: f, k, p
 
          call make_room(best, size(outputs, 2), size(share_below))
+         power = 0.0_wp
          do k = 1, size(starts) - 1
             allocate (values(size(law%weight), starts(k + 1) - starts(k)))
             if (k <= size(fits)) call predict(surrogate, fits(k), view%rows, values)
-            call estimate_means(number, k, values, best, of_mean)
+            call estimate_means(number, k, values, best, of_mean, power)
             allocate (ranking(view%last - view%first + 1, size(values, 2)))
             do f = 1, size(values, 2)
                ranking(:, f) = sort_order(outputs(view%first:view%last, starts(k) + f - 1))
@@ -105,40 +109,62 @@ contains
             end do
             deallocate (values, ranking)
          end do
-         call close_integral(number, of_mean_powers, of_mean, best%variance_mean, &
+         call error_of_points(law, power, of_points, error)
+         if (allocated(error)) return
+         call close_integral(number, of_points, of_mean, best%variance_mean, &
                              best%variance_mean_error, best%variance_mean_ratio)
          do p = 1, size(share_below)
-            call close_integral(number, of_percentile_powers, of_percentile(p), best%variance(p), &
+            of_points = points_for(number, of_percentile_powers, of_percentile(p)%plain_influence)
+            call close_integral(number, of_points, of_percentile(p), best%variance(p), &
                                 best%variance_error(p), best%variance_ratio(p))
          end do
          call find_ratio(number, of_percentile(1), of_percentile(size(share_below)), best)
       end subroutine estimate_case
 
-      subroutine estimate_means(number, k, values, best, integral)
+      !> Standard error that the points leave, from plain sampling's and an efficiency.
+      pure real(wp) function points_for(number, efficiency, of_plain) result(of_points)
+         integer, intent(in) :: number
+         real(wp), intent(in) :: efficiency
+         real(wp), intent(in) :: of_plain(:)   !! (sample) influences
+
+         of_points = error_with_efficiency(law, efficiency, &
+                                           sqrt(pool%n_samples(number)*sum_of_squares(of_plain)))
+      end function points_for
+
+      subroutine estimate_means(number, k, values, best, integral, power)
          integer, intent(in) :: number, k
          real(wp), intent(in) :: values(:, :)
          type(spectrum_type), intent(inout) :: best
          type(integral_type), intent(inout) :: integral
+         real(wp), intent(inout) :: power(:)   !! (point) of the regression's share
          type(estimates_type) :: ours, theirs, both
-         real(wp) :: share(size(values, 2))
+         real(wp), allocatable :: grown(:, :)
+         real(wp) :: of_points(size(values, 2)), share(size(values, 2))
          integer :: f, o
 
          associate (first => starts(k), last => starts(k + 1) - 1)
             associate (own => density(view%first:view%last, first:last))
                theirs = among_all(pool, number, plain_mean(own), plain(number)%mean(first:last))
-               both = theirs
                share = 1.0_wp
+               of_points = 0.0_wp
                if (k <= size(fits)) then
-                  call law_mean_of_exponential(surrogate, fits(k), view, values, own, ours)
+                  grown = exp(values)
+                  call law_mean_of_exponential(surrogate, fits(k), view, grown, own, ours)
                   call blend(ours, theirs, [(0.0_wp, o=1, size(share))], both, share)
+                  do o = 1, size(share)
+                     of_points(o) = points_for(number, of_mean_densities, theirs%influence(:, o))
+                     power = power + (step*(1.0_wp - share(o)))*grown(:, o)
+                  end do
                   call enlarge(both, theirs)
+               else
+                  both = theirs
                end if
             end associate
          end associate
          do o = 1, size(values, 2)
             f = starts(k) + o - 1
             best%mean(f) = both%value(o)
-            call state_error(law, of_mean_densities, pool%n_samples(number), &
+            call state_error(of_points(o), pool%n_samples(number), &
                              both%influence(:, o), both%bias(o), theirs%influence(:, o), &
                              1.0_wp - share(o), best%mean_error(f), best%mean_ratio(f))
             best%mean_error(f) = upward_error(best%mean(f), best%mean_error(f))
@@ -161,19 +187,21 @@ contains
             associate (own => outputs(view%first:view%last, first:last))
                theirs = among_all(pool, number, plain_percentile(own, share_below(p), ranking), &
                                   log(max(plain(number)%percentile(first:last, p), least_density)))
-               both = theirs
                share = 1.0_wp
                if (k <= size(fits)) then
                   call law_percentile(surrogate, fits(k), view, values, share_below(p), ours)
                   call blend(ours, theirs, &
                              residual_share(fits(k)%residual(view%first:view%last, :), own), both, &
                              share)
+               else
+                  both = theirs
                end if
             end associate
          end associate
          do o = 1, size(values, 2)
             f = starts(k) + o - 1
-            call state_error(law, of_percentiles, pool%n_samples(number), both%influence(:, o), &
+            call state_error(points_for(number, of_percentiles, theirs%influence(:, o)), &
+                             pool%n_samples(number), both%influence(:, o), &
                              both%bias(o), theirs%influence(:, o), 1.0_wp - share(o), reach, &
                              best%percentile_ratio(f, p))
             best%percentile(f, p) = exp(both%value(o))
@@ -192,14 +220,14 @@ contains
 
       !> Computes the value of an integral, its error and its ratio of errors. The error is that of
       !> the wider side of the interval.
-      pure subroutine close_integral(number, efficiency, integral, value, stated, ratio)
+      pure subroutine close_integral(number, of_points, integral, value, stated, ratio)
          integer, intent(in) :: number
-         real(wp), intent(in) :: efficiency
+         real(wp), intent(in) :: of_points   !! standard error that they leave
          type(integral_type), intent(in) :: integral
          real(wp), intent(out) :: value, stated, ratio
 
          value = integral%value
-         call state_error(law, efficiency, pool%n_samples(number), integral%influence, &
+         call state_error(of_points, pool%n_samples(number), integral%influence, &
                           integral%bias, integral%plain_influence, 1.0_wp, stated, ratio)
          stated = stated*max(1.0_wp, maxval(stretch_of(integral)))
       end subroutine close_integral
@@ -210,13 +238,14 @@ contains
          integer, intent(in) :: number
          type(integral_type), intent(in) :: bottom, top
          type(spectrum_type), intent(inout) :: best
-         real(wp) :: ends(2), of_bottom, of_top, stated
+         real(wp) :: of_plain(size(top%plain_influence)), ends(2), of_bottom, of_top, stated
 
-         call state_error(law, of_percentile_powers, pool%n_samples(number), &
+         of_plain = top%plain_influence/top%value - bottom%plain_influence/bottom%value
+         call state_error(points_for(number, of_percentile_powers, of_plain), &
+                          pool%n_samples(number), &
                           top%influence/top%value - bottom%influence/bottom%value, &
-                          top%bias/top%value - bottom%bias/bottom%value, &
-                          top%plain_influence/top%value - bottom%plain_influence/bottom%value, &
-                          1.0_wp, stated, best%ratio_ratio)
+                          top%bias/top%value - bottom%bias/bottom%value, of_plain, 1.0_wp, stated, &
+                          best%ratio_ratio)
          best%ratio = top%value/bottom%value
          of_top = norm2(top%influence)/top%value
          of_bottom = norm2(bottom%influence)/bottom%value
