@@ -75,7 +75,7 @@ contains
          if (task == 0) exit
          call attend_to_others()
          call do_task(plan, models, store, shards, (task - 1)/n_tasks + 1, &
-                      modulo(task - 1, n_tasks) + 1, workshop, error)
+                      n_tasks - modulo(task - 1, n_tasks), workshop, error)   ! dofs take longest
       end do
       call counter%close()
       if (world%any_true(allocated(error))) return

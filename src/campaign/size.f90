@@ -330,7 +330,7 @@ contains
          if (nf > 0) of_dof = real(nf, wp)*(4*n + 2*min(most_features, n)) &
                               + real(n_points, wp)*(min(most_landmarks, n) + 5*fitted_together) &
                               + real((nf - 1)/fitted_together + 1, wp)*outputs_judged*n &
-                              *(1 + min(samples_paired, n))
+                              *2*min(samples_paired, n)
          bytes = max(bytes, word*(of_law + max(of_draws, of_dof)))
       end do
       associate (np => size(plan%output%percentiles))

@@ -1,9 +1,9 @@
-!> Elementary functions near zero, where the plain formula loses all digits.
+!> Elementary functions near zero, where the plain formula loses all digits, and of many values.
 module numerics_elementary
-   use core_kinds, only: wp
+   use core_kinds, only: long, wp
    implicit none(type, external)
    private
-   public :: exp_minus_one, log_cosh, log_one_plus
+   public :: exp_minus_one, exponentiate, log_cosh, log_one_plus
 
 contains
 
@@ -14,6 +14,32 @@ contains
 
       value = 2.0_wp*exp(0.5_wp*x)*sinh(0.5_wp*x)
    end function exp_minus_one
+
+   !> Replaces values by their exponentials, in whole vectors, to two units in the last place; those
+   !> beyond -+700 by that of the bound. exp(x) = 2^k exp(r), r = x - k ln 2 within half of ln 2, by
+   !> the series to r^13, whose rest is below 1e-17.
+   pure subroutine exponentiate(values)
+      real(wp), intent(inout) :: values(:)
+      real(wp), parameter :: largest = 700.0_wp           ! exp(-largest) is normal
+      real(wp), parameter :: two_high = 0.693147180369123816490_wp, &
+                             two_low = 1.90821492927058770002e-10_wp   ! ln 2 in two parts
+      integer :: i
+      real(wp), parameter :: c(2:13) = 1.0_wp/[(gamma(i + 1.0_wp), i=2, 13)]   ! 1/i!
+      integer, parameter :: exponent_bias = 1023, fraction_bits = 52
+      real(wp) :: r, series, x
+      integer :: k, m
+
+      !$omp simd
+      do m = 1, size(values)
+         x = max(-largest, min(values(m), largest))
+         k = int(x/(two_high + two_low) + sign(0.5_wp, x))
+         r = (x - k*two_high) - k*two_low
+         series = c(10) + r*(c(11) + r*(c(12) + r*c(13)))
+         series = c(6) + r*(c(7) + r*(c(8) + r*(c(9) + r*series)))
+         series = 1.0_wp + r*(1.0_wp + r*(c(2) + r*(c(3) + r*(c(4) + r*(c(5) + r*series)))))
+         values(m) = series*transfer(shiftl(int(exponent_bias + k, long), fraction_bits), series)
+      end do
+   end subroutine exponentiate
 
    !> ln(1 + x).
    elemental function log_one_plus(x) result(value)

@@ -40,7 +40,7 @@ contains
       type(surrogate_type), intent(in) :: surrogate
       type(law_type), intent(in) :: law
       integer, intent(in) :: first, last
-      type(view_type), intent(out) :: view
+      type(view_type), intent(inout) :: view   !! of another law, its memory is used again
 
       call rows_of(surrogate, law%x, view%rows)
       view%weight = law%weight
@@ -143,36 +143,29 @@ contains
       end do
    end subroutine divide_by_root
 
-   !> 2P/J from the pairs of some samples with all: with h the leverages, e_i is
-   !> (e_i + h_ij e_j/(1 - h_i))/(1 - h_ij^2/((1 - h_i)(1 - h_j))) when j is left out too, and
-   !> Q_ij what that changes in w_i e_i + w_j e_j.
+   !> 2P/J from the pairs of some samples with all: Q_ij is what leaving out both changes in
+   !> w_i e_i + w_j e_j.
    pure real(wp) function share_of_pairs(fit, k, weight)
       type(fit_type), intent(in) :: fit
       integer, intent(in) :: k              !! of the judged outputs
       real(wp), intent(in) :: weight(:)     !! (sample) w
-      real(wp) :: e(size(weight)), left(size(weight)), of_one(size(weight))
-      real(wp) :: both, change, other, pairs
-      integer :: i, j, m
+      real(wp) :: of_one(size(weight)), pairs
+      integer :: j, m
 
-      e = fit%residual(:, fit%judged(k))
-      left = 1.0_wp - fit%leverage(:, k)
-      of_one = weight*e
+      of_one = weight*fit%residual(:, fit%judged(k))
       pairs = 0.0_wp
       do m = 1, size(fit%some)
-         i = fit%some(m)
-         associate (h => fit%pair_leverage(:, m, k))
+         associate (of_i => weight(fit%some(m)), change => fit%change(:, m, k), &
+                    other => fit%other_change(:, m, k))
             !$omp simd reduction(+:pairs)
-            do j = 1, size(e)
-               both = 1.0_wp/(1.0_wp - h(j)**2/(left(i)*left(j)))
-               change = both*(e(i) + h(j)*e(j)/left(i)) - e(i)
-               other = both*(e(j) + h(j)*e(i)/left(j)) - e(j)
-               pairs = pairs + merge(0.0_wp, (weight(i)*change + weight(j)*other)**2, i == j)
+            do j = 1, size(weight)
+               pairs = pairs + (of_i*change(j) + weight(j)*other(j))**2
             end do
          end associate
       end do
       share_of_pairs = 0.0_wp
       if (any(abs(of_one) > 0.0_wp)) &
-         share_of_pairs = pairs*size(e)/(size(fit%some)*sum(of_one**2))
+         share_of_pairs = pairs*size(weight)/(size(fit%some)*sum(of_one**2))
    end function share_of_pairs
 
 end module statistics_influences

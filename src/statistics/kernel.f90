@@ -5,7 +5,8 @@
 !> them: k(x, x') = 10 sum q_j x_j x'_j + 1/2 sum q_j m(|x_j - x'_j|/l) + 1/2 m(|w (x - x')|/l), q_j
 !> = w_j^2/5, m(r) = (1 + s + s^2/3) exp(-s), s = sqrt(5) r (Matern 5/2).
 module statistics_kernel
-   use core_kinds, only: long, wp
+   use core_kinds, only: wp
+   use numerics_elementary, only: exponentiate
    use numerics_lapack, only: multiply
    implicit none(type, external)
    private
@@ -42,7 +43,7 @@ contains
       real(wp), intent(out), contiguous :: rows(:, :)     !! (point, sample)
       real(wp) :: a(size(x, 1), size(x, 2)), b(size(x, 2), size(x_prime, 1))
       real(wp) :: grown(size(x, 1), size(x, 2)), shrunk(size(x, 1), size(x, 2))
-      real(wp) :: square(size(x, 1)), of_product(size(x, 1))
+      real(wp) :: square(size(x, 1)), s(size(x, 1)), decay(size(x, 1))
       real(wp) :: rate, share, square_prime
       integer :: i, j
 
@@ -57,8 +58,11 @@ contains
       call multiply(a, b, rows)
       do i = 1, size(x_prime, 1)
          square_prime = sum(b(:, i)**2)
-         of_product = sqrt(max(square + square_prime - 2.0_wp*rows(:, i), 0.0_wp))*rate
-         rows(:, i) = linear/sum_of_squares*rows(:, i) + joint*matern(of_product)
+         s = sqrt(max(square + square_prime - 2.0_wp*rows(:, i), 0.0_wp))*rate
+         decay = -s
+         call exponentiate(decay)
+         rows(:, i) = linear/sum_of_squares*rows(:, i) &
+                      + joint*(1.0_wp + s*(1.0_wp + third*s))*decay
          do j = 1, size(x, 2)
             share = kernel%weight(j)**2/sum_of_squares
             if (share < smallest) cycle
@@ -67,28 +71,6 @@ contains
          end do
       end do
    end subroutine kernel_rows
-
-   !> (1 + s + s^2/3) exp(-s), s >= 0, in whole vectors: exp(-s) = 2^-k exp(r), r = k ln 2 - s
-   !> within half of ln 2, by the series to r^13, whose rest is below 1e-17.
-   elemental real(wp) function matern(s)
-      real(wp), intent(in) :: s
-      real(wp), parameter :: largest = 700.0_wp           ! exp(-s) is normal
-      real(wp), parameter :: two_high = 0.693147180369123816490_wp, &
-                             two_low = 1.90821492927058770002e-10_wp   ! ln 2 in two parts
-      integer :: i
-      real(wp), parameter :: c(2:13) = 1.0_wp/[(gamma(i + 1.0_wp), i=2, 13)]   ! 1/i!
-      integer, parameter :: exponent_bias = 1023, fraction_bits = 52
-      real(wp) :: r, series
-      integer :: k
-
-      k = int(min(s, largest)/(two_high + two_low) + 0.5_wp)
-      r = k*two_low - (min(s, largest) - k*two_high)   ! exp(-s) = 2^-k exp(r)
-      series = c(10) + r*(c(11) + r*(c(12) + r*c(13)))
-      series = c(6) + r*(c(7) + r*(c(8) + r*(c(9) + r*series)))
-      series = 1.0_wp + r*(1.0_wp + r*(c(2) + r*(c(3) + r*(c(4) + r*(c(5) + r*series)))))
-      series = series*transfer(shiftl(int(exponent_bias - k, long), fraction_bits), series)
-      matern = (1.0_wp + s*(1.0_wp + third*s))*series
-   end function matern
 
    !> Adds the part of one input. exp(-rate |x - x'|) is a product of a growing and a falling
    !> exponential.

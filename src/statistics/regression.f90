@@ -9,6 +9,7 @@
 !> How the influences make a variance: `src/statistics/influences.f90`.
 module statistics_regression
    use core_kinds, only: wp
+   use numerics_elementary, only: exponentiate
    use numerics_lapack, only: multiply
    use statistics_estimates, only: estimates_type
    use statistics_influences, only: divide_by_root, excess_of, find_influence, find_weights, &
@@ -230,7 +231,10 @@ contains
       allocate (average_of_samples, mold=average)
       allocate (estimate%value(size(grown, 2)), estimate%excess(2, size(grown, 2)))
       allocate (estimate%bias, mold=estimate%value)
-      of_all = exp(fit%predicted)
+      of_all = fit%predicted
+      do o = 1, size(of_all, 2)
+         call exponentiate(of_all(:, o))
+      end do
       of_samples = of_all(view%first:view%last, :)
       do o = 1, size(grown, 2)
          width(:, o) = width_of(view, grown(:, o), of_all(:, o))

@@ -83,7 +83,7 @@ contains
             call predict(surrogate, raw_fit, view%rows, values)
             call law_mean(surrogate, raw_fit, view, values, ours)
             at_plain = sampled%mean
-            theirs = among_all(pool, case_number, plain_mean(own), at_plain)
+            theirs = among_all(pool, case_number, plain_mean(own), at_plain, is_alone=.false.)
             least = 0.0_wp
             call blend(ours, theirs, least, both, share)
             call enlarge(both, theirs)
@@ -99,7 +99,7 @@ contains
             least = residual_share(raw_fit%residual(view%first:view%last, :), own)
             call law_deviation(surrogate, raw_fit, view, values, ours)
             at_plain = sampled%deviation
-            theirs = among_all(pool, case_number, plain_deviation(own), at_plain)
+            theirs = among_all(pool, case_number, plain_deviation(own), at_plain, is_alone=.false.)
             call find_sensitivity(surrogate, raw_fit, view, law, values(:, 1), ours, &
                                   best(1)%sensitivity, best(1)%sensitivity_error, error)
             if (allocated(error)) return
@@ -148,7 +148,8 @@ contains
             end do
             call law_percentile(surrogate, bent_fit, view, values, share_below(p), ours)
             theirs = among_all(pool, case_number, plain_percentile(bent(view%first:view%last, :), &
-                                                                   share_below(p)), at_plain)
+                                                                   share_below(p)), at_plain, &
+                               is_alone=.false.)
             call blend(ours, theirs, least, both, share)
             do i = 1, size(best)
                call error_of_points(law, merge(1.0_wp, 0.0_wp, values(:, i) <= ours%value(i)), &

@@ -6,6 +6,7 @@
 module statistics_spectra
    use core_error, only: error_type
    use core_kinds, only: wp
+   use numerics_elementary, only: exponentiate
    use numerics_sorting, only: sort_order
    use statistics_estimates, only: blend, enlarge, estimates_type, plain_mean, &
                                    plain_percentile, sum_of_squares, two_sided, upward_error
@@ -14,9 +15,9 @@ module statistics_spectra
    use statistics_law, only: choose_points, error_of_points, error_with_efficiency, law_type, &
                              n_points, of_mean_densities, of_percentile_powers, of_percentiles, &
                              state_error
-   use statistics_pool, only: among_all, pool_type, residual_share
+   use statistics_pool, only: among_all, pool_type, residual_share, rows_of
    use statistics_regression, only: law_mean_of_exponential, law_percentile
-   use statistics_surrogate, only: fit_outputs, fit_type, predict, surrogate_type
+   use statistics_surrogate, only: fit_outputs, fit_type, make_room, predict, surrogate_type
    implicit none(type, external)
    private
    public :: spectrum_type, estimate_spectrum
@@ -56,6 +57,7 @@ contains
       type(spectrum_type), intent(out) :: estimates(:)   !! (case)
       type(error_type), allocatable, intent(out) :: error
       real(wp), allocatable :: outputs(:, :), some(:, :)
+      real(wp), allocatable :: values(:, :), grown(:, :)   ! (point, frequency) G, exp(G) of a part
       type(surrogate_type) :: surrogate
       type(fit_type), allocatable :: fits(:)
       type(law_type) :: law
@@ -88,26 +90,27 @@ contains
          integer, intent(in) :: number
          type(spectrum_type), intent(inout) :: best
          type(integral_type) :: of_mean, of_percentile(size(share_below))
-         real(wp), allocatable :: values(:, :)
          integer, allocatable :: ranking(:, :)   ! (rank, frequency) the case's samples
          real(wp) :: power(size(law%weight))     ! of exp(G) at each point
          real(wp) :: of_points
-         integer :: f, k, p
+         integer :: f, k, n, p
 
-         call make_room(best, size(outputs, 2), size(share_below))
+         call start(best, size(outputs, 2), size(share_below))
+         call make_room(values, size(law%weight), together)
+         call make_room(grown, size(law%weight), together)
          power = 0.0_wp
          do k = 1, size(starts) - 1
-            allocate (values(size(law%weight), starts(k + 1) - starts(k)))
-            if (k <= size(fits)) call predict(surrogate, fits(k), view%rows, values)
-            call estimate_means(number, k, values, best, of_mean, power)
-            allocate (ranking(view%last - view%first + 1, size(values, 2)))
-            do f = 1, size(values, 2)
+            n = starts(k + 1) - starts(k)
+            if (k <= size(fits)) call predict(surrogate, fits(k), view%rows, values(:, :n))
+            call estimate_means(number, k, n, best, of_mean, power)
+            allocate (ranking(view%last - view%first + 1, n))
+            do f = 1, n
                ranking(:, f) = sort_order(outputs(view%first:view%last, starts(k) + f - 1))
             end do
             do p = 1, size(share_below)
-               call estimate_percentiles(number, k, p, ranking, values, best, of_percentile(p))
+               call estimate_percentiles(number, k, p, ranking, best, of_percentile(p))
             end do
-            deallocate (values, ranking)
+            deallocate (ranking)
          end do
          call error_of_points(law, power, of_points, error)
          if (allocated(error)) return
@@ -131,27 +134,30 @@ contains
                                            sqrt(pool%n_samples(number)*sum_of_squares(of_plain)))
       end function points_for
 
-      subroutine estimate_means(number, k, values, best, integral, power)
+      subroutine estimate_means(number, k, n, best, integral, power)
          integer, intent(in) :: number, k
-         real(wp), intent(in) :: values(:, :)
+         integer, intent(in) :: n   !! frequencies
          type(spectrum_type), intent(inout) :: best
          type(integral_type), intent(inout) :: integral
          real(wp), intent(inout) :: power(:)   !! (point) of the regression's share
          type(estimates_type) :: ours, theirs, both
-         real(wp), allocatable :: grown(:, :)
-         real(wp) :: of_points(size(values, 2)), share(size(values, 2))
+         real(wp) :: of_points(n), share(n)
          integer :: f, o
 
          associate (first => starts(k), last => starts(k + 1) - 1)
             associate (own => density(view%first:view%last, first:last))
-               theirs = among_all(pool, number, plain_mean(own), plain(number)%mean(first:last))
+               theirs = among_all(pool, number, plain_mean(own), plain(number)%mean(first:last), &
+                                  is_alone=k > size(fits))
                share = 1.0_wp
                of_points = 0.0_wp
                if (k <= size(fits)) then
-                  grown = exp(values)
-                  call law_mean_of_exponential(surrogate, fits(k), view, grown, own, ours)
-                  call blend(ours, theirs, [(0.0_wp, o=1, size(share))], both, share)
-                  do o = 1, size(share)
+                  do o = 1, n
+                     grown(:, o) = values(:, o)
+                     call exponentiate(grown(:, o))
+                  end do
+                  call law_mean_of_exponential(surrogate, fits(k), view, grown(:, :n), own, ours)
+                  call blend(ours, theirs, [(0.0_wp, o=1, n)], both, share)
+                  do o = 1, n
                      of_points(o) = points_for(number, of_mean_densities, theirs%influence(:, o))
                      power = power + (step*(1.0_wp - share(o)))*grown(:, o)
                   end do
@@ -161,7 +167,7 @@ contains
                end if
             end associate
          end associate
-         do o = 1, size(values, 2)
+         do o = 1, n
             f = starts(k) + o - 1
             best%mean(f) = both%value(o)
             call state_error(of_points(o), pool%n_samples(number), &
@@ -169,27 +175,29 @@ contains
                              1.0_wp - share(o), best%mean_error(f), best%mean_ratio(f))
             best%mean_error(f) = upward_error(best%mean(f), best%mean_error(f))
          end do
-         call add_to(integral, both, theirs, [(step, o=1, size(values, 2))], &
-                     [(step, o=1, size(values, 2))])
+         call add_to(integral, rows_of(pool, number, is_alone=k > size(fits)), both, theirs, &
+                     [(step, o=1, n)], [(step, o=1, n)])
          integral%value = integral%value + step*sum(both%value)
       end subroutine estimate_means
 
-      subroutine estimate_percentiles(number, k, p, ranking, values, best, integral)
+      subroutine estimate_percentiles(number, k, p, ranking, best, integral)
          integer, intent(in) :: number, k, p, ranking(:, :)
-         real(wp), intent(in) :: values(:, :)
          type(spectrum_type), intent(inout) :: best
          type(integral_type), intent(inout) :: integral
          type(estimates_type) :: ours, theirs, both
-         real(wp) :: share(size(values, 2)), ends(2), reach
-         integer :: f, o
+         real(wp) :: share(size(ranking, 2)), ends(2), reach
+         integer :: f, n, o
 
+         n = size(ranking, 2)
          associate (first => starts(k), last => starts(k + 1) - 1)
             associate (own => outputs(view%first:view%last, first:last))
                theirs = among_all(pool, number, plain_percentile(own, share_below(p), ranking), &
-                                  log(max(plain(number)%percentile(first:last, p), least_density)))
+                                  log(max(plain(number)%percentile(first:last, p), &
+                                          least_density)), is_alone=k > size(fits))
                share = 1.0_wp
                if (k <= size(fits)) then
-                  call law_percentile(surrogate, fits(k), view, values, share_below(p), ours)
+                  call law_percentile(surrogate, fits(k), view, values(:, :n), share_below(p), &
+                                      ours)
                   call blend(ours, theirs, &
                              residual_share(fits(k)%residual(view%first:view%last, :), own), both, &
                              share)
@@ -198,7 +206,7 @@ contains
                end if
             end associate
          end associate
-         do o = 1, size(values, 2)
+         do o = 1, n
             f = starts(k) + o - 1
             call state_error(points_for(number, of_percentiles, theirs%influence(:, o)), &
                              pool%n_samples(number), both%influence(:, o), &
@@ -209,9 +217,10 @@ contains
             best%low(f, p) = exp(ends(1))
             best%high(f, p) = exp(ends(2))
          end do
-         call add_to(integral, both, theirs, step*exp(both%value), step*exp(theirs%value))
+         call add_to(integral, rows_of(pool, number, is_alone=k > size(fits)), both, theirs, &
+                     step*exp(both%value), step*exp(theirs%value))
          integral%value = integral%value + step*sum(exp(both%value))
-         do o = 1, size(values, 2)
+         do o = 1, n
             reach = exp(both%value(o))*norm2(both%influence(:, o))
             integral%parts = integral%parts + reach
             integral%stretched = integral%stretched + reach*both%stretch(:, o)
@@ -280,7 +289,7 @@ contains
       end do
    end function last_powerful
 
-   pure subroutine make_room(best, n_frequencies, n_percentiles)
+   pure subroutine start(best, n_frequencies, n_percentiles)
       type(spectrum_type), intent(inout) :: best
       integer, intent(in) :: n_frequencies, n_percentiles
 
@@ -290,21 +299,23 @@ contains
       allocate (best%low, best%high, best%percentile_ratio, mold=best%percentile)
       allocate (best%variance(n_percentiles), best%variance_error(n_percentiles), &
                 best%variance_ratio(n_percentiles))
-   end subroutine make_room
+   end subroutine start
 
    !> Adds the estimates at some frequencies to an integral, by its slopes.
-   subroutine add_to(integral, both, plain, slope, plain_slope)
+   subroutine add_to(integral, rows, both, plain, slope, plain_slope)
       type(integral_type), intent(inout) :: integral
+      integer, intent(in) :: rows(:)   !! of the estimates' influences; at first all
       type(estimates_type), intent(in) :: both, plain
       real(wp), intent(in) :: slope(:), plain_slope(:)   !! (output) of the integral
 
       if (.not. allocated(integral%influence)) then
-         allocate (integral%influence(size(both%influence, 1)), source=0.0_wp)
-         allocate (integral%plain_influence(size(both%influence, 1)), source=0.0_wp)
+         allocate (integral%influence(size(rows)), source=0.0_wp)
+         allocate (integral%plain_influence(size(rows)), source=0.0_wp)
       end if
       integral%bias = integral%bias + dot_product(slope, both%bias)
-      integral%influence = integral%influence + matmul(both%influence, slope)
-      integral%plain_influence = integral%plain_influence + matmul(plain%influence, plain_slope)
+      integral%influence(rows) = integral%influence(rows) + matmul(both%influence, slope)
+      integral%plain_influence(rows) = integral%plain_influence(rows) &
+                                       + matmul(plain%influence, plain_slope)
    end subroutine add_to
 
 end module statistics_spectra

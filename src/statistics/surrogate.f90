@@ -17,8 +17,8 @@ module statistics_surrogate
    use statistics_kernel, only: kernel_rows, kernel_type
    implicit none(type, external)
    private
-   public :: fit_type, surrogate_type, average_features, find_features, fit_outputs, predict, &
-             rows_of, spread_out
+   public :: fit_type, surrogate_type, average_features, find_features, fit_outputs, make_room, &
+             predict, rows_of, spread_out
 
    integer, parameter, public :: most_landmarks = 256, most_features = 160
    !> outputs of a fit and samples whose pairs with all are looked at
@@ -47,9 +47,10 @@ module statistics_surrogate
       real(wp), allocatable :: coefficient(:, :)   !! (feature, output) of phi
       real(wp), allocatable :: residual(:, :)      !! (sample, output) leave-one-out
       real(wp), allocatable :: predicted(:, :)     !! (sample, output) y - residual
-      integer, allocatable :: judged(:), some(:)   !! outputs and samples of the leverages
-      real(wp), allocatable :: leverage(:, :)           !! (sample, judged output) h_i
-      real(wp), allocatable :: pair_leverage(:, :, :)   !! (sample, of some, judged output) h_ij
+      integer, allocatable :: judged(:), some(:)   !! outputs and samples of the pairs
+      !> (sample j, i of some, judged output) what leaving out j too adds to the residual e_i, and
+      !> leaving out i too to e_j
+      real(wp), allocatable :: change(:, :, :), other_change(:, :, :)
    end type fit_type
 
 contains
@@ -102,11 +103,23 @@ contains
    subroutine rows_of(surrogate, x, rows)
       type(surrogate_type), intent(in) :: surrogate
       real(wp), intent(in), contiguous :: x(:, :)         !! (point, input) standardised
-      real(wp), allocatable, intent(out) :: rows(:, :)    !! (landmark, point)
+      real(wp), allocatable, intent(inout) :: rows(:, :)  !! (landmark, point)
 
-      allocate (rows(size(surrogate%landmark, 1), size(x, 1)))
+      call make_room(rows, size(surrogate%landmark, 1), size(x, 1))
       call kernel_rows(surrogate%kernel, surrogate%landmark, x, rows)
    end subroutine rows_of
+
+   !> Allocates an array unless it has its size: fresh memory costs as much as what goes into it.
+   pure subroutine make_room(values, n_rows, n_columns)
+      real(wp), allocatable, intent(inout) :: values(:, :)
+      integer, intent(in) :: n_rows, n_columns
+
+      if (allocated(values)) then
+         if (all(shape(values) == [n_rows, n_columns])) return
+         deallocate (values)
+      end if
+      allocate (values(n_rows, n_columns))
+   end subroutine make_room
 
    !> Frees rows and columns of a symmetric matrix of their means.
    pure subroutine centre_both(matrix)
@@ -214,31 +227,48 @@ contains
       leverage = leverage + 1.0_wp/n
       fit%residual = (y - fit%residual)/(1.0_wp - leverage)
       fit%predicted = outputs - fit%residual
-      call find_pair_leverages(surrogate, leverage, fit)
+      call find_pairs(surrogate, leverage, fit)
    end subroutine fit_outputs
 
-   !> Computes the pair leverages h_ij = 1/n + sum_k s_k V_ik V_jk: what sample j adds to the fit
-   !> at sample i.
-   subroutine find_pair_leverages(surrogate, leverage, fit)
+   !> Computes the changes of residuals when two samples are left out: e_i becomes
+   !> (e_i + h_ij e_j/(1 - h_i))/(1 - h_ij^2/((1 - h_i)(1 - h_j))), with the leverages
+   !> h_ij = 1/n + sum_k s_k V_ik V_jk.
+   subroutine find_pairs(surrogate, leverage, fit)
       type(surrogate_type), intent(in) :: surrogate
-      real(wp), intent(in) :: leverage(:, :)   !! (sample, output)
+      real(wp), intent(in) :: leverage(:, :)   !! (sample, output) h_i
       type(fit_type), intent(inout) :: fit
-      real(wp), allocatable :: shrunk(:, :)
-      integer :: k, n
+      real(wp), allocatable :: pair_leverage(:, :), shrunk(:, :)
+      real(wp) :: both, left(size(leverage, 1))
+      integer :: i, j, k, m, n
 
       n = size(leverage, 1)
       fit%some = spread_out(n, samples_paired)
       fit%judged = spread_out(size(leverage, 2), outputs_judged)
-      fit%leverage = leverage(:, fit%judged)
-      allocate (fit%pair_leverage(n, size(fit%some), size(fit%judged)))
+      allocate (fit%change(n, size(fit%some), size(fit%judged)))
+      allocate (fit%other_change, mold=fit%change)
+      allocate (pair_leverage(n, size(fit%some)))
       allocate (shrunk(size(surrogate%eigenvalue), size(fit%some)))
       do k = 1, size(fit%judged)
          shrunk = transpose(surrogate%feature(fit%some, :)) &
                   *spread(fit%shrink(:, fit%judged(k)), 2, size(fit%some))
-         call multiply(surrogate%feature, shrunk, fit%pair_leverage(:, :, k))
+         call multiply(surrogate%feature, shrunk, pair_leverage)
+         left = 1.0_wp - leverage(:, fit%judged(k))
+         do m = 1, size(fit%some)
+            i = fit%some(m)
+            associate (e => fit%residual(:, fit%judged(k)), h => pair_leverage(:, m))
+               !$omp simd
+               do j = 1, n
+                  h(j) = h(j) + 1.0_wp/n
+                  both = 1.0_wp/(1.0_wp - h(j)**2/(left(i)*left(j)))
+                  fit%change(j, m, k) = both*(e(i) + h(j)*e(j)/left(i)) - e(i)
+                  fit%other_change(j, m, k) = both*(e(j) + h(j)*e(i)/left(j)) - e(j)
+               end do
+            end associate
+            fit%change(i, m, k) = 0.0_wp   ! no pair
+            fit%other_change(i, m, k) = 0.0_wp
+         end do
       end do
-      fit%pair_leverage = fit%pair_leverage + 1.0_wp/n
-   end subroutine find_pair_leverages
+   end subroutine find_pairs
 
    !> The noise ratio with the least generalised cross-validation.
    pure integer function best_ratio(eigenvalue, projection, total, n)
