@@ -24,7 +24,7 @@ module statistics_law
    integer, parameter, public :: most_kept = 2**15   !! draws
    integer, parameter, public :: n_points = 4096     !! that stand for a law
    real(wp), parameter, public :: of_mean_densities = 7.0_wp, of_percentiles = 2.0_wp, &
-                                  of_percentile_powers = 4.0_wp   !! efficiencies
+                                  of_percentile_powers = 2.5_wp   !! efficiencies
 
    !> Draws of a law.
    type :: draws_type
