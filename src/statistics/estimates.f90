@@ -185,6 +185,7 @@ contains
                                          *sqrt(square*n_samples/(n_samples - 1.0_wp)), bias)
    end function stated_error
 
+   !> Sum of squares, in whole vectors.
    pure real(wp) function sum_of_squares(values) result(total)
       real(wp), intent(in) :: values(:)
       integer :: i
