@@ -4,8 +4,10 @@
 !> coefficients of 1/g and D the mean of ln g. Eq. (11) says that D, which is concave, has its
 !> maximum along delta: a sequence has at most one solution, and 0.5 (1 + ln 2 pi - D) is an upper
 !> bound of the entropy for every x. Lags with a_m > 0 (m < L1) push K(m) towards zero and can hold
-!> it there: x_m is then an unknown of its own, -delta <= x_m <= delta. There is no solution where g
-!> stays positive for every delta.
+!> it there: x_m is then an unknown of its own, -delta <= x_m <= delta. Which lags are held is found
+!> by holding all of them at first, then no longer those whose x_m leaves that interval, and again
+!> those whose K(m) then has the other sign. There is no solution where g stays positive for every
+!> delta.
 module process_direct_sign_sequence
    use core_error, only: error_type
    use core_kinds, only: long, wp
@@ -13,7 +15,6 @@ module process_direct_sign_sequence
    use process_direct_climb, only: begin_climb, climb_state, evaluate_climb, steepest, &
       touching_multiplier, weak_multiplier
    use process_direct_constraint, only: length_constraint
-   use process_direct_interior_point, only: hold_at_zero
    use process_direct_reciprocal_symbol, only: reciprocal_workspace
    use process_direct_touching_symbol, only: solve_touching
    use process_entropy, only: gaussian_entropy
@@ -47,84 +48,90 @@ contains
       integer, intent(in) :: signs(:)   !! +1 or -1, one per rewarded lag
       type(reciprocal_workspace), intent(inout) :: workspace   !! keeps plans from one to the next
       type(sequence_solution), intent(out) :: solution
-      integer, parameter :: max_passes = 8
+      integer, parameter :: max_passes = 20
       logical :: is_free(constraint%m_max), was_free(constraint%m_max)
-      real(wp) :: s(constraint%m_max), delta
+      real(wp) :: s(constraint%m_max)
       integer :: pass
 
       s = 1.0_wp   ! also where a_m = 0, and the sign does not matter
       s(constraint%rewarded) = signs
       is_free = .false.
-      delta = 0.0_wp
+      is_free(constraint%penalized) = any(signs < 0)   ! all plus holds none, far from the limits
       call workspace%prepare(constraint%m_max)
-      if (size(constraint%penalized) == 0 .or. all(signs > 0)) then
-         ! all signs plus, far from the limits: nothing is held at zero
-         call solve_active_set(constraint, s, is_free, delta, workspace, solution)
-         if (all(signs > 0)) call approach_touch(constraint, solution)
-         if (size(constraint%penalized) == 0 .or. .not. solution%is_feasible) return
-         if (all(solution%correlation(constraint%penalized) >= 0.0_wp)) return
-      end if
-      call hold_at_zero(constraint, s, is_free, delta, workspace)
-      solution%is_feasible = delta > 0.0_wp
       do pass = 1, max_passes
-         if (.not. solution%is_feasible) return
-         call solve_active_set(constraint, s, is_free, delta, workspace, solution)
-         if (.not. solution%is_feasible) return
+         call solve_active_set(constraint, s, is_free, workspace, solution)
+         if (pass == 1 .and. all(signs > 0)) call approach_touch(constraint, solution)
          was_free = is_free
-         s = solution%s
          is_free = is_free .and. abs(s) <= 1.0_wp
-         associate (low => constraint%penalized)
-            is_free(low) = is_free(low) .or. &
-                           .not. was_free(low) .and. &
-                              s(low)*solution%correlation(low) < -sign_rounding
-         end associate
+         if (solution%is_feasible) then
+            associate (low => constraint%penalized)
+               is_free(low) = is_free(low) .or. &
+                              .not. was_free(low) .and. &
+                                 s(low)*solution%correlation(low) < -sign_rounding
+            end associate
+         end if
          if (all(is_free .eqv. was_free)) return
          where (.not. is_free) s = sign(1.0_wp, s)
-         delta = 0.0_wp
       end do
       solution%is_feasible = .false.
    end subroutine solve_sequence
 
    !> Solves for delta and for x_m of the free lags by Newton's method, the other signs given.
-   subroutine solve_active_set(constraint, s, is_free, delta, workspace, solution)
+   subroutine solve_active_set(constraint, s, is_free, workspace, solution)
       type(length_constraint), intent(in) :: constraint
-      real(wp), intent(in) :: s(:)           !! (m_max) the start where free
+      real(wp), intent(inout) :: s(:)        !! (m_max) found where free, also without a solution
       logical, intent(in) :: is_free(:)      !! (m_max) K(m) = 0 is wanted there
-      real(wp), intent(in) :: delta          !! start; 0: none
       type(reciprocal_workspace), intent(inout) :: workspace
       type(sequence_solution), intent(out) :: solution
       type(climb_state) :: state
-      real(wp) :: decrement, last_decrement, limit
+      real(wp) :: decrement, last_decrement, limit, start
       real(wp), allocatable :: step(:)
       integer :: iteration
       logical :: is_done, is_higher
 
       call begin_climb(constraint, s, is_free, state)
       limit = huge(1.0_wp)
+      start = weak_multiplier(state%along)
       if (size(state%free) == 0) then
          limit = touching_multiplier(state%along, workspace)
          if (.not. limit < steepest/constraint%weights(0)) return
-      end if
-      if (delta > 0.0_wp) then
-         state%x = delta*[1.0_wp, s]
+         start = min(start, 0.75_wp*limit)
       else
-         state%x(0) = min(weak_multiplier(state%along), 0.75_wp*limit)
-         state%x(1:) = state%x(0)*state%s
+         start = min(start, 0.5_wp/sum(abs(constraint%weights)))
       end if
+      state%x = start*[1.0_wp, state%s]
       call evaluate_climb(constraint, workspace, state)
       last_decrement = huge(1.0_wp)
       do iteration = 1, max_steps
-         if (.not. state%value%is_positive) return
+         s(state%free) = state%x(state%free)/state%x(0)
+         if (.not. state%value%is_positive .or. is_hopeless(constraint, state, workspace)) return
          call find_step(state, limit, step, decrement)
-         is_done = decrement <= 1.0e-22_wp .or. &   ! rounding is left, or not even that
-                   decrement <= end_game .and. decrement > 0.25_wp*last_decrement
+         is_done = abs(decrement) <= end_game .and. &   ! rounding is left, or not even that
+                   (decrement <= 1.0e-22_wp .or. decrement > 0.25_wp*last_decrement)
          last_decrement = decrement
          call take_step(constraint, workspace, step, decrement, state, is_higher)
          if (.not. is_higher) return
          if (is_done) exit
       end do
+      s(state%free) = state%x(state%free)/state%x(0)
       if (is_done) call describe(constraint, state, solution)
    end subroutine solve_active_set
+
+   !> True if g stays positive however far x is followed, with free lags: then D has no maximum.
+   function is_hopeless(constraint, state, workspace)
+      type(length_constraint), intent(in) :: constraint
+      type(climb_state), intent(in) :: state
+      type(reciprocal_workspace), intent(inout) :: workspace
+      logical :: is_hopeless
+
+      associate (weights => constraint%weights, x => state%x)
+         is_hopeless = size(state%free) > 0 .and. x(0)*weights(0) > 10.0_wp   ! it shows later
+         if (is_hopeless) &
+            is_hopeless = .not. x(0)*touching_multiplier([weights(0)*x(0), &
+                                                          0.5_wp*weights(1:)*x(1:)], workspace) &
+                          < steepest/weights(0)
+      end associate
+   end function is_hopeless
 
    !> Solves all plus once more where g(0) is lost in the rounding of g_0.
    subroutine approach_touch(constraint, solution)
@@ -183,7 +190,9 @@ contains
       step = limit*(1.0_wp - 1.0_wp/y**2) - state%x(0)
    end subroutine find_step
 
-   !> Goes along the step as far as D rises; not at all (`is_higher` false) where it does not.
+   !> Goes along the step as far as D rises, and no more than half of the way to where g touches
+   !> zero: D is finite there, and steps along that edge are short. Not at all (`is_higher` false)
+   !> where D does not rise.
    subroutine take_step(constraint, workspace, step, decrement, state, is_higher)
       type(length_constraint), intent(in) :: constraint
       type(reciprocal_workspace), intent(inout) :: workspace
@@ -193,22 +202,26 @@ contains
       logical, intent(out) :: is_higher
       real(wp) :: direction(0:constraint%m_max), start(0:constraint%m_max), height, length
       integer :: i
+      logical :: is_outside, was_outside
 
       direction = step(0)*[1.0_wp, state%s]
       direction(state%free) = step(1:)
       start = state%x
       height = state%value%log_mean
       length = 1.0_wp
+      is_outside = .false.
       do i = 0, max_halvings
          state%x = start + length*direction
-         is_higher = .false.
-         if (state%x(0) > 0.0_wp) then
+         was_outside = is_outside
+         is_outside = .not. state%x(0) > 0.0_wp
+         if (.not. is_outside) then
             call evaluate_climb(constraint, workspace, state)
-            if (state%value%is_positive) &
-               is_higher = state%value%log_mean >= height + 1.0e-4_wp*length*decrement .or. &
-                  decrement <= end_game
+            is_outside = .not. state%value%is_positive
          end if
-         if (is_higher) return
+         is_higher = .not. is_outside
+         if (is_higher) is_higher = state%value%log_mean >= height + 1.0e-4_wp*length*decrement &
+                                    .or. decrement <= end_game
+         if (is_higher .and. .not. was_outside) return
          length = 0.5_wp*length
       end do
    end subroutine take_step
