@@ -28,6 +28,7 @@ module process_direct_sign_search
    end type search_result
 
    integer, parameter, public :: max_listed = 100   !! solutions kept of a search
+   real(wp), parameter :: rounding = 1.0e-11_wp     !! of an entropy [nat]
 
 contains
 
@@ -217,7 +218,6 @@ contains
    pure subroutine take_better(solution, best)
       type(sequence_solution), intent(in) :: solution
       type(sequence_solution), intent(inout) :: best
-      real(wp), parameter :: rounding = 1.0e-11_wp   ! nat
 
       if (.not. (solution%is_feasible .and. solution%is_consistent)) return
       if (best%is_feasible .and. best%is_consistent) then
@@ -263,13 +263,14 @@ contains
       end do
    end function sequence_signs
 
-   !> Sorts by descending entropy, equal ones by their numbers, and keeps the best `max_listed`.
+   !> Sorts by descending entropy, those that are equal to rounding by their numbers, and keeps the
+   !> best `max_listed`.
    pure subroutine sort_and_cut(solutions)
       type(sequence_solution), allocatable, intent(inout) :: solutions(:)
       integer, allocatable :: order(:)
 
       order = sort_order(real(solutions%number, wp))
-      order = order(sort_order(-solutions(order)%entropy))
+      order = order(sort_order(-anint(solutions(order)%entropy/rounding)))
       solutions = solutions(order(:min(size(order), max_listed)))
    end subroutine sort_and_cut
 
