@@ -1,5 +1,5 @@
 !> Datasets of the samples of a block, each said once: its name, unit, axes, meaning and place. A
-!> shard, its checksum, the results file and the way back from either walk this list.
+!> shard, the results file and the way back from either walk this list.
 module io_blocks
    use campaign_plan, only: kept_dofs, plan_type
    use campaign_results, only: block_result
@@ -7,10 +7,10 @@ module io_blocks
    use core_kinds, only: long, wp
    use io_group, only: group_type
    use io_hdf5, only: hdf5_file, read_extent
-   use io_dataset_visitor, only: checks, dataset_type, dataset_visitor, puts, reads
+   use io_dataset_visitor, only: dataset_type, dataset_visitor, puts, reads
    implicit none(type, external)
    private
-   public :: find_checksum, kept_axis, put_long, put_short, read_block, write_blocks
+   public :: kept_axis, put_long, put_short, read_block, write_blocks
 
 contains
 
@@ -61,23 +61,6 @@ contains
       if (.not. is_short) call visit_long(w, block)
       if (allocated(w%error)) call move_alloc(w%error, error)
    end subroutine read_block
-
-   !> Computes the checksum of samples before + 1 to before + n of a block: of their values and of
-   !> their place in the campaign.
-   subroutine find_checksum(block, before, n, checksum)
-      type(block_result), intent(inout) :: block   !! left as it was
-      integer, intent(in) :: before, n
-      integer(long), intent(out) :: checksum
-      type(dataset_visitor) :: w
-
-      w%deed = checks
-      w%place = before
-      w%n = n
-      call w%checksum%add([block%case_number, block%first_sample + before, n])
-      call visit_short(w, block)
-      call visit_long(w, block)
-      checksum = w%checksum%value()
-   end subroutine find_checksum
 
    !> Puts the short datasets of a block among those of all samples of its case.
    subroutine put_short(group, plan, block)

@@ -1,18 +1,17 @@
 !> Visitor of the datasets of a block of samples: writes them into a file of their own, reads them,
-!> adds them to a checksum, or puts them among those of all samples.
+!> or puts them among those of all samples.
 module io_dataset_visitor
    use core_chunks, only: frequencies_together
    use core_error, only: error_type, exit_file, raise
    use core_kinds, only: long, wp
    use core_text, only: to_text
-   use io_checksum, only: checksum_type
    use io_hdf5, only: hdf5_file, label_type, make_dataset, move_part, read_extent
    implicit none(type, external)
    private
    public :: dataset_type, dataset_visitor
-   public :: checks, puts, reads, writes
+   public :: puts, reads, writes
 
-   integer, parameter :: writes = 1, reads = 2, checks = 3, puts = 4   !! what a visitor does
+   integer, parameter :: writes = 1, reads = 2, puts = 3   !! what a visitor does
 
    !> Dataset of the samples of a block.
    type :: dataset_type
@@ -28,7 +27,6 @@ module io_dataset_visitor
       type(hdf5_file) :: file
       character(:), allocatable :: group   !! with its last slash
       character(:), allocatable :: dof     !! the axis of the dofs whose spectra are kept
-      type(checksum_type) :: checksum
       integer :: before = 0                !! rows of the file before those concerned
       integer :: place = 0                 !! rows of the block before those concerned
       integer :: n = 0                     !! rows concerned: samples, at last transitions
@@ -50,12 +48,10 @@ contains
       class(dataset_visitor), intent(inout) :: self
       type(dataset_type), intent(in) :: what
       real(wp), allocatable, intent(inout) :: values(:)
-      integer(long), allocatable :: n(:)
+      integer(long) :: n(1)
       integer :: status
 
-      call look(self, what, allocated(values), 1, n)
-      if (.not. allocated(n)) return
-      status = 0
+      if (.not. is_concerned(self, what, allocated(values), n, status)) return
       if (.not. allocated(values)) allocate (values(self%n_all), stat=status)
       if (fits(self, what, n, status)) &
          call act(self, what, values(self%place + 1:self%place + self%n))
@@ -65,12 +61,10 @@ contains
       class(dataset_visitor), intent(inout) :: self
       type(dataset_type), intent(in) :: what
       integer, allocatable, intent(inout) :: values(:)
-      integer(long), allocatable :: n(:)
+      integer(long) :: n(1)
       integer :: status
 
-      call look(self, what, allocated(values), 1, n)
-      if (.not. allocated(n)) return
-      status = 0
+      if (.not. is_concerned(self, what, allocated(values), n, status)) return
       if (.not. allocated(values)) allocate (values(self%n_all), stat=status)
       if (fits(self, what, n, status)) &
          call act(self, what, values(self%place + 1:self%place + self%n))
@@ -80,12 +74,10 @@ contains
       class(dataset_visitor), intent(inout) :: self
       type(dataset_type), intent(in) :: what
       real(wp), allocatable, intent(inout) :: values(:, :)
-      integer(long), allocatable :: n(:)
+      integer(long) :: n(2)
       integer :: status
 
-      call look(self, what, allocated(values), 2, n)
-      if (.not. allocated(n)) return
-      status = 0
+      if (.not. is_concerned(self, what, allocated(values), n, status)) return
       if (.not. allocated(values)) allocate (values(n(1), self%n_all), stat=status)
       if (fits(self, what, n, status)) &
          call act(self, what, values(:, self%place + 1:self%place + self%n))
@@ -95,12 +87,10 @@ contains
       class(dataset_visitor), intent(inout) :: self
       type(dataset_type), intent(in) :: what
       integer(long), allocatable, intent(inout) :: values(:, :)
-      integer(long), allocatable :: n(:)
+      integer(long) :: n(2)
       integer :: status
 
-      call look(self, what, allocated(values), 2, n)
-      if (.not. allocated(n)) return
-      status = 0
+      if (.not. is_concerned(self, what, allocated(values), n, status)) return
       if (.not. allocated(values)) allocate (values(n(1), self%n_all), stat=status)
       if (fits(self, what, n, status)) &
          call act(self, what, values(:, self%place + 1:self%place + self%n))
@@ -110,34 +100,34 @@ contains
       class(dataset_visitor), intent(inout) :: self
       type(dataset_type), intent(in) :: what
       real(wp), allocatable, intent(inout) :: values(:, :, :)
-      integer(long), allocatable :: n(:)
+      integer(long) :: n(3)
       integer :: status
 
-      call look(self, what, allocated(values), 3, n)
-      if (.not. allocated(n)) return
-      status = 0
+      if (.not. is_concerned(self, what, allocated(values), n, status)) return
       if (.not. allocated(values)) allocate (values(n(1), n(2), self%n_all), stat=status)
       if (fits(self, what, n, status)) &
          call act(self, what, values(:, :, self%place + 1:self%place + self%n))
    end subroutine visit_cube
 
-   !> Finds the extents of a dataset that there is something to do with: of the file when reading,
-   !> else 0.
-   subroutine look(self, what, is_there, n_axes, extents)
+   !> True if there is something to do with a dataset; finds the extents that a file has of it.
+   logical function is_concerned(self, what, is_there, extents, status)
       class(dataset_visitor), intent(inout) :: self
       type(dataset_type), intent(in) :: what
       logical, intent(in) :: is_there   !! in the block
-      integer, intent(in) :: n_axes
-      integer(long), allocatable, intent(out) :: extents(:)
+      integer(long), intent(out) :: extents(:)   !! when reading; else 0
+      integer, intent(out) :: status    !! 0, for an allocate that is not needed
+      integer(long), allocatable :: found(:)
 
-      if (allocated(self%error)) return
-      if (self%deed /= reads) then
-         if (is_there) allocate (extents(n_axes), source=0_long)
-      else if (self%file%has(path_of(self, what))) then
-         call read_extent(self%file, path_of(self, what), n_axes, extents, self%error)
-         if (allocated(self%error)) deallocate (extents)
+      status = 0
+      extents = 0
+      is_concerned = is_there
+      if (self%deed == reads) is_concerned = self%file%has(path_of(self, what))
+      if (is_concerned .and. self%deed == reads .and. .not. allocated(self%error)) then
+         call read_extent(self%file, path_of(self, what), size(extents), found, self%error)
+         if (.not. allocated(self%error)) extents = found
       end if
-   end subroutine look
+      is_concerned = is_concerned .and. .not. allocated(self%error)
+   end function is_concerned
 
    !> True if the memory holds a dataset, else an error: a damaged file names any extent.
    logical function fits(self, what, extents, status)
@@ -157,27 +147,21 @@ contains
       type(dataset_type), intent(in) :: what
       real(wp), intent(inout), contiguous :: values(..)
 
-      call prepare(self, what, 0.0_wp, shape(values))
-      if (self%deed == checks) then
-         call self%checksum%add(values)
-      else if (.not. allocated(self%error)) then
+      if (self%deed /= reads) call make(self, what, 0.0_wp, shape(values))
+      if (.not. allocated(self%error)) &
          call move_part(self%file, path_of(self, what), first_of(self, rank(values)), values, &
                         self%deed /= reads, self%error)
-      end if
    end subroutine act_on_reals
 
    subroutine act_on_integers(self, what, values)
       class(dataset_visitor), intent(inout) :: self
       type(dataset_type), intent(in) :: what
-      integer, intent(inout), contiguous :: values(:)
+      integer, intent(inout), contiguous :: values(..)
 
-      call prepare(self, what, 0, shape(values))
-      if (self%deed == checks) then
-         call self%checksum%add(values)
-      else if (.not. allocated(self%error)) then
+      if (self%deed /= reads) call make(self, what, 0, shape(values))
+      if (.not. allocated(self%error)) &
          call move_part(self%file, path_of(self, what), first_of(self, rank(values)), values, &
                         self%deed /= reads, self%error)
-      end if
    end subroutine act_on_integers
 
    subroutine act_on_longs(self, what, values)
@@ -185,13 +169,10 @@ contains
       type(dataset_type), intent(in) :: what
       integer(long), intent(inout), contiguous :: values(..)
 
-      call prepare(self, what, 0_long, shape(values))
-      if (self%deed == checks) then
-         call self%checksum%add(values)
-      else if (.not. allocated(self%error)) then
+      if (self%deed /= reads) call make(self, what, 0_long, shape(values))
+      if (.not. allocated(self%error)) &
          call move_part(self%file, path_of(self, what), first_of(self, rank(values)), values, &
                         self%deed /= reads, self%error)
-      end if
    end subroutine act_on_longs
 
    !> Place in the file where the rows concerned begin.
@@ -204,11 +185,10 @@ contains
       first(n_axes) = self%before + 1
    end function first_of
 
-   !> Adds the name to a checksum, or makes the dataset that is written where it is not there yet.
-   !> In a block's own file it has no axes, and spectra are cut into ranges of frequencies, which is
-   !> how statistics read them. A chunk has the samples of one block: more would not fit into HDF5's
-   !> cache of 1 MB.
-   subroutine prepare(self, what, mold, extents)
+   !> Makes a dataset where it is not there yet. In a block's own file it has no axes, and spectra
+   !> are cut into ranges of frequencies, which is how statistics read them. A chunk has the samples
+   !> of one block: more would not fit into HDF5's cache of 1 MB.
+   subroutine make(self, what, mold, extents)
       class(dataset_visitor), intent(inout) :: self
       type(dataset_type), intent(in) :: what
       class(*), intent(in) :: mold
@@ -216,8 +196,6 @@ contains
       type(label_type) :: label
       integer :: last
 
-      if (self%deed == checks) call self%checksum%add(trim(what%name))
-      if (self%deed == checks .or. self%deed == reads) return
       if (self%file%has(path_of(self, what))) return
       label%units = trim(what%units)
       label%long_name = trim(what%about)
@@ -231,7 +209,7 @@ contains
       end if
       call make_dataset(self%file, path_of(self, what), mold, &
                         [extents(:size(extents) - 1), self%n_all], label, self%error)
-   end subroutine prepare
+   end subroutine make
 
    !> Place of a dataset in the file.
    pure function path_of(self, what) result(path)

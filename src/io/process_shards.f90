@@ -2,16 +2,13 @@
 !> a fit that is done is not done again.
 module io_process_shards
    use core_error, only: error_type, exit_file, raise
-   use core_kinds, only: long, wp
    use core_phrases, only: numbered
-   use io_checksum, only: checksum_type
    use io_files, only: exists, remove_file
    use io_group, only: group_type, new_group
    use io_hdf5, only: hdf5_file, open_hdf5, read_attribute, write_attribute
    use io_process_results, only: read_solution, write_solution
    use io_store, only: finish_file, list_finished, name_of, open_own, shard_store, start_file
    use process_model, only: process_model_type, process_request
-   use process_packing, only: pack_model
    implicit none(type, external)
    private
    public :: extract_processes, is_process_shard, keep_process, read_kept, remove_kept
@@ -34,8 +31,6 @@ contains
       call start_file(store, shard_name(number), file, error)
       if (allocated(error)) return
       call write_attribute(file, '/', 'process', number, error)
-      if (.not. allocated(error)) &
-         call write_attribute(file, '/', 'checksum', checksum_of(number, model), error)
       if (.not. allocated(error)) then
          group = new_group(file, solution)
          call write_solution(group, model, is_sealed=.true.)
@@ -68,13 +63,11 @@ contains
       type(process_model_type), intent(inout) :: model
       type(error_type), allocatable, intent(out) :: error
       type(hdf5_file) :: file
-      integer(long) :: expected
       integer :: found
 
       call open_own(store, path_of(store, number), advice, file, error)
       if (allocated(error)) return
       call read_attribute(file, '/', 'process', found, error)
-      if (.not. allocated(error)) call read_attribute(file, '/', 'checksum', expected, error)
       if (.not. allocated(error)) call read_solution(file, solution, model, error)
       call file%abandon()
       if (allocated(error)) then
@@ -82,9 +75,6 @@ contains
       else if (found /= number) then
          call raise(error, exit_file, file%path// &
                     ' does not hold the process that its name tells'//advice)
-      else if (checksum_of(number, model) /= expected) then
-         call raise(error, exit_file, file%path// &
-                    ' is damaged: its values do not have its checksum'//advice)
       end if
    end subroutine read_one
 
@@ -157,18 +147,5 @@ contains
 
       name = 'process_'//numbered('p', number)//'.h5'
    end function shard_name
-
-   function checksum_of(number, model) result(value)
-      integer, intent(in) :: number
-      type(process_model_type), intent(in) :: model
-      integer(long) :: value
-      real(wp), allocatable :: row(:)
-      type(checksum_type) :: checksum
-
-      row = pack_model(model)
-      call checksum%add([number, size(row)])
-      call checksum%add(row)
-      value = checksum%value()
-   end function checksum_of
 
 end module io_process_shards

@@ -3,11 +3,9 @@ module io_shards
    use, intrinsic :: iso_c_binding, only: c_f_pointer, c_loc
    use campaign_results, only: block_result
    use core_error, only: error_type, exit_file, raise
-   use core_kinds, only: long
-   use io_blocks, only: find_checksum, read_block, write_blocks
+   use io_blocks, only: read_block, write_blocks
    use io_files, only: exists, remove_file
-   use io_hdf5, only: hdf5_file, label_type, read_attribute, read_dataset, read_extent, &
-                      write_attribute, write_dataset
+   use io_hdf5, only: hdf5_file, read_attribute, write_attribute
    use io_lock, only: lock_type
    use io_process_shards, only: is_process_shard
    use io_store, only: finish_file, list_finished, open_own, remove_store, shard_store, start_file
@@ -65,24 +63,12 @@ contains
       type(hdf5_file), intent(in) :: file
       type(block_result), intent(inout) :: blocks(:)
       type(error_type), allocatable, intent(out) :: error
-      integer(long) :: checksum(size(blocks))
-      integer :: n_samples(size(blocks)), i
 
-      n_samples = blocks%n_samples
-      do i = 1, size(blocks)
-         call find_checksum(blocks(i), 0, n_samples(i), checksum(i))
-      end do
       call write_attribute(file, '/', 'case', blocks(1)%case_number, error)
       if (.not. allocated(error)) &
          call write_attribute(file, '/', 'first_sample', blocks(1)%first_sample, error)
       if (.not. allocated(error)) &
-         call write_attribute(file, '/', 'n_samples', sum(n_samples), error)
-      if (.not. allocated(error)) &
-         call write_dataset(file, '/block_samples', n_samples, &
-                            label_type('1', 'number of samples of the block', ''), error)
-      if (.not. allocated(error)) &
-         call write_dataset(file, '/block_checksum', checksum, &
-                            label_type('1', 'checksum of the values of the block', ''), error)
+         call write_attribute(file, '/', 'n_samples', sum(blocks%n_samples), error)
       if (.not. allocated(error)) call write_blocks(file, blocks, error)
    end subroutine fill_shard
 
@@ -147,57 +133,13 @@ contains
       type(block_result), intent(out) :: block
       type(error_type), allocatable, intent(out) :: error
       type(hdf5_file) :: file
-      integer, allocatable :: n_samples(:)         ! (block)
-      integer(long), allocatable :: checksum(:)    ! (block)
 
       call open_shard(store, shard, file, block, error)
       if (allocated(error)) return
-      call read_list_of_blocks(file, block%n_samples, n_samples, checksum, error)
-      if (.not. allocated(error)) &
-         call read_block(file, '/', block, 0, 0, block%n_samples, .false., error)
+      call read_block(file, '/', block, 0, 0, block%n_samples, .false., error)
       call file%abandon()
-      if (.not. allocated(error)) call compare_checksums(shard, block, n_samples, checksum, error)
       if (allocated(error)) error%message = error%message//advice
    end subroutine read_shard
-
-   !> Reads the numbers of samples and the checksums of the blocks of a shard.
-   subroutine read_list_of_blocks(file, n_all, n_samples, checksum, error)
-      type(hdf5_file), intent(in) :: file
-      integer, intent(in) :: n_all   !! samples of the shard
-      integer, allocatable, intent(out) :: n_samples(:)
-      integer(long), allocatable, intent(out) :: checksum(:)
-      type(error_type), allocatable, intent(out) :: error
-      integer(long), allocatable :: n(:)
-
-      call read_extent(file, '/block_samples', 1, n, error)
-      if (allocated(error)) return
-      n = max(0_long, min(n, n_all + 1_long))   ! a damaged file names any extent
-      allocate (n_samples(n(1)), checksum(n(1)))
-      call read_dataset(file, '/block_samples', n_samples, error)
-      if (.not. allocated(error)) call read_dataset(file, '/block_checksum', checksum, error)
-      if (allocated(error)) return
-      if (any(n_samples < 1) .or. sum(int(n_samples, long)) /= n_all) &
-         call raise(error, exit_file, file%path//' is damaged: its blocks do not make up its '// &
-                    'samples')
-   end subroutine read_list_of_blocks
-
-   subroutine compare_checksums(shard, block, n_samples, checksum, error)
-      type(shard_type), intent(in) :: shard
-      type(block_result), intent(inout) :: block   !! left as it was
-      integer, intent(in) :: n_samples(:)          !! (block)
-      integer(long), intent(in) :: checksum(:)     !! (block)
-      type(error_type), allocatable, intent(out) :: error
-      integer(long) :: found
-      integer :: i
-
-      do i = 1, size(n_samples)
-         call find_checksum(block, sum(n_samples(:i - 1)), n_samples(i), found)
-         if (found == checksum(i)) cycle
-         call raise(error, exit_file, shard%path// &
-                    ' is damaged: its values do not have its checksum')
-         return
-      end do
-   end subroutine compare_checksums
 
    !> Opens a shard and compares its header with its name and store.
    subroutine open_shard(store, shard, file, block, error)

@@ -114,7 +114,8 @@ contains
       call self%close(error)
    end subroutine abandon
 
-   !> True if there is a group or dataset of this path, whose parents may be missing too.
+   !> True if there is a group or dataset of this path, whose parents may be missing too; true where
+   !> damage hides it: what then reads it says so.
    function has(self, path)
       class(hdf5_file), intent(in) :: self
       character(*), intent(in) :: path
@@ -128,7 +129,7 @@ contains
          end if
          call h5lexists_f(self%id, path(:i - 1), has, status)
          if (status < 0) call forget_failure()
-         has = has .and. status >= 0
+         has = has .or. status < 0
          if (.not. has) return
       end do
    end function has
