@@ -19,7 +19,7 @@ module io_hdf5_attributes
 
    !> A number, a logical as 0 or 1, or a text.
    interface read_attribute
-      module procedure read_text, read_integer, read_long, read_real
+      module procedure read_text, read_integer, read_real
    end interface read_attribute
 
 contains
@@ -184,17 +184,6 @@ contains
       call read_value(file, object, name, H5T_NATIVE_INTEGER, c_loc(value))
       call conclude(attribute_of(file, object, name)//': cannot be read', error)
    end subroutine read_integer
-
-   subroutine read_long(file, object, name, value, error)
-      type(hdf5_file), intent(in) :: file
-      character(*), intent(in) :: object, name
-      integer(long), intent(out), target :: value
-      type(error_type), allocatable, intent(out) :: error
-
-      value = 0
-      call read_value(file, object, name, h5kind_to_type(long, H5_INTEGER_KIND), c_loc(value))
-      call conclude(attribute_of(file, object, name)//': cannot be read', error)
-   end subroutine read_long
 
    subroutine read_real(file, object, name, value, error)
       type(hdf5_file), intent(in) :: file

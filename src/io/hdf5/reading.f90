@@ -15,7 +15,7 @@ module io_hdf5_reading
 
    !> Values from a dataset of just their shape.
    interface read_dataset
-      module procedure read_real, read_integer, read_long
+      module procedure read_real, read_integer
    end interface read_dataset
 
 contains
@@ -75,16 +75,6 @@ contains
 
       call read_whole(file, path, H5T_NATIVE_INTEGER, extents_of(values), c_loc(values), error)
    end subroutine read_integer
-
-   subroutine read_long(file, path, values, error)
-      type(hdf5_file), intent(in) :: file
-      character(*), intent(in) :: path
-      integer(long), intent(out), target, contiguous :: values(..)
-      type(error_type), allocatable, intent(out) :: error
-
-      call read_whole(file, path, h5kind_to_type(long, H5_INTEGER_KIND), extents_of(values), &
-                      c_loc(values), error)
-   end subroutine read_long
 
    subroutine read_whole(file, path, kind, extents, values, error)
       type(hdf5_file), intent(in) :: file

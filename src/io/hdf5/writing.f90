@@ -28,7 +28,7 @@ module io_hdf5_writing
    !> A whole dataset of any rank, with its label; its groups are made where missing. A dataset that
    !> bears the name of its only axis becomes that axis: write it before those that have the axis.
    interface write_dataset
-      module procedure write_real, write_integer, write_long
+      module procedure write_real, write_integer
    end interface write_dataset
 
 contains
@@ -74,17 +74,6 @@ contains
       call write_whole(file, path, H5T_NATIVE_INTEGER, extents_of(values), &
                        c_loc(values), label, error)
    end subroutine write_integer
-
-   subroutine write_long(file, path, values, label, error)
-      type(hdf5_file), intent(in) :: file
-      character(*), intent(in) :: path
-      integer(long), intent(in), target, contiguous :: values(..)
-      type(label_type), intent(in) :: label
-      type(error_type), allocatable, intent(out) :: error
-
-      call write_whole(file, path, h5kind_to_type(long, H5_INTEGER_KIND), &
-                       extents_of(values), c_loc(values), label, error)
-   end subroutine write_long
 
    subroutine write_whole(file, path, kind, extents, values, label, error)
       type(hdf5_file), intent(in) :: file
