@@ -1,15 +1,15 @@
-!> From a token of the scene to a checked value of an entry.
+!> From a token of the scene to a checked value of an entry. Nothing is guessed: what is not exactly
+!> a value of the wanted type is refused, with the rule that it breaks.
 module config_text_conversion
    use config_text_document, only: document_type
    use config_text_tokens, only: token_word
    use config_text_value_table, only: choice_length, entry_type
-   use config_text_values, only: parse_text
    use core_kinds, only: long, wp
    use core_numbers, only: parse_integer, parse_real
    use core_spelling, only: lowered, nearest_name
    implicit none(type, external)
    private
-   public :: convert_choice, convert_integer, convert_real, convert_text
+   public :: convert_choice, convert_integer, convert_real, convert_text, parse_logical, parse_text
 
 contains
 
@@ -76,5 +76,40 @@ contains
       nearest = nearest_name(lowered(text), entry%choices(:entry%n_choices))
       if (nearest /= '') rule = rule//", did you mean '"//trim(nearest)//"'?"
    end subroutine convert_choice
+
+   !> Parses t, true, .t., .true. and their opposites, in any case.
+   pure subroutine parse_logical(text, value, rule)
+      character(*), intent(in) :: text
+      logical, intent(out) :: value
+      character(:), allocatable, intent(out) :: rule
+
+      value = .false.
+      select case (lowered(text))
+      case ('t', 'true', '.t.', '.true.')
+         value = .true.
+      case ('f', 'false', '.f.', '.false.')
+      case default
+         rule = 'must be .true. or .false.'
+      end select
+   end subroutine parse_logical
+
+   !> Parses text between quotes; a doubled quote stands for one.
+   pure subroutine parse_text(text, value, rule)
+      character(*), intent(in) :: text                        !! with its quotes
+      character(:), allocatable, intent(out) :: value, rule
+      integer :: i
+
+      value = ''
+      if (len(text) < 2 .or. scan(text, '''"') /= 1) then
+         rule = 'must be text in quotes'
+         return
+      end if
+      i = 2
+      do while (i < len(text))
+         if (iachar(text(i:i)) < iachar(' ')) rule = 'must not hold control characters'
+         value = value//text(i:i)
+         i = i + merge(2, 1, text(i:i) == text(1:1))
+      end do
+   end subroutine parse_text
 
 end module config_text_conversion

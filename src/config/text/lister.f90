@@ -21,7 +21,6 @@ module config_text_lister
    contains
       procedure :: visit_value
       procedure :: visit_text
-      procedure :: visit_integers
       procedure :: visit_reals
       procedure :: visit_choices
       procedure, private :: add
@@ -57,22 +56,6 @@ contains
       call self%add(entry, quoted(value), 'text', is_list=.false.)
    end subroutine visit_text
 
-   subroutine visit_integers(self, values, entry, default)
-      class(lister_type), intent(inout) :: self
-      integer, allocatable, intent(inout) :: values(:)
-      type(entry_type), intent(in) :: entry
-      integer, intent(in) :: default(:)
-      character(:), allocatable :: text
-      integer :: i
-
-      if (.not. allocated(values)) values = default
-      text = ''
-      do i = 1, size(values)
-         text = text//separator(i)//to_text(values(i))
-      end do
-      call self%add(entry, text, 'integer', is_list=.true.)
-   end subroutine visit_integers
-
    !> Lists the values; equal values, where one stands for all dofs, as one.
    subroutine visit_reals(self, values, entry, default)
       class(lister_type), intent(inout) :: self
@@ -88,11 +71,16 @@ contains
       end if
       text = ''
       do i = 1, size(values)
-         text = text//separator(i)//to_text(values(i))
+         text = text//separator(i)
+         if (entry%is_whole) then
+            text = text//to_text(nint(values(i)))
+         else
+            text = text//to_text(values(i))
+         end if
          if (entry%per_dof < 0) cycle
          if (.not. any(abs(values - values(1)) > 0.0_wp)) exit
       end do
-      call self%add(entry, text, 'real', is_list=.true.)
+      call self%add(entry, text, trim(merge('integer', 'real   ', entry%is_whole)), is_list=.true.)
    end subroutine visit_reals
 
    subroutine visit_choices(self, values, entry, default)

@@ -1,12 +1,12 @@
 !> Fills a group from what the scene file and the --set options give, and complains of what they
 !> should not.
 module config_text_reader
-   use config_text_conversion, only: convert_choice, convert_integer, convert_real, convert_text
+   use config_text_conversion, only: convert_choice, convert_integer, convert_real, convert_text, &
+      parse_logical
    use config_text_document, only: document_type
    use config_text_slots, only: find_slots
    use config_text_tokens, only: token_word
    use config_text_value_table, only: choice_length, entry_type, name_length, visitor_type
-   use config_text_values, only: parse_logical
    use core_complaints, only: complaint_list
    use core_kinds, only: long, wp
    use core_spelling, only: nearest_name
@@ -35,7 +35,6 @@ module config_text_reader
       procedure :: require
       procedure :: visit_value
       procedure :: visit_text
-      procedure :: visit_integers
       procedure :: visit_reals
       procedure :: visit_choices
       procedure, private :: gather
@@ -198,34 +197,14 @@ contains
       if (allocated(rule)) call self%refuse_slot(slot, trim(entry%name), rule)
    end subroutine visit_text
 
-   subroutine visit_integers(self, values, entry, default)
-      class(reader_type), intent(inout) :: self
-      integer, allocatable, intent(inout) :: values(:)
-      type(entry_type), intent(in) :: entry
-      integer, intent(in) :: default(:)
-      character(:), allocatable :: rule
-      integer, allocatable :: slots(:)
-      integer(long) :: value
-      integer :: i
-
-      call self%gather(entry, size(default), slots)
-      values = default(min([(i, i=1, size(slots))], size(default)))
-      do i = 1, size(slots)
-         if (slots(i) == 0) cycle
-         call convert_integer(self%document%text_of(self%document%tokens(slots(i))), entry, &
-                              int(huge(1), long), value, rule)
-         if (allocated(rule)) call self%refuse_slot(slots(i), element_name(entry, i, slots), rule)
-         values(i) = int(value)
-      end do
-   end subroutine visit_integers
-
    subroutine visit_reals(self, values, entry, default)
       class(reader_type), intent(inout) :: self
       real(wp), allocatable, intent(inout) :: values(:)
       type(entry_type), intent(in) :: entry
       real(wp), intent(in), optional :: default(:)
-      character(:), allocatable :: rule
+      character(:), allocatable :: rule, word
       integer, allocatable :: slots(:)
+      integer(long) :: whole
       integer :: i, n_default
 
       n_default = 0
@@ -235,8 +214,13 @@ contains
       if (n_default > 0) values = default(min([(i, i=1, size(slots))], n_default))
       do i = 1, size(slots)
          if (slots(i) == 0) cycle
-         call convert_real(self%document%text_of(self%document%tokens(slots(i))), entry, &
-                           values(i), rule)
+         word = self%document%text_of(self%document%tokens(slots(i)))
+         if (entry%is_whole) then
+            call convert_integer(word, entry, int(huge(1), long), whole, rule)
+            values(i) = whole
+         else
+            call convert_real(word, entry, values(i), rule)
+         end if
          if (allocated(rule)) call self%refuse_slot(slots(i), element_name(entry, i, slots), rule)
       end do
    end subroutine visit_reals

@@ -32,6 +32,7 @@ module config_text_value_table
       integer :: n_choices = 0                      !! 0: any text
       integer :: length = 0                         !! lists: the number of values; 0: any
       integer :: per_dof = -1                       !! lists: dofs; one value stands for all
+      logical :: is_whole = .false.                 !! lists: of whole numbers
       character(doc_length) :: default = ''         !! in words, where no value says it
       logical :: is_required = .false.
       logical :: shapes_samples = .true.            !! no: left out of the fingerprint
@@ -46,7 +47,7 @@ module config_text_value_table
       generic :: visit => visit_value, visit_integers, visit_reals
       procedure(visit_value), deferred :: visit_value
       procedure(visit_text), deferred :: visit_text
-      procedure(visit_integers), deferred :: visit_integers
+      procedure :: visit_integers
       procedure(visit_reals), deferred :: visit_reals
       procedure(visit_choices), deferred :: visit_choices
    end type visitor_type
@@ -68,14 +69,6 @@ module config_text_value_table
          type(entry_type), intent(in) :: entry
       end subroutine visit_text
 
-      subroutine visit_integers(self, values, entry, default)
-         import :: entry_type, visitor_type
-         class(visitor_type), intent(inout) :: self
-         integer, allocatable, intent(inout) :: values(:)
-         type(entry_type), intent(in) :: entry
-         integer, intent(in) :: default(:)
-      end subroutine visit_integers
-
       subroutine visit_reals(self, values, entry, default)
          import :: entry_type, visitor_type, wp
          class(visitor_type), intent(inout) :: self
@@ -95,6 +88,22 @@ module config_text_value_table
    end interface
 
 contains
+
+   !> Visits a list of whole numbers as one of reals, which hold them exactly.
+   subroutine visit_integers(self, values, entry, default)
+      class(visitor_type), intent(inout) :: self
+      integer, allocatable, intent(inout) :: values(:)
+      type(entry_type), intent(in) :: entry
+      integer, intent(in) :: default(:)
+      type(entry_type) :: whole
+      real(wp), allocatable :: numbers(:)
+
+      whole = entry
+      whole%is_whole = .true.
+      if (allocated(values)) numbers = real(values, wp)
+      call self%visit_reals(numbers, whole, real(default, wp))
+      values = nint(numbers)
+   end subroutine visit_integers
 
    !> An entry of a table.
    pure function about(name, doc, unit, rule, choices, length, required, shapes_samples, used) &
