@@ -21,10 +21,7 @@ module io_process_results
       logical :: is_sealed = .false.   !! its texts, as files of unknown health need it
    contains
       procedure :: visit_real => put_real
-      procedure :: visit_integer => put_integer
       procedure :: visit_text => put_text
-      procedure :: visit_reals => put_reals
-      procedure :: visit_integers => put_integers
       procedure :: visit_table => put_table
    end type writing_visitor
 
@@ -35,10 +32,7 @@ module io_process_results
       type(error_type), allocatable :: error   !! the first one; nothing is read after it
    contains
       procedure :: visit_real => take_real
-      procedure :: visit_integer => take_integer
       procedure :: visit_text => take_text
-      procedure :: visit_reals => take_reals
-      procedure :: visit_integers => take_integers
       procedure :: visit_table => take_table
       procedure, private :: find_extents, path_of
    end type reading_visitor
@@ -130,21 +124,15 @@ contains
       if (present(none)) then
          if (.not. abs(value - none) > 0.0_wp) return
       end if
-      if (what%about == '') then
+      if (what%is_whole) then
+         call self%group%attribute(trim(what%name), nint(value))
+      else if (what%about == '') then
          call self%group%attribute(trim(what%name), value)
       else
          call self%group%put_value(trim(what%name), value, trim(what%units), trim(what%about), &
                                    error)
       end if
    end subroutine put_real
-
-   subroutine put_integer(self, what, value)
-      class(writing_visitor), intent(inout) :: self
-      type(component), intent(in) :: what
-      integer, intent(inout) :: value
-
-      call self%group%attribute(trim(what%name), value)
-   end subroutine put_integer
 
    subroutine put_text(self, what, value)
       class(writing_visitor), intent(inout) :: self
@@ -160,39 +148,27 @@ contains
       end if
    end subroutine put_text
 
-   subroutine put_reals(self, what, values)
+   subroutine put_table(self, what, values)
       class(writing_visitor), intent(inout) :: self
       type(component), intent(in) :: what
-      real(wp), allocatable, intent(inout) :: values(:)
+      real(wp), allocatable, intent(inout) :: values(:, :)
+      character(:), allocatable :: axes
+      real(wp), allocatable :: row(:)
 
       if (.not. allocated(values)) return
-      call put_axis(self, what%axis, size(values))
-      call self%group%put(trim(what%name), values, trim(what%units), trim(what%about), &
-                          trim(what%axis%name))
-   end subroutine put_reals
-
-   subroutine put_integers(self, what, values)
-      class(writing_visitor), intent(inout) :: self
-      type(component), intent(in) :: what
-      integer, allocatable, intent(inout) :: values(:)
-
-      if (.not. allocated(values)) return
-      call put_axis(self, what%axis, size(values))
-      call self%group%put(trim(what%name), values, trim(what%units), trim(what%about), &
-                          trim(what%axis%name))
-   end subroutine put_integers
-
-   subroutine put_table(self, what, values, rows)
-      class(writing_visitor), intent(inout) :: self
-      type(component), intent(in) :: what
-      integer, allocatable, intent(inout) :: values(:, :)
-      type(axis_type), intent(in) :: rows
-
-      if (.not. allocated(values)) return
-      call put_axis(self, rows, size(values, 1))
+      if (what%rows%name /= '') call put_axis(self, what%rows, size(values, 1))
       call put_axis(self, what%axis, size(values, 2))
-      call self%group%put(trim(what%name), values, trim(what%units), trim(what%about), &
-                          trim(what%axis%name)//' '//trim(rows%name))
+      axes = trim(what%axis%name)
+      row = reshape(values, [size(values)])
+      if (what%rows%name /= '') then
+         axes = axes//' '//trim(what%rows%name)
+         call self%group%put(trim(what%name), nint(values), trim(what%units), trim(what%about), &
+                             axes)
+      else if (what%is_whole) then
+         call self%group%put(trim(what%name), nint(row), trim(what%units), trim(what%about), axes)
+      else
+         call self%group%put(trim(what%name), row, trim(what%units), trim(what%about), axes)
+      end if
    end subroutine put_table
 
    !> Writes an axis, once in a group.
@@ -227,15 +203,6 @@ contains
          call read_dataset(self%file, self%path_of(what)//'_error', error, self%error)
    end subroutine take_real
 
-   subroutine take_integer(self, what, value)
-      class(reading_visitor), intent(inout) :: self
-      type(component), intent(in) :: what
-      integer, intent(inout) :: value
-
-      if (allocated(self%error)) return
-      call read_attribute(self%file, self%group, trim(what%name), value, self%error)
-   end subroutine take_integer
-
    subroutine take_text(self, what, value)
       class(reading_visitor), intent(inout) :: self
       type(component), intent(in) :: what
@@ -247,42 +214,25 @@ contains
          call read_attribute(self%file, self%group, trim(what%name), value, self%error)
    end subroutine take_text
 
-   subroutine take_reals(self, what, values)
+   subroutine take_table(self, what, values)
       class(reading_visitor), intent(inout) :: self
       type(component), intent(in) :: what
-      real(wp), allocatable, intent(inout) :: values(:)
+      real(wp), allocatable, intent(inout) :: values(:, :)
+      real(wp), allocatable :: row(:)
       integer(long), allocatable :: n(:)
 
-      call self%find_extents(what, 1, n)
-      if (.not. allocated(n)) return
-      allocate (values(what%axis%first:what%axis%first + n(1) - 1))
-      call read_dataset(self%file, self%path_of(what), values, self%error)
-   end subroutine take_reals
-
-   subroutine take_integers(self, what, values)
-      class(reading_visitor), intent(inout) :: self
-      type(component), intent(in) :: what
-      integer, allocatable, intent(inout) :: values(:)
-      integer(long), allocatable :: n(:)
-
-      call self%find_extents(what, 1, n)
-      if (.not. allocated(n)) return
-      allocate (values(n(1)))
-      call read_dataset(self%file, self%path_of(what), values, self%error)
-   end subroutine take_integers
-
-   subroutine take_table(self, what, values, rows)
-      class(reading_visitor), intent(inout) :: self
-      type(component), intent(in) :: what
-      integer, allocatable, intent(inout) :: values(:, :)
-      type(axis_type), intent(in) :: rows
-      integer(long), allocatable :: n(:)
-
-      if (.not. self%file%has(self%group//'/'//trim(rows%name))) return
-      call self%find_extents(what, 2, n)
-      if (.not. allocated(n)) return
-      allocate (values(n(1), n(2)))
-      call read_dataset(self%file, self%path_of(what), values, self%error)
+      if (what%rows%name == '') then
+         call self%find_extents(what, 1, n)
+         if (.not. allocated(n)) return
+         allocate (row(n(1)))
+         call read_dataset(self%file, self%path_of(what), row, self%error)
+         values = reshape(row, [1, size(row)])
+      else
+         call self%find_extents(what, 2, n)
+         if (.not. allocated(n)) return
+         allocate (values(n(1), n(2)))
+         call read_dataset(self%file, self%path_of(what), values, self%error)
+      end if
    end subroutine take_table
 
    !> Finds the extents of an array that is there; else leaves them unallocated.

@@ -22,20 +22,21 @@ module process_components
       character(20) :: units = '1'   !! '1': a pure number
       character(112) :: about = ''
       type(axis_type) :: axis = axis_type()
+      type(axis_type) :: rows = axis_type()   !! of a table: its first axis
+      logical :: is_whole = .false.           !! whole numbers
    end type component
 
    !> Acts on each component: reads it or sets it. An array or a text that is not allocated is not
-   !> there; nor is a number that is `none`. A standard error stands beside its number.
+   !> there; nor is a number that is `none`. A standard error stands beside its number. Whole numbers
+   !> come as reals, a list as a table of one row.
    type, abstract :: component_visitor
    contains
       generic :: visit => visit_real, visit_integer, visit_text, visit_reals, visit_integers, &
-         visit_table
+         visit_integer_table
       procedure(act_on_real), deferred :: visit_real
-      procedure(act_on_integer), deferred :: visit_integer
       procedure(act_on_text), deferred :: visit_text
-      procedure(act_on_reals), deferred :: visit_reals
-      procedure(act_on_integers), deferred :: visit_integers
       procedure(act_on_table), deferred :: visit_table
+      procedure, private :: visit_integer, visit_reals, visit_integers, visit_integer_table
    end type component_visitor
 
    abstract interface
@@ -49,14 +50,6 @@ module process_components
          real(wp), intent(in), optional :: none
       end subroutine act_on_real
 
-      subroutine act_on_integer(self, what, value)
-         import :: component, component_visitor
-         implicit none(type, external)
-         class(component_visitor), intent(inout) :: self
-         type(component), intent(in) :: what
-         integer, intent(inout) :: value
-      end subroutine act_on_integer
-
       subroutine act_on_text(self, what, value)
          import :: component, component_visitor
          implicit none(type, external)
@@ -65,29 +58,12 @@ module process_components
          character(:), allocatable, intent(inout) :: value
       end subroutine act_on_text
 
-      subroutine act_on_reals(self, what, values)
+      subroutine act_on_table(self, what, values)
          import :: component, component_visitor, wp
          implicit none(type, external)
          class(component_visitor), intent(inout) :: self
          type(component), intent(in) :: what
-         real(wp), allocatable, intent(inout) :: values(:)
-      end subroutine act_on_reals
-
-      subroutine act_on_integers(self, what, values)
-         import :: component, component_visitor
-         implicit none(type, external)
-         class(component_visitor), intent(inout) :: self
-         type(component), intent(in) :: what
-         integer, allocatable, intent(inout) :: values(:)
-      end subroutine act_on_integers
-
-      subroutine act_on_table(self, what, values, rows)
-         import :: axis_type, component, component_visitor
-         implicit none(type, external)
-         class(component_visitor), intent(inout) :: self
-         type(component), intent(in) :: what   !! its axis is the last one
-         integer, allocatable, intent(inout) :: values(:, :)
-         type(axis_type), intent(in) :: rows   !! the first one
+         real(wp), allocatable, intent(inout) :: values(:, :)   !! (what%rows, what%axis)
       end subroutine act_on_table
    end interface
 
@@ -101,6 +77,63 @@ module process_components
       by_inversion_lag = axis_type('inversion_lag', 'lag', 0)
 
 contains
+
+   subroutine visit_integer(self, what, value)
+      class(component_visitor), intent(inout) :: self
+      type(component), intent(in) :: what
+      integer, intent(inout) :: value
+      real(wp) :: number
+
+      number = value
+      call self%visit_real(whole(what), number)
+      value = nint(number)
+   end subroutine visit_integer
+
+   subroutine visit_reals(self, what, values)
+      class(component_visitor), intent(inout) :: self
+      type(component), intent(in) :: what
+      real(wp), allocatable, intent(inout) :: values(:)
+      real(wp), allocatable :: table(:, :)
+
+      if (allocated(values)) then
+         table = reshape(values, [1, size(values)])
+         deallocate (values)
+      end if
+      call self%visit_table(what, table)
+      if (.not. allocated(table)) return
+      allocate (values(what%axis%first:what%axis%first + size(table, 2) - 1))
+      values(:) = table(1, :)
+   end subroutine visit_reals
+
+   subroutine visit_integers(self, what, values)
+      class(component_visitor), intent(inout) :: self
+      type(component), intent(in) :: what
+      integer, allocatable, intent(inout) :: values(:)
+      real(wp), allocatable :: numbers(:)
+
+      if (allocated(values)) numbers = real(values, wp)
+      call self%visit(whole(what), numbers)
+      if (allocated(numbers)) values = nint(numbers)
+   end subroutine visit_integers
+
+   subroutine visit_integer_table(self, what, values)
+      class(component_visitor), intent(inout) :: self
+      type(component), intent(in) :: what
+      integer, allocatable, intent(inout) :: values(:, :)
+      real(wp), allocatable :: numbers(:, :)
+
+      if (allocated(values)) numbers = real(values, wp)
+      call self%visit_table(whole(what), numbers)
+      if (allocated(numbers)) values = nint(numbers)
+   end subroutine visit_integer_table
+
+   !> The same component, of whole numbers.
+   pure type(component) function whole(what)
+      type(component), intent(in) :: what
+
+      whole = what
+      whole%is_whole = .true.
+   end function whole
 
    !> Leaves the request alone, as it is before components are read.
    subroutine forget_components(model)
@@ -318,8 +351,8 @@ contains
          entropy = model%solutions%entropy
          deallocate (model%solutions)
       end if
-      call visitor%visit(component('solutions_signs', '1', 'signs of each solution', by_solution), &
-                         signs, by_sign)
+      call visitor%visit(component('solutions_signs', '1', 'signs of each solution', by_solution, &
+                                   by_sign), signs)
       call visitor%visit(component('solutions_delta', '1', 'delta of each', by_solution), delta)
       call visitor%visit(component('solutions_lambda_3', '1', 'lambda_3 of each', by_solution), &
                          lambda_3)

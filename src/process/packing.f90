@@ -2,8 +2,7 @@
 module process_packing
    use core_kinds, only: long, wp
    use core_random, only: label_of
-   use process_components, only: axis_type, component, component_visitor, forget_components, &
-                                 visit_components
+   use process_components, only: component, component_visitor, forget_components, visit_components
    use process_model, only: process_model_type
    implicit none(type, external)
    private
@@ -16,8 +15,8 @@ module process_packing
       real(wp), allocatable :: numbers(:)
       integer :: position = 0   !! numbers already read
    contains
-      procedure :: visit_real, visit_integer, visit_text, visit_reals, visit_integers, visit_table
-      procedure, private :: number, real_array, integer_array, check_name
+      procedure :: visit_real, visit_text, visit_table
+      procedure, private :: number, check_name
    end type tape
 
 contains
@@ -60,43 +59,6 @@ contains
       end if
    end subroutine number
 
-   !> Passes an array behind its length; -1: not allocated.
-   subroutine real_array(self, values, first)
-      class(tape), intent(inout) :: self
-      real(wp), allocatable, intent(inout) :: values(:)
-      integer, intent(in), optional :: first   !! lower bound, else 1
-      real(wp) :: length
-      integer :: lower, n
-
-      lower = 1
-      if (present(first)) lower = first
-      length = -1.0_wp
-      if (self%is_writing .and. allocated(values)) length = size(values)
-      call self%number(length)
-      n = nint(length)
-      if (self%is_writing) then
-         if (n > 0) self%numbers = [self%numbers, values]
-      else
-         if (allocated(values)) deallocate (values)
-         if (n < 0) return
-         allocate (values(lower:lower + n - 1))
-         values(:) = self%numbers(self%position + 1:self%position + n)
-         self%position = self%position + n
-      end if
-   end subroutine real_array
-
-   subroutine integer_array(self, values)
-      class(tape), intent(inout) :: self
-      integer, allocatable, intent(inout) :: values(:)
-      real(wp), allocatable :: numbers(:)
-
-      if (allocated(values)) numbers = real(values, wp)
-      call self%real_array(numbers)
-      if (allocated(values)) deallocate (values)
-      if (.not. allocated(numbers)) return
-      values = nint(numbers)
-   end subroutine integer_array
-
    subroutine visit_real(self, what, value, error, none)
       class(tape), intent(inout) :: self
       type(component), intent(in) :: what
@@ -110,18 +72,6 @@ contains
       if (present(error)) call self%number(error)
    end subroutine visit_real
 
-   subroutine visit_integer(self, what, value)
-      class(tape), intent(inout) :: self
-      type(component), intent(in) :: what
-      integer, intent(inout) :: value
-      real(wp) :: passed
-
-      call self%check_name(what)
-      passed = value
-      call self%number(passed)
-      value = nint(passed)
-   end subroutine visit_integer
-
    subroutine visit_text(self, what, value)
       class(tape), intent(inout) :: self
       type(component), intent(in) :: what
@@ -129,56 +79,39 @@ contains
       integer, allocatable :: codes(:)
       integer :: i
 
-      call self%check_name(what)
-      if (allocated(value)) codes = [(iachar(value(i:i)), i=1, len(value))]
-      call self%integer_array(codes)
-      if (allocated(value)) deallocate (value)
+      if (allocated(value)) then
+         codes = [(iachar(value(i:i)), i=1, len(value))]
+         deallocate (value)
+      end if
+      call self%visit(what, codes)
       if (.not. allocated(codes)) return
       allocate (character(size(codes)) :: value)
       do i = 1, size(codes)
-         value(i:i) = achar(modulo(codes(i), 128))
+         value(i:i) = achar(codes(i))
       end do
    end subroutine visit_text
 
-   subroutine visit_reals(self, what, values)
+   !> Passes a table behind its extents; -1: not allocated.
+   subroutine visit_table(self, what, values)
       class(tape), intent(inout) :: self
       type(component), intent(in) :: what
-      real(wp), allocatable, intent(inout) :: values(:)
+      real(wp), allocatable, intent(inout) :: values(:, :)
+      real(wp) :: extents(2)
+      integer :: n
 
       call self%check_name(what)
-      call self%real_array(values, what%axis%first)
-   end subroutine visit_reals
-
-   subroutine visit_integers(self, what, values)
-      class(tape), intent(inout) :: self
-      type(component), intent(in) :: what
-      integer, allocatable, intent(inout) :: values(:)
-
-      call self%check_name(what)
-      call self%integer_array(values)
-   end subroutine visit_integers
-
-   !> Passes the values of a table, then the number of its rows.
-   subroutine visit_table(self, what, values, rows)
-      class(tape), intent(inout) :: self
-      type(component), intent(in) :: what
-      integer, allocatable, intent(inout) :: values(:, :)
-      type(axis_type), intent(in) :: rows
-      integer, allocatable :: flat(:)
-      real(wp) :: n_rows
-
-      call self%check_name(what)
-      call self%check_name(component(rows%name))
-      n_rows = 0.0_wp
-      if (allocated(values)) then
-         flat = reshape(values, [size(values)])
-         n_rows = size(values, 1)
-         deallocate (values)
+      extents = -1.0_wp
+      if (allocated(values)) extents = shape(values)
+      call self%number(extents(1))
+      call self%number(extents(2))
+      if (extents(1) < 0.0_wp) return
+      n = nint(product(extents))
+      if (self%is_writing) then
+         self%numbers = [self%numbers, values]
+      else
+         values = reshape(self%numbers(self%position + 1:self%position + n), nint(extents))
+         self%position = self%position + n
       end if
-      call self%integer_array(flat)
-      call self%number(n_rows)
-      if (.not. allocated(flat)) return
-      values = reshape(flat, [nint(n_rows), size(flat)/max(1, nint(n_rows))])
    end subroutine visit_table
 
    !> Stops where another component stands than this one.
