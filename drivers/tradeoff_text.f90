@@ -4,6 +4,7 @@ module driver_tradeoff_text
    use core_kinds, only: wp
    use core_phrases, only: brief, counted, duration, labelled, padded
    use core_text, only: to_text
+   use numerics_sorting, only: sort_order
    use tradeoff_front, only: cheapest, error_components, is_random, keeps, published_error, &
       sample_steps, setting_row, size_row, spectrum_row
    use tradeoff_settings, only: setting_dt, setting_type
@@ -50,7 +51,7 @@ contains
                       'largest over levels and dofs')//line_feed// &
              '  method   dt [s]   halvings tolerance slip [points] bands [%]  ns/step  run [s]'// &
              line_feed
-      ranking = by_cost(rows)
+      ranking = sort_order(rows%cost)
       do i = 1, size(ranking)
          associate (row => rows(ranking(i)))
             if (row%is_on_front .or. row%is_own) text = text//line_of(row)
@@ -87,20 +88,6 @@ contains
 
       has_bands = plan%output%spectrum .and. maxval(plan%cases%n_samples) > 1
    end function has_bands
-
-   !> Rows from the cheapest to the dearest.
-   pure function by_cost(rows) result(ranking)
-      type(setting_row), intent(in) :: rows(:)
-      integer :: ranking(size(rows))
-      logical :: is_left(size(rows))
-      integer :: i
-
-      is_left = .true.
-      do i = 1, size(rows)
-         ranking(i) = minloc(rows%cost, 1, mask=is_left)
-         is_left(ranking(i)) = .false.
-      end do
-   end function by_cost
 
    !> The cheapest setting for wanted errors: the scene's targets, or a ladder.
    pure function wanted_text(plan, rows, slip_points, band_ratio, n_ranks) result(text)
@@ -237,7 +224,7 @@ contains
                 padded(known(error%slip_std, many), 9)// &
                 padded(known(100*error%psd_mean, spectrum), 13)// &
                 padded(known(100*error%psd_percentiles, spectrum .and. many), 17)// &
-                known(100*error%ratio, spectrum .and. many)//line_feed
+                known(100*error%band_ratio, spectrum .and. many)//line_feed
       end associate
    end function component_text
 

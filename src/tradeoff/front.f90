@@ -6,10 +6,9 @@ module tradeoff_front
    use core_kinds, only: long, wp
    use numerics_correlated, only: error_of_batches, n_batches
    use numerics_spectrum, only: error_of_density
-   use tradeoff_samples_error, only: error_of_samples, mean_slip_errors, noise_of_one, &
-      published_error
+   use tradeoff_samples_error, only: error_of_samples, mean_slip_errors, noise_of_one
    use tradeoff_settings, only: expected_cost, setting_type
-   use tradeoff_task_results, only: setting_errors
+   use tradeoff_task_results, only: published_error, setting_errors
    use tradeoff_tasks, only: of_batch, of_samples, of_setting, of_spectrum, tradeoff_type
    implicit none(type, external)
    private
@@ -182,8 +181,7 @@ contains
       real(wp) :: few, many
       integer :: i
 
-      errors%discretisation = published_error(own%slip, own%slip_std, own%psd_mean, &
-                                             own%psd_percentiles, own%band_ratio)
+      errors%discretisation = own%published_error
       call add_time_averages(tradeoff, n_steps, errors)
       errors%samples = error_of_samples(tradeoff, errors%time%slip, n_steps, 1.0_wp)
       few = 1.0_wp
@@ -275,7 +273,8 @@ contains
             end do
             do i = 2*m + 1, n
                if (.not. minval(series(i, :)) > 0.0_wp) cycle
-               error%ratio = max(error%ratio, shorter*error_of_batches(log(series(i, :))))
+               error%band_ratio = max(error%band_ratio, &
+                                      shorter*error_of_batches(log(series(i, :))))
             end do
          end associate
       end do
@@ -316,8 +315,8 @@ contains
                                 of_samples%slip])
          row%slip_std = norm2([errors%discretisation%slip_std, errors%time%slip_std/sqrt(of_time), &
                                of_samples%slip_std])
-         row%band_ratio = norm2([errors%discretisation%ratio, errors%time%ratio/sqrt(of_time), &
-                                 of_samples%ratio])
+         row%band_ratio = norm2([errors%discretisation%band_ratio, errors%time%band_ratio/sqrt(of_time), &
+                                 of_samples%band_ratio])
          row%seconds = 1.0e-9_wp*own%cost*sample_steps(plan)*more_samples*more_steps
       end function row
 

@@ -12,6 +12,7 @@ module tradeoff_sample
    use core_error, only: error_type
    use core_kinds, only: wp
    use core_random, only: label_of, new_stream, stream_type
+   use numerics_sorting, only: sort_order
    use process_model, only: process_model_type
    use tradeoff_settings, only: setting_type, with_setting
    implicit none(type, external)
@@ -49,11 +50,11 @@ contains
             if (all(abs(strengths - strength) > 0.0_wp)) strengths = [strengths, strength]
          end associate
       end do
+      strengths = strengths(sort_order(strengths))
       n = min(most_levels, size(strengths))
       allocate (levels(n))
       do k = 1, n
-         levels(k)%strength = ranked(strengths, 1 + nint((k - 1.0_wp)*(size(strengths) - 1) &
-                                                         /max(1, n - 1)))
+         levels(k)%strength = strengths(1 + nint((k - 1.0_wp)*(size(strengths) - 1)/max(1, n - 1)))
          cases = pack([(i, i=1, size(plan%cases))], &
                       abs(strength_of(plan%cases) - levels(k)%strength) <= 0.0_wp)
          levels(k)%variance = plan%cases(cases(1))%variance
@@ -80,19 +81,6 @@ contains
          end do
       end do
    end subroutine deal
-
-   !> The i-th smallest of different values.
-   pure function ranked(values, i) result(value)
-      real(wp), intent(in) :: values(:)
-      integer, intent(in) :: i
-      real(wp) :: value
-      integer :: k
-
-      value = values(1)
-      do k = 1, size(values)
-         if (count(values <= values(k)) == i) value = values(k)
-      end do
-   end function ranked
 
    !> Draws the friction and the force of a level's samples. Without models, coefficients of the
    !> right mean and scatter stand in for those of the processes: numerical errors do not feel more.

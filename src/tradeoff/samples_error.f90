@@ -2,21 +2,11 @@
 module tradeoff_samples_error
    use campaign_samples_needed, only: error_with, law_share
    use core_kinds, only: wp
-   use tradeoff_task_results, only: task_result
+   use tradeoff_task_results, only: published_error, task_result
    use tradeoff_tasks, only: of_samples, tradeoff_type
    implicit none(type, external)
    private
-   public :: error_of_samples, mean_slip_errors, noise_of_one, published_error
-
-   !> An error of what is published, the largest over cases and dofs; a standard error where it is
-   !> statistical. Those of spectra are integrals over frequency, relative to that of the density.
-   type :: published_error
-      real(wp) :: slip = 0.0_wp              !! [points] of the mean over samples
-      real(wp) :: slip_std = 0.0_wp          !! [points] of the standard deviation over samples
-      real(wp) :: psd_mean = 0.0_wp          !! of the mean spectrum
-      real(wp) :: psd_percentiles = 0.0_wp   !! of the percentiles of the spectrum
-      real(wp) :: ratio = 0.0_wp             !! relative, of band ratios
-   end type published_error
+   public :: error_of_samples, mean_slip_errors, noise_of_one
 
 contains
 
@@ -85,7 +75,8 @@ contains
          error%slip = max(error%slip, maxval(error_with(n, real(found%n_samples, wp), now, ratio, &
                                                       0.0_wp, most)))
          error%slip_std = max(error%slip_std, maxval(with_gain(plain%slip_std, gain%slip_std)))
-         error%ratio = max(error%ratio, maxval(with_gain(plain%band_ratio, gain%band_ratio)))
+         error%band_ratio = max(error%band_ratio, &
+                                maxval(with_gain(plain%band_ratio, gain%band_ratio)))
          error%psd_mean = max(error%psd_mean, with_gain(plain%psd_mean, gain%psd_mean))
          error%psd_percentiles = max(error%psd_percentiles, &
                                     with_gain(plain%psd_percentiles, gain%psd_percentiles))

@@ -10,22 +10,27 @@ module tradeoff_task_results
    use tradeoff_sample, only: level_type
    implicit none(type, external)
    private
-   public :: published_numbers, setting_errors, task_result
+   public :: published_error, published_numbers, setting_errors, task_result
    public :: find_plain_errors, find_published, find_setting_errors, find_variant
 
    real(wp), parameter :: points = 100.0_wp   !! of percent in a fraction
 
-   !> Errors of a setting against the reference, the largest over cases and dofs. A standard error
+   !> An error of what is published, the largest over cases and dofs; a standard error where it is
+   !> statistical. Those of spectra are integrals over frequency, relative to that of the density.
+   type :: published_error
+      real(wp) :: slip = 0.0_wp              !! [points] of the mean over samples
+      real(wp) :: slip_std = 0.0_wp          !! [points] of the standard deviation over samples
+      real(wp) :: psd_mean = 0.0_wp          !! of the mean spectrum
+      real(wp) :: psd_percentiles = 0.0_wp   !! of the percentiles of the spectrum
+      real(wp) :: band_ratio = 0.0_wp        !! relative, of band ratios
+   end type published_error
+
+   !> Errors of a setting against the reference, that of slip the rms over samples. A standard error
    !> is such that twice of it covers the errors of all.
-   type :: setting_errors
-      real(wp) :: slip = 0.0_wp               !! [points], rms over samples
-      real(wp) :: slip_error = 0.0_wp         !! its standard error
+   type, extends(published_error) :: setting_errors
+      real(wp) :: slip_error = 0.0_wp         !! standard error of slip
       real(wp) :: slip_mean = 0.0_wp          !! [points] of the mean over samples
-      real(wp) :: slip_std = 0.0_wp           !! [points] of the standard deviation over samples
-      real(wp) :: psd_mean = 0.0_wp           !! of the mean spectrum, relative
-      real(wp) :: psd_percentiles = 0.0_wp    !! of the percentiles of the spectrum, relative
-      real(wp) :: band_ratio = 0.0_wp         !! relative
-      real(wp) :: band_ratio_error = 0.0_wp   !! its standard error
+      real(wp) :: band_ratio_error = 0.0_wp   !! standard error of band_ratio
    end type setting_errors
 
    !> Published numbers of a case, of each joint and dof: values, errors or gains.
