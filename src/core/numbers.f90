@@ -3,6 +3,7 @@
 module core_numbers
    use core_kinds, only: long, wp
    use core_spelling, only: lowered
+   use core_text, only: to_text
    implicit none(type, external)
    private
    public :: parse_integer, parse_real
@@ -73,7 +74,7 @@ contains
          rule = 'must be zero or of a magnitude from 1e-100 to 1e100'
          return
       end if
-      decimal = text(:letter - 1)//'e'//integer_text(exponent)
+      decimal = text(:letter - 1)//'e'//to_text(exponent)
       read (decimal, *, iostat=status) value
       if (status /= 0) rule = 'must be a number'
    end subroutine parse_real
@@ -105,12 +106,5 @@ contains
       after_sign = 1
       if (scan(text, '+-') == 1) after_sign = 2
    end function after_sign
-
-   pure function integer_text(value) result(text)
-      integer, intent(in) :: value
-      character(12) :: text
-
-      write (text, '(i0)') value
-   end function integer_text
 
 end module core_numbers

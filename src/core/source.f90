@@ -69,17 +69,22 @@ contains
       character(256) :: reason
       integer(long) :: size
       integer :: unit, status
+      logical :: exists
 
-      call try_file(path, size, refusal)
-      if (allocated(refusal)) return
-      if (size > most_bytes) then
+      size = 0
+      inquire (file=path, exist=exists, size=size)
+      if (.not. exists .or. len_trim(path) == 0) then
+         refusal = 'no such file'
+      else if (size <= 0) then   ! the last two could keep us waiting for ever
+         refusal = 'is empty, or a pipe or a device'
+      else if (size > most_bytes) then
          refusal = 'is larger than '//to_text(most_bytes/1024**2)//' MB'
-         return
       end if
+      if (allocated(refusal)) return
       open (newunit=unit, file=path, access='stream', form='unformatted', action='read', &
             status='old', iostat=status, iomsg=reason)
       allocate (character(size) :: text)
-      if (status == 0 .and. size > 0) read (unit, iostat=status, iomsg=reason) text
+      if (status == 0) read (unit, iostat=status, iomsg=reason) text
       if (status /= 0) then
          refusal = 'cannot be read: '//trim(reason)
       else if (index(text, achar(0)) > 0) then
@@ -89,32 +94,6 @@ contains
       end if
       close (unit, iostat=status)
    end subroutine read_source
-
-   !> Finds the size of a file [bytes]; `refusal` is allocated when it is no regular or readable
-   !> one. A pipe or a device has no size and is not opened: it could keep us waiting for ever.
-   subroutine try_file(path, size, refusal)
-      character(*), intent(in) :: path
-      integer(long), intent(out) :: size
-      character(:), allocatable, intent(out) :: refusal
-      character(256) :: reason
-      character :: byte
-      integer :: unit, status
-      logical :: exists
-
-      size = 0
-      inquire (file=path, exist=exists, size=size)
-      if (.not. exists .or. len_trim(path) == 0) then
-         refusal = 'no such file'
-      else if (size <= 0) then
-         refusal = 'is empty, or a pipe or a device'
-      end if
-      if (allocated(refusal)) return
-      open (newunit=unit, file=path, access='stream', form='unformatted', action='read', &
-            status='old', iostat=status, iomsg=reason)
-      if (status == 0) read (unit, iostat=status, iomsg=reason) byte
-      if (status /= 0) refusal = 'cannot be read: '//trim(reason)
-      close (unit, iostat=status)
-   end subroutine try_file
 
    pure integer function n_lines(self)
       class(source_type), intent(in) :: self

@@ -48,7 +48,7 @@ contains
       do number = 1, source%n_lines()
          line = source%line(number)
          if (number == 1 .and. index(line, byte_order_mark) == 1) line = line(4:)
-         call parse_row(line(:before_comment(line, marks)), fewest, values, n, rule)
+         call parse_row(line(:scan(line//marks, marks) - 1), fewest, values, n, rule)
          if (allocated(rule)) then
             n_bad = n_bad + 1
             if (n_bad <= max_shown) &
@@ -64,14 +64,6 @@ contains
       table%n_columns = table%n_columns(:table%n_rows)
       table%line = table%line(:table%n_rows)
    end subroutine read_table
-
-   !> Position of the last character before a comment.
-   pure integer function before_comment(line, marks) result(last)
-      character(*), intent(in) :: line, marks
-
-      last = scan(line, marks) - 1
-      if (last < 0) last = len(line)
-   end function before_comment
 
    !> Reads the values of a line, n of them; `rule` is allocated when the line is bad.
    pure subroutine parse_row(line, fewest, values, n, rule)

@@ -37,7 +37,8 @@ contains
                                          'more groups than a scene can have', complaints)
                   return
                end if
-               call document%open_block(name_behind(document%text_of(token)), token)
+               call document%open_block(document%source(token%source)%text( &
+                                        token%first + 1:token%last), token)
                is_open = .true.
             else if (.not. is_open) then
                if (token%line /= last_outside) call complain_outside(document, i, complaints)
@@ -57,13 +58,6 @@ contains
       end do
       if (is_open) call complain_unclosed(document, complaints)
    end subroutine parse_groups
-
-   pure function name_behind(ampersand_name) result(name)
-      character(*), intent(in) :: ampersand_name
-      character(:), allocatable :: name
-
-      name = ampersand_name(2:)
-   end function name_behind
 
    pure function not_an_assignment(document, token) result(rule)
       type(document_type), intent(in) :: document
