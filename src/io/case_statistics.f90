@@ -16,15 +16,13 @@ module io_case_statistics
    private
    public :: write_estimates
 
-   integer, parameter :: estimates = 1, ratios = 2, gains = 3   !! what a visitor does
-
-   !> Does one thing with each statistic that it visits: writes it; writes the ratio of errors that
-   !> stands in its place; or notes with an estimate how it came about and what that gains.
+   !> Writes each statistic that it visits; or the ratio of errors that stands in its place, noting
+   !> with the estimate how it came about and what that gains.
    type :: statistics_visitor
-      integer :: deed = estimates
       type(group_type) :: group
       character(:), allocatable :: dof         !! the axis of the dofs whose spectra are kept
-      character(:), allocatable :: estimator, pooled_with   !! of gains
+      type(group_type), allocatable :: best    !! the group of the estimates, where ratios are written
+      character(:), allocatable :: estimator, pooled_with   !! of these
    contains
       procedure :: visit
    end type statistics_visitor
@@ -81,21 +79,16 @@ contains
       call write_statistics(beside, plan, plain, .false.)
       call beside%take_error(group%error)
       if (allocated(group%error)) return
-      v%deed = ratios
       v%dof = kept_axis(plan)
+      v%best = group
+      v%estimator = trim(found%estimator)
+      v%pooled_with = ''
+      do i = 1, size(found%pooled_with)
+         v%pooled_with = v%pooled_with//' '//numbered('c', found%pooled_with(i))
+      end do
+      v%pooled_with = trim(adjustl(v%pooled_with))
       v%group = new_group(group%file, group%path//'/error_ratio')
       call visit_statistics(v, found%error_ratio)
-      if (.not. allocated(v%group%error)) then
-         v%deed = gains
-         v%estimator = trim(found%estimator)
-         v%pooled_with = ''
-         do i = 1, size(found%pooled_with)
-            v%pooled_with = v%pooled_with//' '//numbered('c', found%pooled_with(i))
-         end do
-         v%pooled_with = trim(adjustl(v%pooled_with))
-         v%group%path = group%path
-         call visit_statistics(v, found%error_ratio)
-      end if
       call v%group%take_error(group%error)
    end subroutine write_beside
 
@@ -254,12 +247,11 @@ contains
       last = index(axes, ' ', back=.true.)
       if (axes(last + 1:) == 'kept') then
          call self%visit(name, units, axes(:last)//self%dof, about, values)
-      else if (self%deed == gains) then
-         call c_f_pointer(c_loc(values), row, [size(values)])
-         call note_gain(self, name, row)
-      else if (self%deed == ratios) then
+      else if (allocated(self%best)) then
          call self%group%put(name, values, '1', &
                              'standard error of plain sampling over that of the estimate', axes)
+         call c_f_pointer(c_loc(values), row, [size(values)])
+         call note_gain(self, name, row)
       else
          call self%group%put(name, values, units, about, axes)
       end if
@@ -274,8 +266,8 @@ contains
       integer :: order(size(ratio))
 
       if (allocated(self%group%error)) return
-      dataset = self%group
-      dataset%path = self%group%path//'/'//name
+      dataset = self%best
+      dataset%path = self%best%path//'/'//name
       order = sort_order(ratio)
       call dataset%attribute('error_ratio', ratio(order((size(order) + 1)/2)))
       if (maxval(ratio) > 1.0_wp) then
