@@ -42,7 +42,7 @@ contains
       type(process_model_type), allocatable :: models(:)
       type(cost_type) :: cost
       character(:), allocatable :: choice, need
-      real(wp), allocatable :: force(:, :)
+      real(wp), allocatable :: force(:, :), unused(:, :)
       type(error_type), allocatable :: error, oversize
       integer :: every
 
@@ -51,7 +51,10 @@ contains
       call world%stop_on(error)
       call keep_targets(world, force, scene, plan, choice)
       every = 1
-      if (plan%has_structure .and. world%is_root()) call measure(plan, force, every, cost, error)
+      if (plan%has_structure .and. world%is_root()) then
+         if (plan%output%spectrum) call choose_every(plan, force, every, unused, error)
+         if (.not. allocated(error)) call measure_cost(plan, force, every, cost, error)
+      end if
       call world%stop_on(error)
       call foresee_need(world, plan, force, cost%nanoseconds, need)
       if (world%is_root()) then
@@ -70,20 +73,6 @@ contains
       call world%stop_on(error)
       call stop_world(exit_done)
    end subroutine check
-
-   !> Measures the cost of a sample-step, with spectra of as many steps as they will have.
-   subroutine measure(plan, force, every, cost, error)
-      type(plan_type), intent(in) :: plan
-      real(wp), intent(in) :: force(0:, :)
-      integer, intent(inout) :: every   !! every k-th step enters the spectra, where there are any
-      type(cost_type), intent(out) :: cost
-      type(error_type), allocatable, intent(out) :: error
-      real(wp), allocatable :: folded_share(:, :)
-
-      if (plan%output%spectrum) call choose_every(plan, force, every, folded_share, error)
-      if (.not. allocated(error)) &
-         call measure_cost(plan, force, every, cost, error)
-   end subroutine measure
 
    !> Form of the exact march, and transitions in the march that was timed: where there are none, no
    !> step is halved.

@@ -8,7 +8,6 @@ module driver_output
    use config_scene, only: scene_type
    use core_error, only: error_type, exit_file, raise
    use core_kinds, only: long, wp
-   use core_phrases, only: counted
    use core_terminal, only: say_line => say
    use core_text, only: to_text
    use driver_campaign, only: find_output, tell_folder
@@ -20,11 +19,10 @@ module driver_output
    use io_files, only: remove_file
    use io_gathering, only: finished_samples
    use io_lock, only: lock_type, take_lock
-   use io_process_shards, only: extract_processes, read_kept
+   use io_process_shards, only: extract_processes
    use io_shards, only: has_shard, list_shards, remove_covered, shard_type, verify_shard
    use io_store, only: new_store, remove_leftovers, remove_store, shard_store
    use parallel_world, only: world_type
-   use process_model, only: process_model_type
    implicit none(type, external)
    private
    public :: output_type, open_output
@@ -40,7 +38,6 @@ module driver_output
       logical, allocatable :: is_finished(:, :)      !! (sample, case) by an earlier run
       type(lock_type) :: lock
    contains
-      procedure :: find_processes
       procedure :: take
       procedure :: give_back
       procedure :: count_missing
@@ -271,19 +268,6 @@ contains
       if (allocated(shards)) call mark_finished(plan, shards, self)
       call share_finished(world, self)
    end subroutine look_again
-
-   !> Reads the processes that an earlier run left; for the root to call.
-   subroutine find_processes(self, models, is_solved, error)
-      class(output_type), intent(in) :: self
-      type(process_model_type), intent(inout) :: models(:)   !! (process), their requests known
-      logical, intent(out) :: is_solved(:)   !! (process): solved, or refused with its reason
-      type(error_type), allocatable, intent(out) :: error
-
-      call read_kept(self%store, models, is_solved, error)
-      if (any(is_solved) .and. .not. allocated(error)) &
-         call self%say('continuing: '//to_text(count(is_solved))//' of '// &
-                       counted(size(is_solved), 'process is', 'processes are')//' there')
-   end subroutine find_processes
 
    !> True if a block is this rank's to march; beside other runs, if none of them has it.
    function take(self, block) result(is_ours)

@@ -3,9 +3,11 @@ module driver_processes
    use campaign_plan, only: plan_type
    use core_error, only: error_type
    use core_kinds, only: long, wp
+   use core_phrases, only: counted
+   use core_text, only: to_text
    use driver_deadline, only: time_to_stop
    use driver_output, only: output_type
-   use io_process_shards, only: keep_process
+   use io_process_shards, only: keep_process, read_kept
    use io_progress, only: progress_type
    use numerics_sorting, only: sort_order
    use parallel_work, only: new_counter, work_counter
@@ -146,7 +148,10 @@ contains
       logical :: is_kept(size(models))
 
       if (world%is_root()) then
-         call output%find_processes(models, is_kept, error)
+         call read_kept(output%store, models, is_kept, error)
+         if (any(is_kept) .and. .not. allocated(error)) &
+            call output%say('continuing: '//to_text(count(is_kept))//' of '// &
+                            counted(size(is_kept), 'process is', 'processes are')//' there')
          known = merge(0, owner, is_kept)
       end if
       call world%broadcast(known)

@@ -112,10 +112,9 @@ contains
       character(*), intent(in) :: name            !! 'psd', 'power_series' or 'slip_series'
       integer, intent(in) :: first(3)             !! place of the first value on each axis
       !> (dof or joint; frequency, batch and range, or span; sample)
-      real(wp), intent(out) :: values(:, :, :)
+      real(wp), intent(out), contiguous :: values(:, :, :)
       type(error_type), allocatable, intent(out) :: error
       type(hdf5_file) :: file
-      real(wp), allocatable :: part(:, :, :)
       integer :: before, i, last, n, place
 
       last = first(3) + size(values, 3) - 1
@@ -126,13 +125,11 @@ contains
          if (n < 1) cycle
          call open_hdf5(shards(i)%path, file, error)
          if (allocated(error)) return
-         allocate (part(size(values, 1), size(values, 2), n))
-         call move_part(file, '/'//name, [first(:2), before + 1], part, .false., error)
+         place = shards(i)%first_sample + before - first(3)
+         call move_part(file, '/'//name, [first(:2), before + 1], &
+                        values(:, :, place + 1:place + n), .false., error)
          call file%abandon()
          if (allocated(error)) return
-         place = shards(i)%first_sample + before - first(3)
-         values(:, :, place + 1:place + n) = part
-         deallocate (part)
       end do
    end subroutine read_part
 
