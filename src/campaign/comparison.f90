@@ -23,7 +23,6 @@ module campaign_comparison
    !> two samples and has one, is not allocated. Each `*_error` is the standard error of what stands
    !> before it.
    type :: numerical_error
-      integer :: n_samples = 0                         !! compared
       real(wp), allocatable :: slip_mean(:)            !! (dof) of the mean slip fraction [points]
       real(wp), allocatable :: slip_mean_error(:)
       real(wp), allocatable :: slip_rms(:)             !! (dof) over samples, of one sample [points]
@@ -135,7 +134,6 @@ contains
 
       n_dof = size(tested, 1)
       n = size(tested, 2)
-      errors%n_samples = n
       allocate (errors%slip_mean(n_dof), errors%slip_rms(n_dof), errors%slip_largest(n_dof))
       if (n > 1) allocate (errors%slip_mean_error(n_dof), errors%slip_rms_error(n_dof), &
                            errors%slip_std(n_dof), errors%slip_std_error(n_dof))
@@ -218,7 +216,6 @@ contains
       n_dof = size(self%integrals)
       last = size(self%percentiles)
       n = ubound(self%integrals(1)%reference, 2)
-      errors%n_samples = n
       allocate (errors%psd_mean(n_dof), relative(0:n))
       if (n > 1) allocate (errors%psd_mean_error(n_dof), errors%psd_percentiles(n_dof, last), &
                            errors%psd_percentiles_error(n_dof, last), &

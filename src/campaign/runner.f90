@@ -95,18 +95,16 @@ contains
       type(newmark_marcher), allocatable :: newmark
       type(exact_march), allocatable :: exact
 
-      associate (dof => plan%excitation%dof)
-         if (how%method == 'newmark') then
-            allocate (newmark)
-            call new_newmark(plan%structure, how%dt, how%max_halvings, how%beta, how%gamma, &
-                             newmark, error)
-            call move_alloc(newmark, marcher)
-         else
-            allocate (exact)
-            call new_exact_march(plan%structure, how%dt, how%tolerance, exact, error)
-            call move_alloc(exact, marcher)
-         end if
-      end associate
+      if (how%method == 'newmark') then
+         allocate (newmark)
+         call new_newmark(plan%structure, how%dt, how%max_halvings, how%beta, how%gamma, newmark, &
+                          error)
+         call move_alloc(newmark, marcher)
+      else
+         allocate (exact)
+         call new_exact_march(plan%structure, how%dt, how%tolerance, exact, error)
+         call move_alloc(exact, marcher)
+      end if
    end subroutine new_marcher
 
    !> Draws the noise of a sample (0: shared by all), an independent record for each force.

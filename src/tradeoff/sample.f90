@@ -25,7 +25,6 @@ module tradeoff_sample
    !> One level of force, and the samples that are marched under it.
    type :: level_type
       real(wp) :: strength = 0.0_wp            !! as strength_of has it
-      real(wp) :: variance = 0.0_wp            !! of noise in a band [N^2]; else 0
       integer :: n_all = 0                     !! samples that the campaign has at this level
       integer, allocatable :: case_number(:)   !! (sample)
       integer, allocatable :: sample(:)        !! (sample) its number in the case
@@ -57,7 +56,6 @@ contains
          levels(k)%strength = strengths(1 + nint((k - 1.0_wp)*(size(strengths) - 1)/max(1, n - 1)))
          cases = pack([(i, i=1, size(plan%cases))], &
                       abs(strength_of(plan%cases) - levels(k)%strength) <= 0.0_wp)
-         levels(k)%variance = plan%cases(cases(1))%variance
          levels(k)%n_all = sum(plan%cases(cases)%n_samples)
          width = min(block_width(plan), maxval(plan%cases(cases)%n_samples))
          call deal(plan%cases%n_samples, cases, width, levels(k))
