@@ -8,6 +8,7 @@ module core_memory
                                           c_null_ptr, c_ptr
    use core_error, only: error_type, exit_file, raise
    use core_kinds, only: long, wp
+   use core_system, only: c_setenv
    use core_text, only: to_text
    implicit none(type, external)
    private
@@ -28,13 +29,6 @@ module core_memory
          type(limit_type), intent(out) :: limits
          integer(c_int) :: status
       end function c_getrlimit
-
-      function c_setenv(name, value, overwrite) result(status) bind(c, name='setenv')
-         import :: c_char, c_int
-         character(kind=c_char), intent(in) :: name(*), value(*)
-         integer(c_int), value :: overwrite
-         integer(c_int) :: status
-      end function c_setenv
 
       !> Replaces the program by another, or returns where that cannot be.
       function c_execv(path, arguments) result(status) bind(c, name='execv')

@@ -1,10 +1,10 @@
-!> Errors and signals of the system, as libc has them.
+!> What several rooms need of libc: errors, signals, streams, the environment.
 module core_system
    use, intrinsic :: iso_c_binding, only: c_char, c_f_pointer, c_funptr, c_int, c_ptr, c_size_t
    use core_error, only: error_type, exit_file, raise
    implicit none(type, external)
    private
-   public :: c_signal, raise_system, system_error, system_text, text_at
+   public :: c_fopen, c_setenv, c_signal, raise_system, system_error, system_text, text_at
 
    interface
       function c_strlen(text) result(length) bind(c, name='strlen')
@@ -23,6 +23,19 @@ module core_system
          import :: c_ptr
          type(c_ptr) :: location
       end function c_errno_location
+
+      function c_setenv(name, value, overwrite) result(status) bind(c, name='setenv')
+         import :: c_char, c_int
+         character(kind=c_char), intent(in) :: name(*), value(*)
+         integer(c_int), value :: overwrite
+         integer(c_int) :: status
+      end function c_setenv
+
+      function c_fopen(path, mode) result(stream) bind(c, name='fopen')
+         import :: c_char, c_ptr
+         character(kind=c_char), intent(in) :: path(*), mode(*)
+         type(c_ptr) :: stream
+      end function c_fopen
 
       !> Sets what a signal does from now on.
       function c_signal(number, handler) result(previous) bind(c, name='signal')

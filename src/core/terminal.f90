@@ -3,7 +3,7 @@ module core_terminal
    use, intrinsic :: iso_c_binding, only: c_associated, c_char, c_funptr, c_int, c_intptr_t, &
                                           c_long, c_null_char, c_null_funptr, c_ptr, c_size_t
    use core_error, only: exit_done, exit_file
-   use core_system, only: c_signal, system_error, system_text
+   use core_system, only: c_fopen, c_signal, system_error, system_text
    implicit none(type, external)
    private
    public :: end_program, is_terminal, output_is_lost, say, standard_error, standard_output, &
@@ -40,12 +40,6 @@ module core_terminal
          integer(c_int), value :: descriptor
          integer(c_int) :: status
       end function c_close
-
-      function c_fopen(path, mode) result(stream) bind(c, name='fopen')
-         import :: c_char, c_ptr
-         character(kind=c_char), intent(in) :: path(*), mode(*)
-         type(c_ptr) :: stream
-      end function c_fopen
 
       subroutine c_exit(code) bind(c, name='exit')
          import :: c_int

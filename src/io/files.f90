@@ -4,18 +4,17 @@ module io_files
                                                             c_null_char, c_null_ptr, c_ptr, c_size_t
    use core_error, only: error_type
    use core_kinds, only: long
-   use core_system, only: raise_system, system_error, text_at
+   use core_system, only: c_fopen, raise_system, system_error, text_at
    use core_terminal, only: is_terminal, standard_output
    use core_text, only: to_text
-   use io_posix, only: c_access, c_fclose, c_fileno, c_fopen, c_fsync, c_gethostname, c_getpid, &
-                       c_getppid, c_glob, c_globfree, c_mkdir, c_readlink, c_remove, c_rename
+   use io_posix, only: c_fclose, c_fileno, c_fsync, c_gethostname, c_getpid, c_getppid, &
+                       c_glob, c_globfree, c_mkdir, c_readlink, c_remove, c_rename
    implicit none(type, external)
    private
    public :: exists, file_size, folder_of, host_name, is_folder, process_id, shows_on_terminal
    public :: follow_links, list_files, list_unfinished, make_folder, remove_file, rename_file, &
              sync_file, unfinished_name
 
-   integer(c_int), parameter :: ask_exists = 0   !! of access(2)
    character(*), parameter :: unfinished = '.part-'   !! in names of files that are being filled
 
 contains
@@ -25,7 +24,7 @@ contains
       character(*), intent(in) :: path
       logical :: exists
 
-      exists = c_access(path//c_null_char, ask_exists) == 0
+      inquire (file=path, exist=exists)
    end function exists
 
    !> True if there is a folder of this name.
@@ -33,7 +32,7 @@ contains
       character(*), intent(in) :: path
       logical :: is_folder
 
-      is_folder = c_access(path//'/.'//c_null_char, ask_exists) == 0
+      is_folder = exists(path//'/.')
    end function is_folder
 
    !> Bytes; -1 where there is no such file.

@@ -13,12 +13,12 @@ module io_lock
                                                                          c_null_ptr, c_ptr, c_size_t
    use core_error, only: error_type, exit_file, raise
    use core_kinds, only: long
-   use core_system, only: raise_system, system_error
+   use core_system, only: c_fopen, raise_system, system_error
    use core_text, only: to_text
    use io_files, only: exists, folder_of, host_name, make_folder, process_id, remove_file, &
                        rename_file
-   use io_posix, only: c_fclose, c_fflush, c_fileno, c_fopen, c_fputs, c_fstat, c_link, c_lockf, &
-                       c_lseek, c_pread, c_stat
+   use io_posix, only: c_fclose, c_fflush, c_fileno, c_fputs, c_fstat, c_link, c_lockf, c_lseek, &
+                       c_pread, c_stat
    implicit none(type, external)
    private
    public :: lock_type, take_lock
@@ -80,7 +80,7 @@ contains
       if (lock%is_shared) then
          is_taken = takes_a_place(lock)
       else
-         is_taken = takes(lock, 0_c_long, whole)
+         is_taken = is_done(lock, try_to_lock, 0_c_long, whole)
       end if
       if (.not. is_taken) then
          call refuse(lock, system_error(), error)
@@ -101,7 +101,8 @@ contains
       integer :: i
 
       do i = 1, n_tries
-         is_taken = takes(lock, modulo(int(process_id(), c_long)*n_tries + i, n_places), one_byte)
+         is_taken = is_done(lock, try_to_lock, &
+                            modulo(int(process_id(), c_long)*n_tries + i, n_places), one_byte)
          if (is_taken) return
       end do
    end function takes_a_place
@@ -180,16 +181,16 @@ contains
       integer(long), intent(in) :: number   !! of the piece, from 0
       logical :: is_ours
 
-      is_ours = takes(self, n_places + int(number, c_long), one_byte)
+      is_ours = is_done(self, try_to_lock, n_places + int(number, c_long), one_byte)
    end function claim
 
    !> Releases claimed work that is done or left to other runs.
    subroutine give_back(self, number)
       class(lock_type), intent(in) :: self
       integer(long), intent(in) :: number
-      integer(c_int) :: status
+      logical :: ignored
 
-      status = lock_at(self, unlock, n_places + int(number, c_long), one_byte)
+      ignored = is_done(self, unlock, n_places + int(number, c_long), one_byte)
    end subroutine give_back
 
    !> Gives the lock back. Who held it alone removes the file first, while it is still locked, and
@@ -280,23 +281,16 @@ contains
       call close_lock(lock)
    end subroutine refuse
 
-   function takes(lock, first, length) result(is_taken)
-      type(lock_type), intent(in) :: lock
-      integer(c_long), intent(in) :: first, length   !! bytes
-      logical :: is_taken
-
-      is_taken = lock_at(lock, try_to_lock, first, length) == 0
-   end function takes
-
-   function lock_at(lock, command, first, length) result(status)
+   !> True if bytes of the file could be locked or unlocked.
+   function is_done(lock, command, first, length)
       type(lock_type), intent(in) :: lock
       integer(c_int), intent(in) :: command
       integer(c_long), intent(in) :: first, length   !! bytes
-      integer(c_int) :: status
+      logical :: is_done
 
-      status = -1
-      if (stands_at(lock, first)) status = c_lockf(c_fileno(lock%stream), command, length)
-   end function lock_at
+      is_done = stands_at(lock, first)
+      if (is_done) is_done = c_lockf(c_fileno(lock%stream), command, length) == 0
+   end function is_done
 
    !> True if the place from which lockf counts could be set.
    function stands_at(lock, place)

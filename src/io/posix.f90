@@ -3,18 +3,11 @@ module io_posix
    use, intrinsic :: iso_c_binding, only: c_char, c_int, c_long, c_ptr, c_size_t
    implicit none(type, external)
    private
-   public :: c_access, c_fclose, c_fflush, c_fileno, c_fopen, c_fputs, c_fstat, c_fsync, &
+   public :: c_fclose, c_fflush, c_fileno, c_fputs, c_fstat, c_fsync, &
              c_gethostname, c_getpid, c_getppid, c_glob, c_globfree, c_link, c_lockf, c_lseek, &
              c_mkdir, c_pread, c_readlink, c_remove, c_rename, c_stat
 
    interface
-      function c_access(path, mode) result(status) bind(c, name='access')
-         import :: c_char, c_int
-         character(kind=c_char), intent(in) :: path(*)
-         integer(c_int), value :: mode
-         integer(c_int) :: status
-      end function c_access
-
       function c_mkdir(path, mode) result(status) bind(c, name='mkdir')
          import :: c_char, c_int
          character(kind=c_char), intent(in) :: path(*)
@@ -48,12 +41,6 @@ module io_posix
          integer(c_size_t), value :: most
          integer(c_long) :: length
       end function c_readlink
-
-      function c_fopen(path, mode) result(stream) bind(c, name='fopen')
-         import :: c_char, c_ptr
-         character(kind=c_char), intent(in) :: path(*), mode(*)
-         type(c_ptr) :: stream
-      end function c_fopen
 
       function c_fclose(stream) result(status) bind(c, name='fclose')
          import :: c_int, c_ptr

@@ -4,9 +4,10 @@
 !> of memory that several ranks reach. Every procedure that is called collective must be called by
 !> all ranks of the world in the same order.
 module parallel_world
-   use, intrinsic :: iso_c_binding, only: c_char, c_int, c_null_char
+   use, intrinsic :: iso_c_binding, only: c_int, c_null_char
    use core_error, only: error_type, exit_done, exit_file
    use core_kinds, only: wp
+   use core_system, only: c_setenv
    use core_terminal, only: end_program, output_is_lost, write_error
    use mpi_f08, only: MPI_Allreduce, MPI_ANY_SOURCE, MPI_ANY_TAG, MPI_Barrier, MPI_Bcast, &
                       MPI_CHARACTER, MPI_Comm, MPI_Comm_rank, MPI_Comm_size, MPI_COMM_WORLD, &
@@ -39,15 +40,6 @@ module parallel_world
    interface new_world
       module procedure world_of_comm, world_of_handle
    end interface new_world
-
-   interface
-      function c_setenv(name, value, overwrite) result(status) bind(c, name='setenv')
-         import :: c_char, c_int
-         character(kind=c_char), intent(in) :: name(*), value(*)
-         integer(c_int), value :: overwrite
-         integer(c_int) :: status
-      end function c_setenv
-   end interface
 
 contains
 
