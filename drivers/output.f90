@@ -40,7 +40,6 @@ module driver_output
    contains
       procedure :: take
       procedure :: give_back
-      procedure :: count_missing
       procedure :: look_again
       procedure :: say
       procedure :: stop_on
@@ -254,16 +253,19 @@ contains
       output%is_finished = reshape(numbers == 1, shape(output%is_finished))
    end subroutine share_finished
 
-   !> Looks again which samples are stored, after the plan has grown. Collective.
+   !> Looks again which samples are stored, after the plan has grown or other runs were at work.
+   !> Collective.
    subroutine look_again(self, world, plan, error)
       class(output_type), intent(inout) :: self
       type(world_type), intent(in) :: world
       type(plan_type), intent(in) :: plan
       type(error_type), allocatable, intent(out) :: error
       type(shard_type), allocatable :: shards(:)
+      logical, allocatable :: before(:, :)
 
-      deallocate (self%is_finished)
+      call move_alloc(self%is_finished, before)
       allocate (self%is_finished(maxval(plan%cases%n_samples), size(plan%cases)), source=.false.)
+      self%is_finished(:size(before, 1), :) = before
       if (world%is_root()) call list_shards(self%store, shards, error)
       if (allocated(shards)) call mark_finished(plan, shards, self)
       call share_finished(world, self)
@@ -308,26 +310,6 @@ contains
 
       number = block%case_number*2_long**32 + block%first
    end function number_of
-
-   !> Counts the samples that are not stored yet: other runs still march them, or were killed.
-   subroutine count_missing(self, plan, n, error)
-      class(output_type), intent(in) :: self
-      type(plan_type), intent(in) :: plan
-      integer, intent(out) :: n
-      type(error_type), allocatable, intent(out) :: error
-      type(shard_type), allocatable :: shards(:)
-      integer :: c
-
-      n = 0
-      call list_shards(self%store, shards, error)
-      if (allocated(error)) return
-      do c = 1, size(plan%cases)
-         associate (wanted => plan%cases(c)%n_samples)
-            n = n + count(.not. (self%is_finished(:wanted, c) .or. &
-                                 finished_samples(shards, c, wanted)))
-         end associate
-      end do
-   end subroutine count_missing
 
    !> Prints a line for the user, from the root and unless --quiet.
    subroutine say(self, text)

@@ -131,9 +131,10 @@ contains
       type(error_type), allocatable :: error
       integer :: n
 
-      if (world%is_root()) call output%count_missing(plan, n, error)
+      call output%look_again(world, plan, error)
       call output%stop_on(world, error)
       if (world%is_root()) then
+         n = sum(plan%cases%n_samples) - count(output%is_finished)
          if (n == 0) then
             call output%say('every sample is there: run without --share to make '//output%path)
          else
