@@ -21,7 +21,7 @@ module io_case_statistics
    type :: statistics_visitor
       type(group_type) :: group
       character(:), allocatable :: dof         !! the axis of the dofs whose spectra are kept
-      type(group_type), allocatable :: best    !! the group of the estimates, where ratios are written
+      type(group_type), allocatable :: best    !! group of the estimates, where ratios are written
       character(:), allocatable :: estimator, pooled_with   !! of these
    contains
       procedure :: visit

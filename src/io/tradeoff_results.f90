@@ -85,7 +85,8 @@ contains
                               what//', of mean spectra: over frequency, relative')
          call group%put_value(name//'_psd_percentiles', of%psd_percentiles, '1', &
                               what//', of percentiles of spectra: over frequency, relative')
-         call group%put_value(name//'_ratio', of%band_ratio, '1', what//', of band ratios, relative')
+         call group%put_value(name//'_ratio', of%band_ratio, '1', &
+                              what//', of band ratios, relative')
       end subroutine put_component
 
    end subroutine write_errors

@@ -27,8 +27,8 @@ module process_components
    end type component
 
    !> Acts on each component: reads it or sets it. An array or a text that is not allocated is not
-   !> there; nor is a number that is `none`. A standard error stands beside its number. Whole numbers
-   !> come as reals, a list as a table of one row.
+   !> there; nor is a number that is `none`. A standard error stands beside its number. Whole
+   !> numbers come as reals, a list as a table of one row.
    type, abstract :: component_visitor
    contains
       generic :: visit => visit_real, visit_integer, visit_text, visit_reals, visit_integers, &

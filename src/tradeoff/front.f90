@@ -315,8 +315,8 @@ contains
                                 of_samples%slip])
          row%slip_std = norm2([errors%discretisation%slip_std, errors%time%slip_std/sqrt(of_time), &
                                of_samples%slip_std])
-         row%band_ratio = norm2([errors%discretisation%band_ratio, errors%time%band_ratio/sqrt(of_time), &
-                                 of_samples%band_ratio])
+         row%band_ratio = norm2([errors%discretisation%band_ratio, &
+                                 errors%time%band_ratio/sqrt(of_time), of_samples%band_ratio])
          row%seconds = 1.0e-9_wp*own%cost*sample_steps(plan)*more_samples*more_steps
       end function row
 
