@@ -1,4 +1,4 @@
-!> What several rooms need of libc: errors, signals, streams, the environment.
+!> Errors, signals, streams and the environment of the system, as libc has them.
 module core_system
    use, intrinsic :: iso_c_binding, only: c_char, c_f_pointer, c_funptr, c_int, c_ptr, c_size_t
    use core_error, only: error_type, exit_file, raise
