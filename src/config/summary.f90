@@ -7,7 +7,7 @@ module config_summary
    use config_fingerprint, only: fingerprint
    use config_groups, only: scene_type
    use config_process_summary, only: max_rows, process_table
-   use core_kinds, only: wp
+   use core_kinds, only: two_pi, wp
    use core_phrases, only: brief, counted, duration, joined, labelled, numbered, padded, &
       size_text
    use core_text, only: to_text
@@ -191,6 +191,30 @@ contains
       end associate
    end function force_text
 
+   !> Text on what noise loses at its highest frequency, being linear between its values: a density
+   !> becomes (sin(x)/x)^4 of it, x = pi f dt.
+   pure function chord_text(plan) result(text)
+      type(plan_type), intent(in) :: plan
+      character(:), allocatable :: text
+      real(wp), parameter :: mentioned = 0.01_wp   !! loss, at least
+      real(wp) :: highest, loss, x
+
+      text = ''
+      select case (plan%excitation%kind)
+      case ('band_limited')
+         highest = plan%excitation%band(2)
+      case ('psd')
+         highest = maxval(plan%excitation%density(1, :))
+      case default
+         return
+      end select
+      x = 0.5_wp*two_pi*highest*plan%integration%dt
+      loss = 1.0_wp - (sin(x)/x)**4
+      if (loss > mentioned) text = '; linear between steps, which takes '// &
+                                   brief(100.0_wp*loss)//' % of its density at '// &
+                                   brief(highest)//' Hz'
+   end function chord_text
+
    function motion_text(plan) result(text)
       type(plan_type), intent(in) :: plan
       character(:), allocatable :: text, method, steps
@@ -200,7 +224,8 @@ contains
          text = structure_text(chain)
          if (any(plan%cases%process == 0)) text = text//labelled('friction', friction_text(plan))
          text = text//labelled('force', force_text(plan)//loaded_text(plan)//', one record for '// &
-                               trim(merge('each sample', 'all samples', excitation%per_sample)))
+                               trim(merge('each sample', 'all samples', excitation%per_sample))// &
+                               chord_text(plan))
          method = 'event, tolerance '//brief(how%tolerance)
          if (how%method == 'newmark') &
             method = 'newmark, at most '//counted(how%max_halvings, 'halving', 'halvings')

@@ -64,17 +64,20 @@ contains
       call synthesize(power, first, n, stream, force)
    end subroutine coloured_force
 
-   !> Makes sin(2 pi f t), with the phase reduced to half a turn.
+   !> Makes a force whose fundamental is sin(2 pi f t), with the phase reduced to half a turn. Linear
+   !> between values sin(2 pi f t) it would have (sin(x)/x)^2 of it, x = pi f dt.
    pure subroutine sine_force(frequency, dt, force)
       real(wp), intent(in) :: frequency   !! [Hz]
       real(wp), intent(in) :: dt          !! [s]
       real(wp), intent(out) :: force(0:)  !! (step)
-      real(wp) :: turns
+      real(wp) :: amplitude, turns, x
       integer :: i
 
+      x = 0.5_wp*two_pi*frequency*dt
+      amplitude = (x/sin(x))**2
       do i = 0, ubound(force, 1)
          turns = i*(frequency*dt)
-         force(i) = sin(two_pi*(turns - anint(turns)))
+         force(i) = amplitude*sin(two_pi*(turns - anint(turns)))
       end do
    end subroutine sine_force
 
