@@ -142,12 +142,16 @@ contains
    end subroutine try_modes
 
    !> Transitions of a sample in a step, by a guess: one of every joint in a period of the fastest
-   !> mode with all joints stuck, but in 20 steps at most, as forces are written (11).
+   !> mode with all joints stuck, but in 20 steps, as forces are written, or in half a period of the
+   !> slowest mode, at most (11).
    pure real(wp) function transitions_of_step(structure, dt) result(transitions)
       type(structure_type), intent(in) :: structure
       real(wp), intent(in) :: dt   !! [s]
 
-      transitions = structure%n_joints*min(dt*maxval(structure%frequencies_stuck), 0.05_wp)
+      associate (frequency => structure%frequencies_stuck)
+         transitions = structure%n_joints*min(dt*maxval(frequency), &
+                                              max(0.05_wp, 2.0_wp*dt*minval(frequency)))
+      end associate
    end function transitions_of_step
 
    !> How many parts of a step the fastest mode needs in power series, at least (4). Modes need no
