@@ -160,14 +160,16 @@ contains
    end subroutine describe_lags
 
    !> Describes the process of the same a_q, b0 and mu under the other law, and the acceptances of
-   !> both. The exact law is left out where it remembers more than its fits carry, either where its
-   !> mu is beyond what is sampled. Not for a law that is given by G alone.
+   !> both. The exact law is left out where it remembers more than its fits carry or forgets a start
+   !> in too many sweeps, either where its mu is beyond what is sampled. Not for a law that is given
+   !> by G alone.
    subroutine compare_laws(request, law, point, model)
       type(process_request), intent(in) :: request
       type(sampled_objective), intent(in) :: law
       real(wp), intent(in) :: point(:)
       type(process_model_type), intent(inout) :: model
       integer, parameter :: moment_steps = 1024, entropy_steps = 256   ! of a batch
+      integer, parameter :: most_sweeps = 10000   ! of a burn-in: some seconds
       type(error_type), allocatable :: error
       type(sampled_problem) :: problem
       type(sampled_objective) :: other
@@ -187,6 +189,7 @@ contains
       there = [point(:size(point) - 1), asinh(coordinate)]
       other%n_steps = moment_steps
       call other%settle(there)
+      if (problem%is_exact .and. other%n_burn_in > most_sweeps) return
       call other%evaluate(there, state, is_inside)
       if (.not. is_inside) return
       other%n_steps = entropy_steps
