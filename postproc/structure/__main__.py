@@ -22,6 +22,7 @@ from .reduction import condensed, craig_bampton
 from .scene import Joint, SceneOptions, read_process, stuck, write_scene
 
 _SHOWN = 10  # frequencies
+_RIGHT = 0.01  # relative error of a frequency
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -81,20 +82,21 @@ def _imported(options: argparse.Namespace) -> tuple[Pair, list[Joint]]:
                  *(dof for dof, _ in options.force)]  # fmt: skip
         full, pair = pair, craig_bampton(pair, list(dict.fromkeys(named)), options.modes)
         say(f"reduced: {full.n_dof} dofs to {pair.n_dof}, {options.modes} of them modes")
-        say(f"relative error of frequencies below half the highest: {_lost(full, pair):.1e}")
+        say(_kept(full, pair))
     elif options.keep:
         raise InputError("--keep: needs --modes, how many modes of the other dofs are kept")
     return pair, joints
 
 
-def _lost(full: Pair, small: Pair) -> float:
-    """Largest relative error of the reduced pair's frequencies in the lower half of its range."""
+def _kept(full: Pair, small: Pair) -> str:
+    """How many of the reduced pair's frequencies are those of the full one."""
     ours = frequencies(small, small.n_dof)
-    ours = ours[ours <= 0.5 * ours[-1]]
     full = condensed(full) if massless(full).size else full
-    exact = frequencies(full, max(ours.size, 1))[: ours.size]
-    moving = exact > 0.0
-    return float(abs(ours[moving] / exact[moving] - 1.0).max(initial=0.0))
+    exact = frequencies(full, ours.size)
+    is_off = abs(ours - exact) > _RIGHT * exact
+    n_right = int(is_off.argmax()) if is_off.any() else ours.size
+    text = f"frequencies within {_RIGHT:.0%}: the lowest {n_right} of {ours.size}"
+    return text + (f", up to {exact[n_right - 1]:.6g} Hz" if n_right else "")
 
 
 def _ring(options: argparse.Namespace) -> tuple[Pair, list[Joint]]:

@@ -184,6 +184,19 @@ def test_op4_is_read_through_pynastran(tmp_path):
     np.testing.assert_allclose(pair.stiffness.toarray(), ROD_K, rtol=1e-9)
 
 
+def test_the_reduction_says_which_frequencies_are_kept(beam_file, capsys):
+    """Those of the full beam within a per cent, from the lowest on."""
+    files = ["--mass", str(beam_file), "--stiffness", str(beam_file)]
+    assert main(["import", *files, "--keep", "39", "--keep", "19", "--modes", "4"]) == 0
+    pair = read_pair(str(beam_file), str(beam_file))
+    exact = frequencies(pair, 6)
+    error = frequencies(craig_bampton(pair, ["39", "19"], 4), 6) / exact - 1.0
+    n_right = int((error > 0.01).argmax())
+    assert 0 < n_right < 6
+    told = f"frequencies within 1%: the lowest {n_right} of 6, up to {exact[n_right - 1]:.6g} Hz"
+    assert told in capsys.readouterr().out
+
+
 def test_the_folder_has_what_structure_reads(tmp_path, beam_file):
     """Strict Matrix Market to the last digit; a line per joint; the load; the names of the dofs."""
     out = tmp_path / "beam"
