@@ -68,6 +68,12 @@ def _compare(files: list[Results], folder: Path) -> str:
 def _draw(files: list[Results], options: argparse.Namespace) -> str:
     """Draws all figures. Datasets are read as they are needed: a damaged one shows here."""
     planned = _figures(files, options)
+    for start, _ in options.axes:
+        if not any(figure.name.startswith(start) for figure in planned):
+            there = ", ".join(figure.name for figure in planned)
+            raise InputError(
+                f"--axes {start}: no figure has a name that starts so; there are {there}"
+            )
     statements, tables = assess(files), make_tables(files)
     correlations = next(filter(None, map(table_correlations, files)), None)
     of_paper = (table_numbers(files, statements), correlations)

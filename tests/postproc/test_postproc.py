@@ -194,7 +194,7 @@ def test_chosen_orders_say_their_bounds():
     plt.close(picture)
 
 
-def test_axes_can_be_laid_beside_the_papers(process_file, tmp_path):
+def test_axes_can_be_laid_beside_the_papers(process_file, tmp_path, capsys):
     """The ranges of the paper's text, or of the user, by the start of the figure's name."""
     panels = []
     figure = Figure("fig_09b", "", "", SECTIONS[0], (panels.append,))
@@ -206,6 +206,8 @@ def test_axes_can_be_laid_beside_the_papers(process_file, tmp_path):
     assert main([*options, "--axes", "fig_02=0,5,1e-3,1"]) == 0
     with pytest.raises(SystemExit):
         main([*options, "--axes", "fig_08=1"])
+    assert main([*options, "--axes", "fig_8=0,5,0,1"]) == 2
+    assert "fig_8: no figure has a name that starts so; there are fig_0" in capsys.readouterr().err
 
 
 def test_a_style_of_ones_own_is_laid_over(process_file, tmp_path, capsys):
