@@ -43,9 +43,7 @@ contains
       if (size(plan%processes) > 0) text = text//line_feed//process_table(plan, foreseen)
       if (plan%has_structure) then
          text = text//line_feed//case_table(plan)//line_feed//motion_text(plan)
-         text = text//labelled('work', work_text(plan, n_ranks, nanoseconds)// &
-                               trim(merge(', and the fits', '              ', &
-                                          any(is_fitted_to_values(plan%processes)))))
+         text = text//labelled('work', work_text(plan, n_ranks, nanoseconds)//uncounted_text(plan))
          text = text//estimates_text(plan)
          if (repeats(plan)) text = text//labelled('audit', audit_text(plan, n_ranks, &
                                                                       audit_nanoseconds))
@@ -395,6 +393,17 @@ contains
          text = text//', '//duration(sample_steps*nanoseconds*1.0e-9_wp/n_ranks)//' at '// &
                 brief(nanoseconds)//' ns each on '//counted(n_ranks, 'rank', 'ranks')
    end function work_text
+
+   !> What else takes time, not foreseen: fits to simulated values, and the regression.
+   pure function uncounted_text(plan) result(text)
+      type(plan_type), intent(in) :: plan
+      character(:), allocatable :: text
+
+      text = ''
+      if (any(is_fitted_to_values(plan%processes))) text = ' and the fits'
+      if (size(find_pools(plan)) > 0) text = text//' and the regression'
+      if (text /= '') text = ','//text
+   end function uncounted_text
 
    !> Memory of a rank and size of the results.
    function sizes_text(plan, every, transitions, foreseen) result(text)
