@@ -64,8 +64,8 @@ contains
       call synthesize(power, first, n, stream, force)
    end subroutine coloured_force
 
-   !> Makes a force whose fundamental is sin(2 pi f t), with the phase reduced to half a turn. Linear
-   !> between values sin(2 pi f t) it would have (sin(x)/x)^2 of it, x = pi f dt.
+   !> Makes a force whose fundamental is sin(2 pi f t), with the phase reduced to half a turn.
+   !> Linear between values sin(2 pi f t) it would have (sin(x)/x)^2 of it, x = pi f dt.
    pure subroutine sine_force(frequency, dt, force)
       real(wp), intent(in) :: frequency   !! [Hz]
       real(wp), intent(in) :: dt          !! [s]
