@@ -394,7 +394,7 @@ contains
                 brief(nanoseconds)//' ns each on '//counted(n_ranks, 'rank', 'ranks')
    end function work_text
 
-   !> What else takes time, not foreseen: fits to simulated values, and the regression.
+   !> Text on the work that is not foreseen: fits to simulated values, and the regression.
    pure function uncounted_text(plan) result(text)
       type(plan_type), intent(in) :: plan
       character(:), allocatable :: text
