@@ -154,9 +154,15 @@ contains
       integer, intent(in), contiguous :: sample(:)               !! their numbers
       type(newmark_block), intent(inout) :: block
       integer(long), intent(inout), contiguous :: has_passed(:)  !! (all samples) for those listed
-      integer :: k
+      integer :: f, k
 
-      call list_tries(self, sample, block%force, block)
+      call list_tries(size(sample), sample, self%max_halvings, self%n_patterns, block%ticks, &
+                      block%slot, block%pattern, block%tries)
+      do f = 1, block%n_forces
+         call find_changes(size(sample), block%tries, self%max_halvings, block%tick, block%column, &
+                           self%share, ubound(block%force, 1), block%force(0, f), &
+                           block%change(1, f))
+      end do
       if (allocated(self%system)) then
          do k = 1, size(sample)
             call try_woodbury(self%system, k, block, has_passed(sample(k)))
@@ -175,30 +181,45 @@ contains
       end if
    end subroutine try
 
-   !> Lists what the tries depend on.
-   pure subroutine list_tries(self, sample, force, block)
-      type(newmark_steps), intent(in) :: self
-      integer, intent(in), contiguous :: sample(:)
-      real(wp), intent(in), contiguous :: force(0:, :)
-      type(newmark_block), intent(inout) :: block
-      integer :: f, k, l, step, w
+   !> Lists what the tries depend on. Arrays of an explicit shape keep their addresses in registers.
+   pure subroutine list_tries(n_tries, sample, max_halvings, n_patterns, ticks, slot, pattern, &
+                              tries)
+      integer, intent(in) :: n_tries, sample(n_tries), max_halvings, n_patterns
+      integer(long), intent(in) :: ticks(*), slot(*)   !! (sample)
+      integer, intent(in) :: pattern(*)                !! (sample)
+      type(newmark_try), intent(inout) :: tries(n_tries)   !! written only
+      integer :: k, l, w
 
-      do k = 1, size(sample)
+      do k = 1, n_tries
          w = sample(k)
-         l = self%max_halvings - trailz(block%ticks(w))
-         step = int(shiftr(block%tick(w), self%max_halvings))
-         block%tries(k)%sample = w
-         block%tries(k)%slot = int(block%slot(w))
-         block%tries(k)%level = l
-         block%tries(k)%entry = self%n_patterns*l + block%pattern(w)
-         associate (c => block%column(w))
-            block%change(k, 1) = self%share(l)*(force(step + 1, c + 1) - force(step, c + 1))
-            do f = 2, block%n_forces
-               block%change(k, f) = self%share(l)*(force(step + 1, c + f) - force(step, c + f))
-            end do
-         end associate
+         l = max_halvings - trailz(ticks(w))
+         tries(k)%sample = w
+         tries(k)%slot = int(slot(w))
+         tries(k)%level = l
+         tries(k)%entry = n_patterns*l + pattern(w)
       end do
    end subroutine list_tries
+
+   !> Finds how much a force changes in each try.
+   pure subroutine find_changes(n_tries, tries, max_halvings, tick, column, share, n_steps, &
+                                force, change)
+      integer, intent(in) :: n_tries
+      type(newmark_try), intent(in) :: tries(n_tries)
+      integer, intent(in) :: max_halvings, n_steps
+      integer(long), intent(in) :: tick(*)          !! (sample)
+      integer, intent(in) :: column(*)              !! (sample) before its own
+      real(wp), intent(in) :: share(0:*)            !! (level)
+      real(wp), intent(in) :: force(0:n_steps, *)   !! (step, column) [N]
+      real(wp), intent(out) :: change(n_tries)
+      integer :: c, k, step, w
+
+      do k = 1, n_tries
+         w = tries(k)%sample
+         c = column(w) + 1
+         step = int(shiftr(tick(w), max_halvings))
+         change(k) = share(tries(k)%level)*(force(step + 1, c) - force(step, c))
+      end do
+   end subroutine find_changes
 
    !> Begins the tries of short frames. They go in passes over the samples, so that the operations
    !> of one wait for each other while those of the next proceed. Every array has an explicit shape
