@@ -104,7 +104,8 @@ contains
       last_decrement = huge(1.0_wp)
       do iteration = 1, max_steps
          s(state%free) = state%x(state%free)/state%x(0)
-         if (.not. state%value%is_positive .or. is_hopeless(constraint, state, workspace)) return
+         if (.not. state%value%is_positive) return
+         if (is_hopeless(constraint, state, workspace)) return
          call find_step(state, limit, step, decrement)
          is_done = abs(decrement) <= end_game .and. &   ! rounding is left, or not even that
                    (decrement <= 1.0e-22_wp .or. decrement > 0.25_wp*last_decrement)
