@@ -128,9 +128,9 @@ contains
       associate (weights => constraint%weights, x => state%x)
          is_hopeless = size(state%free) > 0 .and. x(0)*weights(0) > 10.0_wp   ! it shows later
          if (is_hopeless) &
-            is_hopeless = .not. x(0)*touching_multiplier([weights(0)*x(0), &
-                                                          0.5_wp*weights(1:)*x(1:)], workspace) &
-                          < steepest/weights(0)
+            is_hopeless = .not. touching_multiplier([weights(0)*x(0), &
+                                                     0.5_wp*weights(1:)*x(1:)], workspace) &
+                          < steepest/(weights(0)*x(0))
       end associate
    end function is_hopeless
 
