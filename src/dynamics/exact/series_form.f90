@@ -62,11 +62,11 @@ contains
 
    !> Work of a step of so many parts (11). A transition that is not answered locally begins the
    !> series of its sample anew, as does the part that it is found in; alone, without the samples
-   !> beside it, a multiplication takes as long as 15.
+   !> beside it, a multiplication takes as long as 45.
    pure type(march_work) function work(self, parts)
       class(series_form), intent(in) :: self
       integer, intent(in) :: parts
-      real(wp), parameter :: alone = 15.0_wp, local = 1500.0_wp
+      real(wp), parameter :: alone = 45.0_wp, local = 1500.0_wp
 
       work%step = parts*self%series%work()
       work%lanes = width
