@@ -36,6 +36,7 @@ module process_direct_sign_sequence
    end type sequence_solution
 
    real(wp), parameter :: sign_rounding = 1.0e-12_wp   !! of K(m)/K(0)
+   real(wp), parameter :: near = 1.0e-3_wp, beyond = 1.1_wp   !! decrement, |s_m|: outside for sure
    real(wp), parameter :: end_game = 1.0e-9_wp         !! Newton's decrement: D is nearly quadratic
    integer, parameter :: max_steps = 200
    integer, parameter :: max_halvings = 50
@@ -50,16 +51,17 @@ contains
       type(sequence_solution), intent(out) :: solution
       integer, parameter :: max_passes = 20
       logical :: is_free(constraint%m_max), was_free(constraint%m_max)
-      real(wp) :: s(constraint%m_max)
+      real(wp) :: delta, s(constraint%m_max)
       integer :: pass
 
+      delta = 0.0_wp
       s = 1.0_wp   ! also where a_m = 0, and the sign does not matter
       s(constraint%rewarded) = signs
       is_free = .false.
       is_free(constraint%penalized) = any(signs < 0)   ! all plus holds none, far from the limits
       call workspace%prepare(constraint%m_max)
       do pass = 1, max_passes
-         call solve_active_set(constraint, s, is_free, workspace, solution)
+         call solve_active_set(constraint, is_free, s, delta, workspace, solution)
          if (pass == 1 .and. all(signs > 0)) call approach_touch(constraint, solution)
          was_free = is_free
          is_free = is_free .and. abs(s) <= 1.0_wp
@@ -76,11 +78,13 @@ contains
       solution%is_feasible = .false.
    end subroutine solve_sequence
 
-   !> Solves for delta and for x_m of the free lags by Newton's method, the other signs given.
-   subroutine solve_active_set(constraint, s, is_free, workspace, solution)
+   !> Solves for delta and for x_m of the free lags by Newton's method, the other signs given. Ends
+   !> without a solution where x_m surely leave their interval.
+   subroutine solve_active_set(constraint, is_free, s, delta, workspace, solution)
       type(length_constraint), intent(in) :: constraint
-      real(wp), intent(inout) :: s(:)        !! (m_max) found where free, also without a solution
       logical, intent(in) :: is_free(:)      !! (m_max) K(m) = 0 is wanted there
+      real(wp), intent(inout) :: s(:)        !! (m_max) found where free, also without a solution
+      real(wp), intent(inout) :: delta       !! with s a start, then where it ended; 0: none
       type(reciprocal_workspace), intent(inout) :: workspace
       type(sequence_solution), intent(out) :: solution
       type(climb_state) :: state
@@ -99,14 +103,25 @@ contains
       else
          start = min(start, 0.5_wp/sum(abs(constraint%weights)))
       end if
-      state%x = start*[1.0_wp, state%s]
-      call evaluate_climb(constraint, workspace, state)
+      if (delta > 0.0_wp) then
+         state%x = delta*[1.0_wp, s]
+         call evaluate_climb(constraint, workspace, state)
+      end if
+      delta = 0.0_wp
+      if (.not. state%value%is_positive) then
+         state%x = start*[1.0_wp, state%s]
+         call evaluate_climb(constraint, workspace, state)
+      end if
       last_decrement = huge(1.0_wp)
       do iteration = 1, max_steps
          s(state%free) = state%x(state%free)/state%x(0)
          if (.not. state%value%is_positive) return
          if (is_hopeless(constraint, state, workspace)) return
          call find_step(state, limit, step, decrement)
+         if (decrement <= near .and. any(abs(s(state%free)) > beyond)) then
+            delta = state%x(0)
+            return
+         end if
          is_done = abs(decrement) <= end_game .and. &   ! rounding is left, or not even that
                    (decrement <= 1.0e-22_wp .or. decrement > 0.25_wp*last_decrement)
          last_decrement = decrement
@@ -115,6 +130,7 @@ contains
          if (is_done) exit
       end do
       s(state%free) = state%x(state%free)/state%x(0)
+      delta = state%x(0)
       if (is_done) call describe(constraint, state, solution)
    end subroutine solve_active_set
 
