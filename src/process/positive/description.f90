@@ -11,13 +11,34 @@ module process_positive_description
    use process_positive_moments, only: estimate_autocovariance
    use process_positive_problem, only: new_problem, sampled_problem
    use process_positive_refinement, only: error_of_runs, shape_spread
+   use process_positive_sequential, only: memory_of
    use process_positive_signs, only: require_signs
    use process_positive_truncated_normal, only: lanes, log_sqrt_two_pi
    implicit none(type, external)
    private
-   public :: compare_laws, describe_sampled, outline_sampled
+   public :: compare_laws, describe_far_from_zero, describe_sampled, outline_sampled
 
 contains
+
+   !> Describes as a positive process the one without sign constraint whose values are hardly ever
+   !> negative: both laws are its own, and every value is accepted.
+   subroutine describe_far_from_zero(request, model)
+      type(process_request), intent(in) :: request
+      type(process_model_type), intent(inout) :: model   !! solved
+      real(wp), parameter :: zero = 1.0e-9_wp   ! of K(m)/K(0)
+
+      model%request = request
+      model%mu = request%mean
+      model%mean = request%mean
+      model%memory = ceiling(1.5_wp*memory_of(model%poles, 1.0e-9_wp))
+      associate (k => model%autocovariance(1:), variance => model%autocovariance(0))
+         model%branch = branch_of(merge(-1.0_wp, 1.0_wp, k < -zero*variance))
+      end associate
+      model%other_mean = model%mean
+      model%other_std = model%std
+      model%other_l0 = model%l0
+      model%other_entropy = model%entropy
+   end subroutine describe_far_from_zero
 
    !> Describes the last evaluation in the unit of X: parameters of realizations, moments, entropy.
    subroutine outline_sampled(request, law, model)

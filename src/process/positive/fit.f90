@@ -10,12 +10,14 @@ module process_positive_fit
    use core_text, only: to_text
    use numerics_constrained_maximum, only: search_result, solve_along
    use process_model, only: process_model_type, process_request, process_solution
-   use process_positive_description, only: compare_laws, describe_sampled, outline_sampled
+   use process_positive_description, only: compare_laws, describe_far_from_zero, describe_sampled, &
+      outline_sampled
    use process_positive_branches, only: branch_difference, search_branches, sharpen
    use process_positive_family, only: by_symbol
    use process_positive_first_order, only: describe_first_order, match_first_order
    use process_positive_kernel, only: first_order_law
    use process_positive_objective, only: sampled_objective
+   use process_positive_problem, only: solve_unconstrained
    use process_positive_refinement, only: refine, shape_spread
    use process_positive_search, only: approach, find_shape
    use process_positive_sign_search, only: search_signs
@@ -39,15 +41,28 @@ contains
       type(process_request), intent(in) :: request
       integer(long), intent(in) :: seed
       type(process_model_type), intent(out) :: model
+      type(error_type), allocatable :: error
+      logical :: is_far
+
+      call fit_far_from_zero(request, model, is_far, error)
+      if (.not. is_far) call fit_near_zero(request, seed, model, error)
+      model%is_solved = .not. allocated(error)
+      if (allocated(error)) model%reason = error%message
+   end subroutine fit_positive
+
+   !> Solves by quadrature or on simulated values.
+   recursive subroutine fit_near_zero(request, seed, model, error)
+      type(process_request), intent(in) :: request
+      integer(long), intent(in) :: seed
+      type(process_model_type), intent(inout) :: model
+      type(error_type), allocatable, intent(out) :: error
       type(sampled_objective) :: law
       type(first_order_law) :: first_order
       type(search_result) :: found
       type(shape_spread) :: spread
-      type(error_type), allocatable :: error
       real(wp), allocatable :: point(:)
       real(wp) :: effort, violation
 
-      model%request = request
       if (is_first_order(request)) then
          call match_first_order(request, first_order, error)
          if (.not. allocated(error)) call describe_first_order(request, first_order, model, error)
@@ -75,9 +90,7 @@ contains
          end if
       end if
       if (.not. allocated(error)) call look_beside(request, seed, model)
-      model%is_solved = .not. allocated(error)
-      if (allocated(error)) model%reason = error%message
-   end subroutine fit_positive
+   end subroutine fit_near_zero
 
    !> Foresees a fit: fails where `fit_positive` would not even begin. Of the exact law it also
    !> fills what realizations are drawn by, roughly where it is sampled and found soon. A process of
@@ -95,9 +108,10 @@ contains
       real(wp), parameter :: quick_effort(2) = [1.0e8_wp, 4.0e7_wp]   ! sequential, exact: 1 s or 2
       real(wp), allocatable :: point(:), unused(:)
       real(wp) :: effort
-      logical :: has_first_order, is_exact, is_feasible, is_inside
+      logical :: has_first_order, is_exact, is_far, is_feasible, is_inside
 
-      model%request = request
+      call fit_far_from_zero(request, model, is_far, error)
+      if (is_far) return
       is_exact = request%sampler == 'exact'
       if (is_first_order(request)) then
          call match_first_order(request, first_order, error)
@@ -130,6 +144,27 @@ contains
       one%order = 1
       call look_beside(one, seed, model)
    end subroutine foresee_positive
+
+   !> Fits the process without sign constraint where its mean is so many std that none of its values
+   !> is negative, to all digits: it has the largest entropy then. `is_far` is false, and nothing is
+   !> solved, nearer to zero, or where its K(m) have signs that are not wanted.
+   subroutine fit_far_from_zero(request, model, is_far, error)
+      type(process_request), intent(in) :: request
+      type(process_model_type), intent(out) :: model
+      logical, intent(out) :: is_far
+      type(error_type), allocatable, intent(out) :: error
+      real(wp), parameter :: far = 9.0_wp   ! c phi(c), by which moments change, is below 1e-17
+      type(process_model_type) :: unconstrained
+
+      model%request = request
+      is_far = request%std > 0.0_wp .and. request%mean >= far*request%std
+      if (.not. is_far) return
+      call solve_unconstrained(request, unconstrained, error)
+      if (allocated(error)) return
+      call describe_far_from_zero(request, unconstrained)
+      is_far = request%branch == 'any' .or. unconstrained%branch == 'nonnegative'
+      if (is_far) model = unconstrained
+   end subroutine fit_far_from_zero
 
    !> True if the direct method has sequences of signs left when that of the unconstrained optimum
    !> has been tried.

@@ -7,7 +7,7 @@ module process_positive_problem
    use core_random, only: stream_type
    use core_text, only: to_text
    use process_autoregressive_description, only: describe_ar
-   use process_autoregressive_fit, only: fit_ar, optimal_reflection
+   use process_autoregressive_fit, only: fit_ar
    use process_autoregressive_model, only: autocovariance_of, coefficients_of, innovation_std, &
       reflection_of
    use process_autoregressive_spectral_factor, only: symbol_of_process
@@ -18,7 +18,7 @@ module process_positive_problem
    use process_positive_sequential, only: memory_of
    implicit none(type, external)
    private
-   public :: sampled_problem, new_problem
+   public :: sampled_problem, new_problem, solve_unconstrained
 
    !> Targets under the law of one-at-a-time rejection (Sec. 2.4) or of Eq. (25), and the
    !> unconstrained process of the wanted length, its companion.
@@ -121,14 +121,15 @@ contains
       if (any(rho(problem%n_single + 2:) < 0.0_wp)) problem%n_single = problem%n_lags
    end subroutine new_problem
 
-   !> Solves for the process without sign constraint, by the request's method.
+   !> Solves for the process without sign constraint, by the request's method; one of given signs in
+   !> units of b0.
    subroutine solve_unconstrained(request, model, error, sequence)
       type(process_request), intent(in) :: request
       type(process_model_type), intent(out) :: model
       type(error_type), allocatable, intent(out) :: error
       type(sequence_solution), intent(in), optional :: sequence   !! see `new_problem`
       type(process_request) :: unsigned
-      real(wp), allocatable :: a(:), kappa(:)
+      real(wp), allocatable :: a(:)
       logical :: is_factored
 
       if (present(sequence)) then
@@ -144,14 +145,9 @@ contains
          unsigned%positive = .false.
          call fit_direct(unsigned, model)
          if (.not. model%is_solved) call raise(error, exit_no_solution, model%reason)
-      else if (request%correlation == 'both') then
-         call fit_ar(request%correlation, request%correlation_length, request%order, 1.0_wp, &
-                     model, error, request%second_length)
       else
-         call optimal_reflection(request%correlation, request%correlation_length, request%order, &
-                                 kappa, error)
-         if (allocated(error)) return
-         call describe_ar(coefficients_of(kappa), 1.0_wp, model, error)
+         call fit_ar(request%correlation, request%correlation_length, request%order, request%std, &
+                     model, error, request%second_length)
       end if
    end subroutine solve_unconstrained
 
