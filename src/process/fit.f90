@@ -3,8 +3,7 @@ module process_fit
    use core_error, only: error_type, exit_bad_input, exit_no_solution, raise
    use core_kinds, only: long, wp
    use core_text, only: to_text
-   use process_autoregressive_fit, only: fit_ar
-   use process_direct_fit, only: conclude_direct, fit_direct
+   use process_direct_fit, only: conclude_direct, fit_unconstrained
    use process_direct_limits, only: certainly_feasible_m_max, find_complaint
    use process_direct_sign_search, only: search_result
    use process_gaussian, only: burn_in_length, widest_margin
@@ -38,8 +37,6 @@ contains
             call fit_positive_order(resolved, seed, model)
          else if (request%positive) then
             call fit_positive(resolved, seed, model)
-         else if (request%method == 'direct') then
-            call fit_direct(resolved, model)
          else
             call fit_unconstrained(resolved, model, error)
          end if
@@ -92,21 +89,16 @@ contains
          return
       end if
       call resolve_order(unit_request(request), resolved, error)
-      if (allocated(error)) then
-         model%reason = error%message
-      else if (request%positive) then
-         call foresee_positive(resolved, seed, model, error)
-         if (allocated(error)) model%reason = error%message
-      else if (request%method == 'autoregressive') then
-         call fit_unconstrained(resolved, model, error)
-         if (allocated(error)) model%reason = error%message
-      else
-         call find_complaint(resolved, model%reason)
-         resolved%all_signs = .false.   ! a few signs tell as much
-         if (.not. allocated(model%reason) .and. &
-             resolved%order < certainly_feasible_m_max(resolved)) &
-            call fit_direct(resolved, model)
+      if (.not. allocated(error)) then
+         if (request%positive) then
+            call foresee_positive(resolved, seed, model, error)
+         else if (request%method == 'autoregressive' .or. &
+                  resolved%order < certainly_feasible_m_max(resolved)) then
+            resolved%all_signs = .false.   ! a few signs tell as much
+            call fit_unconstrained(resolved, model, error)
+         end if
       end if
+      if (allocated(error)) model%reason = error%message
       model%request = request
       model%is_solved = .not. allocated(model%reason)
    end subroutine foresee_process
@@ -128,7 +120,7 @@ contains
       select case (request%method)
       case ('autoregressive', 'direct')
          call choose_order(request, resolved%order, error)
-         if (allocated(error) .or. .not. request%positive .or. request%method /= 'direct') return
+         if (allocated(error) .or. request%method /= 'direct') return
          call find_complaint(resolved, complaint)
          if (allocated(complaint)) call raise(error, exit_bad_input, complaint)
       case default
@@ -136,18 +128,5 @@ contains
                     "method = '"//trim(request%method)//"': must be 'autoregressive' or 'direct'")
       end select
    end subroutine resolve_order
-
-   !> Fits an autoregressive process without sign constraint, and adds the mean.
-   subroutine fit_unconstrained(request, model, error)
-      type(process_request), intent(in) :: request
-      type(process_model_type), intent(out) :: model
-      type(error_type), allocatable, intent(out) :: error
-
-      call fit_ar(request%correlation, request%correlation_length, request%order, request%std, &
-                  model, error, request%second_length)
-      if (allocated(error)) return
-      model%mu = request%mean
-      model%mean = request%mean
-   end subroutine fit_unconstrained
 
 end module process_fit

@@ -15,8 +15,7 @@ module process_order
    use core_error, only: error_type, exit_bad_input, exit_no_solution, raise
    use core_kinds, only: long, wp
    use core_text, only: to_text
-   use process_autoregressive_fit, only: fit_ar
-   use process_direct_fit, only: fit_direct
+   use process_direct_fit, only: fit_unconstrained
    use process_direct_limits, only: certainly_infeasible_m_max
    use process_model, only: process_model_type, process_request
    use process_positive_fit, only: fit_positive
@@ -133,18 +132,11 @@ contains
       type(error_type), allocatable, intent(out) :: error
       type(process_request) :: trial
 
-      if (request%method /= 'direct') then
-         call fit_ar(request%correlation, request%correlation_length, order, 1.0_wp, model, error, &
-                     request%second_length)
-         return
-      end if
-      trial%method = request%method
-      trial%correlation = request%correlation
-      trial%correlation_length = request%correlation_length
+      trial = request
       trial%order = order
       trial%std = 1.0_wp
-      call fit_direct(trial, model)
-      if (.not. model%is_solved) call raise(error, exit_no_solution, model%reason)
+      trial%all_signs = .false.
+      call fit_unconstrained(trial, model, error)
    end subroutine fit_order
 
    !> Refuses a bound of a length that is imposed, bounds in the wrong order and max_order < 1.

@@ -5,8 +5,7 @@ module tradeoff_process_settings
    use campaign_plan, only: plan_type
    use core_error, only: error_type
    use core_kinds, only: wp
-   use process_autoregressive_fit, only: fit_ar
-   use process_direct_fit, only: fit_direct
+   use process_direct_fit, only: fit_unconstrained
    use process_model, only: process_model_type, process_request
    use process_reference, only: is_reference
    implicit none(type, external)
@@ -85,17 +84,10 @@ contains
 
       request = kind
       request%order = order
-      request%positive = .false.
       call cpu_time(before)
-      if (kind%method == 'direct') then
-         call fit_direct(request, model)
-      else
-         call fit_ar(kind%correlation, kind%correlation_length, order, kind%std, model, error, &
-                     kind%second_length)
-         model%is_solved = .not. allocated(error)
-      end if
+      call fit_unconstrained(request, model, error)
       call cpu_time(after)
-      if (.not. model%is_solved) return
+      if (allocated(error)) return
       row%method = trim(kind%method)
       row%correlation = trim(kind%correlation)
       row%correlation_length = kind%correlation_length

@@ -12,22 +12,25 @@ module process_autoregressive_description
    use process_model, only: process_model_type
    implicit none(type, external)
    private
-   public :: describe, describe_ar
+   public :: describe_ar
 
    integer, parameter :: max_stored_lags = 4096
 
 contains
 
    !> Describes the stationary process of a_q and b0: poles, autocovariance, both lengths, entropy.
-   !> Fails where the poles are not found or too many lags count.
+   !> K(m) is kept until the largest pole leaves 1e-6 of K(0), to `max_stored_lags` at most. Fails
+   !> where the poles are not found or too many lags count.
    subroutine describe_ar(a, b0, model, error, known_sums)
       real(wp), intent(in) :: a(:)   !! a_q, q = 1..order; stationary
       real(wp), intent(in) :: b0     !! [unit of X]
       type(process_model_type), intent(out) :: model
       type(error_type), allocatable, intent(out) :: error
       type(correlation_sums), intent(in), optional :: known_sums   !! else they are computed
+      real(wp), parameter :: smallest_stored = 1.0e-6_wp   !! of K(m)/K(0)
       type(correlation_sums) :: sums
       real(wp) :: kappa(size(a))
+      integer :: n_lags
 
       kappa = reflection_of(a)
       if (present(known_sums)) then
@@ -36,19 +39,6 @@ contains
          call sum_correlation(kappa, sums, error)
          if (allocated(error)) return
       end if
-      call describe(kappa, a, b0, sums, model, error)
-   end subroutine describe_ar
-
-   !> Describes a process whose reflection coefficients and sums are known. K(m) is kept until its
-   !> largest pole leaves 1e-6 of K(0), to `max_stored_lags` at most.
-   subroutine describe(kappa, a, b0, sums, model, error)
-      real(wp), intent(in) :: kappa(:), a(:), b0
-      type(correlation_sums), intent(in) :: sums
-      type(process_model_type), intent(out) :: model
-      type(error_type), allocatable, intent(out) :: error
-      real(wp), parameter :: smallest_stored = 1.0e-6_wp   !! of K(m)/K(0)
-      integer :: n_lags
-
       call find_polynomial_roots(a, model%poles, error)
       if (allocated(error)) return
       model%order = size(a)
@@ -67,6 +57,6 @@ contains
       model%l1_cut = correlation_length('L1', model%autocovariance(:size(a)))
       model%entropy = gaussian_entropy(b0)
       model%entropy_bound = gaussian_entropy(model%std)
-   end subroutine describe
+   end subroutine describe_ar
 
 end module process_autoregressive_description

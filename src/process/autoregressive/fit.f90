@@ -16,7 +16,7 @@ module process_autoregressive_fit
    use core_text, only: to_text
    use numerics_elementary, only: log_one_plus
    use numerics_lapack, only: solve_linear_system
-   use process_autoregressive_description, only: describe
+   use process_autoregressive_description, only: describe_ar
    use process_autoregressive_gradient, only: length_gradient
    use process_autoregressive_model, only: coefficients_of, innovation_std
    use process_autoregressive_search, only: ar_rival, find_best
@@ -68,7 +68,7 @@ contains
             tolerance = search_tolerance
          end if
       end if
-      call describe(kappa, coefficients_of(kappa), innovation_std(kappa, std), sums, model, error)
+      call describe_ar(coefficients_of(kappa), innovation_std(kappa, std), model, error, sums)
       if (allocated(error)) return
       model%optimality = max(optimality_residual(correlation, kappa, sums), missed)
       model%is_solved = (sums%is_nonnegative .or. best%is_feasible) .and. &

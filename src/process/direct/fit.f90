@@ -5,11 +5,12 @@
 !> Both correlation lengths are cut at m_max here, Eq. (11); the infinite sums of the result are
 !> larger.
 module process_direct_fit
-   use core_error, only: error_type
+   use core_error, only: error_type, exit_no_solution, raise
    use core_kinds, only: long, wp
    use numerics_lapack, only: invert_matrix
    use numerics_toeplitz, only: dense_toeplitz
    use process_autoregressive_description, only: describe_ar
+   use process_autoregressive_fit, only: fit_ar
    use process_autoregressive_model, only: autocovariance_of, innovation_std, reflection_of
    use process_autoregressive_spectral_factor, only: equivalent_process, symbol_of_process
    use process_autoregressive_sums, only: correlation_sums, positive_sums, sum_correlation
@@ -23,13 +24,33 @@ module process_direct_fit
    use process_model, only: inversion_check, process_model_type, process_request, process_solution
    implicit none(type, external)
    private
-   public :: fit_direct, count_parts, conclude_direct, check_by_inversion
+   public :: fit_direct, fit_unconstrained, count_parts, conclude_direct, check_by_inversion
    public :: coefficients_of_solution, direct_symbol, integer_signs, mirror_image, mirrored
 
    character(*), parameter :: every_sequence = 'all sequences'
    real(wp), parameter :: optimality_tolerance = 1.0e-8_wp
 
 contains
+
+   !> Solves for the process without sign constraint, by the request's method.
+   subroutine fit_unconstrained(request, model, error)
+      type(process_request), intent(in) :: request
+      type(process_model_type), intent(out) :: model
+      type(error_type), allocatable, intent(out) :: error
+      type(process_request) :: unsigned
+
+      if (request%method == 'direct') then
+         unsigned = request
+         unsigned%positive = .false.
+         call fit_direct(unsigned, model)
+         if (.not. model%is_solved) call raise(error, exit_no_solution, model%reason)
+      else
+         call fit_ar(request%correlation, request%correlation_length, request%order, request%std, &
+                     model, error, request%second_length)
+         model%mu = request%mean
+         model%mean = request%mean
+      end if
+   end subroutine fit_unconstrained
 
    !> Solves the request; `model%is_solved` tells whether, `model%reason` why not.
    subroutine fit_direct(request, model)

@@ -7,12 +7,11 @@ module process_positive_problem
    use core_random, only: stream_type
    use core_text, only: to_text
    use process_autoregressive_description, only: describe_ar
-   use process_autoregressive_fit, only: fit_ar
    use process_autoregressive_model, only: autocovariance_of, coefficients_of, innovation_std, &
       reflection_of
    use process_autoregressive_spectral_factor, only: symbol_of_process
    use process_autoregressive_sums, only: correlation_sums, sum_correlation
-   use process_direct_fit, only: coefficients_of_solution, fit_direct
+   use process_direct_fit, only: coefficients_of_solution, fit_unconstrained
    use process_direct_sign_sequence, only: sequence_solution
    use process_model, only: positive_name, process_model_type, process_request
    use process_positive_sequential, only: memory_of
@@ -121,14 +120,13 @@ contains
       if (any(rho(problem%n_single + 2:) < 0.0_wp)) problem%n_single = problem%n_lags
    end subroutine new_problem
 
-   !> Solves for the process without sign constraint, by the request's method; one of given signs in
-   !> units of b0.
+   !> Solves for the process without sign constraint; that of given signs in units of b0.
    subroutine solve_unconstrained(request, model, error, sequence)
       type(process_request), intent(in) :: request
       type(process_model_type), intent(out) :: model
       type(error_type), allocatable, intent(out) :: error
       type(sequence_solution), intent(in), optional :: sequence   !! see `new_problem`
-      type(process_request) :: unsigned
+      type(process_request) :: few_signs
       real(wp), allocatable :: a(:)
       logical :: is_factored
 
@@ -139,15 +137,10 @@ contains
          else
             call raise(error, exit_no_solution, 'the symbol is too near to zero to be factored')
          end if
-      else if (request%method == 'direct') then
-         unsigned = request
-         unsigned%all_signs = .false.
-         unsigned%positive = .false.
-         call fit_direct(unsigned, model)
-         if (.not. model%is_solved) call raise(error, exit_no_solution, model%reason)
       else
-         call fit_ar(request%correlation, request%correlation_length, request%order, request%std, &
-                     model, error, request%second_length)
+         few_signs = request
+         few_signs%all_signs = .false.
+         call fit_unconstrained(few_signs, model, error)
       end if
    end subroutine solve_unconstrained
 

@@ -10,13 +10,14 @@ module process_positive_sign_search
    use numerics_constrained_maximum, only: search_result
    use numerics_sorting, only: sort_order
    use process_direct_constraint, only: constraint_of, length_constraint
-   use process_direct_fit, only: fit_direct, mirror_image, mirrored
+   use process_direct_fit, only: mirror_image, mirrored
    use process_direct_reciprocal_symbol, only: reciprocal_workspace
    use process_direct_sign_search, only: count_sequences, max_listed, search_structured, &
                                          sequence_signs
    use process_direct_sign_sequence, only: sequence_solution, solve_sequence
    use process_model, only: process_model_type, process_request, process_solution
    use process_positive_objective, only: sampled_objective
+   use process_positive_problem, only: solve_unconstrained
    use process_positive_search, only: approach, find_shape
    use process_positive_signs, only: adopt_far_signs, multipliers_of, settle_signs
    implicit none(type, external)
@@ -110,21 +111,14 @@ contains
       logical, intent(out) :: is_complete
       type(error_type), allocatable, intent(out) :: error
       type(length_constraint) :: constraint
-      type(process_model_type) :: unsigned_model
-      type(process_request) :: unsigned
+      type(process_model_type) :: unconstrained
       type(reciprocal_workspace) :: workspace
       type(sequence_solution), allocatable :: found(:)
       integer, allocatable :: order(:)
       integer :: i, n
 
-      unsigned = request   ! refuses what no process has
-      unsigned%positive = .false.
-      unsigned%all_signs = .false.
-      call fit_direct(unsigned, unsigned_model)
-      if (.not. unsigned_model%is_solved) then
-         call raise(error, exit_no_solution, unsigned_model%reason)
-         return
-      end if
+      call solve_unconstrained(request, unconstrained, error)   ! refuses what no process has
+      if (allocated(error)) return
       constraint = constraint_of(request)
       is_complete = count_sequences(constraint) <= most_sequences
       n = merge(int(min(count_sequences(constraint), most_sequences)), 1, is_complete)
