@@ -58,6 +58,7 @@ contains
       type(process_model_type), intent(out) :: model
       type(length_constraint) :: constraint
       type(search_result) :: search
+      character(:), allocatable :: how
       logical :: is_certain
 
       model%request = request
@@ -73,8 +74,8 @@ contains
          return
       end if
       constraint = constraint_of(request)
-      call search_as_affordable(constraint, search, is_certain, model%search)
-      call describe_winner(request, search, is_certain, model)
+      call search_as_affordable(constraint, search, is_certain, how)
+      call describe_winner(request, search, how, is_certain, model)
       if (is_certain .or. .not. model%is_solved) return
       call limit_of_entropy(constraint, model%entropy_ceiling)
       model%entropy_ceiling = model%entropy_ceiling + log(request%std)
@@ -104,15 +105,15 @@ contains
 
       model%request = request
       if (search%n_examined < count_sequences(constraint_of(request))) return
-      model%search = every_sequence
-      call describe_winner(request, search, .true., model)
+      call describe_winner(request, search, every_sequence, .true., model)
    end subroutine conclude_direct
 
    !> Describes the best solution of a search and lists all of them; gives the reason where there is
    !> none.
-   subroutine describe_winner(request, search, is_certain, model)
+   subroutine describe_winner(request, search, how, is_certain, model)
       type(process_request), intent(in) :: request
       type(search_result), intent(in) :: search
+      character(*), intent(in) :: how
       logical, intent(in) :: is_certain   !! no sequence has more entropy
       type(process_model_type), intent(inout) :: model
 
@@ -120,11 +121,13 @@ contains
          model%reason = reason_of_failure(request, is_certain)
          return
       end if
+      call describe(request, search%solutions(1), model)
+      model%request = request
+      model%search = how
       model%n_examined = int(search%n_examined)
       model%n_consistent = int(search%n_consistent)
-      call describe(request, search%solutions(1), model)
-      call list_solutions(request, search%solutions, model)
       model%entropy_ceiling = model%entropy
+      call list_solutions(request, search%solutions, model)
    end subroutine describe_winner
 
    !> Searches all sequences where they are few; else likely ones, and all after them where one has
@@ -161,79 +164,65 @@ contains
    subroutine describe(request, found, model)
       type(process_request), intent(in) :: request
       type(sequence_solution), intent(in) :: found   !! sigma_X = 1
-      type(process_model_type), intent(inout) :: model
-      type(process_model_type) :: described
+      type(process_model_type), intent(out) :: model
       type(sequence_solution) :: solution
       type(correlation_sums) :: sums
       type(error_type), allocatable :: error
       real(wp), allocatable :: a(:), kappa(:)
-      real(wp) :: b0
-      logical :: is_positive
 
       solution = mirrored(found)
-      call coefficients_of_solution(request, solution, a, is_positive)
-      if (is_positive) then
+      call coefficients_of_solution(request, solution, a, error)
+      if (.not. allocated(error)) then
          kappa = reflection_of(a)
-         b0 = request%std*innovation_std(kappa, 1.0_wp)
-         if (are_all_positive(request, solution%s)) then
+         ! with every s_m = +1 and no lag penalized 1/g is a series in powers of a sum of cosines
+         ! with positive factors: all K(m) > 0
+         if (all(solution%s > 0.0_wp) .and. is_all_plus_best(constraint_of(request))) then
             sums = positive_sums(kappa)
          else
             call sum_correlation(kappa, sums, error)
          end if
-         if (.not. allocated(error)) call describe_ar(a, b0, described, error, sums)
-         if (allocated(error)) model%reason = error%message
-      else
-         model%reason = 'the symbol is too near to zero to be factored'
       end if
-      if (allocated(model%reason)) return
-      described%request = request
-      described%search = model%search
-      described%n_examined = model%n_examined
-      described%n_consistent = model%n_consistent
-      described%mu = request%mean
-      described%mean = request%mean
-      described%signs = integer_signs(solution%s)
-      described%delta = solution%delta
-      described%lambda_3 = solution%lambda_3/request%std**2
-      described%optimality = residual(request, solution, a)
+      if (.not. allocated(error)) &
+         call describe_ar(a, request%std*innovation_std(kappa, 1.0_wp), model, error, sums)
+      if (allocated(error)) then
+         model%reason = error%message
+         return
+      end if
+      model%mu = request%mean
+      model%mean = request%mean
+      model%signs = integer_signs(solution%s)
+      model%delta = solution%delta
+      model%lambda_3 = solution%lambda_3/request%std**2
+      model%optimality = residual(request, solution, a)
       ! those of the solution are right to rounding, where rounding of the a_q moves what they give
-      described%entropy = solution%entropy + log(request%std)
-      described%autocovariance(:request%order) = request%std**2*solution%correlation
-      described%l0_cut = correlation_length('L0', solution%correlation)
-      described%l1_cut = correlation_length('L1', solution%correlation)
-      described%is_solved = described%optimality <= optimality_tolerance
-      if (.not. described%is_solved) &
-         described%reason = reason_of_inaccuracy(request, described%optimality)
-      model = described
+      model%entropy = solution%entropy + log(request%std)
+      model%autocovariance(:request%order) = request%std**2*solution%correlation
+      model%l0_cut = correlation_length('L0', solution%correlation)
+      model%l1_cut = correlation_length('L1', solution%correlation)
+      model%is_solved = model%optimality <= optimality_tolerance
+      if (.not. model%is_solved) model%reason = reason_of_inaccuracy(request, model%optimality)
    end subroutine describe
 
    !> Computes a_q of a solution, from its spectral factor B where it has one, else from its symbol.
-   pure subroutine coefficients_of_solution(request, solution, a, is_positive)
+   !> Fails where that is too near to zero to be factored.
+   pure subroutine coefficients_of_solution(request, solution, a, error)
       type(process_request), intent(in) :: request
       type(sequence_solution), intent(in) :: solution
       real(wp), allocatable, intent(out) :: a(:)
-      logical, intent(out) :: is_positive   !! false: the symbol is too near to zero to be factored
+      type(error_type), allocatable, intent(out) :: error
       real(wp) :: unused
+      logical :: is_positive
 
       if (allocated(solution%factor)) then
          a = solution%factor(1:)/solution%factor(0)
-         is_positive = .true.
-      else
-         call equivalent_process(direct_symbol(request%correlation, request%correlation_length, &
-                                               solution%delta, 0.5_wp, solution%s), &
-                                 a, unused, is_positive)
+         return
       end if
+      call equivalent_process(direct_symbol(request%correlation, request%correlation_length, &
+                                            solution%delta, 0.5_wp, solution%s), &
+                              a, unused, is_positive)
+      if (.not. is_positive) &
+         call raise(error, exit_no_solution, 'the symbol is too near to zero to be factored')
    end subroutine coefficients_of_solution
-
-   !> True if all K(m) > 0 by theory: with every s_m = +1 and no lag penalized 1/g is a series in
-   !> powers of a sum of cosines with positive factors.
-   pure logical function are_all_positive(request, s)
-      type(process_request), intent(in) :: request
-      real(wp), intent(in) :: s(:)
-
-      are_all_positive = all(s > 0.0_wp) .and. &
-                         (request%correlation == 'L0' .or. request%correlation_length <= 1.0_wp)
-   end function are_all_positive
 
    !> Entries of the matrix G of Eqs. (23), (28), (30): G_n(n+m) = g_m, and its symbol's
    !! coefficients. (Eq. (30) as printed lacks a factor 2 before delta a_0.)
@@ -317,7 +306,6 @@ contains
       type(sequence_solution) :: solution
       integer :: i
 
-      if (allocated(model%solutions)) deallocate (model%solutions)
       allocate (model%solutions(size(found)))
       do i = 1, size(found)
          associate (listed => model%solutions(i))

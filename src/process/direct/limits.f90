@@ -14,6 +14,9 @@ module process_direct_limits
    public :: find_complaint, reason_of_failure, reason_of_inaccuracy
    public :: certainly_feasible_m_max, certainly_infeasible_m_max
 
+   character(*), parameter :: too_near = &
+      'too near the limit for double precision; a larger m_max is farther from it'
+
 contains
 
    !> Finds the first bad number of a request, and says what is allowed; unallocated: none.
@@ -59,8 +62,7 @@ contains
       character(:), allocatable :: reason
 
       if (request%order >= certainly_feasible_m_max(request)) then
-         reason = named(request)//': too near the limit for double precision; a larger m_max '// &
-                  'is farther from it'
+         reason = named(request)//': '//too_near
       else if (is_certain) then
          reason = named(request)//': no process has this; '//advice(request)
       else
@@ -75,7 +77,7 @@ contains
       character(:), allocatable :: reason
 
       reason = named(request)//': the optimality conditions are met to '//to_text(residual)// &
-               ' only, too near the limit for double precision; a larger m_max is farther from it'
+               ' only, '//too_near
    end function reason_of_inaccuracy
 
    pure function named(request) result(name)

@@ -128,15 +128,10 @@ contains
       type(sequence_solution), intent(in), optional :: sequence   !! see `new_problem`
       type(process_request) :: few_signs
       real(wp), allocatable :: a(:)
-      logical :: is_factored
 
       if (present(sequence)) then
-         call coefficients_of_solution(request, sequence, a, is_factored)
-         if (is_factored) then
-            call describe_ar(a, 1.0_wp, model, error)
-         else
-            call raise(error, exit_no_solution, 'the symbol is too near to zero to be factored')
-         end if
+         call coefficients_of_solution(request, sequence, a, error)
+         if (.not. allocated(error)) call describe_ar(a, 1.0_wp, model, error)
       else
          few_signs = request
          few_signs%all_signs = .false.
