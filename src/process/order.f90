@@ -4,10 +4,9 @@
 !> L1 imposed L0 falls. A bound on the drift (L1 at most, or L0 at least) leaves the orders up to
 !> one; the entropy grows with the order, so the largest is taken. A bound from the other side (L1
 !> at least, or L0 at most) leaves the orders from one on, and the smallest is taken. A range leaves
-!> the orders between two, and the largest is taken. The paper
-!> reads order 6 off Fig. 4 for L0 = 0.3 and L1 <= 1; the infinite sums are L1 = 0.887 at order 5
-!> and 1.034 at order 6, so it is 5. Without a bound the order is taken after which one more order
-!> gains too little entropy.
+!> the orders between two, and the largest is taken. The paper reads order 6 off Fig. 4 for L0 = 0.3
+!> and L1 <= 1; the infinite sums are L1 = 0.887 at order 5 and 1.034 at order 6, so it is 5.
+!> Without a bound the order is taken after which one more order gains too little entropy.
 !>
 !> The lengths are the ones that the method imposes: infinite sums of an autoregressive process,
 !> cut at m_max those of the direct method, whose orders begin with the first that is feasible.

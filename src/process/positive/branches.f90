@@ -42,11 +42,10 @@ contains
    !> failed: the maximum with K(m) >= 0 or, with branch = 'any' and where that has ended, the
    !> alternating one. Where some K(m) have changed their sign on the way, that of the larger
    !> entropy. Not by the direct method, whose orders do not contain each other.
-   subroutine search_branches(request, seed, effort, law, point, found, error)
+   subroutine search_branches(request, seed, law, point, found, error)
       type(process_request), intent(in) :: request   !! of order 2 or more
       integer(long), intent(in) :: seed
-      real(wp), intent(inout) :: effort   !! values that may be simulated yet; 0: given up
-      type(sampled_objective), intent(inout) :: law
+      type(sampled_objective), intent(inout) :: law   !! that has failed; its effort is counted on
       real(wp), allocatable, intent(inout) :: point(:)
       type(search_result), intent(inout) :: found
       type(error_type), allocatable, intent(inout) :: error   !! of that search; or none
@@ -60,10 +59,13 @@ contains
       if (request%method == 'direct' .or. request%correlation == 'both' .or. &
           error%exit_code /= exit_no_solution .or. .not. request%mean > 0.0_wp) return
       message = error%message
+      trial%effort = law%effort
+      trial%most_effort = law%most_effort
       do branch = 1, merge(2, 1, request%branch == 'any')
          if (branch == 1 .and. request%std >= request%mean) cycle
-         call continue_first_order(request, seed, branch == 2, effort, trial, trial_point, &
-                                   trial_found, failure)
+         call continue_first_order(request, seed, branch == 2, trial, trial_point, trial_found, &
+                                   failure)
+         law%effort = trial%effort
          if (.not. allocated(failure)) then
             if (.not. allocated(error)) then
                if (relative_entropy(trial) < relative_entropy(law)) return
@@ -77,7 +79,7 @@ contains
             if (failure%message == message) return
             if (index(message, failure%message) == 0) message = message//'; '//failure%message
          end if
-         if (.not. effort > 0.0_wp) exit
+         if (law%is_exhausted()) exit
       end do
       if (allocated(error)) call raise(error, exit_no_solution, message)
    end subroutine search_branches
@@ -93,13 +95,11 @@ contains
    end function relative_entropy
 
    !> Finds the maximum of one branch; fails with the std/mean at which it ends.
-   subroutine continue_first_order(request, seed, is_alternating, effort, law, point, found, &
-                                   error)
+   subroutine continue_first_order(request, seed, is_alternating, law, point, found, error)
       type(process_request), intent(in) :: request   !! of order 2 or more
       integer(long), intent(in) :: seed
       logical, intent(in) :: is_alternating
-      real(wp), intent(inout) :: effort   !! see `search_branches`
-      type(sampled_objective), intent(out) :: law
+      type(sampled_objective), intent(inout) :: law   !! at first its effort and bound alone
       real(wp), allocatable, intent(out) :: point(:)
       type(search_result), intent(out) :: found
       type(error_type), allocatable, intent(out) :: error
@@ -124,14 +124,13 @@ contains
       call match_branch(one, is_alternating, first, error)
       if (allocated(error)) return
       do attempt = 1, 2
-         call rise_to_order(request, seed, first, merge(1, request%order, attempt == 1), effort, &
-                            law, point, highest, error)
+         call rise_to_order(request, seed, first, merge(1, request%order, attempt == 1), law, &
+                            point, highest, error)
          if (allocated(error)) return
          call climb(law, one%std/request%mean, wanted, point, found, reached)
          limit = max(limit, reached)
          if (found%is_converged .or. attempt == 2 .or. .not. is_alternating .or. &
              law%is_exhausted()) exit
-         effort = max(0.0_wp, effort - law%effort)
       end do
       decay = first%memory
       is_at_rest = .true.
@@ -140,14 +139,13 @@ contains
             call adopt_signs(law, point, found, autocovariance)
             is_at_rest = found%is_converged
          end if
-         effort = max(0.0_wp, effort - law%effort)
          if (.not. found%is_converged) exit
          if (.not. is_alternating .or. fades(law%signs*autocovariance)) return
          if (pass == max_passes) exit
          decay = sqrt(decay)   ! lags of twice the memory
          signs = law%signs
          lags = law%zeros
-         call begin_law(request, seed, decay, wanted, effort, law, error)
+         call begin_law(request, seed, decay, wanted, law, error)
          if (allocated(error)) return
          law%signs(:size(signs) - 1) = signs
          call law%hold_at_zero(lags)
@@ -155,7 +153,7 @@ contains
          call find_maximum(law, point, found)
       end do
       signs_wanted = trim(merge('alternating K(m)', 'K(m) >= 0       ', is_alternating))
-      if (.not. effort > 0.0_wp) then
+      if (law%is_exhausted()) then
          reason = 'the search was given up at its bound of values'
       else if (.not. is_at_rest) then
          reason = 'the signs of K(m) do not come to rest'
@@ -171,13 +169,12 @@ contains
    end subroutine continue_first_order
 
    !> Raises the law of order 1 by maxima of order 2, 4, 8, .. to a start in the wanted order.
-   subroutine rise_to_order(request, seed, first, most_faces, effort, law, point, highest, error)
+   subroutine rise_to_order(request, seed, first, most_faces, law, point, highest, error)
       type(process_request), intent(in) :: request
       integer(long), intent(in) :: seed
       type(first_order_law), intent(in) :: first
       integer, intent(in) :: most_faces   !! see `parameter_family`
-      real(wp), intent(inout) :: effort   !! see `search_branches`; less all but the last law
-      type(sampled_objective), intent(out) :: law
+      type(sampled_objective), intent(inout) :: law
       real(wp), allocatable, intent(out) :: point(:)
       integer, intent(out) :: highest   !! order whose maximum was found
       type(error_type), allocatable, intent(out) :: error
@@ -192,7 +189,7 @@ contains
       highest = 1
       law%family%kind = free
       law%family%most_faces = most_faces
-      allocate (law%family%faces(0))
+      law%family%faces = [integer ::]
       point = [-atanh(first%r), asinh(first%field)]
       if (first%r < 0.0_wp) then
          law%family%kind = merge(by_precision, by_coefficients, request%sampler == 'exact')
@@ -203,7 +200,7 @@ contains
       do
          lower%order = min(2*lower%order, request%order)
          call begin_law(lower, seed, merge(first%memory, 0.0_wp, first%r < 0.0_wp), &
-                        first%std/first%mean, effort, law, error)
+                        first%std/first%mean, law, error)
          if (allocated(error)) return
          point = [point(:size(point) - 1), &
                   spread(0.0_wp, 1, lower%order + 1 - size(law%family%faces) - size(point)), &
@@ -214,7 +211,6 @@ contains
          family = law%family
          moments = law%last%moments
          call find_maximum(law, reached, found)
-         effort = max(0.0_wp, effort - law%effort)
          if (found%is_converged) then
             point = reached
             highest = lower%order
@@ -225,13 +221,13 @@ contains
       end do
    end subroutine rise_to_order
 
-   !> Begins the law of a request in the family of another one, to be simulated from its moments.
-   subroutine begin_law(request, seed, decay, ratio, effort, law, error)
+   !> Begins the law of a request in the family of another one, to be simulated from its moments;
+   !> its effort is counted on.
+   subroutine begin_law(request, seed, decay, ratio, law, error)
       type(process_request), intent(in) :: request
       integer(long), intent(in) :: seed
       real(wp), intent(in) :: decay     !! of K(m), where it alternates; else 0
       real(wp), intent(in) :: ratio     !! wanted std/mean
-      real(wp), intent(in) :: effort    !! see `search_branches`
       type(sampled_objective), intent(inout) :: law
       type(error_type), allocatable, intent(out) :: error
       type(sampled_objective) :: before
@@ -243,7 +239,8 @@ contains
       problem%ratio = ratio
       before = law
       call new_objective(problem, law)
-      law%most_effort = effort
+      law%effort = before%effort
+      law%most_effort = before%most_effort
       law%family = before%family
       law%last%moments = before%last%moments
       law%n_steps = shape_steps

@@ -61,7 +61,7 @@ contains
       type(search_result) :: found
       type(shape_spread) :: spread
       real(wp), allocatable :: point(:)
-      real(wp) :: effort, violation
+      real(wp) :: violation
 
       if (is_first_order(request)) then
          call match_first_order(request, first_order, error)
@@ -77,8 +77,8 @@ contains
             call finish(request, law, point, found, spread, violation, model, error)
          if (allocated(error) .and. request%method /= 'direct') then
             ! this has ended, or more values do not have what few of them have
-            effort = law%most_effort
-            call search_branches(request, seed, effort, law, point, found, error)
+            law%effort = 0.0_wp
+            call search_branches(request, seed, law, point, found, error)
             if (.not. allocated(error)) call refine(law, branch_difference, point, found, spread)
             if (.not. allocated(error)) &
                call finish(request, law, point, found, spread, violation, model, error)
@@ -124,11 +124,11 @@ contains
          if (is_feasible .and. .not. is_exact) return
          effort = quick_effort(merge(2, 1, is_exact))
          call approach(request, seed, law, point, found, error, effort)
-         effort = max(0.0_wp, effort - law%effort)
-         if (allocated(error) .and. effort > 0.0_wp .and. .not. has_first_order) &
-            call search_branches(request, seed, effort, law, point, found, error)
+         law%most_effort = effort
+         if (allocated(error) .and. .not. (law%is_exhausted() .or. has_first_order)) &
+            call search_branches(request, seed, law, point, found, error)
          if (allocated(error)) then
-            if (effort > 0.0_wp .and. .not. has_first_order .and. &
+            if (.not. (law%is_exhausted() .or. has_first_order) .and. &
                 .not. has_other_signs(request, law)) return
             deallocate (error)
             if (.not. is_feasible) model%branch = 'open'

@@ -54,16 +54,16 @@ contains
       character(:), allocatable :: reason
       type(sampled_problem) :: problem
       real(wp), allocatable :: state(:)
-      real(wp) :: b0, centre, coordinate, far_point(2), limit, mu, sigma
+      real(wp) :: b0, centre, coordinate, far_point(2), limit, mu, sigma, std
       logical :: is_inside, is_reached
       type(search_result) :: far
 
-      if (has_negative(sequence)) then   ! its std may exceed the mean
-         call fit_truncated_normal(request%mean, min(request%std, steep*request%mean), mu, sigma, &
-                                   error)
-      else
-         call fit_univariate(request, mu, sigma, error)
-      end if
+      std = request%std
+      if (has_negative(sequence)) std = min(std, steep*request%mean)   ! it may exceed the mean
+      call fit_truncated_normal(request%mean, std, mu, sigma, error)
+      if (allocated(error) .and. request%mean > 0.0_wp) &
+         call raise(error, exit_no_solution, 'positive process with std/mean = '// &
+                    rounded_text(std/request%mean, 6)//': K(m) >= 0 needs std < mean')
       if (allocated(error)) return
       call new_problem(request, request%sampler, new_stream(seed, label_of('positive process'), &
                                                             0), problem, error, sequence=sequence)
@@ -113,18 +113,6 @@ contains
       has_negative = .false.
       if (present(sequence)) has_negative = any(sequence%s < 0.0_wp)
    end function has_negative
-
-   !> Fits the normal law that has mean and std where it is positive.
-   subroutine fit_univariate(request, mu, sigma, error)
-      type(process_request), intent(in) :: request
-      real(wp), intent(out) :: mu, sigma
-      type(error_type), allocatable, intent(out) :: error
-
-      call fit_truncated_normal(request%mean, request%std, mu, sigma, error)
-      if (allocated(error) .and. request%mean > 0.0_wp .and. request%correlation_length > 0.0_wp) &
-         call raise(error, exit_no_solution, 'positive process with std/mean = '// &
-                    rounded_text(request%std/request%mean, 6)//': K(m) >= 0 needs std < mean')
-   end subroutine fit_univariate
 
    !> Finds the maximum with every coefficient free. The direct method's form is that of the maximum
    !> already.
