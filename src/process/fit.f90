@@ -112,11 +112,6 @@ contains
       character(:), allocatable :: complaint
 
       resolved = request
-      if (request%correlation == 'both' .and. request%method == 'direct') then
-         call raise(error, exit_bad_input, "correlation = 'both': must be 'L0' or 'L1' but "// &
-                    "with method = 'autoregressive'")
-         return
-      end if
       select case (request%method)
       case ('autoregressive', 'direct')
          call choose_order(request, resolved%order, error)
