@@ -4,6 +4,8 @@ module dynamics_exact_local_answers
    use core_kinds, only: wp
    use dynamics_exact_series, only: form_matrices, series_type, without_diagonal
    use dynamics_exact_transitions, only: fall, n_near
+   use numerics_lapack, only: multiply
+   use numerics_sparse, only: sparse_matrix, sparse_of
    use structure_model, only: structure_type
    implicit none(type, external)
    private
@@ -54,19 +56,27 @@ contains
       !> of the answer's first power, in the velocity at the end of a part
       real(wp), parameter :: part(n_near) = [24.0_wp, 120.0_wp, 720.0_wp, 5040.0_wp]/4.0_wp
       real(wp) :: column(size(damping, 1), n_near)
-      real(wp), allocatable, dimension(:, :) :: off_damping, off_stiffness
+      real(wp), allocatable, dimension(:, :) :: off_damping, squared   ! C~, C^ C~
+      type(sparse_matrix) :: springs                                   ! K^
       logical :: matters(size(damping, 1))
       integer :: i, j
 
       allocate (off_damping, source=without_diagonal(damping))
-      allocate (off_stiffness, source=without_diagonal(stiffness))
+      allocate (squared, mold=damping)
+      call multiply(damping, off_damping, squared)
+      springs = sparse_of(stiffness)
       allocate (answers%dof(0), answers%value(n_near, 0), answers%own(n_near, size(damping, 1)))
       answers%first = [1]
       do j = 1, size(damping, 1)
          column(:, 1) = -damping(:, j)
-         column(:, 2) = matmul(damping, off_damping(:, j)) - stiffness(:, j)
-         column(:, 3) = matmul(damping, off_stiffness(:, j)) + matmul(stiffness, off_damping(:, j))
-         column(:, 4) = matmul(stiffness, off_stiffness(:, j))
+         column(:, 2) = squared(:, j) - stiffness(:, j)
+         call springs%multiply(off_damping(:, j), column(:, 3))
+         column(:, 4) = 0.0_wp
+         do i = 1, size(damping, 1)
+            if (i == j .or. .not. abs(stiffness(i, j)) > 0.0_wp) cycle
+            column(:, 3) = column(:, 3) + damping(:, i)*stiffness(i, j)
+            column(:, 4) = column(:, 4) + stiffness(:, i)*stiffness(i, j)
+         end do
          answers%own(:, j) = column(j, :)
          answers%own(2, j) = answers%own(2, j) + stiffness(j, j)   ! which depends on the regime
          column(j, :) = 0.0_wp
