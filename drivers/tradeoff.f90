@@ -32,9 +32,9 @@ module driver_tradeoff
    private
    public :: tradeoff
 
-   !> Expected processor time of the comparison of settings [s]; what is statistical adds as much at
-   !> most.
-   real(wp), parameter :: budget = 30.0_wp
+   !> Expected processor time of the comparison of settings [s]. Time averages and spectra take as
+   !> much, variants a third.
+   real(wp), parameter :: budget = 15.0_wp
 
    !> Findings of a tradeoff.
    type :: findings_type

@@ -3,6 +3,9 @@ module driver_trial_runs
    use campaign_plan, only: plan_type
    use core_error, only: error_type
    use core_kinds, only: wp
+   use core_phrases, only: counted, duration
+   use core_terminal, only: say
+   use core_text, only: to_text
    use driver_deadline, only: time_to_stop
    use io_progress, only: progress_type
    use parallel_work, only: new_counter, work_counter
@@ -38,6 +41,10 @@ contains
       call world%stop_on(error)
       is_stopped = world%any_true(time_to_stop())
       if (is_stopped) return
+      if (.not. is_quiet) &
+         call say(to_text(size(tradeoff%tasks))//' trial marches, '// &
+                  duration(tradeoff%seconds/world%n_ranks)//' on '// &
+                  counted(world%n_ranks, 'rank', 'ranks'))
       call share_tasks(world, tradeoff, is_quiet, error)
       is_stopped = world%any_true(time_to_stop())
    end subroutine measure_settings

@@ -33,8 +33,8 @@ module tradeoff_tasks
                          of_variant = 5
    integer, parameter :: most_cases = 16          !! whose Monte Carlo error is estimated
    integer, parameter :: many_samples = 128       !! that variants of a process are compared on
+   integer, parameter :: most_ways = 9            !! to form spectra; see choose_ways
    real(wp), parameter :: usual_transitions = 0.3_wp   !! in a step, where nothing is known yet
-   type(setting_type), parameter :: usual = setting_type('event', tolerance=1.0e-6_wp)
 
    !> One piece of work, to be done by any rank.
    type :: task_type
@@ -62,6 +62,9 @@ module tradeoff_tasks
       type(scope_type) :: scope
       type(setting_type), allocatable :: settings(:)
       integer :: own = 0                              !! among them: the scene's; 0: none measured
+      type(setting_type) :: usual                     !! of what is statistical, counted
+      real(wp) :: slowness = 1.0_wp                   !! of this processor, beside expected_cost's
+      real(wp) :: seconds = 0.0_wp                    !! of this processor for all tasks, expected
       type(level_type), allocatable :: levels(:)
       real(wp), allocatable :: transitions(:)         !! (level) of a sample in a step
       integer, allocatable :: every(:)                !! (way) every k-th step enters the spectra
@@ -89,7 +92,6 @@ contains
       procedure(stop_query) :: should_stop
       type(tradeoff_type), intent(out) :: tradeoff
       type(error_type), allocatable, intent(out) :: error
-      type(setting_type) :: counted
       real(wp) :: of_plan, of_long   ! expected costs of a step [ns]
       integer :: i, unit, width
 
@@ -107,18 +109,19 @@ contains
       if (.not. scope%has_settings) tradeoff%settings = tradeoff%settings(:0)
       tradeoff%own = findloc(same_setting(tradeoff%settings, own_setting(plan)), .true., 1)
       tradeoff%n_wide = wide_block(plan, file_force)
-      counted = usual
-      call count_work(plan, counted, error)
+      tradeoff%usual = setting_type('event', tolerance=1.0e-6_wp)
+      call count_work(plan, tradeoff%usual, error)
       do i = 1, size(tradeoff%settings)
          if (.not. allocated(error)) call count_work(plan, tradeoff%settings(i), error)
       end do
       if (allocated(error)) return
-      associate (usual_cost => expected_cost(counted, plan%structure%n_dof, block_width(plan), &
-                                             usual_transitions), n_levels => size(tradeoff%levels))
+      associate (usual_cost => expected_cost(tradeoff%usual, plan%structure%n_dof, &
+                                             block_width(plan), usual_transitions), &
+                 n_levels => size(tradeoff%levels))
          if (scope%has_settings) then
             of_plan = width*sum(expected_cost(tradeoff%settings, plan%structure%n_dof, &
                                               max(1, width/n_levels), usual_transitions))
-            of_long = 10*width*usual_cost
+            of_long = (most_ways + 0.5_wp*(n_batches + 1))*width*usual_cost
          else   ! a block of each case, and half of a long march for every batch
             of_plan = 2*min(most_cases, size(plan%cases))*block_width(plan)*usual_cost
             of_long = n_batches*width*usual_cost
@@ -181,10 +184,16 @@ contains
       type(tradeoff_type), intent(inout) :: tradeoff
       procedure(stop_query) :: should_stop
       type(error_type), allocatable, intent(out) :: error
-      real(wp) :: unused
+      type(setting_type) :: counted
+      real(wp) :: expected, measured, nanoseconds   ! summed over levels
       logical :: is_abandoned
       integer :: k, n
 
+      counted = reference_setting()
+      call count_work(tradeoff%plan, counted, error)
+      if (allocated(error)) return
+      expected = 0.0_wp
+      measured = 0.0_wp
       n = max(tradeoff%plan%integration%n_steps, tradeoff%long%integration%n_steps)
       allocate (tradeoff%references(size(tradeoff%levels)))
       allocate (tradeoff%transitions(size(tradeoff%levels)), source=usual_transitions)
@@ -194,46 +203,77 @@ contains
             call draw_level(campaign, tradeoff%runner, n, level, error, tradeoff%scope%models)
             if (allocated(error)) return
             if (size(tradeoff%settings) == 0) cycle
-            call march_level(plan, level, reference_setting(), should_stop, reference, unused, &
+            call march_level(plan, level, counted, should_stop, reference, nanoseconds, &
                              is_abandoned, error)
             if (allocated(error) .or. is_abandoned) return
             tradeoff%transitions(k) = &
                real(sum(reference%slip_starts + reference%stick_starts), wp) &
                /(real(plan%integration%n_steps, wp)*size(level%sample))
+            measured = measured + nanoseconds
+            expected = expected + expected_cost(counted, plan%structure%n_dof, &
+                                                size(level%sample), tradeoff%transitions(k))
          end associate
       end do
+      if (expected > 0.0_wp) tradeoff%slowness = measured/expected
    end subroutine draw_and_refer
 
-   !> Lists the tasks: variants first, the widest marches; every setting with every level, the
-   !> dearest first; then every way to form spectra and every batch with every level, and cases.
+   !> Lists the tasks, the dearest first: every variant, every setting, every way to form spectra and
+   !> every batch with every level, and cases.
    subroutine list_tasks(tradeoff)
       type(tradeoff_type), intent(inout) :: tradeoff
       type(task_type), allocatable :: tasks(:)
-      real(wp) :: cost(size(tradeoff%settings)*size(tradeoff%levels))
+      real(wp), allocatable :: cost(:)
       integer :: i, k, n_levels
 
       n_levels = size(tradeoff%levels)
-      tradeoff%tasks = [((task_type(of_variant, i, k), i=1, size(tradeoff%scope%variants)), &
-                         k=1, n_levels)]
-      tradeoff%tasks = pack(tradeoff%tasks, [(can_be_marched(tradeoff, tradeoff%tasks(i)), &
-                                              i=1, size(tradeoff%tasks))])
-      associate (settings => tradeoff%settings)
-         tasks = [((task_type(of_setting, i, k), k=1, n_levels), i=1, size(settings))]
-         cost = [((expected_cost(settings(i), tradeoff%plan%structure%n_dof, &
-                                 size(tradeoff%levels(k)%sample), tradeoff%transitions(k)), &
-                   k=1, n_levels), i=1, size(settings))]
-      end associate
-      tradeoff%tasks = [tradeoff%tasks, tasks(sort_order(-cost))]
       allocate (tradeoff%every(0), tradeoff%segment_length(0), tradeoff%cases(0))
       tradeoff%most_fitted = most_fitted(tradeoff%plan)
-      if (.not. tradeoff%scope%is_statistical) return
-      if (tradeoff%scope%has_settings) call choose_ways(tradeoff)
-      call choose_cases(tradeoff)
-      tasks = [((task_type(of_batch, i, k), i=1, n_batches), k=1, n_levels), &
-               ((task_type(of_spectrum, i, k), i=1, size(tradeoff%every)), k=1, n_levels), &
-               (task_type(of_samples, i, 0), i=1, size(tradeoff%cases))]
-      tradeoff%tasks = [tradeoff%tasks, tasks]
+      tasks = [((task_type(of_variant, i, k), i=1, size(tradeoff%scope%variants)), k=1, n_levels)]
+      tasks = pack(tasks, [(can_be_marched(tradeoff, tasks(i)), i=1, size(tasks))])
+      tasks = [tasks, ((task_type(of_setting, i, k), k=1, n_levels), i=1, size(tradeoff%settings))]
+      if (tradeoff%scope%is_statistical) then
+         if (tradeoff%scope%has_settings) call choose_ways(tradeoff)
+         call choose_cases(tradeoff)
+         tasks = [tasks, ((task_type(of_batch, i, k), i=1, n_batches), k=1, n_levels), &
+                  ((task_type(of_spectrum, i, k), i=1, size(tradeoff%every)), k=1, n_levels), &
+                  (task_type(of_samples, i, 0), i=1, size(tradeoff%cases))]
+      end if
+      cost = [(cost_of(tradeoff, tasks(i)), i=1, size(tasks))]
+      tradeoff%tasks = tasks(sort_order(-cost))
+      tradeoff%seconds = 1.0e-9_wp*tradeoff%slowness*sum(cost)
    end subroutine list_tasks
+
+   !> Expected cost of a task [ns of the processor of expected_cost].
+   pure real(wp) function cost_of(tradeoff, task) result(cost)
+      type(tradeoff_type), intent(in) :: tradeoff
+      type(task_type), intent(in) :: task
+      type(setting_type) :: setting
+      real(wp) :: transitions, n_steps
+      integer :: n_samples
+
+      setting = tradeoff%usual
+      n_steps = tradeoff%plan%integration%n_steps
+      if (task%level > 0) then
+         n_samples = size(tradeoff%levels(task%level)%sample)
+         transitions = tradeoff%transitions(task%level)
+      else
+         n_samples = case_width(tradeoff, tradeoff%cases(task%row))
+         transitions = maxval(tradeoff%transitions)
+      end if
+      select case (task%kind)
+      case (of_setting)
+         setting = tradeoff%settings(task%row)
+      case (of_spectrum)
+         n_steps = tradeoff%long%integration%n_steps
+      case (of_batch)
+         n_steps = tradeoff%long%integration%n_steps*(real(task%row, wp)/n_batches)
+      case (of_variant)
+         n_steps = tradeoff%wide%integration%n_steps
+         n_samples = tradeoff%n_wide
+      end select
+      cost = n_steps*n_samples*expected_cost(setting, tradeoff%plan%structure%n_dof, n_samples, &
+                                             transitions)
+   end function cost_of
 
    !> True if a variant has a solution, and a case at this level.
    pure logical function can_be_marched(tradeoff, task)
@@ -368,7 +408,7 @@ contains
       if (task%kind == of_setting .or. task%kind == of_samples) plan = self%plan
       if (task%kind == of_spectrum .or. task%kind == of_batch) plan = self%long
       if (task%kind == of_variant) plan = self%wide
-      setting = usual
+      setting = self%usual
       if (task%kind == of_setting) setting = self%settings(task%row)
       select case (task%kind)
       case (of_samples)

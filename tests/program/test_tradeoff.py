@@ -37,6 +37,7 @@ def test_a_scene_gets_its_tradeoff(entroslip, small_scene, tmp_path):
         "all errors by samples and steps", "other orders", "other lengths of its fit",
     ):  # fmt: skip
         assert words in done.stdout
+    assert re.search(r"^[0-9]+ trial marches, .* s on 1 rank$", done.stdout, re.M)
     assert max(map(len, done.stdout.splitlines())) <= 80
     path = tmp_path / "small_tradeoff.h5"
     with xr.open_dataset(path, group="tradeoff", engine="h5netcdf") as data:
