@@ -5,6 +5,7 @@ module campaign_runner
    use campaign_results, only: spectrum_layout
    use core_error, only: error_type
    use core_kinds, only: long, wp
+   use core_phrases, only: brief
    use core_random, only: label_of, new_stream, stream_type
    use core_text, only: to_text
    use dynamics_exact_march, only: exact_march, new_exact_march
@@ -71,6 +72,7 @@ contains
       class(runner_type), intent(in) :: self
       character(:), allocatable :: text
       real(wp), parameter :: unknown = huge(1.0_wp)
+      integer, parameter :: many_parts = 16   ! modes below 1/(2 dt) need 8 at 1e-6 (M7)
 
       text = ''
       select type (marcher => self%marcher)
@@ -82,9 +84,26 @@ contains
                text = text//'; by '//trim(merge('modes       ', 'power series', series < modes))// &
                       ' '//to_text(nint(max(series, modes)))
             if (marcher%parts > 1) text = text//'; '//to_text(marcher%parts)//' parts a step'
+            if (marcher%form == 'modes' .and. marcher%parts >= many_parts) &
+               text = text//modes_to_spare(marcher)
          end associate
       end select
    end function form_of_march
+
+   !> Modes that no force reaches as its values are too far apart, in words: they cost parts of a
+   !> step that a reduced model saves. '' where there are none.
+   pure function modes_to_spare(marcher) result(text)
+      type(exact_march), intent(in) :: marcher
+      character(:), allocatable :: text
+
+      text = ''
+      associate (frequency => marcher%structure%frequencies_stuck, limit => 0.5_wp/marcher%dt)
+         if (all(frequency <= limit)) return
+         text = ', as '//to_text(count(frequency > limit))//' of '//to_text(size(frequency))// &
+                ' modes are above 1/(2 dt) = '//brief(limit)// &
+                ' Hz: the importer''s --modes leaves them out'
+      end associate
+   end function modes_to_spare
 
    !> Creates a marcher of the chosen method for the plan's structure and time step.
    subroutine new_marcher(plan, how, marcher, error)

@@ -276,7 +276,9 @@ contains
 
       associate (load => plan%structure%load)
          if (plan%excitation%base) then
-            text = ' as acceleration of the ground'
+            text = ' as acceleration of the ground, '// &
+                   trim(merge('of all dofs alike  ', 'of each by its load', &
+                              all(abs(load(:, 1) + sum(plan%structure%mass, 2)) <= 0.0_wp)))
          else if (size(load, 2) > 1) then
             text = ' for each of '//to_text(size(load, 2))//' forces'
          else if (count(abs(load) > 0.0_wp) == 1) then

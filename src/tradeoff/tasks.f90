@@ -217,8 +217,8 @@ contains
       if (expected > 0.0_wp) tradeoff%slowness = measured/expected
    end subroutine draw_and_refer
 
-   !> Lists the tasks, the dearest first: every variant, every setting, every way to form spectra and
-   !> every batch with every level, and cases.
+   !> Lists the tasks, the dearest first: every variant, every setting, every way to form spectra
+   !> and every batch with every level, and cases.
    subroutine list_tasks(tradeoff)
       type(tradeoff_type), intent(inout) :: tradeoff
       type(task_type), allocatable :: tasks(:)

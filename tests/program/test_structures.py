@@ -7,6 +7,7 @@ Here too: structure_sizes.
 from __future__ import annotations
 
 import json
+import re
 import shutil
 import subprocess
 import sys
@@ -14,6 +15,7 @@ import sys
 import h5py
 import numpy as np
 import pytest
+from scipy.io import mmwrite
 
 from tests.conftest import ROOT
 
@@ -278,3 +280,50 @@ def test_zero_modes_drift_and_are_named(entroslip, tmp_path):
     moved = velocity[:-1] * dt + dt**2 / 4 * (force[:-1] + (force[1:] - force[:-1]) / 3)
     centre = np.concatenate([[0.0], np.cumsum(moved)])
     assert abs(x.mean(axis=1) - centre).max() < 1e-6 * abs(centre).max()
+
+
+def test_the_ground_moves_what_the_load_says(entroslip, tmp_path):
+    """A beam's rotation does not follow the ground: b = -M r, as a force's load may be."""
+    mass, r = np.array([[2.0, 0.3], [0.3, 0.5]]), np.array([1.0, 0.0])
+    for name, matrix in (("M", mass), ("K", np.array([[300.0, -40.0], [-40.0, 90.0]]))):
+        mmwrite(tmp_path / f"{name}.mtx", matrix)
+    (tmp_path / "joints.txt").write_text("1 0 200 5 0.2\n")
+    np.savetxt(tmp_path / "r.txt", r)
+    np.savetxt(tmp_path / "b.txt", -mass @ r)
+    slip = {}
+    for name, load, base in (
+        ("all", "", "t"),
+        ("one", "load = 'r.txt'", "t"),
+        ("b", "load = 'b.txt'", "f"),
+    ):
+        (tmp_path / f"{name}.nml").write_text(
+            "&structure mass_matrix = 'M.mtx' stiffness_matrix = 'K.mtx' joints = 'joints.txt'\n"
+            f"   {load} /\n"
+            f"&excitation base = {base} variance = 9 band = 0, 5 /\n"
+            "&integration method = 'event' dt = 0.02 n_steps = 2000 /\n"
+            "&campaign deterministic = .true. /\n"
+        )
+        words = " ".join(entroslip("check", f"{name}.nml").stdout.split())
+        assert ("ground, of all dofs alike" in words) == (name == "all")
+        assert ("ground, of each by its load" in words) == (name == "one")
+        assert entroslip("run", f"{name}.nml").returncode == 0
+        with h5py.File(tmp_path / f"{name}.h5") as file:
+            slip[name] = file["campaign/c001/slip_fraction"][0, 0]
+    assert slip["one"] == slip["b"] != slip["all"]
+
+
+def test_modes_that_a_reduction_would_save_are_counted(entroslip, tmp_path):
+    """A beam of ten elements has modes to 30 kHz; steps of 0.5 ms are long for all but a few."""
+    beam = ROOT / "input/beam"
+    (tmp_path / "joints.txt").write_text("19 0 2e4 20 0.3\n")
+    (tmp_path / "beam.nml").write_text(
+        f"&structure mass_matrix = '{beam}/M.mtx' stiffness_matrix = '{beam}/K.mtx'\n"
+        "   joints = 'joints.txt' /\n"
+        "&excitation variance = 9 band = 0, 200 dof = 19 /\n"
+        "&integration method = 'event' dt = 5e-4 n_steps = 1000 /\n"
+        "&campaign deterministic = .true. /\n"
+    )
+    words = " ".join(entroslip("check", "beam.nml").stdout.split())
+    assert re.search(r"parts a step, as 1[0-9] of 20 modes are above 1/\(2 dt\) = 1000 Hz", words)
+    words = " ".join(entroslip("check", "beam.nml", "--set", "integration%dt=1e-5").stdout.split())
+    assert "modes are above" not in words

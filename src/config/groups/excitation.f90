@@ -49,7 +49,8 @@ contains
       call visitor%visit(self%dof, about('dof', 'the forced dof; 0: the last', &
          rule=not_negative()))
       call visitor%visit(self%base, about('base', &
-         'the force is a ground acceleration in m/s^2, motion relative to the ground'))
+         'the force is a ground acceleration in m/s^2 of all dofs alike, or of each by its '// &
+         'load; motion relative to the ground'))
       call visitor%visit(self%per_sample, about('per_sample', &
          'a force record of its own for each sample; else only the friction differs'))
    end subroutine visit

@@ -45,7 +45,8 @@ contains
       call visitor%visit_text(self%directions, about('directions', &
          'W (dofs x joints), Matrix Market; then joints has no dofs', shapes_samples=.false.))
       call visitor%visit_text(self%load, about('load', &
-         'factor of each dof, one a line, a column a force; none: 1 at excitation%dof', &
+         'factor of each dof, one a line, a column a force; none: 1 at excitation%dof, or '// &
+         'with base at all dofs', &
          shapes_samples=.false.))
    end subroutine visit
 
