@@ -1,6 +1,6 @@
 !> Measured values in a text file: one record a line, or one value a line and then one record.
 !>
-!> Values stand between blanks or commas; `nan` is a gap. The rest of a line behind # is a comment.
+!> Values stand between blanks or commas, but 0,3 is refused; `nan` is a gap. The rest of a line behind # is a comment.
 module config_measured
    use, intrinsic :: ieee_arithmetic, only: ieee_quiet_nan, ieee_value
    use core_complaints, only: complaint_list, printable
@@ -63,11 +63,19 @@ contains
       real(wp) :: value
       integer :: first, i, last, n
 
+      allocate (values(64))
+      call find_decimal_comma(line, first, last)
+      if (first <= last) then
+         values = values(:0)
+         call complaints%add_general(place//': '//printable(line(first:min(last, first + 39)))// &
+                                     ': decimals follow a point; a comma between values has a '// &
+                                     'blank behind it')
+         return
+      end if
       text = line
       do i = 1, len(text)
          if (text(i:i) == ',') text(i:i) = ' '
       end do
-      allocate (values(64))
       n = 0
       last = 0
       do
@@ -95,5 +103,23 @@ contains
       end do
       values = values(:n)
    end subroutine read_record
+
+   !> Finds a word such as 0,3: digits with one comma among them; first > last: there is none.
+   pure subroutine find_decimal_comma(line, first, last)
+      character(*), intent(in) :: line
+      integer, intent(out) :: first, last
+      integer :: comma
+
+      last = 0
+      do
+         call next_word(line, first, last)
+         if (first > last) return
+         associate (word => line(first:last))
+            comma = index(word, ',')
+            if (comma > 1 .and. comma < len(word) .and. comma == index(word, ',', back=.true.) &
+                .and. verify(word, '+-0123456789,') == 0) return
+         end associate
+      end do
+   end subroutine find_decimal_comma
 
 end module config_measured
