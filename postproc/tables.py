@@ -186,15 +186,22 @@ def _with_random_friction(results: Results, variance: float) -> list[tuple[str, 
 
 
 def table_joints(cases: Sequence[Case], quantity: joints.OfJoints) -> Table:
-    """A quantity of each joint, a column a case, with its error."""
-    columns = [list(map(value_with_error, *quantity.of(case))) for case in cases]
-    rows = [(str(i + 1), *row) for i, row in enumerate(zip(*columns, strict=True))]
-    names = [f"{case.name}: {case.label} [{quantity.unit}]" for case in cases]
+    """A quantity of each joint and case with its error, what there is more of below one another."""
+    joint_names = [str(i + 1) for i in range(cases[0].n_joints)]
+    case_names = [f"{case.name}: {case.label}" for case in cases]
+    cells = [list(map(value_with_error, *quantity.of(case))) for case in cases]
+    if len(cases) > len(joint_names):
+        corner, names, lines = "case", [f"joint {name}" for name in joint_names], case_names
+    else:
+        corner, names, lines = "joint", case_names, joint_names
+        cells = [list(row) for row in zip(*cells, strict=True)]
+    header = (corner, *(f"{name} [{quantity.unit}]" for name in names))
+    rows = [(line, *row) for line, row in zip(lines, cells, strict=True)]
     name = "joints" if quantity.name == "slip" else f"joints_{quantity.name}"
     title = f"{quantity.title[0].upper()}{quantity.title[1:]} of the joints [{quantity.unit}]"
     return Table(
-        name, title, ("joint", *names), rows, f"{_ERRORS} {quantity.errors}.",
-        is_detail=len(names) > _MOST_COLUMNS, is_result=True,
+        name, title, header, rows, f"{_ERRORS} {quantity.errors}.",
+        is_detail=len(cases) > _MOST_COLUMNS, is_result=True,
     )  # fmt: skip
 
 

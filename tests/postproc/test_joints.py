@@ -50,6 +50,17 @@ def test_every_quantity_has_a_table_with_its_unit_in_every_column(results):
         assert "variance 41.1 [" in found[name].header[2]
 
 
+def test_many_cases_stand_below_one_another(results):
+    """A sweep has more cases than the structure has joints: a row a case."""
+    table = tables.table_joints([*results.cases] * 4, joints.QUANTITIES[0])
+    assert table.header == ("case", *(f"joint {i} [%]" for i in range(1, 5)))
+    assert [row[0] for row in table.rows[:2]] == [
+        f"{case.name}: {case.label}" for case in results.cases[:2]
+    ]  # fmt: skip
+    upright = tables.table_joints(results.cases, joints.QUANTITIES[0])
+    assert table.rows[1][1:] == tuple(row[2] for row in upright.rows)
+
+
 def test_spectra_along_the_structure_show_every_dof(results):
     picture, axes = plt.subplots()
     figures.plot_spectra_along(axes, results.cases[1], results)
