@@ -70,4 +70,4 @@ def plot_equivalent(
     axes.set_xscale("log")
     style.label_logarithmic(axes.xaxis)
     axes.set(xlabel="amplitude of the forced point at resonance [m]", ylabel=label, ylim=(0, None))
-    axes.legend()
+    axes.legend(title="force", frameon=True)  # else its marks look like results
