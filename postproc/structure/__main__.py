@@ -30,10 +30,10 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
     def work() -> None:
         options = _parser().parse_args(arguments)
-        pair, joints = options.make(options)
+        whole, pair, joints = options.make(options)
         require_mass(pair)
         n_rigid = require_stiffness(pair)
-        for line in _described(pair, joints, n_rigid):
+        for line in _described(whole, pair, joints, n_rigid):
             say(line)
         if options.out is None:
             return
@@ -51,10 +51,10 @@ def main(arguments: Sequence[str] | None = None) -> int:
     return exit_code(work)
 
 
-def _described(pair: Pair, joints: Sequence[Joint], n_rigid: int) -> list[str]:
-    """Sizes, masses, rigid modes and frequencies."""
+def _described(whole: Pair, pair: Pair, joints: Sequence[Joint], n_rigid: int) -> list[str]:
+    """Sizes, masses of the whole as it was read, rigid modes and frequencies."""
     lines = [f"{pair.n_dof} dofs, joints: {len(joints)}"]
-    lines += [f"mass, {what}: {mass:.6g}" for what, mass in total_mass(pair).items()]
+    lines += [f"mass, {what}: {mass:.6g}" for what, mass in total_mass(whole).items()]
     lines.append(f"rigid modes without joints: {n_rigid}")
     lines.append(f"frequencies without joints [Hz]: {_listed(frequencies(pair, _SHOWN))}")
     if joints:
@@ -67,9 +67,9 @@ def _listed(values: np.ndarray[tuple[int], np.dtype[np.float64]]) -> str:
     return " ".join(f"{value:.6g}" for value in values)
 
 
-def _imported(options: argparse.Namespace) -> tuple[Pair, list[Joint]]:
-    """A pair of files, condensed or reduced where that is asked."""
-    pair = read_pair(options.mass, options.stiffness, options.damping)
+def _imported(options: argparse.Namespace) -> tuple[Pair, Pair, list[Joint]]:
+    """A pair of files, and what is left of it where it is condensed or reduced."""
+    whole = pair = read_pair(options.mass, options.stiffness, options.damping)
     for note in pair.notes:
         say(note)
     if options.condense:
@@ -85,7 +85,7 @@ def _imported(options: argparse.Namespace) -> tuple[Pair, list[Joint]]:
         say(_kept(full, pair))
     elif options.keep:
         raise InputError("--keep: needs --modes, how many modes of the other dofs are kept")
-    return pair, joints
+    return whole, pair, joints
 
 
 def _kept(full: Pair, small: Pair) -> str:
@@ -99,7 +99,7 @@ def _kept(full: Pair, small: Pair) -> str:
     return text + (f", up to {exact[n_right - 1]:.6g} Hz" if n_right else "")
 
 
-def _ring(options: argparse.Namespace) -> tuple[Pair, list[Joint]]:
+def _ring(options: argparse.Namespace) -> tuple[Pair, Pair, list[Joint]]:
     pair = generators.ring(
         options.blades, options.blade_mass, options.blade_stiffness, options.coupling,
         options.scatter, options.seed,
@@ -110,12 +110,12 @@ def _ring(options: argparse.Namespace) -> tuple[Pair, list[Joint]]:
     if options.joints in ("blades", "both"):
         following = [*pair.labels[1:], pair.labels[0]]
         joints += [_joint(a, b, options) for a, b in zip(pair.labels, following, strict=True)]
-    return pair, joints
+    return pair, pair, joints
 
 
-def _chain(options: argparse.Namespace) -> tuple[Pair, list[Joint]]:
+def _chain(options: argparse.Namespace) -> tuple[Pair, Pair, list[Joint]]:
     pair = generators.chain(options.masses, options.mass, options.coupling)
-    return pair, [_joint(label, None, options) for label in pair.labels]
+    return pair, pair, [_joint(label, None, options) for label in pair.labels]
 
 
 def _joint(a: str, b: str | None, options: argparse.Namespace) -> Joint:

@@ -197,6 +197,14 @@ def test_the_reduction_says_which_frequencies_are_kept(beam_file, capsys):
     assert told in capsys.readouterr().out
 
 
+def test_the_mass_is_that_of_the_whole_model(capsys):
+    """Modes are in no direction: of the dofs that a reduction keeps the mass would be a part."""
+    files = [str(SNIPPETS / f"rod_{name}1.mtx") for name in ("MASS", "STIF")]
+    words = ["import", "--mass", files[0], "--stiffness", files[1]]
+    assert main([*words, "--modes", "1", "--joint", "10:1"]) == 0
+    assert "mass, direction 1: 2.5\n" in capsys.readouterr().out
+
+
 def test_the_folder_has_what_structure_reads(tmp_path, beam_file):
     """Strict Matrix Market to the last digit; a line per joint; the load; the names of the dofs."""
     out = tmp_path / "beam"
