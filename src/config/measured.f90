@@ -1,6 +1,7 @@
 !> Measured values in a text file: one record a line, or one value a line and then one record.
 !>
-!> Values stand between blanks or commas, but 0,3 is refused; `nan` is a gap. The rest of a line behind # is a comment.
+!> Values stand between blanks or commas, but 0,3 is refused; `nan` is a gap. The rest of a
+!> line behind # is a comment.
 module config_measured
    use, intrinsic :: ieee_arithmetic, only: ieee_quiet_nan, ieee_value
    use core_complaints, only: complaint_list, printable
