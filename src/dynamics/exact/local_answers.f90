@@ -48,7 +48,8 @@ contains
    !> Finds the columns of N_1 .. N_4, which say how the dofs around one follow it (7): -C^, C^ C~ -
    !> K^, C^ K~ + K^ C~, K^ K~; C~ and K~ are without diagonals.
    subroutine find_near(damping, stiffness, series, tolerance, answers)
-      real(wp), intent(in), dimension(:, :) :: damping, stiffness   !! C^, K^ with half the joints
+      !> C^, K^ with half the joints
+      real(wp), intent(in), dimension(:, :), contiguous :: damping, stiffness
       type(series_type), intent(in) :: series
       real(wp), intent(in) :: tolerance
       type(local_answers), intent(inout) :: answers
