@@ -186,7 +186,7 @@ contains
       real(wp), allocatable :: friction(:, :), draws(:, :)
       real(wp) :: n_independent
       type(block_result) :: samples
-      integer, allocatable :: first(:), wanted(:, :)
+      integer, allocatable :: first(:), n_samples(:), wanted(:, :)
       integer :: i
 
       associate (members => workshop%pools(number))
@@ -213,15 +213,16 @@ contains
                   transpose(samples%harmonic_amplitude)
          end do
          workshop%at_hand = number
+         n_samples = plan%cases(members%cases)%n_samples
          if (allocated(workshop%drawn)) then
             if (size(workshop%drawn) == size(wanted)) then
                if (all(workshop%drawn == wanted)) then
-                  workshop%pool%n_samples = plan%cases(members%cases)%n_samples
+                  workshop%pool%n_samples = n_samples
                   return
                end if
             end if
          end if
-         call new_pool(friction, first, plan%cases(members%cases)%n_samples, workshop%pool)
+         call new_pool(friction, first, n_samples, workshop%pool)
          do i = 1, size(members%cases)
             call attend_to_others()
             associate (model => models(wanted(1, i)))
