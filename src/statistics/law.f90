@@ -8,8 +8,7 @@
 !> The mean of a function over M such points is as good as over e M independent draws: its
 !> efficiency e is the variance of the function over that of what polynomials leave of it, between
 !> neighbours (half the mean square of their differences, as for any systematic sample). Means of
-!> slip fractions have e = 80 to 20,000, their percentiles 2 to 300 (those of indicators). For the
-!> spectra at each frequency e is a constant, measured on the paper's chain (M = 1024 to 4096).
+!> slip fractions have e = 80 to 20,000, their percentiles 2 to 300 (those of indicators).
 module statistics_law
    use core_error, only: error_type
    use core_kinds, only: wp
@@ -17,14 +16,11 @@ module statistics_law
    use statistics_estimates, only: stated_error
    implicit none(type, external)
    private
-   public :: draws_type, law_type, choose_points, error_of_points, error_with_efficiency, &
-             keep_draws, state_error
+   public :: draws_type, law_type, choose_points, error_of_points, keep_draws, state_error
 
    integer, parameter :: most_with_products = 12   !! inputs
    integer, parameter, public :: most_kept = 2**15   !! draws
    integer, parameter, public :: n_points = 4096     !! that stand for a law
-   real(wp), parameter, public :: of_mean_densities = 7.0_wp, of_percentiles = 2.0_wp, &
-                                  of_percentile_powers = 2.5_wp   !! efficiencies
 
    !> Draws of a law.
    type :: draws_type
@@ -38,8 +34,10 @@ module statistics_law
       real(wp), allocatable :: x(:, :)      !! (point, input) standardised
       real(wp), allocatable :: weight(:)    !! (point), their sum is 1
       real(wp) :: n_independent = 0.0_wp    !! draws that they stand for
-      real(wp), allocatable, private :: polynomial(:, :)   !! (point, polynomial) B
+      !> (point, polynomial) B; behind them D'D B, D taking differences between neighbours
+      real(wp), allocatable, private :: polynomial(:, :)
       real(wp), allocatable, private :: square(:, :)       !! (polynomial, polynomial) B'B/M
+      real(wp), allocatable, private :: of_changes(:, :)   !! (polynomial, polynomial) B'D'D B
    end type law_type
 
 contains
@@ -135,35 +133,40 @@ contains
       if (stated > 0.0_wp) ratio = plain/stated
    end subroutine state_error
 
-   !> Standard error that points of a given efficiency leave in the mean of a function.
-   pure real(wp) function error_with_efficiency(law, efficiency, spread) result(error)
-      type(law_type), intent(in) :: law
-      real(wp), intent(in) :: efficiency
-      real(wp), intent(in) :: spread   !! standard deviation of the function over the law
-
-      error = spread*sqrt(1.0_wp/(efficiency*size(law%weight)) + 1.0_wp/law%n_independent)
-   end function error_with_efficiency
-
-   !> Computes the standard error that the points leave in the mean of a function.
+   !> Computes the standard errors that the points leave in the means of functions f. With the
+   !> slopes c of their polynomials, |D (f - B c)|^2 = |D f|^2 - c'(2 B'D'D f - B'D'D B c).
    subroutine error_of_points(law, values, stated, error)
       type(law_type), intent(in) :: law
-      real(wp), intent(in) :: values(:)   !! (point) of the function
-      real(wp), intent(out) :: stated
+      real(wp), intent(in), contiguous :: values(:, :)   !! (point, function) f
+      real(wp), intent(out) :: stated(:)                 !! (function)
       type(error_type), allocatable, intent(out) :: error
-      real(wp), allocatable :: square(:, :)
-      real(wp) :: rest(size(values)), slope(size(law%square, 1), 1), between, variance
-      integer :: n
+      real(wp) :: products(size(law%polynomial, 2), size(stated))
+      real(wp) :: square(size(law%square, 1), size(law%square, 1))
+      real(wp) :: slope(size(law%square, 1), size(stated)), between, mean, mean_square
+      integer :: k, m, n, o
 
-      n = size(values)
-      slope(:, 1) = matmul(values, law%polynomial)/n
+      n = size(values, 1)
+      k = size(square, 1)
+      call multiply(law%polynomial, values, products, transposes_a=.true.)
+      slope = products(:k, :)/n
       square = law%square
-      stated = 0.0_wp
       call solve_positive_definite(square, slope, error)
       if (allocated(error)) return
-      rest = values - matmul(law%polynomial, slope(:, 1))
-      between = sum((rest(2:) - rest(:n - 1))**2)/(2*(n - 1))
-      variance = dot_product(law%weight, (values - dot_product(law%weight, values))**2)
-      stated = sqrt(between/n + variance/law%n_independent)
+      do o = 1, size(stated)
+         between = 0.0_wp
+         mean = law%weight(n)*values(n, o)
+         mean_square = law%weight(n)*values(n, o)**2
+         !$omp simd reduction(+:between, mean, mean_square)
+         do m = 1, n - 1
+            between = between + (values(m + 1, o) - values(m, o))**2
+            mean = mean + law%weight(m)*values(m, o)
+            mean_square = mean_square + law%weight(m)*values(m, o)**2
+         end do
+         between = between - dot_product(slope(:, o), 2.0_wp*products(k + 1:, o) &
+                                         - matmul(law%of_changes, slope(:, o)))
+         stated(o) = sqrt(max(between, 0.0_wp)/(2*(n - 1))/n &
+                          + max(mean_square - mean**2, 0.0_wp)/law%n_independent)
+      end do
    end subroutine error_of_points
 
    !> Computes the weights of the points that keep the means of the polynomials; equal weights
@@ -172,26 +175,30 @@ contains
       real(wp), intent(in) :: mean(:)   !! (polynomial) to be kept
       type(law_type), intent(inout) :: law
       type(error_type), allocatable, intent(out) :: error
-      real(wp), allocatable :: square(:, :), short(:, :)
-      integer :: i, n
+      real(wp), allocatable :: b(:, :), change(:, :), square(:, :), short(:, :)
+      integer :: i, k, n
 
       n = size(law%x, 1)
-      call find_polynomials(law%x, law%polynomial)
-      associate (b => law%polynomial)
-         allocate (law%square(size(b, 2), size(b, 2)), law%weight(n), short(size(b, 2), 1))
-         call multiply(b, b, law%square, transposes_a=.true.)
-         law%square = law%square/n
-         do i = 1, size(b, 2)   ! inputs may depend on each other
-            law%square(i, i) = law%square(i, i)*(1.0_wp + 1.0e-10_wp)
-         end do
-         short(:, 1) = mean - sum(b, 1)/n
-         square = law%square
-         call solve_positive_definite(square, short, error)
-         if (allocated(error)) return
-         law%weight(:) = (1.0_wp + matmul(b, short(:, 1)))/n
-      end associate
+      call find_polynomials(law%x, b)
+      k = size(b, 2)
+      allocate (law%square(k, k), law%of_changes(k, k), law%weight(n), short(k, 1), change(n, k))
+      call multiply(b, b, law%square, transposes_a=.true.)
+      law%square = law%square/n
+      do i = 1, k   ! inputs may depend on each other
+         law%square(i, i) = law%square(i, i)*(1.0_wp + 1.0e-10_wp)
+      end do
+      short(:, 1) = mean - sum(b, 1)/n
+      square = law%square
+      call solve_positive_definite(square, short, error)
+      if (allocated(error)) return
+      law%weight(:) = (1.0_wp + matmul(b, short(:, 1)))/n
       if (any(law%weight <= 0.0_wp)) law%weight = 1.0_wp
       law%weight = law%weight/sum(law%weight)
+      change(1:n - 1, :) = b(1:n - 1, :) - b(2:, :)
+      change(n, :) = 0.0_wp
+      change(2:, :) = change(2:, :) - change(:n - 1, :)
+      call multiply(b, change, law%of_changes, transposes_a=.true.)
+      law%polynomial = reshape([b, change], [n, 2*k])
    end subroutine weigh
 
    pure integer function count_polynomials(n_inputs)

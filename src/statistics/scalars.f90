@@ -75,7 +75,7 @@ contains
          type(scalar_type), intent(inout) :: best(:)   !! (number)
          type(estimates_type) :: ours, theirs, both
          real(wp) :: values(size(law%weight), size(raw, 2)), least(size(raw, 2))
-         real(wp) :: share(size(raw, 2)), at_plain(size(raw, 2)), of_points
+         real(wp) :: share(size(raw, 2)), at_plain(size(raw, 2)), of_points(size(raw, 2))
          integer :: i
 
          associate (own => raw(view%first:view%last, :), n => pool%n_samples(case_number), &
@@ -87,11 +87,11 @@ contains
             least = 0.0_wp
             call blend(ours, theirs, least, both, share)
             call enlarge(both, theirs)
+            call error_of_points(law, values, of_points, error)
+            if (allocated(error)) return
             do i = 1, size(best)
                best(i)%mean = both%value(i)
-               call error_of_points(law, values(:, i), of_points, error)
-               if (allocated(error)) return
-               call state_error(of_points, n, both%influence(:, i), both%bias(i), &
+               call state_error(of_points(i), n, both%influence(:, i), both%bias(i), &
                                 theirs%influence(:, i), 1.0_wp - share(i), best(i)%mean_error, &
                                 best(i)%mean_ratio)
                best(i)%mean_error = upward_error(best(i)%mean, best(i)%mean_error)
@@ -106,13 +106,14 @@ contains
             call blend(ours, theirs, least, both, share)
             call enlarge(both, theirs)
             do i = 1, size(best)
+               values(:, i) = (values(:, i) - dot_product(law%weight, values(:, i)))**2
+            end do
+            call error_of_points(law, values, of_points, error)
+            if (allocated(error)) return
+            of_points = of_points/(2.0_wp*ours%value)   ! of a root
+            do i = 1, size(best)
                best(i)%deviation = both%value(i)
-               call error_of_points(law, (values(:, i) &
-                                          - dot_product(law%weight, values(:, i)))**2, &
-                                    of_points, error)
-               if (allocated(error)) return
-               of_points = of_points/(2.0_wp*ours%value(i))   ! of a root
-               call state_error(of_points, n, both%influence(:, i), both%bias(i), &
+               call state_error(of_points(i), n, both%influence(:, i), both%bias(i), &
                                 theirs%influence(:, i), 1.0_wp - share(i), &
                                 best(i)%deviation_error, best(i)%deviation_ratio)
                best(i)%deviation_error = upward_error(best(i)%deviation, best(i)%deviation_error)
@@ -127,9 +128,9 @@ contains
          integer, intent(in) :: case_number
          type(scalar_type), intent(inout) :: best(:)   !! (number)
          type(estimates_type) :: ours, theirs, both
-         real(wp) :: values(size(law%weight), size(raw, 2)), least(size(raw, 2))
-         real(wp) :: share(size(raw, 2))
-         real(wp) :: at_plain(size(raw, 2)), ends(2), of_points, reach
+         real(wp) :: values(size(law%weight), size(raw, 2)), is_below(size(law%weight), size(raw, 2))
+         real(wp) :: least(size(raw, 2)), share(size(raw, 2))
+         real(wp) :: at_plain(size(raw, 2)), ends(2), of_points(size(raw, 2)), reach
          integer :: i, n, p
 
          n = pool%n_samples(case_number)
@@ -152,14 +153,16 @@ contains
                                is_alone=.false.)
             call blend(ours, theirs, least, both, share)
             do i = 1, size(best)
-               call error_of_points(law, merge(1.0_wp, 0.0_wp, values(:, i) <= ours%value(i)), &
-                                    of_points, error)
-               if (allocated(error)) return
+               is_below(:, i) = merge(1.0_wp, 0.0_wp, values(:, i) <= ours%value(i))
+            end do
+            call error_of_points(law, is_below, of_points, error)
+            if (allocated(error)) return
+            do i = 1, size(best)
                associate (below => share_below(p))   ! over the density, as plain sampling's error
-                  of_points = of_points*sqrt(n*sum_of_squares(theirs%influence(:, i)) &
-                                             /(below*(1.0_wp - below)))
+                  of_points(i) = of_points(i)*sqrt(n*sum_of_squares(theirs%influence(:, i)) &
+                                                   /(below*(1.0_wp - below)))
                end associate
-               call state_error(of_points, n, both%influence(:, i), both%bias(i), &
+               call state_error(of_points(i), n, both%influence(:, i), both%bias(i), &
                                 theirs%influence(:, i), 1.0_wp - share(i), reach, &
                                 best(i)%percentile_ratio(p))
                best(i)%percentile(p) = unbend(both%value(i), is_fraction(i))

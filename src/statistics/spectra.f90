@@ -12,9 +12,7 @@ module statistics_spectra
                                    plain_percentile, sum_of_squares, two_sided, upward_error
    use statistics_influences, only: view_law, view_type
    use statistics_kernel_choice, only: learn_kernel
-   use statistics_law, only: choose_points, error_of_points, error_with_efficiency, law_type, &
-                             n_points, of_mean_densities, of_percentile_powers, of_percentiles, &
-                             state_error
+   use statistics_law, only: choose_points, error_of_points, law_type, n_points, state_error
    use statistics_pool, only: among_all, pool_type, residual_share, rows_of
    use statistics_regression, only: law_mean_of_exponential, law_percentile
    use statistics_surrogate, only: fit_outputs, fit_type, make_room, predict, surrogate_type
@@ -91,8 +89,10 @@ contains
          type(spectrum_type), intent(inout) :: best
          type(integral_type) :: of_mean, of_percentile(size(share_below))
          integer, allocatable :: ranking(:, :)   ! (rank, frequency) the case's samples
-         real(wp) :: power(size(law%weight))     ! of exp(G) at each point
-         real(wp) :: of_points
+         !> of exp(G) at each point; influences of each point on those of percentiles, and on the
+         !> logarithm of the last one's over the first one's
+         real(wp) :: power(size(law%weight), 0:size(share_below) + 1)
+         real(wp) :: of_points(0:size(share_below) + 1)
          integer :: f, k, n, p
 
          call start(best, size(outputs, 2), size(share_below))
@@ -102,37 +102,31 @@ contains
          do k = 1, size(starts) - 1
             n = starts(k + 1) - starts(k)
             if (k <= size(fits)) call predict(surrogate, fits(k), view%rows, values(:, :n))
-            call estimate_means(number, k, n, best, of_mean, power)
+            call estimate_means(number, k, n, best, of_mean, power(:, 0))
+            if (allocated(error)) return
             allocate (ranking(view%last - view%first + 1, n))
             do f = 1, n
                ranking(:, f) = sort_order(outputs(view%first:view%last, starts(k) + f - 1))
             end do
             do p = 1, size(share_below)
-               call estimate_percentiles(number, k, p, ranking, best, of_percentile(p))
+               call estimate_percentiles(number, k, p, ranking, best, of_percentile(p), &
+                                         power(:, p))
+               if (allocated(error)) return
             end do
             deallocate (ranking)
          end do
+         n = size(share_below)
+         power(:, n + 1) = power(:, n)/of_percentile(n)%value - power(:, 1)/of_percentile(1)%value
          call error_of_points(law, power, of_points, error)
          if (allocated(error)) return
-         call close_integral(number, of_points, of_mean, best%variance_mean, &
+         call close_integral(number, of_points(0), of_mean, best%variance_mean, &
                              best%variance_mean_error, best%variance_mean_ratio)
          do p = 1, size(share_below)
-            of_points = points_for(number, of_percentile_powers, of_percentile(p)%plain_influence)
-            call close_integral(number, of_points, of_percentile(p), best%variance(p), &
+            call close_integral(number, of_points(p), of_percentile(p), best%variance(p), &
                                 best%variance_error(p), best%variance_ratio(p))
          end do
-         call find_ratio(number, of_percentile(1), of_percentile(size(share_below)), best)
+         call find_ratio(number, of_points(n + 1), of_percentile(1), of_percentile(n), best)
       end subroutine estimate_case
-
-      !> Standard error that the points leave, from plain sampling's and an efficiency.
-      pure real(wp) function points_for(number, efficiency, of_plain) result(of_points)
-         integer, intent(in) :: number
-         real(wp), intent(in) :: efficiency
-         real(wp), intent(in) :: of_plain(:)   !! (sample) influences
-
-         of_points = error_with_efficiency(law, efficiency, &
-                                           sqrt(pool%n_samples(number)*sum_of_squares(of_plain)))
-      end function points_for
 
       subroutine estimate_means(number, k, n, best, integral, power)
          integer, intent(in) :: number, k
@@ -157,8 +151,9 @@ contains
                   end do
                   call law_mean_of_exponential(surrogate, fits(k), view, grown(:, :n), own, ours)
                   call blend(ours, theirs, [(0.0_wp, o=1, n)], both, share)
+                  call error_of_points(law, grown(:, :n), of_points, error)
+                  if (allocated(error)) return
                   do o = 1, n
-                     of_points(o) = points_for(number, of_mean_densities, theirs%influence(:, o))
                      power = power + (step*(1.0_wp - share(o)))*grown(:, o)
                   end do
                   call enlarge(both, theirs)
@@ -180,12 +175,13 @@ contains
          integral%value = integral%value + step*sum(both%value)
       end subroutine estimate_means
 
-      subroutine estimate_percentiles(number, k, p, ranking, best, integral)
+      subroutine estimate_percentiles(number, k, p, ranking, best, integral, power)
          integer, intent(in) :: number, k, p, ranking(:, :)
          type(spectrum_type), intent(inout) :: best
          type(integral_type), intent(inout) :: integral
+         real(wp), intent(inout) :: power(:)   !! (point) influence of the regression's share
          type(estimates_type) :: ours, theirs, both
-         real(wp) :: share(size(ranking, 2)), ends(2), reach
+         real(wp) :: of_points(size(ranking, 2)), share(size(ranking, 2)), ends(2), reach
          integer :: f, n, o
 
          n = size(ranking, 2)
@@ -195,12 +191,21 @@ contains
                                   log(max(plain(number)%percentile(first:last, p), &
                                           least_density)), is_alone=k > size(fits))
                share = 1.0_wp
+               of_points = 0.0_wp
                if (k <= size(fits)) then
                   call law_percentile(surrogate, fits(k), view, values(:, :n), share_below(p), &
                                       ours)
                   call blend(ours, theirs, &
                              residual_share(fits(k)%residual(view%first:view%last, :), own), both, &
                              share)
+                  do o = 1, n   ! leaving a point out moves a percentile by 1/density
+                     reach = sqrt(pool%n_samples(number)*sum_of_squares(theirs%influence(:, o)) &
+                                  /(share_below(p)*(1.0_wp - share_below(p))))
+                     grown(:, o) = merge(-reach, 0.0_wp, values(:, o) <= ours%value(o))
+                     power = power + (step*exp(both%value(o))*(1.0_wp - share(o)))*grown(:, o)
+                  end do
+                  call error_of_points(law, grown(:, :n), of_points, error)
+                  if (allocated(error)) return
                else
                   both = theirs
                end if
@@ -208,9 +213,8 @@ contains
          end associate
          do o = 1, n
             f = starts(k) + o - 1
-            call state_error(points_for(number, of_percentiles, theirs%influence(:, o)), &
-                             pool%n_samples(number), both%influence(:, o), &
-                             both%bias(o), theirs%influence(:, o), 1.0_wp - share(o), reach, &
+            call state_error(of_points(o), pool%n_samples(number), both%influence(:, o), both%bias(o), &
+                             theirs%influence(:, o), 1.0_wp - share(o), reach, &
                              best%percentile_ratio(f, p))
             best%percentile(f, p) = exp(both%value(o))
             ends = both%value(o) + two_sided*reach*[-1.0_wp, 1.0_wp]*both%stretch(:, o)
@@ -243,15 +247,15 @@ contains
 
       !> Computes the ratio of the last percentile's integral to the first one's; errors are those
       !> of its logarithm.
-      pure subroutine find_ratio(number, bottom, top, best)
+      pure subroutine find_ratio(number, of_points, bottom, top, best)
          integer, intent(in) :: number
+         real(wp), intent(in) :: of_points   !! standard error that they leave
          type(integral_type), intent(in) :: bottom, top
          type(spectrum_type), intent(inout) :: best
          real(wp) :: of_plain(size(top%plain_influence)), ends(2), of_bottom, of_top, stated
 
          of_plain = top%plain_influence/top%value - bottom%plain_influence/bottom%value
-         call state_error(points_for(number, of_percentile_powers, of_plain), &
-                          pool%n_samples(number), &
+         call state_error(of_points, pool%n_samples(number), &
                           top%influence/top%value - bottom%influence/bottom%value, &
                           top%bias/top%value - bottom%bias/bottom%value, of_plain, 1.0_wp, stated, &
                           best%ratio_ratio)
