@@ -5,7 +5,7 @@ module numerics_sorting
    private
    public :: sort_order
 
-   integer, parameter :: first_run = 32   !! values whose ranks are counted
+   integer, parameter :: first_run = 128   !! values whose ranks are counted
 
 contains
 

@@ -53,31 +53,28 @@ contains
       integer, allocatable, intent(out) :: places(:)
       real(wp), intent(out) :: below
       integer, parameter :: looked_at = 64, reach = 2   ! values, ranks
-      real(wp) :: from, some(looked_at), to
+      real(wp) :: ends(2), some(looked_at), under(2)
       integer :: first, i, last
 
       below = 0.0_wp
-      from = -huge(from)
-      to = huge(to)
+      ends = [-huge(ends), huge(ends)]
       if (size(values) >= 2*looked_at) then
          some = values([(1 + ((i - 1)*size(values))/looked_at, i=1, looked_at)])
          some = some(sort_order(some))
          first = floor(low/total*looked_at) - reach
-         do while (first >= 1)
-            below = weight_below(values, weight, some(first))
-            if (below <= low) exit
-            first = first - reach
-         end do
-         if (first >= 1) from = some(first)
-         if (first < 1) below = 0.0_wp
          last = ceiling(high/total*looked_at) + reach
-         do while (last <= looked_at)
-            if (weight_below(values, weight, some(last)) >= high) exit
-            last = last + reach
+         do
+            ends(1) = merge(some(max(first, 1)), -huge(ends), first >= 1)
+            ends(2) = merge(some(min(last, looked_at)), huge(ends), last <= looked_at)
+            call find_weights_below(values, weight, ends, under)
+            if ((first < 1 .or. under(1) <= low) .and. (last > looked_at .or. under(2) >= high)) &
+               exit
+            if (under(1) > low) first = first - reach
+            if (under(2) < high) last = last + reach
          end do
-         if (last <= looked_at) to = some(last)
+         if (first >= 1) below = under(1)
       end if
-      places = between(values, from, to)
+      places = between(values, ends(1), ends(2))
    end subroutine narrow
 
    !> The places of the values above one threshold and not above the other.
@@ -89,7 +86,7 @@ contains
       n = 0
       do m = 1, size(values)   ! without branches: a tenth is there, and none can tell where
          found(n + 1) = m
-         n = n + merge(1, 0, values(m) > from .and. values(m) <= to)
+         n = n + iand(merge(1, 0, values(m) > from), merge(1, 0, values(m) <= to))
       end do
       places = found(:n)
    end function between
@@ -105,15 +102,22 @@ contains
       end do
    end function largest
 
-   pure real(wp) function weight_below(values, weight, threshold)
-      real(wp), intent(in) :: values(:), weight(:), threshold
+   !> Computes the weights of the values up to two thresholds.
+   pure subroutine find_weights_below(values, weight, threshold, below)
+      real(wp), intent(in) :: values(:), weight(:), threshold(2)
+      real(wp), intent(out) :: below(2)
+      real(wp) :: first, second, w
       integer :: m
 
-      weight_below = 0.0_wp
-      !$omp simd reduction(+:weight_below)
+      first = 0.0_wp
+      second = 0.0_wp
+      !$omp simd reduction(+:first, second) private(w)
       do m = 1, size(values)
-         weight_below = weight_below + merge(weight(m), 0.0_wp, values(m) <= threshold)
+         w = weight(m)
+         first = first + w*merge(1.0_wp, 0.0_wp, values(m) <= threshold(1))
+         second = second + w*merge(1.0_wp, 0.0_wp, values(m) <= threshold(2))
       end do
-   end function weight_below
+      below = [first, second]
+   end subroutine find_weights_below
 
 end module statistics_percentiles
