@@ -175,13 +175,13 @@ contains
       real(wp), intent(in) :: mean(:)   !! (polynomial) to be kept
       type(law_type), intent(inout) :: law
       type(error_type), allocatable, intent(out) :: error
-      real(wp), allocatable :: b(:, :), change(:, :), square(:, :), short(:, :)
+      real(wp), allocatable :: b(:, :), square(:, :), short(:, :)
       integer :: i, k, n
 
       n = size(law%x, 1)
       call find_polynomials(law%x, b)
       k = size(b, 2)
-      allocate (law%square(k, k), law%of_changes(k, k), law%weight(n), short(k, 1), change(n, k))
+      allocate (law%square(k, k), law%of_changes(k, k), law%weight(n), short(k, 1))
       call multiply(b, b, law%square, transposes_a=.true.)
       law%square = law%square/n
       do i = 1, k   ! inputs may depend on each other
@@ -194,11 +194,16 @@ contains
       law%weight(:) = (1.0_wp + matmul(b, short(:, 1)))/n
       if (any(law%weight <= 0.0_wp)) law%weight = 1.0_wp
       law%weight = law%weight/sum(law%weight)
-      change(1:n - 1, :) = b(1:n - 1, :) - b(2:, :)
-      change(n, :) = 0.0_wp
-      change(2:, :) = change(2:, :) - change(:n - 1, :)
-      call multiply(b, change, law%of_changes, transposes_a=.true.)
-      law%polynomial = reshape([b, change], [n, 2*k])
+      allocate (law%polynomial(n, 2*k))
+      law%polynomial(:, :k) = b
+      associate (change => law%polynomial(:, k + 1:))
+         do i = 1, k
+            change(1:n - 1, i) = b(1:n - 1, i) - b(2:, i)
+            change(n, i) = 0.0_wp
+            change(2:, i) = change(2:, i) - change(:n - 1, i)
+         end do
+         call multiply(b, change, law%of_changes, transposes_a=.true.)
+      end associate
    end subroutine weigh
 
    pure integer function count_polynomials(n_inputs)

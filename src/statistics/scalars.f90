@@ -128,7 +128,7 @@ contains
          integer, intent(in) :: case_number
          type(scalar_type), intent(inout) :: best(:)   !! (number)
          type(estimates_type) :: ours, theirs, both
-         real(wp) :: values(size(law%weight), size(raw, 2)), is_below(size(law%weight), size(raw, 2))
+         real(wp), dimension(size(law%weight), size(raw, 2)) :: is_below, values
          real(wp) :: least(size(raw, 2)), share(size(raw, 2))
          real(wp) :: at_plain(size(raw, 2)), ends(2), of_points(size(raw, 2)), reach
          integer :: i, n, p

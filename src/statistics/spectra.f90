@@ -18,7 +18,7 @@ module statistics_spectra
    use statistics_surrogate, only: fit_outputs, fit_type, make_room, predict, surrogate_type
    implicit none(type, external)
    private
-   public :: spectrum_type, estimate_spectrum
+   public :: spectrum_type, estimate_spectrum, last_powerful
 
    integer, parameter, public :: together = 128   !! frequencies
    integer, parameter :: choosing = 24        !! frequencies choose the kernel, or a few more
@@ -213,8 +213,8 @@ contains
          end associate
          do o = 1, n
             f = starts(k) + o - 1
-            call state_error(of_points(o), pool%n_samples(number), both%influence(:, o), both%bias(o), &
-                             theirs%influence(:, o), 1.0_wp - share(o), reach, &
+            call state_error(of_points(o), pool%n_samples(number), both%influence(:, o), &
+                             both%bias(o), theirs%influence(:, o), 1.0_wp - share(o), reach, &
                              best%percentile_ratio(f, p))
             best%percentile(f, p) = exp(both%value(o))
             ends = both%value(o) + two_sided*reach*[-1.0_wp, 1.0_wp]*both%stretch(:, o)
