@@ -1,6 +1,7 @@
 !> `entroslip check`: a scene read and checked, and what running it would mean. Writes nothing.
 module driver_check
    use campaign_plan, only: plan_type
+   use campaign_regression_time, only: regression_seconds
    use campaign_samples_needed, only: find_need, slip_error, statistical_error
    use campaign_size, only: refuse_oversize
    use config_scene, only: scene_type
@@ -61,7 +62,8 @@ contains
          call foresee_processes(plan, models)
          if (.not. line%is_quiet) then
             call say(summary_text(scene, plan, cost%nanoseconds, world%n_ranks, &
-                                  every, cost%transitions, models, cost%audit_nanoseconds))
+                                  every, cost%transitions, models, cost%audit_nanoseconds, &
+                                  regression_seconds(plan, every, cost%share_powerful)))
             call refuse_oversize(plan, oversize)
             if (allocated(oversize)) call say('note: '//oversize%message)
             if (cost%n_steps > 0) call say(march_text(cost))

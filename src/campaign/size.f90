@@ -23,7 +23,7 @@ module campaign_size
    use structure_sizes, only: matrices_alone => memory_of_matrices
    implicit none(type, external)
    private
-   public :: is_fitted_to_values, memory_of_rank, refuse_oversize, results_size
+   public :: is_fitted_to_values, memory_of_rank, n_frequencies, refuse_oversize, results_size
 
    real(wp), parameter :: word = 8.0_wp            !! bytes of a number
    real(wp), parameter :: of_dataset = 760.0_wp    !! bytes beside its values (measured, HDF5 1.10)

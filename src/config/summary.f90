@@ -24,7 +24,7 @@ contains
 
    !> Aligned and short; ends without a line feed.
    function summary_text(scene, plan, nanoseconds, n_ranks, every, transitions, foreseen, &
-                         audit_nanoseconds) result(text)
+                         audit_nanoseconds, regression_seconds) result(text)
       type(scene_type), intent(in) :: scene
       type(plan_type), intent(in) :: plan
       real(wp), intent(in) :: nanoseconds   !! cost of a sample-step; 0: not known
@@ -34,6 +34,7 @@ contains
       !> (process) whether it has a solution, as far as that is known before the fit, or why not
       type(process_model_type), intent(in) :: foreseen(:)
       real(wp), intent(in) :: audit_nanoseconds   !! of a sample-step that is repeated; 0: not known
+      real(wp), intent(in) :: regression_seconds  !! of a processor
       character(:), allocatable :: text
 
       text = labelled('scene', plan%title//', '//scene%path)// &
@@ -43,8 +44,10 @@ contains
       if (size(plan%processes) > 0) text = text//line_feed//process_table(plan, foreseen)
       if (plan%has_structure) then
          text = text//line_feed//case_table(plan)//line_feed//motion_text(plan)
-         text = text//labelled('work', work_text(plan, n_ranks, nanoseconds)//uncounted_text(plan))
-         text = text//estimates_text(plan)
+         text = text//labelled('work', work_text(plan, n_ranks, nanoseconds)// &
+                         trim(merge(', and the fits', '              ', &
+                                    any(is_fitted_to_values(plan%processes)))))
+         text = text//estimates_text(plan, regression_seconds, n_ranks)
          if (repeats(plan)) text = text//labelled('audit', audit_text(plan, n_ranks, &
                                                                       audit_nanoseconds))
       end if
@@ -315,9 +318,11 @@ contains
       text = labelled('resolution', text)
    end function resolution_text
 
-   !> Text on which samples serve one regression; pools of one size are counted.
-   pure function estimates_text(plan) result(text)
+   !> Text on which samples serve one regression, and on their time; pools of one size are counted.
+   pure function estimates_text(plan, seconds, n_ranks) result(text)
       type(plan_type), intent(in) :: plan
+      real(wp), intent(in) :: seconds   !! of a processor, of all regressions
+      integer, intent(in) :: n_ranks
       character(:), allocatable :: text
       type(case_pool), allocatable :: pools(:)
       integer, allocatable :: sizes(:, :)   ! (samples and cases, pool)
@@ -337,6 +342,8 @@ contains
                   ' over '//to_text(sizes(1, p))//' samples of '// &
                   counted(sizes(2, p), 'case', 'cases')]
       end do
+      if (size(pools) > 0) parts = [character(64) :: parts, duration(seconds/n_ranks)//' on '// &
+                                    counted(n_ranks, 'rank', 'ranks')]
       n_alike = count(estimators_of(plan) == 'plain' .and. plan%cases%n_samples > 1)
       if (n_alike > 0) parts = [character(64) :: parts, 'plain sampling of '// &
                                 counted(n_alike, 'case', 'cases')]
@@ -395,17 +402,6 @@ contains
          text = text//', '//duration(sample_steps*nanoseconds*1.0e-9_wp/n_ranks)//' at '// &
                 brief(nanoseconds)//' ns each on '//counted(n_ranks, 'rank', 'ranks')
    end function work_text
-
-   !> Text on the work that is not foreseen: fits to simulated values, and the regression.
-   pure function uncounted_text(plan) result(text)
-      type(plan_type), intent(in) :: plan
-      character(:), allocatable :: text
-
-      text = ''
-      if (any(is_fitted_to_values(plan%processes))) text = ' and the fits'
-      if (size(find_pools(plan)) > 0) text = text//' and the regression'
-      if (text /= '') text = ','//text
-   end function uncounted_text
 
    !> Memory of a rank and size of the results.
    function sizes_text(plan, every, transitions, foreseen) result(text)

@@ -11,6 +11,7 @@ module tradeoff_forecast
    use campaign_sample, only: never, run_block
    use core_error, only: error_type
    use core_kinds, only: wp
+   use statistics_spectra, only: last_powerful
    use tradeoff_sample, only: choose_levels, draw_level, level_type
    use tradeoff_settings, only: count_work, expected_cost, own_setting, setting_type
    implicit none(type, external)
@@ -27,6 +28,7 @@ module tradeoff_forecast
       real(wp) :: nanoseconds = 0.0_wp         !! of a processor for a sample-step
       real(wp) :: audit_nanoseconds = 0.0_wp   !! the same of an audit; 0: none
       real(wp) :: transitions = 0.0_wp         !! of a sample in a step, all masses
+      real(wp) :: share_powerful = 0.0_wp      !! of the frequencies: those that have the power
       integer :: n_steps = 0                   !! that were marched; 0: nothing was measured
       character(:), allocatable :: form        !! of the exact march, in words
    end type cost_type
@@ -68,6 +70,7 @@ contains
             cost%nanoseconds = cost%nanoseconds + share*of_level%nanoseconds
             cost%audit_nanoseconds = cost%audit_nanoseconds + share*of_level%audit_nanoseconds
             cost%transitions = cost%transitions + share*of_level%transitions
+            cost%share_powerful = max(cost%share_powerful, of_level%share_powerful)
          end associate
       end do
    end subroutine measure_cost
@@ -96,7 +99,7 @@ contains
       type(error_type), allocatable, intent(out) :: error
       type(plan_type) :: audited, short
       type(runner_type) :: runner
-      real(wp) :: unused
+      type(cost_type) :: of_audit
       integer :: n_audited
 
       audited = plan
@@ -115,38 +118,38 @@ contains
          if (n_audited > 0) short%cases = [short%cases, case_type(0, 0.0_wp, n_audited, audits=1)]
       end associate
       call prepare_runner(short, level%force, runner, error)
-      if (.not. allocated(error)) call time_block(runner, 1, level%friction, cost%nanoseconds, &
-                                                  cost%transitions, error)
+      if (.not. allocated(error)) call time_block(runner, 1, level%friction, cost, error)
       if (.not. allocated(error) .and. n_audited > 0) &
-         call time_block(runner, 2, level%friction(:, :n_audited), cost%audit_nanoseconds, unused, &
-                         error)
+         call time_block(runner, 2, level%friction(:, :n_audited), of_audit, error)
+      cost%audit_nanoseconds = of_audit%nanoseconds
    end subroutine time_level
 
    !> Times a block of one case of a short plan: the lesser time of two, as the first prepares
    !> transforms.
-   subroutine time_block(runner, case_number, friction, cost, transitions, error)
+   subroutine time_block(runner, case_number, friction, cost, error)
       type(runner_type), intent(inout) :: runner
       integer, intent(in) :: case_number
       real(wp), intent(in) :: friction(:, :)   !! (dof, sample)
-      real(wp), intent(out) :: cost            !! [ns of a processor] of a sample-step
-      real(wp), intent(out) :: transitions     !! of a sample in a step
+      type(cost_type), intent(out) :: cost
       type(error_type), allocatable, intent(out) :: error
       type(block_result) :: result
       real(wp) :: after, before, sample_steps
-      integer :: trial
+      integer :: dof, trial
       logical :: is_abandoned
 
-      cost = huge(1.0_wp)
-      transitions = 0.0_wp
+      cost%nanoseconds = huge(1.0_wp)
       sample_steps = real(runner%plan%integration%n_steps, wp)*size(friction, 2)
       do trial = 1, 2
          call cpu_time(before)
          call run_block(runner, case_number, friction, 1, never, result, is_abandoned, error)
          call cpu_time(after)
          if (allocated(error)) return
-         cost = min(cost, 1.0e9_wp*(after - before)/sample_steps)
+         cost%nanoseconds = min(cost%nanoseconds, 1.0e9_wp*(after - before)/sample_steps)
       end do
-      transitions = real(sum(result%slip_starts + result%stick_starts), wp)/sample_steps
+      cost%transitions = real(sum(result%slip_starts + result%stick_starts), wp)/sample_steps
+      if (.not. allocated(result%psd)) return
+      cost%share_powerful = maxval([(last_powerful(sum(result%psd(dof, :, :), 2)), &
+                                     dof=1, size(result%psd, 1))])/real(size(result%psd, 2), wp)
    end subroutine time_block
 
 end module tradeoff_forecast
