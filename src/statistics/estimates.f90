@@ -1,9 +1,5 @@
-!> Estimates that know what each sample contributes to their error, and how two of them are joined.
-!>
-!> Leaving sample i out moves an estimate by its influence; the standard error is the root of the
-!> sum of squares of the influences and of the bias allowed for. It is stated such that 1.96 of it
-!> hold 95 %: with few samples carrying it, its Student factor for sum(i^2)^2/sum(i^4) degrees of
-!> freedom is in it.
+!> Estimates that know what each sample contributes to their error, and how two of them are joined:
+!> formulas (4), (9) and (10) of docs/regression.md.
 module statistics_estimates
    use core_kinds, only: wp
    use numerics_sorting, only: sort_order
@@ -11,7 +7,7 @@ module statistics_estimates
    implicit none(type, external)
    private
    public :: estimates_type, plain_mean, plain_deviation, plain_percentile, blend, &
-             enlarge, stated_error, sum_of_squares, two_sided, upward_error
+             enlarge, inverse_density, stated_error, two_sided, upward_error
 
    real(wp), parameter :: two_sided = 1.959964_wp   !! standard errors of a 95 % interval
    real(wp), parameter :: least_stretch = 0.5_wp   !! where samples tie; a blend with a fit does not
@@ -170,6 +166,15 @@ contains
          plain%influence(:, o) = both%excess(2, o)*plain%influence(:, o)
       end do
    end subroutine enlarge
+
+   !> 1/density at a percentile, from the influences of plain sampling on it.
+   pure real(wp) function inverse_density(influence, n_samples, p)
+      real(wp), intent(in) :: influence(:)   !! (sample)
+      integer, intent(in) :: n_samples       !! of the case
+      real(wp), intent(in) :: p              !! share of the law below
+
+      inverse_density = sqrt(n_samples*sum_of_squares(influence)/(p*(1.0_wp - p)))
+   end function inverse_density
 
    !> Standard error of one output.
    pure function stated_error(influence, bias, n_samples) result(error)

@@ -1,18 +1,5 @@
-!> Influences of samples on averages of a fit G over a law, and the variance that they make.
-!>
-!> Influences overstate an error that falls faster than 1/sqrt(n). An estimate is a sum of parts,
-!> each of which takes k samples together (Hoeffding); v_k are their variances. The squares of the
-!> influences add up to J = sum of k v_k (Efron and Stein 1981). Leaving out samples i and j changes
-!> the estimate by what either does alone and by Q_ij beyond; the squares of all Q_ij add up to
-!> P = sum of k(k - 1)/2 v_k. With kappa = 1 + 2P/J the variance lies between J/kappa (Cauchy and
-!> Schwarz) and J. We take their geometric mean, J/sqrt(kappa).
-!>
-!> Samples may lack a tail of the law. E, a variance of G over the law relative to that of its
-!> predictions at the samples, tells by how much: errors grow with the response, so J is too small
-!> by a factor F = E. Where G is of the response itself, not of its logarithm, it lacks some of the
-!> tail like the samples that it is fitted to, and as much again is allowed for: F = E^2. What no
-!> sample has seen is no matter of pairs, so the variance is stated as J (1/sqrt(kappa) + F - 1);
-!> that of plain sampling as F times its own.
+!> Influences of samples on averages of a fit G over a law, and the variance that they make: formulas
+!> (4), (7) and (8) of docs/regression.md.
 module statistics_influences
    use core_kinds, only: wp
    use numerics_lapack, only: multiply

@@ -1,9 +1,5 @@
-!> Covariance of the response at two points of the friction law, up to a factor.
-!>
-!> Inputs x_j are standardised; their weights w_j are scaled to a sum of squares of 5. The kernel
-!> has a linear part, a part that adds functions of single inputs, and a part that joins all of
-!> them: k(x, x') = 10 sum q_j x_j x'_j + 1/2 sum q_j m(|x_j - x'_j|/l) + 1/2 m(|w (x - x')|/l), q_j
-!> = w_j^2/5, m(r) = (1 + s + s^2/3) exp(-s), s = sqrt(5) r (Matern 5/2).
+!> Covariance of the response at two points of the friction law, up to a factor: formula (2) of
+!> docs/regression.md. Inputs are standardised, weights scaled to a sum of squares of 5.
 module statistics_kernel
    use core_kinds, only: wp
    use numerics_elementary, only: exponentiate

@@ -1,9 +1,6 @@
-!> The kernel of a surrogate, chosen from few samples.
-!>
-!> Its weights of the inputs, in proportion to the slopes of a linear ridge regression or to their
-!> roots, and its length have the least leave-one-out residuals over at most 128 samples and all
-!> outputs. Both proportions are tried at the middle length, then shorter and longer lengths as long
-!> as the residuals fall.
+!> The kernel of a surrogate, chosen from few samples, (2) of docs/regression.md: both proportions of
+!> the weights are tried at the middle length, then shorter and longer lengths as long as residuals
+!> fall.
 module statistics_kernel_choice
    use core_error, only: error_type
    use core_kinds, only: wp

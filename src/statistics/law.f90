@@ -1,14 +1,9 @@
-!> Points that stand for a law of which many draws are known.
+!> Points that stand for a law of which many draws are known: formula (6) of docs/regression.md.
 !>
 !> Some draws are kept, and the means of polynomials of the inputs (to the third degree, with
 !> products of two for few inputs) over all of them. The kept ones are sorted along a direction and
 !> every k-th is taken; weights give the polynomials the means that they have over all draws:
 !> w = (1 + B (B'B/M)^-1 (mean over all of B - mean of B))/M.
-!>
-!> The mean of a function over M such points is as good as over e M independent draws: its
-!> efficiency e is the variance of the function over that of what polynomials leave of it, between
-!> neighbours (half the mean square of their differences, as for any systematic sample). Means of
-!> slip fractions have e = 80 to 20,000, their percentiles 2 to 300 (those of indicators).
 module statistics_law
    use core_error, only: error_type
    use core_kinds, only: wp

@@ -1,12 +1,5 @@
 !> Statistics of a response over a friction law, from a fit to few samples and many points of the
-!> law.
-!>
-!> Every estimate knows what leaving out a sample does to it. Leaving out sample i is replacing y_i
-!> by its leave-one-out prediction, so G(x) changes by c_i(x) e_i, c_i(x) = 1/n + sum_k V_ik s_k
-!> phi_k(x): the influence of sample i on a mean of G is e_i times the same mean of c_i. The
-!> formulas are derived and measured in docs/regression.md.
-!>
-!> How the influences make a variance: `src/statistics/influences.f90`.
+!> law, with the influence of each sample: formulas (4) and (5) of docs/regression.md.
 module statistics_regression
    use core_kinds, only: wp
    use numerics_elementary, only: exponentiate

@@ -3,8 +3,8 @@
 module statistics_scalars
    use core_error, only: error_type
    use core_kinds, only: wp
-   use statistics_estimates, only: blend, enlarge, estimates_type, plain_deviation, &
-                                   plain_mean, plain_percentile, sum_of_squares, two_sided, &
+   use statistics_estimates, only: blend, enlarge, estimates_type, inverse_density, &
+                                   plain_deviation, plain_mean, plain_percentile, two_sided, &
                                    upward_error
    use statistics_influences, only: view_law, view_type
    use statistics_kernel_choice, only: learn_kernel
@@ -128,7 +128,7 @@ contains
          integer, intent(in) :: case_number
          type(scalar_type), intent(inout) :: best(:)   !! (number)
          type(estimates_type) :: ours, theirs, both
-         real(wp), dimension(size(law%weight), size(raw, 2)) :: is_below, values
+         real(wp), dimension(size(law%weight), size(raw, 2)) :: of_point, values
          real(wp) :: least(size(raw, 2)), share(size(raw, 2))
          real(wp) :: at_plain(size(raw, 2)), ends(2), of_points(size(raw, 2)), reach
          integer :: i, n, p
@@ -153,15 +153,12 @@ contains
                                is_alone=.false.)
             call blend(ours, theirs, least, both, share)
             do i = 1, size(best)
-               is_below(:, i) = merge(1.0_wp, 0.0_wp, values(:, i) <= ours%value(i))
+               reach = inverse_density(theirs%influence(:, i), n, share_below(p))
+               of_point(:, i) = merge(-reach, 0.0_wp, values(:, i) <= ours%value(i))
             end do
-            call error_of_points(law, is_below, of_points, error)
+            call error_of_points(law, of_point, of_points, error)
             if (allocated(error)) return
             do i = 1, size(best)
-               associate (below => share_below(p))   ! over the density, as plain sampling's error
-                  of_points(i) = of_points(i)*sqrt(n*sum_of_squares(theirs%influence(:, i)) &
-                                                   /(below*(1.0_wp - below)))
-               end associate
                call state_error(of_points(i), n, both%influence(:, i), both%bias(i), &
                                 theirs%influence(:, i), 1.0_wp - share(i), reach, &
                                 best(i)%percentile_ratio(p))

@@ -1,7 +1,4 @@
-!> Which friction value the scatter of a response is due to.
-!>
-!> S_j = Cov(f_j(x_j), G)/Var y, f_j the parts of an additive cubic fit of G over the law (ANCOVA):
-!> with correlated inputs they add up to what single inputs explain.
+!> Which friction value the scatter of a response is due to: formula (13) of docs/regression.md.
 module statistics_sensitivity
    use core_error, only: error_type
    use core_kinds, only: wp

@@ -1,15 +1,13 @@
 !> Best estimates of the spectra of a case: mean and percentiles over the friction law at each
-!> frequency, their pseudo-variances, Eq. (46), and the ratio of the outer percentiles'.
-!>
-!> Frequencies above those that hold all but 1e-4 of the power are left to plain sampling:
-!> there is nothing to gain there, the fit would be to leakage and rounding, and they are most.
+!> frequency that has power ((1) of docs/regression.md), their pseudo-variances, Eq. (46), and the
+!> ratio of the outer percentiles'.
 module statistics_spectra
    use core_error, only: error_type
    use core_kinds, only: wp
    use numerics_elementary, only: exponentiate
    use numerics_sorting, only: sort_order
-   use statistics_estimates, only: blend, enlarge, estimates_type, plain_mean, &
-                                   plain_percentile, sum_of_squares, two_sided, upward_error
+   use statistics_estimates, only: blend, enlarge, estimates_type, inverse_density, plain_mean, &
+                                   plain_percentile, two_sided, upward_error
    use statistics_influences, only: view_law, view_type
    use statistics_kernel_choice, only: learn_kernel
    use statistics_law, only: choose_points, error_of_points, law_type, n_points, state_error
@@ -199,8 +197,8 @@ contains
                              residual_share(fits(k)%residual(view%first:view%last, :), own), both, &
                              share)
                   do o = 1, n   ! leaving a point out moves a percentile by 1/density
-                     reach = sqrt(pool%n_samples(number)*sum_of_squares(theirs%influence(:, o)) &
-                                  /(share_below(p)*(1.0_wp - share_below(p))))
+                     reach = inverse_density(theirs%influence(:, o), pool%n_samples(number), &
+                                             share_below(p))
                      grown(:, o) = merge(-reach, 0.0_wp, values(:, o) <= ours%value(o))
                      power = power + (step*exp(both%value(o))*(1.0_wp - share(o)))*grown(:, o)
                   end do

@@ -1,15 +1,7 @@
 !> A response as a function of its friction values, from a few samples: kriging, written as a ridge
-!> regression on the leading eigenvectors of the kernel's matrix over the samples.
-!>
-!> With K the kernel over n samples, rows and columns freed of their means, K V = V diag(ev):
-!> phi_k(x) = V_k'(k(x) - mean of the rows of K)/ev_k are orthonormal over the samples, and
-!> G(x) = mean y + sum_k s_k (V_k'y) phi_k(x), s_k = ev_k/(ev_k + ratio), is the kriging prediction
-!> for the noise ratio. With all eigenvectors it is that of the kernel with a constant trend.
-!> With many samples K is projected on the functions k(., landmark), landmarks being some of the
-!> samples (Nystroem), so that the cost of a point does not grow with the samples.
-!> Leave-one-out residuals are e_i = (y_i - fit_i)/(1 - h_i), h_i = 1/n + sum_k s_k V_ik^2: leaving
-!> sample i out is replacing y_i by y_i - e_i. The noise ratio of each output has the least
-!> generalised cross-validation.
+!> regression on the leading eigenvectors of the kernel's matrix over the samples. Formulas (3) and
+!> (4) of docs/regression.md; with K V = V diag(ev), the features phi_k(x) = V_k'(k(x) - mean of the
+!> rows of K)/ev_k are orthonormal over the samples.
 module statistics_surrogate
    use core_error, only: error_type
    use core_kinds, only: wp
