@@ -1,5 +1,5 @@
-!> Influences of samples on averages of a fit G over a law, and the variance that they make: formulas
-!> (4), (7) and (8) of docs/regression.md.
+!> Influences of samples on averages of a fit G over a law, and the variance that they make:
+!> formulas (4), (7) and (8) of docs/regression.md.
 module statistics_influences
    use core_kinds, only: wp
    use numerics_lapack, only: multiply

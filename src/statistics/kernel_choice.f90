@@ -1,6 +1,6 @@
-!> The kernel of a surrogate, chosen from few samples, (2) of docs/regression.md: both proportions of
-!> the weights are tried at the middle length, then shorter and longer lengths as long as residuals
-!> fall.
+!> The kernel of a surrogate, chosen from few samples, (2) of docs/regression.md: both proportions
+!> of the weights are tried at the middle length, then shorter and longer lengths as long as
+!> residuals fall.
 module statistics_kernel_choice
    use core_error, only: error_type
    use core_kinds, only: wp
