@@ -18,7 +18,7 @@ module statistics_estimates
    type :: estimates_type
       real(wp), allocatable :: value(:)          !! (output)
       real(wp), allocatable :: influence(:, :)   !! (sample, output)
-      real(wp), allocatable :: bias(:)           !! (output) allowance, signed
+      real(wp), allocatable :: bias(:)           !! (output) allowance for value minus truth
       real(wp), allocatable :: kappa(:)          !! (output) influences are divided by kappa^(1/4)
       !> (fit or plain sampling, output) by how much the influences are too small where the samples
       !> lack a tail of the law that the fit knows; absent: 1
@@ -90,6 +90,8 @@ contains
          slope = slope_between(sorted, rank - scatter, rank + scatter)
          plain%influence(:, o) = slope*merge(p - 1.0_wp, p, y(:, o) <= plain%value(o))
          plain%influence(:, o) = plain%influence(:, o) - sum(plain%influence(:, o))/n
+         ! the law's share below the order statistic of a rank is rank/(n + 1) in the mean
+         plain%bias(o) = n*slope*(rank/(n + 1) - p)
          if (.not. slope > 0.0_wp) cycle
          factor = 1.0_wp/student_factor(plain%influence(:, o), &
                                         sum_of_squares(plain%influence(:, o)))
@@ -134,8 +136,8 @@ contains
          associate (n => size(surrogate%influence, 1), phi => surrogate%influence(:, o), &
                     psi => plain%influence(:, o))
             ours = sum(phi**2) + surrogate%bias(o)**2
-            theirs = sum(psi**2)
-            common = sum(phi*psi(:n))
+            theirs = sum(psi**2) + plain%bias(o)**2
+            common = sum(phi*psi(:n)) + surrogate%bias(o)*plain%bias(o)
             share(o) = 1.0_wp
             if (theirs > 0.0_wp) share(o) = &
                max(least(o), min(1.0_wp, max(0.0_wp, (ours - common) &
@@ -145,7 +147,7 @@ contains
          end associate
       end do
       both%value = (1.0_wp - share)*surrogate%value + share*plain%value
-      both%bias = (1.0_wp - share)*surrogate%bias
+      both%bias = (1.0_wp - share)*surrogate%bias + share*plain%bias
       if (allocated(plain%stretch)) &
          both%stretch = 1.0_wp + spread(share, 1, 2)*(plain%stretch - 1.0_wp)
       if (allocated(surrogate%excess)) then

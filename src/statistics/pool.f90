@@ -74,8 +74,8 @@ contains
    end subroutine add_law
 
    !> Plain estimates of a case's samples in the pool as those of all its samples: its value is
-   !> given, and the samples that are not in the pool stand behind as rows of their own, which carry
-   !> the rest of the variance.
+   !> given, its bias falls as 1/n, and the samples that are not in the pool stand behind as rows of
+   !> their own, which carry the rest of the variance.
    pure function among_all(pool, number, some, value, is_alone) result(all_of)
       type(pool_type), intent(in) :: pool
       integer, intent(in) :: number                !! of the case
@@ -91,7 +91,7 @@ contains
       n_rows = size(rows_of(pool, number, is_alone))
       share = real(n_own, wp)/pool%n_samples(number)
       all_of%value = value
-      all_of%bias = some%bias
+      all_of%bias = share*some%bias
       if (allocated(some%stretch)) all_of%stretch = some%stretch
       allocate (all_of%influence(n_rows, size(value)), source=0.0_wp)
       all_of%influence(before + 1:before + n_own, :) = share*some%influence

@@ -114,7 +114,7 @@ contains
          smeared = plus_in_turn(values(:, o), residual)
          call find_quantile(smeared, view%weight, p, 0.0_wp, full, around)
          estimate%value(o) = 0.5_wp*(bare + full)
-         estimate%bias(o) = 0.5_wp*(full - bare)
+         estimate%bias(o) = 0.5_wp*(bare - full)   ! inwards, as plain sampling's
       end do
       call average_features(surrogate, average_row, 1.0_wp, average)
       call find_influence(surrogate, fit, average, 1.0_wp, estimate)
