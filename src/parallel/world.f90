@@ -225,7 +225,8 @@ contains
          if (allocated(values)) deallocate (values)
          allocate (values(n))
       end if
-      call MPI_Bcast(values, n, MPI_INTEGER, source(from), self%comm)
+      ! a section, as MPICH gives an array bounds from 0 where gfortran 11 compiled the call
+      call MPI_Bcast(values(:), n, MPI_INTEGER, source(from), self%comm)
    end subroutine broadcast_integers
 
    subroutine broadcast_real(self, value, from)
@@ -264,7 +265,7 @@ contains
       if (self%rank /= source(from) .and. allocated(values)) deallocate (values)
       if (extent(1) < 0) return
       if (self%rank /= source(from)) allocate (values(extent(1), extent(2)))
-      call MPI_Bcast(values, size(values), MPI_DOUBLE_PRECISION, source(from), self%comm)
+      call MPI_Bcast(values(:, :), size(values), MPI_DOUBLE_PRECISION, source(from), self%comm)
    end subroutine broadcast_matrix
 
    subroutine broadcast_text(self, text, from)
