@@ -11,13 +11,21 @@ program entroslip
    use driver_run, only: run
    use driver_tradeoff, only: tradeoff
    use driver_version, only: version_text
+   use parallel_world, only: start_world, was_launched, world_type
    implicit none(type, external)
    type(command_line) :: line
+   type(world_type) :: world
    type(error_type), allocatable :: error
 
    call start_terminal()
    call restart_without_threads()
    call read_command_line(line, error)
+   if (allocated(error)) then
+      if (was_launched()) then   ! all ranks have the error: one says it
+         call start_world(world)
+         call world%stop_on(error)
+      end if
+   end if
    call end_on(error)
    if (all(line%command /= [character(8) :: 'template', 'version', 'help'])) then
       call require_memory(error)

@@ -16,7 +16,8 @@ module parallel_world
                       MPI_MAX_LIBRARY_VERSION_STRING, MPI_MIN, MPI_STATUS_IGNORE, MPI_SUM
    implicit none(type, external)
    private
-   public :: world_type, new_world, attend_to_others, mpi_library, start_world, stop_world
+   public :: world_type, new_world, attend_to_others, mpi_library, start_world, stop_world, &
+             was_launched
 
    !> A group of ranks. Ranks count from 0, as MPI does; rank 0 is the root.
    type :: world_type

@@ -7,7 +7,8 @@ import re
 
 import pytest
 
-from tests.conftest import ROOT
+from tests.conftest import ENVIRONMENT, ROOT
+from tests.program.campaign import Run
 
 
 def scene_with(tmp_path, old, new):
@@ -106,6 +107,12 @@ def test_bad_usage(entroslip, tmp_path, arguments, message):
     assert done.stderr.startswith(f"entroslip: {message}")
     assert len(done.stderr.splitlines()) == 1
     assert not list(tmp_path.iterdir())
+
+
+def test_bad_usage_is_said_once_for_all_ranks(program, tmp_path):
+    code, _, errors = Run(program, ["run", "--bogus"], tmp_path, ENVIRONMENT, n_ranks=2).wait()
+    assert code == 2
+    assert errors.count("entroslip:") == 1
 
 
 def test_a_value_may_follow_its_option_behind_an_equals_sign(entroslip, tmp_path):
