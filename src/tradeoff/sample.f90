@@ -40,9 +40,10 @@ contains
       type(plan_type), intent(in) :: plan
       type(level_type), allocatable, intent(out) :: levels(:)
       real(wp), allocatable :: strengths(:)
-      integer, allocatable :: cases(:)
+      integer, allocatable :: cases(:), n_samples(:)
       integer :: i, k, n, width
 
+      n_samples = plan%cases%n_samples
       allocate (strengths(0))
       do i = 1, size(plan%cases)
          associate (strength => strength_of(plan%cases(i)))
@@ -56,9 +57,9 @@ contains
          levels(k)%strength = strengths(1 + nint((k - 1.0_wp)*(size(strengths) - 1)/max(1, n - 1)))
          cases = pack([(i, i=1, size(plan%cases))], &
                       abs(strength_of(plan%cases) - levels(k)%strength) <= 0.0_wp)
-         levels(k)%n_all = sum(plan%cases(cases)%n_samples)
-         width = min(block_width(plan), maxval(plan%cases(cases)%n_samples))
-         call deal(plan%cases%n_samples, cases, width, levels(k))
+         levels(k)%n_all = sum(n_samples(cases))
+         width = min(block_width(plan), maxval(n_samples(cases)))
+         call deal(n_samples, cases, width, levels(k))
       end do
    end subroutine choose_levels
 

@@ -87,7 +87,7 @@ contains
       gain = joint_gain(structure)
       operators%n_parts = count_parts(structure, dt, tolerance)
       operators%h = dt/operators%n_parts
-      operators%direction = structure%direction
+      allocate (operators%direction, source=structure%direction)
       operators%momentum = matmul(structure%mass, structure%modes_stuck)
       operators%load = operators%h**2*matmul(transpose(structure%modes_stuck), structure%load)
       operators%slider_push = operators%h**2*transpose(spread(structure%joint_stiffness, 2, &
