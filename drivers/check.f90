@@ -1,7 +1,6 @@
 !> `entroslip check`: a scene read and checked, and what running it would mean. Writes nothing.
 module driver_check
    use campaign_plan, only: plan_type
-   use campaign_regression_time, only: regression_seconds
    use campaign_samples_needed, only: find_need, slip_error, statistical_error
    use campaign_size, only: refuse_oversize
    use config_scene, only: scene_type
@@ -21,7 +20,7 @@ module driver_check
    use process_fit, only: foresee_process
    use process_model, only: process_model_type
    use process_scaling, only: first_of_fit
-   use tradeoff_forecast, only: cost_type, measure_cost
+   use tradeoff_forecast, only: cost_type, measure_cost, regression_seconds
    use tradeoff_front, only: slip_error_to_come
    use tradeoff_pilot, only: choose_every
    use tradeoff_tasks, only: scope_type, tradeoff_type

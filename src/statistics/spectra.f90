@@ -53,7 +53,8 @@ contains
       type(spectrum_type), intent(out) :: estimates(:)   !! (case)
       type(error_type), allocatable, intent(out) :: error
       real(wp), allocatable :: outputs(:, :), some(:, :)
-      real(wp), allocatable :: values(:, :), grown(:, :)   ! (point, frequency) G, exp(G) of a part
+      !> (point, frequency) of a part: G; exp(G), then influences of points on a percentile
+      real(wp), allocatable :: values(:, :), grown(:, :)
       type(surrogate_type) :: surrogate
       type(fit_type), allocatable :: fits(:)
       type(law_type) :: law

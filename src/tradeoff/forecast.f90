@@ -1,27 +1,45 @@
-!> Cost of a sample-step of a scene, measured before anything is run.
+!> Cost of a scene before anything is run: a sample-step's is measured, the regressions' counted.
 !>
 !> Samples of all cases are marched for a moment under a short record of their force, as the
 !> campaign will march them: as many side by side, what is kept kept, spectra of as many steps. The
 !> friction is a stand-in of the right mean and scatter, so no process need be fitted.
+!>
+!> Counts of the regressions are those that grow with the samples, the friction values, the
+!> frequencies and the cases; what each costs was measured on the paper's chain (25 to 400 samples a
+!> case), 20 and 50 masses and a ring of blades.
 module tradeoff_forecast
    use campaign_audit, only: add_audits
    use campaign_plan, only: case_type, kept_dofs, plan_type
+   use campaign_pooling, only: case_pool, find_points, find_pools
    use campaign_results, only: block_result
    use campaign_runner, only: prepare_runner, runner_type
    use campaign_sample, only: never, run_block
+   use campaign_size, only: n_frequencies
    use core_error, only: error_type
    use core_kinds, only: wp
+   use statistics_law, only: n_points
    use statistics_spectra, only: last_powerful
+   use statistics_surrogate, only: most_landmarks
    use tradeoff_sample, only: choose_levels, draw_level, level_type
    use tradeoff_settings, only: count_work, expected_cost, own_setting, setting_type
    implicit none(type, external)
    private
-   public :: cost_type, measure_cost
+   public :: cost_type, measure_cost, regression_seconds
 
    real(wp), parameter :: budget = 0.4_wp            !! expected cost of a measurement [s]
    real(wp), parameter :: some_transitions = 0.3_wp  !! in a step
    real(wp), parameter :: history_memory = 32.0e6_wp !! [byte] of a block
    integer, parameter :: fewest_steps = 1200
+
+   real(wp), parameter :: of_fit = 3.0e6_wp       !! [ns] of a kernel's choice
+   real(wp), parameter :: of_pair = 100.0_wp      !! [ns] of a sample and a landmark: features
+   real(wp), parameter :: of_kernel = 1.15_wp     !! [ns] of a point, a landmark and an input
+   real(wp), parameter :: further_inputs = 5.4_wp !! that the rest of a kernel is worth
+   real(wp), parameter :: of_polynomials = 2.0_wp !! [ns] of a point and two inputs
+   real(wp), parameter :: of_density = 140.0_wp   !! [ns] of a sample and a frequency
+   real(wp), parameter :: of_product = 0.056_wp   !! [ns] of a point, a landmark and a frequency
+   real(wp), parameter :: of_mean = 9.0_wp        !! [ns] of a point and a frequency
+   real(wp), parameter :: of_percentile = 12.0_wp !! [ns] of a point and a frequency
 
    !> Measured cost, spectra and other kept results included: the mean over all samples.
    type :: cost_type
@@ -151,5 +169,36 @@ contains
       cost%share_powerful = maxval([(last_powerful(sum(result%psd(dof, :, :), 2)), &
                                      dof=1, size(result%psd, 1))])/real(size(result%psd, 2), wp)
    end subroutine time_block
+
+   !> Time [s of a processor] of all pools' regressions.
+   pure real(wp) function regression_seconds(plan, every, share_powerful)
+      type(plan_type), intent(in) :: plan
+      integer, intent(in) :: every                !! every k-th step enters the spectra
+      real(wp), intent(in) :: share_powerful      !! of the frequencies: those that are fitted
+      type(case_pool), allocatable :: pools(:)
+      integer, allocatable :: joints(:), points(:)
+      real(wp) :: at_points, n, n_dofs, n_f, n_landmarks, nanoseconds
+      integer :: p
+
+      pools = find_pools(plan)
+      call find_points(plan%structure, points, joints)
+      n_dofs = 0.0_wp
+      if (plan%output%spectrum) n_dofs = size(kept_dofs(plan))
+      n_f = n_frequencies(plan, every)
+      nanoseconds = 0.0_wp
+      do p = 1, size(pools)
+         n = sum(pools(p)%n_fitted)
+         n_landmarks = min(n, real(most_landmarks, wp))
+         at_points = real(n_points, wp)*size(pools(p)%cases)
+         nanoseconds = nanoseconds + (plan%structure%n_joints + n_dofs) &
+                       *(of_fit + of_pair*n*n_landmarks &
+                         + at_points*(of_kernel*n_landmarks*(size(points) + further_inputs) &
+                                      + of_polynomials*size(points)**2)) &
+                       + n_dofs*n_f*(of_density*n + share_powerful*at_points &
+                                     *(of_mean + of_percentile*size(plan%output%percentiles) &
+                                       + of_product*n_landmarks))
+      end do
+      regression_seconds = 1.0e-9_wp*nanoseconds
+   end function regression_seconds
 
 end module tradeoff_forecast
