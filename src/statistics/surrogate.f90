@@ -194,7 +194,7 @@ contains
       real(wp), intent(in), contiguous :: outputs(:, :)   !! (sample, output)
       type(fit_type), intent(out) :: fit
       real(wp), allocatable :: square(:, :), leverage(:, :), y(:, :), projection(:, :)
-      integer :: n, n_out, o
+      integer :: n, n_out, o, r
 
       n = size(outputs, 1)
       n_out = size(outputs, 2)
@@ -207,10 +207,8 @@ contains
       end do
       call multiply(surrogate%feature, y, projection, transposes_a=.true.)
       do o = 1, n_out
-         associate (ratio => noise_ratios(best_ratio(surrogate%eigenvalue, projection(:, o), &
-                                                     sum(y(:, o)**2), n)))
-            fit%shrink(:, o) = surrogate%eigenvalue/(surrogate%eigenvalue + ratio)
-         end associate
+         r = best_ratio(surrogate%eigenvalue, projection(:, o), sum(y(:, o)**2), n)
+         fit%shrink(:, o) = surrogate%eigenvalue/(surrogate%eigenvalue + noise_ratios(r))
       end do
       fit%coefficient = fit%shrink*projection
       square = surrogate%feature**2
