@@ -171,18 +171,18 @@ contains
 
    !> 1/density at a percentile, from the influences of plain sampling on it.
    pure real(wp) function inverse_density(influence, n_samples, p)
-      real(wp), intent(in) :: influence(:)   !! (sample)
-      integer, intent(in) :: n_samples       !! of the case
-      real(wp), intent(in) :: p              !! share of the law below
+      real(wp), intent(in), contiguous :: influence(:)   !! (sample)
+      integer, intent(in) :: n_samples                   !! of the case
+      real(wp), intent(in) :: p                          !! share of the law below
 
       inverse_density = sqrt(n_samples*sum_of_squares(influence)/(p*(1.0_wp - p)))
    end function inverse_density
 
    !> Standard error of one output.
    pure function stated_error(influence, bias, n_samples) result(error)
-      real(wp), intent(in) :: influence(:)   !! (sample)
+      real(wp), intent(in), contiguous :: influence(:)   !! (sample)
       real(wp), intent(in) :: bias
-      integer, intent(in) :: n_samples       !! of the case
+      integer, intent(in) :: n_samples                   !! of the case
       real(wp) :: error
       real(wp) :: square
 
@@ -194,7 +194,7 @@ contains
 
    !> Sum of squares, in whole vectors.
    pure real(wp) function sum_of_squares(values) result(total)
-      real(wp), intent(in) :: values(:)
+      real(wp), intent(in), contiguous :: values(:)
       integer :: i
 
       total = 0.0_wp
@@ -206,8 +206,8 @@ contains
 
    !> Two-sided 95 % point of Student's law over that of the normal one.
    pure real(wp) function student_factor(influence, square)
-      real(wp), intent(in) :: influence(:)   !! (sample), not all 0
-      real(wp), intent(in) :: square         !! sum of their squares
+      real(wp), intent(in), contiguous :: influence(:)   !! (sample), not all 0
+      real(wp), intent(in) :: square                     !! sum of their squares
       real(wp) :: fourth, scale
       integer :: i
 

@@ -40,9 +40,9 @@ contains
    !> pool's have, plain sampling one that the case's do not.
    pure function width_of(view, values, predicted) result(width)
       type(view_type), intent(in) :: view
-      real(wp), intent(in) :: values(:)       !! (point)
-      real(wp), intent(in) :: predicted(:)    !! (sample)
-      real(wp) :: width(2)                    !! of the fit, of plain sampling
+      real(wp), intent(in), contiguous :: values(:)      !! (point)
+      real(wp), intent(in), contiguous :: predicted(:)   !! (sample)
+      real(wp) :: width(2)                               !! of the fit, of plain sampling
       real(wp) :: mean, of_own, of_pool, over_law
       integer :: m
 
@@ -134,8 +134,8 @@ contains
    !> w_i e_i + w_j e_j.
    pure real(wp) function share_of_pairs(fit, k, weight)
       type(fit_type), intent(in) :: fit
-      integer, intent(in) :: k              !! of the judged outputs
-      real(wp), intent(in) :: weight(:)     !! (sample) w
+      integer, intent(in) :: k                        !! of the judged outputs
+      real(wp), intent(in), contiguous :: weight(:)   !! (sample) w
       real(wp) :: of_one(size(weight)), pairs
       integer :: j, m
 

@@ -11,7 +11,7 @@ contains
    !> Finds the value below which the weight p lies: linear between points, each at the middle of
    !> its weight. `near`: the points within half_width of p, in weight.
    pure subroutine find_quantile(values, weight, p, half_width, quantile, near)
-      real(wp), intent(in) :: values(:), weight(:)   !! (point), the weights' sum is 1
+      real(wp), intent(in), contiguous :: values(:), weight(:)   !! (point), the weights' sum is 1
       real(wp), intent(in) :: p, half_width
       real(wp), intent(out) :: quantile
       integer, allocatable, intent(out) :: near(:)
@@ -47,7 +47,7 @@ contains
    !> Finds the places of the values whose cumulative weight is between `low` and `high`, and of a
    !> few around them; `below` is the weight under them. Looks where a sorted subset points to.
    pure subroutine narrow(values, weight, total, low, high, places, below)
-      real(wp), intent(in) :: values(:), weight(:)
+      real(wp), intent(in), contiguous :: values(:), weight(:)
       real(wp), intent(in) :: total       !! of the weights
       real(wp), intent(in) :: low, high
       integer, allocatable, intent(out) :: places(:)
@@ -79,7 +79,8 @@ contains
 
    !> The places of the values above one threshold and not above the other.
    pure function between(values, from, to) result(places)
-      real(wp), intent(in) :: values(:), from, to
+      real(wp), intent(in), contiguous :: values(:)
+      real(wp), intent(in) :: from, to
       integer, allocatable :: places(:)
       integer :: found(size(values)), m, n
 
@@ -92,7 +93,7 @@ contains
    end function between
 
    pure real(wp) function largest(values)
-      real(wp), intent(in) :: values(:)
+      real(wp), intent(in), contiguous :: values(:)
       integer :: m
 
       largest = -huge(largest)
@@ -104,7 +105,8 @@ contains
 
    !> Computes the weights of the values up to two thresholds.
    pure subroutine find_weights_below(values, weight, threshold, below)
-      real(wp), intent(in) :: values(:), weight(:), threshold(2)
+      real(wp), intent(in), contiguous :: values(:), weight(:)
+      real(wp), intent(in) :: threshold(2)
       real(wp), intent(out) :: below(2)
       real(wp) :: first, second, w
       integer :: m
