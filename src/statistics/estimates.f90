@@ -1,13 +1,13 @@
-!> Estimates that know what each sample contributes to their error, and how two of them are joined:
-!> formulas (4), (9) and (10) of docs/regression.md.
+!> Estimates that know what each sample contributes to their error, and those of plain sampling:
+!> formulas (4), (10) and (11) of docs/regression.md.
 module statistics_estimates
    use core_kinds, only: wp
    use numerics_sorting, only: sort_order
    use statistics_order, only: at_rank
    implicit none(type, external)
    private
-   public :: estimates_type, plain_mean, plain_deviation, plain_percentile, blend, &
-             enlarge, inverse_density, stated_error, two_sided, upward_error
+   public :: estimates_type, blank_estimates, inverse_density, plain_deviation, plain_mean, &
+             plain_percentile, stated_error, two_sided, upward_error
 
    real(wp), parameter :: two_sided = 1.959964_wp   !! standard errors of a 95 % interval
    real(wp), parameter :: least_stretch = 0.5_wp   !! where samples tie; a blend with a fit does not
@@ -26,6 +26,8 @@ module statistics_estimates
       !> (down or up, output) how far an interval reaches, over what the standard error says;
       !> absent: 1
       real(wp), allocatable :: stretch(:, :)
+      !> (output) of a join: plain sampling's share; standard error, plain sampling's over it
+      real(wp), allocatable :: share(:), stated(:), ratio(:)
    end type estimates_type
 
 contains
@@ -111,63 +113,14 @@ contains
       slope_between = (at_rank(sorted, last) - at_rank(sorted, first))/(last - first)
    end function slope_between
 
+   !> Estimates of zero without errors.
    pure function blank_estimates(n, n_out) result(blank)
-      integer, intent(in) :: n, n_out
+      integer, intent(in) :: n, n_out   !! samples, outputs
       type(estimates_type) :: blank
 
       allocate (blank%value(n_out), blank%bias(n_out), source=0.0_wp)
       allocate (blank%influence(n, n_out), source=0.0_wp)
    end function blank_estimates
-
-   !> Blends surrogate and plain estimates with the plain share of least variance, at least
-   !> `least`; 1 where plain sampling has no error. Both estimates are of the same samples,
-   !> correlated as their influences are; the plain one may have further samples at the end, which
-   !> belong to no surrogate.
-   pure subroutine blend(surrogate, plain, least, both, share)
-      type(estimates_type), intent(in) :: surrogate, plain
-      real(wp), intent(in) :: least(:)               !! (output) share of plain
-      type(estimates_type), intent(out) :: both
-      real(wp), intent(out) :: share(:)              !! (output) of plain
-      real(wp) :: ours, theirs, common
-      integer :: o
-
-      both = blank_estimates(size(plain%influence, 1), size(plain%value))
-      do o = 1, size(plain%value)
-         associate (n => size(surrogate%influence, 1), phi => surrogate%influence(:, o), &
-                    psi => plain%influence(:, o))
-            ours = sum(phi**2) + surrogate%bias(o)**2
-            theirs = sum(psi**2) + plain%bias(o)**2
-            common = sum(phi*psi(:n)) + surrogate%bias(o)*plain%bias(o)
-            share(o) = 1.0_wp
-            if (theirs > 0.0_wp) share(o) = &
-               max(least(o), min(1.0_wp, max(0.0_wp, (ours - common) &
-                                             /max(ours + theirs - 2.0_wp*common, tiny(ours)))))
-            both%influence(:, o) = share(o)*psi
-            both%influence(:n, o) = both%influence(:n, o) + (1.0_wp - share(o))*phi
-         end associate
-      end do
-      both%value = (1.0_wp - share)*surrogate%value + share*plain%value
-      both%bias = (1.0_wp - share)*surrogate%bias + share*plain%bias
-      if (allocated(plain%stretch)) &
-         both%stretch = 1.0_wp + spread(share, 1, 2)*(plain%stretch - 1.0_wp)
-      if (allocated(surrogate%excess)) then
-         both%excess = surrogate%excess
-         both%excess(1, :) = (1.0_wp - share)*both%excess(1, :) + share*both%excess(2, :)
-         if (size(plain%influence, 1) > size(surrogate%influence, 1)) both%excess = 1.0_wp
-      end if
-   end subroutine blend
-
-   !> Enlarges influences by the excess of an estimate and of its plain part.
-   pure subroutine enlarge(both, plain)
-      type(estimates_type), intent(inout) :: both    !! with an excess
-      type(estimates_type), intent(inout) :: plain   !! its plain part
-      integer :: o
-
-      do o = 1, size(both%excess, 2)
-         both%influence(:, o) = both%excess(1, o)*both%influence(:, o)
-         plain%influence(:, o) = both%excess(2, o)*plain%influence(:, o)
-      end do
-   end subroutine enlarge
 
    !> 1/density at a percentile, from the influences of plain sampling on it.
    pure real(wp) function inverse_density(influence, n_samples, p)

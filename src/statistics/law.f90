@@ -8,10 +8,9 @@ module statistics_law
    use core_error, only: error_type
    use core_kinds, only: wp
    use numerics_lapack, only: multiply, solve_positive_definite
-   use statistics_estimates, only: stated_error
    implicit none(type, external)
    private
-   public :: draws_type, law_type, choose_points, error_of_points, keep_draws, state_error
+   public :: draws_type, law_type, choose_points, error_of_points, keep_draws
 
    integer, parameter :: most_with_products = 12   !! inputs
    integer, parameter, public :: most_kept = 2**15   !! draws
@@ -108,25 +107,6 @@ contains
          ranking(last(bucket(i))) = i
       end do
    end function rough_order
-
-   !> States the error of the regression and of the points of the law for its share of the estimate,
-   !> and how much larger plain sampling's is.
-   pure subroutine state_error(of_points, n_samples, influence, bias, of_plain, share, stated, &
-                               ratio)
-      real(wp), intent(in) :: of_points                !! standard error that the points leave
-      integer, intent(in) :: n_samples
-      real(wp), intent(in) :: influence(:), bias       !! (sample) of the estimate
-      real(wp), intent(in) :: of_plain(:)              !! (sample) influences of plain sampling
-      real(wp), intent(in) :: share                    !! of the regression
-      real(wp), intent(out) :: stated, ratio
-      real(wp) :: plain
-
-      plain = stated_error(of_plain, 0.0_wp, n_samples)
-      stated = plain
-      if (share > 0.0_wp) stated = hypot(stated_error(influence, bias, n_samples), share*of_points)
-      ratio = 1.0_wp
-      if (stated > 0.0_wp) ratio = plain/stated
-   end subroutine state_error
 
    !> Computes the standard errors that the points leave in the means of functions f. With the
    !> slopes c of their polynomials, |D (f - B c)|^2 = |D f|^2 - c'(2 B'D'D f - B'D'D B c).

@@ -3,12 +3,12 @@
 module statistics_scalars
    use core_error, only: error_type
    use core_kinds, only: wp
-   use statistics_estimates, only: blend, enlarge, estimates_type, inverse_density, &
-                                   plain_deviation, plain_mean, plain_percentile, two_sided, &
-                                   upward_error
+   use statistics_blend, only: join
+   use statistics_estimates, only: estimates_type, inverse_density, plain_deviation, plain_mean, &
+                                   plain_percentile, two_sided, upward_error
    use statistics_influences, only: view_law, view_type
    use statistics_kernel_choice, only: learn_kernel
-   use statistics_law, only: choose_points, error_of_points, law_type, n_points, state_error
+   use statistics_law, only: choose_points, law_type, n_points
    use statistics_pool, only: among_all, pool_type, residual_share
    use statistics_regression, only: law_deviation, law_mean, law_percentile
    use statistics_sensitivity, only: find_sensitivity
@@ -35,27 +35,26 @@ contains
    !> fraction. Only the first number has sensitivities, the others zeros.
    subroutine estimate_scalars(pool, y, is_fraction, share_below, plain, estimates, error)
       type(pool_type), intent(in) :: pool
-      real(wp), intent(in) :: y(:, :)                 !! (sample, number)
+      real(wp), intent(in), contiguous :: y(:, :)     !! (sample, number)
       logical, intent(in) :: is_fraction(:)           !! (number)
       real(wp), intent(in) :: share_below(:)          !! (percentile)
       !> (number, case) mean, deviation and percentiles over all samples of the case
       type(scalar_type), intent(in) :: plain(:, :)
       type(scalar_type), intent(out) :: estimates(:, :)   !! (number, case)
       type(error_type), allocatable, intent(out) :: error
-      real(wp) :: raw(size(y, 1), size(y, 2)), bent(size(y, 1), size(y, 2))   ! (sample, number)
+      real(wp) :: bent(size(y, 1), size(y, 2))   ! (sample, number)
       type(surrogate_type) :: surrogate
-      type(fit_type) :: raw_fit, bent_fit
+      type(fit_type) :: fit, bent_fit
       type(law_type) :: law
       type(view_type) :: view
       integer :: case_number, number
 
-      raw = y
       do number = 1, size(y, 2)
          bent(:, number) = bend(y(:, number), is_fraction(number))
       end do
-      call learn_kernel(pool%x, reshape([raw, bent], [size(y, 1), 2*size(y, 2)]), surrogate, error)
+      call learn_kernel(pool%x, reshape([y, bent], [size(y, 1), 2*size(y, 2)]), surrogate, error)
       if (allocated(error)) return
-      call fit_outputs(surrogate, raw, raw_fit)
+      call fit_outputs(surrogate, y, fit)
       call fit_outputs(surrogate, bent, bent_fit)
       do case_number = 1, size(plain, 2)
          call choose_points(pool%draws(case_number), surrogate%direction, n_points, law, error)
@@ -74,50 +73,37 @@ contains
          integer, intent(in) :: case_number
          type(scalar_type), intent(inout) :: best(:)   !! (number)
          type(estimates_type) :: ours, theirs, both
-         real(wp) :: values(size(law%weight), size(raw, 2)), least(size(raw, 2))
-         real(wp) :: share(size(raw, 2)), at_plain(size(raw, 2)), of_points(size(raw, 2))
+         real(wp) :: values(size(law%weight), size(y, 2))
          integer :: i
 
-         associate (own => raw(view%first:view%last, :), n => pool%n_samples(case_number), &
+         associate (own => y(view%first:view%last, :), n => pool%n_samples(case_number), &
                     sampled => plain(:, case_number))
-            call predict(surrogate, raw_fit, view%rows, values)
-            call law_mean(surrogate, raw_fit, view, values, ours)
-            at_plain = sampled%mean
-            theirs = among_all(pool, case_number, plain_mean(own), at_plain, is_alone=.false.)
-            least = 0.0_wp
-            call blend(ours, theirs, least, both, share)
-            call enlarge(both, theirs)
-            call error_of_points(law, values, of_points, error)
+            call predict(surrogate, fit, view%rows, values)
+            call law_mean(surrogate, fit, view, values, ours)
+            theirs = among_all(pool, case_number, plain_mean(own), sampled%mean, &
+                               is_alone=.false.)
+            call join(law, values, n, ours, theirs, [(0.0_wp, i=1, size(best))], both, error)
             if (allocated(error)) return
-            do i = 1, size(best)
-               best(i)%mean = both%value(i)
-               call state_error(of_points(i), n, both%influence(:, i), both%bias(i), &
-                                theirs%influence(:, i), 1.0_wp - share(i), best(i)%mean_error, &
-                                best(i)%mean_ratio)
-               best(i)%mean_error = upward_error(best(i)%mean, best(i)%mean_error)
-            end do
-            least = residual_share(raw_fit%residual(view%first:view%last, :), own)
-            call law_deviation(surrogate, raw_fit, view, values, ours)
-            at_plain = sampled%deviation
-            theirs = among_all(pool, case_number, plain_deviation(own), at_plain, is_alone=.false.)
-            call find_sensitivity(surrogate, raw_fit, view, law, values(:, 1), ours, &
+            best%mean = both%value
+            best%mean_error = upward_error(both%value, both%stated)
+            best%mean_ratio = both%ratio
+            call law_deviation(surrogate, fit, view, values, ours)
+            theirs = among_all(pool, case_number, plain_deviation(own), sampled%deviation, &
+                               is_alone=.false.)
+            call find_sensitivity(surrogate, fit, view, law, values(:, 1), ours, &
                                   best(1)%sensitivity, best(1)%sensitivity_error, error)
             if (allocated(error)) return
-            call blend(ours, theirs, least, both, share)
-            call enlarge(both, theirs)
-            do i = 1, size(best)
-               values(:, i) = (values(:, i) - dot_product(law%weight, values(:, i)))**2
+            do i = 1, size(best)   ! the root of a mean of squares
+               values(:, i) = (values(:, i) - dot_product(law%weight, values(:, i)))**2 &
+                              /(2.0_wp*ours%value(i))
             end do
-            call error_of_points(law, values, of_points, error)
+            call join(law, values, n, ours, theirs, &
+                      residual_share(fit%residual(view%first:view%last, :), own), both, error)
             if (allocated(error)) return
-            of_points = of_points/(2.0_wp*ours%value)   ! of a root
-            do i = 1, size(best)
-               best(i)%deviation = both%value(i)
-               call state_error(of_points(i), n, both%influence(:, i), both%bias(i), &
-                                theirs%influence(:, i), 1.0_wp - share(i), &
-                                best(i)%deviation_error, best(i)%deviation_ratio)
-               best(i)%deviation_error = upward_error(best(i)%deviation, best(i)%deviation_error)
-               if (i == 1) cycle
+            best%deviation = both%value
+            best%deviation_error = upward_error(both%value, both%stated)
+            best%deviation_ratio = both%ratio
+            do i = 2, size(best)
                allocate (best(i)%sensitivity, best(i)%sensitivity_error, &
                          source=0.0_wp*best(1)%sensitivity)
             end do
@@ -128,9 +114,8 @@ contains
          integer, intent(in) :: case_number
          type(scalar_type), intent(inout) :: best(:)   !! (number)
          type(estimates_type) :: ours, theirs, both
-         real(wp), dimension(size(law%weight), size(raw, 2)) :: of_point, values
-         real(wp) :: least(size(raw, 2)), share(size(raw, 2))
-         real(wp) :: at_plain(size(raw, 2)), ends(2), of_points(size(raw, 2)), reach
+         real(wp), dimension(size(law%weight), size(y, 2)) :: of_point, values
+         real(wp) :: least(size(y, 2)), at_plain(size(y, 2)), ends(2), inverse
          integer :: i, n, p
 
          n = pool%n_samples(case_number)
@@ -151,19 +136,17 @@ contains
             theirs = among_all(pool, case_number, plain_percentile(bent(view%first:view%last, :), &
                                                                    share_below(p)), at_plain, &
                                is_alone=.false.)
-            call blend(ours, theirs, least, both, share)
             do i = 1, size(best)
-               reach = inverse_density(theirs%influence(:, i), n, share_below(p))
-               of_point(:, i) = merge(-reach, 0.0_wp, values(:, i) <= ours%value(i))
+               inverse = inverse_density(theirs%influence(:, i), n, share_below(p))
+               of_point(:, i) = merge(-inverse, 0.0_wp, values(:, i) <= ours%value(i))
             end do
-            call error_of_points(law, of_point, of_points, error)
+            call join(law, of_point, n, ours, theirs, least, both, error)
             if (allocated(error)) return
             do i = 1, size(best)
-               call state_error(of_points(i), n, both%influence(:, i), both%bias(i), &
-                                theirs%influence(:, i), 1.0_wp - share(i), reach, &
-                                best(i)%percentile_ratio(p))
+               best(i)%percentile_ratio(p) = both%ratio(i)
                best(i)%percentile(p) = unbend(both%value(i), is_fraction(i))
-               ends = both%value(i) + two_sided*reach*[-1.0_wp, 1.0_wp]*both%stretch(:, i)
+               ends = both%value(i) &
+                      + two_sided*both%stated(i)*[-1.0_wp, 1.0_wp]*both%stretch(:, i)
                best(i)%low(p) = unbend(ends(1), is_fraction(i))
                best(i)%high(p) = unbend(ends(2), is_fraction(i))
                if (may_be_zero(y(view%first:view%last, i), share_below(p))) best(i)%low(p) = 0.0_wp

@@ -28,14 +28,14 @@ contains
       type(estimates_type), intent(in) :: deviation    !! of the output, by law_deviation
       real(wp), allocatable, intent(out) :: share(:), share_error(:)   !! (input)
       type(error_type), allocatable, intent(out) :: error
-      real(wp), allocatable :: a(:, :), weighted(:, :), square(:, :), both(:, :)
-      real(wp), allocatable :: of_rows(:, :), to_u(:, :), change(:, :), step(:), functional(:)
+      real(wp), allocatable :: a(:, :), weighted(:, :), square(:, :), of_rows(:, :)
+      real(wp), allocatable :: of_features(:, :), to_u(:, :), to_b(:, :), step(:), functional(:)
       real(wp) :: of_pairs, variance
       integer :: d, i, j, k, n_terms
 
       d = size(law%x, 2)
       n_terms = degree*d
-      allocate (a(size(values), n_terms), square(n_terms, n_terms), both(n_terms, 2))
+      allocate (a(size(values), n_terms), square(n_terms, n_terms))
       do j = 1, d
          do k = 1, degree
             a(:, degree*(j - 1) + k) = law%x(:, j)**k
@@ -50,24 +50,24 @@ contains
       do k = 1, n_terms
          square(k, k) = square(k, k)*(1.0_wp + 1.0e-10_wp)   ! inputs may depend on each other
       end do
-      both(:, 1) = matmul(values, weighted)
-      both(:, 2) = both(:, 1)
-      allocate (of_rows(size(view%rows, 1), n_terms), to_u(size(surrogate%eigenvalue), n_terms))
+      allocate (of_rows(size(view%rows, 1), n_terms))
+      allocate (of_features(size(surrogate%eigenvalue), n_terms))
+      allocate (to_u(n_terms, 1 + size(surrogate%eigenvalue)))   ! u, its changes with features
       call multiply(view%rows, weighted, of_rows)
-      call average_features(surrogate, of_rows, 0.0_wp, to_u)
-      to_u = transpose(to_u)
-      change = to_u
-      call solve_both(square, both(:, 2:2), change, error)
+      call average_features(surrogate, of_rows, 0.0_wp, of_features)
+      to_u(:, 1) = matmul(values, weighted)
+      to_u(:, 2:) = transpose(of_features)
+      allocate (to_b, source=to_u)   ! b and its changes
+      call solve_positive_definite(square, to_b, error)
       if (allocated(error)) return
       variance = deviation%value(1)**2
       of_pairs = sqrt(sqrt(deviation%kappa(1)))   ! shares take pairs as they are
       allocate (share(d), share_error(d), step(size(fit%residual, 1)))
       do j = 1, d
          i = degree*(j - 1)
-         associate (u => both(i + 1:i + degree, 1), b => both(i + 1:i + degree, 2))
-            share(j) = dot_product(u, b)/variance
-            functional = fit%shrink(:, 1)*(matmul(b, to_u(i + 1:i + degree, :)) &
-                                           + matmul(u, change(i + 1:i + degree, :)))
+         associate (u => to_u(i + 1:i + degree, :), b => to_b(i + 1:i + degree, :))
+            share(j) = dot_product(u(:, 1), b(:, 1))/variance
+            functional = fit%shrink(:, 1)*(matmul(b(:, 1), u(:, 2:)) + matmul(u(:, 1), b(:, 2:)))
          end associate
          do i = 1, size(step)
             step(i) = fit%residual(i, 1)*dot_product(surrogate%feature(i, :), functional)/variance &
@@ -76,22 +76,5 @@ contains
          share_error(j) = stated_error(step, 0.0_wp, size(step))
       end do
    end subroutine find_sensitivity
-
-   !> Solves for a vector and for several columns.
-   subroutine solve_both(square, vector, columns, error)
-      real(wp), intent(inout), contiguous :: square(:, :)
-      real(wp), intent(inout) :: vector(:, :)
-      real(wp), intent(inout) :: columns(:, :)
-      type(error_type), allocatable, intent(out) :: error
-      real(wp), allocatable :: joined(:, :)
-
-      allocate (joined(size(columns, 1), size(columns, 2) + 1))
-      joined(:, 1) = vector(:, 1)
-      joined(:, 2:) = columns
-      call solve_positive_definite(square, joined, error)
-      if (allocated(error)) return
-      vector(:, 1) = joined(:, 1)
-      columns = joined(:, 2:)
-   end subroutine solve_both
 
 end module statistics_sensitivity

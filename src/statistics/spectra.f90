@@ -6,11 +6,12 @@ module statistics_spectra
    use core_kinds, only: wp
    use numerics_elementary, only: exponentiate
    use numerics_sorting, only: sort_order
-   use statistics_estimates, only: blend, enlarge, estimates_type, inverse_density, plain_mean, &
-                                   plain_percentile, two_sided, upward_error
+   use statistics_blend, only: join, keep_plain, state_error
+   use statistics_estimates, only: estimates_type, inverse_density, plain_mean, plain_percentile, &
+                                   two_sided, upward_error
    use statistics_influences, only: view_law, view_type
    use statistics_kernel_choice, only: learn_kernel
-   use statistics_law, only: choose_points, error_of_points, law_type, n_points, state_error
+   use statistics_law, only: choose_points, error_of_points, law_type, n_points
    use statistics_pool, only: among_all, pool_type, residual_share, rows_of
    use statistics_regression, only: law_mean_of_exponential, law_percentile
    use statistics_surrogate, only: fit_outputs, fit_type, make_room, predict, surrogate_type
@@ -134,41 +135,33 @@ contains
          type(integral_type), intent(inout) :: integral
          real(wp), intent(inout) :: power(:)   !! (point) of the regression's share
          type(estimates_type) :: ours, theirs, both
-         real(wp) :: of_points(n), share(n)
-         integer :: f, o
+         integer :: o
 
-         associate (first => starts(k), last => starts(k + 1) - 1)
+         associate (first => starts(k), last => starts(k + 1) - 1, &
+                    n_samples => pool%n_samples(number))
             associate (own => density(view%first:view%last, first:last))
                theirs = among_all(pool, number, plain_mean(own), plain(number)%mean(first:last), &
                                   is_alone=k > size(fits))
-               share = 1.0_wp
-               of_points = 0.0_wp
                if (k <= size(fits)) then
                   do o = 1, n
                      grown(:, o) = values(:, o)
                      call exponentiate(grown(:, o))
                   end do
                   call law_mean_of_exponential(surrogate, fits(k), view, grown(:, :n), own, ours)
-                  call blend(ours, theirs, [(0.0_wp, o=1, n)], both, share)
-                  call error_of_points(law, grown(:, :n), of_points, error)
+                  call join(law, grown(:, :n), n_samples, ours, theirs, [(0.0_wp, o=1, n)], both, &
+                            error)
                   if (allocated(error)) return
                   do o = 1, n
-                     power = power + (step*(1.0_wp - share(o)))*grown(:, o)
+                     power = power + (step*(1.0_wp - both%share(o)))*grown(:, o)
                   end do
-                  call enlarge(both, theirs)
                else
-                  both = theirs
+                  call keep_plain(n_samples, theirs, both)
                end if
             end associate
+            best%mean(first:last) = both%value
+            best%mean_error(first:last) = upward_error(both%value, both%stated)
+            best%mean_ratio(first:last) = both%ratio
          end associate
-         do o = 1, n
-            f = starts(k) + o - 1
-            best%mean(f) = both%value(o)
-            call state_error(of_points(o), pool%n_samples(number), &
-                             both%influence(:, o), both%bias(o), theirs%influence(:, o), &
-                             1.0_wp - share(o), best%mean_error(f), best%mean_ratio(f))
-            best%mean_error(f) = upward_error(best%mean(f), best%mean_error(f))
-         end do
          call add_to(integral, rows_of(pool, number, is_alone=k > size(fits)), both, theirs, &
                      [(step, o=1, n)], [(step, o=1, n)])
          integral%value = integral%value + step*sum(both%value)
@@ -180,46 +173,39 @@ contains
          type(integral_type), intent(inout) :: integral
          real(wp), intent(inout) :: power(:)   !! (point) influence of the regression's share
          type(estimates_type) :: ours, theirs, both
-         real(wp) :: of_points(size(ranking, 2)), share(size(ranking, 2)), ends(2), reach
-         integer :: f, n, o
+         real(wp) :: reach
+         integer :: n, o
 
          n = size(ranking, 2)
-         associate (first => starts(k), last => starts(k + 1) - 1)
+         associate (first => starts(k), last => starts(k + 1) - 1, &
+                    n_samples => pool%n_samples(number))
             associate (own => outputs(view%first:view%last, first:last))
                theirs = among_all(pool, number, plain_percentile(own, share_below(p), ranking), &
                                   log(max(plain(number)%percentile(first:last, p), &
                                           least_density)), is_alone=k > size(fits))
-               share = 1.0_wp
-               of_points = 0.0_wp
                if (k <= size(fits)) then
                   call law_percentile(surrogate, fits(k), view, values(:, :n), share_below(p), &
                                       ours)
-                  call blend(ours, theirs, &
-                             residual_share(fits(k)%residual(view%first:view%last, :), own), both, &
-                             share)
                   do o = 1, n   ! leaving a point out moves a percentile by 1/density
-                     reach = inverse_density(theirs%influence(:, o), pool%n_samples(number), &
-                                             share_below(p))
+                     reach = inverse_density(theirs%influence(:, o), n_samples, share_below(p))
                      grown(:, o) = merge(-reach, 0.0_wp, values(:, o) <= ours%value(o))
-                     power = power + (step*exp(both%value(o))*(1.0_wp - share(o)))*grown(:, o)
                   end do
-                  call error_of_points(law, grown(:, :n), of_points, error)
+                  call join(law, grown(:, :n), n_samples, ours, theirs, &
+                            residual_share(fits(k)%residual(view%first:view%last, :), own), both, &
+                            error)
                   if (allocated(error)) return
+                  do o = 1, n
+                     power = power + (step*exp(both%value(o))*(1.0_wp - both%share(o)))*grown(:, o)
+                  end do
                else
-                  both = theirs
+                  call keep_plain(n_samples, theirs, both)
                end if
             end associate
+            best%percentile(first:last, p) = exp(both%value)
+            best%low(first:last, p) = exp(both%value - two_sided*both%stated*both%stretch(1, :))
+            best%high(first:last, p) = exp(both%value + two_sided*both%stated*both%stretch(2, :))
+            best%percentile_ratio(first:last, p) = both%ratio
          end associate
-         do o = 1, n
-            f = starts(k) + o - 1
-            call state_error(of_points(o), pool%n_samples(number), both%influence(:, o), &
-                             both%bias(o), theirs%influence(:, o), 1.0_wp - share(o), reach, &
-                             best%percentile_ratio(f, p))
-            best%percentile(f, p) = exp(both%value(o))
-            ends = both%value(o) + two_sided*reach*[-1.0_wp, 1.0_wp]*both%stretch(:, o)
-            best%low(f, p) = exp(ends(1))
-            best%high(f, p) = exp(ends(2))
-         end do
          call add_to(integral, rows_of(pool, number, is_alone=k > size(fits)), both, theirs, &
                      step*exp(both%value), step*exp(theirs%value))
          integral%value = integral%value + step*sum(exp(both%value))
