@@ -95,11 +95,12 @@ contains
    !> and how much larger plain sampling's is.
    pure subroutine state_error(of_points, n_samples, influence, bias, of_plain, share, stated, &
                                ratio)
-      real(wp), intent(in) :: of_points                !! standard error that the points leave
+      real(wp), intent(in) :: of_points                  !! standard error that the points leave
       integer, intent(in) :: n_samples
-      real(wp), intent(in) :: influence(:), bias       !! (sample) of the estimate
-      real(wp), intent(in) :: of_plain(:)              !! (sample) influences of plain sampling
-      real(wp), intent(in) :: share                    !! of the regression
+      real(wp), intent(in), contiguous :: influence(:)   !! (sample) of the estimate
+      real(wp), intent(in) :: bias
+      real(wp), intent(in), contiguous :: of_plain(:)    !! (sample) influences of plain sampling
+      real(wp), intent(in) :: share                      !! of the regression
       real(wp), intent(out) :: stated, ratio
       real(wp) :: plain
 

@@ -111,7 +111,7 @@ contains
    !> output up to it.
    pure function kappa_of(fit, weight) result(kappa)
       type(fit_type), intent(in) :: fit
-      real(wp), intent(in) :: weight(:, :)   !! (sample, output)
+      real(wp), intent(in), contiguous :: weight(:, :)   !! (sample, output)
       real(wp) :: kappa(size(weight, 2))
       integer :: k
 

@@ -17,12 +17,15 @@ contains
       integer, allocatable, intent(out) :: near(:)
       real(wp) :: at, before, below, reach, under
       integer, allocatable :: inner(:), places(:)
+      real(wp), allocatable :: some(:), some_weight(:)
       integer :: first, k, last
 
       reach = half_width + largest(weight)   ! so that a point on either side of p is there
       call narrow(values, weight, 1.0_wp, p - reach, p + reach, places, under)
-      call narrow(values(places), weight(places), sum(weight(places)), p - reach - under, &
-                  p + reach - under, inner, below)
+      some = values(places)
+      some_weight = weight(places)
+      call narrow(some, some_weight, sum(some_weight), p - reach - under, p + reach - under, &
+                  inner, below)
       below = below + under
       places = places(inner)
       places = places(sort_order(values(places)))

@@ -26,7 +26,7 @@ contains
       type(surrogate_type), intent(in) :: surrogate
       type(fit_type), intent(in) :: fit
       type(view_type), intent(in) :: view
-      real(wp), intent(in) :: values(:, :)    !! (point, output) G
+      real(wp), intent(in), contiguous :: values(:, :)   !! (point, output) G
       type(estimates_type), intent(out) :: estimate
       real(wp) :: average_row(size(view%rows, 1), 1)
       real(wp) :: average(size(surrogate%eigenvalue), size(fit%mean))
@@ -51,7 +51,7 @@ contains
       type(surrogate_type), intent(in) :: surrogate
       type(fit_type), intent(in) :: fit
       type(view_type), intent(in) :: view
-      real(wp), intent(in) :: values(:, :)    !! (point, output) G
+      real(wp), intent(in), contiguous :: values(:, :)   !! (point, output) G
       type(estimates_type), intent(out) :: estimate
       real(wp) :: of_rows(size(view%rows, 1), size(values, 2))
       real(wp) :: covariance(size(surrogate%eigenvalue), size(values, 2))
@@ -94,7 +94,7 @@ contains
       type(surrogate_type), intent(in) :: surrogate
       type(fit_type), intent(in) :: fit
       type(view_type), intent(in) :: view
-      real(wp), intent(in) :: values(:, :)    !! (point, output) G
+      real(wp), intent(in), contiguous :: values(:, :)   !! (point, output) G
       real(wp), intent(in) :: p               !! share of the law below
       type(estimates_type), intent(out) :: estimate
       real(wp) :: average_row(size(view%rows, 1), size(values, 2))
@@ -207,7 +207,7 @@ contains
       type(surrogate_type), intent(in) :: surrogate
       type(fit_type), intent(in) :: fit
       type(view_type), intent(in) :: view
-      real(wp), intent(in) :: grown(:, :)     !! (point, output) exp(G)
+      real(wp), intent(in), contiguous :: grown(:, :)   !! (point, output) exp(G)
       real(wp), intent(in) :: y(:, :)         !! (own sample, output)
       type(estimates_type), intent(out) :: estimate
       real(wp), allocatable :: some(:, :), weighted(:, :), average_row(:, :), average(:, :)

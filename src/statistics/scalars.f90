@@ -80,7 +80,7 @@ contains
                     sampled => plain(:, case_number))
             call predict(surrogate, fit, view%rows, values)
             call law_mean(surrogate, fit, view, values, ours)
-            theirs = among_all(pool, case_number, plain_mean(own), sampled%mean, &
+            theirs = among_all(pool, case_number, plain_mean(own), [sampled%mean], &
                                is_alone=.false.)
             call join(law, values, n, ours, theirs, [(0.0_wp, i=1, size(best))], both, error)
             if (allocated(error)) return
@@ -88,8 +88,8 @@ contains
             best%mean_error = upward_error(both%value, both%stated)
             best%mean_ratio = both%ratio
             call law_deviation(surrogate, fit, view, values, ours)
-            theirs = among_all(pool, case_number, plain_deviation(own), sampled%deviation, &
-                               is_alone=.false.)
+            theirs = among_all(pool, case_number, plain_deviation(own), &
+                               [sampled%deviation], is_alone=.false.)
             call find_sensitivity(surrogate, fit, view, law, values(:, 1), ours, &
                                   best(1)%sensitivity, best(1)%sensitivity_error, error)
             if (allocated(error)) return
