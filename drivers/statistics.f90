@@ -1,7 +1,7 @@
 !> The statistics of a case over its samples, in memory that does not grow with their number.
 module driver_statistics
    use campaign_bands, only: band_collector, start_bands
-   use campaign_group_percentiles, only: sample_groups
+   use campaign_group_percentiles, only: percentile_collector, sample_groups
    use campaign_joint_statistics, only: joint_collector, start_joints
    use campaign_plan, only: kept_dofs, plan_type
    use campaign_results, only: block_result, case_statistics, n_quantities, of_amplitude, &
@@ -131,39 +131,82 @@ contains
          call world%add_up(size(bands%integral), bands%integral)
          if (allocated(bands%batches%variance)) &
             call world%add_up(size(bands%batches%variance), bands%batches%variance)
-         if (bands%percentiles%has_selection()) call select_percentiles(self, world, store, error)
+         if (bands%percentiles%has_selection()) &
+            call select_percentiles(world, store, self%shards, self%number, .true., &
+                                    size(bands%moments, 1), bands%percentiles, error)
          if (world%is_root() .and. .not. allocated(error)) call bands%finish(statistics)
       end associate
    end subroutine close_case
 
-   !> Selects the percentiles of all samples, as many ranges of frequencies at once as keep all
-   !> ranks busy. Collective.
-   subroutine select_percentiles(self, world, store, error)
-      class(case_task), intent(inout) :: self
+   !> Selects the percentiles of all samples, of numbers of the joints or of spectra, as many ranges
+   !> of frequencies at once as keep all ranks busy. Collective.
+   subroutine select_percentiles(world, store, shards, number, are_spectra, n_columns, &
+                                 percentiles, error)
       type(world_type), intent(in) :: world
       type(shard_store), intent(in) :: store
+      type(shard_type), intent(in) :: shards(:)
+      integer, intent(in) :: number          !! of the case
+      logical, intent(in) :: are_spectra
+      integer, intent(in) :: n_columns       !! at a frequency, or all
+      type(percentile_collector), intent(inout) :: percentiles
       type(error_type), allocatable, intent(out) :: error
       type(selection_type) :: selection
-      integer :: first, last, n_dof, n_frequencies, together
+      integer :: first, last, n_frequencies, range, together
       logical :: is_done
 
-      n_dof = size(self%bands%moments, 1)
-      n_frequencies = size(self%bands%moments, 2)
-      associate (percentiles => self%bands%percentiles)
-         together = frequencies_together(n_dof, n_frequencies) &
-                    *(1 + world%n_ranks/percentiles%n_groups())
-         do first = 1, n_frequencies, together
-            last = min(first + together - 1, n_frequencies)
-            call percentiles%open_selection(n_dof*(first - 1) + 1, n_dof*last, selection)
-            is_done = .false.
-            do while (.not. is_done)
-               call select_from(self, world, store, first, last, selection, error)
-               if (world%any_true(allocated(error))) return
-               call select_together(world, selection, is_done)
-            end do
-            call percentiles%take_selection(n_dof*(first - 1) + 1, n_dof*last, selection)
+      n_frequencies = size(percentiles%at, 1)/n_columns
+      range = frequencies_together(n_columns, n_frequencies)
+      together = range*(1 + world%n_ranks/percentiles%n_groups())
+      do first = 1, n_frequencies, together
+         last = min(first + together - 1, n_frequencies)
+         call percentiles%open_selection(n_columns*(first - 1) + 1, n_columns*last, selection)
+         is_done = .false.
+         do while (.not. is_done)
+            call add_all()
+            if (world%any_true(allocated(error))) return
+            call select_together(world, selection, is_done)
          end do
-      end associate
+         call percentiles%take_selection(n_columns*(first - 1) + 1, n_columns*last, selection)
+      end do
+
+   contains
+
+      !> Adds the columns of all samples at frequencies first..last. Collective.
+      subroutine add_all()
+         type(work_counter) :: counter
+         real(wp), allocatable :: values(:, :, :)   ! (column, frequency, sample)
+         integer :: column, f, from, group, item, n_ranges
+
+         n_ranges = (last - first)/range + 1
+         call new_counter(world, n_ranges*percentiles%n_groups(), counter)
+         do
+            item = counter%next(stops=allocated(error))
+            if (item == 0) exit
+            call attend_to_others()
+            group = (item - 1)/n_ranges + 1
+            from = first + range*modulo(item - 1, n_ranges)
+            allocate (values(n_columns, min(range, last - from + 1), percentiles%group_size(group)))
+            associate (first_sample => percentiles%group_first(group))
+               if (are_spectra) then
+                  call read_part(store, shards, number, 'psd', [1, from, first_sample], values, &
+                                 error)
+               else
+                  call read_numbers(store, shards, number, first_sample, values(:, 1, :), error)
+               end if
+            end associate
+            if (.not. allocated(error)) then
+               do f = 1, size(values, 2)
+                  do column = 1, n_columns
+                     call selection%add(column + n_columns*(from + f - 1 - first), &
+                                        values(column, f, :))
+                  end do
+               end do
+            end if
+            deallocate (values)
+         end do
+         call counter%close()
+      end subroutine add_all
+
    end subroutine select_percentiles
 
    !> Finds the order statistics, unless all values have to be added once more. Collective.
@@ -184,63 +227,26 @@ contains
       end do
    end subroutine select_together
 
-   !> Adds the spectra of all samples at frequencies first..last to a selection. Collective.
-   subroutine select_from(self, world, store, first, last, selection, error)
-      class(case_task), intent(in) :: self
-      type(world_type), intent(in) :: world
-      type(shard_store), intent(in) :: store
-      integer, intent(in) :: first, last
-      type(selection_type), intent(inout) :: selection
-      type(error_type), allocatable, intent(out) :: error
-      type(work_counter) :: counter
-      real(wp), allocatable :: psd(:, :, :)   ! (dof, frequency, sample)
-      integer :: dof, f, from, group, item, n_dof, n_ranges, together
-
-      n_dof = size(self%bands%moments, 1)
-      together = frequencies_together(n_dof, size(self%bands%moments, 2))
-      n_ranges = (last - first)/together + 1
-      call new_counter(world, n_ranges*self%bands%percentiles%n_groups(), counter)
-      do
-         item = counter%next(stops=allocated(error))
-         if (item == 0) exit
-         call attend_to_others()
-         group = (item - 1)/n_ranges + 1
-         from = first + together*modulo(item - 1, n_ranges)
-         associate (samples => self%bands%percentiles%group_first(group:group + 1))
-            allocate (psd(n_dof, min(together, last - from + 1), samples(2) - samples(1)))
-            call read_part(store, self%shards, self%number, 'psd', [1, from, samples(1)], psd, &
-                           error)
-         end associate
-         if (.not. allocated(error)) then
-            do f = 1, size(psd, 2)
-               do dof = 1, n_dof
-                  call selection%add(dof + n_dof*(from + f - 1 - first), psd(dof, f, :))
-               end do
-            end do
-         end if
-         deallocate (psd)
-      end do
-      call counter%close()
-   end subroutine select_from
-
    !> Adds the joints of a group of samples, and their slip series.
    subroutine add_joints(self, store, group, error)
       class(case_task), intent(inout) :: self
       type(shard_store), intent(in) :: store
       integer, intent(in) :: group
       type(error_type), allocatable, intent(out) :: error
-      type(block_result) :: samples
+      real(wp), allocatable :: values(:, :)      ! (number, sample)
       real(wp), allocatable :: series(:, :, :)   ! (joint, span, sample)
       integer :: i, last
 
       call attend_to_others()
-      associate (first => self%numbers%percentiles%group_first(group:group + 1))
-         last = first(2) - 1
-         call read_samples(store, self%shards, self%number, first(1), last, samples, error)
+      associate (percentiles => self%numbers%percentiles)
+         allocate (values(size(percentiles%at, 1), percentiles%group_size(group)))
+         call read_numbers(store, self%shards, self%number, percentiles%group_first(group), &
+                           values, error)
          if (allocated(error)) return
-         call self%numbers%add(group, numbers_of(samples))
+         call self%numbers%add(group, values)
          if (.not. self%has_spans) return
-         do i = first(1), last, samples_together
+         last = percentiles%group_first(group + 1) - 1
+         do i = percentiles%group_first(group), last, samples_together
             allocate (series(size(self%spans%common, 2), size(self%spans%common, 1), &
                              min(samples_together, last - i + 1)))
             call read_part(store, self%shards, self%number, 'slip_series', [1, 1, i], series, error)
@@ -251,24 +257,27 @@ contains
       end associate
    end subroutine add_joints
 
-   !> Slip fractions, slip distances and dissipations of the joints, and amplitudes of the dofs.
-   pure function numbers_of(samples) result(values)
-      type(block_result), intent(in) :: samples
-      real(wp), allocatable :: values(:, :)   !! (number, sample)
+   !> Reads slip fractions, slip distances and dissipations of the joints, and amplitudes of the
+   !> dofs under a sine, of some samples.
+   subroutine read_numbers(store, shards, number, first, values, error)
+      type(shard_store), intent(in) :: store
+      type(shard_type), intent(in) :: shards(:)
+      integer, intent(in) :: number          !! of the case
+      integer, intent(in) :: first           !! sample
+      real(wp), intent(out) :: values(:, :)  !! (number, sample)
+      type(error_type), allocatable, intent(out) :: error
+      type(block_result) :: samples
 
+      call read_samples(store, shards, number, first, first + size(values, 2) - 1, samples, error)
+      if (allocated(error)) return
       associate (n => size(samples%slip_fraction, 1))
-         if (allocated(samples%harmonic_amplitude)) then
-            allocate (values(n_quantities*n + size(samples%harmonic_amplitude, 1), &
-                             samples%n_samples))
-            values(n_quantities*n + 1:, :) = samples%harmonic_amplitude
-         else
-            allocate (values(n_quantities*n, samples%n_samples))
-         end if
          values(:n, :) = samples%slip_fraction
          values(n + 1:2*n, :) = samples%slip_distance
          values(2*n + 1:3*n, :) = samples%dissipation
+         if (allocated(samples%harmonic_amplitude)) &
+            values(n_quantities*n + 1:, :) = samples%harmonic_amplitude
       end associate
-   end function numbers_of
+   end subroutine read_numbers
 
    !> Joins what all ranks have of the joints; finds the percentiles of all samples. Collective.
    subroutine join_joints(self, world, store, error)
@@ -276,55 +285,17 @@ contains
       type(world_type), intent(in) :: world
       type(shard_store), intent(in) :: store
       type(error_type), allocatable, intent(out) :: error
-      type(selection_type) :: selection
-      logical :: is_done
 
-      associate (numbers => self%numbers, at => self%numbers%percentiles%at)
+      associate (numbers => self%numbers, percentiles => self%numbers%percentiles)
          call world%add_up(size(numbers%sums), numbers%sums)
-         call world%add_up(size(at), at)
+         call world%add_up(size(percentiles%at), percentiles%at)
          call world%add_up(size(self%spans%common), self%spans%common)
          call world%add_up(size(self%spans%autocovariance), self%spans%autocovariance)
-         if (.not. numbers%percentiles%has_selection()) return
-         call numbers%percentiles%open_selection(1, size(at, 1), selection)
-         is_done = .false.
-         do while (.not. is_done)
-            call select_joints(self, world, store, selection, error)
-            if (world%any_true(allocated(error))) return
-            call select_together(world, selection, is_done)
-         end do
-         call numbers%percentiles%take_selection(1, size(at, 1), selection)
+         if (percentiles%has_selection()) &
+            call select_percentiles(world, store, self%shards, self%number, .false., &
+                                    size(percentiles%at, 1), percentiles, error)
       end associate
    end subroutine join_joints
-
-   !> Adds the joints' numbers of all samples to a selection. Collective.
-   subroutine select_joints(self, world, store, selection, error)
-      class(case_task), intent(in) :: self
-      type(world_type), intent(in) :: world
-      type(shard_store), intent(in) :: store
-      type(selection_type), intent(inout) :: selection
-      type(error_type), allocatable, intent(out) :: error
-      type(work_counter) :: counter
-      type(block_result) :: samples
-      real(wp), allocatable :: values(:, :)   ! (number, sample)
-      integer :: group, i
-
-      call new_counter(world, self%numbers%percentiles%n_groups(), counter)
-      do
-         group = counter%next(stops=allocated(error))
-         if (group == 0) exit
-         call attend_to_others()
-         associate (first => self%numbers%percentiles%group_first(group:group + 1))
-            call read_samples(store, self%shards, self%number, first(1), first(2) - 1, samples, &
-                              error)
-         end associate
-         if (allocated(error)) cycle
-         values = numbers_of(samples)
-         do i = 1, size(values, 1)
-            call selection%add(i, values(i, :))
-         end do
-      end do
-      call counter%close()
-   end subroutine select_joints
 
    subroutine finish_joints(self, plan, statistics)
       class(case_task), intent(in) :: self
