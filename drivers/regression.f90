@@ -239,7 +239,7 @@ contains
       type(workshop_type), intent(inout) :: workshop
       integer, intent(in) :: quantities(:)   !! of_slip and others
       integer, intent(in) :: place           !! joint or dof
-      real(wp), intent(in) :: values(:, :)   !! (sample, quantity)
+      real(wp), intent(in), contiguous :: values(:, :)   !! (sample, quantity)
       type(error_type), allocatable, intent(out) :: error
       type(scalar_type), allocatable :: plain(:, :), estimates(:, :)
       integer :: i, q
