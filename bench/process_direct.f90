@@ -10,7 +10,6 @@ program bench_process_direct
    use process_correlation, only: constraint_weights
    use process_direct_constraint, only: constraint_of, length_constraint, new_constraint
    use process_direct_fit, only: check_by_inversion, fit_direct
-   use process_direct_reciprocal_symbol, only: reciprocal_workspace
    use process_direct_sign_search, only: search_all_signs, search_result
    use process_direct_sign_sequence, only: sequence_solution, solve_sequence
    use process_model, only: inversion_check, process_model_type, process_request
@@ -38,7 +37,6 @@ contains
       integer, parameter :: n_rounds = 5, n_repeats = 20
       type(process_model_type) :: model
       type(length_constraint) :: constraint
-      type(reciprocal_workspace) :: workspace
       type(sequence_solution) :: solution
       type(inversion_check) :: check
       type(error_type), allocatable :: error
@@ -51,7 +49,7 @@ contains
       do round = 1, n_rounds
          call cpu_time(start)
          do i = 1, n_repeats
-            call solve_sequence(constraint, model%signs(constraint%rewarded), workspace, solution)
+            call solve_sequence(constraint, model%signs(constraint%rewarded), solution)
          end do
          call cpu_time(finish)
          best = min(best, (finish - start)/n_repeats)

@@ -19,8 +19,6 @@ module numerics_fftw
    end interface
 
    !> Plan and arrays of either direction. Aligned, freed with the variable; never copy it.
-   !> Where a component has them as components, its owner's finalizer releases them: gfortran 12
-   !> skips theirs there.
    type, abstract :: real_fft
       integer :: n = 0                                              !! length of the signal, 0: none
       real(wp), pointer, contiguous :: signal(:) => null()          !! (0:n-1)
@@ -31,8 +29,7 @@ module numerics_fftw
    contains
       procedure(prepare_transform), deferred :: prepare
       procedure(execute_transform), deferred :: execute
-      procedure :: release
-      procedure, private :: allocate_buffers
+      procedure, private :: release, allocate_buffers
    end type real_fft
 
    abstract interface

@@ -4,9 +4,9 @@
 !> derivatives are a_m K(m), K(m) the Fourier coefficients of 1/g, where x_m moves by itself, and
 !> the left side of Eq. (11) along delta.
 module process_direct_climb
-   use core_kinds, only: wp
+   use core_kinds, only: two_pi, wp
    use process_direct_constraint, only: length_constraint
-   use process_direct_reciprocal_symbol, only: reciprocal_workspace, symbol_evaluation
+   use process_direct_reciprocal_symbol, only: evaluate_symbol, symbol_evaluation
    implicit none(type, external)
    private
    public :: climb_state, begin_climb, evaluate_climb, steepest, touching_multiplier, &
@@ -45,15 +45,14 @@ contains
    end subroutine begin_climb
 
    !> Evaluates D at state%x, with its derivatives in delta and in the free x_m.
-   subroutine evaluate_climb(constraint, workspace, state)
+   pure subroutine evaluate_climb(constraint, state)
       type(length_constraint), intent(in) :: constraint
-      type(reciprocal_workspace), intent(inout) :: workspace
       type(climb_state), intent(inout) :: state
       real(wp) :: symbol(0:constraint%m_max)
 
       symbol(0) = 1.0_wp + constraint%weights(0)*state%x(0)
       symbol(1:) = 0.5_wp*constraint%weights(1:)*state%x(1:)
-      call workspace%evaluate(symbol, state%along, state%free, state%value)
+      call evaluate_symbol(symbol, state%along, state%free, state%value)
       if (.not. state%value%is_positive) return
       associate (value => state%value, n => size(state%scale))
          value%gradient(:) = state%scale*value%gradient
@@ -70,30 +69,37 @@ contains
    end function weak_multiplier
 
    !> delta at which 1 + delta A(t) first touches zero; huge when A is nowhere negative.
-   function touching_multiplier(along, workspace) result(delta)
+   pure function touching_multiplier(along) result(delta)
       real(wp), intent(in) :: along(0:)   !! symbol of A
-      type(reciprocal_workspace), intent(inout) :: workspace
       real(wp) :: delta
-      real(wp), allocatable :: values(:)
       real(wp) :: bend, lowest, t
       integer :: j, m, n, step
 
-      call workspace%values_on_circle(along, values)
-      n = 2*ubound(values, 1)
-      j = minloc(values, dim=1) - 1
-      lowest = values(j)
-      t = 8.0_wp*atan(1.0_wp)*j/n
-      if (j > 0 .and. j < n/2) then   ! between the points
-         do step = 1, 4
-            bend = sum([(m**2*along(m)*cos(m*t), m=1, ubound(along, 1))])
-            if (.not. abs(bend) > 0.0_wp) exit
-            t = t - sum([(m*along(m)*sin(m*t), m=1, ubound(along, 1))])/bend
-            lowest = min(lowest, along(0) + &
-                         2.0_wp*sum([(along(m)*cos(m*t), m=1, ubound(along, 1))]))
-         end do
-      end if
+      n = max(64, 8*ubound(along, 1))   ! points on the circle, of which the lowest is refined
+      t = two_pi/n*(minloc([(rough_value(along, two_pi*j/n), j=0, n/2)], dim=1) - 1)
+      lowest = huge(1.0_wp)
+      do step = 1, 5
+         lowest = min(lowest, along(0) + 2.0_wp*sum([(along(m)*cos(m*t), m=1, ubound(along, 1))]))
+         bend = sum([(m**2*along(m)*cos(m*t), m=1, ubound(along, 1))])
+         if (.not. abs(bend) > 0.0_wp) exit
+         t = t - sum([(m*along(m)*sin(m*t), m=1, ubound(along, 1))])/bend
+      end do
       delta = huge(1.0_wp)
       if (lowest < -1.0e-13_wp*sum(abs(along))) delta = -1.0_wp/lowest
    end function touching_multiplier
+
+   !> A(t) = A_0 + 2 sum A_m cos(mt), by Clenshaw's recurrence: fast, with the rounding of its sums.
+   pure real(wp) function rough_value(along, t) result(value)
+      real(wp), intent(in) :: along(0:), t
+      real(wp) :: b(0:2)
+      integer :: m
+
+      b = 0.0_wp
+      do m = ubound(along, 1), 1, -1
+         b(1:2) = b(0:1)
+         b(0) = 2.0_wp*(along(m) + cos(t)*b(1)) - b(2)
+      end do
+      value = along(0) + cos(t)*b(0) - b(1)
+   end function rough_value
 
 end module process_direct_climb

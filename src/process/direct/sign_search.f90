@@ -12,7 +12,6 @@ module process_direct_sign_search
    use core_kinds, only: long, pi, wp
    use numerics_sorting, only: sort_order
    use process_direct_constraint, only: length_constraint, new_constraint
-   use process_direct_reciprocal_symbol, only: reciprocal_workspace
    use process_direct_sign_sequence, only: sequence_solution, solve_sequence
    implicit none(type, external)
    private
@@ -53,7 +52,6 @@ contains
       type(length_constraint), intent(in) :: constraint
       integer, intent(in) :: part, n_parts   !! part = 1..n_parts
       type(search_result), intent(out) :: result
-      type(reciprocal_workspace) :: workspace
       type(sequence_solution), allocatable :: found(:)
       type(sequence_solution) :: solution
       integer(long) :: first, index, longer, n
@@ -63,7 +61,7 @@ contains
       longer = modulo(n, int(n_parts, long))   ! parts that have one sequence more
       first = n/n_parts*(part - 1) + min(int(part - 1, long), longer)
       do index = first, first + n/n_parts - merge(0, 1, part <= longer)
-         call solve_sequence(constraint, sequence_signs(constraint, index), workspace, solution)
+         call solve_sequence(constraint, sequence_signs(constraint, index), solution)
          result%n_examined = result%n_examined + 1
          if (.not. (solution%is_feasible .and. solution%is_consistent)) cycle
          result%n_consistent = result%n_consistent + 1
@@ -102,7 +100,6 @@ contains
       real(wp), intent(in) :: numbers(:)
       type(length_constraint), intent(in) :: constraint
       type(search_result), intent(out) :: search
-      type(reciprocal_workspace) :: workspace
       integer :: i
 
       search%n_examined = nint(numbers(1), long)
@@ -111,8 +108,7 @@ contains
       allocate (search%solutions(size(numbers) - 3))
       do i = 1, size(search%solutions)
          associate (number => nint(numbers(3 + i), long))
-            call solve_sequence(constraint, sequence_signs(constraint, number), workspace, &
-                                search%solutions(i))
+            call solve_sequence(constraint, sequence_signs(constraint, number), search%solutions(i))
             search%solutions(i)%number = number
          end associate
       end do
@@ -128,7 +124,6 @@ contains
       type(length_constraint), intent(in) :: constraint
       type(sequence_solution), intent(out) :: best   !! not feasible: none was found
       integer, parameter :: few = 16, many = 48, very_many = 200
-      type(reciprocal_workspace) :: workspace
       type(sequence_solution) :: solution
       integer :: signs(size(constraint%rewarded)), i, n, n_rates, max_passes
       logical :: is_large
@@ -139,19 +134,19 @@ contains
       max_passes = merge(2, 50, is_large)
       n_rates = merge(4, 12, is_large)
       signs = 1
-      call make_consistent(constraint, signs, max_passes, workspace, best)
+      call make_consistent(constraint, signs, max_passes, best)
       if (is_all_plus_best(constraint)) return
       if (constraint%m_max > 4*size(constraint%penalized) .and. best%is_feasible) return
       do i = merge(1, 0, is_large), n_rates
          signs = quadratic_phases(n, 3.0_wp*i/n_rates)
          if (i == 0) signs(n) = -1
-         call make_consistent(constraint, signs, max_passes, workspace, solution)
+         call make_consistent(constraint, signs, max_passes, solution)
          call take_better(solution, best)
          if (is_large) cycle
-         call make_consistent(constraint, -signs, max_passes, workspace, solution)
+         call make_consistent(constraint, -signs, max_passes, solution)
          call take_better(solution, best)
       end do
-      if (best%is_feasible .and. n <= many) call turn_signs(constraint, n <= few, workspace, best)
+      if (best%is_feasible .and. n <= many) call turn_signs(constraint, n <= few, best)
    end subroutine search_structured
 
    !> Bounds the entropy of every sequence by that of all plus without the penalized lags, by the
@@ -160,28 +155,26 @@ contains
       type(length_constraint), intent(in) :: constraint
       real(wp), intent(out) :: entropy   !! minus huge: no sequence has a solution
       type(length_constraint) :: relaxed
-      type(reciprocal_workspace) :: workspace
       type(sequence_solution) :: solution
       integer :: i
 
       relaxed = new_constraint([constraint%weights(0), min(constraint%weights(1:), 0.0_wp)])
-      call solve_sequence(relaxed, [(1, i=1, size(relaxed%rewarded))], workspace, solution)
+      call solve_sequence(relaxed, [(1, i=1, size(relaxed%rewarded))], solution)
       entropy = merge(solution%entropy, -huge(1.0_wp), solution%is_feasible)
    end subroutine limit_of_entropy
 
    !> Takes over the signs of K(m) until they stay. That only raises the entropy: with the new signs
    !! the old solution has more than the wanted length.
-   subroutine make_consistent(constraint, signs, max_passes, workspace, solution)
+   subroutine make_consistent(constraint, signs, max_passes, solution)
       type(length_constraint), intent(in) :: constraint
       integer, intent(in) :: signs(:)   !! start
       integer, intent(in) :: max_passes
-      type(reciprocal_workspace), intent(inout) :: workspace
       type(sequence_solution), intent(out) :: solution
       integer :: now(size(signs)), pass
 
       now = signs
       do pass = 1, max_passes
-         call solve_sequence(constraint, now, workspace, solution)
+         call solve_sequence(constraint, now, solution)
          if (.not. solution%is_feasible) return
          if (solution%is_consistent) exit
          now = merge(-1, 1, solution%correlation(constraint%rewarded) < 0.0_wp)
@@ -190,10 +183,9 @@ contains
    end subroutine make_consistent
 
    !> Turns single signs, and pairs of them if asked for, as long as the best entropy grows.
-   subroutine turn_signs(constraint, in_pairs, workspace, best)
+   subroutine turn_signs(constraint, in_pairs, best)
       type(length_constraint), intent(in) :: constraint
       logical, intent(in) :: in_pairs
-      type(reciprocal_workspace), intent(inout) :: workspace
       type(sequence_solution), intent(inout) :: best
       integer, parameter :: max_passes = 50
       type(sequence_solution) :: solution
@@ -207,7 +199,7 @@ contains
                signs = nint(best%s(constraint%rewarded))
                signs(i) = -signs(i)
                if (j > i) signs(j) = -signs(j)
-               call make_consistent(constraint, signs, max_passes, workspace, solution)
+               call make_consistent(constraint, signs, max_passes, solution)
                call take_better(solution, best)
             end do
          end do

@@ -15,7 +15,6 @@ module process_direct_sign_sequence
    use process_direct_climb, only: begin_climb, climb_state, evaluate_climb, steepest, &
       touching_multiplier, weak_multiplier
    use process_direct_constraint, only: length_constraint
-   use process_direct_reciprocal_symbol, only: reciprocal_workspace
    use process_direct_touching_symbol, only: solve_touching
    use process_entropy, only: gaussian_entropy
    implicit none(type, external)
@@ -44,10 +43,9 @@ module process_direct_sign_sequence
 contains
 
    !> Solves for given signs of the rewarded lags.
-   subroutine solve_sequence(constraint, signs, workspace, solution)
+   subroutine solve_sequence(constraint, signs, solution)
       type(length_constraint), intent(in) :: constraint
       integer, intent(in) :: signs(:)   !! +1 or -1, one per rewarded lag
-      type(reciprocal_workspace), intent(inout) :: workspace   !! keeps plans from one to the next
       type(sequence_solution), intent(out) :: solution
       integer, parameter :: max_passes = 20
       logical :: is_free(constraint%m_max), was_free(constraint%m_max)
@@ -59,9 +57,8 @@ contains
       s(constraint%rewarded) = signs
       is_free = .false.
       is_free(constraint%penalized) = any(signs < 0)   ! all plus holds none, far from the limits
-      call workspace%prepare(constraint%m_max)
       do pass = 1, max_passes
-         call solve_active_set(constraint, is_free, s, delta, workspace, solution)
+         call solve_active_set(constraint, is_free, s, delta, solution)
          if (pass == 1 .and. all(signs > 0)) call approach_touch(constraint, solution)
          was_free = is_free
          is_free = is_free .and. abs(s) <= 1.0_wp
@@ -80,12 +77,11 @@ contains
 
    !> Solves for delta and for x_m of the free lags by Newton's method, the other signs given. Ends
    !> without a solution where x_m surely leave their interval.
-   subroutine solve_active_set(constraint, is_free, s, delta, workspace, solution)
+   subroutine solve_active_set(constraint, is_free, s, delta, solution)
       type(length_constraint), intent(in) :: constraint
       logical, intent(in) :: is_free(:)      !! (m_max) K(m) = 0 is wanted there
       real(wp), intent(inout) :: s(:)        !! (m_max) found where free, also without a solution
       real(wp), intent(inout) :: delta       !! with s a start, then where it ended; 0: none
-      type(reciprocal_workspace), intent(inout) :: workspace
       type(sequence_solution), intent(out) :: solution
       type(climb_state) :: state
       real(wp) :: decrement, last_decrement, limit, start
@@ -97,7 +93,7 @@ contains
       limit = huge(1.0_wp)
       start = weak_multiplier(state%along)
       if (size(state%free) == 0) then
-         limit = touching_multiplier(state%along, workspace)
+         limit = touching_multiplier(state%along)
          if (.not. limit < steepest/constraint%weights(0)) return
          start = min(start, 0.75_wp*limit)
       else
@@ -105,18 +101,18 @@ contains
       end if
       if (delta > 0.0_wp) then
          state%x = delta*[1.0_wp, s]
-         call evaluate_climb(constraint, workspace, state)
+         call evaluate_climb(constraint, state)
       end if
       delta = 0.0_wp
       if (.not. state%value%is_positive) then
          state%x = start*[1.0_wp, state%s]
-         call evaluate_climb(constraint, workspace, state)
+         call evaluate_climb(constraint, state)
       end if
       last_decrement = huge(1.0_wp)
       do iteration = 1, max_steps
          s(state%free) = state%x(state%free)/state%x(0)
          if (.not. state%value%is_positive) return
-         if (is_hopeless(constraint, state, workspace)) return
+         if (is_hopeless(constraint, state)) return
          call find_step(state, limit, step, decrement)
          if (decrement <= near .and. any(abs(s(state%free)) > beyond)) then
             delta = state%x(0)
@@ -125,7 +121,7 @@ contains
          is_done = abs(decrement) <= end_game .and. &   ! rounding is left, or not even that
                    (decrement <= 1.0e-22_wp .or. decrement > 0.25_wp*last_decrement)
          last_decrement = decrement
-         call take_step(constraint, workspace, step, decrement, state, is_higher)
+         call take_step(constraint, step, decrement, state, is_higher)
          if (.not. is_higher) return
          if (is_done) exit
       end do
@@ -135,17 +131,16 @@ contains
    end subroutine solve_active_set
 
    !> True if g stays positive however far x is followed, with free lags: then D has no maximum.
-   function is_hopeless(constraint, state, workspace)
+   pure function is_hopeless(constraint, state)
       type(length_constraint), intent(in) :: constraint
       type(climb_state), intent(in) :: state
-      type(reciprocal_workspace), intent(inout) :: workspace
       logical :: is_hopeless
 
       associate (weights => constraint%weights, x => state%x)
          is_hopeless = size(state%free) > 0 .and. x(0)*weights(0) > 10.0_wp   ! it shows later
          if (is_hopeless) &
             is_hopeless = .not. touching_multiplier([weights(0)*x(0), &
-                                                     0.5_wp*weights(1:)*x(1:)], workspace) &
+                                                     0.5_wp*weights(1:)*x(1:)]) &
                           < steepest/(weights(0)*x(0))
       end associate
    end function is_hopeless
@@ -210,9 +205,8 @@ contains
    !> Goes along the step as far as D rises, and no more than half of the way to where g touches
    !> zero: D is finite there, and steps along that edge are short. Not at all (`is_higher` false)
    !> where D does not rise.
-   subroutine take_step(constraint, workspace, step, decrement, state, is_higher)
+   subroutine take_step(constraint, step, decrement, state, is_higher)
       type(length_constraint), intent(in) :: constraint
-      type(reciprocal_workspace), intent(inout) :: workspace
       real(wp), intent(in) :: step(0:)
       real(wp), intent(in) :: decrement
       type(climb_state), intent(inout) :: state
@@ -232,7 +226,7 @@ contains
          was_outside = is_outside
          is_outside = .not. state%x(0) > 0.0_wp
          if (.not. is_outside) then
-            call evaluate_climb(constraint, workspace, state)
+            call evaluate_climb(constraint, state)
             is_outside = .not. state%value%is_positive
          end if
          is_higher = .not. is_outside

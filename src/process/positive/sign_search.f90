@@ -11,7 +11,6 @@ module process_positive_sign_search
    use numerics_sorting, only: sort_order
    use process_direct_constraint, only: constraint_of, length_constraint
    use process_direct_fit, only: mirror_image, mirrored
-   use process_direct_reciprocal_symbol, only: reciprocal_workspace
    use process_direct_sign_search, only: count_sequences, max_listed, search_structured, &
                                          sequence_signs
    use process_direct_sign_sequence, only: sequence_solution, solve_sequence
@@ -112,7 +111,6 @@ contains
       type(error_type), allocatable, intent(out) :: error
       type(length_constraint) :: constraint
       type(process_model_type) :: unconstrained
-      type(reciprocal_workspace) :: workspace
       type(sequence_solution), allocatable :: found(:)
       integer, allocatable :: order(:)
       integer :: i, n
@@ -125,8 +123,7 @@ contains
       allocate (found(n))
       if (is_complete) then
          do i = 1, n
-            call solve_sequence(constraint, sequence_signs(constraint, i - 1_long), workspace, &
-                                found(i))
+            call solve_sequence(constraint, sequence_signs(constraint, i - 1_long), found(i))
          end do
       else
          call search_structured(constraint, found(1))
