@@ -11,8 +11,8 @@ module dynamics_exact_modal_operators
    use dynamics_alignment, only: whole_registers
    use dynamics_exact_modal_ledger, only: modal_ledger
    use dynamics_exact_modal_steps, only: rows_ahead
-   use dynamics_exact_modal_terms, only: choose_terms, count_parts, joint_gain, modal_terms, &
-                                         n_markov, path_degree
+   use dynamics_exact_modal_terms, only: choose_terms, count_parts, feel_joints, joint_feel, &
+                                         modal_terms, n_markov, path_degree
    use numerics_dense_product, only: pack_matrix, packed_matrix, padded_rows
    use numerics_exponential, only: exponential_type, find_exponential
    use structure_model, only: structure_type
@@ -78,20 +78,21 @@ contains
       real(wp), intent(in) :: dt          !! [s]
       real(wp), intent(in) :: tolerance
       type(modal_operators), intent(out) :: operators
-      real(wp), allocatable :: gain(:, :), damping(:, :), omega(:), moved(:, :, :)
+      type(joint_feel) :: joints
+      real(wp), allocatable :: damping(:, :), omega(:), moved(:, :, :)
       integer :: r
 
       omega = two_pi*structure%frequencies_stuck   ! zero where rounding hides it
       operators%n_modes = structure%n_dof
       operators%n_joints = structure%n_joints
-      gain = joint_gain(structure)
-      operators%n_parts = count_parts(structure, dt, tolerance)
+      call feel_joints(structure, joints)
+      operators%n_parts = count_parts(structure, joints, dt, tolerance)
       operators%h = dt/operators%n_parts
       allocate (operators%direction, source=structure%direction)
       operators%momentum = matmul(structure%mass, structure%modes_stuck)
       operators%load = operators%h**2*matmul(transpose(structure%modes_stuck), structure%load)
       operators%slider_push = operators%h**2*transpose(spread(structure%joint_stiffness, 2, &
-                                                              structure%n_dof)*gain)
+                                                              structure%n_dof)*joints%gain)
       if (size(structure%damping_ratio) > 0) then
          allocate (damping(structure%n_dof, structure%n_dof), source=0.0_wp)
          do r = 1, structure%n_dof
@@ -102,24 +103,24 @@ contains
                                       matmul(structure%damping, structure%modes_stuck))
       end if
       operators%decouples = is_diagonal(damping)
-      call choose_terms(structure%joint_stiffness, gain, operators%h*omega, damping, tolerance, &
+      call choose_terms(structure%joint_stiffness, joints, operators%h*omega, damping, tolerance, &
                         operators)
-      call pack_matrix(gain, operators%reads(1))
-      call pack_matrix(gain, operators%reads(2))
+      call pack_matrix(joints%gain, operators%reads(1))
+      call pack_matrix(joints%gain, operators%reads(2))
       call pack_matrix(operators%slider_push, operators%push)
       call pack_matrix(structure%modes_stuck, operators%shape)
       do r = 3, 4
          associate (first => merge(operators%first_read(r), operators%n_modes + 1, &
                                    operators%decouples))
-            call pack_matrix(gain(:, first:), operators%reads(r))
+            call pack_matrix(joints%gain(:, first:), operators%reads(r))
          end associate
       end do
       if (operators%decouples) then
          call put_rotations(operators%h*omega, damping, operators, moved)
       else
-         call put_propagator(operators%h*omega, damping, gain, operators, moved)
+         call put_propagator(operators%h*omega, damping, joints%gain, operators, moved)
       end if
-      call put_answers(gain, moved, operators)
+      call put_answers(joints%gain, moved, operators)
       operators%rate = operators%h*omega
       call move_alloc(damping, operators%damping)
    end subroutine new_modal_operators

@@ -5,13 +5,14 @@ module dynamics_exact_modal_terms
    use structure_model, only: structure_type
    implicit none(type, external)
    private
-   public :: choose_terms, count_parts, joint_gain, longest_in_parts, modal_terms, n_markov
-   public :: path_degree
+   public :: choose_terms, count_parts, feel_joints, joint_feel, longest_in_parts, modal_terms
+   public :: n_markov, path_degree
 
    integer, parameter :: path_degree = 6   !! of the paths of joints
    integer, parameter :: n_markov = 3      !! terms of the answer of a joint to a slider
    real(wp), parameter :: safety = 30.0_wp           !! of the estimate (M7)
    real(wp), parameter :: term_safety = 10.0_wp      !! of the estimates (M8)
+   real(wp), parameter :: slide_safety = 3.0_wp      !! of (M7) for joints that slide on
    real(wp), parameter :: quintic_error = 2.7e-6_wp  !! max t^2 (t - 1/2)^2 (t - 1)^2/6!
 
    !> Parts and terms.
@@ -25,21 +26,25 @@ module dynamics_exact_modal_terms
       integer :: first_power(3:path_degree) = 1
    end type modal_terms
 
+   !> Gains, reaches and fading of the joints of a structure (M7).
+   type :: joint_feel
+      real(wp), allocatable :: gain(:, :)   !! G (joint, mode)
+      real(wp), allocatable :: reach(:)     !! row sums of |W' M^-1 W k| (joint) [1/s^2]
+      real(wp), allocatable :: fading(:)    !! w'M^-1 C M^-1 w/(w'M^-1 w) (joint) [1/s]
+   end type joint_feel
+
 contains
 
    !> Parts of a step, a power of two up to 2^30, that keep the paths of joints within the tolerance
    !> (M7).
-   pure integer function count_parts(structure, dt, tolerance) result(n_parts)
+   pure integer function count_parts(structure, joints, dt, tolerance) result(n_parts)
       type(structure_type), intent(in) :: structure
+      type(joint_feel), intent(in) :: joints
       real(wp), intent(in) :: dt, tolerance
-      real(wp), allocatable :: gain(:, :)
-      real(wp) :: reach
 
-      gain = joint_gain(structure)
-      reach = compliance(structure%joint_stiffness, gain, structure%frequencies_stuck, 0)
       n_parts = 1
       do while (n_parts < 2**30)
-         if (path_error(structure, gain, reach, dt, n_parts) <= tolerance) return
+         if (path_error(structure, joints, dt, n_parts) <= tolerance) return
          n_parts = 2*n_parts
       end do
    end function count_parts
@@ -50,19 +55,18 @@ contains
       integer, intent(in) :: n_parts
       real(wp), intent(in) :: dt, tolerance
       integer, parameter :: halvings = 100
-      real(wp), allocatable :: gain(:, :)
-      real(wp) :: middle, reach, too_long
+      type(joint_feel) :: joints
+      real(wp) :: middle, too_long
       integer :: i
 
-      gain = joint_gain(structure)
-      reach = compliance(structure%joint_stiffness, gain, structure%frequencies_stuck, 0)
+      call feel_joints(structure, joints)
       longest = dt
-      if (path_error(structure, gain, reach, dt, n_parts) <= tolerance) return
+      if (path_error(structure, joints, dt, n_parts) <= tolerance) return
       longest = 0.0_wp
       too_long = dt
       do i = 1, halvings
          middle = 0.5_wp*(longest + too_long)
-         if (path_error(structure, gain, reach, middle, n_parts) <= tolerance) then
+         if (path_error(structure, joints, middle, n_parts) <= tolerance) then
             longest = middle
          else
             too_long = middle
@@ -70,31 +74,63 @@ contains
       end do
    end function longest_in_parts
 
-   !> G = W' Phi (joint, mode).
-   pure function joint_gain(structure) result(gain)
+   !> Gathers the gains of the joints, their reaches and the fading of motion along each.
+   pure subroutine feel_joints(structure, joints)
       type(structure_type), intent(in) :: structure
-      real(wp) :: gain(structure%n_joints, structure%n_dof)
+      type(joint_feel), intent(out) :: joints
+      real(wp) :: pushed(structure%n_dof)   ! M^-1 w
+      integer :: j
 
-      gain = matmul(transpose(structure%direction), structure%modes_stuck)
-   end function joint_gain
+      joints%gain = matmul(transpose(structure%direction), structure%modes_stuck)
+      joints%reach = compliances(structure%joint_stiffness, joints%gain, &
+                                 structure%frequencies_stuck, 0)
+      if (size(structure%damping_ratio) > 0) then
+         joints%fading = matmul(joints%gain**2, 2.0_wp*structure%damping_ratio &
+                                *two_pi*structure%frequencies_stuck)
+      else
+         allocate (joints%fading(structure%n_joints))
+         do j = 1, structure%n_joints
+            pushed = matmul(structure%modes_stuck, joints%gain(j, :))
+            joints%fading(j) = dot_product(pushed, matmul(structure%damping, pushed))
+         end do
+      end if
+      joints%fading = joints%fading/sum(joints%gain**2, 2)
+   end subroutine feel_joints
+
+   !> Velocity that errors of the paths of joints add up to where a joint slides on, in units of an
+   !> error: its spring adds kappa of it in every part, until the motion fades or over 2000 steps,
+   !> see (1) (M7).
+   pure function sliding(joints, dt, n_parts) result(sum_of_parts)
+      type(joint_feel), intent(in) :: joints
+      real(wp), intent(in) :: dt   !! [s]
+      integer, intent(in) :: n_parts
+      real(wp), parameter :: steps = 2000.0_wp
+      real(wp) :: sum_of_parts(size(joints%reach))
+
+      sum_of_parts = joints%reach*(dt/n_parts)**2*slide_safety &
+                     *n_parts/max(joints%fading*dt, 1.0_wp/steps)
+   end function sliding
 
    !> Error of the paths of joints with so many parts a step, relative to the rms displacement (M7).
    !>
    !> A mode of rate rho = omega h leaves the polynomial through its values by 2.7e-6 rho^6 of its
    !> amplitude. The answers of joints to sliders, kappa = h^2 W' M^-1 W k, are cut off at
-   !> kappa^3/5040 of their velocity; the fit of their kernel gains 20.
-   pure real(wp) function path_error(structure, gain, reach, dt, n_parts)
+   !> kappa^3/5040 of their velocity; the fit of their kernel gains 20, but where a joint slides on.
+   pure real(wp) function path_error(structure, joints, dt, n_parts)
       type(structure_type), intent(in) :: structure
-      real(wp), intent(in) :: gain(:, :)    !! G (joint, mode)
-      real(wp), intent(in) :: reach, dt     !! W' M^-1 W k [1/s^2], [s]
+      type(joint_feel), intent(in) :: joints
+      real(wp), intent(in) :: dt   !! [s]
       integer, intent(in) :: n_parts
-      real(wp) :: kappa, rate(structure%n_dof)   ! omega dt (mode)
+      real(wp) :: kappa(structure%n_joints), rate(structure%n_dof)   ! omega dt (mode)
 
+      path_error = 0.0_wp
+      if (structure%n_joints == 0) return
       rate = two_pi*structure%frequencies_stuck*dt
-      kappa = reach*(dt/n_parts)**2
-      path_error = safety*(maxval(shares(gain, rate)*min(rate/n_parts, &
-                                                         quintic_error*(rate/n_parts)**6)) &
-                           + kappa**3/(20.0_wp*5040.0_wp)/n_parts)
+      kappa = joints%reach*(dt/n_parts)**2
+      path_error = safety*(maxval(shares(joints%gain, rate) &
+                                  *min(rate/n_parts, quintic_error*(rate/n_parts)**6)) &
+                           + maxval(kappa)**3/(20.0_wp*5040.0_wp)/n_parts) &
+                   + maxval(kappa**3/5040.0_wp*sliding(joints, dt, n_parts))
    end function path_error
 
    !> Share of each mode in the paths of joints, at most 1; amplitudes beyond omega dt = 1 fall as
@@ -112,22 +148,22 @@ contains
       end do
    end function shares
 
-   !> Largest row sum of |G rate^power G'| k [1/s^2]: size of W' M^-1 W k, or with powers of the
+   !> Row sums of |G rate^power G'| k (joint) [1/s^2]: size of W' M^-1 W k, or with powers of the
    !> stiffness in between.
-   pure real(wp) function compliance(joint_stiffness, gain, rate, power)
+   pure function compliances(joint_stiffness, gain, rate, power) result(row_sum)
       real(wp), intent(in) :: joint_stiffness(:), gain(:, :), rate(:)
       integer, intent(in) :: power
+      real(wp) :: row_sum(size(gain, 1))
 
-      compliance = 0.0_wp
-      if (size(gain, 1) == 0) return
-      compliance = maxval(matmul(abs(matmul(gain*spread(rate**power, 1, size(gain, 1)), &
-                                            transpose(gain))), joint_stiffness))
-   end function compliance
+      row_sum = matmul(abs(matmul(gain*spread(rate**power, 1, size(gain, 1)), &
+                                  transpose(gain))), joint_stiffness)
+   end function compliances
 
    !> Leaves out what the tolerance does not need (M8): the velocity at half the part, integrals of
    !> the sliders' motion, terms of the answers.
-   pure subroutine choose_terms(joint_stiffness, gain, rate, damping, tolerance, terms)
-      real(wp), intent(in) :: joint_stiffness(:), gain(:, :)
+   pure subroutine choose_terms(joint_stiffness, joints, rate, damping, tolerance, terms)
+      real(wp), intent(in) :: joint_stiffness(:)
+      type(joint_feel), intent(in) :: joints
       real(wp), intent(in) :: rate(:)          !! omega h (mode)
       real(wp), intent(in) :: damping(:, :)    !! C^ (mode, mode)
       real(wp), intent(in) :: tolerance
@@ -135,15 +171,20 @@ contains
       real(wp), parameter :: steps = 30.0_wp   ! for which the error of a part lives on, see (1)
       real(wp), parameter :: cubic_error = 2.6e-3_wp, quartic_error = 7.5e-5_wp   ! (M4)
       real(wp) :: answer(0:n_markov - 1), kernel(0:4), memory, path(5), share(size(rate))
+      real(wp) :: on   ! errors of paths add up to while a joint slides on
       integer :: d, k
 
-      share = shares(gain, rate*terms%n_parts)
+      share = shares(joints%gain, rate*terms%n_parts)
       do k = 1, 5
          path(k) = maxval(share*rate**k)   ! derivatives of the paths
       end do
       do k = 0, 4, 2
-         kernel(k) = terms%h**2*compliance(joint_stiffness, gain, rate, k)
+         kernel(k) = terms%h**2*max(0.0_wp, maxval(compliances(joint_stiffness, joints%gain, &
+                                                               rate, k)))
       end do
+      on = 0.0_wp
+      if (path(1) > 0.0_wp) &
+         on = maxval(sliding(joints, terms%h*terms%n_parts, terms%n_parts))/path(1)
       associate (decay => maxval(sum(abs(damping), 1)))
          answer = [kernel(0), kernel(0)*decay, kernel(2) + kernel(0)*decay**2]
       end associate
@@ -160,7 +201,8 @@ contains
       do k = 3, path_degree
          terms%first_power(k) = k - 1
          do d = 0, min(n_markov - 1, k - 3)
-            if (term_safety*answer(d)*path(k - 2 - d)/gamma(real(k + 1, wp)) > 0.05_wp*tolerance) &
+            if (max(20.0_wp*term_safety, on)*answer(d)*path(k - 2 - d)/gamma(real(k + 1, wp)) &
+                > tolerance) &
                terms%first_power(k) = k - 2 - d
          end do
       end do
@@ -172,7 +214,7 @@ contains
          real(wp), intent(in) :: error(:)   !! (mode)
 
          do first_beyond = 1, size(error)
-            if (term_safety*error(first_beyond) > 0.5_wp*tolerance) return
+            if (max(2.0_wp*term_safety, on)*error(first_beyond) > tolerance) return
          end do
       end function first_beyond
 
