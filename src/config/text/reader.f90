@@ -9,6 +9,7 @@ module config_text_reader
    use config_text_value_table, only: choice_length, entry_type, name_length, visitor_type
    use core_complaints, only: complaint_list
    use core_kinds, only: long, wp
+   use core_phrases, only: joined
    use core_spelling, only: nearest_name
    use core_text, only: to_text
    implicit none(type, external)
@@ -72,7 +73,11 @@ contains
             if (given%block /= self%block .or. self%is_known(i)) cycle
             nearest = nearest_name(trim(given%name), self%known)
             rule = 'unknown name'
-            if (nearest /= '') rule = rule//', did you mean '//trim(nearest)//'?'
+            if (nearest /= '') then
+               rule = rule//', did you mean '//trim(nearest)//'?'
+            else
+               rule = rule//'; there are '//joined(self%known)
+            end if
             call self%document%refuse(self%block, given%place, &
                                       self%document%text_of(given%place), &
                                       self%document%values_text(given), rule, self%complaints)
