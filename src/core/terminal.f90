@@ -109,14 +109,17 @@ contains
    end function output_is_lost
 
    !> Ends the program with an exit code: exit_file instead of exit_done where standard output was
-   !> lost, which is said. gfortran 11 has no `stop` with quiet=.
+   !> lost, which is said but where a reader such as `head` has ended. gfortran 11 has no `stop`
+   !> with quiet=.
    subroutine end_program(exit_code)
       integer, intent(in) :: exit_code
+      integer(c_int), parameter :: epipe = 32   !! Linux
       integer :: code
 
       code = exit_code
       if (output_is_lost()) then
-         call write_error('standard output: cannot be written: '//system_text(failure))
+         if (failure /= epipe) &
+            call write_error('standard output: cannot be written: '//system_text(failure))
          if (code == exit_done) code = exit_file
       end if
       call c_exit(int(code, c_int))
