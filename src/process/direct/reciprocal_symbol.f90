@@ -58,7 +58,8 @@ contains
       end if
       evaluation%reciprocal(:) = reciprocal(:m_max)
       evaluation%log_mean = -2.0_wp*log(evaluation%b0)
-    call differentiate([1.0_wp, evaluation%a]/evaluation%b0, reciprocal, along, cosines, evaluation)
+      call differentiate([1.0_wp, evaluation%a]/evaluation%b0, reciprocal, along, cosines, &
+                         evaluation)
    end subroutine evaluate_symbol
 
    !> Computes gradient and curvature from the changes of B along each direction: as exact as B.
