@@ -65,7 +65,7 @@ contains
       integer, intent(in) :: n_lags
       real(wp) :: correlation(0:n_lags)
       real(wp) :: a(size(kappa)), error_variance
-      integer :: m, order
+      integer :: first, last, m, order
 
       order = size(kappa)
       correlation(0) = 1.0_wp
@@ -76,8 +76,12 @@ contains
          call step_up(a, m, kappa(m))
          error_variance = error_variance*(1.0_wp - kappa(m)**2)
       end do
-      do m = order + 1, n_lags
-         correlation(m) = -dot_product(a, correlation(m - 1:m - order:-1))
+      ! to all lags that K(m) reaches at once: a sum of dot_product would wait for each of its terms
+      correlation(order + 1:) = 0.0_wp
+      do m = 1, n_lags - 1
+         first = max(m, order) + 1
+         last = min(m + order, n_lags)
+         correlation(first:last) = correlation(first:last) - correlation(m)*a(first - m:last - m)
       end do
    end function autocovariance_of
 
