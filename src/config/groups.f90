@@ -1,14 +1,11 @@
 !> All groups of a scene together, and what follows from which of them are there.
 module config_groups
-   use config_groups_accuracy, only: accuracy_group
-   use config_groups_campaign, only: campaign_group
-   use config_groups_chain, only: chain_group
-   use config_groups_excitation, only: excitation_group
-   use config_groups_integration, only: integration_group
-   use config_groups_output, only: output_group
-   use config_groups_process, only: process_group
-   use config_groups_scene, only: heading_group
-   use config_groups_structure, only: structure_group
+   use campaign_plan, only: accuracy_settings, integration_settings
+   use config_groups_motion, only: chain_group, excitation_group, structure_group, visit_chain, &
+      visit_excitation, visit_integration, visit_structure
+   use config_groups_process, only: process_group, visit_process
+   use config_groups_study, only: campaign_group, heading_group, output_group, visit_accuracy, &
+      visit_campaign, visit_output, visit_scene
    use config_text_value_table, only: visitor_type
    use core_kinds, only: long, wp
    use structure_model, only: structure_type
@@ -30,9 +27,9 @@ module config_groups
       type(structure_group) :: structure_files
       type(chain_group) :: chain
       type(excitation_group) :: excitation
-      type(integration_group) :: integration
+      type(integration_settings) :: integration
       type(campaign_group) :: campaign
-      type(accuracy_group) :: accuracy
+      type(accuracy_settings) :: accuracy
       type(output_group) :: output
       logical :: has_structure = .false., has_chain = .false., has_excitation = .false.
       logical :: friction_is_mean = .false.        !! deterministic cases take process%mean
@@ -96,23 +93,23 @@ contains
 
       select case (group)
       case ('scene')
-         call self%heading%visit(visitor)
+         call visit_scene(self%heading, visitor)
       case ('process')
-         call self%processes(number)%visit(visitor)
+         call visit_process(self%processes(number), visitor)
       case ('structure')
-         call self%structure_files%visit(visitor)
+         call visit_structure(self%structure_files, visitor)
       case ('chain')
-         call self%chain%visit(visitor)
+         call visit_chain(self%chain, visitor)
       case ('excitation')
-         call self%excitation%visit(visitor)
+         call visit_excitation(self%excitation, visitor)
       case ('integration')
-         call self%integration%visit(visitor)
+         call visit_integration(self%integration, visitor)
       case ('campaign')
-         call self%campaign%visit(visitor)
+         call visit_campaign(self%campaign, visitor)
       case ('accuracy')
-         call self%accuracy%visit(visitor)
+         call visit_accuracy(self%accuracy, visitor)
       case ('output')
-         call self%output%visit(visitor)
+         call visit_output(self%output, visitor)
       case default
          error stop 'visit: no such group'
       end select

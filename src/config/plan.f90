@@ -2,7 +2,7 @@
 module config_plan
    use campaign_plan, only: case_type, plan_type
    use config_groups, only: scene_type
-   use config_groups_integration, only: fewest_measured
+   use config_groups_motion, only: fewest_measured
    use config_groups_process, only: process_group
    use core_complaints, only: complaint_list
    use core_error, only: error_type
@@ -42,7 +42,7 @@ contains
       end if
       plan%estimator = scene%campaign%estimator
       plan%walltime = scene%campaign%walltime
-      plan%accuracy = scene%accuracy%accuracy_settings
+      plan%accuracy = scene%accuracy
       plan%has_structure = scene%moves()
       if (.not. scene%moves()) return
       if (scene%has_structure) then
@@ -157,7 +157,7 @@ contains
          if (allocated(scene%force_path)) plan%excitation%file = scene%force_path
          if (allocated(scene%density)) plan%excitation%density = scene%density
 
-         plan%integration = integration%integration_settings
+         plan%integration = integration
          if (integration%n_steps == 0) plan%integration%n_steps = scene%n_force_values - 1
 
          plan%output = output%output_settings

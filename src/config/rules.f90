@@ -2,7 +2,7 @@
 module config_rules
    use config_excitation_rules, only: check_excitation
    use config_groups, only: scene_type
-   use config_groups_integration, only: fewest_measured
+   use config_groups_motion, only: fewest_measured
    use config_groups_process, only: process_group
    use config_structure_rules, only: check_structure
    use config_text_reader, only: reader_type

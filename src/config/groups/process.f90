@@ -6,7 +6,7 @@ module config_groups_process
    use process_model, only: process_request
    implicit none(type, external)
    private
-   public :: process_group
+   public :: process_group, visit_process
 
    !> A request that all processes of the group share, and lists of what they differ in: every
    !> correlation length with its order, and these with every std.
@@ -20,14 +20,13 @@ module config_groups_process
       real(wp), allocatable :: stds(:)
       integer :: n_points = 5
       integer :: n_realizations = 0
-   contains
-      procedure :: visit
    end type process_group
 
 contains
 
-   subroutine visit(self, visitor)
-      class(process_group), intent(inout) :: self
+   !> Table of &process.
+   subroutine visit_process(self, visitor)
+      type(process_group), intent(inout) :: self
       class(visitor_type), intent(inout) :: visitor
       type(entry_type) :: entry
       logical :: has_law
@@ -96,7 +95,7 @@ contains
          shapes_samples=.false.))
       call visitor%visit(self%n_realizations, about('n_realizations', &
          'to be written, for all &process', rule=not_negative(), shapes_samples=.false.))
-   end subroutine visit
+   end subroutine visit_process
 
    !> Order for each correlation length, the paper's 2, 5, 10 for its 0.3, 1, 3; one where there is
    !> no length.

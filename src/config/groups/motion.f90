@@ -1,0 +1,198 @@
+!> &chain, &structure, &excitation and &integration: what moves, the forces on it, and how it is
+!> marched through time.
+module config_groups_motion
+   use campaign_plan, only: excitation_settings, integration_settings
+   use config_text_value_table, only: about, between, entry_type, inside, not_negative, positive, &
+      visitor_type
+   use core_kinds, only: wp
+   use dynamics_newmark_march, only: most_halvings
+   use structure_sizes, only: most_dofs
+   implicit none(type, external)
+   private
+   public :: chain_group, excitation_group, structure_group
+   public :: visit_chain, visit_excitation, visit_integration, visit_structure
+   public :: fewest_measured
+
+   integer, parameter :: fewest_measured = 64   !! steps behind n_discard: two spans of slip series
+
+   !> Defaults are those of Sec. 3. Every list: one value, or one per dof.
+   type :: chain_group
+      integer :: n_dof = 5
+      real(wp), allocatable :: mass(:)
+      real(wp), allocatable :: coupling_stiffness(:)
+      real(wp), allocatable :: contact_stiffness(:)
+      real(wp), allocatable :: normal_load(:)
+      real(wp), allocatable :: friction(:)
+      real(wp), allocatable :: damping_ratio(:)
+   end type chain_group
+
+   !> Paths as in the scene: beside it, or in the current directory.
+   type :: structure_group
+      character(:), allocatable :: mass_matrix
+      character(:), allocatable :: stiffness_matrix
+      character(:), allocatable :: damping_matrix
+      real(wp), allocatable :: rayleigh(:)
+      real(wp), allocatable :: damping_ratio(:)
+      character(:), allocatable :: joints
+      character(:), allocatable :: directions
+      character(:), allocatable :: load
+   end type structure_group
+
+   !> Forces as the scene says them, with the levels that make cases.
+   type, extends(excitation_settings) :: excitation_group
+      real(wp), allocatable :: variance(:)    !! empty: not given
+      real(wp), allocatable :: frequency(:)   !! empty: not given
+      real(wp), allocatable :: amplitude(:)   !! empty: not given
+      character(:), allocatable :: psd        !! path of a file; '': none
+      real(wp), allocatable :: factor(:)
+   contains
+      procedure :: n_levels
+   end type excitation_group
+
+contains
+
+   !> Table of &chain.
+   subroutine visit_chain(self, visitor)
+      type(chain_group), intent(inout) :: self
+      class(visitor_type), intent(inout) :: visitor
+      type(entry_type) :: entry
+
+      entry = about('n_dof', 'number of masses; the first is next to the wall', &
+                    rule=between(1.0_wp, real(most_dofs, wp)))
+      entry%default = 'length of the longest list, else 5'
+      call visitor%visit(self%n_dof, entry)
+      entry = about('mass', 'one value, or one per dof', 'kg', positive())
+      call visit_list(self%mass, [1.0_wp])
+      entry = about('coupling_stiffness', &
+                    'of the springs between the masses; the first goes to the wall', 'N/m', &
+                    not_negative())
+      call visit_list(self%coupling_stiffness, [25.0_wp])
+      entry = about('contact_stiffness', 'of the springs of the Jenkins elements', 'N/m', &
+                    positive())
+      call visit_list(self%contact_stiffness, [50.0_wp])
+      entry = about('normal_load', 'on the sliders', 'N', not_negative())
+      call visit_list(self%normal_load, [10.0_wp])
+      entry = about('friction', 'friction coefficients of the deterministic cases', &
+                    rule=not_negative())
+      entry%default = 'the mean that all &process share'
+      call visit_list(self%friction, [real(wp) ::])
+      entry = about('damping_ratio', 'of critical, for each mode of the stuck chain', &
+                    rule=not_negative())
+      call visit_list(self%damping_ratio, [0.005_wp])
+
+   contains
+
+      !> Visits a list with a value for each dof, or one for all.
+      subroutine visit_list(list, default)
+         real(wp), allocatable, intent(inout) :: list(:)
+         real(wp), intent(in) :: default(:)
+
+         entry%per_dof = self%n_dof
+         call visitor%visit(list, entry, default=default)
+      end subroutine visit_list
+
+   end subroutine visit_chain
+
+   !> Table of &structure.
+   subroutine visit_structure(self, visitor)
+      type(structure_group), intent(inout) :: self
+      class(visitor_type), intent(inout) :: visitor
+
+      ! which file holds a matrix changes nothing: its values are in the fingerprint
+      call visitor%visit_text(self%mass_matrix, about('mass_matrix', &
+         'M: a Matrix Market file, real or integer', 'kg', shapes_samples=.false.))
+      call visitor%visit_text(self%stiffness_matrix, about('stiffness_matrix', &
+         'K without the joints: a Matrix Market file', 'N/m', shapes_samples=.false.))
+      call visitor%visit_text(self%damping_matrix, about('damping_matrix', &
+         'C: a Matrix Market file; or one of the next two', 'N s/m', shapes_samples=.false.))
+      call visitor%visit(self%rayleigh, about('rayleigh', &
+         'alpha [1/s], beta [s]: C = alpha M + beta K', rule=not_negative(), length=2), &
+         default=[0.0_wp, 0.0_wp])
+      call visitor%visit(self%damping_ratio, about('damping_ratio', &
+         'of critical, one or one per mode with all joints stuck', rule=not_negative()), &
+         default=[0.005_wp])
+      call visitor%visit_text(self%joints, about('joints', &
+         'a line each: dof_a dof_b stiffness normal_load friction '// &
+         '[friction_point]; dof_b 0: ground', shapes_samples=.false.))
+      call visitor%visit_text(self%directions, about('directions', &
+         'W (dofs x joints), Matrix Market; then joints has no dofs', shapes_samples=.false.))
+      call visitor%visit_text(self%load, about('load', &
+         'factor of each dof, one a line, a column a force; none: 1 at excitation%dof, or '// &
+         'with base at all dofs', &
+         shapes_samples=.false.))
+   end subroutine visit_structure
+
+   !> Table of &excitation.
+   subroutine visit_excitation(self, visitor)
+      type(excitation_group), intent(inout) :: self
+      class(visitor_type), intent(inout) :: visitor
+
+      call visitor%visit(self%kind, about('kind', &
+         'Gaussian noise of a flat or of a given spectrum, sines, or a history of your own', &
+         choices='band_limited psd sine file'))
+      call visitor%visit(self%band, about('band', 'the noise has no power outside of it', 'Hz', &
+         not_negative(), length=2, used=self%kind == 'band_limited'), default=[0.0_wp, 2.5_wp])
+      call visitor%visit(self%variance, about('variance', &
+         'of the noise, in expectation; one or several, each a case', 'N^2', positive()))
+      call visitor%visit(self%frequency, about('frequency', 'sine: one or several, each a case', &
+         'Hz', positive(), used=self%kind == 'sine'))
+      call visitor%visit(self%amplitude, about('amplitude', &
+         'sine: one or several, each a case at every frequency', 'N', positive(), &
+         used=self%kind == 'sine'))
+      call visitor%visit_text(self%psd, about('psd', &
+         'one-sided density, a text file: Hz and N^2/Hz on a line, linear in between', &
+         shapes_samples=.false.))
+      call visitor%visit_text(self%file, about('file', &
+         'a history, text (force, or time and force) or HDF5, beside the scene '// &
+         'or in the current folder', shapes_samples=.false.))
+      call visitor%visit(self%factor, about('factor', &
+         'of the force of file or psd; one or several, each a case', rule=positive(), &
+         used=self%kind == 'file' .or. self%kind == 'psd'), default=[1.0_wp])
+      call visitor%visit(self%dof, about('dof', 'the forced dof; 0: the last', &
+         rule=not_negative()))
+      call visitor%visit(self%base, about('base', &
+         'the force is a ground acceleration in m/s^2 of all dofs alike, or of each by its '// &
+         'load; motion relative to the ground'))
+      call visitor%visit(self%per_sample, about('per_sample', &
+         'a force record of its own for each sample; else only the friction differs'))
+   end subroutine visit_excitation
+
+   !> Cases that each process has.
+   pure integer function n_levels(self)
+      class(excitation_group), intent(in) :: self
+
+      select case (self%kind)
+      case ('band_limited')
+         n_levels = size(self%variance)
+      case ('sine')
+         n_levels = size(self%frequency)*size(self%amplitude)
+      case default
+         n_levels = size(self%factor)
+      end select
+   end function n_levels
+
+   !> Table of &integration.
+   subroutine visit_integration(self, visitor)
+      type(integration_settings), intent(inout) :: self
+      class(visitor_type), intent(inout) :: visitor
+
+      call visitor%visit(self%method, about('method', &
+         'newmark: the scheme of Sec. 3; event: exact transitions', choices='newmark event'))
+      call visitor%visit(self%dt, about('dt', 'time step', 's', positive()))
+      call visitor%visit(self%n_steps, about('n_steps', '0: as many as a force file has', &
+         rule=between(0.0_wp, 2.0e9_wp)))
+      call visitor%visit(self%n_discard, about('n_discard', 'first steps that enter no statistic', &
+         rule=not_negative()))
+      call visitor%visit(self%max_halvings, about('max_halvings', &
+         'newmark: a transition is closed in on down to dt/2^max_halvings', &
+         rule=between(0.0_wp, real(most_halvings, wp)), used=self%method == 'newmark'))
+      call visitor%visit(self%beta, about('beta', 'newmark', rule=between(0.0_wp, 0.5_wp), &
+         used=self%method == 'newmark'))
+      call visitor%visit(self%gamma, about('gamma', 'newmark; below 0.5 it would feed energy', &
+         rule=between(0.5_wp, 1.0_wp), used=self%method == 'newmark'))
+      call visitor%visit(self%tolerance, about('tolerance', &
+         'event: displacement error relative to its rms', rule=inside(0.0_wp, 1.0_wp), &
+         used=self%method == 'event'))
+   end subroutine visit_integration
+
+end module config_groups_motion

@@ -1,0 +1,121 @@
+!> &scene, &campaign, &accuracy and &output: what the study is called, how many samples it takes, how
+!> accurate they are to be, and what is kept of them.
+module config_groups_study
+   use campaign_plan, only: accuracy_settings, output_settings
+   use config_text_value_table, only: about, between, choice_length, inside, not_negative, &
+      visitor_type
+   use core_kinds, only: long, wp
+   implicit none(type, external)
+   private
+   public :: campaign_group, heading_group, output_group
+   public :: visit_accuracy, visit_campaign, visit_output, visit_scene
+
+   !> Title and seed.
+   type :: heading_group
+      character(:), allocatable :: title
+      integer(long) :: seed = 2016
+   end type heading_group
+
+   !> Defaults are those of the paper, without its deterministic runs.
+   type :: campaign_group
+      integer :: n_samples = 100
+      logical :: deterministic = .false.
+      character(choice_length) :: estimator = 'pooled'
+      real(wp) :: walltime = 0.0_wp
+   end type campaign_group
+
+   !> Results to keep, as the scene says them.
+   type, extends(output_settings) :: output_group
+      character(choice_length), allocatable :: quantities(:)
+   contains
+      procedure :: keeps
+   end type output_group
+
+contains
+
+   !> Table of &scene.
+   subroutine visit_scene(self, visitor)
+      type(heading_group), intent(inout) :: self
+      class(visitor_type), intent(inout) :: visitor
+
+      call visitor%visit_text(self%title, about('title', &
+         'what the results are called; empty: the name of the scene file', &
+         shapes_samples=.false.))
+      call visitor%visit(self%seed, about('seed', 'of every random number, any whole number'))
+   end subroutine visit_scene
+
+   !> Table of &campaign.
+   subroutine visit_campaign(self, visitor)
+      type(campaign_group), intent(inout) :: self
+      class(visitor_type), intent(inout) :: visitor
+
+      call visitor%visit(self%n_samples, about('n_samples', &
+         'of every case with drawn friction; 0: no such case', rule=not_negative(), &
+         shapes_samples=.false.))
+      call visitor%visit(self%deterministic, about('deterministic', &
+         'also one sample per level of the force, before the others, with '// &
+         'chain%friction or else process%mean', shapes_samples=.false.))
+      call visitor%visit(self%estimator, about('estimator', &
+         'of statistics over the friction: regression over all cases of one force, '// &
+         'regression over each case, or sample statistics alone', shapes_samples=.false., &
+         choices='pooled regression plain'))
+      call visitor%visit(self%walltime, about('walltime', &
+         'stop at a sample boundary after that long; 0: no limit', 'min', not_negative(), &
+         shapes_samples=.false.))
+   end subroutine visit_campaign
+
+   !> Table of &accuracy. By default nothing is watched.
+   subroutine visit_accuracy(self, visitor)
+      type(accuracy_settings), intent(inout) :: self
+      class(visitor_type), intent(inout) :: visitor
+
+      call visitor%visit(self%target_slip_points, about('target_slip_points', &
+         'wanted numerical error of slip fractions, in points of percent; 0: none', '%', &
+         not_negative(), shapes_samples=.false.))
+      call visitor%visit(self%target_band_ratio, about('target_band_ratio', &
+         'wanted numerical error of band ratios, relative; 0: none', rule=not_negative(), &
+         shapes_samples=.false.))
+      call visitor%visit(self%target_statistical, about('target_statistical', &
+         'wanted standard error of mean slip fractions, in points of percent; 0: none', '%', &
+         not_negative(), shapes_samples=.false.))
+      call visitor%visit(self%sample_until_met, about('sample_until_met', &
+         'take samples until target_statistical is met, n_samples at a time', &
+         shapes_samples=.false.))
+      call visitor%visit(self%audit, about('audit', &
+         'share of the samples repeated by event, at a thousandth of its tolerance', &
+         rule=between(0.0_wp, 1.0_wp), shapes_samples=.false.))
+   end subroutine visit_accuracy
+
+   !> Table of &output.
+   subroutine visit_output(self, visitor)
+      type(output_group), intent(inout) :: self
+      class(visitor_type), intent(inout) :: visitor
+
+      call visitor%visit_choices(self%quantities, about('quantities', 'what is computed and kept', &
+         choices='slip spectrum energy history realizations transitions'), &
+         default=[character(choice_length) :: 'slip', 'spectrum'])
+      call visitor%visit(self%dofs, about('dofs', &
+         'whose spectra and histories are kept, ascending; 0: all', rule=not_negative(), &
+         used=self%keeps('spectrum') .or. self%keeps('history')), default=[0])
+      call visitor%visit(self%percentiles, about('percentiles', &
+         'of slip fractions and spectra, ascending', '%', inside(0.0_wp, 100.0_wp), &
+         shapes_samples=.false.), default=[5.0_wp, 95.0_wp])
+      call visitor%visit(self%segment_length, about('segment_length', &
+         'of the spectra: steps of a Welch segment, or all there are', &
+         rule=between(8.0_wp, 1.0e8_wp), used=self%keeps('spectrum')))
+      call visitor%visit(self%spectrum_every, about('spectrum_every', &
+         'every so many steps enter the spectra; 0: chosen and stated', rule=not_negative(), &
+         used=self%keeps('spectrum')))
+      call visitor%visit(self%samples, about('samples', &
+         'spectra and slip series of every sample are kept; '// &
+         'else their statistics alone: none can be added later', used=self%keeps('spectrum')))
+   end subroutine visit_output
+
+   pure logical function keeps(self, quantity)
+      class(output_group), intent(in) :: self
+      character(*), intent(in) :: quantity
+
+      keeps = any(self%quantities == quantity)
+   end function keeps
+
+end module config_groups_study
