@@ -18,15 +18,13 @@ module driver_tradeoff
    use io_earlier_results, only: check_replaceable
    use io_lock, only: lock_type, take_lock
    use io_results, only: begin_results, results_writer
-   use io_tradeoff_results, only: write_errors, write_orders, write_settings, write_sizes, &
-      write_spectra, write_variants
+   use io_tradeoff_results, only: tradeoff_findings, write_tradeoff
    use parallel_world, only: start_world, stop_world, world_type
    use process_model, only: process_model_type
-   use tradeoff_effects, only: variant_row, variant_rows_of
-   use tradeoff_front, only: components_of, error_components, rows_of, sample_steps, setting_row, &
-      size_row, size_rows_of, spectrum_row, spectrum_rows_of
-   use tradeoff_process_settings, only: compare_orders, order_row
-   use tradeoff_tasks, only: scope_type, tradeoff_type
+   use tradeoff_effects, only: variant_rows_of
+   use tradeoff_front, only: components_of, rows_of, size_rows_of, spectrum_rows_of
+   use tradeoff_process_settings, only: compare_orders
+   use tradeoff_tasks, only: scope_type
    use tradeoff_variants, only: list_variants
    implicit none(type, external)
    private
@@ -36,17 +34,6 @@ module driver_tradeoff
    !> much, variants a third.
    real(wp), parameter :: budget = 15.0_wp
 
-   !> Findings of a tradeoff.
-   type :: findings_type
-      type(tradeoff_type) :: tradeoff
-      type(setting_row), allocatable :: settings(:)
-      type(spectrum_row), allocatable :: spectra(:)
-      type(error_components) :: errors
-      type(size_row), allocatable :: sizes(:)
-      type(variant_row), allocatable :: variants(:)
-      type(order_row), allocatable :: orders(:)
-   end type findings_type
-
 contains
 
    !> Runs the command `tradeoff`. Collective.
@@ -55,7 +42,7 @@ contains
       type(world_type) :: world
       type(scene_type) :: scene
       type(plan_type) :: plan
-      type(findings_type) :: found
+      type(tradeoff_findings) :: found
       type(process_model_type), allocatable :: models(:)
       type(lock_type) :: lock
       real(wp), allocatable :: force(:, :)
@@ -122,7 +109,7 @@ contains
       type(plan_type), intent(in) :: plan
       real(wp), intent(in) :: force(0:, :)   !! (step, 1 or sample) [N] of a file; else of size 0
       type(process_model_type), intent(in) :: models(:)
-      type(findings_type), intent(inout) :: found
+      type(tradeoff_findings), intent(inout) :: found
       logical, intent(out) :: is_stopped
       type(error_type), allocatable, intent(out) :: error
       type(scope_type) :: scope
@@ -167,7 +154,7 @@ contains
       type(scene_type), intent(in) :: scene
       type(plan_type), intent(in) :: plan
       type(process_model_type), intent(in) :: models(:)
-      type(findings_type), intent(in) :: found
+      type(tradeoff_findings), intent(in) :: found
       integer, intent(in) :: n_ranks
       character(:), allocatable :: text
       character, parameter :: line_feed = new_line('a')
@@ -195,7 +182,7 @@ contains
       type(command_line), intent(in) :: line
       type(scene_type), intent(in) :: scene
       type(plan_type), intent(in) :: plan
-      type(findings_type), intent(in) :: found
+      type(tradeoff_findings), intent(in) :: found
       integer, intent(in) :: n_ranks
       type(error_type), allocatable, intent(out) :: error
       type(results_writer) :: writer
@@ -203,19 +190,7 @@ contains
       call begin_results(lock%output, provenance_of(scene, line, plan%title, n_ranks), writer, &
                          error)
       if (allocated(error)) return
-      if (plan%has_structure) then
-         call write_settings(writer, plan, found%settings, &
-                             found%tradeoff%plan%integration%n_steps, &
-                             1.0e-9_wp*sample_steps(plan), error)
-         if (.not. allocated(error)) call write_errors(writer, found%errors, error)
-         if (.not. allocated(error)) call write_sizes(writer, found%sizes, error)
-         if (.not. allocated(error)) call write_spectra(writer, found%spectra, error)
-         if (.not. allocated(error)) &
-            call write_variants(writer, found%tradeoff%scope%variants, found%variants, &
-                                found%tradeoff%n_wide, found%tradeoff%wide%integration%n_steps, &
-                                error)
-      end if
-      if (.not. allocated(error)) call write_orders(writer, found%orders, error)
+      call write_tradeoff(writer, plan, found, error)
       if (allocated(error)) then
          call writer%abandon()
       else

@@ -17,6 +17,7 @@ module io_group
    contains
       generic :: put => put_reals, put_integers
       generic :: column => real_column, integer_column
+      procedure :: go_to
       procedure :: attribute
       procedure :: put_axis
       procedure :: put_value
@@ -35,9 +36,17 @@ contains
       type(group_type) :: group
 
       group%file = file
-      group%path = path
-      call file%make_group(path, group%error)
+      call group%go_to(path)
    end function new_group
+
+   !> Goes on with another group of the file, made where it is not there.
+   subroutine go_to(self, path)
+      class(group_type), intent(inout) :: self
+      character(*), intent(in) :: path
+
+      self%path = path
+      if (.not. allocated(self%error)) call self%file%make_group(path, self%error)
+   end subroutine go_to
 
    !> Returns the first error of all work on the group.
    subroutine take_error(self, error)

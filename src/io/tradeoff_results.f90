@@ -3,30 +3,59 @@ module io_tradeoff_results
    use campaign_plan, only: plan_type
    use core_error, only: error_type
    use core_kinds, only: wp
-   use io_group, only: group_type, new_group
+   use io_group, only: group_type
    use io_results, only: results_writer
    use tradeoff_effects, only: variant_row
-   use tradeoff_front, only: error_components, published_error, setting_row, size_row, spectrum_row
+   use tradeoff_front, only: error_components, published_error, sample_steps, setting_row, &
+      size_row, spectrum_row
    use tradeoff_process_settings, only: order_row
    use tradeoff_settings, only: setting_dt
-   use tradeoff_variants, only: variant_type
+   use tradeoff_tasks, only: tradeoff_type
    implicit none(type, external)
    private
-   public :: write_errors, write_orders, write_settings, write_sizes, write_spectra, write_variants
+   public :: tradeoff_findings, write_tradeoff
+
+   !> Findings of a tradeoff; without a structure the orders alone.
+   type :: tradeoff_findings
+      type(tradeoff_type) :: tradeoff
+      type(setting_row), allocatable :: settings(:)
+      type(spectrum_row), allocatable :: spectra(:)
+      type(error_components) :: errors
+      type(size_row), allocatable :: sizes(:)
+      type(variant_row), allocatable :: variants(:)
+      type(order_row), allocatable :: orders(:)
+   end type tradeoff_findings
 
 contains
 
-   !> Writes one row per setting.
-   subroutine write_settings(writer, plan, rows, n_short, seconds_per_ns, error)
+   !> Writes all groups; those of marches only where there were some.
+   subroutine write_tradeoff(writer, plan, found, error)
       type(results_writer), intent(in) :: writer
       type(plan_type), intent(in) :: plan
-      type(setting_row), intent(in) :: rows(:)
-      integer, intent(in) :: n_short               !! steps that were marched
-      real(wp), intent(in) :: seconds_per_ns       !! of the whole scene for a sample-step's cost
+      type(tradeoff_findings), intent(in) :: found
       type(error_type), allocatable, intent(out) :: error
       type(group_type) :: group
 
-      group = new_group(writer%file, '/tradeoff')
+      group%file = writer%file
+      if (plan%has_structure) then
+         call write_settings(group, plan, found%settings, found%tradeoff%plan%integration%n_steps)
+         call write_errors(group, found%errors)
+         call write_sizes(group, found%sizes)
+         call write_spectra(group, found%spectra)
+         call write_variants(group, found%tradeoff, found%variants)
+      end if
+      call write_orders(group, found%orders)
+      call group%take_error(error)
+   end subroutine write_tradeoff
+
+   !> Writes one row per setting.
+   subroutine write_settings(group, plan, rows, n_short)
+      type(group_type), intent(inout) :: group
+      type(plan_type), intent(in) :: plan
+      type(setting_row), intent(in) :: rows(:)
+      integer, intent(in) :: n_short   !! steps that were marched
+
+      call group%go_to('/tradeoff')
       call group%attribute('n_steps', n_short)
       call group%attribute('reference', 'event, tolerance 1e-12')
       call group%attribute('method_meanings', '0 newmark, 1 event')
@@ -39,7 +68,7 @@ contains
       call group%column('tolerance', rows%setting%tolerance, '1', 'event: tolerance')
       call group%column('cost', rows%cost, 'ns', 'processor time of a sample-step of the scene')
       call group%column('work', rows%work, 'ns', 'the same expected from counted work')
-      call group%column('seconds', seconds_per_ns*rows%cost, 's', &
+      call group%column('seconds', 1.0e-9_wp*sample_steps(plan)*rows%cost, 's', &
                         'processor time of the march of the scene')
       call group%column('slip', rows%slip, '%', 'rms error of a slip fraction, in points')
       call group%column('slip_error', rows%slip_error, '%', 'standard error of slip')
@@ -56,21 +85,17 @@ contains
       call group%column('is_on_front', merge(1, 0, rows%is_on_front), &
                         '1: nothing cheaper has a smaller error of slip')
       call group%column('is_own', merge(1, 0, rows%is_own), '1: the setting of the scene')
-      call group%take_error(error)
    end subroutine write_settings
 
    !> Writes the components of the error of the scene's own results.
-   subroutine write_errors(writer, errors, error)
-      type(results_writer), intent(in) :: writer
+   subroutine write_errors(group, errors)
+      type(group_type), intent(inout) :: group
       type(error_components), intent(in) :: errors
-      type(error_type), allocatable, intent(out) :: error
-      type(group_type) :: group
 
-      group = new_group(writer%file, '/tradeoff/parts')
+      call group%go_to('/tradeoff/parts')
       call put_component('discretisation', errors%discretisation, 'error by the setting')
       call put_component('time', errors%time, 'standard error for the length of the march')
       call put_component('samples', errors%samples, 'standard error for the number of samples')
-      call group%take_error(error)
 
    contains
 
@@ -92,31 +117,26 @@ contains
    end subroutine write_errors
 
    !> Writes the errors of other ways to form spectra.
-   subroutine write_spectra(writer, rows, error)
-      type(results_writer), intent(in) :: writer
+   subroutine write_spectra(group, rows)
+      type(group_type), intent(inout) :: group
       type(spectrum_row), intent(in) :: rows(:)
-      type(error_type), allocatable, intent(out) :: error
-      type(group_type) :: group
 
       if (size(rows) == 0) return
-      group = new_group(writer%file, '/tradeoff/spectra')
+      call group%go_to('/tradeoff/spectra')
       call group%start_table('way', size(rows), 'way to form spectra')
       call group%column('every', rows%every, 'steps between values')
       call group%column('segment_length', rows%segment_length, 'steps of a segment')
       call group%column('cost', rows%cost, 'ns', 'processor time of a sample-step, march included')
       call group%column('band_ratio', rows%band_ratio, '1', &
                         'largest relative change of a band ratio from the first way')
-      call group%take_error(error)
    end subroutine write_spectra
 
    !> Writes the errors and costs at other numbers of samples and steps.
-   subroutine write_sizes(writer, rows, error)
-      type(results_writer), intent(in) :: writer
+   subroutine write_sizes(group, rows)
+      type(group_type), intent(inout) :: group
       type(size_row), intent(in) :: rows(:)
-      type(error_type), allocatable, intent(out) :: error
-      type(group_type) :: group
 
-      group = new_group(writer%file, '/tradeoff/sizes')
+      call group%go_to('/tradeoff/sizes')
       call group%start_table('size', size(rows), 'samples and steps')
       call group%column('n_samples', rows%n_samples, 'samples of the largest case')
       call group%column('n_steps', real(rows%n_steps, wp), '1', 'steps')
@@ -126,24 +146,20 @@ contains
       call group%column('band_ratio', rows%band_ratio, '1', &
                         'relative error of band ratios, all together')
       call group%column('seconds', rows%seconds, 's', 'processor time of the march')
-      call group%take_error(error)
    end subroutine write_sizes
 
    !> Writes what other orders and fits of the processes change.
-   subroutine write_variants(writer, variants, rows, n_samples, n_steps, error)
-      type(results_writer), intent(in) :: writer
-      type(variant_type), intent(in) :: variants(:)
+   subroutine write_variants(group, tradeoff, rows)
+      type(group_type), intent(inout) :: group
+      type(tradeoff_type), intent(in) :: tradeoff
       type(variant_row), intent(in) :: rows(:)
-      integer, intent(in) :: n_samples, n_steps   !! that were marched
-      type(error_type), allocatable, intent(out) :: error
-      type(group_type) :: group
 
       if (size(rows) == 0) return
-      group = new_group(writer%file, '/tradeoff/variants')
-      call group%attribute('n_samples', n_samples)
-      call group%attribute('n_steps', n_steps)
+      call group%go_to('/tradeoff/variants')
+      call group%attribute('n_samples', tradeoff%n_wide)
+      call group%attribute('n_steps', tradeoff%wide%integration%n_steps)
       call group%start_table('variant', size(rows), 'process fitted otherwise')
-      associate (own => variants(rows%variant))
+      associate (own => tradeoff%scope%variants(rows%variant))
          call group%column('process', own%process, 'process of the scene that is varied')
          call group%column('order', own%request%order, 'order M or m_max')
          call group%column('fit_steps', own%request%fit_steps, &
@@ -164,20 +180,17 @@ contains
       call group%column('band_ratio', rows%band_ratio, '1', 'relative change of the band ratio')
       call group%column('band_ratio_error', rows%band_ratio_error, '1', &
                         'standard error of band_ratio')
-      call group%take_error(error)
    end subroutine write_variants
 
    !> Writes a row for each order of each process.
-   subroutine write_orders(writer, rows, error)
-      type(results_writer), intent(in) :: writer
+   subroutine write_orders(group, rows)
+      type(group_type), intent(inout) :: group
       type(order_row), intent(in) :: rows(:)
-      type(error_type), allocatable, intent(out) :: error
-      type(group_type) :: group
       integer :: i, n
 
       n = size(rows)
       if (n == 0) return
-      group = new_group(writer%file, '/tradeoff/orders')
+      call group%go_to('/tradeoff/orders')
       call group%start_table('row', n, 'process and order')
       call group%column('is_direct', [(merge(1, 0, rows(i)%method == 'direct'), i=1, n)], &
                         '0: autoregressive, 1: direct method')
@@ -190,7 +203,6 @@ contains
                         'entropy per point below that of white noise')
       call group%column('other_length', rows%other_length, '1', 'length that is not imposed')
       call group%column('milliseconds', rows%milliseconds, 'ms', 'processor time of the fit')
-      call group%take_error(error)
    end subroutine write_orders
 
 end module io_tradeoff_results
