@@ -1,12 +1,11 @@
 !> The one door to HDF5: files, labelled datasets and attributes; every status is checked, and HDF5
-!> itself says nothing. The rooms behind it are io_hdf5_file, io_hdf5_reading, io_hdf5_writing and
+!> itself says nothing. The rooms behind it are io_hdf5_file, io_hdf5_values, io_hdf5_writing and
 !> io_hdf5_attributes.
 module io_hdf5
    use io_hdf5_attributes, only: has_attribute, read_attribute, write_attribute, &
                                  write_sealed_attribute
    use io_hdf5_file, only: create_hdf5, has_hdf5_signature, hdf5_file, hdf5_library, open_hdf5
-   use io_hdf5_parts, only: move_part
-   use io_hdf5_reading, only: check_dataset, read_dataset, read_extent, read_shape
+   use io_hdf5_values, only: check_dataset, move_part, read_dataset, read_extent, read_shape
    use io_hdf5_writing, only: label_type, make_dataset, write_dataset
    implicit none(type, external)
    private

@@ -12,7 +12,7 @@ module io_hdf5_writing
    use io_hdf5_attributes, only: write_attribute
    use io_hdf5_file, only: hdf5_file, make_parents, new_timeless_list
    use io_hdf5_outcome, only: conclude
-   use io_hdf5_parts, only: extents_of, move
+   use io_hdf5_values, only: extents_of, move
    implicit none(type, external)
    private
    public :: label_type, make_dataset, write_dataset
