@@ -19,7 +19,6 @@ module driver_output
    use io_files, only: remove_file
    use io_gathering, only: finished_samples
    use io_lock, only: lock_type, take_lock
-   use io_process_shards, only: extract_processes
    use io_shards, only: has_shard, list_shards, remove_covered, shard_type, verify_shard
    use io_store, only: new_store, remove_leftovers, remove_store, shard_store
    use parallel_world, only: world_type
@@ -139,11 +138,8 @@ contains
          do c = 1, size(plan%cases)
             output%is_finished(:min(output%n_stored(c), plan%cases(c)%n_samples), c) = .true.
          end do
-         if (.not. output%is_complete) then
+         if (.not. output%is_complete) &
             call refuse_extension(plan, output%n_stored, output%path, error)
-            if (.not. allocated(error)) &
-               call extract_processes(output%path, plan%processes, output%store, error)
-         end if
          if (allocated(error)) return
       end if
       call mark_finished(plan, shards, output)
@@ -190,8 +186,6 @@ contains
          call remove_covered(output%store, output%lock, output%n_stored, error)
       else
          call refuse_extension(plan, output%n_stored, output%path, error)
-         if (allocated(error)) return
-         call extract_processes(output%path, plan%processes, output%store, error)
          if (allocated(error)) return
          call extract_shards(output%path, output%n_stored, block_width(plan), output%store, error)
       end if

@@ -8,10 +8,10 @@ module io_process_shards
    use io_hdf5, only: hdf5_file, open_hdf5, read_attribute, write_attribute
    use io_process_results, only: read_solution, write_solution
    use io_store, only: finish_file, list_finished, name_of, open_own, shard_store, start_file
-   use process_model, only: process_model_type, process_request
+   use process_model, only: process_model_type
    implicit none(type, external)
    private
-   public :: extract_processes, is_process_shard, keep_process, read_kept, remove_kept
+   public :: is_process_shard, keep_process, read_kept, remove_kept
 
    character(*), parameter :: solution = '/solution'   !! group of a shard
    character(*), parameter :: advice = '; remove it to have its process solved again'
@@ -39,22 +39,33 @@ contains
       call finish_file(store, shard_name(number), file, error)
    end subroutine keep_process
 
-   !> Reads the processes that a store has. One of another scene or program, or a damaged one, is
-   !> refused by name.
+   !> Reads the processes that a store or an earlier results file has. One of another scene or
+   !> program, or a damaged one, is refused by name; of a results file inspect_results sees to that.
    subroutine read_kept(store, models, is_kept, error)
       type(shard_store), intent(in) :: store
       type(process_model_type), intent(inout) :: models(:)   !! (process), their requests known
       logical, intent(out) :: is_kept(:)
       type(error_type), allocatable, intent(out) :: error
+      type(hdf5_file) :: results
+      character(:), allocatable :: group
+      logical :: has_results
       integer :: i
 
       is_kept = .false.
+      has_results = exists(store%output)
+      if (has_results) call open_hdf5(store%output, results, error)
       do i = 1, size(models)
-         if (.not. exists(path_of(store, i))) cycle
-         call read_one(store, i, models(i), error)
-         if (allocated(error)) return
-         is_kept(i) = .true.
+         if (allocated(error)) exit
+         group = '/process/'//numbered('p', i)
+         is_kept(i) = exists(path_of(store, i))
+         if (is_kept(i)) then
+            call read_one(store, i, models(i), error)
+         else if (has_results) then
+            is_kept(i) = results%has(group)
+            if (is_kept(i)) call read_solution(results, group, models(i), error)
+         end if
       end do
+      call results%abandon()
    end subroutine read_kept
 
    subroutine read_one(store, number, model, error)
@@ -77,29 +88,6 @@ contains
                     ' does not hold the process that its name tells'//advice)
       end if
    end subroutine read_one
-
-   !> Keeps the processes of a results file, but for those that the store has already.
-   subroutine extract_processes(path, requests, store, error)
-      character(*), intent(in) :: path
-      type(process_request), intent(in) :: requests(:)   !! (process)
-      type(shard_store), intent(in) :: store
-      type(error_type), allocatable, intent(out) :: error
-      type(process_model_type) :: model
-      type(hdf5_file) :: file
-      integer :: i
-
-      call open_hdf5(path, file, error)
-      if (allocated(error)) return
-      do i = 1, size(requests)
-         if (exists(path_of(store, i))) cycle
-         if (.not. file%has('/process/'//numbered('p', i))) cycle
-         model%request = requests(i)
-         call read_solution(file, '/process/'//numbered('p', i), model, error)
-         if (.not. allocated(error)) call keep_process(store, i, model, error)
-         if (allocated(error)) exit
-      end do
-      call file%abandon()
-   end subroutine extract_processes
 
    !> Removes all processes of a store, and the store if nothing else is in it.
    subroutine remove_kept(store, error)
