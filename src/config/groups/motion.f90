@@ -51,7 +51,7 @@ module config_groups_motion
 
 contains
 
-   !> Table of &chain.
+   !> Visits the table of &chain.
    subroutine visit_chain(self, visitor)
       type(chain_group), intent(inout) :: self
       class(visitor_type), intent(inout) :: visitor
@@ -93,7 +93,7 @@ contains
 
    end subroutine visit_chain
 
-   !> Table of &structure.
+   !> Visits the table of &structure.
    subroutine visit_structure(self, visitor)
       type(structure_group), intent(inout) :: self
       class(visitor_type), intent(inout) :: visitor
@@ -122,7 +122,7 @@ contains
          shapes_samples=.false.))
    end subroutine visit_structure
 
-   !> Table of &excitation.
+   !> Visits the table of &excitation.
    subroutine visit_excitation(self, visitor)
       type(excitation_group), intent(inout) :: self
       class(visitor_type), intent(inout) :: visitor
@@ -171,7 +171,7 @@ contains
       end select
    end function n_levels
 
-   !> Table of &integration.
+   !> Visits the table of &integration.
    subroutine visit_integration(self, visitor)
       type(integration_settings), intent(inout) :: self
       class(visitor_type), intent(inout) :: visitor

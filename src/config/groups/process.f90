@@ -24,7 +24,7 @@ module config_groups_process
 
 contains
 
-   !> Table of &process.
+   !> Visits the table of &process.
    subroutine visit_process(self, visitor)
       type(process_group), intent(inout) :: self
       class(visitor_type), intent(inout) :: visitor

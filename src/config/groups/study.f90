@@ -1,5 +1,5 @@
-!> &scene, &campaign, &accuracy and &output: what the study is called, how many samples it takes, how
-!> accurate they are to be, and what is kept of them.
+!> &scene, &campaign, &accuracy and &output: what the study is called, how many samples it takes,
+!> how accurate they are to be, and what is kept of them.
 module config_groups_study
    use campaign_plan, only: accuracy_settings, output_settings
    use config_text_value_table, only: about, between, choice_length, inside, not_negative, &
@@ -33,7 +33,7 @@ module config_groups_study
 
 contains
 
-   !> Table of &scene.
+   !> Visits the table of &scene.
    subroutine visit_scene(self, visitor)
       type(heading_group), intent(inout) :: self
       class(visitor_type), intent(inout) :: visitor
@@ -44,7 +44,7 @@ contains
       call visitor%visit(self%seed, about('seed', 'of every random number, any whole number'))
    end subroutine visit_scene
 
-   !> Table of &campaign.
+   !> Visits the table of &campaign.
    subroutine visit_campaign(self, visitor)
       type(campaign_group), intent(inout) :: self
       class(visitor_type), intent(inout) :: visitor
@@ -64,7 +64,7 @@ contains
          shapes_samples=.false.))
    end subroutine visit_campaign
 
-   !> Table of &accuracy. By default nothing is watched.
+   !> Visits the table of &accuracy. By default nothing is watched.
    subroutine visit_accuracy(self, visitor)
       type(accuracy_settings), intent(inout) :: self
       class(visitor_type), intent(inout) :: visitor
@@ -86,7 +86,7 @@ contains
          rule=between(0.0_wp, 1.0_wp), shapes_samples=.false.))
    end subroutine visit_accuracy
 
-   !> Table of &output.
+   !> Visits the table of &output.
    subroutine visit_output(self, visitor)
       type(output_group), intent(inout) :: self
       class(visitor_type), intent(inout) :: visitor
