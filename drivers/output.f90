@@ -80,7 +80,7 @@ contains
       end if
       call output%stop_on(world, error)
       call tell_folder(output%path, output%lock%n_folders, output%is_quiet)
-      call world%broadcast(output%is_complete)
+      output%is_complete = world%any_true(output%is_complete)   ! the root knows
       if (.not. (output%is_shared .or. output%is_complete)) then
          call share_list(world, output%store, shards)
          call verify_shards(world, output%store, shards, error)

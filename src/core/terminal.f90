@@ -7,7 +7,7 @@ module core_terminal
    implicit none(type, external)
    private
    public :: end_program, is_terminal, output_is_lost, say, standard_error, standard_output, &
-             start_terminal, write_error, write_output
+             start_terminal, write_all, write_error, write_output
 
    integer(c_int), parameter :: standard_output = 1, standard_error = 2   !! POSIX file descriptors
 

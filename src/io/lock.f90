@@ -14,11 +14,11 @@ module io_lock
    use core_error, only: error_type, exit_file, raise
    use core_kinds, only: long
    use core_system, only: c_fopen, raise_system, system_error
+   use core_terminal, only: write_all
    use core_text, only: to_text
    use io_files, only: exists, folder_of, host_name, make_folder, process_id, remove_file, &
                        rename_file
-   use io_posix, only: c_fclose, c_fflush, c_fileno, c_fputs, c_fstat, c_link, c_lockf, c_lseek, &
-                       c_pread, c_stat
+   use io_posix, only: c_fclose, c_fileno, c_fstat, c_link, c_lockf, c_lseek, c_pread, c_stat
    implicit none(type, external)
    private
    public :: lock_type, take_lock
@@ -249,13 +249,12 @@ contains
    !> Writes the holder's name into the lock file. A full disk costs only the name.
    subroutine write_name(lock)
       type(lock_type), intent(inout) :: lock
-      integer(c_int) :: status
+      integer(c_int) :: number
 
       lock%name = ''
       if (.not. stands_at(lock, 0_c_long)) return
-      status = c_fputs(own_name()//new_line('a')//c_null_char, lock%stream)
-      status = c_fflush(lock%stream)
-      if (status == 0) lock%name = own_name()
+      call write_all(c_fileno(lock%stream), own_name()//new_line('a'), number)
+      if (number == 0) lock%name = own_name()
    end subroutine write_name
 
    !> process 123 on host

@@ -3,7 +3,7 @@ module io_posix
    use, intrinsic :: iso_c_binding, only: c_char, c_int, c_long, c_ptr, c_size_t
    implicit none(type, external)
    private
-   public :: c_fclose, c_fflush, c_fileno, c_fputs, c_fstat, c_fsync, &
+   public :: c_fclose, c_fileno, c_fstat, c_fsync, &
              c_gethostname, c_getpid, c_getppid, c_glob, c_globfree, c_link, c_lockf, c_lseek, &
              c_mkdir, c_pread, c_readlink, c_remove, c_rename, c_stat
 
@@ -90,19 +90,6 @@ module io_posix
          integer(c_size_t), value :: length
          integer(c_int) :: status
       end function c_gethostname
-
-      function c_fputs(text, stream) result(status) bind(c, name='fputs')
-         import :: c_char, c_int, c_ptr
-         character(kind=c_char), intent(in) :: text(*)
-         type(c_ptr), value :: stream
-         integer(c_int) :: status
-      end function c_fputs
-
-      function c_fflush(stream) result(status) bind(c, name='fflush')
-         import :: c_int, c_ptr
-         type(c_ptr), value :: stream
-         integer(c_int) :: status
-      end function c_fflush
 
       function c_lseek(descriptor, offset, whence) result(place) bind(c, name='lseek')
          import :: c_int, c_long

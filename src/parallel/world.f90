@@ -12,7 +12,7 @@ module parallel_world
    use mpi_f08, only: MPI_Allreduce, MPI_ANY_SOURCE, MPI_ANY_TAG, MPI_Barrier, MPI_Bcast, &
                       MPI_CHARACTER, MPI_Comm, MPI_Comm_rank, MPI_Comm_size, MPI_COMM_WORLD, &
                       MPI_DOUBLE_PRECISION, MPI_Finalize, MPI_Get_library_version, MPI_IN_PLACE, &
-                      MPI_Init, MPI_INTEGER, MPI_Iprobe, MPI_LOGICAL, MPI_MAX, &
+                      MPI_Init, MPI_INTEGER, MPI_Iprobe, MPI_MAX, &
                       MPI_MAX_LIBRARY_VERSION_STRING, MPI_MIN, MPI_STATUS_IGNORE, MPI_SUM
    implicit none(type, external)
    private
@@ -29,12 +29,12 @@ module parallel_world
       procedure :: stop_on
       procedure :: wait_for_all
       generic :: broadcast => broadcast_integer, broadcast_integers, broadcast_real, &
-         broadcast_reals, broadcast_matrix, broadcast_text, broadcast_logical
+         broadcast_reals, broadcast_matrix, broadcast_text
       procedure :: any_true
       procedure :: maximum
       procedure :: add_up
       procedure, private :: broadcast_integer, broadcast_integers, broadcast_real, &
-         broadcast_reals, broadcast_matrix, broadcast_text, broadcast_logical
+         broadcast_reals, broadcast_matrix, broadcast_text
    end type world_type
 
    !> The world of a communicator, as an MPI handle of either kind.
@@ -285,14 +285,6 @@ contains
       end if
       call MPI_Bcast(text, n, MPI_CHARACTER, source(from), self%comm)
    end subroutine broadcast_text
-
-   subroutine broadcast_logical(self, value, from)
-      class(world_type), intent(in) :: self
-      logical, intent(inout) :: value
-      integer, intent(in), optional :: from
-
-      if (self%n_ranks > 1) call MPI_Bcast(value, 1, MPI_LOGICAL, source(from), self%comm)
-   end subroutine broadcast_logical
 
    pure function source(from)
       integer, intent(in), optional :: from
