@@ -15,6 +15,7 @@ module statistics_law
    integer, parameter :: most_with_products = 12   !! inputs
    integer, parameter, public :: most_kept = 2**15   !! draws
    integer, parameter, public :: n_points = 4096     !! that stand for a law
+   integer, parameter :: parts = 8   !! of a direction's largest component that others are whole
 
    !> Draws of a law.
    type :: draws_type
@@ -57,7 +58,8 @@ contains
       draws%mean = draws%mean/n
    end subroutine keep_draws
 
-   !> Chooses at most n_points of the draws, evenly along a direction.
+   !> Chooses at most n_points of the draws, evenly along a direction, in eighths of its largest
+   !> component: points that followed its last digits would change estimates by their error.
    subroutine choose_points(draws, direction, n_points, law, error)
       type(draws_type), intent(in) :: draws
       real(wp), intent(in) :: direction(:)      !! (input)
@@ -65,13 +67,15 @@ contains
       type(law_type), intent(out) :: law
       type(error_type), allocatable, intent(out) :: error
       real(wp), allocatable :: along(:)
+      real(wp) :: largest
       integer, allocatable :: ranking(:)
       integer :: j, m, n
 
       n = min(n_points, size(draws%x, 1))
+      largest = direction(maxloc(abs(direction), 1))
       allocate (along(size(draws%x, 1)), source=0.0_wp)
       do j = 1, size(direction)
-         along = along + direction(j)*draws%x(:, j)
+         along = along + nint(parts*direction(j)/largest)*draws%x(:, j)
       end do
       ranking = rough_order(along)
       associate (stride => real(size(draws%x, 1), wp)/n)
