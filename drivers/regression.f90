@@ -18,7 +18,7 @@ module driver_regression
    use process_model, only: process_model_type
    use statistics_pool, only: new_pool, pool_type
    use statistics_scalars, only: estimate_scalars, scalar_type
-   use statistics_spectra, only: estimate_spectrum, spectrum_type
+   use statistics_spectra, only: estimate_spectrum, last_powerful, spectrum_type
    implicit none(type, external)
    private
    public :: find_estimates
@@ -85,6 +85,14 @@ contains
          end do
       end do
       estimates = workshop%found
+      if (.not. world%is_root()) return
+      do p = 1, size(workshop%pools)
+         associate (cases => workshop%pools(p)%cases)
+            do c = 1, size(cases)
+               call estimates(cases(c))%take_plain(statistics(cases(c)))
+            end do
+         end associate
+      end do
    end subroutine find_estimates
 
    !> Prepares the data that all ranks need; collective.
@@ -275,11 +283,18 @@ contains
       type(spectrum_type), allocatable :: plain(:), estimates(:)
       real(wp), allocatable :: density(:, :)      ! (sample, frequency)
       real(wp), allocatable :: of_case(:, :, :)   ! (1, frequency, sample)
-      integer :: i
+      integer :: i, n
 
       associate (cases => workshop%pools(workshop%at_hand)%cases, &
                  n_fitted => workshop%pools(workshop%at_hand)%n_fitted, pool => workshop%pool)
-         allocate (density(size(pool%x, 1), size(workshop%plain(cases(1))%psd_mean, 2)))
+         allocate (plain(size(cases)), estimates(size(cases)))
+         n = 0
+         do i = 1, size(cases)
+            plain(i)%mean = workshop%plain(cases(i))%psd_mean(dof, :)
+            plain(i)%percentile = workshop%plain(cases(i))%psd_percentiles(dof, :, :)
+            n = max(n, last_powerful(plain(i)%mean))
+         end do
+         allocate (density(size(pool%x, 1), n))
          do i = 1, size(cases)
             allocate (of_case(1, size(density, 2), n_fitted(i)))
             call read_part(store, shards_of(shards, cases(i), n_fitted(i)), cases(i), 'psd', &
@@ -287,11 +302,6 @@ contains
             if (allocated(error)) return
             density(pool%first(i):pool%first(i + 1) - 1, :) = transpose(of_case(1, :, :))
             deallocate (of_case)
-         end do
-         allocate (plain(size(cases)), estimates(size(cases)))
-         do i = 1, size(cases)
-            plain(i)%mean = workshop%plain(cases(i))%psd_mean(dof, :)
-            plain(i)%percentile = workshop%plain(cases(i))%psd_percentiles(dof, :, :)
          end do
          call estimate_spectrum(pool, density, workshop%step, workshop%share_below, plain, &
                                 estimates, error)

@@ -23,6 +23,7 @@ module campaign_estimates
       procedure :: start
       procedure :: take_scalar
       procedure :: take_spectrum
+      procedure :: take_plain
    end type case_estimates
 
 contains
@@ -102,18 +103,18 @@ contains
       self%sensitivity_error(:, place) = scalar%sensitivity_error
    end subroutine take_scalar
 
-   !> Replaces the plain estimates of the spectra of a dof.
+   !> Replaces the plain estimates of the spectra of a dof, as far as frequencies have power.
    pure subroutine take_spectrum(self, dof, spectrum)
       class(case_estimates), intent(inout) :: self
       integer, intent(in) :: dof
       type(spectrum_type), intent(in) :: spectrum
 
-      associate (best => self%best, ratio => self%error_ratio)
-         best%psd_mean(dof, :) = spectrum%mean
-         best%psd_mean_error(dof, :) = spectrum%mean_error
-         best%psd_percentiles(dof, :, :) = spectrum%percentile
-         best%psd_percentiles_low(dof, :, :) = spectrum%low
-         best%psd_percentiles_high(dof, :, :) = spectrum%high
+      associate (best => self%best, ratio => self%error_ratio, n => size(spectrum%mean))
+         best%psd_mean(dof, :n) = spectrum%mean
+         best%psd_mean_error(dof, :n) = spectrum%mean_error
+         best%psd_percentiles(dof, :n, :) = spectrum%percentile
+         best%psd_percentiles_low(dof, :n, :) = spectrum%low
+         best%psd_percentiles_high(dof, :n, :) = spectrum%high
          best%pseudo_variance_mean(dof) = spectrum%variance_mean
          best%pseudo_variance_mean_error(dof) = spectrum%variance_mean_error
          best%pseudo_variance_percentiles(dof, :) = spectrum%variance
@@ -121,12 +122,33 @@ contains
          best%band_ratio(dof) = spectrum%ratio
          best%band_ratio_low(dof) = spectrum%ratio_low
          best%band_ratio_high(dof) = spectrum%ratio_high
-         ratio%psd_mean(dof, :) = spectrum%mean_ratio
-         ratio%psd_percentiles(dof, :, :) = spectrum%percentile_ratio
+         ratio%psd_mean(dof, :n) = spectrum%mean_ratio
+         ratio%psd_percentiles(dof, :n, :) = spectrum%percentile_ratio
          ratio%pseudo_variance_mean(dof) = spectrum%variance_mean_ratio
          ratio%pseudo_variance_percentiles(dof, :) = spectrum%variance_ratio
          ratio%band_ratio(dof) = spectrum%ratio_ratio
       end associate
    end subroutine take_spectrum
+
+   !> Takes plain sampling's estimates of densities at the frequencies that no rank has taken.
+   pure subroutine take_plain(self, plain)
+      class(case_estimates), intent(inout) :: self
+      type(case_statistics), intent(in) :: plain
+
+      if (.not. allocated(plain%psd_mean)) return
+      associate (best => self%best, ratio => self%error_ratio)
+         where (.not. ratio%psd_mean > 0.0_wp)
+            best%psd_mean = plain%psd_mean
+            best%psd_mean_error = plain%psd_mean_error
+            ratio%psd_mean = 1.0_wp
+         end where
+         where (.not. ratio%psd_percentiles > 0.0_wp)
+            best%psd_percentiles = plain%psd_percentiles
+            best%psd_percentiles_low = plain%psd_percentiles_low
+            best%psd_percentiles_high = plain%psd_percentiles_high
+            ratio%psd_percentiles = 1.0_wp
+         end where
+      end associate
+   end subroutine take_plain
 
 end module campaign_estimates

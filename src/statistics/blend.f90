@@ -7,7 +7,7 @@ module statistics_blend
    use statistics_law, only: error_of_points, law_type
    implicit none(type, external)
    private
-   public :: blend, join, keep_plain, state_error
+   public :: blend, join, state_error
 
 contains
 
@@ -39,19 +39,6 @@ contains
                           both%ratio(o))
       end do
    end subroutine join
-
-   !> Joins plain sampling's estimates with none.
-   pure subroutine keep_plain(n_samples, plain, both)
-      integer, intent(in) :: n_samples   !! of the case
-      type(estimates_type), intent(in) :: plain
-      type(estimates_type), intent(out) :: both
-      integer :: o
-
-      both = plain
-      allocate (both%share(size(plain%value)), both%ratio(size(plain%value)), source=1.0_wp)
-      both%stated = [(stated_error(plain%influence(:, o), 0.0_wp, n_samples), &
-                      o=1, size(plain%value))]
-   end subroutine keep_plain
 
    !> Blends surrogate and plain estimates with the plain share of least variance, at least
    !> `least`; 1 where plain sampling has no error. Both estimates are of the same samples,

@@ -6,7 +6,7 @@ module statistics_pool
    use statistics_law, only: draws_type, keep_draws
    implicit none(type, external)
    private
-   public :: pool_type, new_pool, among_all, residual_share, rows_of
+   public :: pool_type, new_pool, among_all, residual_share
 
    real(wp), parameter :: trusted = 0.25_wp, useless = 0.45_wp   !! relative residuals
 
@@ -76,46 +76,27 @@ contains
    !> Plain estimates of a case's samples in the pool as those of all its samples: its value is
    !> given, its bias falls as 1/n, and the samples that are not in the pool stand behind as rows of
    !> their own, which carry the rest of the variance.
-   pure function among_all(pool, number, some, value, is_alone) result(all_of)
+   pure function among_all(pool, number, some, value) result(all_of)
       type(pool_type), intent(in) :: pool
       integer, intent(in) :: number                !! of the case
       type(estimates_type), intent(in) :: some     !! influences of its samples in the pool
       real(wp), intent(in) :: value(:)             !! (output) of all samples
-      logical, intent(in) :: is_alone              !! no rows of other cases, see rows_of
       type(estimates_type) :: all_of
       real(wp) :: share
-      integer :: before, n_own, n_rows
-
-      n_own = pool%first(number + 1) - pool%first(number)
-      before = merge(0, pool%first(number) - 1, is_alone)
-      n_rows = size(rows_of(pool, number, is_alone))
-      share = real(n_own, wp)/pool%n_samples(number)
-      all_of%value = value
-      all_of%bias = share*some%bias
-      if (allocated(some%stretch)) all_of%stretch = some%stretch
-      allocate (all_of%influence(n_rows, size(value)), source=0.0_wp)
-      all_of%influence(before + 1:before + n_own, :) = share*some%influence
-      if (share < 1.0_wp) &
-         all_of%influence(n_rows - n_own + 1:, :) = sqrt(share*(1.0_wp - share))*some%influence
-   end function among_all
-
-   !> Rows of influences on estimates of a case: all samples of the pool, then as many as it has of
-   !> the case where the case has more; or of these those of the case alone.
-   pure function rows_of(pool, number, is_alone) result(rows)
-      type(pool_type), intent(in) :: pool
-      integer, intent(in) :: number   !! of the case
-      logical, intent(in) :: is_alone
-      integer, allocatable :: rows(:)
-      integer :: i, n
+      integer :: n, n_more
 
       n = size(pool%x, 1)
       associate (first => pool%first(number), last => pool%first(number + 1) - 1)
-         rows = [(i, i=1, n)]
-         if (is_alone) rows = rows(first:last)
-         if (pool%n_samples(number) > last - first + 1) &
-            rows = [rows, (n + i, i=1, last - first + 1)]
+         share = real(last - first + 1, wp)/pool%n_samples(number)
+         n_more = merge(last - first + 1, 0, share < 1.0_wp)
+         allocate (all_of%influence(n + n_more, size(value)), source=0.0_wp)
+         all_of%influence(first:last, :) = share*some%influence
+         all_of%influence(n + 1:, :) = sqrt(share*(1.0_wp - share))*some%influence(:n_more, :)
       end associate
-   end function rows_of
+      all_of%value = value
+      all_of%bias = share*some%bias
+      if (allocated(some%stretch)) all_of%stretch = some%stretch
+   end function among_all
 
    !> The least share of plain sampling: all where the residuals are above 0.45 of what the case's
    !> samples scatter, none below 0.25 of it.

@@ -80,16 +80,14 @@ contains
                     sampled => plain(:, case_number))
             call predict(surrogate, fit, view%rows, values)
             call law_mean(surrogate, fit, view, values, ours)
-            theirs = among_all(pool, case_number, plain_mean(own), [sampled%mean], &
-                               is_alone=.false.)
+            theirs = among_all(pool, case_number, plain_mean(own), [sampled%mean])
             call join(law, values, n, ours, theirs, [(0.0_wp, i=1, size(best))], both, error)
             if (allocated(error)) return
             best%mean = both%value
             best%mean_error = upward_error(both%value, both%stated)
             best%mean_ratio = both%ratio
             call law_deviation(surrogate, fit, view, values, ours)
-            theirs = among_all(pool, case_number, plain_deviation(own), &
-                               [sampled%deviation], is_alone=.false.)
+            theirs = among_all(pool, case_number, plain_deviation(own), [sampled%deviation])
             call find_sensitivity(surrogate, fit, view, law, values(:, 1), ours, &
                                   best(1)%sensitivity, best(1)%sensitivity_error, error)
             if (allocated(error)) return
@@ -134,8 +132,7 @@ contains
             end do
             call law_percentile(surrogate, bent_fit, view, values, share_below(p), ours)
             theirs = among_all(pool, case_number, plain_percentile(bent(view%first:view%last, :), &
-                                                                   share_below(p)), at_plain, &
-                               is_alone=.false.)
+                                                                   share_below(p)), at_plain)
             do i = 1, size(best)
                inverse = inverse_density(theirs%influence(:, i), n, share_below(p))
                of_point(:, i) = merge(-inverse, 0.0_wp, values(:, i) <= ours%value(i))

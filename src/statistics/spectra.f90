@@ -6,13 +6,13 @@ module statistics_spectra
    use core_kinds, only: wp
    use numerics_elementary, only: exponentiate
    use numerics_sorting, only: sort_order
-   use statistics_blend, only: join, keep_plain, state_error
+   use statistics_blend, only: join, state_error
    use statistics_estimates, only: estimates_type, inverse_density, plain_mean, plain_percentile, &
                                    two_sided, upward_error
    use statistics_influences, only: view_law, view_type
    use statistics_kernel_choice, only: learn_kernel
    use statistics_law, only: choose_points, error_of_points, law_type, n_points
-   use statistics_pool, only: among_all, pool_type, residual_share, rows_of
+   use statistics_pool, only: among_all, pool_type, residual_share
    use statistics_regression, only: law_mean_of_exponential, law_percentile
    use statistics_surrogate, only: fit_outputs, fit_type, make_room, predict, surrogate_type
    implicit none(type, external)
@@ -44,10 +44,11 @@ module statistics_spectra
 
 contains
 
-   !> Estimates the spectra of one dof for every case of a pool.
+   !> Estimates the spectra of one dof for every case of a pool, at the first frequencies; those
+   !> above are plain sampling's in the integrals.
    subroutine estimate_spectrum(pool, density, step, share_below, plain, estimates, error)
       type(pool_type), intent(in) :: pool
-      real(wp), intent(in) :: density(:, :)        !! (sample, frequency)
+      real(wp), intent(in) :: density(:, :)        !! (sample, frequency) up to last_powerful
       real(wp), intent(in) :: step                 !! between frequencies [Hz]
       real(wp), intent(in) :: share_below(:)       !! (percentile)
       type(spectrum_type), intent(in) :: plain(:)  !! (case) mean, percentiles over all its samples
@@ -60,20 +61,15 @@ contains
       type(fit_type), allocatable :: fits(:)
       type(law_type) :: law
       type(view_type) :: view
-      integer, allocatable :: starts(:)   ! of parts of the frequencies, those with a fit first
-      integer :: k, n_powerful, number
+      integer :: k, number
 
       outputs = log(max(density, least_density))
-      n_powerful = maxval([(last_powerful(plain(number)%mean), number=1, size(plain))])
-      some = outputs(:, 1:n_powerful:max(1, n_powerful/choosing))
+      some = outputs(:, ::max(1, size(outputs, 2)/choosing))
       call learn_kernel(pool%x, some, surrogate, error)
       if (allocated(error)) return
-      allocate (fits((n_powerful - 1)/together + 1))
-      starts = [[(1 + (k - 1)*together, k=1, size(fits))], &
-                [(k, k=n_powerful + 1, size(outputs, 2), together)], size(outputs, 2) + 1]
+      allocate (fits((size(outputs, 2) - 1)/together + 1))
       do k = 1, size(fits)
-         call fit_outputs(surrogate, outputs(:, starts(k):starts(k + 1) - 1), &
-                          fits(k))
+         call fit_outputs(surrogate, outputs(:, first_of(k):first_of(k + 1) - 1), fits(k))
       end do
       do number = 1, size(plain)
          call choose_points(pool%draws(number), surrogate%direction, n_points, law, error)
@@ -83,6 +79,13 @@ contains
       end do
 
    contains
+
+      !> First frequency of a part.
+      pure integer function first_of(k)
+         integer, intent(in) :: k
+
+         first_of = min(1 + (k - 1)*together, size(outputs, 2) + 1)
+      end function first_of
 
       subroutine estimate_case(number, best)
          integer, intent(in) :: number
@@ -95,18 +98,21 @@ contains
          real(wp) :: of_points(0:size(share_below) + 1)
          integer :: f, k, n, p
 
-         call start(best, size(outputs, 2), size(share_below))
+         n = size(outputs, 2)
+         call start(best, n, size(share_below))
+         of_mean%value = step*sum(plain(number)%mean(n + 1:))
+         of_percentile%value = step*sum(plain(number)%percentile(n + 1:, :), 1)
          call make_room(values, size(law%weight), together)
          call make_room(grown, size(law%weight), together)
          power = 0.0_wp
-         do k = 1, size(starts) - 1
-            n = starts(k + 1) - starts(k)
-            if (k <= size(fits)) call predict(surrogate, fits(k), view%rows, values(:, :n))
+         do k = 1, size(fits)
+            n = first_of(k + 1) - first_of(k)
+            call predict(surrogate, fits(k), view%rows, values(:, :n))
             call estimate_means(number, k, n, best, of_mean, power(:, 0))
             if (allocated(error)) return
             allocate (ranking(view%last - view%first + 1, n))
             do f = 1, n
-               ranking(:, f) = sort_order(outputs(view%first:view%last, starts(k) + f - 1))
+               ranking(:, f) = sort_order(outputs(view%first:view%last, first_of(k) + f - 1))
             end do
             do p = 1, size(share_below)
                call estimate_percentiles(number, k, p, ranking, best, of_percentile(p), &
@@ -137,33 +143,26 @@ contains
          type(estimates_type) :: ours, theirs, both
          integer :: o
 
-         associate (first => starts(k), last => starts(k + 1) - 1, &
-                    n_samples => pool%n_samples(number))
+         associate (first => first_of(k), last => first_of(k + 1) - 1)
             associate (own => density(view%first:view%last, first:last))
-               theirs = among_all(pool, number, plain_mean(own), plain(number)%mean(first:last), &
-                                  is_alone=k > size(fits))
-               if (k <= size(fits)) then
-                  do o = 1, n
-                     grown(:, o) = values(:, o)
-                     call exponentiate(grown(:, o))
-                  end do
-                  call law_mean_of_exponential(surrogate, fits(k), view, grown(:, :n), own, ours)
-                  call join(law, grown(:, :n), n_samples, ours, theirs, [(0.0_wp, o=1, n)], both, &
-                            error)
-                  if (allocated(error)) return
-                  do o = 1, n
-                     power = power + (step*(1.0_wp - both%share(o)))*grown(:, o)
-                  end do
-               else
-                  call keep_plain(n_samples, theirs, both)
-               end if
+               theirs = among_all(pool, number, plain_mean(own), plain(number)%mean(first:last))
+               do o = 1, n
+                  grown(:, o) = values(:, o)
+                  call exponentiate(grown(:, o))
+               end do
+               call law_mean_of_exponential(surrogate, fits(k), view, grown(:, :n), own, ours)
             end associate
+            call join(law, grown(:, :n), pool%n_samples(number), ours, theirs, &
+                      [(0.0_wp, o=1, n)], both, error)
+            if (allocated(error)) return
+            do o = 1, n
+               power = power + (step*(1.0_wp - both%share(o)))*grown(:, o)
+            end do
             best%mean(first:last) = both%value
             best%mean_error(first:last) = upward_error(both%value, both%stated)
             best%mean_ratio(first:last) = both%ratio
          end associate
-         call add_to(integral, rows_of(pool, number, is_alone=k > size(fits)), both, theirs, &
-                     [(step, o=1, n)], [(step, o=1, n)])
+         call add_to(integral, both, theirs, [(step, o=1, n)], [(step, o=1, n)])
          integral%value = integral%value + step*sum(both%value)
       end subroutine estimate_means
 
@@ -177,37 +176,30 @@ contains
          integer :: n, o
 
          n = size(ranking, 2)
-         associate (first => starts(k), last => starts(k + 1) - 1, &
+         associate (first => first_of(k), last => first_of(k + 1) - 1, &
                     n_samples => pool%n_samples(number))
             associate (own => outputs(view%first:view%last, first:last))
                theirs = among_all(pool, number, plain_percentile(own, share_below(p), ranking), &
-                                  log(max(plain(number)%percentile(first:last, p), &
-                                          least_density)), is_alone=k > size(fits))
-               if (k <= size(fits)) then
-                  call law_percentile(surrogate, fits(k), view, values(:, :n), share_below(p), &
-                                      ours)
-                  do o = 1, n   ! leaving a point out moves a percentile by 1/density
-                     reach = inverse_density(theirs%influence(:, o), n_samples, share_below(p))
-                     grown(:, o) = merge(-reach, 0.0_wp, values(:, o) <= ours%value(o))
-                  end do
-                  call join(law, grown(:, :n), n_samples, ours, theirs, &
-                            residual_share(fits(k)%residual(view%first:view%last, :), own), both, &
-                            error)
-                  if (allocated(error)) return
-                  do o = 1, n
-                     power = power + (step*exp(both%value(o))*(1.0_wp - both%share(o)))*grown(:, o)
-                  end do
-               else
-                  call keep_plain(n_samples, theirs, both)
-               end if
+                                  log(max(plain(number)%percentile(first:last, p), least_density)))
+               call law_percentile(surrogate, fits(k), view, values(:, :n), share_below(p), ours)
+               do o = 1, n   ! leaving a point out moves a percentile by 1/density
+                  reach = inverse_density(theirs%influence(:, o), n_samples, share_below(p))
+                  grown(:, o) = merge(-reach, 0.0_wp, values(:, o) <= ours%value(o))
+               end do
+               call join(law, grown(:, :n), n_samples, ours, theirs, &
+                         residual_share(fits(k)%residual(view%first:view%last, :), own), both, &
+                         error)
+               if (allocated(error)) return
             end associate
+            do o = 1, n
+               power = power + (step*exp(both%value(o))*(1.0_wp - both%share(o)))*grown(:, o)
+            end do
             best%percentile(first:last, p) = exp(both%value)
             best%low(first:last, p) = exp(both%value - two_sided*both%stated*both%stretch(1, :))
             best%high(first:last, p) = exp(both%value + two_sided*both%stated*both%stretch(2, :))
             best%percentile_ratio(first:last, p) = both%ratio
          end associate
-         call add_to(integral, rows_of(pool, number, is_alone=k > size(fits)), both, theirs, &
-                     step*exp(both%value), step*exp(theirs%value))
+         call add_to(integral, both, theirs, step*exp(both%value), step*exp(theirs%value))
          integral%value = integral%value + step*sum(exp(both%value))
          do o = 1, n
             reach = exp(both%value(o))*norm2(both%influence(:, o))
@@ -291,20 +283,18 @@ contains
    end subroutine start
 
    !> Adds the estimates at some frequencies to an integral, by its slopes.
-   subroutine add_to(integral, rows, both, plain, slope, plain_slope)
+   subroutine add_to(integral, both, plain, slope, plain_slope)
       type(integral_type), intent(inout) :: integral
-      integer, intent(in) :: rows(:)   !! of the estimates' influences; at first all
       type(estimates_type), intent(in) :: both, plain
       real(wp), intent(in) :: slope(:), plain_slope(:)   !! (output) of the integral
 
       if (.not. allocated(integral%influence)) then
-         allocate (integral%influence(size(rows)), source=0.0_wp)
-         allocate (integral%plain_influence(size(rows)), source=0.0_wp)
+         allocate (integral%influence(size(both%influence, 1)), source=0.0_wp)
+         allocate (integral%plain_influence, source=integral%influence)
       end if
       integral%bias = integral%bias + dot_product(slope, both%bias)
-      integral%influence(rows) = integral%influence(rows) + matmul(both%influence, slope)
-      integral%plain_influence(rows) = integral%plain_influence(rows) &
-                                       + matmul(plain%influence, plain_slope)
+      integral%influence = integral%influence + matmul(both%influence, slope)
+      integral%plain_influence = integral%plain_influence + matmul(plain%influence, plain_slope)
    end subroutine add_to
 
 end module statistics_spectra
