@@ -19,7 +19,7 @@ module campaign_size
    use process_model, only: process_model_type, process_request
    use statistics_law, only: most_kept, n_points
    use statistics_spectra, only: fitted_together => together
-   use statistics_surrogate, only: most_features, most_landmarks, outputs_judged, samples_paired
+   use statistics_surrogate, only: most_landmarks, outputs_judged, samples_paired
    use structure_sizes, only: matrices_alone => memory_of_matrices
    implicit none(type, external)
    private
@@ -327,7 +327,7 @@ contains
             of_law = real(min(n_draws, most_kept), wp)*d*size(pools(p)%cases)
          end associate
          of_dof = 0.0_wp
-         if (nf > 0) of_dof = real(nf, wp)*(4*n + 2*min(most_features, n)) &
+         if (nf > 0) of_dof = real(nf, wp)*(4*n + 2*min(most_landmarks, n)) &
                               + real(n_points, wp)*(min(most_landmarks, n) + 5*fitted_together) &
                               + real((nf - 1)/fitted_together + 1, wp)*outputs_judged*n &
                               *2*min(samples_paired, n)

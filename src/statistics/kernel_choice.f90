@@ -6,8 +6,8 @@ module statistics_kernel_choice
    use core_kinds, only: wp
    use numerics_lapack, only: find_symmetric_eigenvectors, multiply, solve_positive_definite
    use statistics_kernel, only: kernel_type, new_kernel
-   use statistics_surrogate, only: find_features, most_features, most_landmarks, n_ratios, &
-                                   noise_ratios, spread_out, surrogate_type
+   use statistics_surrogate, only: find_features, most_landmarks, n_ratios, noise_ratios, &
+                                   spread_out, surrogate_type
    implicit none(type, external)
    private
    public :: learn_kernel
@@ -55,7 +55,7 @@ contains
             i = i + k
          end do
       end do
-      call find_features(x, most_landmarks, most_features, surrogate, error)
+      call find_features(x, most_landmarks, surrogate, error)
 
    contains
 
@@ -135,7 +135,7 @@ contains
 
       n = size(x, 1)
       trial%kernel = kernel
-      call find_features(x, n, n, trial, error)
+      call find_features(x, n, trial, error)
       if (allocated(error)) return
       do o = 1, size(outputs, 2)
          y(:, o) = outputs(:, o) - sum(outputs(:, o))/n

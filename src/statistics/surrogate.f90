@@ -12,7 +12,7 @@ module statistics_surrogate
    public :: fit_type, surrogate_type, average_features, find_features, fit_outputs, make_room, &
              predict, rows_of, spread_out
 
-   integer, parameter, public :: most_landmarks = 256, most_features = 160
+   integer, parameter, public :: most_landmarks = 160
    !> outputs of a fit and samples whose pairs with all are looked at
    integer, parameter, public :: outputs_judged = 4, samples_paired = 64
    real(wp), parameter :: smallest_eigenvalue = 1.0e-10_wp   !! over the largest
@@ -60,14 +60,13 @@ contains
 
    !> Finds the eigenvectors over the samples of the centred kernel, or of its projection on the
    !> functions k(., landmark); largest eigenvalue first.
-   subroutine find_features(x, most_landmarks, most, surrogate, error)
+   subroutine find_features(x, most_landmarks, surrogate, error)
       real(wp), intent(in), contiguous :: x(:, :)   !! (sample, input)
       integer, intent(in) :: most_landmarks
-      integer, intent(in) :: most                   !! features
       type(surrogate_type), intent(inout) :: surrogate
       type(error_type), allocatable, intent(out) :: error
       real(wp), allocatable :: basis(:, :), eigenvalue(:), rows(:, :)
-      integer :: k, n
+      integer :: n
 
       n = size(x, 1)
       surrogate%landmark = x(spread_out(n, most_landmarks), :)
@@ -82,12 +81,11 @@ contains
       surrogate%offset = matmul(sum(rows, 2)/n, basis)
       if (size(rows, 1) < n) call rotate(surrogate, rows, basis, eigenvalue, error)
       if (allocated(error)) return
-      k = min(most, size(eigenvalue))
-      surrogate%eigenvalue = eigenvalue(:k)
-      associate (scale => 1.0_wp/sqrt(eigenvalue(:k)))
-         surrogate%feature = scaled_columns(surrogate%feature(:, :k), scale)
-         surrogate%transform = scaled_columns(basis(:, :k), scale)
-         surrogate%offset = surrogate%offset(:k)*scale
+      surrogate%eigenvalue = eigenvalue
+      associate (scale => 1.0_wp/sqrt(eigenvalue))
+         surrogate%feature = scaled_columns(surrogate%feature, scale)
+         surrogate%transform = scaled_columns(basis, scale)
+         surrogate%offset = surrogate%offset*scale
       end associate
    end subroutine find_features
 

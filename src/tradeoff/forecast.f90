@@ -194,7 +194,7 @@ contains
                        *(of_fit + of_pair*n*n_landmarks &
                          + at_points*(of_kernel*n_landmarks*(size(points) + further_inputs) &
                                       + of_polynomials*size(points)**2)) &
-                       + n_dofs*n_f*(of_density*n + share_powerful*at_points &
+                       + n_dofs*n_f*share_powerful*(of_density*n + at_points &
                                      *(of_mean + of_percentile*size(plan%output%percentiles) &
                                        + of_product*n_landmarks))
       end do
