@@ -65,6 +65,7 @@ contains
       real(wp) :: error          ! of one part, half the tolerance after its memory
       real(wp) :: motion, load   ! x_(k+1) over x_1 in free motion; over x_2 of a load from rest
       real(wp), allocatable :: damping(:, :), stiffness(:, :)   ! C^, K^ without joints
+      real(wp), allocatable :: share(:, :)   ! |C^_ij| relative to the motion of dof i
       integer :: k
 
       series%n_dof = structure%n_dof
@@ -78,6 +79,8 @@ contains
       error = 0.5_wp*tolerance/(parts*memory*max(count_levels(series), 5))
       series%degree = degree_for(series%rate, error)
       allocate (series%damping(0:series%degree - 2))
+      share = abs(damping)
+      call weigh_by_motion(structure, dt, share)
       motion = 1.0_wp
       load = 1.0_wp
       do k = 0, series%degree - 2
@@ -85,7 +88,7 @@ contains
          if (k == 2) load = load/3.0_wp
          if (k > 2) load = load*series%rate/(k + 1)
          associate (least => min(5.0_wp*error/motion, 0.5_wp*tolerance/load))
-            series%damping(k) = sparse_of(merge(-damping/(k + 2), 0.0_wp, abs(damping) > least))
+            series%damping(k) = sparse_of(merge(-damping/(k + 2), 0.0_wp, share > least))
          end associate
       end do
    end subroutine new_series
@@ -156,6 +159,46 @@ contains
          is_reached = is_reached .or. is_front
       end do
    end function count_levels
+
+   !> Multiplies entries (i, j) by the motion of dof j over that of dof i, where it is larger. Motion
+   !> fades at a dof that is stiff even against the fastest force, by the spring that moves it over
+   !> its dynamic stiffness (2).
+   pure subroutine weigh_by_motion(structure, dt, entries)
+      type(structure_type), intent(in) :: structure
+      real(wp), intent(in) :: dt   !! [s]
+      real(wp), intent(inout) :: entries(:, :)
+      real(wp), parameter :: least = 1.0e-30_wp
+      real(wp), parameter :: steps_of_period = 20.0_wp   ! of the fastest force, see (11)
+      real(wp) :: stuck(structure%n_dof, structure%n_dof)
+      real(wp), dimension(structure%n_dof) :: mass, motion, moved_before
+      real(wp) :: stiffness(structure%n_dof)   ! dynamic, under the fastest force [N/m]
+      type(sparse_matrix) :: springs
+      real(wp) :: fastest   ! of the force, squared [rad^2/s^2]
+      integer :: e, i, j
+
+      stuck = structure%stuck_stiffness([(.true., j=1, structure%n_joints)])
+      springs = sparse_of(without_diagonal(stuck))
+      mass = structure%lumped_mass()
+      fastest = (two_pi/(steps_of_period*dt))**2
+      stiffness = [(stuck(i, i), i=1, structure%n_dof)] - mass*fastest
+      motion = maxval(abs(structure%load), 2)/max(stiffness, mass*fastest)
+      motion = max(least, motion/max(tiny(least), maxval(motion)))
+      do
+         moved_before = motion
+         do i = 1, structure%n_dof
+            do e = springs%start(i), springs%start(i + 1) - 1
+               associate (spring => abs(springs%value(e)))
+                  motion(i) = max(motion(i), motion(springs%column(e)) &
+                                  *spring/max(spring, stiffness(i)))
+               end associate
+            end do
+         end do
+         if (all(motion <= moved_before)) exit
+      end do
+      do j = 1, structure%n_dof
+         entries(:, j) = entries(:, j)*max(1.0_wp, motion(j)/motion)
+      end do
+   end subroutine weigh_by_motion
 
    !> Forms C^ = h M^-1 C and K^ = h^2 M^-1 K without joints.
    pure subroutine form_matrices(structure, h, damping, stiffness)
