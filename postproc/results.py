@@ -146,9 +146,10 @@ class Case:
         if source is None:  # nothing was read
             return None
         try:
-            return open_group(Path(source), f"campaign/{self.name}/plain").load()
+            plain = open_group(Path(source), f"campaign/{self.name}/plain").load()
         except KeyError:  # no such group
             return None
+        return _on_all_dofs(plain, self.data["dof"])
 
     def has(self, *names: str) -> bool:
         """True if the scene asked for all of these."""
@@ -233,13 +234,13 @@ class Results:
         return tree
 
 
-def _on_all_dofs(data: xr.Dataset) -> xr.Dataset:
+def _on_all_dofs(data: xr.Dataset, dof: xr.DataArray) -> xr.Dataset:
     """Spectra and histories of some dofs on the axis of all, not a number where none was kept."""
     if "kept_dof" not in data.dims:
         return data
     kept = {name: array for name, array in data.data_vars.items() if "kept_dof" in array.dims}
     spread = {
-        name: array.rename(kept_dof="dof").reindex(dof=data["dof"]) for name, array in kept.items()
+        name: array.rename(kept_dof="dof").reindex(dof=dof) for name, array in kept.items()
     }
     return data.drop_vars([*kept, "kept_dof"]).assign(spread)
 
@@ -308,8 +309,9 @@ def _read(path: Path) -> Results:
 
     def case_of(name: str) -> Case:
         group = f"campaign/{name}"
-        audit = _on_all_dofs(view(f"{group}/audit")) if name in audited else None
-        data = _on_all_dofs(view(group))
+        data = view(group)
+        data = _on_all_dofs(data, data["dof"])
+        audit = _on_all_dofs(view(f"{group}/audit"), data["dof"]) if name in audited else None
         process = processes.get(str(data.attrs.get("process")))
         asked = {} if process is None else process.attrs
         definition = str(asked.get("correlation", "L0"))

@@ -52,6 +52,11 @@ SCENES = {
         + "&output segment_length = 256 /\n",
         {"fig_07", "fig_09a", "fig_10a", "fig_11a"} | ALONG,
     ),
+    "spectra of one oscillator, by regression": (
+        PROCESS + "&chain n_dof = 2 /\n" + FORCE + SHORT + "&campaign n_samples = 20 /\n"
+        "&output segment_length = 256 dofs = 2 /\n",
+        {"fig_07", "fig_09a", "fig_10a", "fig_11a"} | ALONG,
+    ),
     "200 oscillators": (
         "&chain n_dof = 200 friction = 0.2 /\n" + FORCE
         + "&integration method = 'newmark' n_steps = 400 /\n&output segment_length = 64 /\n",
