@@ -149,7 +149,7 @@ def change_table(before: Results, after: Results, pairs: Sequence[Pair]) -> Tabl
     rows = []
     for pair in pairs:
         for text, factor, change in _changes(pair):
-            for place in range(len(change.change)):
+            for place in np.flatnonzero(np.isfinite(change.change)):  # of dofs that are kept
                 error, apart = change.error[place], change.error_apart[place]
                 gain = f"{apart / error:.1f}" if pair.is_paired and error > 0.0 else "-"
                 rows.append(
@@ -221,10 +221,10 @@ def _draw_spectra(pair: Pair, axes: Axes) -> None:
         return
     before, after = spectra
     frequency = pair.before.data["frequency"].values
-    power = np.cumsum(before.mean(axis=(0, 2)))
+    power = np.cumsum(np.nansum(before.mean(axis=0), axis=1))
     kept = int(np.argmax(power >= (1.0 - _NEGLIGIBLE_POWER) * power[-1])) + 1
     n_dof = before.shape[2]
-    for dof in some_of(n_dof):
+    for dof in some_of([dof for dof in pair.before.kept_dofs if dof in pair.after.kept_dofs]):
         first, second = (values[:, :kept, dof - 1] for values in (before, after))
         means = first.mean(axis=0), second.mean(axis=0)
         per_sample = [values / mean for values, mean in zip((first, second), means, strict=True)]

@@ -52,8 +52,7 @@ def length_name(case: Case) -> str:
 def plot_spectra(axes: Axes, case: Case, results: Results) -> None:
     """Fig. 8: power spectral densities of the masses in one sample."""
     spectrum = case.data["psd"].isel(sample=0)
-    drawn = style.some_of(case.n_dof)
-    for dof in drawn:
+    for dof in style.some_of(case.kept_dofs):
         axes.semilogy(
             spectrum["frequency"], spectrum.isel(dof=dof - 1),
             label=f"{results.place} {dof}", **style.line_of_dof(dof, case.n_dof),
@@ -206,7 +205,7 @@ def _number(axes: Axes, marks: Sequence[_Marks]) -> None:
     placed: list[tuple[int, NDArray[np.float64]]] = []
     for x, y, colour in marks:
         pixels = axes.transData.transform(np.column_stack([x, y]))
-        for joint in style.some_of(x.size, _MOST_NUMBERED):
+        for joint in style.some_of(range(1, x.size + 1), _MOST_NUMBERED):
             here = pixels[joint - 1]
             if any(joint == other and np.hypot(*(here - at)) < _MEET for other, at in placed):
                 continue
@@ -286,7 +285,7 @@ def plot_sweep(axes: Axes, cases: Sequence[Case]) -> None:
     cases = sorted(cases, key=lambda case: case.strength)
     strength = [case.strength for case in cases]
     slips = [slip_with_error(case) for case in cases]
-    for joint in style.some_of(cases[0].n_joints):
+    for joint in style.some_of(range(1, cases[0].n_joints + 1)):
         axes.errorbar(
             strength, [PERCENT * slip[joint - 1] for slip, _ in slips],
             yerr=[PERCENT * WIDTH * error[joint - 1] for _, error in slips],
@@ -300,12 +299,13 @@ def plot_sweep(axes: Axes, cases: Sequence[Case]) -> None:
 
 
 def plot_sweep_spectra(axes: Axes, cases: Sequence[Case], results: Results) -> None:
-    """Spectra of the first mass over the level of the force, from stuck to slipping."""
+    """Spectra of the first mass kept over the level of the force, from stuck to slipping."""
     cases = sorted(cases, key=lambda case: case.strength)
-    chosen = [cases[i - 1] for i in style.some_of(len(cases), 6)]
+    chosen = style.some_of(cases, 6)
     values = []
     for rank, case in enumerate(chosen):
-        spectrum = case.data["psd"].isel(sample=0, dof=0) / _power_of_force(case)
+        density = case.data["psd"].isel(sample=0, dof=case.kept_dofs[0] - 1)
+        spectrum = density / _power_of_force(case)
         look = style.of_rank(rank, len(chosen)) | {"marker": "none"}
         axes.semilogy(spectrum["frequency"], spectrum, label=level_name(case), **look)
         values.append(spectrum.values)

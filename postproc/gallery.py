@@ -80,9 +80,9 @@ def of_certain_friction(results: Results) -> Iterator[Figure]:
         if spectra:
             yield Figure(
                 "sweep_spectra", "Spectra from stuck to slipping",
-                f"{results.place.capitalize()} 1, over the level of the force: peaks at the stuck"
-                " frequencies (full lines) broaden, vanish, and return at those with all joints"
-                " slipping (dotted).",
+                f"{results.place.capitalize()} {spectra[0].kept_dofs[0]}, over the level of the"
+                " force: peaks at the stuck frequencies (full lines) broaden, vanish, and return at"
+                " those with all joints slipping (dotted).",
                 _STUDY,
                 (partial(figures.plot_sweep_spectra, cases=spectra, results=results),), ("8",),
             )  # fmt: skip
@@ -124,7 +124,7 @@ def of_drawn_friction(results: Results) -> Iterator[Figure]:
     ):
         named = {case.strength: figures.level_name(case) for case in cases}
         levels = ", ".join(named[strength] for strength in sorted(named))
-        shown = _some(sorted(named), _MOST_LEVELS)
+        shown = style.some_of(sorted(named), _MOST_LEVELS)
         panels = [[c for c in cases if c.strength == level] for level in shown]
         below = " One panel a level, from the smallest above." if len(panels) > 1 else ""
         yield Figure(
@@ -162,14 +162,14 @@ def of_drawn_friction(results: Results) -> Iterator[Figure]:
 def _along(results: Results, cases: list[Case]) -> Iterator[Figure]:
     """Joints and dofs along the structure, from its first to its last."""
     for quantity in joints.QUANTITIES:
-        own = [case for case in cases if quantity.is_in(case)]
+        own = style.some_of([case for case in cases if quantity.is_in(case)], _MOST_LINES)
         if own:
             yield Figure(
                 f"along_{quantity.name}",
                 f"{quantity.title[0].upper()}{quantity.title[1:]} along the structure",
                 f"Mean over samples, joint by joint; bars are 95 % intervals, {quantity.errors}.",
                 _STUDY,
-                (partial(figures.plot_along, cases=_some(own, _MOST_LINES), quantity=quantity),),
+                (partial(figures.plot_along, cases=own, quantity=quantity),),
             )  # fmt: skip
     spectra = [case for case in cases if case.has("psd_mean") and case.n_dof > 1]
     if spectra and not spectra[0].data["psd_mean"].isnull().any():
@@ -202,7 +202,7 @@ def of_responses(results: Results) -> Iterator[Figure]:
         )  # fmt: skip
         if results.structure is None or not case.has("transition_time"):
             continue
-        is_whole = not case.data["displacement"].isnull().any()  # else of some dofs alone
+        is_whole = len(case.kept_dofs) == case.n_dof
         loops = response_figures.most_dissipating(case) if is_whole else []
         if loops:
             yield Figure(
@@ -219,7 +219,7 @@ def of_responses(results: Results) -> Iterator[Figure]:
                 ),
                 height=2.6,
             )  # fmt: skip
-        if results.is_chain:
+        if results.is_chain and is_whole:
             yield from _transition(results.structure, case, name)
 
 
@@ -270,11 +270,6 @@ def _lettered(items: Sequence[_Item]) -> Iterator[tuple[str, _Item]]:
         yield ("" if i < 26 else chr(96 + i // 26)) + chr(97 + i % 26), item
 
 
-def _some(items: Sequence[_Item], most: int) -> list[_Item]:
-    """All, or as many as can be told apart, first and last with them."""
-    return [items[i - 1] for i in style.some_of(len(items), most)]
-
-
 def _by_std(cases: list[Case]) -> Iterator[tuple[str, float, list[Case]]]:
     for letter, std in _lettered(sorted({case.std for case in cases})):
         yield letter, std, [case for case in cases if case.std == std]
@@ -290,14 +285,16 @@ def _forced(results: Results) -> int | None:
 def _band_panels(cases: list[Case], forced: int | None) -> list[tuple[list[Case], int]]:
     """Cases and mass of each figure at the largest std.
 
-    The paper's: mass 1 at each variance, the last at all of them; or the forced mass at all.
+    The paper's: mass 1 at each variance, the last at all of them; or the forced mass at all, the
+    last that is kept where it is not.
     """
     if not cases:
         return []
     std = max(case.std for case in cases)
     chosen = [case for case in cases if case.std == std]
     if forced is not None:
-        return [(chosen, forced)]
+        kept = cases[0].kept_dofs
+        return [(chosen, forced if forced in kept else kept[-1])]
     levels = sorted({case.strength for case in chosen})
     panels = [([c for c in chosen if c.strength == level], 1) for level in levels]
     return [*panels, (chosen, cases[0].n_dof)]

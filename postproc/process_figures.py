@@ -143,7 +143,7 @@ def plot_positive(axes: Axes, processes: Sequence[xr.Dataset]) -> None:
 
 def plot_each(axes: Axes, processes: Sequence[xr.Dataset]) -> None:
     """Autocovariances over the variance, a curve per process, named by what tells them apart."""
-    drawn = [processes[i - 1] for i in style.some_of(len(processes), MOST_CURVES)]
+    drawn = style.some_of(processes, MOST_CURVES)
     differing = [name for name in _TOLD_APART if len({p.attrs[name] for p in drawn}) > 1]
     for rank, process in enumerate(drawn):
         label = ", ".join(

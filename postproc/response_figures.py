@@ -34,7 +34,7 @@ def plot_history(axes: Axes, case: Case, place: str) -> None:
     """Displacements of the first sample, the last minute of it at most."""
     time = case.data["time"].values
     first = int(np.searchsorted(time, time[-1] - _SHOWN))
-    for dof in style.some_of(case.n_dof, 5):
+    for dof in style.some_of(case.kept_dofs, 5):
         axes.plot(
             time[first:], case.data["displacement"].isel(sample=0, dof=dof - 1).values[first:],
             label=f"{place} {dof}", **style.line_of_dof(dof, case.n_dof) | {"linewidth": 1.0},

@@ -130,6 +130,11 @@ class Case:
         return int(self.data.sizes["dof"])
 
     @property
+    def kept_dofs(self) -> list[int]:
+        """Numbers of the dofs whose spectra and histories the scene asked for."""
+        return self.data.attrs.get("kept_dofs", list(range(1, self.n_dof + 1)))
+
+    @property
     def n_joints(self) -> int:
         """Joints: of a chain one for each oscillator."""
         return int(self.data.sizes.get("joint", 0))
@@ -239,10 +244,9 @@ def _on_all_dofs(data: xr.Dataset, dof: xr.DataArray) -> xr.Dataset:
     if "kept_dof" not in data.dims:
         return data
     kept = {name: array for name, array in data.data_vars.items() if "kept_dof" in array.dims}
-    spread = {
-        name: array.rename(kept_dof="dof").reindex(dof=dof) for name, array in kept.items()
-    }
-    return data.drop_vars([*kept, "kept_dof"]).assign(spread)
+    spread = {name: array.rename(kept_dof="dof").reindex(dof=dof) for name, array in kept.items()}
+    numbers = [int(number) for number in data["kept_dof"]]
+    return data.drop_vars([*kept, "kept_dof"]).assign(spread).assign_attrs(kept_dofs=numbers)
 
 
 def open_results(path: str | Path) -> Results:

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
-from typing import Any
+from collections.abc import Iterable, Sequence
+from typing import Any, TypeVar
 
 import matplotlib as mpl
 import matplotlib.style
@@ -15,6 +15,7 @@ from .output import InputError
 from .paper import LENGTHS
 
 Look = dict[str, Any]  # keyword arguments of a matplotlib call
+_Item = TypeVar("_Item")
 
 # Okabe and Ito: told apart in grey and by colour-blind readers; marks and dashes say it again.
 _COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#B8860B", "#56B4E9", "#000000")
@@ -69,11 +70,11 @@ def line_of_dof(dof: int, n_dof: int) -> Look:
     return of_dof(dof, n_dof) | {"marker": "none"}
 
 
-def some_of(count: int, most: int = len(_COLOURS)) -> list[int]:
-    """Numbers from 1 to count: all, or as many as can be told apart, first and last with them."""
-    if count <= most:
-        return list(range(1, count + 1))
-    return sorted({1 + round(i * (count - 1) / (most - 1)) for i in range(most)})
+def some_of(items: Sequence[_Item], most: int = len(_COLOURS)) -> list[_Item]:
+    """All, or as many as can be told apart, first and last with them."""
+    if len(items) <= most:
+        return list(items)
+    return [items[round(i * (len(items) - 1) / (most - 1))] for i in range(most)]
 
 
 def of_length(length: float, lengths: Iterable[float]) -> Look:

@@ -52,10 +52,13 @@ SCENES = {
         + "&output segment_length = 256 /\n",
         {"fig_07", "fig_09a", "fig_10a", "fig_11a"} | ALONG,
     ),
-    "spectra of one oscillator, by regression": (
-        PROCESS + "&chain n_dof = 2 /\n" + FORCE + SHORT + "&campaign n_samples = 20 /\n"
-        "&output segment_length = 256 dofs = 2 /\n",
-        {"fig_07", "fig_09a", "fig_10a", "fig_11a"} | ALONG,
+    "some masses kept, by regression": (
+        PROCESS + "&chain n_dof = 9 /\n" + FORCE + SHORT
+        + "&campaign n_samples = 20 deterministic = .true. /\n"
+        "&output quantities = 'slip', 'spectrum', 'history', 'transitions'"
+        " segment_length = 256 dofs = 3 /\n",
+        {"fig_07", "fig_08a", "fig_09a", "fig_10a", "fig_11a", "history_c001", "history_c002"}
+        | ALONG,
     ),
     "200 oscillators": (
         "&chain n_dof = 200 friction = 0.2 /\n" + FORCE
