@@ -14,10 +14,10 @@ _SIDE = 0.9  # of a mass
 _INK, _FILL = "0.15", "0.88"
 
 
-def plot_chain(axes: Axes, n_dof: int, forced: int) -> None:
+def plot_chain(axes: Axes, n_dof: int, forced: int | None) -> None:
     """Masses on springs from the wall; below each, spring and slider to the ground.
 
-    The force acts on the mass `forced`; masses count from 1.
+    The force acts on the mass `forced`, which counts from 1, or moves wall and ground.
     """
     _hatch(axes, -1.05, -0.75, 0.2, 1.5)  # the wall
     axes.plot([-0.75, -0.75], [-0.75, 0.75], color=_INK, linewidth=1.5)
@@ -35,6 +35,8 @@ def plot_chain(axes: Axes, n_dof: int, forced: int) -> None:
         left = centre + _SIDE / 2
         if number == forced:
             _force(axes, left, height=0.0 if number == n_dof else -0.32)
+    if forced is None:
+        _force(axes, -1.05, height=-1.25, name=r"$\ddot{u}(t)$")
     ground = -3.62
     _hatch(axes, -0.3, ground - 0.2, left + 1.0, 0.2)
     axes.plot([-0.3, left + 0.7], [ground, ground], color=_INK, linewidth=1.5)
@@ -42,9 +44,9 @@ def plot_chain(axes: Axes, n_dof: int, forced: int) -> None:
     axes.axis("off")
 
 
-def _drawn(n_dof: int, forced: int) -> Iterator[int | None]:
+def _drawn(n_dof: int, forced: int | None) -> Iterator[int | None]:
     """Numbers of the masses drawn, None where some are left out."""
-    ends = {1, 2, 3, n_dof - 1, n_dof, forced} if n_dof > _MOST_DRAWN else range(1, n_dof + 1)
+    ends = {1, 2, 3, n_dof - 1, n_dof, forced or 1} if n_dof > _MOST_DRAWN else range(1, n_dof + 1)
     before = 0
     for number in sorted(ends):
         if number > before + 1:
@@ -53,12 +55,12 @@ def _drawn(n_dof: int, forced: int) -> Iterator[int | None]:
         before = number
 
 
-def _force(axes: Axes, left: float, height: float) -> None:
+def _force(axes: Axes, left: float, height: float, name: str = "$F(t)$") -> None:
     """An arrow at the right side of a mass; below the spring where one is there."""
     axes.annotate(
         "", (left + 1.2, height), (left, height), arrowprops={"arrowstyle": "-|>", "lw": 1.6}
     )
-    axes.text(left + 0.6, height + (0.2 if height == 0.0 else -0.5), "$F(t)$", ha="center")
+    axes.text(left + 0.6, height + (0.2 if height == 0.0 else -0.5), name, ha="center")
 
 
 def _mass(axes: Axes, centre: float, number: int) -> None:

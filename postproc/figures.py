@@ -311,13 +311,16 @@ def plot_sweep_spectra(axes: Axes, cases: Sequence[Case], results: Results) -> N
         values.append(spectrum.values)
     _mark_chain(axes, results)
     _frame_spectrum(axes, spectrum["frequency"].values, np.stack(values), results)
-    unit = "variance [m²/(N² Hz)]" if cases[0].variance else "factor² [m²/Hz]"
+    per_variance = "variance [s⁴/Hz]" if cases[0].is_base else "variance [m²/(N² Hz)]"
+    unit = per_variance if cases[0].variance else "factor² [m²/Hz]"
     axes.set_ylabel(f"power spectral density / {unit}")
 
 
 def force_axis(case: Case) -> str:
     """Label of an axis of levels of the force."""
-    return "variance of the force [N²]" if case.variance else "factor of the force"
+    if not case.variance:
+        return "factor of the force"
+    return "variance of the " + ("ground [m²/s⁴]" if case.is_base else "force [N²]")
 
 
 def _power_of_force(case: Case) -> float:

@@ -56,12 +56,14 @@ def of_chain(results: Results) -> Iterator[Figure]:
     """Fig. 7."""
     if results.structure is not None and results.is_chain:
         n_dof = int(results.structure.sizes["dof"])
-        forced = int(np.argmax(np.abs(results.structure["load"].values[0]))) + 1
+        is_base = any(case.is_base for case in results.cases)
+        forced = None if is_base else _forced(results)
+        force = "the ground moves" if forced is None else f"the force acts on mass {forced}"
         yield Figure(
             "fig_07", "Fig. 7. The chain with its Jenkins elements",
             f"{n_dof} masses. Springs k1 join neighbours and the first mass to the wall; each"
             " mass holds to the ground by a spring k2 in series with a slider that the load N"
-            f" presses down; the force acts on mass {forced}; the far side of the last is free.",
+            f" presses down; {force}; the far side of the last is free.",
             _CHAIN, (partial(chain_figure.plot_chain, n_dof=n_dof, forced=forced),), height=2.6,
         )  # fmt: skip
 

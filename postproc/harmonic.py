@@ -22,13 +22,23 @@ class Sweep:
     """The cases of one process (or none) at one amplitude, by ascending frequency."""
 
     process: str
-    amplitude: float  # N
+    amplitude: float  # N, or m/s^2 of the ground
     cases: tuple[Case, ...]
 
     @property
     def frequency(self) -> NDArray[np.float64]:
         """Frequencies of the cases [Hz]."""
         return np.array([case.frequency for case in self.cases])
+
+    @property
+    def level(self) -> str:
+        """The amplitude in words."""
+        return self.cases[0].level
+
+    @property
+    def unit(self) -> str:
+        """Unit of the receptance."""
+        return "s²" if self.cases[0].is_base else "m/N"
 
     @property
     def receptance(self) -> xr.DataArray:
@@ -39,7 +49,8 @@ class Sweep:
         ]
         axis = xr.DataArray(self.frequency, dims="frequency", attrs={"units": "Hz"})
         joined: xr.DataArray = xr.concat(found, dim=axis) / self.amplitude
-        joined.attrs = {"units": "m/N", "long_name": "fundamental of the displacement over force"}
+        name = "fundamental of the displacement over force"
+        joined.attrs = {"units": self.unit, "long_name": name}
         return joined
 
     def outer(self, dof: int) -> NDArray[np.float64]:

@@ -29,12 +29,12 @@ def plot_frequency_response(
     for rank, sweep in enumerate(sweeps):
         mean, low, high = sweep.outer(dof)
         look = style.of_rank(rank, len(sweeps))
-        axes.semilogy(sweep.frequency, mean, label=f"{sweep.amplitude:g} N", **look)
+        axes.semilogy(sweep.frequency, mean, label=sweep.level, **look)
         if np.any(high > low):
             axes.fill_between(sweep.frequency, low, high, color=look["color"], alpha=0.18, lw=0)
         top, bottom = max(top, mean.max(), high.max()), min(bottom, mean.min(), low.min())
     axes.set(
-        xlabel="frequency [Hz]", ylabel=f"|x| / F of dof {dof} [m/N]",
+        xlabel="frequency [Hz]", ylabel=f"|x| / F of dof {dof} [{sweeps[0].unit}]",
         xlim=(span[0], span[-1]), ylim=(0.3 * bottom, 4 * top),
     )  # fmt: skip
     axes.legend(ncols=2)
@@ -46,7 +46,7 @@ def plot_phase(axes: Axes, sweeps: Sequence[Sweep], dof: int) -> None:
         curve = sweep.receptance.isel(dof=dof - 1).values
         mean = np.unwrap(np.angle((curve / np.abs(curve)).mean(axis=1)))
         axes.plot(
-            sweep.frequency, np.degrees(mean), label=f"{sweep.amplitude:g} N",
+            sweep.frequency, np.degrees(mean), label=sweep.level,
             **style.of_rank(rank, len(sweeps)),
         )  # fmt: skip
     axes.set(xlabel="frequency [Hz]", ylabel=f"phase of dof {dof} [degrees]")
@@ -62,7 +62,7 @@ def plot_equivalent(
         values = getattr(mode, name)
         look = style.of_rank(rank, len(sweeps)) | {"linestyle": "none"}
         if np.isfinite(values).any():
-            axes.plot(mode.amplitude, values, label=f"{sweep.amplitude:g} N", alpha=0.7, **look)
+            axes.plot(mode.amplitude, values, label=sweep.level, alpha=0.7, **look)
     label = {
         "stiffness": "modal stiffness / stuck",
         "damping": "damping ratio",

@@ -35,6 +35,7 @@ class Case:
     audit: xr.Dataset | None = None  # its samples that the reference repeated, where it was asked
     definition: str = "L0"  # of the correlation length imposed on its process, Eq. 8 or 9
     law: str = MAXIMUM_ENTROPY  # of its friction, or what that is compared with
+    is_base: bool = False  # the force is an acceleration of the ground
 
     def __repr__(self) -> str:
         """Short: what it is a case of."""
@@ -76,7 +77,7 @@ class Case:
     def level(self) -> str:
         """The level of the force in words."""
         if self.is_sine:
-            return f"{self.strength:g} N"
+            return f"{self.strength:g} {'m/s²' if self.is_base else 'N'}"
         if "factor" in self.data.attrs:
             return f"force factor {self.strength:g}"
         return f"variance {self.strength:g}"
@@ -311,6 +312,8 @@ def _read(path: Path) -> Results:
 
     processes = {name: load(f"process/{name}") for name in groups.get("process", [])}
 
+    is_base = "excitation%base = .true." in str(attrs.get("settings"))
+
     def case_of(name: str) -> Case:
         group = f"campaign/{name}"
         data = view(group)
@@ -319,7 +322,8 @@ def _read(path: Path) -> Results:
         process = processes.get(str(data.attrs.get("process")))
         asked = {} if process is None else process.attrs
         definition = str(asked.get("correlation", "L0"))
-        return Case(name, data, audit, definition, str(asked.get("law", MAXIMUM_ENTROPY)))
+        law = str(asked.get("law", MAXIMUM_ENTROPY))
+        return Case(name, data, audit, definition, law, is_base)
 
     return Results(
         path=path,

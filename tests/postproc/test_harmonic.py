@@ -41,6 +41,17 @@ def replayed(results_of_scene):
     return open_results(results_of_scene(HISTORY))
 
 
+def test_a_moving_ground_is_named_with_its_units(results_of_scene, tmp_path):
+    """Amplitudes are accelerations, and no mass is forced."""
+    results = open_results(results_of_scene(RANDOM_SINES.replace("kind", "base = .true. kind")))
+    sweep = sweeps_of(results)[0]
+    assert sweep.level == results.cases[0].level == "3 m/s²"
+    assert sweep.receptance.attrs["units"] == "s²"
+    chain = next(figure for figure in make_figures([results]) if figure.name == "fig_07")
+    assert "the ground moves" in chain.caption
+    assert chain.save(tmp_path).exists()
+
+
 def test_a_stuck_structure_is_its_linear_self(sines):
     """The chord of a sine of 80 steps takes (2 pi/80)^2/12 = 5e-4 of it."""
     small, large = sweeps_of(sines)
