@@ -17,13 +17,14 @@ module config_process_summary
 
 contains
 
-   !> 'L0 = 3'; 'both = 3, 2.5': L0 and L1.
+   !> 'L0 = 3'; 'both = 3, 2.5': L0 and L1; '-' of given values, which no length is imposed on.
    pure function length_text(request) result(text)
       type(process_request), intent(in) :: request
       character(:), allocatable :: text
 
       text = trim(request%correlation)//' = '//brief(request%correlation_length)
       if (request%correlation == 'both') text = text//', '//brief(request%second_length)
+      if (request%method == 'values') text = '-'
    end function length_text
 
    !> One row per process, then the reasons why some have no solution.
@@ -41,7 +42,10 @@ contains
             if (p%order == 0) order = 'chosen'
             law = 'any sign'
             if (p%positive) law = trim(p%sampler)
-            if (is_reference(p)) law = law_name(p)
+            if (is_reference(p)) then
+               law = law_name(p)
+               order = '-'
+            end if
             text = text//padded(numbered('p', i), 9)//padded(trim(p%method), 15)// &
                    padded(length_text(p), 13)//padded(order, 7)// &
                    padded(brief(p%mean), 7)//padded(brief(p%std), 8)//padded(law, 11)// &

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import re
+
 import h5py
 import numpy as np
 import pytest
@@ -40,6 +42,8 @@ def test_given_samples_march_as_the_drawn_ones_that_they_are(entroslip, tmp_path
         assert process["mean_found"][()] == pytest.approx(friction.mean(), rel=1e-14)
         assert "entropy" not in process
         assert case.attrs["plain_reason"] == "the samples are given: they have no law"
+    said = entroslip("check", "s.nml")
+    assert re.search(r"p001 +values +- +- +0\.\d+ ", said.stdout)  # no length, no order
     replayed = entroslip("replay", "s.nml", "--case", "1", "--sample", "4")
     assert replayed.returncode == 0, replayed.stderr
     assert "Draw it: python -m entroslip" in replayed.stdout
