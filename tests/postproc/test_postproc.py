@@ -166,9 +166,9 @@ def test_one_look_for_one_thing():
     looks = [style.of_dof(dof, 5) for dof in range(1, 6)]
     for trait in ("color", "marker", "linestyle"):
         assert len({str(look[trait]) for look in looks}) == 5
-    assert style.some_of(3) == [1, 2, 3]
-    assert style.some_of(200)[0] == 1
-    assert style.some_of(200)[-1] == 200
+    assert style.some_of(range(1, 4)) == [1, 2, 3]
+    assert style.some_of(range(1, 201))[0] == 1
+    assert style.some_of(range(1, 201))[-1] == 200
 
 
 def test_chosen_orders_say_their_bounds():
