@@ -160,9 +160,9 @@ contains
       end do
    end function count_levels
 
-   !> Multiplies entries (i, j) by the motion of dof j over that of dof i, where it is larger. Motion
-   !> fades at a dof that is stiff even against the fastest force, by the spring that moves it over
-   !> its dynamic stiffness (2).
+   !> Multiplies entries (i, j) by the motion of dof j over that of dof i, where it is larger.
+   !> Motion fades at a dof that is stiff even against the fastest force, by the spring that moves
+   !> it over its dynamic stiffness (2).
    pure subroutine weigh_by_motion(structure, dt, entries)
       type(structure_type), intent(in) :: structure
       real(wp), intent(in) :: dt   !! [s]
