@@ -141,27 +141,27 @@ contains
          type(integral_type), intent(inout) :: integral
          real(wp), intent(inout) :: power(:)   !! (point) of the regression's share
          type(estimates_type) :: ours, theirs, both
-         integer :: o
+         integer :: first, last, o
 
-         associate (first => first_of(k), last => first_of(k + 1) - 1)
-            associate (own => density(view%first:view%last, first:last))
-               theirs = among_all(pool, number, plain_mean(own), plain(number)%mean(first:last))
-               do o = 1, n
-                  grown(:, o) = values(:, o)
-                  call exponentiate(grown(:, o))
-               end do
-               call law_mean_of_exponential(surrogate, fits(k), view, grown(:, :n), own, ours)
-            end associate
-            call join(law, grown(:, :n), pool%n_samples(number), ours, theirs, &
-                      [(0.0_wp, o=1, n)], both, error)
-            if (allocated(error)) return
+         first = first_of(k)
+         last = first_of(k + 1) - 1
+         associate (own => density(view%first:view%last, first:last))
+            theirs = among_all(pool, number, plain_mean(own), plain(number)%mean(first:last))
             do o = 1, n
-               power = power + (step*(1.0_wp - both%share(o)))*grown(:, o)
+               grown(:, o) = values(:, o)
+               call exponentiate(grown(:, o))
             end do
-            best%mean(first:last) = both%value
-            best%mean_error(first:last) = upward_error(both%value, both%stated)
-            best%mean_ratio(first:last) = both%ratio
+            call law_mean_of_exponential(surrogate, fits(k), view, grown(:, :n), own, ours)
          end associate
+         call join(law, grown(:, :n), pool%n_samples(number), ours, theirs, &
+                   [(0.0_wp, o=1, n)], both, error)
+         if (allocated(error)) return
+         do o = 1, n
+            power = power + (step*(1.0_wp - both%share(o)))*grown(:, o)
+         end do
+         best%mean(first:last) = both%value
+         best%mean_error(first:last) = upward_error(both%value, both%stated)
+         best%mean_ratio(first:last) = both%ratio
          call add_to(integral, both, theirs, [(step, o=1, n)], [(step, o=1, n)])
          integral%value = integral%value + step*sum(both%value)
       end subroutine estimate_means
@@ -173,11 +173,12 @@ contains
          real(wp), intent(inout) :: power(:)   !! (point) influence of the regression's share
          type(estimates_type) :: ours, theirs, both
          real(wp) :: reach
-         integer :: n, o
+         integer :: first, last, n, o
 
          n = size(ranking, 2)
-         associate (first => first_of(k), last => first_of(k + 1) - 1, &
-                    n_samples => pool%n_samples(number))
+         first = first_of(k)
+         last = first_of(k + 1) - 1
+         associate (n_samples => pool%n_samples(number))
             associate (own => outputs(view%first:view%last, first:last))
                theirs = among_all(pool, number, plain_percentile(own, share_below(p), ranking), &
                                   log(max(plain(number)%percentile(first:last, p), least_density)))
