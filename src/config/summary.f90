@@ -183,8 +183,10 @@ contains
             text = 'noise of a given spectrum from '//brief(excitation%density(1, 1))//' to '// &
                    brief(excitation%density(1, size(excitation%density, 2)))//' Hz'
          case ('sine')
-            text = 'sines from '//brief(minval(plan%cases%frequency))//' to '// &
-                   brief(maxval(plan%cases%frequency))//' Hz'
+            associate (least => minval(plan%cases%frequency), most => maxval(plan%cases%frequency))
+               text = 'sine of '//brief(least)//' Hz'
+               if (most > least) text = 'sines from '//brief(least)//' to '//brief(most)//' Hz'
+            end associate
          case default
             text = 'noise from '//brief(excitation%band(1))//' to '//brief(excitation%band(2))// &
                    ' Hz'

@@ -39,6 +39,13 @@ def test_sines_are_told_to_be_steady_and_go_on_with_the_same_bits(entroslip, tmp
     assert scene_bits(tmp_path / "s.h5") == scene_bits(tmp_path / "at_once.h5")
 
 
+def test_the_force_is_told(entroslip, tmp_path):
+    (tmp_path / "s.nml").write_text(SINES)
+    one = ("--set", "excitation%frequency=1.2")
+    assert "force        sines from 0.8 to 1.2 Hz " in entroslip("check", "s.nml").stdout
+    assert "force        sine of 1.2 Hz " in entroslip("check", "s.nml", *one).stdout
+
+
 def test_amplitudes_are_estimated_by_regression(entroslip, tmp_path):
     """Mean and spread of amplitudes to a third of plain sampling's error, against 600 samples."""
     (tmp_path / "s.nml").write_text(SINES)
