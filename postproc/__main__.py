@@ -14,16 +14,16 @@ from pathlib import Path
 from . import headless  # noqa: F401  (before matplotlib)
 from .compare import change_table, compare, lines_of, pair_cases
 from .decision import table_designs
-from .figure import Figure, Ranges
-from .gallery import make_figures
+from .figures.figure import Figure, Ranges
+from .figures.gallery import make_figures
+from .figures.style import apply_style
 from .measured import measured_figure, read_measured
 from .output import InputError, Parser, exit_code, make_folder, say
-from .paper import AXES
-from .paper_numbers import table_correlations, table_numbers
+from .paper.numbers import table_correlations, table_numbers
+from .paper.printed import AXES
+from .paper.statements import assess
 from .report import write_report
 from .results import Results, find_damage, open_results
-from .statements import assess
-from .style import apply_style
 from .tables import make_tables, table_statements
 
 

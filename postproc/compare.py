@@ -18,10 +18,10 @@ from matplotlib.ticker import MaxNLocator
 from numpy.typing import NDArray
 
 from .bits import differences
-from .figure import Figure
+from .figures.figure import Figure
+from .figures.style import line_of_dof, of_rank, some_of
 from .output import InputError
 from .results import Case, Results
-from .style import line_of_dof, of_rank, some_of
 from .table import Table, value_with_error
 
 Values = NDArray[np.float64]

@@ -11,8 +11,8 @@ from matplotlib.axes import Axes
 from matplotlib.ticker import MaxNLocator
 from numpy.typing import NDArray
 
-from . import style
-from .figure import SECTIONS, Figure
+from .figures import style
+from .figures.figure import SECTIONS, Figure
 from .output import InputError, readable
 from .results import Results
 

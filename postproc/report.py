@@ -8,10 +8,10 @@ from html import escape
 from importlib import resources
 from pathlib import Path
 
-from .evidence import Statement, Verdict
-from .figure import SECTIONS, Figure
+from .figures.figure import SECTIONS, Figure
 from .output import write_file
-from .paper import OBSERVATIONS, is_paper_study
+from .paper.evidence import Statement, Verdict
+from .paper.printed import OBSERVATIONS, is_paper_study
 from .results import Results
 from .table import Table
 

@@ -20,10 +20,10 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from PIL import Image
 
-from . import style
-from .figure import write_small_png
+from .figures import style
+from .figures.figure import write_small_png
 from .output import Parser, exit_code, say
-from .paper import LENGTHS
+from .paper.printed import LENGTHS
 
 Row = dict[str, str]  # of a CSV: family, error (empty where refused), reason, and the axes
 

@@ -10,9 +10,9 @@ import xarray as xr
 from numpy.typing import NDArray
 
 from . import joints, sensitivity, tradeoff
-from .deterministic_statements import slip_with_error
-from .evidence import Statement
-from .paper import SLIP_HZ, SLIP_PERCENT, STDS, STUCK_HZ, is_paper_study
+from .paper.deterministic_statements import slip_with_error
+from .paper.evidence import Statement
+from .paper.printed import SLIP_HZ, SLIP_PERCENT, STDS, STUCK_HZ, is_paper_study
 from .results import MAXIMUM_ENTROPY, Case, Results
 from .table import Table, value_with_error
 

@@ -10,8 +10,8 @@ import xarray as xr
 from matplotlib.axes import Axes
 from matplotlib.ticker import LogLocator, NullFormatter
 
-from . import style
-from .figure import SECTIONS, Figure
+from .figures import style
+from .figures.figure import SECTIONS, Figure
 from .groups import open_group
 from .results import Results
 from .table import Table, value_with_error

@@ -16,7 +16,7 @@ sys.path.insert(0, str(ROOT / "docs"))
 import generate
 
 PAGES = [ROOT / "README.md", ROOT / "CHANGELOG.md", *sorted((ROOT / "docs").glob("*.md"))]
-SOURCES = [*ROOT.glob("src/**/*.f90"), *ROOT.glob("drivers/*.f90"), *ROOT.glob("postproc/*.py")]
+SOURCES = [*ROOT.glob("src/**/*.f90"), *ROOT.glob("drivers/*.f90"), *ROOT.glob("postproc/**/*.py")]
 page_by_page = pytest.mark.parametrize("page", PAGES, ids=lambda page: page.name)
 
 

@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import xarray as xr
 
-from entroslip.paper import LENGTHS, LEVELS, SLIP_HZ, STDS, STUCK_HZ
+from entroslip.paper.printed import LENGTHS, LEVELS, SLIP_HZ, STDS, STUCK_HZ
 from entroslip.results import Case, Results
 
 FREQUENCY = np.arange(0, 173) * 0.01448  # Hz

@@ -10,7 +10,7 @@ import pytest
 
 from entroslip import open_results
 from entroslip.__main__ import main
-from entroslip.response_figures import find_episode, joint_force
+from entroslip.figures.response_figures import find_episode, joint_force
 from tests.conftest import INPUT_SCENES, shortened
 
 PROCESS = "&process correlation_length = 0.3 order = 2 mean = 0.2 std = 0.067 /\n"

@@ -7,10 +7,11 @@ import numpy as np
 import pytest
 import xarray as xr
 
-from entroslip import figures, process_figures, tradeoff
-from entroslip.figure import Figure
-from entroslip.gallery import make_figures
-from entroslip.paper import AXES
+from entroslip import tradeoff
+from entroslip.figures import process_figures, study_figures
+from entroslip.figures.figure import Figure
+from entroslip.figures.gallery import make_figures
+from entroslip.paper.printed import AXES
 from entroslip.results import Results
 from tests.postproc.synthetic import FREQUENCY, case_of, process
 
@@ -103,7 +104,7 @@ def test_bands_hold_the_scatter_of_the_record():
     for name, factor in (("", 1.0), ("_low", np.exp(-0.3)), ("_high", np.exp(0.3))):
         case.data[f"psd_percentiles{name}"] = (("percentile", "frequency", "dof"), factor * flat)
     case.data.attrs["psd_time_error"] = 0.4 / 1.959964
-    low, high = figures.percentile_interval(case, dof=1, outer=0)
+    low, high = study_figures.percentile_interval(case, dof=1, outer=0)
     np.testing.assert_allclose(low, np.exp(-0.5), rtol=1e-6)
     np.testing.assert_allclose(high, np.exp(0.5), rtol=1e-6)
 
@@ -112,7 +113,7 @@ def test_a_scatter_names_lengths_and_oscillators(axes):
     case = case_of("c001", "p001", np.full((2, 3), 0.3), np.ones((2, FREQUENCY.size, 3)))
     for name in ("slip_mean", "slip_std", "slip_mean_error", "slip_std_error"):
         case.data[name] = ("joint", np.array([0.1, 0.2, 0.3]))
-    figures.plot_slip_scatter(axes, [case])
+    study_figures.plot_slip_scatter(axes, [case])
     assert {"1", "2", "3"} <= {text.get_text() for text in axes.texts}
     assert drawn(axes)[0].startswith("$L_0$ = ")
     assert axes.get_xlabel().endswith("[%]")
@@ -131,7 +132,7 @@ def test_every_level_of_the_force_has_marks_of_its_own(axes):
     for case in cases:
         for name in ("slip_mean", "slip_std", "slip_mean_error", "slip_std_error"):
             case.data[name] = ("joint", np.array([0.1, 0.2, 0.3]))
-    figures.plot_slip_scatter(axes, cases)
+    study_figures.plot_slip_scatter(axes, cases)
     marks = [container.lines[0] for container in axes.containers]
     fillings = [mark.get_markerfacecolor()[1] for mark in marks]
     sizes = [mark.get_markersize() for mark in marks]
@@ -141,7 +142,7 @@ def test_every_level_of_the_force_has_marks_of_its_own(axes):
     assert np.diff(sizes).min() > 1.0
     assert {mark.get_markeredgecolor() for mark in marks} == {marks[0].get_color()}
     assert [name.split(", ")[1] for name in drawn(axes)] == [f"variance {v:g}" for v in levels]
-    told = [figures.marks_of_levels(cases[:n]) for n in (1, 2, 4)]
+    told = [study_figures.marks_of_levels(cases[:n]) for n in (1, 2, 4)]
     assert told == [
         "", ", open at the low and full at the high excitation",
         ", fuller and larger with the excitation",

@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 
 from entroslip import acceleration_psd, history, open_results, velocity_psd
-from entroslip.gallery import make_figures
+from entroslip.figures.gallery import make_figures
+from entroslip.figures.response_figures import joint_force
 from entroslip.harmonic import equivalent, linear_receptance, sweeps_of
-from entroslip.response_figures import joint_force
 from entroslip.results import ResultsError
 
 SINES = """\

@@ -6,7 +6,8 @@ import matplotlib.pyplot as plt
 import numpy as np
 import pytest
 
-from entroslip import figures, joints, open_results, tables
+from entroslip import joints, open_results, tables
+from entroslip.figures import study_figures
 
 RING = """\
 &process correlation_length = 1.0 order = 2 mean = 0.3 std = 0.06 /
@@ -63,7 +64,7 @@ def test_many_cases_stand_below_one_another(results):
 
 def test_spectra_along_the_structure_show_every_dof(results):
     picture, axes = plt.subplots()
-    figures.plot_spectra_along(axes, results.cases[1], results)
+    study_figures.plot_spectra_along(axes, results.cases[1], results)
     (mesh,) = axes.collections
     assert mesh.get_array().shape == (4, results.cases[1].data.sizes["frequency"])
     assert mesh.get_array().max() == 0.0

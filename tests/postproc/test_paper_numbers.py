@@ -7,9 +7,9 @@ from pathlib import Path
 import numpy as np
 
 from entroslip.joints import QUANTITIES
-from entroslip.paper_numbers import table_correlations, table_numbers
+from entroslip.paper.numbers import table_correlations, table_numbers
+from entroslip.paper.statements import assess
 from entroslip.results import Results
-from entroslip.statements import assess
 from entroslip.tables import table_joints, table_slip
 from tests.postproc.synthetic import LOW, certain, friction_study, process, results_of
 

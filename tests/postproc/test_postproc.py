@@ -16,11 +16,12 @@ import numpy as np
 import pytest
 import xarray as xr
 
-from entroslip import figures, gallery_page, joints, open_results, process_figures
+from entroslip import joints, open_results
 from entroslip.__main__ import main
-from entroslip.chain_figure import plot_chain
-from entroslip.figure import SECTIONS, Figure
-from entroslip.paper import AXES
+from entroslip.figures import gallery_page, process_figures, study_figures
+from entroslip.figures.chain_figure import plot_chain
+from entroslip.figures.figure import SECTIONS, Figure
+from entroslip.paper.printed import AXES
 from entroslip.results import ResultsError
 from entroslip.table import value_with_error
 from entroslip.tables import beside_paper, table_audit, table_frequencies, table_slip
@@ -125,16 +126,16 @@ def test_the_chain_is_drawn_with_its_force():
 def test_levels_of_the_force_have_the_papers_names(results_file):
     case = open_results(results_file).cases[-1]
     case.data.attrs["variance"] = 41.1
-    assert figures.level_name(case) == "variance 41.1 (high)"
+    assert study_figures.level_name(case) == "variance 41.1 (high)"
     case.data.attrs |= {"variance": 0.0, "factor": 2.0}
-    assert figures.level_name(case) == "force factor 2"
+    assert study_figures.level_name(case) == "force factor 2"
 
 
 def test_figure_functions_draw_on_the_axes_they_are_given(results_file):
     results = open_results(results_file)
     picture, (left, right) = plt.subplots(1, 2)
-    figures.plot_slip_scatter(left, results.random)
-    figures.plot_band_ratio(right, results.random)
+    study_figures.plot_slip_scatter(left, results.random)
+    study_figures.plot_band_ratio(right, results.random)
     assert left.get_xlabel() == right.get_xlabel() == "mean time in slip [%]"
     plt.close(picture)
 
@@ -151,15 +152,15 @@ def test_bars_hold_monte_carlo_and_the_finite_march():
         }
     )
     np.testing.assert_allclose(joints.slip_mean_error(case), 0.05)
-    np.testing.assert_allclose(figures.band_ratio_interval(case)[0], 2.0 * np.exp(-0.3))
+    np.testing.assert_allclose(study_figures.band_ratio_interval(case)[0], 2.0 * np.exp(-0.3))
     case.data["band_ratio_time_error"] = ("dof", [2.0 * 0.4 / 1.959964])
-    low, high = figures.band_ratio_interval(case)
+    low, high = study_figures.band_ratio_interval(case)
     np.testing.assert_allclose([low[0], high[0]], 2.0 * np.exp([-0.5, 0.5]))
 
 
 def test_one_look_for_one_thing():
     """Each length and oscillator: one colour, mark and line, whatever else is drawn."""
-    from entroslip import style
+    from entroslip.figures import style
 
     assert style.of_length(1.0, [1.0]) == style.of_length(1.0, [0.3, 1.0, 3.0, 7.0])
     assert style.of_length(7.0, [7.0]) != style.of_length(0.3, [0.3])
@@ -346,7 +347,7 @@ def test_its_types_agree():
 
 
 def test_the_study_reads_what_the_program_states(results_of_scene):
-    from entroslip.study import Study
+    from entroslip.paper.study import Study
 
     text = "&process correlation_length = 0.3 order = 2 mean = 0.2 std = 0.067 /\n&chain /\n"
     text += "&excitation variance = 3.7 /\n&integration method = 'event' n_steps = 4000 /\n"

@@ -7,10 +7,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from entroslip import process_statements
-from entroslip.evidence import NoEvidence, Verdict
+from entroslip.paper import process_statements
+from entroslip.paper.evidence import NoEvidence, Verdict
+from entroslip.paper.statements import assess
 from entroslip.results import Results
-from entroslip.statements import assess
 from tests.postproc.synthetic import process, results_of
 
 YES, NO = Verdict.CONFIRMED, Verdict.REFUTED

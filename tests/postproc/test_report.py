@@ -10,9 +10,9 @@ import matplotlib.pyplot as plt
 import pytest
 
 from entroslip.__main__ import main
-from entroslip.figure import Figure
+from entroslip.figures.figure import Figure
+from entroslip.paper.statements import assess
 from entroslip.report import write_report
-from entroslip.statements import assess
 from tests.postproc.synthetic import friction_study
 
 FLAGS = [

@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from entroslip import band_statements, deterministic_statements, slip_statements
-from entroslip.evidence import (
+from entroslip.paper import band_statements, deterministic_statements, slip_statements
+from entroslip.paper.evidence import (
     NoEvidence,
     Verdict,
     all_hold,
@@ -16,10 +16,10 @@ from entroslip.evidence import (
     claim_range,
     claim_range_by_quantiles,
 )
-from entroslip.paper import SLIP_HZ, STUCK_HZ
-from entroslip.peaks import error_of_sum, prominence_weights
-from entroslip.statements import assess
-from entroslip.study import paper_study
+from entroslip.paper.peaks import error_of_sum, prominence_weights
+from entroslip.paper.printed import SLIP_HZ, STUCK_HZ
+from entroslip.paper.statements import assess
+from entroslip.paper.study import paper_study
 from tests.postproc.synthetic import (
     FREQUENCY,
     HIGH,

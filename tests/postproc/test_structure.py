@@ -11,7 +11,7 @@ import pytest
 import scipy.io
 import scipy.sparse as sp
 
-from entroslip.paper import SLIP_HZ, STUCK_HZ
+from entroslip.paper.printed import SLIP_HZ, STUCK_HZ
 from entroslip.structure import Joint, craig_bampton, read_pair, ring
 from entroslip.structure.__main__ import main
 from entroslip.structure.pair import frequencies, largest_eigenvalue, total_mass

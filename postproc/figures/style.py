@@ -11,8 +11,8 @@ from matplotlib.axes import Axes
 from matplotlib.axis import Axis
 from matplotlib.ticker import FuncFormatter, MaxNLocator, NullLocator, ScalarFormatter
 
-from .output import InputError
-from .paper import LENGTHS
+from ..output import InputError
+from ..paper.printed import LENGTHS
 
 Look = dict[str, Any]  # keyword arguments of a matplotlib call
 _Item = TypeVar("_Item")

@@ -7,9 +7,9 @@ from collections.abc import Sequence
 import numpy as np
 from matplotlib.axes import Axes
 
+from ..harmonic import Equivalent, Sweep, linear_receptance
+from ..results import Results
 from . import style
-from .harmonic import Equivalent, Sweep, linear_receptance
-from .results import Results
 
 _FINE = 600  # frequencies of a linear curve
 

@@ -9,10 +9,10 @@ from itertools import pairwise
 import numpy as np
 from numpy.typing import NDArray
 
+from ..results import Case, Results
 from . import peaks
 from .evidence import NoEvidence, Statement, all_hold, any_holds, claim_larger, claim_range
-from .paper import LEVELS
-from .results import Case, Results
+from .printed import LEVELS
 
 LOW, HIGH = LEVELS  # the two variances of the excitation
 FULLY = 0.05  # a slider that slips (or sticks) less than that is fully stuck (or slipping)

@@ -7,10 +7,10 @@ from functools import partial
 
 import numpy as np
 
+from ..harmonic import Sweep, equivalent, sweeps_of
+from ..results import Results
 from . import harmonic_figures
 from .figure import SECTIONS, Figure
-from .harmonic import Sweep, equivalent, sweeps_of
-from .results import Results
 
 _STUDY = SECTIONS[2]
 

@@ -12,7 +12,7 @@ import matplotlib.pyplot as plt
 from matplotlib.axes import Axes
 from PIL import Image
 
-from .output import write_file
+from ..output import write_file
 
 Ranges = tuple[float, float, float, float]  # xmin, xmax, ymin, ymax
 

@@ -14,9 +14,9 @@ import numpy as np
 import xarray as xr
 from numpy.typing import NDArray
 
+from ..results import Case, Results
 from .evidence import WIDTH
-from .paper import LENGTHS, LEVELS, STDS
-from .results import Case, Results
+from .printed import LENGTHS, LEVELS, STDS
 
 Array = NDArray[np.float64]
 Key = tuple[float, float, float]  # std, correlation length, variance

@@ -8,9 +8,9 @@ from itertools import pairwise
 import numpy as np
 import xarray as xr
 
-from . import process_figures
+from ..processes import difference_from_free, is_positive, kind_of, length_of, model_of, order_of
+from ..results import MAXIMUM_ENTROPY, Results
 from .evidence import Finding, NoEvidence, Statement, all_hold, claim_range
-from .results import MAXIMUM_ENTROPY, Results
 
 ALIKE = 0.1  # a relative difference that the paper's figures would not show
 CLOSE = 0.01  # "very close": difference of autocovariances over the variance
@@ -40,7 +40,7 @@ def shape_in_the_lag(number: str, lengths: Sequence[float]) -> Callable[[Results
         findings = []
         for name, family in _families(results):
             last = family[-1]
-            if last.attrs["method"] == "direct" and process_figures.length_of(last) in lengths:
+            if last.attrs["method"] == "direct" and length_of(last) in lengths:
                 curve = _inside(last)
                 lag = np.arange(1, curve.size + 1)
                 degree = 0 if last.attrs["correlation"] == "L0" else 1
@@ -62,10 +62,10 @@ def shape_in_the_lag(number: str, lengths: Sequence[float]) -> Callable[[Results
 def order_needed(results: Results) -> Statement:
     """The smallest order whose entropy is near that of white noise."""
     needed = {}
-    most = max((process_figures.order_of(p) for p in _asked(results)), default=0)
+    most = max((order_of(p) for p in _asked(results)), default=0)
     for definition, length, family in _regressive(results):
         enough = [
-            process_figures.order_of(process) for process in family
+            order_of(process) for process in family
             if float(process["entropy_bound"] - process["entropy"]) < NEAR_WHITE
         ]  # fmt: skip
         needed[definition, length] = float(min(enough, default=most + 1))
@@ -110,7 +110,7 @@ def order_six(results: Results) -> Statement:
         float(process["L1"])
         for definition, length, family in _regressive(results)
         for process in family
-        if (definition, length, process_figures.order_of(process)) == ("L0", 0.3, 6)
+        if (definition, length, order_of(process)) == ("L0", 0.3, 6)
     ]
     if not found:
         raise NoEvidence("no process of order 6 with L0 = 0.3")
@@ -125,17 +125,17 @@ def positive_processes(results: Results) -> Statement:
     """Largest difference over lags from the process without sign constraint, of the paper's law."""
     solved = _solved(results)
     free = {
-        process_figures.kind_of(p): p for p in solved if not process_figures.is_positive(p)
+        kind_of(p): p for p in solved if not is_positive(p)
     }  # fmt: skip
     findings = []
-    for process in filter(process_figures.is_positive, solved):
-        twin = free.get(process_figures.kind_of(process))
+    for process in filter(is_positive, solved):
+        twin = free.get(kind_of(process))
         if twin is None or process.attrs["sampler"] != "sequential":
             continue
-        difference = process_figures.difference_from_free(process, twin)
+        difference = difference_from_free(process, twin)
         lag = int(np.argmax(np.abs(difference["value"].values)))
         text = (
-            f"L0 = {process_figures.length_of(process):g}, {process_figures.model_of(process)},"
+            f"L0 = {length_of(process):g}, {model_of(process)},"
             f" mean {process.attrs['mean']:g}: largest difference, lag {lag}"
         )
         value, error = (float(difference[name][lag]) for name in ("value", "error"))
@@ -166,9 +166,9 @@ def _asked(results: Results) -> list[xr.Dataset]:
     """Those without sign constraint whose order was given, ascending in it."""
     found = [
         p for p in _solved(results)
-        if not process_figures.is_positive(p) and int(p.attrs["order"]) > 0
+        if not is_positive(p) and int(p.attrs["order"]) > 0
     ]  # fmt: skip
-    return sorted(found, key=process_figures.order_of)
+    return sorted(found, key=order_of)
 
 
 def _families(results: Results) -> Iterable[tuple[str, Sequence[xr.Dataset]]]:
@@ -195,7 +195,7 @@ def _regressive(results: Results) -> list[tuple[str, float, Sequence[xr.Dataset]
 
 def _inside(process: xr.Dataset) -> np.ndarray:
     """The autocovariance from lag 1 to the order."""
-    return process["autocovariance"].values[1 : process_figures.order_of(process) + 1]
+    return process["autocovariance"].values[1 : order_of(process) + 1]
 
 
 ALL = (

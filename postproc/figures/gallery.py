@@ -10,20 +10,19 @@ from typing import TypeVar
 import numpy as np
 import xarray as xr
 
+from .. import joints, tradeoff
+from ..paper.peaks import scatter_of_ln_psd
+from ..paper.printed import LEVELS, is_paper_study
+from ..results import Case, Results
 from . import (
     chain_figure,
-    figures,
     harmonic_gallery,
-    joints,
     process_gallery,
     response_figures,
+    study_figures,
     style,
-    tradeoff,
 )
 from .figure import SECTIONS, Figure
-from .paper import LEVELS, is_paper_study
-from .peaks import scatter_of_ln_psd
-from .results import Case, Results
 
 _Item = TypeVar("_Item")
 _, _CHAIN, _STUDY, _RESPONSES, _ = SECTIONS
@@ -77,7 +76,7 @@ def of_certain_friction(results: Results) -> Iterator[Figure]:
             "sweep", "From stuck to slipping",
             f"Time in slip over the level of the force, {cases[0].given_friction}; bars: 95 %"
             " intervals of the time average; dotted: what counts as fully stuck and slipping.",
-            _STUDY, (partial(figures.plot_sweep, cases=cases),), ("8",),
+            _STUDY, (partial(study_figures.plot_sweep, cases=cases),), ("8",),
         )  # fmt: skip
         if spectra:
             yield Figure(
@@ -86,18 +85,19 @@ def of_certain_friction(results: Results) -> Iterator[Figure]:
                 " force: peaks at the stuck frequencies (full lines) broaden, vanish, and return at"
                 " those with all joints slipping (dotted).",
                 _STUDY,
-                (partial(figures.plot_sweep_spectra, cases=spectra, results=results),), ("8",),
+                (partial(study_figures.plot_sweep_spectra, cases=spectra, results=results),),
+                ("8",),
             )  # fmt: skip
         return
     for letter, case in _lettered(spectra):
-        name = figures.level_name(case)
+        name = study_figures.level_name(case)
         yield Figure(
             f"fig_08{letter}", f"Fig. 8{letter}. Spectra without uncertainty, {name}",
             f"Power spectral densities of the displacements, {case.given_friction}. Where joints"
             " mostly stick, power stands in the band of the stuck natural frequencies; where they"
             " mostly slip it has moved out of it. Slip softens the structure, so that its peaks lie"
             f" below the stuck frequencies. {_welch(case)} The bar at the lower left shows it.",
-            _STUDY, (partial(figures.plot_spectra, case=case, results=results),),
+            _STUDY, (partial(study_figures.plot_spectra, case=case, results=results),),
             ("7a",) if case.variance == min(LEVELS) else ("7b", "7c"),
         )  # fmt: skip
 
@@ -113,18 +113,18 @@ def of_drawn_friction(results: Results) -> Iterator[Figure]:
         yield Figure(
             f"fig_09{letter}", f"Fig. 9{letter}. Scatter of the time in slip, friction std {std:g}",
             "Standard deviation over samples of the time in slip, over its mean; a mark"
-            f" per joint with its number{figures.marks_of_levels(cases)}; bars are 95 %"
+            f" per joint with its number{study_figures.marks_of_levels(cases)}; bars are 95 %"
             " intervals, of the mean with Monte Carlo and time average together; pale: by plain"
             " sampling. To look for: where the marks stand highest, and whether the lengths"
             " differ.",
-            _STUDY, (partial(figures.plot_slip_scatter, cases=cases, is_paper=is_paper),),
+            _STUDY, (partial(study_figures.plot_slip_scatter, cases=cases, is_paper=is_paper),),
             ("1a", "1b", "2a", "2b"),
         )  # fmt: skip
     banded = [case for case in random if case.has("psd_mean", "psd_percentiles")]
     for letter, (cases, dof) in _lettered(
         _band_panels(banded, None if is_paper else _forced(results))
     ):
-        named = {case.strength: figures.level_name(case) for case in cases}
+        named = {case.strength: study_figures.level_name(case) for case in cases}
         levels = ", ".join(named[strength] for strength in sorted(named))
         shown = style.some_of(sorted(named), _MOST_LEVELS)
         panels = [[c for c in cases if c.strength == level] for level in shown]
@@ -140,7 +140,7 @@ def of_drawn_friction(results: Results) -> Iterator[Figure]:
             f" lines.{below} {_welch(cases[0])}",
             _STUDY,
             tuple(
-                partial(figures.plot_band, cases=own, dof=dof, results=results, framed=cases)
+                partial(study_figures.plot_band, cases=own, dof=dof, results=results, framed=cases)
                 for own in panels
             ),
             ("5a", "5b", "6b", "9"),
@@ -152,11 +152,11 @@ def of_drawn_friction(results: Results) -> Iterator[Figure]:
             f"fig_11{letter}",
             f"Fig. 11{letter}. Width of the band of uncertainty, friction std {std:g}",
             "Ratio of the pseudo-variances (Eq. 46) of the outer percentiles, over the mean"
-            f" time in slip; a mark per joint with its number{figures.marks_of_levels(cases)};"
-            " 95 % intervals, Monte Carlo and time average together; pale: by plain sampling. To"
+            f" time in slip; a mark per joint with its number{study_figures.marks_of_levels(cases)}"
+            "; 95 % intervals, Monte Carlo and time average together; pale: by plain sampling. To"
             " look for: a fall with the time in slip, and whether the lengths differ where it is"
             " long.",
-            _STUDY, (partial(figures.plot_band_ratio, cases=cases),),
+            _STUDY, (partial(study_figures.plot_band_ratio, cases=cases),),
             ("3a", "3b", "4a", "4b", "4c"),
         )  # fmt: skip
 
@@ -171,28 +171,30 @@ def _along(results: Results, cases: list[Case]) -> Iterator[Figure]:
                 f"{quantity.title[0].upper()}{quantity.title[1:]} along the structure",
                 f"Mean over samples, joint by joint; bars are 95 % intervals, {quantity.errors}.",
                 _STUDY,
-                (partial(figures.plot_along, cases=own, quantity=quantity),),
+                (partial(study_figures.plot_along, cases=own, quantity=quantity),),
             )  # fmt: skip
     spectra = [case for case in cases if case.has("psd_mean") and case.n_dof > 1]
     if spectra and not spectra[0].data["psd_mean"].isnull().any():
         case = max(spectra, key=lambda case: case.strength)
         yield Figure(
-            "along_spectra", f"Spectra along the structure, {figures.level_name(case)}",
+            "along_spectra", f"Spectra along the structure, {study_figures.level_name(case)}",
             f"Mean spectrum of the displacement of every {results.place}, {case.friction}: bright"
             " ridges are resonances, dark spots in them nodes.",
-            _STUDY, (partial(figures.plot_spectra_along, case=case, results=results),),
+            _STUDY, (partial(study_figures.plot_spectra_along, case=case, results=results),),
         )  # fmt: skip
 
 
 def of_responses(results: Results) -> Iterator[Figure]:
     """Histories, and a transition enlarged; the spectra of a sample that stands alone."""
     for case in results.cases:
-        name = f"{results.title}, case {case.name[1:].lstrip('0')}, {figures.level_name(case)}"
+        name = (
+            f"{results.title}, case {case.name[1:].lstrip('0')}, {study_figures.level_name(case)}"
+        )
         if case.has("psd") and case.n_samples == 1 and not case.is_deterministic:
             yield Figure(
                 f"spectra_{case.name}", f"Spectra of one sample, {name}",
                 f"Power spectral densities of the displacements. {_welch(case)}",
-                _RESPONSES, (partial(figures.plot_spectra, case=case, results=results),),
+                _RESPONSES, (partial(study_figures.plot_spectra, case=case, results=results),),
             )  # fmt: skip
         if not case.has("displacement", "velocity", "time"):
             continue

@@ -20,7 +20,7 @@ from .evidence import (
     claim_range,
     claim_range_of_draws,
 )
-from .paper import LENGTHS, LEVELS, STDS
+from .printed import LENGTHS, LEVELS, STDS
 from .study import STATED, Estimates, Key, Study, contrast
 
 LOW, HIGH = LEVELS  # the two variances of the excitation

@@ -12,14 +12,14 @@ from matplotlib.patheffects import withStroke
 from matplotlib.ticker import MaxNLocator
 from numpy.typing import NDArray
 
+from ..joints import OfJoints, slip_mean_error
+from ..paper.deterministic_statements import FULLY, slip_with_error
+from ..paper.evidence import WIDTH
+from ..paper.peaks import scatter_of_ln_psd
+from ..paper.printed import LEVELS
+from ..paper.slip_statements import ABOUT_03
+from ..results import MAXIMUM_ENTROPY, Case, Results
 from . import style
-from .deterministic_statements import FULLY, slip_with_error
-from .evidence import WIDTH
-from .joints import OfJoints, slip_mean_error
-from .paper import LEVELS
-from .peaks import scatter_of_ln_psd
-from .results import MAXIMUM_ENTROPY, Case, Results
-from .slip_statements import ABOUT_03
 
 _Marks = tuple[NDArray[np.float64], NDArray[np.float64], Any]  # x, y (joint), colour
 PERCENT = 100.0  # of a fraction of time

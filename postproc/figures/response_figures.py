@@ -9,8 +9,8 @@ import xarray as xr
 from matplotlib.axes import Axes
 from numpy.typing import NDArray
 
+from ..results import Case
 from . import style
-from .results import Case
 
 _SHOWN = 60.0  # s of a history, at most
 _SHOWN_LOOPS = 10.0  # s of hysteresis loops, at most

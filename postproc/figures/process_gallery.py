@@ -8,9 +8,18 @@ from functools import partial
 
 import xarray as xr
 
+from ..processes import (
+    Kind,
+    difference_from_free,
+    is_positive,
+    kind_of,
+    length_of,
+    model_of,
+    order_of,
+)
+from ..results import MAXIMUM_ENTROPY, Results
 from . import process_figures
 from .figure import SECTIONS, Figure
-from .results import MAXIMUM_ENTROPY, Results
 
 _PROCESSES = SECTIONS[0]
 
@@ -23,7 +32,7 @@ def of_processes(results: Results) -> Iterator[Figure]:
         p for p in results.processes.values()
         if p.attrs["status"] == "solved" and p.attrs.get("law", MAXIMUM_ENTROPY) == MAXIMUM_ENTROPY
     ]  # fmt: skip
-    free = [p for p in solved if not process_figures.is_positive(p)]
+    free = [p for p in solved if not is_positive(p)]
     asked = [p for p in free if int(p.attrs["order"]) > 0]
     regressive = [p for p in asked if p.attrs["method"] == "autoregressive"]
     for number, method, family in (
@@ -38,7 +47,7 @@ def of_processes(results: Results) -> Iterator[Figure]:
                 _PROCESSES, (partial(process_figures.plot_autocovariances, processes=panel),),
                 ("S1",) if method == "autoregressive" else ("S1", "S2a", "S2b"),
             )  # fmt: skip
-    if len({process_figures.order_of(p) for p in regressive}) > 1:
+    if len({order_of(p) for p in regressive}) > 1:
         yield Figure(
             "fig_03", "Fig. 3. Entropy over the order",
             "The order needed to come near white noise rises with the correlation length, and is"
@@ -77,14 +86,14 @@ def _positive(
     solved: list[xr.Dataset], asked: list[xr.Dataset], refused: list[xr.Dataset]
 ) -> Iterator[Figure]:
     """Fig. 6: positive processes of one method, length and order beside the free one; or alone."""
-    positive = [p for p in solved if process_figures.is_positive(p)]
+    positive = [p for p in solved if is_positive(p)]
     if not positive:
         return
     kinds = sorted(
-        {process_figures.kind_of(p) for p in positive},
+        {kind_of(p) for p in positive},
         key=lambda kind: (kind[0] == "direct", -kind[2], -kind[3]),
     )  # L0 = 3 of order 10 first, as the paper
-    twins = {process_figures.kind_of(p): p for p in asked}
+    twins = {kind_of(p): p for p in asked}
     if not set(kinds) <= set(twins):
         yield Figure(
             "positive", "Autocovariances of positive processes",
@@ -93,16 +102,12 @@ def _positive(
         )  # fmt: skip
         return
     for kind in kinds:
-        own = [p for p in positive if process_figures.kind_of(p) == kind]
-        not_drawn = [
-            p
-            for p in refused
-            if process_figures.is_positive(p) and process_figures.kind_of(p) == kind
-        ]
+        own = [p for p in positive if kind_of(p) == kind]
+        not_drawn = [p for p in refused if is_positive(p) and kind_of(p) == kind]
         yield _beside_free(twins[kind], own, not_drawn, _name_of(kind, kinds))
 
 
-def _name_of(kind: process_figures.Kind, kinds: list[process_figures.Kind]) -> str:
+def _name_of(kind: Kind, kinds: list[Kind]) -> str:
     """fig_06 of the first; others have what sets them apart: method, length, order."""
     method, _, length, order = kind
     if kind == kinds[0]:
@@ -117,7 +122,7 @@ def _beside_free(
 ) -> Figure:
     """Fig. 6 of one method, length and order."""
     largest = "; ".join(
-        f"{_largest(process_figures.difference_from_free(p, free)):.2g} at mean"
+        f"{_largest(difference_from_free(p, free)):.2g} at mean"
         f" {p.attrs['mean']:g} ({p.attrs['sampler']})"
         for p in positive
     )
@@ -125,11 +130,11 @@ def _beside_free(
         f" Not drawn, mean {p.attrs['mean']:g} ({p.attrs['sampler']}): {p.attrs['reason']}."
         for p in refused
     )
-    imposed = f"{free.attrs['correlation']} = {process_figures.length_of(free):g}"
+    imposed = f"{free.attrs['correlation']} = {length_of(free):g}"
     return Figure(
         name,
         f"Fig. 6. Positive processes and the one without sign constraint, {imposed},"
-        f" {process_figures.model_of(free)}",
+        f" {model_of(free)}",
         f"Autocovariances of positive processes, {_laws(positive)}, beside that of the process"
         " without sign constraint; below, the differences with bars of two standard errors, the"
         " scatter of fits from other random numbers among them. The paper finds them very close."
@@ -151,8 +156,8 @@ def _laws(positive: list[xr.Dataset]) -> str:
 
 def _shape_of_covariances(panel: list[xr.Dataset]) -> str:
     """Change of the curves of one length with the order and with the lag, in numbers."""
-    ordered = sorted(panel, key=process_figures.order_of)
-    orders = [process_figures.order_of(process) for process in ordered]
+    ordered = sorted(panel, key=order_of)
+    orders = [order_of(process) for process in ordered]
     sizes = [
         abs(process["autocovariance"].values[1 : order + 1])
         for process, order in zip(ordered, orders, strict=True)
@@ -184,14 +189,14 @@ def _largest(difference: xr.Dataset) -> float:
 
 def _length_panels(processes: list[xr.Dataset]) -> Iterator[tuple[str, str, list[xr.Dataset]]]:
     """Panel a: L0, b: L1, for the smallest length; the other lengths carry theirs in the name."""
-    lengths = sorted({process_figures.length_of(p) for p in processes})
+    lengths = sorted({length_of(p) for p in processes})
     asked = Counter(int(p.attrs["order"]) for p in processes)
     for length in lengths:
         for letter, definition in (("a", "L0"), ("b", "L1")):
             panel = [
                 p for p in processes
                 if p.attrs["correlation"] == definition
-                and process_figures.length_of(p) == length
+                and length_of(p) == length
                 and (len(lengths) == 1 or asked[int(p.attrs["order"])] > 1)  # as its siblings have
             ]  # fmt: skip
             if panel:

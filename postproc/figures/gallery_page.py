@@ -1,6 +1,6 @@
 """Writes the gallery in docs: a page, and small pictures of every figure of results files.
 
-python -m entroslip.gallery_page RESULTS.h5 ... --out docs/gallery.md
+python -m entroslip.figures.gallery_page RESULTS.h5 ... --out docs/gallery.md
 """
 
 from __future__ import annotations
@@ -12,13 +12,13 @@ from pathlib import Path
 
 from PIL import Image
 
-from . import headless  # noqa: F401  (before matplotlib)
-from .evidence import Statement
+from .. import headless  # noqa: F401  (before matplotlib)
+from ..output import Parser, exit_code, make_folder, say, write_file
+from ..paper.evidence import Statement
+from ..paper.statements import assess
+from ..results import Results, open_results
 from .figure import SECTIONS, Figure, write_small_png
 from .gallery import make_figures
-from .output import Parser, exit_code, make_folder, say, write_file
-from .results import Results, open_results
-from .statements import assess
 from .style import apply_style
 
 _WIDTH = 720  # pixels
@@ -28,7 +28,7 @@ Every figure of the paper, drawn by `python -m entroslip` from the scenes in `in
 the same command sets the paper's numbers beside ours. This page and its pictures are written, from
 the results of `./quickstart.sh`, by
 
-    python -m entroslip.gallery_page --out docs/gallery.md \\
+    python -m entroslip.figures.gallery_page --out docs/gallery.md \\
       results/paper/{paper_process,paper,deterministic,sweep,one_sample,tradeoff}.h5
 """
 
@@ -81,7 +81,7 @@ def _small_picture(figure: Figure, folder: Path) -> Path:
 
 def main(arguments: list[str] | None = None) -> int:
     """Write the page."""
-    parser = Parser(prog="python -m entroslip.gallery_page")
+    parser = Parser(prog="python -m entroslip.figures.gallery_page")
     parser.add_argument("results", type=Path, nargs="+", help="results files of entroslip")
     parser.add_argument("--out", type=Path, required=True, help="the page")
 

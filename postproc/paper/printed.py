@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from .results import Results
+from ..results import Results
 
 STUCK_HZ = (1.15, 1.31, 1.53, 1.75, 1.90)  # Table 1
 SLIP_HZ = (0.23, 0.66, 1.04, 1.34, 1.53)  # Table 1

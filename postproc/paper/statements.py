@@ -8,10 +8,10 @@ from functools import partial
 
 import numpy as np
 
+from ..results import Results
 from . import band_statements, deterministic_statements, process_statements, slip_statements
 from .evidence import NoEvidence, Statement
-from .paper import is_paper_study
-from .results import Results
+from .printed import is_paper_study
 from .study import paper_study
 
 

@@ -7,10 +7,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from . import process_figures
+from ..processes import is_positive, length_of, order_of
+from ..results import Results
+from ..table import Table, value_with_error
 from .deterministic_statements import slip_with_error
 from .evidence import WIDTH, Statement
-from .paper import (
+from .printed import (
     GIVEN,
     NYQUIST_OVER_PI,
     ORDER_OF_FIG_4,
@@ -21,8 +23,6 @@ from .paper import (
     WHITE_NOISE,
     is_paper_study,
 )
-from .results import Results
-from .table import Table, value_with_error
 
 
 @dataclass(frozen=True)
@@ -91,15 +91,15 @@ def _processes(results: Results) -> Iterator[_Row]:
     if results.structure is not None:
         return
     solved = [p for p in results.processes.values() if p.attrs["status"] == "solved"]
-    free = [p for p in solved if not process_figures.is_positive(p)]
+    free = [p for p in solved if not is_positive(p)]
     if free:
         bound = float(free[0]["entropy_bound"])
         name = "entropy of white noise, std 1 [nat a point]"
         yield _Row("Eq. 42", name, WHITE_NOISE, f"{bound:.7f}")
     orders = [
-        process_figures.order_of(p) for p in free
+        order_of(p) for p in free
         if p.attrs["method"] == "autoregressive" and p.attrs["correlation"] == "L0"
-        and process_figures.length_of(p) == 0.3 and int(p.attrs["order"]) > 0
+        and length_of(p) == 0.3 and int(p.attrs["order"]) > 0
         and float(p["L1"]) <= 1.0
     ]  # fmt: skip
     if orders:
@@ -156,7 +156,7 @@ def table_correlations(results: Results) -> Table | None:
         if process is None or "autocovariance" not in process:
             continue
         curve = process["autocovariance"].values
-        length = process_figures.length_of(process)
+        length = length_of(process)
         cells = (f"{curve[lag] / curve[0]:.3f}" for lag in apart)
         rows.setdefault(length, (f"L0 = {length:g}", str(process.attrs["order"]), *cells))
     if len(rows) < 2:

@@ -9,45 +9,24 @@ import xarray as xr
 from matplotlib.axes import Axes
 from matplotlib.ticker import MaxNLocator
 
+from ..processes import (
+    LONGEST_LAG,
+    correlation_of,
+    difference_from_free,
+    is_positive,
+    length_of,
+    order_of,
+)  # fmt: skip
 from . import style
 
-LONGEST_LAG = 20  # drawn; the paper's figures end about there
 MOST_CURVES = 8  # in one figure; of more orders only the even ones are drawn
 MOST_REALIZATIONS = 3  # drawn
 _TOLD_APART = {
     "correlation": "", "correlation_length": "$L$ = ", "order": "order ", "mean": "mean ",
     "std": "std ", "sampler": "",
 }  # fmt: skip
-Kind = tuple[str, str, float, int]
 _ZERO = 1.0e-9  # of an autocovariance, relative to the variance: exact to 1e-8 and better
 _PALE = 0.3  # what no equation constrains
-
-
-def order_of(process: xr.Dataset) -> int:
-    """M of the recursion, or m_max: as asked, or as chosen."""
-    return int(process.sizes["order"])
-
-
-def length_of(process: xr.Dataset) -> float:
-    """The correlation length imposed."""
-    return float(process.attrs["correlation_length"])
-
-
-def kind_of(process: xr.Dataset) -> Kind:
-    """Method, correlation, length and order: a positive process shares them with its free twin."""
-    of = process.attrs
-    return str(of["method"]), str(of["correlation"]), length_of(process), int(of["order"])
-
-
-def model_of(process: xr.Dataset) -> str:
-    """'M = 10' of an autoregressive process, 'm_max = 4' of the direct method."""
-    name = "m_max" if process.attrs["method"] == "direct" else "M"
-    return f"{name} = {order_of(process)}"
-
-
-def is_positive(process: xr.Dataset) -> bool:
-    """True if its values may not be negative."""
-    return bool(int(process.attrs["positive"]))
 
 
 def plot_autocovariances(axes: Axes, processes: Sequence[xr.Dataset]) -> None:
@@ -133,7 +112,7 @@ def plot_positive(axes: Axes, processes: Sequence[xr.Dataset]) -> None:
     """Fig. 6: without sign constraint, and positive with several means, by either law."""
     means = sorted({float(p.attrs["mean"]) for p in processes if is_positive(p)})
     for process in processes:
-        curve = _correlation(process)
+        curve = correlation_of(process)
         label, look = _look_of_law(process, means)
         axes.plot(curve["lag"], curve, label=label, **look)
     _frame_lags(axes)
@@ -149,7 +128,7 @@ def plot_each(axes: Axes, processes: Sequence[xr.Dataset]) -> None:
         label = ", ".join(
             f"{_TOLD_APART[name]}{_plain(process.attrs[name])}" for name in differing or ["order"]
         )
-        curve = _correlation(process)
+        curve = correlation_of(process)
         axes.plot(curve["lag"], curve, label=label, **style.of_rank(rank, len(drawn)))
     _frame_lags(axes)
     axes.set_ylabel("autocovariance / variance")
@@ -158,14 +137,6 @@ def plot_each(axes: Axes, processes: Sequence[xr.Dataset]) -> None:
 
 def _plain(value: object) -> str:
     return value if isinstance(value, str) else f"{float(str(value)):g}"
-
-
-def difference_from_free(process: xr.Dataset, free: xr.Dataset) -> xr.Dataset:
-    """Autocovariance over variance, less that of the process without sign constraint; errors."""
-    error = process["autocovariance_error"] / float(process["autocovariance"][0])
-    return xr.Dataset({"value": _correlation(process) - _correlation(free), "error": error}).isel(
-        lag=slice(0, LONGEST_LAG + 1)
-    )
 
 
 def plot_positive_difference(axes: Axes, processes: Sequence[xr.Dataset]) -> None:
@@ -193,11 +164,6 @@ def plot_realizations(axes: Axes, process: xr.Dataset) -> None:
     axes.axhline(float(process.attrs["mean"]), color="0.3", linewidth=0.9, label="mean")
     axes.set(xlabel="point", ylabel="value", xlim=(1, drawn.shape[1]))
     axes.legend()
-
-
-def _correlation(process: xr.Dataset) -> xr.DataArray:
-    curve = process["autocovariance"].isel(lag=slice(0, LONGEST_LAG + 1))
-    return curve / curve[0]
 
 
 def _look_of_law(process: xr.Dataset, means: Sequence[float]) -> tuple[str, style.Look]:

@@ -8,14 +8,8 @@ from itertools import combinations
 import numpy as np
 from numpy.typing import NDArray
 
-from .evidence import (
-    Statement,
-    all_hold,
-    claim_larger,
-    claim_range,
-    claim_range_by_quantiles,
-)
-from .paper import LENGTHS, LEVELS, STDS
+from .evidence import Statement, all_hold, claim_larger, claim_range, claim_range_by_quantiles
+from .printed import LENGTHS, LEVELS, STDS
 from .study import STATED, Study, contrast
 
 SMALL, LARGE = STDS

@@ -1,0 +1,49 @@
+"""A process of a results file: what was asked of it, and its autocovariance."""
+
+from __future__ import annotations
+
+import xarray as xr
+
+LONGEST_LAG = 20  # shown; the paper's figures end about there
+Kind = tuple[str, str, float, int]
+
+
+def order_of(process: xr.Dataset) -> int:
+    """M of the recursion, or m_max: as asked, or as chosen."""
+    return int(process.sizes["order"])
+
+
+def length_of(process: xr.Dataset) -> float:
+    """The correlation length imposed."""
+    return float(process.attrs["correlation_length"])
+
+
+def kind_of(process: xr.Dataset) -> Kind:
+    """Method, correlation, length and order: a positive process shares them with its free twin."""
+    of = process.attrs
+    return str(of["method"]), str(of["correlation"]), length_of(process), int(of["order"])
+
+
+def model_of(process: xr.Dataset) -> str:
+    """'M = 10' of an autoregressive process, 'm_max = 4' of the direct method."""
+    name = "m_max" if process.attrs["method"] == "direct" else "M"
+    return f"{name} = {order_of(process)}"
+
+
+def is_positive(process: xr.Dataset) -> bool:
+    """True if its values may not be negative."""
+    return bool(int(process.attrs["positive"]))
+
+
+def correlation_of(process: xr.Dataset) -> xr.DataArray:
+    """Autocovariance over variance, to the longest lag shown."""
+    curve = process["autocovariance"].isel(lag=slice(0, LONGEST_LAG + 1))
+    return curve / curve[0]
+
+
+def difference_from_free(process: xr.Dataset, free: xr.Dataset) -> xr.Dataset:
+    """Autocovariance over variance, less that of the process without sign constraint; errors."""
+    error = process["autocovariance_error"] / float(process["autocovariance"][0])
+    return xr.Dataset(
+        {"value": correlation_of(process) - correlation_of(free), "error": error}
+    ).isel(lag=slice(0, LONGEST_LAG + 1))
