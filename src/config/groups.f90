@@ -62,23 +62,23 @@ contains
 
       select case (group)
       case ('scene')
-         text = 'what the study is called, and its seed'
+         text = 'title and seed of the study'
       case ('process')
-         text = 'wanted maximum-entropy processes (Sec. 2); the group may be repeated'
+         text = 'maximum-entropy processes (Sec. 2); the group may be repeated'
       case ('structure')
-         text = 'a structure from files, held by Jenkins joints; instead of &chain'
+         text = 'a structure from files with Jenkins joints, in place of &chain'
       case ('chain')
-         text = 'oscillators held by Jenkins elements (Sec. 3, Fig. 7); needs &excitation'
+         text = 'a row of masses held by Jenkins elements (Sec. 3, Fig. 7); needs &excitation'
       case ('excitation')
          text = 'the forces on the chain or structure'
       case ('integration')
-         text = 'how the motion is marched through time'
+         text = 'method and steps of the march through time'
       case ('campaign')
-         text = 'how many samples, and how long they may take'
+         text = 'number of samples, estimator, time limit'
       case ('accuracy')
-         text = 'errors that are wanted, and how they are watched'
+         text = 'wanted errors, and the audit of the numerical error'
       case ('output')
-         text = 'what is kept; what is not asked for is not computed'
+         text = 'results to keep; others are not computed'
       case default
          error stop 'group_doc: no such group'
       end select

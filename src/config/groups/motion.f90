@@ -64,19 +64,19 @@ contains
       entry = about('mass', 'one value, or one per dof', 'kg', positive())
       call visit_list(self%mass, [1.0_wp])
       entry = about('coupling_stiffness', &
-                    'of the springs between the masses; the first goes to the wall', 'N/m', &
+                    'springs between the masses; the first one joins the wall', 'N/m', &
                     not_negative())
       call visit_list(self%coupling_stiffness, [25.0_wp])
-      entry = about('contact_stiffness', 'of the springs of the Jenkins elements', 'N/m', &
+      entry = about('contact_stiffness', 'springs of the Jenkins elements', 'N/m', &
                     positive())
       call visit_list(self%contact_stiffness, [50.0_wp])
-      entry = about('normal_load', 'on the sliders', 'N', not_negative())
+      entry = about('normal_load', 'normal loads of the sliders', 'N', not_negative())
       call visit_list(self%normal_load, [10.0_wp])
       entry = about('friction', 'friction coefficients of the deterministic cases', &
                     rule=not_negative())
       entry%default = 'the mean that all &process share'
       call visit_list(self%friction, [real(wp) ::])
-      entry = about('damping_ratio', 'of critical, for each mode of the stuck chain', &
+      entry = about('damping_ratio', 'ratio of critical damping of each mode, all joints stuck', &
                     rule=not_negative())
       call visit_list(self%damping_ratio, [0.005_wp])
 
@@ -100,25 +100,26 @@ contains
 
       ! which file holds a matrix changes nothing: its values are in the fingerprint
       call visitor%visit_text(self%mass_matrix, about('mass_matrix', &
-         'M: a Matrix Market file, real or integer', 'kg', shapes_samples=.false.))
+         'M as a Matrix Market file, real or integer', 'kg', shapes_samples=.false.))
       call visitor%visit_text(self%stiffness_matrix, about('stiffness_matrix', &
-         'K without the joints: a Matrix Market file', 'N/m', shapes_samples=.false.))
+         'K without the joints, as a Matrix Market file', 'N/m', shapes_samples=.false.))
       call visitor%visit_text(self%damping_matrix, about('damping_matrix', &
-         'C: a Matrix Market file; or one of the next two', 'N s/m', shapes_samples=.false.))
+         'C as a Matrix Market file; or give one of the next two', 'N s/m', shapes_samples=.false.))
       call visitor%visit(self%rayleigh, about('rayleigh', &
          'alpha [1/s], beta [s]: C = alpha M + beta K', rule=not_negative(), length=2), &
          default=[0.0_wp, 0.0_wp])
       call visitor%visit(self%damping_ratio, about('damping_ratio', &
-         'of critical, one or one per mode with all joints stuck', rule=not_negative()), &
-         default=[0.005_wp])
+         'ratio of critical damping: one value, or one per mode, all joints stuck', &
+         rule=not_negative()), default=[0.005_wp])
       call visitor%visit_text(self%joints, about('joints', &
-         'a line each: dof_a dof_b stiffness normal_load friction '// &
-         '[friction_point]; dof_b 0: ground', shapes_samples=.false.))
+         'text file, one joint a line: dof_a dof_b stiffness normal_load friction '// &
+         '[friction_point]; dof_b = 0 is the ground', shapes_samples=.false.))
       call visitor%visit_text(self%directions, about('directions', &
-         'W (dofs x joints), Matrix Market; then joints has no dofs', shapes_samples=.false.))
+         'W (dofs x joints) as a Matrix Market file; lines of joints then have no dofs', &
+         shapes_samples=.false.))
       call visitor%visit_text(self%load, about('load', &
-         'factor of each dof, one a line, a column a force; none: 1 at excitation%dof, or '// &
-         'with base at all dofs', &
+         'text file of factors, one dof a line, one force a column; '// &
+         'none: 1 at excitation%dof, or with base at all dofs', &
          shapes_samples=.false.))
    end subroutine visit_structure
 
@@ -128,33 +129,33 @@ contains
       class(visitor_type), intent(inout) :: visitor
 
       call visitor%visit(self%kind, about('kind', &
-         'Gaussian noise of a flat or of a given spectrum, sines, or a history of your own', &
+         'Gaussian noise with a flat or given spectrum, sines, or a force history from a file', &
          choices='band_limited psd sine file'))
-      call visitor%visit(self%band, about('band', 'the noise has no power outside of it', 'Hz', &
+      call visitor%visit(self%band, about('band', 'frequencies of the noise, from and to', 'Hz', &
          not_negative(), length=2, used=self%kind == 'band_limited'), default=[0.0_wp, 2.5_wp])
       call visitor%visit(self%variance, about('variance', &
-         'of the noise, in expectation; one or several, each a case', 'N^2', positive()))
-      call visitor%visit(self%frequency, about('frequency', 'sine: one or several, each a case', &
-         'Hz', positive(), used=self%kind == 'sine'))
+         'expected variance of the noise; one or several, each a case', 'N^2', positive()))
+      call visitor%visit(self%frequency, about('frequency', &
+         'of sines; one or several, each a case', 'Hz', positive(), used=self%kind == 'sine'))
       call visitor%visit(self%amplitude, about('amplitude', &
-         'sine: one or several, each a case at every frequency', 'N', positive(), &
+         'of sines; one or several, each with every frequency', 'N', positive(), &
          used=self%kind == 'sine'))
       call visitor%visit_text(self%psd, about('psd', &
-         'one-sided density, a text file: Hz and N^2/Hz on a line, linear in between', &
+         'text file with the one-sided spectrum: Hz and N^2/Hz on a line, linear in between', &
          shapes_samples=.false.))
       call visitor%visit_text(self%file, about('file', &
-         'a history, text (force, or time and force) or HDF5, beside the scene '// &
+         'force history: text (force, or time and force) or HDF5, beside the scene '// &
          'or in the current folder', shapes_samples=.false.))
       call visitor%visit(self%factor, about('factor', &
-         'of the force of file or psd; one or several, each a case', rule=positive(), &
+         'factor of the force of file or psd; one or several, each a case', rule=positive(), &
          used=self%kind == 'file' .or. self%kind == 'psd'), default=[1.0_wp])
       call visitor%visit(self%dof, about('dof', 'the forced dof; 0: the last', &
          rule=not_negative()))
       call visitor%visit(self%base, about('base', &
-         'the force is a ground acceleration in m/s^2 of all dofs alike, or of each by its '// &
-         'load; motion relative to the ground'))
+         'the force is a ground acceleration [m/s^2], of all dofs alike or of each by load; '// &
+         'motion is relative to the ground'))
       call visitor%visit(self%per_sample, about('per_sample', &
-         'a force record of its own for each sample; else only the friction differs'))
+         'each sample has its own force record; else only the friction differs'))
    end subroutine visit_excitation
 
    !> Cases that each process has.
@@ -177,21 +178,22 @@ contains
       class(visitor_type), intent(inout) :: visitor
 
       call visitor%visit(self%method, about('method', &
-         'newmark: the scheme of Sec. 3; event: exact transitions', choices='newmark event'))
+         'newmark: the scheme of Sec. 3; event: the exact march', choices='newmark event'))
       call visitor%visit(self%dt, about('dt', 'time step', 's', positive()))
-      call visitor%visit(self%n_steps, about('n_steps', '0: as many as a force file has', &
-         rule=between(0.0_wp, 2.0e9_wp)))
-      call visitor%visit(self%n_discard, about('n_discard', 'first steps that enter no statistic', &
-         rule=not_negative()))
+      call visitor%visit(self%n_steps, about('n_steps', &
+         'time steps; 0: as many as a force file has', rule=between(0.0_wp, 2.0e9_wp)))
+      call visitor%visit(self%n_discard, about('n_discard', &
+         'first steps, left out of all statistics', rule=not_negative()))
       call visitor%visit(self%max_halvings, about('max_halvings', &
-         'newmark: a transition is closed in on down to dt/2^max_halvings', &
+         'newmark: steps with a transition are halved down to dt/2^max_halvings', &
          rule=between(0.0_wp, real(most_halvings, wp)), used=self%method == 'newmark'))
-      call visitor%visit(self%beta, about('beta', 'newmark', rule=between(0.0_wp, 0.5_wp), &
+      call visitor%visit(self%beta, about('beta', "newmark: the scheme's beta", &
+         rule=between(0.0_wp, 0.5_wp), used=self%method == 'newmark'))
+      call visitor%visit(self%gamma, about('gamma', &
+         "newmark: the scheme's gamma; 0.5 adds no damping", rule=between(0.5_wp, 1.0_wp), &
          used=self%method == 'newmark'))
-      call visitor%visit(self%gamma, about('gamma', 'newmark; below 0.5 it would feed energy', &
-         rule=between(0.5_wp, 1.0_wp), used=self%method == 'newmark'))
       call visitor%visit(self%tolerance, about('tolerance', &
-         'event: displacement error relative to its rms', rule=inside(0.0_wp, 1.0_wp), &
+         'event: error of a displacement relative to its rms', rule=inside(0.0_wp, 1.0_wp), &
          used=self%method == 'event'))
    end subroutine visit_integration
 

@@ -32,69 +32,87 @@ contains
       logical :: has_law
 
       call visitor%visit_text(self%values, about('values', &
-         'samples as they are, instead of a law: a text file, a line a '// &
-         'sample, a value a joint', shapes_samples=.false.))
+         'given friction values in place of a process: a text file, one line for each '// &
+         'sample, one value for each joint', shapes_samples=.false.))
       has_law = .true.
       if (allocated(self%values)) has_law = self%values == ''
       call visitor%visit(self%shared%method, about('method', &
-         'Sec. 2.3: recursion of a finite order; Sec. 2.2: covariances up to m_max', &
+         'autoregressive: a recursion of finite order (Sec. 2.3); direct: correlation '// &
+         'lengths cut at m_max (Sec. 2.2)', &
          choices='autoregressive direct'))
       call visitor%visit(self%shared%correlation, about('correlation', &
-         'definition of the correlation length, Eq. 8 or 9; both: not direct', &
+         'definition of the correlation length: L0 (Eq. 8), L1 (Eq. 9), or both at once '// &
+         '(autoregressive method only)', &
          choices='L0 L1 both'))
       call visitor%visit(self%lengths, about('correlation_length', &
-         'one or several; 0: independent values; 1e12 or more: one value for all', 'points', &
+         'one or several; 0 gives independent values, 1e12 or more one value for all joints', &
+         'points', &
          not_negative(), required=has_law))
       call visitor%visit(self%shared%second_length, about('second_length', &
-         'both: L1, where correlation_length is L0', 'points', not_negative(), &
+         "with correlation = 'both': the L1, beside L0 in correlation_length", 'points', &
+         not_negative(), &
          used=self%shared%correlation == 'both'))
-      entry = about('order', 'M of the recursion, m_max of direct (must be given); 0: found '// &
-                    'from the bounds', rule=between(0.0_wp, 2000.0_wp))
+      entry = about('order', 'order M of the recursion; m_max of the direct method, where '// &
+                    'it must be given; 0: chosen from the bounds', rule=between(0.0_wp, 2000.0_wp))
       entry%default = 'for each length: 2 below 0.65, 5 below 2, else 10'
       call visitor%visit(self%orders, entry, default=usual_orders(self%lengths))
       call visitor%visit(self%pairing, about('pairing', &
-         'zip: an order for each correlation length, or one for all; product: all', &
+         'zip: one order for each correlation length, or one for all; product: every order '// &
+         'with every length', &
          choices='zip product'))
       call visitor%visit(self%range_l0, about('bound_l0', &
-         'order 0 with L1 imposed: of L0, or lower and upper; 0: none', 'points', not_negative(), &
+         'with order = 0 and L1 imposed: bound on L0, or lower and upper bound; 0: none', &
+         'points', not_negative(), &
          used=any_zero(self%orders)), default=[0.0_wp])
       call visitor%visit(self%range_l1, about('bound_l1', &
-         'order 0 with L0 imposed: of L1, or lower and upper; 0: none', 'points', not_negative(), &
+         'with order = 0 and L0 imposed: bound on L1, or lower and upper bound; 0: none', &
+         'points', not_negative(), &
          used=any_zero(self%orders)), default=[0.0_wp])
       call visitor%visit(self%shared%bound_side, about('bound_side', &
-         'of the bound; automatic: upper of L1, lower of L0, so the largest order', &
+         'side of a single bound; automatic: upper for L1, lower for L0, which gives the '// &
+         'largest order', &
          choices='automatic upper lower', used=is_one_sided(self%range_l0, self%range_l1)))
-      call visitor%visit(self%shared%max_order, about('max_order', 'order 0: search no further', &
+      call visitor%visit(self%shared%max_order, about('max_order', &
+         'with order = 0: largest order tried', &
          rule=between(1.0_wp, 200.0_wp), used=any_zero(self%orders)))
-      call visitor%visit(self%shared%mean, about('mean', 'homogeneous', required=has_law))
-      call visitor%visit(self%stds, about('std', 'one or several, each with every pair', &
+      call visitor%visit(self%shared%mean, about('mean', &
+         'mean of the process, the same at every point', required=has_law))
+      call visitor%visit(self%stds, about('std', &
+         'standard deviation; one or several, each with every pair of length and order', &
          rule=positive(), required=has_law))
-      call visitor%visit(self%shared%positive, about('positive', 'no negative values (Sec. 2.4)'))
+      call visitor%visit(self%shared%positive, about('positive', &
+         'with a positivity constraint (Sec. 2.4)'))
       call visitor%visit(self%shared%sampler, about('sampler', &
-         'positive values: one at a time as Sec. 2.4, or the law of Eq. 25 itself', &
+         'law of a positive process: values rejected one at a time as in Sec. 2.4, or Eq. 25 '// &
+         'exactly', &
          choices='sequential exact', used=self%shared%positive))
       call visitor%visit(self%shared%branch, about('branch', &
-         'positive: nonnegative keeps K(m) >= 0; any goes on beyond it', &
+         'of a positive process: nonnegative keeps K(m) >= 0; any also allows K(m) that '// &
+         'change sign', &
          choices='any nonnegative', used=self%shared%positive))
       call visitor%visit(self%shared%fit_steps, about('fit_steps', &
-         'positive, order 2 on: fit to so many values in each of 512 batches; 0: chosen', &
+         'of a positive process of order 2 or more: simulated values in each of 512 batches '// &
+         'of its fit; 0: chosen', &
          rule=between(0.0_wp, 1048576.0_wp), &
          used=self%shared%positive .and. self%shared%fit_steps > 0))
       call visitor%visit(self%shared%all_signs, about('all_signs', &
-         'direct: solve every sequence of signs (2**30 at most; positive: 2**11), '// &
-         'list the best', used=self%shared%method == 'direct'))
+         'direct method: solve every sequence of signs (at most 2**30; positive: 2**11) '// &
+         'and list the best', used=self%shared%method == 'direct'))
       call visitor%visit(self%shared%inversion_half_width, about('inversion_half_width', &
-         "direct: M of Eq. 35, the paper's inversion as a check; 0: none", &
+         "direct method: M of the paper's inversion (Eq. 35), as a check; 0: no check", &
          rule=between(0.0_wp, 2000.0_wp), &
          used=self%shared%method == 'direct' .and. .not. self%shared%positive))
       call visitor%visit(self%shared%simulation, about('simulation', &
-         'any sign: Eq. 39 from its stationary law or from_rest, or Eq. 38 (matrix)', &
+         'how values without sign constraint are drawn: Eq. 39 from its stationary law or '// &
+         'from rest, or Eq. 38 (matrix)', &
          choices='stationary from_rest matrix', used=.not. self%shared%positive))
       call visitor%visit(self%n_points, about('n_points', &
-         'of a realization, for all &process; with motion: of the joints', rule=at_least(1.0_wp), &
+         'points of a realization, the same in all &process; with motion: the number of '// &
+         'joints', rule=at_least(1.0_wp), &
          shapes_samples=.false.))
       call visitor%visit(self%n_realizations, about('n_realizations', &
-         'to be written, for all &process', rule=not_negative(), shapes_samples=.false.))
+         'realizations to write, the same in all &process', rule=not_negative(), &
+         shapes_samples=.false.))
    end subroutine visit_process
 
    !> Order for each correlation length, the paper's 2, 5, 10 for its 0.3, 1, 3; one where there is

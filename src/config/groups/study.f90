@@ -39,9 +39,9 @@ contains
       class(visitor_type), intent(inout) :: visitor
 
       call visitor%visit_text(self%title, about('title', &
-         'what the results are called; empty: the name of the scene file', &
+         'title of the results; empty: the name of the scene file', &
          shapes_samples=.false.))
-      call visitor%visit(self%seed, about('seed', 'of every random number, any whole number'))
+      call visitor%visit(self%seed, about('seed', 'seed of all random streams, any whole number'))
    end subroutine visit_scene
 
    !> Visits the table of &campaign.
@@ -50,17 +50,17 @@ contains
       class(visitor_type), intent(inout) :: visitor
 
       call visitor%visit(self%n_samples, about('n_samples', &
-         'of every case with drawn friction; 0: no such case', rule=not_negative(), &
+         'samples of each case with random friction; 0: no such case', rule=not_negative(), &
          shapes_samples=.false.))
       call visitor%visit(self%deterministic, about('deterministic', &
-         'also one sample per level of the force, before the others, with '// &
+         'also one case without uncertainty per level of the force, before the others, with '// &
          'chain%friction or else process%mean', shapes_samples=.false.))
       call visitor%visit(self%estimator, about('estimator', &
-         'of statistics over the friction: regression over all cases of one force, '// &
-         'regression over each case, or sample statistics alone', shapes_samples=.false., &
+         'of statistics over samples: regression over all cases of one force (pooled), '// &
+         'over each case, or plain sampling', shapes_samples=.false., &
          choices='pooled regression plain'))
       call visitor%visit(self%walltime, about('walltime', &
-         'stop at a sample boundary after that long; 0: no limit', 'min', not_negative(), &
+         'stop between samples after this time; 0: no limit', 'min', not_negative(), &
          shapes_samples=.false.))
    end subroutine visit_campaign
 
@@ -70,19 +70,20 @@ contains
       class(visitor_type), intent(inout) :: visitor
 
       call visitor%visit(self%target_slip_points, about('target_slip_points', &
-         'wanted numerical error of slip fractions, in points of percent; 0: none', '%', &
+         'wanted numerical error of slip fractions, in percentage points; 0: no target', '%', &
          not_negative(), shapes_samples=.false.))
       call visitor%visit(self%target_band_ratio, about('target_band_ratio', &
-         'wanted numerical error of band ratios, relative; 0: none', rule=not_negative(), &
+         'wanted relative numerical error of band ratios; 0: no target', rule=not_negative(), &
          shapes_samples=.false.))
       call visitor%visit(self%target_statistical, about('target_statistical', &
-         'wanted standard error of mean slip fractions, in points of percent; 0: none', '%', &
+         'wanted standard error of mean slip fractions, in percentage points; 0: no target', '%', &
          not_negative(), shapes_samples=.false.))
       call visitor%visit(self%sample_until_met, about('sample_until_met', &
-         'take samples until target_statistical is met, n_samples at a time', &
+         'add n_samples at a time until target_statistical is met', &
          shapes_samples=.false.))
       call visitor%visit(self%audit, about('audit', &
-         'share of the samples repeated by event, at a thousandth of its tolerance', &
+         'share of the samples that the reference method repeats, to measure the numerical '// &
+         'error', &
          rule=between(0.0_wp, 1.0_wp), shapes_samples=.false.))
    end subroutine visit_accuracy
 
@@ -91,24 +92,26 @@ contains
       type(output_group), intent(inout) :: self
       class(visitor_type), intent(inout) :: visitor
 
-      call visitor%visit_choices(self%quantities, about('quantities', 'what is computed and kept', &
+      call visitor%visit_choices(self%quantities, about('quantities', &
+         'results to compute and keep', &
          choices='slip spectrum energy history realizations transitions'), &
          default=[character(choice_length) :: 'slip', 'spectrum'])
       call visitor%visit(self%dofs, about('dofs', &
-         'whose spectra and histories are kept, ascending; 0: all', rule=not_negative(), &
+         'dofs with spectra and histories, ascending; 0: all', rule=not_negative(), &
          used=self%keeps('spectrum') .or. self%keeps('history')), default=[0])
       call visitor%visit(self%percentiles, about('percentiles', &
-         'of slip fractions and spectra, ascending', '%', inside(0.0_wp, 100.0_wp), &
+         'percentiles of all statistics over samples, ascending', '%', inside(0.0_wp, 100.0_wp), &
          shapes_samples=.false.), default=[5.0_wp, 95.0_wp])
       call visitor%visit(self%segment_length, about('segment_length', &
-         'of the spectra: steps of a Welch segment, or all there are', &
+         'steps of a Welch segment of the spectra; at most all steps', &
          rule=between(8.0_wp, 1.0e8_wp), used=self%keeps('spectrum')))
       call visitor%visit(self%spectrum_every, about('spectrum_every', &
-         'every so many steps enter the spectra; 0: chosen and stated', rule=not_negative(), &
-         used=self%keeps('spectrum')))
+         'every n-th step enters the spectra; 0: n is chosen, and stated in the results', &
+         rule=not_negative(), used=self%keeps('spectrum')))
       call visitor%visit(self%samples, about('samples', &
-         'spectra and slip series of every sample are kept; '// &
-         'else their statistics alone: none can be added later', used=self%keeps('spectrum')))
+         'keep the spectra and slip series of every sample; '// &
+         'else only their statistics, and no samples can be added later', &
+         used=self%keeps('spectrum')))
    end subroutine visit_output
 
    pure logical function keeps(self, quantity)
