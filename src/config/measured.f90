@@ -27,47 +27,54 @@ contains
       type(measured_record), allocatable, intent(out) :: records(:)
       type(complaint_list), intent(inout) :: complaints
       character(:), allocatable :: line, refusal
-      real(wp), allocatable :: value(:)
-      type(measured_record) :: record
+      real(wp), allocatable :: values(:)   ! of all records, one behind the other
+      integer, allocatable :: last(:)      ! (record, from 0) its last value among them
       type(source_type) :: source
-      integer :: i, number
+      integer :: i, n, n_records, number
 
-      allocate (records(0))
       call read_source(path, source, refusal, most_bytes)
       if (allocated(refusal)) then
+         allocate (records(0))
          call complaints%add_general(path//': '//refusal)
          return
       end if
+      allocate (values(64), last(0:source%n_lines()))
+      last(0) = 0
+      n_records = 0
       do number = 1, source%n_lines()
          line = source%line(number)
          i = index(line, '#')
          if (i > 0) line = line(:i - 1)
-         call read_record(path//':'//to_text(number), line, record%value, complaints)
-         if (size(record%value) > 0) records = [records, record]
+         n = last(n_records)
+         call read_record(path//':'//to_text(number), line, values, n, complaints)
+         if (n == last(n_records)) cycle
+         n_records = n_records + 1
+         last(n_records) = n
       end do
-      if (size(records) == 0 .and. complaints%n == 0) &
+      if (n_records == 0 .and. complaints%n == 0) &
          call complaints%add_general(path//': holds no values')
-      if (size(records) < 2) return
-      if (any([(size(records(i)%value) > 1, i=1, size(records))])) return
-      value = [(records(i)%value(1), i=1, size(records))]   ! a column is one line of joints
-      deallocate (records)
-      allocate (records(1))
-      records(1)%value = value
+      if (n_records > 1 .and. last(n_records) == n_records) then
+         last(1) = n_records   ! a column is one line of joints
+         n_records = 1
+      end if
+      allocate (records(n_records))
+      do i = 1, n_records
+         records(i)%value = values(last(i - 1) + 1:last(i))
+      end do
    end subroutine read_measured
 
-   !> Reads the values of one line.
-   subroutine read_record(place, line, values, complaints)
+   !> Adds the values of one line behind the first n, and counts them.
+   subroutine read_record(place, line, values, n, complaints)
       character(*), intent(in) :: place, line
-      real(wp), allocatable, intent(out) :: values(:)
+      real(wp), allocatable, intent(inout) :: values(:)
+      integer, intent(inout) :: n
       type(complaint_list), intent(inout) :: complaints
       character(:), allocatable :: rule, text
       real(wp) :: value
-      integer :: first, i, last, n
+      integer :: first, i, last, n_before
 
-      allocate (values(64))
       call find_decimal_comma(line, first, last)
       if (first <= last) then
-         values = values(:0)
          call complaints%add_general(place//': '//printable(line(first:min(last, first + 39)))// &
                                      ': decimals follow a point; a comma between values has a '// &
                                      'blank behind it')
@@ -77,7 +84,7 @@ contains
       do i = 1, len(text)
          if (text(i:i) == ',') text(i:i) = ' '
       end do
-      n = 0
+      n_before = n
       last = 0
       do
          call next_word(text, first, last)
@@ -93,7 +100,7 @@ contains
                exit
             end if
          end if
-         if (n == longest_record) then
+         if (n - n_before == longest_record) then
             call complaints%add_general(place//': a record has at most '// &
                                         to_text(longest_record)//' values')
             exit
@@ -102,7 +109,6 @@ contains
          n = n + 1
          values(n) = value
       end do
-      values = values(:n)
    end subroutine read_record
 
    !> Finds a word such as 0,3: digits with one comma among them; first > last: there is none.
