@@ -33,6 +33,7 @@ module driver_output
       logical :: is_quiet = .false.
       logical :: is_shared = .false.                 !! with other runs; none of them merges
       logical :: is_complete = .false.               !! an earlier run left nothing to do
+      logical :: has_other_estimates = .false.       !! of more samples than are wanted; root
       integer, allocatable :: n_stored(:)            !! (case and audit) in a results file; root
       logical, allocatable :: is_finished(:, :)      !! (sample, case) by an earlier run
       type(lock_type) :: lock
@@ -206,26 +207,34 @@ contains
    end subroutine refuse_extension
 
    !> Marks a results file as not complete where a case in it needs more samples for the scene's
-   !> target, or has estimates of another kind or other percentiles than are wanted now.
+   !> target, or has estimates of another kind or other percentiles than are wanted now. A case with
+   !> more samples than are wanted keeps them, and its estimates.
    subroutine find_unmet(plan, output, error)
       type(plan_type), intent(in) :: plan
       type(output_type), intent(inout) :: output
       type(error_type), allocatable, intent(out) :: error
       type(case_errors), allocatable :: errors(:)
+      type(plan_type) :: stored
       character(12) :: wanted(size(plan%cases))
       integer :: i
 
       call read_errors(output%path, count(plan%cases%audits == 0), errors, error)
       if (allocated(error)) return
-      wanted = estimators_of(plan)
+      stored = plan
+      stored%cases%n_samples = output%n_stored(:size(plan%cases))
+      wanted = estimators_of(stored)
       do i = 1, size(errors)
          if (plan%accuracy%sample_until_met .and. &
              needs_more_samples(slip_error_of(errors(i)%statistics, errors(i)%ratio, 0, .false.), &
                                 plan%accuracy%target_statistical)) output%is_complete = .false.
-         if (errors(i)%estimator == '' .or. output%n_stored(i) /= plan%cases(i)%n_samples) cycle
-         if (errors(i)%estimator /= wanted(i) .or. &
-             .not. are_same(errors(i)%percentiles, plan%output%percentiles)) &
+         if (errors(i)%estimator == '') cycle
+         if (errors(i)%estimator == wanted(i) .and. &
+             are_same(errors(i)%percentiles, plan%output%percentiles)) cycle
+         if (output%n_stored(i) == plan%cases(i)%n_samples) then
             output%is_complete = .false.
+         else
+            output%has_other_estimates = .true.
+         end if
       end do
    end subroutine find_unmet
 

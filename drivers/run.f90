@@ -96,7 +96,8 @@ contains
       call stop_world(exit_done)
    end subroutine run
 
-   !> Text on samples in the results beyond those that the scene asks for; '' without.
+   !> Text on samples in the results beyond those that the scene asks for, and on estimates of them
+   !> that are not as the scene wants them; '' without.
    pure function surplus_text(plan, output) result(text)
       type(plan_type), intent(in) :: plan
       type(output_type), intent(in) :: output
@@ -108,6 +109,9 @@ contains
       text = ''
       if (n_stored > n_wanted) text = '; it holds '//to_text(n_stored)// &
                                       ' samples, the scene asks for '//to_text(n_wanted)
+      if (output%has_other_estimates) &
+         text = text//'; its estimator or percentiles are not those of the scene: '// &
+                'campaign%n_samples = '//to_text(maxval(output%n_stored))//' has them made anew'
    end function surplus_text
 
    !> Refuses --share for a scene without samples.

@@ -55,6 +55,23 @@ def test_other_percentiles_are_taken_up(entroslip, small_scene, tmp_path):
         np.testing.assert_allclose(beside["slip_percentiles"], slip, rtol=1e-12)
 
 
+def test_estimates_of_more_samples_are_told_where_they_are_not_those_asked_for(
+    entroslip, small_scene
+):
+    """Fewer samples leave a file as it is; so stay its percentiles, without a word before."""
+    asked = ("--set", "output%percentiles=10,90")
+    fewer = ("--set", "campaign%n_samples=4")
+    assert entroslip("run", small_scene, "--output", "p.h5").returncode == 0
+    same = entroslip("run", small_scene, "--output", "p.h5", *fewer)
+    assert "percentiles" not in same.stdout
+    done = entroslip("run", small_scene, "--output", "p.h5", *asked, *fewer)
+    assert done.returncode == 0, done.stderr
+    assert "its estimator or percentiles are not those of the scene" in done.stdout
+    assert "campaign%n_samples = 6 has them made anew" in done.stdout
+    again = entroslip("run", small_scene, "--output", "p.h5", *asked, "--set", "campaign%n_samples=6")
+    assert "14 of 14 samples are there" in again.stdout
+
+
 def test_a_process_without_solution_is_told(entroslip, tmp_path):
     law = "order = 1 mean = 1 correlation_length = 1 branch = 'nonnegative'"
     (tmp_path / "two.nml").write_text(f"&process {law} std = 0.3, 0.9 /\n")
