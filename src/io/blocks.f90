@@ -5,7 +5,7 @@ module io_blocks
    use campaign_results, only: block_result
    use core_error, only: error_type
    use core_kinds, only: long, wp
-   use io_group, only: group_type
+   use io_group, only: group_of, group_type
    use io_hdf5, only: hdf5_file, read_extent
    use io_dataset_visitor, only: dataset_type, dataset_visitor, puts, reads
    implicit none(type, external)
@@ -27,8 +27,7 @@ contains
          if (allocated(blocks(i)%transitions)) n_rows = n_rows + sum(blocks(i)%transitions%n)
       end do
       rows = 0
-      w%file = file
-      w%group = '/'
+      w%group = group_of(file, '/')
       do i = 1, size(blocks)
          w%before = blocks(i)%first_sample - blocks(1)%first_sample
          w%n = blocks(i)%n_samples
@@ -36,14 +35,14 @@ contains
          call visit_short(w, blocks(i))
          call visit_long(w, blocks(i), rows=rows, n_rows=n_rows)
       end do
-      if (allocated(w%error)) call move_alloc(w%error, error)
+      call w%group%take_error(error)
    end subroutine write_blocks
 
    !> Reads what a file has of its samples before + 1 to before + n, into samples place + 1 to
    !> place + n of a block; the caller fills the numbers of case and samples.
    subroutine read_block(file, group, block, before, place, n, is_short, error)
       type(hdf5_file), intent(in) :: file
-      character(*), intent(in) :: group   !! with its last slash
+      character(*), intent(in) :: group   !! its path
       type(block_result), intent(inout) :: block
       integer, intent(in) :: before, place, n
       logical, intent(in) :: is_short     !! series, spectra, histories, transitions left out
@@ -51,15 +50,14 @@ contains
       type(dataset_visitor) :: w
 
       w%deed = reads
-      w%file = file
-      w%group = group
+      w%group = group_of(file, group)
       w%before = before
       w%place = place
       w%n = n
       w%n_all = block%n_samples
       call visit_short(w, block)
       if (.not. is_short) call visit_long(w, block)
-      if (allocated(w%error)) call move_alloc(w%error, error)
+      call w%group%take_error(error)
    end subroutine read_block
 
    !> Puts the short datasets of a block among those of all samples of its case.
@@ -69,10 +67,9 @@ contains
       type(block_result), intent(inout) :: block   !! left as it was
       type(dataset_visitor) :: w
 
-      if (allocated(group%error)) return
       call start_putting(group, plan, block, w)
       call visit_short(w, block)
-      if (allocated(w%error)) call move_alloc(w%error, group%error)
+      group = w%group
    end subroutine put_short
 
    !> Puts its series, spectra and histories there, and its transitions below those of the samples
@@ -85,10 +82,9 @@ contains
       integer, intent(in) :: n_rows                !! transitions of all samples
       type(dataset_visitor) :: w
 
-      if (allocated(group%error)) return
       call start_putting(group, plan, block, w)
       call visit_long(w, block, plan%cases(block%case_number)%first_sample - 1, rows, n_rows)
-      if (allocated(w%error)) call move_alloc(w%error, group%error)
+      group = w%group
    end subroutine put_long
 
    subroutine start_putting(group, plan, block, w)
@@ -98,8 +94,7 @@ contains
       type(dataset_visitor), intent(inout) :: w
 
       w%deed = puts
-      w%file = group%file
-      w%group = group%path//'/'
+      w%group = group
       w%dof = kept_axis(plan)
       w%before = block%first_sample - 1
       w%n_all = plan%cases(block%case_number)%n_samples
@@ -245,16 +240,16 @@ contains
       real(wp), allocatable :: time(:)
       integer :: i
 
-      if (allocated(w%error)) return
-      if (.not. w%file%has(w%group//'transition_time')) return
-      call read_extent(w%file, w%group//'transition_time', 1, n, w%error)
-      if (allocated(w%error)) return
+      if (allocated(w%group%error)) return
+      if (.not. w%group%has('transition_time')) return
+      call read_extent(w%group%file, w%group%at('transition_time'), 1, n, w%group%error)
+      if (allocated(w%group%error)) return
       w%before = 0
       w%place = 0
       w%n = int(n(1))
       w%n_all = w%n
       call visit_columns(w, sample, time, joint, kind)
-      if (allocated(w%error)) return
+      if (allocated(w%group%error)) return
       allocate (block%transitions(block%n_samples))
       do i = 1, block%n_samples
          associate (list => block%transitions(i), is_its => sample == block%first_sample + i - 1)

@@ -2,10 +2,11 @@
 !> or puts them among those of all samples.
 module io_dataset_visitor
    use core_chunks, only: frequencies_together
-   use core_error, only: error_type, exit_file, raise
+   use core_error, only: exit_file, raise
    use core_kinds, only: long, wp
    use core_text, only: to_text
-   use io_hdf5, only: hdf5_file, label_type, make_dataset, move_part, read_extent
+   use io_group, only: group_type
+   use io_hdf5, only: label_type, make_dataset, move_part, read_extent
    implicit none(type, external)
    private
    public :: dataset_type, dataset_visitor
@@ -24,14 +25,12 @@ module io_dataset_visitor
    !> Does one thing with each dataset that it visits.
    type :: dataset_visitor
       integer :: deed = writes
-      type(hdf5_file) :: file
-      character(:), allocatable :: group   !! with its last slash
+      type(group_type) :: group            !! where the datasets are or come to be
       character(:), allocatable :: dof     !! the axis of the dofs whose spectra are kept
       integer :: before = 0                !! rows of the file before those concerned
       integer :: place = 0                 !! rows of the block before those concerned
       integer :: n = 0                     !! rows concerned: samples, at last transitions
       integer :: n_all = 0                 !! rows of what is made: in the block, in the file
-      type(error_type), allocatable :: error
    contains
       generic :: visit => visit_row, visit_integers, visit_matrix, visit_longs, visit_cube
       procedure, private :: visit_row, visit_integers, visit_matrix, visit_longs, visit_cube
@@ -121,12 +120,12 @@ contains
       status = 0
       extents = 0
       is_concerned = is_there
-      if (self%deed == reads) is_concerned = self%file%has(path_of(self, what))
-      if (is_concerned .and. self%deed == reads .and. .not. allocated(self%error)) then
-         call read_extent(self%file, path_of(self, what), size(extents), found, self%error)
-         if (.not. allocated(self%error)) extents = found
-      end if
-      is_concerned = is_concerned .and. .not. allocated(self%error)
+      if (self%deed == reads) is_concerned = self%group%has(trim(what%name))
+      is_concerned = is_concerned .and. .not. allocated(self%group%error)
+      if (.not. is_concerned .or. self%deed /= reads) return
+      call read_extent(self%group%file, path_of(self, what), size(extents), found, self%group%error)
+      is_concerned = .not. allocated(self%group%error)
+      if (is_concerned) extents = found
    end function is_concerned
 
    !> True if the memory holds a dataset, else an error: a damaged file names any extent.
@@ -137,7 +136,7 @@ contains
       integer, intent(in) :: status   !! of allocate
 
       fits = status == 0
-      if (.not. fits) call raise(self%error, exit_file, self%file%path//': '// &
+      if (.not. fits) call raise(self%group%error, exit_file, self%group%file%path//': '// &
                                  path_of(self, what)//' does not fit into memory: '// &
                                  to_text(product(extents))//' values')
    end function fits
@@ -148,9 +147,9 @@ contains
       real(wp), intent(inout), contiguous :: values(..)
 
       if (self%deed /= reads) call make(self, what, 0.0_wp, shape(values))
-      if (.not. allocated(self%error)) &
-         call move_part(self%file, path_of(self, what), first_of(self, rank(values)), values, &
-                        self%deed /= reads, self%error)
+      if (.not. allocated(self%group%error)) &
+         call move_part(self%group%file, path_of(self, what), first_of(self, rank(values)), values, &
+                        self%deed /= reads, self%group%error)
    end subroutine act_on_reals
 
    subroutine act_on_integers(self, what, values)
@@ -159,9 +158,9 @@ contains
       integer, intent(inout), contiguous :: values(..)
 
       if (self%deed /= reads) call make(self, what, 0, shape(values))
-      if (.not. allocated(self%error)) &
-         call move_part(self%file, path_of(self, what), first_of(self, rank(values)), values, &
-                        self%deed /= reads, self%error)
+      if (.not. allocated(self%group%error)) &
+         call move_part(self%group%file, path_of(self, what), first_of(self, rank(values)), values, &
+                        self%deed /= reads, self%group%error)
    end subroutine act_on_integers
 
    subroutine act_on_longs(self, what, values)
@@ -170,9 +169,9 @@ contains
       integer(long), intent(inout), contiguous :: values(..)
 
       if (self%deed /= reads) call make(self, what, 0_long, shape(values))
-      if (.not. allocated(self%error)) &
-         call move_part(self%file, path_of(self, what), first_of(self, rank(values)), values, &
-                        self%deed /= reads, self%error)
+      if (.not. allocated(self%group%error)) &
+         call move_part(self%group%file, path_of(self, what), first_of(self, rank(values)), values, &
+                        self%deed /= reads, self%group%error)
    end subroutine act_on_longs
 
    !> Place in the file where the rows concerned begin.
@@ -196,7 +195,7 @@ contains
       type(label_type) :: label
       integer :: last
 
-      if (self%file%has(path_of(self, what))) return
+      if (self%group%has(trim(what%name))) return
       label%units = trim(what%units)
       label%long_name = trim(what%about)
       label%axes = ''
@@ -207,8 +206,8 @@ contains
       else if (what%name == 'psd') then
          label%chunk = [extents(1), frequencies_together(extents(1), extents(2)), extents(3)]
       end if
-      call make_dataset(self%file, path_of(self, what), mold, &
-                        [extents(:size(extents) - 1), self%n_all], label, self%error)
+      call make_dataset(self%group%file, path_of(self, what), mold, &
+                        [extents(:size(extents) - 1), self%n_all], label, self%group%error)
    end subroutine make
 
    !> Place of a dataset in the file.
@@ -217,8 +216,7 @@ contains
       type(dataset_type), intent(in) :: what
       character(:), allocatable :: path
 
-      path = trim(what%name)
-      if (allocated(self%group)) path = self%group//path
+      path = self%group%at(trim(what%name))
    end function path_of
 
 end module io_dataset_visitor

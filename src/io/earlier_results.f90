@@ -95,7 +95,7 @@ contains
       call open_hdf5(path, file, error)
       if (allocated(error)) return
       do case_number = 1, size(n_samples)
-         call extract_case(file, case_group(case_number, size(n_samples)/2)//'/', case_number, &
+         call extract_case(file, case_group(case_number, size(n_samples)/2), case_number, &
                            samples_per_shard, store, &
                            finished_samples(shards, case_number, n_samples(case_number)), error)
          if (allocated(error)) exit
@@ -105,7 +105,7 @@ contains
 
    subroutine extract_case(file, group, case_number, samples_per_shard, store, is_stored, error)
       type(hdf5_file), intent(in) :: file
-      character(*), intent(in) :: group   !! with its last slash
+      character(*), intent(in) :: group   !! its path
       integer, intent(in) :: case_number, samples_per_shard
       type(shard_store), intent(in) :: store
       logical, intent(in) :: is_stored(:)   !! (sample)

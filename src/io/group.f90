@@ -1,14 +1,15 @@
-!> A group of a file being filled: after a first error everything else passes by, and the error is
-!> taken once.
+!> A group of a file that is filled or read: after a first error everything else passes by, and the
+!> error is taken once.
 module io_group
    use core_error, only: error_type
-   use core_kinds, only: wp
-   use io_hdf5, only: hdf5_file, label_type, write_attribute, write_dataset
+   use core_kinds, only: long, wp
+   use io_hdf5, only: has_attribute, hdf5_file, label_type, read_attribute, read_dataset, &
+                      read_extent, write_attribute, write_dataset
    implicit none(type, external)
    private
-   public :: group_type, new_group
+   public :: group_of, group_type, new_group
 
-   !> A group and the first error met in filling it.
+   !> A group and the first error met in it.
    type :: group_type
       type(hdf5_file) :: file
       character(:), allocatable :: path
@@ -17,6 +18,10 @@ module io_group
    contains
       generic :: put => put_reals, put_integers
       generic :: column => real_column, integer_column
+      generic :: read => read_text, read_integer, read_real
+      generic :: get => get_number, get_row, get_matrix
+      procedure :: at
+      procedure :: has
       procedure :: go_to
       procedure :: attribute
       procedure :: put_axis
@@ -25,6 +30,8 @@ module io_group
       procedure :: take_error
       procedure, private :: put_reals, put_integers
       procedure, private :: real_column, integer_column
+      procedure, private :: read_text, read_integer, read_real
+      procedure, private :: get_number, get_row, get_matrix
    end type group_type
 
 contains
@@ -38,6 +45,34 @@ contains
       group%file = file
       call group%go_to(path)
    end function new_group
+
+   !> The group at a path, there or not; '/': all of the file.
+   function group_of(file, path) result(group)
+      type(hdf5_file), intent(in) :: file
+      character(*), intent(in) :: path
+      type(group_type) :: group
+
+      group%file = file
+      group%path = path
+   end function group_of
+
+   !> Path of a member.
+   pure function at(self, name) result(path)
+      class(group_type), intent(in) :: self
+      character(*), intent(in) :: name
+      character(:), allocatable :: path
+
+      path = self%path//'/'//name
+      if (self%path == '/') path = '/'//name
+   end function at
+
+   !> True if there is a member of this name.
+   logical function has(self, name)
+      class(group_type), intent(in) :: self
+      character(*), intent(in) :: name
+
+      has = self%file%has(self%at(name))
+   end function has
 
    !> Goes on with another group of the file, made where it is not there.
    subroutine go_to(self, path)
@@ -74,7 +109,7 @@ contains
       character(*), intent(in) :: axes   !! in Python's order; '' of a scalar
 
       if (.not. present(values) .or. allocated(self%error)) return
-      call write_dataset(self%file, self%path//'/'//name, values, &
+      call write_dataset(self%file, self%at(name), values, &
                          label_type(units, long_name, axes), self%error)
    end subroutine put_reals
 
@@ -84,7 +119,7 @@ contains
       integer, intent(in), contiguous :: values(..)
 
       if (allocated(self%error)) return
-      call write_dataset(self%file, self%path//'/'//name, values, &
+      call write_dataset(self%file, self%at(name), values, &
                          label_type(units, long_name, axes), self%error)
    end subroutine put_integers
 
@@ -138,5 +173,79 @@ contains
 
       call self%put(name, values, '1', long_name, trim(self%axis))
    end subroutine integer_column
+
+   !> Reads an attribute; a text that is not there is not allocated.
+   subroutine read_text(self, name, value)
+      class(group_type), intent(inout) :: self
+      character(*), intent(in) :: name
+      character(:), allocatable, intent(out) :: value
+
+      if (allocated(self%error)) return
+      if (has_attribute(self%file, self%path, name)) &
+         call read_attribute(self%file, self%path, name, value, self%error)
+   end subroutine read_text
+
+   subroutine read_integer(self, name, value)
+      class(group_type), intent(inout) :: self
+      character(*), intent(in) :: name
+      integer, intent(inout) :: value
+
+      if (.not. allocated(self%error)) &
+         call read_attribute(self%file, self%path, name, value, self%error)
+   end subroutine read_integer
+
+   subroutine read_real(self, name, value)
+      class(group_type), intent(inout) :: self
+      character(*), intent(in) :: name
+      real(wp), intent(inout) :: value
+
+      if (.not. allocated(self%error)) &
+         call read_attribute(self%file, self%path, name, value, self%error)
+   end subroutine read_real
+
+   !> Reads a dataset; an array that is not there is not allocated.
+   subroutine get_number(self, name, value)
+      class(group_type), intent(inout) :: self
+      character(*), intent(in) :: name
+      real(wp), intent(inout) :: value
+
+      if (.not. allocated(self%error)) &
+         call read_dataset(self%file, self%at(name), value, self%error)
+   end subroutine get_number
+
+   subroutine get_row(self, name, values)
+      class(group_type), intent(inout) :: self
+      character(*), intent(in) :: name
+      real(wp), allocatable, intent(out) :: values(:)
+      integer(long), allocatable :: n(:)
+
+      call find_extents(self, name, 1, n)
+      if (allocated(self%error) .or. .not. allocated(n)) return
+      allocate (values(n(1)))
+      call read_dataset(self%file, self%at(name), values, self%error)
+   end subroutine get_row
+
+   subroutine get_matrix(self, name, values)
+      class(group_type), intent(inout) :: self
+      character(*), intent(in) :: name
+      real(wp), allocatable, intent(out) :: values(:, :)
+      integer(long), allocatable :: n(:)
+
+      call find_extents(self, name, 2, n)
+      if (allocated(self%error) .or. .not. allocated(n)) return
+      allocate (values(n(1), n(2)))
+      call read_dataset(self%file, self%at(name), values, self%error)
+   end subroutine get_matrix
+
+   !> Finds the extents of a dataset that is there; else leaves them unallocated.
+   subroutine find_extents(self, name, n_axes, extents)
+      class(group_type), intent(inout) :: self
+      character(*), intent(in) :: name
+      integer, intent(in) :: n_axes   !! expected
+      integer(long), allocatable, intent(out) :: extents(:)
+
+      if (allocated(self%error)) return
+      if (self%has(name)) call read_extent(self%file, self%at(name), n_axes, extents, self%error)
+   end subroutine find_extents
 
 end module io_group

@@ -1,11 +1,10 @@
 !> A process as a group of the results file, written and read: the request and the solution.
 module io_process_results
    use core_error, only: error_type, exit_file, raise
-   use core_kinds, only: long, wp
+   use core_kinds, only: wp
    use core_phrases, only: numbered
-   use io_group, only: group_type, new_group
-   use io_hdf5, only: has_attribute, hdf5_file, read_attribute, read_dataset, read_extent, &
-                      write_sealed_attribute
+   use io_group, only: group_of, group_type, new_group
+   use io_hdf5, only: hdf5_file, write_sealed_attribute
    use io_results, only: results_writer
    use process_components, only: axis_type, component, component_visitor, forget_components, &
                                  visit_components
@@ -27,14 +26,11 @@ module io_process_results
 
    !> Reads each component of a group.
    type, extends(component_visitor) :: reading_visitor
-      type(hdf5_file) :: file
-      character(:), allocatable :: group
-      type(error_type), allocatable :: error   !! the first one; nothing is read after it
+      type(group_type) :: group
    contains
       procedure :: visit_real => take_real
       procedure :: visit_text => take_text
       procedure :: visit_table => take_table
-      procedure, private :: find_extents, path_of
    end type reading_visitor
 
 contains
@@ -78,15 +74,12 @@ contains
       type(error_type), allocatable, intent(out) :: error
       type(reading_visitor) :: visitor
 
-      visitor%file = file
-      visitor%group = group
+      visitor%group = group_of(file, group)
       call forget_components(model)
       call visit_components(visitor, model)
-      if (allocated(visitor%error)) then
-         call move_alloc(visitor%error, error)
-      else if (.not. (model%is_solved .or. allocated(model%reason))) then
+      call visitor%group%take_error(error)
+      if (.not. (allocated(error) .or. model%is_solved .or. allocated(model%reason))) &
          call raise(error, exit_file, file%path//': '//group//' does not hold a process')
-      end if
    end subroutine read_solution
 
    subroutine write_request(group, request)
@@ -178,7 +171,7 @@ contains
       integer, intent(in) :: n
 
       if (allocated(self%group%error)) return
-      if (self%group%file%has(self%group%path//'/'//trim(axis%name))) return
+      if (self%group%has(trim(axis%name))) return
       call self%group%put_axis(trim(axis%name), n, trim(axis%about), axis%first)
    end subroutine put_axis
 
@@ -189,18 +182,16 @@ contains
       real(wp), intent(inout), optional :: error
       real(wp), intent(in), optional :: none
 
-      if (allocated(self%error)) return
       if (what%about == '') then
-         call read_attribute(self%file, self%group, trim(what%name), value, self%error)
+         call self%group%read(trim(what%name), value)
          return
       end if
       if (present(none)) then
          value = none
-         if (.not. self%file%has(self%path_of(what))) return
+         if (.not. self%group%has(trim(what%name))) return
       end if
-      call read_dataset(self%file, self%path_of(what), value, self%error)
-      if (present(error) .and. .not. allocated(self%error)) &
-         call read_dataset(self%file, self%path_of(what)//'_error', error, self%error)
+      call self%group%get(trim(what%name), value)
+      if (present(error)) call self%group%get(trim(what%name)//'_error', error)
    end subroutine take_real
 
    subroutine take_text(self, what, value)
@@ -208,10 +199,7 @@ contains
       type(component), intent(in) :: what
       character(:), allocatable, intent(inout) :: value
 
-      if (allocated(value)) deallocate (value)
-      if (allocated(self%error)) return
-      if (has_attribute(self%file, self%group, trim(what%name))) &
-         call read_attribute(self%file, self%group, trim(what%name), value, self%error)
+      call self%group%read(trim(what%name), value)
    end subroutine take_text
 
    subroutine take_table(self, what, values)
@@ -219,42 +207,14 @@ contains
       type(component), intent(in) :: what
       real(wp), allocatable, intent(inout) :: values(:, :)
       real(wp), allocatable :: row(:)
-      integer(long), allocatable :: n(:)
 
       if (what%rows%name == '') then
-         call self%find_extents(what, 1, n)
-         if (.not. allocated(n)) return
-         allocate (row(n(1)))
-         call read_dataset(self%file, self%path_of(what), row, self%error)
-         values = reshape(row, [1, size(row)])
+         call self%group%get(trim(what%name), row)
+         if (allocated(row)) values = reshape(row, [1, size(row)])
       else
-         call self%find_extents(what, 2, n)
-         if (.not. allocated(n)) return
-         allocate (values(n(1), n(2)))
-         call read_dataset(self%file, self%path_of(what), values, self%error)
+         call self%group%get(trim(what%name), values)
       end if
    end subroutine take_table
-
-   !> Finds the extents of an array that is there; else leaves them unallocated.
-   subroutine find_extents(self, what, n_axes, extents)
-      class(reading_visitor), intent(inout) :: self
-      type(component), intent(in) :: what
-      integer, intent(in) :: n_axes
-      integer(long), allocatable, intent(out) :: extents(:)
-
-      if (allocated(self%error)) return
-      if (.not. self%file%has(self%path_of(what))) return
-      call read_extent(self%file, self%path_of(what), n_axes, extents, self%error)
-      if (allocated(self%error) .and. allocated(extents)) deallocate (extents)
-   end subroutine find_extents
-
-   pure function path_of(self, what) result(path)
-      class(reading_visitor), intent(in) :: self
-      type(component), intent(in) :: what
-      character(:), allocatable :: path
-
-      path = self%group//'/'//trim(what%name)
-   end function path_of
 
    subroutine write_realizations(group, realizations)
       type(group_type), intent(inout) :: group
