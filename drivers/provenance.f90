@@ -3,13 +3,16 @@ module driver_provenance
    use, intrinsic :: iso_fortran_env, only: compiler_version
    use config_fingerprint, only: canonical_text, fingerprint
    use config_scene, only: scene_type
+   use core_error, only: error_type
    use driver_build_info, only: architecture, compiler_flags, git_commit, version
    use driver_command_line, only: command_line
+   use io_group, only: group_of, group_type
+   use io_hdf5, only: hdf5_file
    use io_identity, only: identity_type
-   use io_results, only: provenance_type
+   use io_store, only: begin_file, discard_file
    implicit none(type, external)
    private
-   public :: identity_of, provenance_of
+   public :: begin_results, identity_of
 
 contains
 
@@ -26,28 +29,50 @@ contains
       identity%command = command
    end function identity_of
 
-   !> All that the results file says of its origin.
-   function provenance_of(scene, line, title, n_ranks) result(provenance)
+   !> Creates the file of results that takes a path when it is finished, and writes where they come
+   !> from. What differs between two equal runs stands in attributes of the file alone.
+   subroutine begin_results(path, scene, line, title, n_ranks, file, error)
+      character(*), intent(in) :: path, title
       type(scene_type), intent(in) :: scene
       type(command_line), intent(in) :: line
-      character(*), intent(in) :: title
       integer, intent(in) :: n_ranks
-      type(provenance_type) :: provenance
+      type(hdf5_file), intent(out) :: file
+      type(error_type), allocatable, intent(out) :: error
+      type(group_type) :: root
+      character(:), allocatable :: overrides
       integer :: i
 
-      provenance%identity = identity_of(scene, line%command)
-      provenance%title = title
-      provenance%scene = scene%text
-      provenance%overrides = ''
+      call begin_file(path, identity_of(scene, line%command), file, error)
+      if (allocated(error)) return
+      overrides = ''
       do i = 1, size(line%overrides)
-         if (i > 1) provenance%overrides = provenance%overrides//new_line('a')
-         provenance%overrides = provenance%overrides//trim(line%overrides(i))
+         if (i > 1) overrides = overrides//new_line('a')
+         overrides = overrides//trim(line%overrides(i))
       end do
-      provenance%git_commit = git_commit
-      provenance%compiler = compiler_version()
-      provenance%flags = compiler_flags
-      provenance%seed = scene%heading%seed
-      provenance%n_ranks = n_ranks
-   end function provenance_of
+      root = group_of(file, '/')
+      call root%attribute('seed', scene%heading%seed)
+      call root%attribute('n_ranks', n_ranks)
+      call root%attribute('title', title)
+      call root%attribute('scene', scene%text)
+      call root%attribute('overrides', overrides)
+      call root%attribute('git_commit', git_commit)
+      call root%attribute('compiler', compiler_version())
+      call root%attribute('flags', compiler_flags)
+      call root%attribute('created', now())
+      call root%take_error(error)
+      if (allocated(error)) call discard_file(file)
+   end subroutine begin_results
+
+   !> Date and time with the offset from UTC, as ISO 8601 has them.
+   function now() result(text)
+      character(:), allocatable :: text
+      character(5) :: zone
+      character(8) :: date
+      character(10) :: time
+
+      call date_and_time(date, time, zone)
+      text = date(1:4)//'-'//date(5:6)//'-'//date(7:8)//'T'//time(1:2)//':'//time(3:4)//':'// &
+             time(5:6)//zone(1:3)//':'//zone(4:5)
+   end function now
 
 end module driver_provenance

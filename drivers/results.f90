@@ -14,7 +14,7 @@ module driver_results
    use driver_command_line, only: command_line
    use driver_deadline, only: seconds_so_far
    use driver_output, only: output_type
-   use driver_provenance, only: provenance_of
+   use driver_provenance, only: begin_results
    use driver_regression, only: find_estimates
    use driver_shards, only: share_list, verify_shards
    use driver_statistics, only: case_task, open_case, write_short
@@ -23,10 +23,11 @@ module driver_results
    use io_case_statistics, only: write_estimates
    use io_gathering, only: read_part, read_samples, shards_of
    use io_group, only: group_type
+   use io_hdf5, only: hdf5_file
    use io_process_results, only: write_process
-   use io_results, only: begin_results, results_writer
+   use io_results, only: finish_results, write_structure
    use io_shards, only: list_shards, remove_covered, shard_type
-   use io_store, only: shard_store
+   use io_store, only: discard_file, shard_store
    use parallel_world, only: world_type
    use process_model, only: process_model_type, request_label
    use process_realization, only: draw_points
@@ -47,34 +48,34 @@ contains
       type(runner_type), intent(in) :: runner
       type(output_type), intent(inout) :: output
       type(error_type), allocatable, intent(out) :: error
-      type(results_writer) :: writer
+      type(hdf5_file) :: file
 
-      if (world%is_root()) call begin_results(output%path, &
-                               provenance_of(scene, line, plan%title, world%n_ranks), writer, error)
+      if (world%is_root()) &
+         call begin_results(output%path, scene, line, plan%title, world%n_ranks, file, error)
       if (world%any_true(allocated(error))) return
-      if (world%is_root()) call write_processes(plan, models, writer, error)
+      if (world%is_root()) call write_processes(plan, models, file, error)
       if (.not. world%any_true(allocated(error)) .and. plan%has_structure) &
-         call write_cases(world, plan, models, runner, output, writer, error)
+         call write_cases(world, plan, models, runner, output, file, error)
       if (world%any_true(allocated(error))) then
-         if (world%is_root()) call writer%abandon()
+         if (world%is_root()) call discard_file(file)
       else if (world%is_root()) then
-         call writer%finish(output%lock, seconds_so_far(), error)
+         call finish_results(file, output%lock, seconds_so_far(), error)
          if (.not. allocated(error)) &
             call remove_covered(output%store, output%lock, [plan%cases%n_samples], error)
       end if
    end subroutine write_results
 
-   subroutine write_processes(plan, models, writer, error)
+   subroutine write_processes(plan, models, file, error)
       type(plan_type), intent(in) :: plan
       type(process_model_type), intent(in) :: models(:)
-      type(results_writer), intent(in) :: writer
+      type(hdf5_file), intent(in) :: file
       type(error_type), allocatable, intent(out) :: error
       integer :: i
 
       do i = 1, size(models)
          ! neither solved nor refused: a replay did not need it
          if (.not. (models(i)%is_solved .or. allocated(models(i)%reason))) cycle
-         call write_process_of(plan, i, models(i), writer, error)
+         call write_process_of(plan, i, models(i), file, error)
          if (allocated(error)) return
       end do
    end subroutine write_processes
@@ -82,13 +83,13 @@ contains
    !> Writes the structure, then case by case. While the root writes the long data of a case and
    !> the small data of the next one, the other ranks compute statistics of that. Then writes the
    !> best estimates of all cases, which use samples of several. Collective.
-   subroutine write_cases(world, plan, models, runner, output, writer, error)
+   subroutine write_cases(world, plan, models, runner, output, file, error)
       type(world_type), intent(in) :: world
       type(plan_type), intent(in) :: plan
       type(process_model_type), intent(in) :: models(:)
       type(runner_type), intent(in) :: runner
       type(output_type), intent(in) :: output
-      type(results_writer), intent(in) :: writer
+      type(hdf5_file), intent(in) :: file
       type(error_type), allocatable, intent(out) :: error
       type(shard_type), allocatable :: shards(:)
       type(case_task) :: tasks(0:1)   ! in turn
@@ -99,7 +100,7 @@ contains
       integer :: i, k
 
       if (world%is_root()) then
-         call writer%write_structure(plan%structure, plan%integration, error)
+         call write_structure(file, plan%structure, plan%integration, error)
          if (.not. allocated(error)) call list_shards(output%store, shards, error)
       end if
       if (world%any_true(allocated(error))) return
@@ -114,12 +115,12 @@ contains
       do k = 1, size(numbers)
          associate (task => tasks(modulo(k, 2)), number => numbers(k))
             if (world%is_root() .and. .not. allocated(error)) &
-               call begin(plan, task, runner, output%store, writer, groups(number), error)
+               call begin(plan, task, runner, output%store, file, groups(number), error)
             call task%take_items(output%store, error)
             call task%close(world, plan, output%store, statistics(number), error)
             if (world%any_true(allocated(error))) return
             if (k < size(numbers)) call open_task(k + 1)
-            if (world%is_root()) call finish(plan, task, runner, output%store, shards, writer, &
+            if (world%is_root()) call finish(plan, task, runner, output%store, shards, file, &
                                              groups(number), error)
          end associate
       end do
@@ -158,12 +159,12 @@ contains
    end function kept_frequencies
 
    !> Writes a case up to its spectra: its group, and its samples' small data.
-   subroutine begin(plan, task, runner, store, writer, group, error)
+   subroutine begin(plan, task, runner, store, file, group, error)
       type(plan_type), intent(in) :: plan
       type(case_task), intent(in) :: task
       type(runner_type), intent(in) :: runner
       type(shard_store), intent(in) :: store
-      type(results_writer), intent(in) :: writer
+      type(hdf5_file), intent(in) :: file
       type(group_type), intent(out) :: group
       type(error_type), allocatable, intent(out) :: error
       real(wp), allocatable :: folded_share(:)   ! (dof)
@@ -178,19 +179,19 @@ contains
          end if
          folded_share = [real(wp) ::]
          if (plan%output%spectrum) folded_share = runner%folded_share(:, number)
-         call begin_case(writer, plan, number, runner%layout, folded_share, group, force)
+         call begin_case(file, plan, number, runner%layout, folded_share, group, force)
          call write_short(plan, task, store, group, error)
       end associate
    end subroutine begin
 
    !> Writes the rest of a case's samples: their long data, and their audit.
-   subroutine finish(plan, task, runner, store, shards, writer, group, error)
+   subroutine finish(plan, task, runner, store, shards, file, group, error)
       type(plan_type), intent(in) :: plan
       type(case_task), intent(in) :: task
       type(runner_type), intent(in) :: runner
       type(shard_store), intent(in) :: store
       type(shard_type), intent(in) :: shards(:)   !! of all cases
-      type(results_writer), intent(in) :: writer
+      type(hdf5_file), intent(in) :: file
       type(group_type), intent(inout) :: group
       type(error_type), allocatable, intent(out) :: error
       integer :: audit
@@ -198,39 +199,39 @@ contains
       call finish_case(group, plan, task%number, store, task%shards, error)
       if (allocated(error)) return
       audit = audit_of(plan, task%number)
-      if (audit > 0) call finish_audit(plan, audit, runner%layout, store, shards, writer, error)
+      if (audit > 0) call finish_audit(plan, audit, runner%layout, store, shards, file, error)
    end subroutine finish
 
    !> Writes a process with the realizations that were asked for.
-   subroutine write_process_of(plan, number, model, writer, error)
+   subroutine write_process_of(plan, number, model, file, error)
       type(plan_type), intent(in) :: plan
       integer, intent(in) :: number
       type(process_model_type), intent(in) :: model
-      type(results_writer), intent(in) :: writer
+      type(hdf5_file), intent(in) :: file
       type(error_type), allocatable, intent(out) :: error
       real(wp) :: values(plan%n_points, plan%n_realizations)
       type(stream_type) :: stream
       integer :: i
 
       if (plan%n_realizations == 0 .or. .not. model%is_solved) then
-         call write_process(writer, number, model, error)
+         call write_process(file, number, model, error)
          return
       end if
       do i = 1, plan%n_realizations
          stream = new_stream(plan%seed, request_label(model%request), i)
          call draw_points(model, stream, values(:, i))
       end do
-      call write_process(writer, number, model, error, values)
+      call write_process(file, number, model, error, values)
    end subroutine write_process_of
 
    !> Compares the audit with the samples that it repeats, and writes it; for the root alone.
-   subroutine finish_audit(plan, audit, layout, store, shards, writer, error)
+   subroutine finish_audit(plan, audit, layout, store, shards, file, error)
       type(plan_type), intent(in) :: plan
       integer, intent(in) :: audit   !! case number
       type(spectrum_layout), intent(in) :: layout
       type(shard_store), intent(in) :: store
       type(shard_type), intent(in) :: shards(:)
-      type(results_writer), intent(in) :: writer
+      type(hdf5_file), intent(in) :: file
       type(error_type), allocatable, intent(out) :: error
       type(block_result) :: tested, reference
       type(numerical_error) :: errors
@@ -246,7 +247,7 @@ contains
       if (plan%output%spectrum) &
          call compare_psd(plan, audit, size(layout%frequency), store, shards, errors, error)
       if (allocated(error)) return
-      call write_audit(writer, plan, audit, reference, layout, errors, store, shards, error)
+      call write_audit(file, plan, audit, reference, layout, errors, store, shards, error)
    end subroutine finish_audit
 
    !> Compares the spectra of a case with those of its audit, a range of frequencies at a time.

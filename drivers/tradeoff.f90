@@ -10,14 +10,16 @@ module driver_tradeoff
    use driver_command_line, only: command_line
    use driver_deadline, only: seconds_so_far, set_limit, start_watch, time_to_stop
    use driver_processes, only: solve_processes
-   use driver_provenance, only: provenance_of
+   use driver_provenance, only: begin_results
    use driver_tradeoff_models, only: fits_text, orders_text, variants_text
    use driver_tradeoff_text, only: components_text, settings_text, sizes_text, spectra_text, &
       wanted_text
    use driver_trial_runs, only: measure_settings
    use io_earlier_results, only: check_replaceable
    use io_lock, only: lock_type, take_lock
-   use io_results, only: begin_results, results_writer
+   use io_hdf5, only: hdf5_file
+   use io_results, only: finish_results
+   use io_store, only: discard_file
    use io_tradeoff_results, only: tradeoff_findings, write_tradeoff
    use parallel_world, only: start_world, stop_world, world_type
    use process_model, only: process_model_type
@@ -185,16 +187,15 @@ contains
       type(tradeoff_findings), intent(in) :: found
       integer, intent(in) :: n_ranks
       type(error_type), allocatable, intent(out) :: error
-      type(results_writer) :: writer
+      type(hdf5_file) :: file
 
-      call begin_results(lock%output, provenance_of(scene, line, plan%title, n_ranks), writer, &
-                         error)
+      call begin_results(lock%output, scene, line, plan%title, n_ranks, file, error)
       if (allocated(error)) return
-      call write_tradeoff(writer, plan, found, error)
+      call write_tradeoff(file, plan, found, error)
       if (allocated(error)) then
-         call writer%abandon()
+         call discard_file(file)
       else
-         call writer%finish(lock, seconds_so_far(), error)
+         call finish_results(file, lock, seconds_so_far(), error)
       end if
    end subroutine write_findings
 

@@ -11,7 +11,7 @@ module io_audit_results
    use io_case_results, only: case_group, finish_case, write_dofs, write_frequency
    use io_gathering, only: shards_of
    use io_group, only: group_type, new_group
-   use io_results, only: results_writer
+   use io_hdf5, only: hdf5_file
    use io_shards, only: shard_type
    use io_store, only: shard_store
    implicit none(type, external)
@@ -22,8 +22,8 @@ contains
 
    !> Writes the group of an audit: `samples` as read_samples returns them, spectra from the
    !> shards.
-   subroutine write_audit(writer, plan, number, samples, layout, errors, store, shards, error)
-      type(results_writer), intent(in) :: writer
+   subroutine write_audit(file, plan, number, samples, layout, errors, store, shards, error)
+      type(hdf5_file), intent(in) :: file
       type(plan_type), intent(in) :: plan
       integer, intent(in) :: number   !! of the audit among the plan's cases
       type(block_result), intent(inout) :: samples   !! left as it was
@@ -35,7 +35,7 @@ contains
       type(group_type) :: group
       type(integration_settings) :: reference
 
-      group = new_group(writer%file, case_group(number, count(plan%cases%audits == 0)))
+      group = new_group(file, case_group(number, count(plan%cases%audits == 0)))
       call group%attribute('n_samples', samples%n_samples)
       reference = reference_for(plan%integration)
       call group%attribute('method', trim(reference%method))

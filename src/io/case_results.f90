@@ -11,7 +11,8 @@ module io_case_results
    use io_blocks, only: kept_axis, put_long
    use io_gathering, only: count_transitions
    use io_group, only: group_type, new_group
-   use io_results, only: about_dofs, about_joints, results_writer
+   use io_hdf5, only: hdf5_file
+   use io_results, only: about_dofs, about_joints
    use io_shards, only: read_shard, shard_type
    use io_store, only: shard_store
    use numerics_correlated, only: n_batches
@@ -38,8 +39,8 @@ contains
 
    !> Creates the group of a case with its attributes and axes and room for its samples. `force` is
    !> the record, or one for each sample, and belongs to histories; errors stay with the group.
-   subroutine begin_case(writer, plan, number, layout, folded_share, group, force)
-      type(results_writer), intent(in) :: writer
+   subroutine begin_case(file, plan, number, layout, folded_share, group, force)
+      type(hdf5_file), intent(in) :: file
       type(plan_type), intent(in) :: plan
       integer, intent(in) :: number
       type(spectrum_layout), intent(in) :: layout
@@ -48,7 +49,7 @@ contains
       type(group_type), intent(out) :: group
       real(wp), intent(in), contiguous, optional :: force(:, :)   !! (step, 1 or sample) [N]
 
-      group = new_group(writer%file, case_group(number, size(plan%cases)))
+      group = new_group(file, case_group(number, size(plan%cases)))
       call write_attributes(group, plan, number)
       associate (case => plan%cases(number))
          call group%put_axis('sample', case%n_samples, 'sample', case%first_sample)

@@ -5,7 +5,6 @@ module io_process_results
    use core_phrases, only: numbered
    use io_group, only: group_of, group_type, new_group
    use io_hdf5, only: hdf5_file, write_sealed_attribute
-   use io_results, only: results_writer
    use process_components, only: axis_type, component, component_visitor, forget_components, &
                                  visit_components
    use process_model, only: process_model_type, process_request
@@ -36,15 +35,15 @@ module io_process_results
 contains
 
    !> Writes a solved process, or a refused one with its reason.
-   subroutine write_process(writer, number, model, error, realizations)
-      type(results_writer), intent(in) :: writer
+   subroutine write_process(file, number, model, error, realizations)
+      type(hdf5_file), intent(in) :: file
       integer, intent(in) :: number
       type(process_model_type), intent(in) :: model
       type(error_type), allocatable, intent(out) :: error
       real(wp), intent(in), contiguous, optional :: realizations(:, :)   !! (point, realization)
       type(group_type) :: group
 
-      group = new_group(writer%file, '/process/'//numbered('p', number))
+      group = new_group(file, '/process/'//numbered('p', number))
       call write_request(group, model%request)
       call write_solution(group, model, is_sealed=.false.)
       if (present(realizations)) call write_realizations(group, realizations)

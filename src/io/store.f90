@@ -9,8 +9,8 @@ module io_store
    implicit none(type, external)
    private
    public :: shard_store, new_store
-   public :: finish_file, list_finished, name_of, open_own, remove_leftovers, remove_store, &
-             start_file
+   public :: begin_file, discard_file, finish_file, list_finished, name_of, open_own, &
+             remove_leftovers, remove_store, start_file
 
    !> Where the files of one output lie.
    type :: shard_store
@@ -32,25 +32,38 @@ contains
       store%identity = identity
    end function new_store
 
-   !> Creates a file with the store's identity under a temporary name; finish_file gives it its
-   !> own.
+   !> Creates a file of the store; finish_file gives it its name.
    subroutine start_file(store, name, file, error)
       type(shard_store), intent(in) :: store
       character(*), intent(in) :: name   !! without the folder
       type(hdf5_file), intent(out) :: file
       type(error_type), allocatable, intent(out) :: error
-      type(error_type), allocatable :: ignored
-      character(:), allocatable :: temporary
 
-      temporary = unfinished_name(store%folder//'/'//name)
       call make_folder(store%folder, error)
-      if (allocated(error)) return
-      call create_hdf5(temporary, file, error)
-      if (.not. allocated(error)) call write_identity(file, store%identity, error)
-      if (.not. allocated(error)) return
-      call file%abandon()
-      call remove_file(temporary, ignored)
+      if (.not. allocated(error)) &
+         call begin_file(store%folder//'/'//name, store%identity, file, error)
    end subroutine start_file
+
+   !> Creates a file with an identity under a temporary name; none is left after an error.
+   subroutine begin_file(path, identity, file, error)
+      character(*), intent(in) :: path   !! what the file is called when it is whole
+      type(identity_type), intent(in) :: identity
+      type(hdf5_file), intent(out) :: file
+      type(error_type), allocatable, intent(out) :: error
+
+      call create_hdf5(unfinished_name(path), file, error)
+      if (.not. allocated(error)) call write_identity(file, identity, error)
+      if (allocated(error)) call discard_file(file)
+   end subroutine begin_file
+
+   !> Removes a file that is not finished; what stood in its place stays as it is.
+   subroutine discard_file(file)
+      type(hdf5_file), intent(inout) :: file
+      type(error_type), allocatable :: ignored
+
+      call file%abandon()
+      call remove_file(file%path, ignored)
+   end subroutine discard_file
 
    !> Opens a finished file that must be of the store's scene and program.
    subroutine open_own(store, path, advice, file, error)
@@ -76,19 +89,12 @@ contains
       character(*), intent(in) :: name
       type(hdf5_file), intent(inout) :: file
       type(error_type), allocatable, intent(inout) :: error
-      type(error_type), allocatable :: ignored
-      character(:), allocatable :: temporary
 
-      temporary = file%path
+      if (.not. allocated(error)) call file%close(error)
+      if (.not. allocated(error)) call sync_file(file%path, error)
+      if (.not. allocated(error)) call rename_file(file%path, store%folder//'/'//name, error)
       if (allocated(error)) then
-         call file%abandon()
-      else
-         call file%close(error)
-      end if
-      if (.not. allocated(error)) call sync_file(temporary, error)
-      if (.not. allocated(error)) call rename_file(temporary, store%folder//'/'//name, error)
-      if (allocated(error)) then
-         call remove_file(temporary, ignored)
+         call discard_file(file)
       else
          call sync_file(store%folder, error)   ! the new name
       end if

@@ -4,7 +4,7 @@ module io_tradeoff_results
    use core_error, only: error_type
    use core_kinds, only: wp
    use io_group, only: group_type
-   use io_results, only: results_writer
+   use io_hdf5, only: hdf5_file
    use tradeoff_effects, only: variant_row
    use tradeoff_front, only: error_components, published_error, sample_steps, setting_row, &
       size_row, spectrum_row
@@ -29,14 +29,14 @@ module io_tradeoff_results
 contains
 
    !> Writes all groups; those of marches only where there were some.
-   subroutine write_tradeoff(writer, plan, found, error)
-      type(results_writer), intent(in) :: writer
+   subroutine write_tradeoff(file, plan, found, error)
+      type(hdf5_file), intent(in) :: file
       type(plan_type), intent(in) :: plan
       type(tradeoff_findings), intent(in) :: found
       type(error_type), allocatable, intent(out) :: error
       type(group_type) :: group
 
-      group%file = writer%file
+      group%file = file
       if (plan%has_structure) then
          call write_settings(group, plan, found%settings, found%tradeoff%plan%integration%n_steps)
          call write_errors(group, found%errors)

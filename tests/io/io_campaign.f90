@@ -19,15 +19,16 @@ module io_campaign
    use io_identity, only: identity_type
    use io_lock, only: lock_type, take_lock
    use io_process_results, only: write_process
-   use io_results, only: begin_results, provenance_type, results_writer
+   use io_hdf5, only: hdf5_file, write_attribute
+   use io_results, only: finish_results, write_structure
    use io_shards, only: list_shards, shard_type, write_shard
-   use io_store, only: shard_store
+   use io_store, only: begin_file, discard_file, shard_store
    use process_model, only: process_model_type
    use structure_chain, only: build_chain
    implicit none(type, external)
    private
    public :: ask_all, fresh_folder, made_audit_block, made_block, made_identity, made_model, &
-             made_provenance, write_made_results, write_made_shards
+             write_made_results, write_made_shards
 
    integer, parameter, public :: n_dof = 3, n_frequencies = 130, n_steps = 20
    integer, parameter, public :: n_places = 96   !! batches of ranges of frequencies
@@ -212,19 +213,6 @@ contains
       end do
    end subroutine ask_all
 
-   function made_provenance() result(provenance)
-      type(provenance_type) :: provenance
-
-      provenance%identity = made_identity()
-      provenance%title = 'made'
-      provenance%scene = '&scene title = ''made'' /'
-      provenance%overrides = ''
-      provenance%git_commit = '0123abc'
-      provenance%compiler = 'gfortran'
-      provenance%flags = '-O3'
-      provenance%seed = 2016
-   end function made_provenance
-
    !> Case 1 in one shard, case 2 in two.
    subroutine write_made_shards(store, error)
       type(shard_store), intent(in) :: store
@@ -250,22 +238,23 @@ contains
       type(shard_type), allocatable :: shards(:)
       type(error_type), allocatable :: ignored
       type(lock_type) :: lock
-      type(results_writer) :: writer
+      type(hdf5_file) :: file
 
       call list_shards(store, shards, error)
       if (.not. allocated(error)) call take_lock(path, lock, error)
       if (allocated(error)) return
-      call begin_results(path, made_provenance(), writer, error)
+      call begin_file(path, made_identity(), file, error)
+      if (.not. allocated(error)) call write_attribute(file, '/', 'title', 'made', error)
       if (.not. allocated(error)) then
-         call fill_made_results(writer, store, shards, error, has_audit)
-         if (.not. allocated(error)) call writer%finish(lock, 1.0_wp, error)
-         if (allocated(error)) call writer%abandon()
+         call fill_made_results(file, store, shards, error, has_audit)
+         if (.not. allocated(error)) call finish_results(file, lock, 1.0_wp, error)
+         if (allocated(error)) call discard_file(file)
       end if
       call lock%release(ignored)
    end subroutine write_made_results
 
-   subroutine fill_made_results(writer, store, shards, error, has_audit)
-      type(results_writer), intent(in) :: writer
+   subroutine fill_made_results(file, store, shards, error, has_audit)
+      type(hdf5_file), intent(in) :: file
       type(shard_store), intent(in) :: store
       type(shard_type), intent(in) :: shards(:)
       type(error_type), allocatable, intent(out) :: error
@@ -280,12 +269,12 @@ contains
 
       force = 1.0_wp
       plan = made_plan()
-      call write_process(writer, 1, made_model(), error, realizations=force)
-      if (.not. allocated(error)) call writer%write_structure(plan%structure, plan%integration, error)
+      call write_process(file, 1, made_model(), error, realizations=force)
+      if (.not. allocated(error)) call write_structure(file, plan%structure, plan%integration, error)
       do i = 1, 2
          if (allocated(error)) exit
          ours = shards_of(shards, i, plan%cases(i)%n_samples)
-         call begin_case(writer, plan, i, made_layout(), [(0.001_wp, dof=1, n_dof)], group, force)
+         call begin_case(file, plan, i, made_layout(), [(0.001_wp, dof=1, n_dof)], group, force)
          call read_samples(store, ours, i, 1, plan%cases(i)%n_samples, samples, error)
          if (allocated(error)) exit
          call put_short(group, plan, samples)
@@ -298,11 +287,11 @@ contains
       if (.not. present(has_audit) .or. allocated(error)) return
       plan%accuracy%audit = 0.6_wp
       call add_audits(plan)
-      call write_made_audit(writer, plan, samples, store, error)
+      call write_made_audit(file, plan, samples, store, error)
    end subroutine fill_made_results
 
-   subroutine write_made_audit(writer, plan, samples, store, error)
-      type(results_writer), intent(in) :: writer
+   subroutine write_made_audit(file, plan, samples, store, error)
+      type(hdf5_file), intent(in) :: file
       type(plan_type), intent(in) :: plan
       type(block_result), intent(in) :: samples   !! of case 2
       type(shard_store), intent(in) :: store
@@ -320,7 +309,7 @@ contains
       call compare_slip(samples%slip_fraction(:, :3), block%slip_fraction, 5, errors)
       call compare_spectra(made_audit_psd()/1.01_wp, made_audit_psd(), plan%output%percentiles, 5, &
                            errors)
-      call write_audit(writer, plan, 4, block, made_layout(), errors, store, shards, error)
+      call write_audit(file, plan, 4, block, made_layout(), errors, store, shards, error)
 
    contains
 
