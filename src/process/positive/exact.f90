@@ -212,16 +212,18 @@ contains
       if (i > length - order) x(:, i - length) = merge(cshift(value, -1), value, is_wound)
    end subroutine place
 
-   !> Computes psi, and its standard error.
+   !> Computes psi, and its standard error. A start is forgotten at the rate 1 - t (1 - gap): the
+   !> sooner, the weaker the correlation.
    subroutine log_partition(g, field, ring_length, n_burn_in, n_sweeps, stream, psi, standard_error)
       real(wp), intent(in) :: g(0:), field  !! see `sample_exact`
       integer, intent(in) :: ring_length
-      integer, intent(in) :: n_burn_in, n_sweeps   !! sweeps, and sweeps of a batch
+      integer, intent(in) :: n_burn_in, n_sweeps   !! sweeps at t = 1, and sweeps of a batch
       class(stream_type), intent(inout) :: stream
       real(wp), intent(out) :: psi, standard_error
       integer, parameter :: n_nodes = 16
-      real(wp) :: error, mu, nodes(n_nodes), slope, symbol(0:ubound(g, 1)), variance, &
-         weights(n_nodes)
+      real(wp), parameter :: wanted = 5.76_wp   ! ln(1e5)/2, of a start as in `sweeps_to_forget`
+      real(wp) :: error, gap, mu, nodes(n_nodes), slope, symbol(0:ubound(g, 1)), t(n_nodes), &
+         variance, weights(n_nodes)
       integer :: i
 
       mu = max(field, 0.0_wp)/(g(0) + 2.0_wp*sum(g(1:)))
@@ -234,12 +236,15 @@ contains
       variance = 0.0_wp
       ! t = u (2 - u): denser towards t = 1, where a long correlation grows fast
       call gauss_legendre(0.0_wp, 1.0_wp, nodes, weights)
+      t = nodes*(2.0_wp - nodes)
+      weights = weights*2.0_wp*(1.0_wp - nodes)/t
+      gap = min(1.0_wp, wanted/n_burn_in)
       do i = 1, n_nodes
-         symbol = g*nodes(i)*(2.0_wp - nodes(i))
+         symbol = g*t(i)
          symbol(0) = g(0)
-         call sample_slope(symbol, mu, min(field, 0.0_wp), ring_length, n_burn_in, n_sweeps, &
+         call sample_slope(symbol, mu, min(field, 0.0_wp), ring_length, &
+                           ceiling(wanted/(1.0_wp - t(i)*(1.0_wp - gap))), n_sweeps, &
                            stream, slope, error)
-         weights(i) = weights(i)*2.0_wp*(1.0_wp - nodes(i))/(nodes(i)*(2.0_wp - nodes(i)))
          psi = psi + weights(i)*slope
          variance = variance + (weights(i)*error)**2
       end do
