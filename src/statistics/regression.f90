@@ -60,9 +60,9 @@ contains
       integer :: o
 
       do o = 1, size(values, 2)
-         centred = view%weight*(values(:, o) - dot_product(view%weight, values(:, o)))
-         of_values(o) = dot_product(centred, values(:, o))
-         of_rows(:, o) = matmul(view%rows, centred)
+         centred = values(:, o) - dot_product(view%weight, values(:, o))
+         of_values(o) = dot_product(view%weight, centred**2)   ! to the digits of a small scatter
+         of_rows(:, o) = matmul(view%rows, view%weight*centred)
       end do
       call average_features(surrogate, of_rows, 0.0_wp, covariance)
       call find_influence(surrogate, fit, covariance, 0.0_wp, estimate)
@@ -80,7 +80,7 @@ contains
          residual = (residual - sum(residual)/size(residual))**2
          of_residuals(o) = sum(residual)/size(residual)
          estimate%value(o) = sqrt(max(of_values(o) + of_residuals(o), tiny(1.0_wp)))
-         estimate%bias(o) = 0.5_wp*(estimate%value(o) - sqrt(max(of_values(o), 0.0_wp)))
+         estimate%bias(o) = 0.5_wp*(estimate%value(o) - sqrt(of_values(o)))
          associate (own => estimate%influence(view%first:view%last, o))
             own = own + 0.5_wp*(residual - of_residuals(o))/size(residual)
          end associate
