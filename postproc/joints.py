@@ -1,4 +1,4 @@
-"""The joints of a structure: its time in slip, its way, its power, its largest displacement."""
+"""Numbers of the joints: time in slip, power, slip distance, largest displacement."""
 
 from __future__ import annotations
 

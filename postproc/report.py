@@ -28,12 +28,12 @@ _ENGINEER = (
 )  # fmt: skip
 _SMALLEST_P = 1.0e-4  # shown: errors are not known to be normal further out
 _READING = (
-    "Each statement is put to a stated test; no verdict is given by eye. Confirmed: every number"
-    " that it speaks of lies where it says, each at the 2.5 % level, one-sided. Not confirmed: at"
-    " least one surely does not, with Bonferroni's correction. Else undecided at this sample size."
+    "Each statement has a stated test; no verdict is given by eye. Confirmed: every number of the"
+    " statement lies where it says, each at the one-sided 2.5 % level. Not confirmed: at least one"
+    " surely does not, with Bonferroni's correction. Otherwise it is undecided at this sample size."
     " Numbers of the friction study are the best estimates of the results file. Their intervals"
-    " hold the errors of finite samples and of the one force record that all samples share. Where"
-    " several files have a statement's numbers, the one with the narrowest intervals decides."
+    " include the errors of finite samples and of the one force record that all samples share. If"
+    " several files have the numbers of a statement, the one with the narrowest intervals decides."
     " docs/paper.md goes through the paper sentence by sentence, with 3,000 samples."
 )
 
@@ -48,17 +48,17 @@ def write_report(
     """Write the page; figures come with the PNG that was saved of them."""
     title = escape(files[0].title if len(files) == 1 else f"Results of {len(files)} files")
     is_paper = any(is_paper_study(results) for results in files)
-    first = [] if is_paper else [table for table in tables if table.is_result]
+    first = [table for table in tables if table.is_result and not (is_paper or table.is_detail)]
     others = [table for table in tables if table not in first]
     chapters = [
-        ("results", "How much the joints slip", "".join(map(_table, first))),
+        ("results", "How much the joints slip", _tables(first)),
         ("findings", "The paper's statements", _findings(statements)),
-        ("tables", "Tables", "".join(_table(t) for t in others if not t.is_detail)),
+        ("tables", "Tables", _tables([t for t in others if not t.is_detail])),
         *(
             (f"section-{i}", name, _figures(figures, name, statements))
             for i, name in enumerate(SECTIONS)
         ),
-        ("details", "Every process and case", "".join(_table(t) for t in others if t.is_detail)),
+        ("details", "Every process and case", _tables([t for t in others if t.is_detail])),
         ("scenes", "What ran", _scenes(files)),
     ]
     chapters = [chapter for chapter in chapters if chapter[2]]
@@ -191,6 +191,11 @@ def _numbers(statement: Statement) -> str:
     return "<br>".join(escape(line) for line in lines)
 
 
+def _tables(tables: Sequence[Table]) -> str:
+    """Tables in rows, as many beside one another as the page is wide."""
+    return f'<div class="tables">{"".join(map(_table, tables))}</div>' if tables else ""
+
+
 def _table(table: Table) -> str:
     head = "".join(f"<th>{escape(cell)}</th>" for cell in table.header)
     body = "".join(
@@ -199,9 +204,9 @@ def _table(table: Table) -> str:
     )
     note = f'<p class="note">{escape(table.note)}</p>' if table.note else ""
     return (
-        f"<h3>{escape(table.title)}</h3>"
+        f"<div><h3>{escape(table.title)}</h3>"
         f'<div class="scroll"><table id="{table.name}"><thead><tr>{head}</tr></thead>'
-        f"<tbody>{body}</tbody></table></div>{note}"
+        f"<tbody>{body}</tbody></table></div>{note}</div>"
     )
 
 

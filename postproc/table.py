@@ -26,7 +26,7 @@ class Table:
     header: tuple[str, ...]
     rows: Sequence[tuple[str, ...]]
     note: str = ""
-    is_detail: bool = False  # for the end of the report
+    is_detail: bool = False  # for the end of the report, as one with many rows
     is_result: bool = False  # for the beginning of a report on a structure of one's own
 
     def write_csv(self, folder: Path) -> Path:

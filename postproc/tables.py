@@ -20,9 +20,9 @@ _MOST_COLUMNS = 12  # of a table over joints or modes; longer chains stand uprig
 _MOST_ROWS = 12  # of a table among the first; a longer one stands at the end of the report
 _STATISTICS = (  # dataset, title, factor into its unit
     ("slip_mean", "mean time in slip [%]", 100.0),
-    ("slip_mean_time_error", "its time-average error [%]", 100.0),
+    ("slip_mean_time_error", "time-average error of the mean [%]", 100.0),
     ("slip_std", "std over samples [%]", 100.0),
-    ("slip_std_time_part", "part of it by the time average [%]", 100.0),
+    ("slip_std_time_part", "part of the std from the time average [%]", 100.0),
     ("pseudo_variance_mean", "mean pseudo-variance [m²]", 1.0),
     ("pseudo_variance_mean_time_error", "its time-average error [m²]", 1.0),
 )
@@ -220,7 +220,7 @@ def beside_paper(
 def table_processes(results: Results) -> Table:
     """Request and solution of each process."""
     header = (
-        "process", "asked", "model", "mean", "std", "L0", "L1", "entropy", "of white noise",
+        "process", "asked", "model", "mean", "std", "L0", "L1", "entropy", "entropy of white noise",
         "status",
     )  # fmt: skip
     rows = []
@@ -267,10 +267,9 @@ def table_laws(results: Results) -> Table:
     for name in ("mean", "std", "L0", "entropy"):
         header += [name, "other law"]
     note = (
-        "One-at-a-time rejection (sequential) and Eq. 25 on the positive orthant (exact) are two"
-        " laws: under the same a, b0 and mu they give what stands side by side. Standard errors in"
-        " brackets; what the other law gives is simulated on far fewer values, to some three"
-        " digits."
+        "Rejection of one value at a time (sequential) and Eq. 25 on the positive orthant (exact)"
+        " are two laws. Beside each value is that of the other law with the same a, b0 and mu, to"
+        " some three digits. Standard errors in brackets."
     )
     return Table("laws", "Two laws of positive processes", tuple(header), rows, note)
 
@@ -312,11 +311,11 @@ def table_statistics(case: Case) -> Table:
             row.append(f"{float(data['band_ratio_time_error'][i]):.2g}")
         rows.append(tuple(row))
     header = ["joint and dof", *(title for _, title, _ in columns)]
-    header += [f"that of percentile {level:g} [m²]" for level in percentiles]
+    header += [f"pseudo-variance of percentile {level:g} [m²]" for level in percentiles]
     if case.has("band_ratio"):
         header += ["band ratio", "95 % from", "to", "bias [%]"]
     if case.has("band_ratio_time_error"):
-        header += ["its time-average error"]
+        header += ["time-average error of the band ratio"]
     title = f"{case.name}: {case.process}, {case.label}, {case.n_samples} samples"
     note = _ERRORS
     if case.has("band_ratio"):
@@ -338,7 +337,7 @@ def table_sample(case: Case) -> Table:
     ]
     header, body = _upright("joint", range(1, case.n_joints + 1), rows)
     title = f"{case.name}: sample {int(data['sample'])}, {case.label}"
-    note = f"{_ERRORS} Of the time average."
+    note = f"{_ERRORS} They are those of the time average."
     return Table(f"sample_{case.name}", title, header, body, note, is_result=True)
 
 
@@ -353,8 +352,8 @@ def table_audit(results: Results) -> Table:
         rows.append((case.name, f"{audit.attrs['n_samples']} of {case.n_samples}", *errors))
     header = ("case", "samples repeated", *(title for _, title, _ in _AUDITED))
     note = (
-        "Largest over joints of what the case's own method differs by from the reference that"
-        f" repeated some of its samples. {_ERRORS}"
+        "Difference of the case's own method from the reference method on the same samples, at the"
+        f" joint where it is largest. {_ERRORS}"
     )
     return Table("audit", "Numerical errors, by audit", header, rows, note)
 

@@ -60,9 +60,9 @@ def of_chain(results: Results) -> Iterator[Figure]:
         force = "the ground moves" if forced is None else f"the force acts on mass {forced}"
         yield Figure(
             "fig_07", "Fig. 7. The chain with its Jenkins elements",
-            f"{n_dof} masses. Springs k1 join neighbours and the first mass to the wall; each"
-            " mass holds to the ground by a spring k2 in series with a slider that the load N"
-            f" presses down; {force}; the far side of the last is free.",
+            f"{n_dof} masses. Springs k1 join neighbours, and the first mass to the wall. A joint"
+            " holds each mass to the ground: a spring k2 in series with a slider under the load N."
+            f" Here {force}.",
             _CHAIN, (partial(chain_figure.plot_chain, n_dof=n_dof, forced=forced),), height=2.6,
         )  # fmt: skip
 
@@ -74,16 +74,16 @@ def of_certain_friction(results: Results) -> Iterator[Figure]:
     if len(cases) > _MOST_SPECTRA:
         yield Figure(
             "sweep", "From stuck to slipping",
-            f"Time in slip over the level of the force, {cases[0].given_friction}; bars: 95 %"
-            " intervals of the time average; dotted: what counts as fully stuck and slipping.",
+            f"Time in slip over the level of the force, {cases[0].given_friction}. Bars are 95 %"
+            " intervals of the time average. Dotted lines bound fully stuck and fully slipping.",
             _STUDY, (partial(study_figures.plot_sweep, cases=cases),), ("8",),
         )  # fmt: skip
         if spectra:
             yield Figure(
                 "sweep_spectra", "Spectra from stuck to slipping",
-                f"{results.place.capitalize()} {spectra[0].kept_dofs[0]}, over the level of the"
-                " force: peaks at the stuck frequencies (full lines) broaden, vanish, and return at"
-                " those with all joints slipping (dotted).",
+                f"Spectra of {results.place} {spectra[0].kept_dofs[0]} at each level of the force."
+                " With the level, peaks at the stuck frequencies (full lines) broaden, vanish, and"
+                " return at the frequencies with all joints slipping (dotted).",
                 _STUDY,
                 (partial(study_figures.plot_sweep_spectra, cases=spectra, results=results),),
                 ("8",),
@@ -93,10 +93,10 @@ def of_certain_friction(results: Results) -> Iterator[Figure]:
         name = study_figures.level_name(case)
         yield Figure(
             f"fig_08{letter}", f"Fig. 8{letter}. Spectra without uncertainty, {name}",
-            f"Power spectral densities of the displacements, {case.given_friction}. Where joints"
-            " mostly stick, power stands in the band of the stuck natural frequencies; where they"
-            " mostly slip it has moved out of it. Slip softens the structure, so that its peaks lie"
-            f" below the stuck frequencies. {_welch(case)} The bar at the lower left shows it.",
+            f"Power spectral densities of the displacements, {case.given_friction}. If joints"
+            " mostly stick, power is in the band of the stuck natural frequencies; if they mostly"
+            " slip, it has moved out of that band. Slip softens the structure, so peaks lie below"
+            f" the stuck frequencies. {_welch(case)} The bar at the lower left shows it.",
             _STUDY, (partial(study_figures.plot_spectra, case=case, results=results),),
             ("7a",) if case.variance == min(LEVELS) else ("7b", "7c"),
         )  # fmt: skip
@@ -112,11 +112,10 @@ def of_drawn_friction(results: Results) -> Iterator[Figure]:
     for letter, std, cases in _by_std(scattered):
         yield Figure(
             f"fig_09{letter}", f"Fig. 9{letter}. Scatter of the time in slip, friction std {std:g}",
-            "Standard deviation over samples of the time in slip, over its mean; a mark"
-            f" per joint with its number{study_figures.marks_of_levels(cases)}; bars are 95 %"
-            " intervals, of the mean with Monte Carlo and time average together; pale: by plain"
-            " sampling. To look for: where the marks stand highest, and whether the lengths"
-            " differ.",
+            "Standard deviation over samples of the time in slip, over its mean. Each joint has a"
+            f" mark with its number{study_figures.marks_of_levels(cases)}. Bars are 95 % intervals,"
+            " of the mean with Monte Carlo and time average together. Pale marks: plain sampling."
+            " Look for where the marks are highest, and whether the lengths differ.",
             _STUDY, (partial(study_figures.plot_slip_scatter, cases=cases, is_paper=is_paper),),
             ("1a", "1b", "2a", "2b"),
         )  # fmt: skip
@@ -128,16 +127,16 @@ def of_drawn_friction(results: Results) -> Iterator[Figure]:
         levels = ", ".join(named[strength] for strength in sorted(named))
         shown = style.some_of(sorted(named), _MOST_LEVELS)
         panels = [[c for c in cases if c.strength == level] for level in shown]
-        below = " One panel a level, from the smallest above." if len(panels) > 1 else ""
+        below = " One panel for each level, the smallest on top." if len(panels) > 1 else ""
         yield Figure(
             f"fig_10{letter}",
             f"Fig. 10{letter}. Band of uncertainty, {results.place} {dof}, {levels}",
-            "Mean spectrum (thick) between the outer percentiles over samples (thin; shaded: their"
-            " 95 % intervals, Monte Carlo and force record together), friction std"
-            f" {cases[0].std:g}, for each correlation length; lines: natural frequencies with all"
-            " joints stuck (full) and slipping (dotted). To look for: how far the percentiles lie"
-            " apart, where the mean lies between them, and peaks of the upper one at the dotted"
-            f" lines.{below} {_welch(cases[0])}",
+            f"Mean spectrum (thick) at friction std {cases[0].std:g}, between the outer percentiles"
+            " over samples (thin; shaded: their 95 % intervals, Monte Carlo and force record"
+            " together), for each correlation length. Vertical lines: natural frequencies with all"
+            " joints stuck (full) and slipping (dotted). Look for the distance of the percentiles,"
+            " the place of the mean between them, and peaks of the upper one at the dotted lines."
+            f"{below} {_welch(cases[0])}",
             _STUDY,
             tuple(
                 partial(study_figures.plot_band, cases=own, dof=dof, results=results, framed=cases)
@@ -151,11 +150,11 @@ def of_drawn_friction(results: Results) -> Iterator[Figure]:
         yield Figure(
             f"fig_11{letter}",
             f"Fig. 11{letter}. Width of the band of uncertainty, friction std {std:g}",
-            "Ratio of the pseudo-variances (Eq. 46) of the outer percentiles, over the mean"
-            f" time in slip; a mark per joint with its number{study_figures.marks_of_levels(cases)}"
-            "; 95 % intervals, Monte Carlo and time average together; pale: by plain sampling. To"
-            " look for: a fall with the time in slip, and whether the lengths differ where it is"
-            " long.",
+            "Ratio of the pseudo-variances (Eq. 46) of the outer percentiles, over the mean time"
+            f" in slip. Each joint has a mark with its number{study_figures.marks_of_levels(cases)}"
+            ". Bars are 95 % intervals, Monte Carlo and time average together. Pale marks: plain"
+            " sampling. Look for a fall with the time in slip, and whether the lengths differ"
+            " where it is long.",
             _STUDY, (partial(study_figures.plot_band_ratio, cases=cases),),
             ("3a", "3b", "4a", "4b", "4c"),
         )  # fmt: skip
@@ -169,7 +168,7 @@ def _along(results: Results, cases: list[Case]) -> Iterator[Figure]:
             yield Figure(
                 f"along_{quantity.name}",
                 f"{quantity.title[0].upper()}{quantity.title[1:]} along the structure",
-                f"Mean over samples, joint by joint; bars are 95 % intervals, {quantity.errors}.",
+                f"Mean over samples of each joint. Bars are 95 % intervals, {quantity.errors}.",
                 _STUDY,
                 (partial(study_figures.plot_along, cases=own, quantity=quantity),),
             )  # fmt: skip
@@ -178,8 +177,8 @@ def _along(results: Results, cases: list[Case]) -> Iterator[Figure]:
         case = max(spectra, key=lambda case: case.strength)
         yield Figure(
             "along_spectra", f"Spectra along the structure, {study_figures.level_name(case)}",
-            f"Mean spectrum of the displacement of every {results.place}, {case.friction}: bright"
-            " ridges are resonances, dark spots in them nodes.",
+            f"Mean spectrum of the displacement of every {results.place}, {case.friction}. Bright"
+            " ridges are resonances; dark spots in them are nodes.",
             _STUDY, (partial(study_figures.plot_spectra_along, case=case, results=results),),
         )  # fmt: skip
 
@@ -200,7 +199,7 @@ def of_responses(results: Results) -> Iterator[Figure]:
             continue
         yield Figure(
             f"history_{case.name}", f"Displacements, {name}",
-            "Of the first sample, the last minute at most.",
+            "History of the first sample, at most its last minute.",
             _RESPONSES,
             (partial(response_figures.plot_history, case=case, place=results.place),), height=3.2,
         )  # fmt: skip
@@ -211,8 +210,8 @@ def of_responses(results: Results) -> Iterator[Figure]:
         if loops:
             yield Figure(
                 f"hysteresis_{case.name}", f"Hysteresis loops, {name}",
-                "Force over displacement of the joints that dissipate most, first sample, the"
-                " last 10 s at most. The area within a loop is the work that it takes.",
+                "Force over displacement of the joints that dissipate most, in the first sample,"
+                " at most its last 10 s. The area of a loop is the energy that it dissipates.",
                 _RESPONSES,
                 tuple(
                     partial(
@@ -232,8 +231,8 @@ def _transition(chain: xr.Dataset, case: Case, name: str) -> Iterator[Figure]:
     if episode is not None:
         yield Figure(
             f"transition_{case.name}", f"One slip, joint {episode.dof}, {name}",
-            "Above, a slip from start to end: the force in the slider stays at its limit until the"
-            " mass turns. Below, its end at full resolution: the transition is located inside a"
+            "Top: a slip from start to end. The force in the slider stays at its limit until the"
+            " mass turns. Bottom: its end at full resolution. The transition is located inside a"
             " time step.",
             _RESPONSES,
             (

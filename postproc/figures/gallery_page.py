@@ -62,8 +62,8 @@ def _verdicts(statements: Sequence[Statement]) -> list[str]:
         f"| {s.number} | {s.claim} | {s.source} | {s.verdict.value} |\n" for s in statements
     )
     return [
-        "## The paper's statements\n\nBy tests that the report names, with their numbers and"
-        " p-values.\n",
+        "## The paper's statements\n\nThe report names the test of each verdict,"
+        " with its numbers and p-value.\n",
         f"| | statement | where | verdict |\n|---|---|---|---|\n{rows}",
     ]
 

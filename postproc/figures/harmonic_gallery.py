@@ -31,7 +31,7 @@ def _of_process(results: Results, sweeps: list[Sweep], process: str) -> Iterator
     n_samples = sweeps[0].cases[0].n_samples
     name = "deterministic friction" if process == "none" else f"friction of {process}"
     band = (
-        f" Lines: mean over the law, from {n_samples} samples; shaded: between outer percentiles."
+        f" Lines: mean, from {n_samples} samples. Shaded: between the outer percentiles."
         if n_samples > 1
         else ""
     )
@@ -39,13 +39,13 @@ def _of_process(results: Results, sweeps: list[Sweep], process: str) -> Iterator
     steady = (
         "Every sample is steady."
         if n_unsteady == 0
-        else f"Not steady, and drawn all the same: {n_unsteady} responses of samples."
+        else f"{n_unsteady} responses of samples are not steady; they are drawn too."
     )
     yield Figure(
         f"frequency_response_{process}", f"Frequency responses of dof {dof}, {name}",
-        "Fundamental of the displacement over the amplitude of the force, beside the linear"
-        " structure with all joints stuck and all slipping. Slip lowers the resonance and damps it;"
-        f" a large force brings it back.{band} {steady}",
+        "Fundamental of the displacement divided by the amplitude of the force, beside the linear"
+        " structure with all joints stuck and with all slipping. Slip lowers the resonance and"
+        f" damps it; under a large force it grows again.{band} {steady}",
         _STUDY,
         (
             partial(
@@ -59,10 +59,10 @@ def _of_process(results: Results, sweeps: list[Sweep], process: str) -> Iterator
         return
     yield Figure(
         f"equivalent_{process}", f"Equivalent stiffness and damping, {name}",
-        "Of the linear mode that answers alike where the forced point lags the force by 90 degrees:"
-        " its modal stiffness over that of the mode with all joints stuck, and its damping ratio, a"
-        " mark a sample. Joints soften with the amplitude; damping has its largest value between"
-        " stuck and slipping.",
+        "The linear mode with the same response where the forced point lags the force by 90"
+        " degrees: its modal stiffness divided by that with all joints stuck, and its damping"
+        " ratio, one mark for each sample. Joints soften with the amplitude; damping is largest"
+        " between stuck and slipping.",
         _STUDY,
         tuple(
             partial(harmonic_figures.plot_equivalent, sweeps=sweeps, found=found, name=part)

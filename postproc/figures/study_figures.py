@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 import xarray as xr
 from matplotlib.axes import Axes
+from matplotlib.colors import LogNorm
 from matplotlib.patheffects import withStroke
 from matplotlib.ticker import MaxNLocator
 from numpy.typing import NDArray
@@ -257,6 +258,7 @@ def plot_along(axes: Axes, cases: Sequence[Case], quantity: OfJoints) -> None:
         )  # fmt: skip
     axes.xaxis.set_major_locator(MaxNLocator(integer=True))
     axes.set(xlabel="joint", ylabel=f"{quantity.title} [{quantity.unit}]", ylim=(0, None))
+    axes.ticklabel_format(axis="y", scilimits=(-3, 5))
     axes.legend()
 
 
@@ -267,11 +269,11 @@ def plot_spectra_along(axes: Axes, case: Case, results: Results) -> None:
     values = np.where(mean.values > 0.0, mean.values, np.nan)
     top = float(np.nanmax(values))
     shown = axes.pcolormesh(
-        frequency, dof, np.log10(values.T / top), vmin=-_DECADES, vmax=0.0, rasterized=True,
+        frequency, dof, values.T, norm=LogNorm(top * 10**-_DECADES, top), rasterized=True,
         shading="nearest",
     )  # fmt: skip
     bar = axes.figure.colorbar(shown, ax=axes)
-    bar.set_label(f"decades below {top:.2g} m²/Hz")
+    bar.set_label("mean spectrum [m²/Hz]")
     axes.grid(visible=False)
     axes.yaxis.set_major_locator(MaxNLocator(integer=True))
     axes.set(
