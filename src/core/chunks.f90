@@ -1,4 +1,4 @@
-!> Chunks of datasets: how an array is cut on the disk, and what it takes there.
+!> Chunks of datasets: the pieces of an array on the disk, and their size.
 module core_chunks
    use core_kinds, only: long, wp
    implicit none(type, external)
@@ -10,8 +10,8 @@ module core_chunks
 
 contains
 
-   !> Extents of a chunk, Fortran's order: whole rows of the fast axes until a chunk is full. The
-   !> axis that does not fit is cut evenly: a last chunk takes its whole place on the disk.
+   !> Extents of a chunk in Fortran's order: whole rows of the fast axes until a chunk is full. The
+   !> axis that does not fit is cut evenly, because a last chunk takes as much space as the others.
    pure function chunk_of(extents) result(chunk)
       integer(long), intent(in) :: extents(:)   !! positive
       integer(long) :: chunk(size(extents))
@@ -26,7 +26,7 @@ contains
       end do
    end function chunk_of
 
-   !> Bytes of an array of reals on the disk: all its chunks, the last ones as large as the others.
+   !> Bytes of an array of reals on the disk: all its chunks, each of full size.
    pure function stored_bytes(extents) result(bytes)
       integer, intent(in) :: extents(:)   !! Fortran's order
       real(wp) :: bytes
@@ -38,8 +38,8 @@ contains
       bytes = word_bytes*product(real(chunk*((extents - 1)/chunk + 1), wp))
    end function stored_bytes
 
-   !> Neighbouring frequencies that a shard keeps together and that are best read together: ranges
-   !> of equal length, with some 320 values for each sample.
+   !> Number of neighbouring frequencies in a range that a shard stores together: ranges of equal
+   !> length with some 320 values of each sample.
    pure function frequencies_together(n_dof, n_frequencies) result(n)
       integer, intent(in) :: n_dof, n_frequencies
       integer :: n

@@ -1,4 +1,4 @@
-!> Complaints about a scene and its files, all of them, in the order of lines, each with a caret.
+!> All complaints about a scene and its files, in the order of their lines, each with a caret.
 module core_complaints
    use core_source, only: source_type
    use core_text, only: to_text
@@ -49,7 +49,7 @@ contains
       call self%keep(complaint)
    end subroutine add
 
-   !> Adds a complaint that belongs to no line, such as a scene that cannot be opened.
+   !> Adds a complaint without a line, such as that a scene cannot be opened.
    subroutine add_general(self, message)
       class(complaint_list), intent(inout) :: self
       character(*), intent(in) :: message
@@ -61,7 +61,7 @@ contains
       call self%keep(complaint)
    end subroutine add_general
 
-   !> Puts a complaint behind those of its line and the lines before, and renews the text.
+   !> Inserts a complaint in the order of lines, after those of its own line, and renews the text.
    subroutine keep(self, complaint)
       class(complaint_list), intent(inout) :: self
       type(complaint_type), intent(in) :: complaint
@@ -100,7 +100,7 @@ contains
       end if
    end function precedes
 
-   !> The line and a caret under the column, on lines of their own; long lines are cut around it.
+   !> The line, and below it a caret under the column; a long line is cut around the column.
    pure function excerpt(line, column) result(text)
       character(*), intent(in) :: line
       integer, intent(in) :: column
@@ -123,7 +123,7 @@ contains
              repeat(' ', blanks)//'^'
    end function excerpt
 
-   !> Control characters replaced, so that a hostile line cannot write to the terminal.
+   !> Text with its control characters replaced, so a hostile line cannot control the terminal.
    pure function printable(text) result(clean)
       character(*), intent(in) :: text
       character(:), allocatable :: clean
@@ -143,8 +143,7 @@ contains
       end if
    end function printable
 
-   !> True if a byte is the second or later one of a UTF-8 character, which takes no place on the
-   !> screen.
+   !> True if a byte continues a UTF-8 character, and so takes no column on the screen.
    elemental logical function is_continuation(byte)
       character, intent(in) :: byte
 

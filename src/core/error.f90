@@ -1,4 +1,4 @@
-!> The error that every fallible procedure hands back, and the exit code it will end in.
+!> The error that every procedure that can fail returns, with the exit code of the program.
 module core_error
    implicit none(type, external)
    private

@@ -1,4 +1,4 @@
-!> Kinds of numbers, and pi: the same in every room.
+!> Kinds of numbers, and pi.
 module core_kinds
    use, intrinsic :: iso_fortran_env, only: int64, real64
    implicit none(type, external)

@@ -1,8 +1,9 @@
-!> Memory where the system limits it (`ulimit -v`, RLIMIT_AS): what libraries take before any work.
+!> Memory under a limit of the system (`ulimit -v`, RLIMIT_AS): what libraries take at their start.
 !>
-!> OpenBLAS allocates a buffer of 128 MB in each of its threads, one a core, when it is loaded, and
-!> one more at its first call. Where the system refuses a buffer it asks again, for ever (memory.c,
-!> blas_memory_alloc). So a program with a limit begins without these threads, and asks first.
+!> When it is loaded, OpenBLAS allocates a buffer of 128 MB for each of its threads, one for each
+!> core, and one more at its first call. If the system refuses a buffer, OpenBLAS asks again without
+!> end (memory.c, blas_memory_alloc). So a program under a limit starts with one such thread and
+!> asks for the memory first.
 module core_memory
    use, intrinsic :: iso_c_binding, only: c_char, c_int, c_int64_t, c_loc, c_null_char, &
                                           c_null_ptr, c_ptr
@@ -30,7 +31,7 @@ module core_memory
          integer(c_int) :: status
       end function c_getrlimit
 
-      !> Replaces the program by another, or returns where that cannot be.
+      !> Replaces the program by another; returns if that is impossible.
       function c_execv(path, arguments) result(status) bind(c, name='execv')
          import :: c_char, c_int, c_ptr
          character(kind=c_char), intent(in) :: path(*)
@@ -58,8 +59,8 @@ contains
       if (c_getrlimit(resource, limits) == 0) is_limited = limits%soft /= no_limit
    end function is_limited
 
-   !> Starts the program anew where memory is limited, with one thread of OpenBLAS, whose other
-   !> threads took their buffers when it was loaded. The process stays the same.
+   !> Restarts the program with one thread of OpenBLAS if memory is limited: the other threads have
+   !> taken their buffers already. The process stays the same.
    subroutine restart_without_threads()
       integer(c_int) :: ignored   ! where it cannot be started anew, the program goes on
       character(8) :: value
@@ -72,7 +73,7 @@ contains
       call start_anew()
    end subroutine restart_without_threads
 
-   !> Replaces this program by itself, with its arguments.
+   !> Replaces this program by itself, with the same arguments.
    subroutine start_anew()
       type(c_ptr), allocatable :: arguments(:)
       integer, allocatable :: starts(:)
@@ -103,7 +104,7 @@ contains
       ignored = c_execv('/proc/self/exe'//c_null_char, arguments)
    end subroutine start_anew
 
-   !> Raises an error where the system does not give what libraries take before any work.
+   !> Raises an error if the system refuses the memory that libraries take at their start.
    subroutine require_memory(error)
       type(error_type), allocatable, intent(out) :: error
 
@@ -114,7 +115,7 @@ contains
                     'raise the limit (ulimit -v) to 400000 kB or more')
    end subroutine require_memory
 
-   !> True if the system would give so much memory now. None of it is used.
+   !> True if the system would give so much memory now. It is released at once.
    function gives_memory(bytes)
       real(wp), intent(in) :: bytes
       logical :: gives_memory

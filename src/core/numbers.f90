@@ -1,5 +1,5 @@
-!> Numbers in text. Nothing is guessed: text that is not exactly a number of the wanted type is
-!> refused, with the rule that it breaks.
+!> Numbers in text. Text that is not exactly a number of the wanted type is refused, with the rule
+!> that it breaks.
 module core_numbers
    use core_kinds, only: long, wp
    use core_spelling, only: lowered
@@ -40,7 +40,7 @@ contains
       if (text(1:1) == '-') value = -value
    end subroutine parse_integer
 
-   !> Reads a decimal number, its exponent behind e or d; not nan, not infinite.
+   !> Reads a finite decimal number, with an exponent after e or d.
    pure subroutine parse_real(text, value, rule)
       character(*), intent(in) :: text
       real(wp), intent(out) :: value
@@ -79,7 +79,7 @@ contains
       if (status /= 0) rule = 'must be a number'
    end subroutine parse_real
 
-   !> Parses what follows the mantissa: nothing, or a letter and a whole number.
+   !> Parses the exponent after the mantissa: nothing, or a letter and a whole number.
    pure subroutine parse_exponent(text, exponent, rule)
       character(*), intent(in) :: text
       integer, intent(out) :: exponent

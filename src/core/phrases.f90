@@ -1,4 +1,4 @@
-!> Numbers in the words of a person: counts, durations, sizes, labelled lines.
+!> Numbers for people to read: counts, durations, sizes, labelled lines.
 module core_phrases
    use core_kinds, only: wp
    use core_text, only: to_text
@@ -11,7 +11,7 @@ module core_phrases
 
 contains
 
-   !> A line of a report: the label in a column of its own; broken at blanks where a terminal ends.
+   !> A line of a report: its label in the first column; broken at blanks to a terminal's width.
    pure function labelled(label, text) result(lines)
       character(*), intent(in) :: label, text
       character(:), allocatable :: lines
@@ -29,7 +29,7 @@ contains
       lines = lines//text(first:)//line_feed
    end function labelled
 
-   !> At least one blank behind it.
+   !> The label with at least one blank after it.
    pure function padded(text, width)
       character(*), intent(in) :: text
       integer, intent(in) :: width
@@ -38,7 +38,7 @@ contains
       padded = text//repeat(' ', max(1, width - len(text)))
    end function padded
 
-   !> 'a, b, c'; 'nothing' where there is none.
+   !> 'a, b, c'; 'nothing' for an empty list.
    pure function joined(names) result(text)
       character(*), intent(in) :: names(:)
       character(:), allocatable :: text
@@ -52,7 +52,7 @@ contains
       if (text == '') text = 'nothing'
    end function joined
 
-   !> 1 case, 2 cases.
+   !> A count with its noun: 1 case, 2 cases.
    pure function counted(n, one, many) result(text)
       integer, intent(in) :: n
       character(*), intent(in) :: one, many
@@ -62,7 +62,7 @@ contains
       if (n == 1) text = to_text(n)//' '//one
    end function counted
 
-   !> c007; more than three digits where they are needed.
+   !> Name with a number of three digits or more: c007.
    pure function numbered(letter, n) result(text)
       character, intent(in) :: letter
       integer, intent(in) :: n
@@ -72,7 +72,7 @@ contains
       text = letter//repeat('0', max(0, 3 - len(text)))//text
    end function numbered
 
-   !> p001 to p003, p005: the numbers that are meant; '12 processes' where that is long.
+   !> The chosen numbers as 'p001 to p003, p005', or '12 processes' if that is long.
    pure function numbers_text(letter, are_meant, many) result(text)
       character, intent(in) :: letter
       logical, intent(in) :: are_meant(:)
@@ -99,7 +99,7 @@ contains
       if (len(text) > longest) text = to_text(count(are_meant))//' '//many
    end function numbers_text
 
-   !> Three significant digits, no more of them than say something: 2, 0.067, 4.81e8.
+   !> A number with three significant digits, without trailing zeros: 2, 0.067, 4.81e8.
    pure function brief(value) result(text)
       real(wp), intent(in) :: value
       character(:), allocatable :: text
@@ -129,7 +129,7 @@ contains
       if (text(len(text) - 1:) == '.0') shorter = text(:len(text) - 2)
    end function without_point
 
-   !> A time in the unit that a person would take.
+   !> A duration in seconds, minutes, hours or days.
    pure function duration(seconds) result(text)
       real(wp), intent(in) :: seconds
       character(:), allocatable :: text

@@ -1,7 +1,8 @@
 !> Random streams that belong to a sample, not to a rank: Philox4x32-10 (Salmon et al., 2011).
 !>
-!> A stream is a key (seed and label) and the upper half of the counter (sample number); the lower
-!> half of the counter walks along it. Any stream starts anywhere at no cost; two never meet.
+!> A stream is a key (seed and label) and the upper half of the counter (sample number). The lower
+!> half of the counter is the position in the stream. Any stream can start at any position at no
+!> cost, and no two streams share a counter.
 module core_random
    use core_kinds, only: long, two_pi, wp
    implicit none(type, external)
@@ -29,7 +30,7 @@ module core_random
 
 contains
 
-   !> The stream of (seed, label, sample): label from `label_of`, sample from 1, 0 shared by all.
+   !> The stream of (seed, label, sample): label from `label_of`, sample from 1; 0 for all samples.
    pure function new_stream(seed, label, sample) result(stream)
       integer(long), intent(in) :: seed
       integer(long), intent(in) :: label
@@ -114,8 +115,7 @@ contains
       end do
    end subroutine philox
 
-   !> Finds the upper and lower 32 bits of a 32 x 32 bit product, without leaving the signed 64
-   !> bits.
+   !> Finds the upper and lower 32 bits of a 32 x 32 bit product within signed 64-bit integers.
    pure subroutine multiply(a, b, high, low)
       integer(long), intent(in) :: a, b
       integer(long), intent(out) :: high, low
@@ -127,7 +127,7 @@ contains
       low = ior(ishft(iand(upper, 65535_long), 16), iand(lower, 65535_long))
    end subroutine multiply
 
-   !> The upper 53 of the 64 bits that two words make.
+   !> The upper 53 of the 64 bits of two words.
    elemental function upper_53(high, low) result(bits)
       integer(long), intent(in) :: high, low
       integer(long) :: bits
@@ -162,7 +162,7 @@ contains
       mixed = label_with_long(label, int(value, long))
    end function label_with_integer
 
-   !> The value's bits; 0.0 and -0.0 are one value.
+   !> The bits of a value, those of 0.0 for -0.0.
    pure function label_with_real(label, value) result(mixed)
       integer(long), intent(in) :: label
       real(wp), intent(in) :: value

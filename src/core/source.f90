@@ -1,4 +1,4 @@
-!> The text that a scene is read from, by lines: a file, or the --set options of the command line.
+!> The text of a scene by lines, from a file or from the --set options of the command line.
 module core_source
    use core_kinds, only: long
    use core_text, only: to_text
@@ -7,10 +7,10 @@ module core_source
    public :: source_type, byte_order_mark, find_beside, new_source, read_source
 
    integer, parameter :: line_feed = 10
-   !> Some editors begin UTF-8 text with it.
+   !> Byte order mark, with which some editors begin UTF-8 text.
    character(*), parameter :: byte_order_mark = char(239)//char(187)//char(191)
 
-   !> A text, and where its lines begin.
+   !> A text and the places where its lines begin.
    type :: source_type
       character(:), allocatable :: name       !! as complaints call it
       character(:), allocatable :: text
@@ -22,7 +22,7 @@ module core_source
 
 contains
 
-   !> A text that is there already, under the name that complaints give it.
+   !> A given text with the name that complaints use for it.
    pure function new_source(name, text) result(source)
       character(*), intent(in) :: name, text
       type(source_type) :: source
@@ -44,7 +44,7 @@ contains
       end do
    end function new_source
 
-   !> Path of a file beside another one, else in the current directory; '' where it is in neither.
+   !> Path of a file beside another one, else in the current directory; '' if it is in neither.
    function find_beside(path, file) result(found)
       character(*), intent(in) :: path, file
       character(:), allocatable :: found
@@ -59,7 +59,7 @@ contains
       if (.not. exists) found = ''
    end function find_beside
 
-   !> Reads a whole file; `refusal` is allocated when that cannot be done, and says why.
+   !> Reads a whole file; `refusal` is allocated if that fails, and says why.
    subroutine read_source(path, source, refusal, most_bytes)
       character(*), intent(in) :: path
       type(source_type), intent(out) :: source

@@ -1,4 +1,4 @@
-!> Names as people spell them: in any case, and not always right.
+!> Misspelt names: the nearest known name, in any case.
 module core_spelling
    implicit none(type, external)
    private
@@ -6,7 +6,7 @@ module core_spelling
 
 contains
 
-   !> In lower case.
+   !> The text in lower case.
    pure function lowered(text)
       character(*), intent(in) :: text
       character(len(text)) :: lowered
@@ -18,8 +18,7 @@ contains
       end do
    end function lowered
 
-   !> The known name nearest to `name`, in any case; blank where none is within a third of its
-   !> letters.
+   !> The known name nearest to `name`, in any case; blank if none is within a third of its letters.
    pure function nearest_name(name, known) result(nearest)
       character(*), intent(in) :: name
       character(*), intent(in) :: known(:)
@@ -37,7 +36,7 @@ contains
       end do
    end function nearest_name
 
-   !> Letters to insert, delete, replace or swap with their neighbour.
+   !> Distance of two names: letters to insert, delete, replace or swap with their neighbour.
    pure integer function edit_distance(a, b) result(distance)
       character(*), intent(in) :: a, b
       integer :: d(0:len(a), 0:len(b)), i, j

@@ -1,4 +1,4 @@
-!> Errors, signals, streams and the environment of the system, as libc has them.
+!> Errors, signals, streams and the environment of the system, by libc.
 module core_system
    use, intrinsic :: iso_c_binding, only: c_char, c_f_pointer, c_funptr, c_int, c_ptr, c_size_t
    use core_error, only: error_type, exit_file, raise
@@ -37,7 +37,7 @@ module core_system
          type(c_ptr) :: stream
       end function c_fopen
 
-      !> Sets what a signal does from now on.
+      !> Sets the action of a signal.
       function c_signal(number, handler) result(previous) bind(c, name='signal')
          import :: c_funptr, c_int
          integer(c_int), value :: number

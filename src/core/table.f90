@@ -95,7 +95,7 @@ contains
          rule = 'must be '//number_of_values(fewest, size(values))
    end subroutine parse_row
 
-   !> Finds the next word of a line, behind position `last`; first > last: there is none.
+   !> Finds the next word of a line after position `last`; first > last if there is none.
    pure subroutine next_word(line, first, last)
       character(*), intent(in) :: line
       integer, intent(out) :: first
@@ -113,7 +113,7 @@ contains
       end do
    end subroutine next_word
 
-   !> 'one value', '5 or 6 values', '2 to 4 values'.
+   !> The allowed number of values: 'one value', '5 or 6 values', '2 to 4 values'.
    pure function number_of_values(fewest, most) result(text)
       integer, intent(in) :: fewest, most
       character(:), allocatable :: text

@@ -1,4 +1,4 @@
-!> Standard output, standard error, and the end of the program: what could not be said is an error.
+!> Standard output, standard error, and the end of the program. Output that is lost is an error.
 module core_terminal
    use, intrinsic :: iso_c_binding, only: c_associated, c_char, c_funptr, c_int, c_intptr_t, &
                                           c_long, c_null_char, c_null_funptr, c_ptr, c_size_t
@@ -49,9 +49,9 @@ module core_terminal
 
 contains
 
-   !> Prepares the standard descriptors, the program's first call. A closed pipe then fails a write
-   !> instead of killing the program. A standard descriptor that is closed leads to an empty file,
-   !> so that no file of results gets its number; writing there still fails.
+   !> Prepares the standard descriptors; the program calls it first. A write to a closed pipe then
+   !> fails instead of killing the program. A closed standard descriptor is opened on an empty file,
+   !> so no results file gets its number; writing there still fails.
    subroutine start_terminal()
       integer(c_int), parameter :: sigpipe = 13          !! Linux
       integer(c_intptr_t), parameter :: sig_ign = 1      !! C's SIG_IGN: the signal does nothing
@@ -86,7 +86,7 @@ contains
       call write_output(text//new_line('a'))
    end subroutine say
 
-   !> Writes characters to standard output at once. The first failure is kept for `end_program`, and
+   !> Writes characters to standard output at once. The first failure is kept for `end_program`;
    !> nothing is written after it.
    subroutine write_output(text)
       character(*), intent(in) :: text
@@ -95,8 +95,8 @@ contains
       if (failure == 0) call write_all(standard_output, text, failure)
    end subroutine write_output
 
-   !> True if something that was written to standard output did not arrive. Network file systems say
-   !> so only when a descriptor is closed: a copy is.
+   !> True if something written to standard output did not arrive. Network file systems report that
+   !> only when a descriptor is closed, so a copy of it is closed.
    function output_is_lost() result(is_lost)
       logical :: is_lost
       integer(c_int) :: status
@@ -108,8 +108,8 @@ contains
       is_lost = failure /= 0
    end function output_is_lost
 
-   !> Ends the program with an exit code: exit_file instead of exit_done where standard output was
-   !> lost, which is said but where a reader such as `head` has ended. gfortran 11 has no `stop`
+   !> Ends the program with an exit code: exit_file instead of exit_done if standard output was
+   !> lost. That is reported, unless a reader such as `head` has ended. gfortran 11 has no `stop`
    !> with quiet=.
    subroutine end_program(exit_code)
       integer, intent(in) :: exit_code
@@ -125,10 +125,10 @@ contains
       call c_exit(int(code, c_int))
    end subroutine end_program
 
-   !> Writes a message to standard error. Complaints about a scene, several lines that begin with
-   !> their place, stand as they are; any other message is headed by the program's name, red on a
-   !> terminal unless NO_COLOR is set (https://no-color.org). For drivers, and for what ends a run
-   !> for them.
+   !> Writes a message to standard error. Complaints about a scene begin with their places and are
+   !> written unchanged. Any other message begins with the program's name, in red on a terminal
+   !> unless NO_COLOR is set (https://no-color.org). For drivers, and for the procedures that end a
+   !> run for them.
    subroutine write_error(message)
       character(*), intent(in) :: message
       character(:), allocatable :: heading
@@ -167,7 +167,7 @@ contains
       end do
    end subroutine write_all
 
-   !> True if the variable is there and not empty.
+   !> True if an environment variable is set and not empty.
    function is_set(name)
       character(*), intent(in) :: name
       logical :: is_set

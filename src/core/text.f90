@@ -1,11 +1,11 @@
-!> Numbers as a person would write them, for messages.
+!> Numbers in their shortest form, for messages.
 module core_text
    use core_kinds, only: long, wp
    implicit none(type, external)
    private
    public :: rounded_text, to_text
 
-   !> Shortest usual form of a number, without blanks: 7, -2.0, 1.5E-9, T.
+   !> Shortest usual form of a value, without blanks: 7, -2.0, 1.5E-9, T.
    interface to_text
       module procedure text_of_integer, text_of_long, text_of_real, text_of_logical
    end interface to_text
@@ -28,7 +28,7 @@ contains
       text = trim(buffer)
    end function text_of_long
 
-   !> The fewest digits that read back as the same number; nan and inf as such.
+   !> A number in the fewest digits that read back as the same number; nan and inf as words.
    pure function text_of_real(value) result(text)
       real(wp), intent(in) :: value
       character(:), allocatable :: text
@@ -53,8 +53,8 @@ contains
       end if
    end function text_of_real
 
-   !> A computed number in so many digits; `down`: no larger than it is, so that a limit may be
-   !> taken as it is named.
+   !> A number in `digits` digits. With `down` it is rounded down, so that a limit can be used as
+   !> printed.
    pure function rounded_text(value, digits, down) result(text)
       real(wp), intent(in) :: value
       integer, intent(in) :: digits
@@ -74,7 +74,7 @@ contains
       text = to_text(scaled(whole, -decimals))
    end function rounded_text
 
-   !> value times 10^power, of which 10^|power| to 22 is exact.
+   !> value times 10^power; 10^|power| is exact to |power| = 22.
    elemental real(wp) function scaled(value, power)
       real(wp), intent(in) :: value
       integer, intent(in) :: power

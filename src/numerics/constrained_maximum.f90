@@ -1,18 +1,18 @@
-!> Maximum of a smooth function under a few equality constraints, from a start that is not far off.
+!> Maximum of a smooth function under a few equality constraints, from a start nearby.
 !>
-!> Sequential quadratic programming on the inverse Hessian (BFGS), gradients by differences: meant
-!> for functions that are sampled with common random numbers, smooth but dear and without
-!> derivatives.
+!> Sequential quadratic programming on the inverse Hessian (BFGS) with gradients by differences.
+!> It is meant for functions that are sampled with common random numbers: smooth, expensive and
+!> without derivatives.
 module numerics_constrained_maximum
    use core_kinds, only: wp
    implicit none(type, external)
    private
    public :: objective_type, search_result, maximize, solve_along, step_to_maximum
 
-   !> Function to be maximized; extended by whoever owns it.
+   !> Function to be maximized; extend it with the data of the problem.
    !>
-   !> A state is all that an evaluation tells: first the constraints, zero where satisfied, then
-   !> whatever `gain` needs. Some functions are known by their differences only.
+   !> A state is the result of an evaluation: first the constraints, zero if satisfied, then what
+   !> `gain` needs. Some functions are known only by their differences.
    type, abstract :: objective_type
    contains
       procedure(evaluate_objective), deferred :: evaluate
@@ -20,7 +20,7 @@ module numerics_constrained_maximum
    end type objective_type
 
    abstract interface
-      !> Finds the state at a point; outside of the function's domain `is_inside` is false.
+      !> Finds the state at a point; `is_inside` is false outside of the function's domain.
       subroutine evaluate_objective(self, point, state, is_inside)
          import :: objective_type, wp
          class(objective_type), intent(inout) :: self
@@ -29,7 +29,7 @@ module numerics_constrained_maximum
          logical, intent(out) :: is_inside
       end subroutine evaluate_objective
 
-      !> Gain of the function from one state to another.
+      !> Increase of the function from one state to another.
       pure real(wp) function gain_of_objective(self, from, to)
          import :: objective_type, wp
          class(objective_type), intent(in) :: self
@@ -37,7 +37,7 @@ module numerics_constrained_maximum
       end function gain_of_objective
    end interface
 
-   !> How a search ended.
+   !> Result of a search.
    type :: search_result
       logical :: is_converged = .false.
       real(wp) :: violation = huge(1.0_wp)             !! largest constraint
@@ -103,8 +103,8 @@ contains
    end subroutine maximize
 
    !> Takes a step along `change`, shortened until gain and constraints together do not get worse.
-   !> Where a step fails because the constraints are curved, it is led back onto them before it is
-   !> shortened.
+   !> If a step fails because the constraints are curved, it is corrected back onto them before it
+   !> is shortened.
    subroutine advance(objective, point, change, state, found, weight, tolerance, is_inside)
       class(objective_type), intent(inout) :: objective
       real(wp), intent(inout) :: point(:), change(:)
@@ -146,7 +146,7 @@ contains
 
    end subroutine advance
 
-   !> Adds the shortest step in the metric that undoes these constraints.
+   !> Adds the shortest step in the metric that makes the linearized constraints zero.
    pure subroutine lead_back(metric, jacobian, constraints, change, is_regular)
       real(wp), intent(in) :: metric(:, :), jacobian(:, :), constraints(:)
       real(wp), intent(inout) :: change(:)
@@ -158,8 +158,8 @@ contains
       if (is_regular) change = change + back
    end subroutine lead_back
 
-   !> Moves `point` onto the constraints by the shortest steps in the metric; the Jacobian, good to
-   !> begin with, learns from each step (Broyden).
+   !> Moves `point` onto the constraints by the shortest steps in the metric. Each step updates the
+   !> Jacobian (Broyden).
    subroutine solve_along(objective, point, jacobian, metric, tolerance, max_iterations, violation)
       class(objective_type), intent(inout) :: objective
       real(wp), intent(inout) :: point(:)
@@ -192,7 +192,7 @@ contains
       end do
    end subroutine solve_along
 
-   !> Finds gradient and Jacobian by forward differences; backward where forward leaves the domain.
+   !> Finds gradient and Jacobian by forward differences, or backward ones at the domain's edge.
    subroutine differentiate(objective, point, state, step, gradient, jacobian, is_inside)
       class(objective_type), intent(inout) :: objective
       real(wp), intent(in) :: point(:), state(:), step
@@ -231,9 +231,8 @@ contains
       if (is_regular) change = matmul(metric, gradient - matmul(multipliers, jacobian))
    end subroutine step_to_maximum
 
-   !> Finds the multipliers that make the step H (g - J' lambda) land on the linearized
-   !> constraints, unless the constraints do not depend on the variables, or one of them on the
-   !> others.
+   !> Finds the multipliers for which the step H (g - J' lambda) ends on the linearized constraints.
+   !> Fails if the constraints do not depend on the variables, or one depends on the others.
    pure subroutine find_multipliers(metric, jacobian, gradient, constraints, multipliers, &
                                     is_regular)
       real(wp), intent(in) :: metric(:, :), jacobian(:, :), gradient(:), constraints(:)
@@ -261,7 +260,7 @@ contains
       end do
    end subroutine find_multipliers
 
-   !> The part of the gradient that no combination of the constraints' gradients explains.
+   !> The part of the gradient that is no combination of the constraints' gradients.
    pure function rest_of_gradient(gradient, jacobian) result(rest)
       real(wp), intent(in) :: gradient(:), jacobian(:, :)
       real(wp) :: rest(size(gradient))
@@ -288,7 +287,7 @@ contains
 
    end function rest_of_gradient
 
-   !> Updates the inverse Hessian by BFGS; a pair without positive curvature teaches nothing.
+   !> Updates the inverse Hessian by BFGS; a pair without positive curvature is skipped.
    pure subroutine update_metric(change, curvature, metric)
       real(wp), intent(in) :: change(:), curvature(:)
       real(wp), intent(inout) :: metric(:, :)

@@ -1,9 +1,9 @@
-!> Averages of correlated values, and how far to trust them.
+!> Averages of correlated values and their standard errors.
 !>
-!> The variance of an average is the sum of the autocovariance over all lags, over the number of
-!> values. An estimated autocovariance is noise from some lag on; where to stop is told by Geyer's
-!> initial monotone sequence (Stat. Sci. 7, 1992): sums of two neighbouring lags, as long as they
-!> are positive, none taken larger than the one before.
+!> The variance of an average is the sum of the autocovariance over all lags, divided by the number
+!> of values. From some lag on an estimated autocovariance is noise. Geyer's initial monotone
+!> sequence (Stat. Sci. 7, 1992) ends the sum: sums of two neighbouring lags count while they are
+!> positive, none larger than the one before.
 module numerics_correlated
    use core_kinds, only: wp
    use numerics_statistics, only: error_of_mean, mean
@@ -15,7 +15,7 @@ module numerics_correlated
 
 contains
 
-   !> Autocovariance of a series about its own mean, lags 0..n/2 - 1; beyond, noise prevails.
+   !> Autocovariance of a series about its own mean at lags 0..n/2 - 1; noise dominates beyond.
    pure function autocovariance_of(series) result(autocovariance)
       real(wp), intent(in) :: series(:)
       real(wp) :: autocovariance(0:max(size(series)/2 - 1, 0))
@@ -29,10 +29,10 @@ contains
       end do
    end function autocovariance_of
 
-   !> Standard error of the average of n values with this autocovariance, estimated about the
-   !> average: that takes the variance of the average from every lag, which is put back. Never below
-   !> what independent values would have, as where neighbours alternate. For independent values it
-   !> is some 15 % too large, as sums that are noise count while they are positive.
+   !> Standard error of the average of n values with this autocovariance. It was estimated about the
+   !> average, which lowers every lag by the variance of the average; that is added again. The error
+   !> is at least that of independent values, also if neighbours alternate. For independent values
+   !> it is some 15 % too large, because sums that are noise count while they are positive.
    pure function error_of_average(autocovariance, n) result(error)
       real(wp), intent(in) :: autocovariance(0:)   !! lags 0.. of n values
       integer, intent(in) :: n
@@ -56,8 +56,8 @@ contains
       error = sqrt(total/(n - min(n_lags, n/2)))
    end function error_of_average
 
-   !> Standard error of the mean of consecutive batches: from their scatter, or from that of pairs
-   !> of them where it is larger, as it is when batches are too short to be independent.
+   !> Standard error of the mean of consecutive batches, from their scatter, or from that of pairs
+   !> of batches if it is larger, as for batches that are too short to be independent.
    pure function error_of_batches(batches) result(error)
       real(wp), intent(in) :: batches(:)   !! an even number
       real(wp) :: error

@@ -1,8 +1,8 @@
 !> Products of a matrix with eight columns side by side.
 !>
-!> The sums of four rows and eight columns fill eight arrays of four numbers, which stay in
+!> The sums of four rows and eight columns are eight arrays of four numbers, which stay in
 !> registers; x is read once for the four rows. A matrix is packed by four rows and padded with rows
-!> of zeros. Columns whose factors are zero can be left out: no bit of y changes.
+!> of zeros. Columns with zero factors can be left out; y keeps its bits.
 module numerics_dense_product
    use core_kinds, only: wp
    implicit none(type, external)
@@ -25,7 +25,7 @@ module numerics_dense_product
 
 contains
 
-   !> n, padded to whole fours.
+   !> n, rounded up to a multiple of four.
    elemental integer function padded_rows(n)
       integer, intent(in) :: n
 

@@ -1,4 +1,4 @@
-!> Elementary functions near zero, where the plain formula loses all digits, and of many values.
+!> Elementary functions near zero, where the plain formula loses digits, and of many values.
 module numerics_elementary
    use core_kinds, only: long, wp
    implicit none(type, external)
@@ -15,9 +15,9 @@ contains
       value = 2.0_wp*exp(0.5_wp*x)*sinh(0.5_wp*x)
    end function exp_minus_one
 
-   !> Replaces values by their exponentials, in whole vectors, to two units in the last place; those
-   !> beyond -+700 by that of the bound. exp(x) = 2^k exp(r), r = x - k ln 2 within half of ln 2, by
-   !> the series to r^13, whose rest is below 1e-17.
+   !> Replaces values by their exponentials, vectorized, to two units in the last place. Values
+   !> beyond +-700 count as +-700. exp(x) = 2^k exp(r) with |r| = |x - k ln 2| <= ln(2)/2, by the
+   !> series to r^13, whose remainder is below 1e-17.
    pure subroutine exponentiate(values)
       real(wp), intent(inout) :: values(:)
       real(wp), parameter :: largest = 700.0_wp           ! exp(-largest) is normal
@@ -53,7 +53,7 @@ contains
       end if
    end function log_one_plus
 
-   !> ln cosh x; no overflow where cosh x has one.
+   !> ln cosh x, without the overflow of cosh x.
    elemental function log_cosh(x) result(value)
       real(wp), intent(in) :: x
       real(wp) :: value

@@ -1,6 +1,6 @@
 !> The one door to FFTW: real transforms in buffers of their own.
 !>
-!> Plans are made with FFTW_ESTIMATE, that is without measuring: the same length gives the same bits
+!> Plans are made with FFTW_ESTIMATE, without measurements, so the same length gives the same bits
 !> in every run on a machine.
 module numerics_fftw
    use, intrinsic :: iso_c_binding
@@ -18,7 +18,7 @@ module numerics_fftw
       end subroutine c_free
    end interface
 
-   !> Plan and arrays of either direction. Aligned, freed with the variable; never copy it.
+   !> Plans and aligned arrays of both directions, freed with the variable; never copy it.
    type, abstract :: real_fft
       integer :: n = 0                                              !! length of the signal, 0: none
       real(wp), pointer, contiguous :: signal(:) => null()          !! (0:n-1)
@@ -64,7 +64,7 @@ module numerics_fftw
 
 contains
 
-   !> Version of the library: what it calls wisdom begins '(fftw-3.3.10 '.
+   !> Version of the library, from its wisdom, which begins '(fftw-3.3.10 '.
    function fftw_library() result(text)
       character(:), allocatable :: text
       integer, parameter :: prefix = len('(fftw-'), longest = 40
@@ -103,7 +103,7 @@ contains
       end do
    end function good_fft_length
 
-   !> Plans transforms of length n; what was planned before is freed.
+   !> Plans transforms of length n and frees earlier plans.
    subroutine prepare_forward(self, n)
       class(forward_fft), intent(inout) :: self
       integer, intent(in) :: n   !! positive
@@ -166,7 +166,7 @@ contains
       self%spectrum(0:n/2) => spectrum
    end subroutine allocate_buffers
 
-   !> Frees plan and buffers; nothing where there are none.
+   !> Frees plans and buffers, if there are any.
    subroutine release(self)
       class(real_fft), intent(inout) :: self
 

@@ -1,8 +1,8 @@
-!> Fundamental of a motion that is periodic or nearly so: the least-squares fit of a constant and
-!> five harmonics to the values of a window of about ten periods.
+!> Fundamental of a periodic or nearly periodic motion: the least-squares fit of a constant and five
+!> harmonics to the values of a window of about ten periods.
 !>
-!> A window need not hold whole periods: what the fit has no place for enters the fundamental, so
-!> harmonics above the fifth do, by less than 1 % of their own amplitude.
+!> A window need not hold whole periods. Harmonics above the fifth, which are not fitted, change the
+!> fundamental by less than 1 % of their own amplitude.
 module numerics_harmonic
    use core_error, only: error_type
    use core_kinds, only: two_pi, wp
@@ -27,7 +27,7 @@ module numerics_harmonic
 
 contains
 
-   !> Prepares windows of ten periods, to a rounded number of values.
+   !> Prepares windows of ten periods, rounded to a whole number of values.
    subroutine new_harmonic_window(frequency, interval, window, error)
       real(wp), intent(in) :: frequency   !! [Hz], at most 1/(12 interval)
       real(wp), intent(in) :: interval    !! [s]
@@ -58,9 +58,9 @@ contains
       window%weight = matmul(terms, unit)
    end subroutine new_harmonic_window
 
-   !> Share of some values of the window in the fundamental s + i c of x = s sin(2 pi f t) + c cos(2
-   !> pi f t): shares sum to it. `first` is the place of the first value in the window,
-   !> `start` the time one interval before the window, on the clock of the sine.
+   !> Contribution of some values of the window to the fundamental s + i c of
+   !> x = s sin(2 pi f t) + c cos(2 pi f t), which is the sum of the contributions. `first` is the
+   !> place of the first value in the window, `start` the time one interval before the window.
    pure function fundamental_share(self, first, start, values) result(share)
       class(harmonic_window), intent(in) :: self
       integer, intent(in) :: first

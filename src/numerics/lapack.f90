@@ -1,7 +1,7 @@
 !> The one door to LAPACK: checked front ends over its double-precision routines.
 !>
-!> Sums of a BLAS depend on its number of threads in their last bits. So each front end first sets
-!> the BLAS to one thread, whatever the environment asks for.
+!> The last bits of a BLAS's sums depend on its number of threads. So each front end first sets the
+!> BLAS to one thread, whatever the environment says.
 module numerics_lapack
    use, intrinsic :: iso_c_binding, only: c_associated, c_char, c_f_procpointer, c_funptr, c_long, &
                                           c_null_char, c_null_ptr, c_ptr
@@ -14,7 +14,7 @@ module numerics_lapack
       solve_positive_definite
    public :: find_symmetric_eigenvectors, solve_symmetric_eigenproblem
 
-   !> The call by which each threaded BLAS takes its number of threads; a reference BLAS has none.
+   !> The call that sets the number of threads of each threaded BLAS; a reference BLAS has none.
    character(*), parameter :: thread_setters(*) = [character(28) :: &
       'openblas_set_num_threads', 'MKL_Set_Num_Threads', 'bli_thread_set_num_threads', &
       'flexiblas_set_num_threads']
@@ -23,7 +23,7 @@ module numerics_lapack
    type(c_funptr) :: setters(size(thread_setters))  !! null: this program is without that library
 
    abstract interface
-      !> Sets the number of threads. Some declare int, some long: either is read from the same
+      !> Sets the number of threads. Some declare int, some long; both are passed in the same
       !> register.
       subroutine set_threads(n) bind(c)
          import :: c_long
@@ -111,7 +111,7 @@ module numerics_lapack
 
 contains
 
-   !> '3.9.0': of the interface that the library offers.
+   !> Version of the library's interface, such as '3.9.0'.
    function lapack_version() result(text)
       character(:), allocatable :: text
       integer :: major, minor, patch
@@ -120,8 +120,8 @@ contains
       text = to_text(major)//'.'//to_text(minor)//'.'//to_text(patch)
    end function lapack_version
 
-   !> Sets the BLAS of this process to one thread. Looked up when the program runs: which of the
-   !> calls exists depends on the library that the system gives it then.
+   !> Sets the BLAS of this process to one thread. The call is looked up at run time, because it
+   !> depends on the library that the system loads.
    subroutine use_one_thread()
       procedure(set_threads), pointer :: set
       integer :: i
@@ -158,7 +158,7 @@ contains
                                 to_text(n)//': LAPACK dsygv returned '//to_text(info))
    end subroutine solve_symmetric_eigenproblem
 
-   !> Finds all eigenvalues of a symmetric matrix; its eigenvectors, of length 1, take its place.
+   !> Finds all eigenvalues of a symmetric matrix and overwrites it by its unit eigenvectors.
    subroutine find_symmetric_eigenvectors(a, eigenvalues, error)
       real(wp), intent(inout), contiguous :: a(:, :)   !! (n, n); then (n, eigenvalue)
       real(wp), intent(out) :: eigenvalues(:)          !! (n), ascending
@@ -190,7 +190,7 @@ contains
                  b, size(b, 1), 0.0_wp, c, size(c, 1))
    end subroutine multiply
 
-   !> Finds all eigenvalues of a general matrix, in LAPACK's order. Fails where an element is not
+   !> Finds all eigenvalues of a general matrix, in LAPACK's order. Fails if an element is not
    !> finite.
    subroutine find_eigenvalues(a, eigenvalues, error)
       real(wp), intent(in) :: a(:, :)                         !! (n, n)
@@ -239,8 +239,7 @@ contains
       x = column(:, 1)
    end subroutine solve_linear_system
 
-   !> Puts X of A X = B in the place of B, A symmetric positive definite; A is overwritten by its
-   !> factor.
+   !> Overwrites B by X of A X = B, A symmetric positive definite, and A by its factor.
    subroutine solve_positive_definite(a, b, error)
       real(wp), intent(inout), contiguous :: a(:, :)   !! (n, n)
       real(wp), intent(inout), contiguous :: b(:, :)   !! (n, right-hand side)

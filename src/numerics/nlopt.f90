@@ -1,8 +1,8 @@
-!> The one door to NLopt: minimization in a box under equalities by its SLSQP, through its C
-!> interface.
+!> The one door to NLopt: minimization in a box under equality constraints by its SLSQP, through its
+!> C interface.
 !>
-!> A problem is an extension of `minimization_problem`. What NLopt returns is not believed:
-!> constraints are evaluated once more where it stopped.
+!> A problem is an extension of `minimization_problem`. Constraints are evaluated again where NLopt
+!> stopped; its own report is not used.
 module numerics_nlopt
    use, intrinsic :: ieee_exceptions, only: ieee_get_halting_mode, ieee_set_halting_mode, ieee_usual
    use, intrinsic :: iso_c_binding, only: c_associated, c_double, c_f_pointer, c_funloc, c_int, &
@@ -27,8 +27,7 @@ module numerics_nlopt
    end type minimization_problem
 
    abstract interface
-      !> Finds f(x), and where it is asked for its gradient. A value that is not finite ends the
-      !> search.
+      !> Finds f(x), and its gradient on request. A value that is not finite ends the search.
       subroutine objective_interface(self, x, value, gradient)
          import :: minimization_problem, wp
          implicit none(type, external)
@@ -38,7 +37,7 @@ module numerics_nlopt
          real(wp), optional, intent(out) :: gradient(:)   !! (n)
       end subroutine objective_interface
 
-      !> Finds c(x), and where it is asked for its derivatives.
+      !> Finds c(x), and its derivatives on request.
       subroutine equalities_interface(self, x, values, jacobian)
          import :: minimization_problem, wp
          implicit none(type, external)
@@ -53,8 +52,8 @@ module numerics_nlopt
    type :: traveller
       class(minimization_problem), pointer :: problem => null()
       type(c_ptr) :: optimizer = c_null_ptr
-      !> Floating-point exceptions that halt us. NLopt's own arithmetic may raise them: its SLSQP
-      !> divides by zero where constraints contradict each other.
+      !> Floating-point exceptions that halt the program. NLopt may raise them: its SLSQP divides by
+      !> zero if constraints contradict each other.
       logical :: halts(size(ieee_usual)) = .false.
    end type traveller
 
@@ -69,7 +68,7 @@ contains
       text = to_text(int(major))//'.'//to_text(int(minor))//'.'//to_text(int(bugfix))
    end function nlopt_library
 
-   !> Searches from a start in the box until neither f nor x changes by more than 1e-12, relative.
+   !> Searches from a start in the box until f and x change by less than 1e-12, relatively.
    subroutine minimize(problem, farthest, tolerance, max_evaluations, x, is_feasible)
       class(minimization_problem), target, intent(inout) :: problem
       real(wp), intent(in) :: farthest     !! |x| is at most this
@@ -110,7 +109,7 @@ contains
       is_feasible = all(abs(values) <= tolerance)
    end subroutine minimize
 
-   !> NLopt's objective: unpacks the problem and asks it.
+   !> NLopt's objective: unpacks the problem and evaluates it.
    function call_objective(n, x, gradient, data) result(value) bind(c)
       integer(c_int), value :: n
       real(c_double), intent(in) :: x(n)

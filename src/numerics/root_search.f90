@@ -1,4 +1,4 @@
-!> The root of an increasing function of one variable, asked for values one at a time.
+!> Root of an increasing function of one variable; the caller supplies one value at a time.
 module numerics_root_search
    use core_kinds, only: wp
    implicit none(type, external)
@@ -34,7 +34,7 @@ contains
       is_so = self%low > -huge(1.0_wp) .and. self%high < huge(1.0_wp)
    end function is_enclosed
 
-   !> Takes the value at x and moves x to where the next one is wanted.
+   !> Takes the value at x and moves x to the next point.
    pure subroutine advance(self, x, value)
       class(root_search), intent(inout) :: self
       real(wp), intent(inout) :: x

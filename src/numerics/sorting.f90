@@ -9,7 +9,7 @@ module numerics_sorting
 
 contains
 
-   !> Positions of the values in ascending order; equal values stay as they came (merge sort).
+   !> Positions of the values in ascending order; equal values keep their order (merge sort).
    pure function sort_order(values) result(order)
       real(wp), intent(in) :: values(:)   !! no NaN
       integer :: order(size(values))
@@ -39,8 +39,7 @@ contains
       order = place(:, from)
    end function sort_order
 
-   !> Sorts a few values, the first of which has a place among all: the rank of each is counted, all
-   !> at once for each of the others.
+   !> Sorts a few values by counting their ranks, vectorized; `first` is the first one's place.
    pure subroutine rank_all(values, first, key, place)
       real(wp), intent(in) :: values(:)
       integer, intent(in) :: first
@@ -67,8 +66,8 @@ contains
       end do
    end subroutine rank_all
 
-   !> Merges two ascending runs, of n_left values and of the rest. Which of two values is the
-   !> smaller one is not to be foreseen, so there is no branch on it.
+   !> Merges two ascending runs, of n_left values and of the rest. It does not branch on the smaller
+   !> of two values, which is unpredictable.
    pure subroutine merge_runs(n_left, key, place, merged_key, merged_place)
       integer, intent(in) :: n_left
       real(wp), intent(in), contiguous :: key(:)

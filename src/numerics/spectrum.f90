@@ -1,12 +1,11 @@
 !> Power spectral densities by Welch's method, accumulated while a record is being made.
 !>
-!> Segments overlap, lose their mean, are weighted with a periodic Hann window, and their
-!> periodograms are averaged. Densities are one-sided, per Hz; summed over all frequencies times
-!> their spacing they give the mean square of the weighted record, so its variance (Parseval, to
-!> rounding).
+!> Segments overlap. Each loses its mean and is weighted with a periodic Hann window; their
+!> periodograms are averaged. Densities are one-sided, per Hz. Their sum over all frequencies times
+!> the spacing is the mean square of the weighted record (Parseval, to rounding).
 !>
-!> On the way the power within some ranges of frequencies can be followed through consecutive
-!> batches of segments: what it scatters by tells how far to trust an average over all of them.
+!> The power within some ranges of frequencies can also be recorded for consecutive batches of
+!> segments. Its scatter over batches gives the standard error of an average over all of them.
 module numerics_spectrum
    use core_kinds, only: two_pi, wp
    use numerics_correlated, only: n_batches
@@ -17,7 +16,7 @@ module numerics_spectrum
 
    real(wp), parameter :: growth = 1.5_wp   !! width of a range of frequencies over the one before
 
-   !> Spectra of many records of the same length, which come in pieces of any length.
+   !> Spectra of many records of the same length, which are added in pieces of any length.
    type :: welch_type
       integer :: n_segments = 0                             !! averaged so far
       integer, private :: length = 0, overlap = 0, filled = 0
@@ -43,7 +42,7 @@ module numerics_spectrum
 
 contains
 
-   !> Segments that a record of n values holds.
+   !> Number of segments in a record of n values.
    pure function count_segments(n, length, overlap) result(segments)
       integer, intent(in) :: n, length, overlap
       integer :: segments
@@ -52,16 +51,16 @@ contains
       if (n >= length) segments = 1 + (n - length)/(length - overlap)
    end function count_segments
 
-   !> True if so many segments fill batches of two or more each, which their scatter needs.
+   !> True if the segments fill batches of two or more each, which the scatter needs.
    pure logical function can_follow_power(n_segments)
       integer, intent(in) :: n_segments
 
       can_follow_power = n_segments >= 2*n_batches
    end function can_follow_power
 
-   !> Standard error of a density, relative, from so many segments that overlap by half, of a
-   !> Gaussian record: neighbouring Hann segments are correlated by 1/6 in amplitude, 1/36 in power
-   !> (Welch, IEEE Trans. AU-15, 1967).
+   !> Relative standard error of a density of a Gaussian record, from segments that overlap by half:
+   !> neighbouring Hann segments have a correlation of 1/6 in amplitude and 1/36 in power (Welch,
+   !> IEEE Trans. AU-15, 1967).
    elemental function error_of_density(n_segments) result(error)
       integer, intent(in) :: n_segments
       real(wp) :: error
@@ -69,7 +68,7 @@ contains
       error = sqrt((1.0_wp + (1.0_wp - 1.0_wp/n_segments)/18.0_wp)/n_segments)
    end function error_of_density
 
-   !> The last frequency of each range: of one at first, then ever wider ones.
+   !> The last frequency of each range; the first ranges have one frequency, later ones more.
    pure function last_of_ranges(n_frequencies) result(last)
       integer, intent(in) :: n_frequencies
       integer, allocatable :: last(:)   !! counted from 1; the last is n_frequencies
@@ -81,7 +80,7 @@ contains
    end function last_of_ranges
 
    !> Empties the spectra and sets the segments: `length` values, `overlap` shared by neighbours.
-   !> With n_expected, that many segments will come, and the power in batches of them is followed.
+   !> With n_expected, the number of segments, the power in batches of them is recorded.
    subroutine start(self, n_series, length, overlap, interval, n_expected)
       class(welch_type), intent(inout) :: self
       integer, intent(in) :: n_series, length, overlap
@@ -128,7 +127,7 @@ contains
       end do
    end subroutine add
 
-   !> Adds the periodogram of a full segment. What the next one shares with it stays in its place.
+   !> Adds the periodogram of a full segment and keeps the values shared with the next one.
    subroutine take_segment(self)
       class(welch_type), intent(inout) :: self
       integer :: series
@@ -150,7 +149,7 @@ contains
       end if
    end subroutine take_segment
 
-   !> The number of the segment that a batch ends with.
+   !> The number of the last segment of a batch.
    pure integer function end_of_batch(self, batch)
       class(welch_type), intent(in) :: self
       integer, intent(in) :: batch
@@ -158,7 +157,7 @@ contains
       end_of_batch = batch*self%n_expected/n_batches
    end function end_of_batch
 
-   !> Ends a batch: the power that came in it, range by range.
+   !> Ends a batch and records its power in each range.
    subroutine end_batch(self)
       class(welch_type), intent(inout) :: self
       real(wp) :: squares(size(self%power, 1))
@@ -178,7 +177,7 @@ contains
    end subroutine end_batch
 
    !> The mean square of the records within each range of frequencies, in each batch. Needs all
-   !> segments that were expected.
+   !> expected segments.
    pure function power_series(self) result(power)
       class(welch_type), intent(in) :: self
       real(wp) :: power(size(self%followed, 1), size(self%followed, 2), size(self%followed, 3))
@@ -192,9 +191,9 @@ contains
       power(1, :, :) = power(1, :, :)/end_of_batch(self, 1)
    end function power_series
 
-   !> Weighs the values without their mean, times the window; they begin at `first` and go on at 1.
-   !> The mean is summed in several parts at once: in one sum each addition waits for the one
-   !> before.
+   !> Subtracts the mean of the values and multiplies by the window. The values begin at `first` and
+   !> continue at 1. The mean is summed in several independent parts, because in one sum each
+   !> addition waits for the one before.
    pure subroutine weigh(n, first, window, values, weighted)
       integer, intent(in) :: n, first
       real(wp), intent(in) :: window(n), values(n)
@@ -233,7 +232,7 @@ contains
       end do
    end subroutine finish
 
-   !> Spectral densities of one record, from its power in so many segments.
+   !> Spectral densities of one record, from its power in a number of segments.
    pure function densities(self, power, n_segments) result(psd)
       class(welch_type), intent(in) :: self
       real(wp), intent(in) :: power(0:)

@@ -1,4 +1,4 @@
-!> Mean and scatter of independent values, and how far to trust them.
+!> Mean and scatter of independent values with their standard errors.
 module numerics_statistics
    use core_kinds, only: wp
    implicit none(type, external)
@@ -8,7 +8,7 @@ module numerics_statistics
 
    integer, parameter :: n_sums = 5   !! of sums_of
 
-   !> Sums for mean, scatter and their errors, of values that come in groups of any size.
+   !> Sums for mean, scatter and their errors, of values in groups of any size.
    type :: moments_type
       integer :: n = 0
       real(wp) :: mean = 0.0_wp
@@ -23,7 +23,7 @@ module numerics_statistics
 
 contains
 
-   !> Needs one value. Summed in the order given.
+   !> Mean of one value or more, summed in their order.
    pure function mean(values) result(average)
       real(wp), intent(in) :: values(:)
       real(wp) :: average
@@ -31,7 +31,7 @@ contains
       average = sum(values)/size(values)
    end function mean
 
-   !> Standard deviation of the law the values come from (n - 1 in the denominator); n >= 2.
+   !> Standard deviation of the values' law (n - 1 in the denominator); n >= 2.
    pure function standard_deviation(values) result(deviation)
       real(wp), intent(in) :: values(:)
       real(wp) :: deviation
@@ -47,7 +47,7 @@ contains
       error = standard_deviation(values)/sqrt(real(size(values), wp))
    end function error_of_mean
 
-   !> Standard error of the standard deviation, as of moments below.
+   !> Standard error of the standard deviation, as for moments below.
    pure function error_of_deviation(values) result(error)
       real(wp), intent(in) :: values(:)
       real(wp) :: error
@@ -57,7 +57,7 @@ contains
       error = moments%error_of_deviation()
    end function error_of_deviation
 
-   !> Takes more values.
+   !> Adds values to the sums.
    pure subroutine add(self, values)
       class(moments_type), intent(inout) :: self
       real(wp), intent(in) :: values(:)   !! one or more
@@ -77,8 +77,8 @@ contains
       sums(5) = sum((values - sums(2))**4)
    end function sums_of
 
-   !> Takes the values that some sums are of; powers of deviations from two means join as Pebay
-   !> (2008) has it.
+   !> Adds the values of other sums; powers of deviations from two means are joined after Pebay
+   !> (2008).
    pure subroutine join(self, sums)
       class(moments_type), intent(inout) :: self
       real(wp), intent(in) :: sums(n_sums)   !! as sums_of has them
@@ -106,7 +106,7 @@ contains
       self%n = nint(n)
    end subroutine join
 
-   !> Needs two values, as do the errors below.
+   !> Standard deviation; needs two values, as do the errors below.
    elemental function deviation_of_moments(self) result(deviation)
       class(moments_type), intent(in) :: self
       real(wp) :: deviation
@@ -121,9 +121,9 @@ contains
       error = self%standard_deviation()/sqrt(real(self%n, wp))
    end function mean_error_of_moments
 
-   !> Standard error of the standard deviation for a law of any shape: that of the variance is
-   !> (m4 - s^4 (n - 3)/(n - 1))/n, m4 the fourth central moment, and s = sqrt(variance) halves it
-   !> relatively. Zero where all are equal.
+   !> Standard error of the standard deviation s for a law of any shape: the variance of s^2 is
+   !> (m4 - s^4 (n - 3)/(n - 1))/n with the fourth central moment m4, and the relative error of s is
+   !> half of that of s^2. Zero if all values are equal.
    elemental function deviation_error_of_moments(self) result(error)
       class(moments_type), intent(in) :: self
       real(wp) :: error

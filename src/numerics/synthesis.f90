@@ -1,8 +1,8 @@
-!> Signals of few lines in a long spectrum.
+!> Signals whose long spectrum has few lines.
 !>
 !> Only lines up to `last` of a period of n values are not zero. With n = P m and m > 2 last, the
-!> values p, p + P, p + 2 P, ... of phase p are an inverse transform of length m of the lines turned
-!> by exp(2 pi i k p/n): P short transforms, which stay in the cache, take the place of a long one.
+!> values p, p + P, p + 2 P, ... of phase p are an inverse transform of length m of the lines times
+!> exp(2 pi i k p/n). P short transforms, which stay in the cache, replace a long one.
 module numerics_synthesis
    use core_kinds, only: two_pi, wp
    use numerics_fftw, only: inverse_fft
@@ -16,7 +16,7 @@ module numerics_synthesis
 contains
 
    !> Finds the first values of signal(j) = sum over k of line(k) exp(2 pi i j k/n) + its conjugate;
-   !> of lines 0 and n/2 the real part alone, once.
+   !> lines 0 and n/2 count once, with their real parts.
    subroutine sum_lines(n, first, line, signal)
       integer, intent(in) :: n                    !! values of a period
       integer, intent(in) :: first                !! 0 or more; the last one at most n/2
@@ -62,7 +62,7 @@ contains
       end do
    end subroutine sum_lines
 
-   !> The largest divisor of n that leaves each phase more than two values a line; at least 1.
+   !> The largest divisor of n for which each phase has more than two values a line; at least 1.
    pure integer function count_phases(n, last)
       integer, intent(in) :: n, last
 

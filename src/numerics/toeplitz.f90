@@ -5,7 +5,7 @@ module numerics_toeplitz
    private
    public :: banded_cholesky, factor_banded_toeplitz, dense_toeplitz
 
-   !> Lower factor L of a banded matrix, L L' = G; nothing is stored outside the band.
+   !> Lower factor L of a banded matrix, L L' = G; only the band is stored.
    type :: banded_cholesky
       integer :: n = 0
       integer :: width = 0
@@ -17,7 +17,7 @@ module numerics_toeplitz
 contains
 
    !> Factors the n by n matrix with entries `band(abs(i - j))`. The factor's rows tend to the
-   !> coefficients of the spectral factor; `is_positive` is false where the matrix is not positive
+   !> coefficients of the spectral factor. `is_positive` is false if the matrix is not positive
    !> definite.
    pure subroutine factor_banded_toeplitz(band, n, factor, is_positive)
       real(wp), intent(in) :: band(0:)
@@ -51,7 +51,7 @@ contains
       end associate
    end subroutine factor_banded_toeplitz
 
-   !> Finds x of L' x = b: with white b, x has the covariance (L L')^-1.
+   !> Finds x of L' x = b. If b is white noise, x has the covariance (L L')^-1.
    pure subroutine solve_transposed(self, x)
       class(banded_cholesky), intent(in) :: self
       real(wp), intent(inout) :: x(:)   !! (n) b, then the solution
@@ -65,7 +65,7 @@ contains
       end do
    end subroutine solve_transposed
 
-   !> The whole matrix.
+   !> The matrix with all its entries.
    pure function dense_toeplitz(band, n) result(matrix)
       real(wp), intent(in) :: band(0:)
       integer, intent(in) :: n

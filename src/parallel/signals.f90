@@ -32,7 +32,7 @@ module parallel_signals
 
 contains
 
-   !> Lets a first signal from now on only set a flag, and a second one end the process at once.
+   !> From now on the first signal only sets a flag, and a second one ends the process at once.
    subroutine catch_stop_signals()
       integer(c_int), parameter :: wishes(*) = [sigterm, sigint, sigusr1, sighup, sigquit, sigxcpu]
       type(c_funptr) :: previous
@@ -54,8 +54,8 @@ contains
       is_requested = caught /= 0
    end function stop_requested
 
-   !> Calls nothing but what POSIX allows in a handler. A batch system and mpirun often deliver one
-   !> and the same wish twice: repeats within a second or two of the first count as that first one.
+   !> Handles a signal, with calls that POSIX allows in a handler. A batch system and mpirun often
+   !> deliver the same signal twice: repeats within a second or two of the first are ignored.
    subroutine note_signal(number) bind(c)
       integer(c_int), value :: number
 

@@ -1,5 +1,5 @@
-!> Work shared out as ranks come for it: a counter in the root's memory, read and raised in one
-!> step.
+!> Distribution of work on demand: a counter in the root's memory that is read and raised in one
+!> atomic operation.
 module parallel_work
    use, intrinsic :: iso_c_binding, only: c_f_pointer, c_ptr
    use core_kinds, only: long
@@ -14,9 +14,9 @@ module parallel_work
 
    integer, parameter :: word_bytes = 8
 
-   !> Hands out the items 1..n_items, each once, over all ranks. A claim is one atomic operation on
-   !> the root's memory; only where the network cannot do that itself, as with TCP, the root
-   !> answers, whenever it is inside MPI (attend_to_others).
+   !> Counter that gives each item 1..n_items to one rank. A claim is one atomic operation on the
+   !> root's memory. If the network cannot do that itself, as with TCP, the root answers whenever it
+   !> is inside MPI (attend_to_others).
    type :: work_counter
       private
       type(world_type) :: world
@@ -53,8 +53,8 @@ contains
       call world%wait_for_all()
    end subroutine new_counter
 
-   !> The next item for this rank; 0 when there is none left. With `stops`, and from then on, no
-   !> rank gets one.
+   !> The next item for this rank, or 0 if there is none left. After a call with `stops` no rank
+   !> gets an item.
    function next(self, stops) result(item)
       class(work_counter), intent(inout) :: self
       logical, intent(in) :: stops
@@ -73,7 +73,7 @@ contains
       if (before < self%n_items .and. .not. stops) item = int(before) + 1
    end function next
 
-   !> Closes the counter: there is nothing left to claim; collective.
+   !> Frees the counter, after which nothing can be claimed; collective.
    subroutine close_counter(self)
       class(work_counter), intent(inout) :: self
 
@@ -83,7 +83,7 @@ contains
       call MPI_Win_free(self%window)
    end subroutine close_counter
 
-   !> Combines a value into the root's word; returns what stood there before.
+   !> Combines a value into the root's word and returns its earlier value.
    function exchange(self, value, operation) result(before)
       class(work_counter), intent(inout) :: self
       integer(long), intent(in) :: value

@@ -1,8 +1,7 @@
-!> The ranks of one run, and what they tell each other.
+!> The ranks of one run and their communication.
 !>
-!> This floor is the one door to MPI: this module, and beside it parallel_work, which owns a piece
-!> of memory that several ranks reach. Every procedure that is called collective must be called by
-!> all ranks of the world in the same order.
+!> Only this module and parallel_work, which owns memory that several ranks reach, use MPI. All
+!> ranks of the world must call a collective procedure, in the same order.
 module parallel_world
    use, intrinsic :: iso_c_binding, only: c_int, c_null_char
    use core_error, only: error_type, exit_done, exit_file
@@ -68,15 +67,15 @@ contains
       text = buffer(:scan(buffer(:length)//',', ','//achar(10)) - 1)
    end function mpi_library
 
-   !> Lets MPI serve what other ranks want of this one; called now and then from long work. Networks
-   !> with remote memory access serve themselves, but over TCP a claim of work waits for this.
+   !> Lets MPI answer other ranks; long work calls it now and then. Networks with remote memory
+   !> access need no answer, but over TCP a claim of work waits for it.
    subroutine attend_to_others()
       logical :: unused
 
       call MPI_Iprobe(MPI_ANY_SOURCE, MPI_ANY_TAG, MPI_COMM_WORLD, unused, MPI_STATUS_IGNORE)
    end subroutine attend_to_others
 
-   !> True if a launcher (mpirun, or a batch system's own) started this process.
+   !> True if mpirun or the launcher of a batch system started this process.
    function was_launched()
       logical :: was_launched
       character(*), parameter :: sign(*) = [character(20) :: 'OMPI_COMM_WORLD_SIZE', 'PMIX_RANK', &
@@ -99,8 +98,8 @@ contains
       status = c_setenv(name//c_null_char, value//c_null_char, 0_c_int)
    end subroutine suggest
 
-   !> Ends the program with an exit code, the same on every rank: exit_file instead of exit_done
-   !> where a rank's standard output was lost. Collective.
+   !> Ends the program with the same exit code on every rank: exit_file instead of exit_done if a
+   !> rank lost its standard output. Collective.
    subroutine stop_world(exit_code)
       integer, intent(in) :: exit_code
       integer :: code
@@ -138,8 +137,8 @@ contains
       is_root = self%rank == 0
    end function is_root
 
-   !> Stops all ranks where any has an error: the root says the one of the lowest such rank, and all
-   !> end with its code; collective, and called by the drivers alone.
+   !> Stops all ranks if any has an error. The root reports that of the lowest such rank, and all
+   !> end with its code. Collective; only drivers call it.
    subroutine stop_on(self, error)
       class(world_type), intent(in) :: self
       type(error_type), allocatable, intent(in) :: error
@@ -164,7 +163,7 @@ contains
       call stop_world(exit_code)
    end subroutine stop_on
 
-   !> Waits: nobody returns before everybody has called; collective.
+   !> Waits until all ranks have called; collective.
    subroutine wait_for_all(self)
       class(world_type), intent(in) :: self
 
@@ -180,8 +179,8 @@ contains
       is_true = self%maximum(merge(1, 0, value)) == 1
    end function any_true
 
-   !> Adds up the values over the ranks; collective. Where all ranks but one have zero, the sum is
-   !> that one's value to the last bit.
+   !> Adds up the values over the ranks; collective. If all ranks but one have zero, the sum is the
+   !> value of that rank to the last bit.
    subroutine add_up(self, n, values)
       class(world_type), intent(in) :: self
       integer, intent(in) :: n
@@ -192,7 +191,7 @@ contains
       end if
    end subroutine add_up
 
-   !> Largest over the ranks, known to all; collective.
+   !> Largest value over the ranks, returned to all; collective.
    function maximum(self, value) result(largest)
       class(world_type), intent(in) :: self
       integer, intent(in) :: value
@@ -202,8 +201,8 @@ contains
       if (self%n_ranks > 1) call MPI_Allreduce(value, largest, 1, MPI_INTEGER, MPI_MAX, self%comm)
    end function maximum
 
-   !> Sends a value from one rank (the root, or `from`) to all; collective.
-   !> Allocatable reals take its shape, or are not allocated where they are not there.
+   !> Sends a value from one rank (the root, or `from`) to all; collective. Allocatable reals take
+   !> its shape, or are unallocated if it is.
    subroutine broadcast_integer(self, value, from)
       class(world_type), intent(in) :: self
       integer, intent(inout) :: value
