@@ -1,7 +1,7 @@
 """Draws every figure and table of results files, and one report of all of them.
 
-`compare before.h5 after.h5` tells the differences of two designs instead, `compare before.h5 one.h5
-other.h5` what each of several is worth.
+`compare before.h5 after.h5` prints the differences of two designs instead, and says whether the
+files have the same bits. `compare before.h5 one.h5 other.h5` ranks several designs.
 """
 
 from __future__ import annotations
@@ -38,7 +38,8 @@ def main(arguments: list[str] | None = None) -> int:
         options = parser.parse_args(words[1:] if is_comparison else words)
         apply_style(*options.style)
         files = [open_results(path) for path in options.results]
-        make_folder(options.out)
+        if options.out is not None:
+            make_folder(options.out)
         try:
             say(_compare(files, options.out) if is_comparison else _draw(files, options))
         except OSError:
@@ -50,13 +51,15 @@ def main(arguments: list[str] | None = None) -> int:
     return exit_code(draw)
 
 
-def _compare(files: list[Results], folder: Path) -> str:
+def _compare(files: list[Results], folder: Path | None) -> str:
     """One change in full; of several designs what each is worth, and their changes as tables."""
     if len(files) < 2:
         raise InputError("compare: needs two results files or more, the first one to compare with")
     if len(files) == 2:
         return compare(files[0], files[1], folder)
     table = table_designs(files[0], files[1:])
+    if folder is None:
+        return "\n".join([*lines_of(table), "", table.note])
     table.write_csv(folder)
     for after in files[1:]:
         change = change_table(files[0], after, pair_cases(files[0], after))
@@ -72,7 +75,7 @@ def _draw(files: list[Results], options: argparse.Namespace) -> str:
         if not any(figure.name.startswith(start) for figure in planned):
             there = ", ".join(figure.name for figure in planned)
             raise InputError(
-                f"--axes {start}: no figure has a name that starts so; there are {there}"
+                f"--axes {start}: no name of a figure begins with it; there are {there}"
             )
     statements, tables = assess(files), make_tables(files)
     correlations = next(filter(None, map(table_correlations, files)), None)
@@ -105,18 +108,19 @@ def _damages(paths: list[Path]) -> list[str]:
 def _parser() -> Parser:
     parser = Parser(prog="python -m entroslip", description=__doc__)
     _add_common(parser, "+", "results files of entroslip")
+    parser.add_argument("--out", type=Path, required=True, help="folder for figures and report")
     parser.add_argument(
         "--paper-axes", action="store_true",
-        help="the same ranges of the axes in all panels of a figure, as far as the paper's text"
-        " says any, to lay them beside the paper's",
+        help="the same ranges of the axes in all panels of a figure, to compare them with the"
+        " paper's",
     )  # fmt: skip
     parser.add_argument(
         "--axes", type=_ranges, action="append", default=[], metavar="NAME=X0,X1,Y0,Y1",
-        help="ranges of the axes of the figures whose name starts so (repeatable)",
+        help="ranges of the axes of the figures whose names begin with NAME (repeatable)",
     )  # fmt: skip
     parser.add_argument(
         "--measured", type=Path, metavar="DATA",
-        help="values that `entroslip estimate` read, to draw beside the process of the first file",
+        help="values that `entroslip estimate` read, to draw beside the first file's process",
     )  # fmt: skip
     return parser
 
@@ -124,15 +128,16 @@ def _parser() -> Parser:
 def _comparison_parser() -> Parser:
     parser = Parser(
         prog="python -m entroslip compare",
-        description="Tells the differences of designs, sample by sample where the seeds agree.",
+        description="Prints the differences of designs, sample by sample where the seeds agree,"
+        " and whether two files have the same bits.",
     )
-    _add_common(parser, "+", "results files: the design now, then one or several others")
+    _add_common(parser, "+", "results files: the present design, then one or several others")
+    parser.add_argument("--out", type=Path, help="folder for tables and figures; none: only print")
     return parser
 
 
 def _add_common(parser: Parser, count: str | int, what: str) -> None:
     parser.add_argument("results", type=Path, nargs=count, help=what)
-    parser.add_argument("--out", type=Path, required=True, help="folder for what is drawn")
     parser.add_argument(
         "--style", action="append", default=[],
         help="a style of matplotlib over the one of the figures: a name, or a file (repeatable)",

@@ -27,7 +27,8 @@ from .table import Table, value_with_error
 Values = NDArray[np.float64]
 
 _NORMAL_95 = 1.96  # half width of a 95 % interval, in standard errors
-_SAME = "Both files have the same bits, but for when, how long and on how many ranks they ran."
+_SAME = "Both files have the same bits, except when, how long and on how many ranks they ran."
+_MOST_NAMED = 5  # datasets and attributes that differ
 _NEGLIGIBLE_POWER = 1.0e-4  # share of the mean spectrum beyond the frequencies that are drawn
 
 
@@ -161,16 +162,17 @@ def change_table(before: Results, after: Results, pairs: Sequence[Pair]) -> Tabl
                     )
                 )  # fmt: skip
     how = (
-        "Samples have the same friction values and the same force in both: errors are those of the"
-        " differences sample by sample. The last column says how many times larger they would be"
-        " without."
+        "Samples have the same friction values and the same force in both files, so errors are"
+        " those of the differences sample by sample. 'gain' is how many times larger they would be"
+        " with other samples."
         if pairs[0].is_paired
         else "The seeds differ: errors of the two results are added in squares."
     )
     return Table(
         "comparison", f"{after.title} against {before.title}",
         ("case", "statistic", "joint or dof", "before", "after", "change", "gain"), rows,
-        f"{how} Standard errors in brackets, in units of the last digits.",
+        f"{how} Values are means over the samples of both files, as in plain/. Standard errors"
+        " in brackets, in units of the last digits.",
     )  # fmt: skip
 
 
@@ -182,7 +184,7 @@ def change_figures(pairs: Sequence[Pair]) -> list[Figure]:
         figures.append(
             Figure(
                 "comparison_slip", "Change of the time in slip",
-                "Mean over samples, after less before, in points of %. Bars: 95 % intervals.",
+                "Mean over samples, after minus before, in percentage points; 95 % intervals.",
                 "The friction study", (partial(_draw_slip, slips),),
             )
         )  # fmt: skip
@@ -191,7 +193,7 @@ def change_figures(pairs: Sequence[Pair]) -> list[Figure]:
         figures.append(
             Figure(
                 "comparison_spectra", "Change of the mean spectra",
-                "Mean spectral density after over that before, with 95 % bands.",
+                "Mean spectral density after, divided by that before, with 95 % bands.",
                 "The friction study", tuple(partial(_draw_spectra, pair) for pair in spectra),
             )
         )  # fmt: skip
@@ -210,7 +212,7 @@ def _draw_slip(pairs: Sequence[Pair], axes: Axes) -> None:
         bars = np.nan_to_num(_NORMAL_95 * 100.0 * change.error)
         axes.errorbar(place, 100.0 * change.change, yerr=bars, capsize=2, label=pair.label, **look)
     axes.axhline(0.0, color="0.4", linewidth=0.8)
-    axes.set(xlabel="joint", ylabel="change of the mean time in slip [points of %]")
+    axes.set(xlabel="joint", ylabel="change of the mean time in slip [percentage points]")
     axes.xaxis.set_major_locator(MaxNLocator(integer=True))
     axes.legend()
 
@@ -239,7 +241,7 @@ def _draw_spectra(pair: Pair, axes: Axes) -> None:
         )  # fmt: skip
     axes.axhline(1.0, color="0.4", linewidth=0.8)
     axes.set(
-        xlabel="frequency [Hz]", ylabel="spectral density, after over before", yscale="log",
+        xlabel="frequency [Hz]", ylabel="spectral density, after / before", yscale="log",
         title=pair.label,
     )  # fmt: skip
     axes.yaxis.set_major_formatter("{x:g}")
@@ -247,15 +249,28 @@ def _draw_spectra(pair: Pair, axes: Axes) -> None:
     axes.legend()
 
 
-def compare(before: Results, after: Results, folder: Path) -> str:
-    """Write table and figures into the folder; what was written, in words."""
+def compare(before: Results, after: Results, folder: Path | None) -> str:
+    """Differences of two files in words; table and figures go into the folder, if there is one."""
+    bits = _bits(differences(before.path, after.path))
+    if not (before.cases or after.cases):
+        return bits
     pairs = pair_cases(before, after)
     table = change_table(before, after, pairs)
-    table.write_csv(folder)
-    figures = [figure.save(folder).name for figure in change_figures(pairs)]
-    written = f"comparison.csv, {', '.join(figures)} in {folder}"
-    same = [] if differences(before.path, after.path) else [_SAME]
-    return "\n".join([*lines_of(table), "", written, table.note, *same])
+    written = []
+    if folder is not None:
+        table.write_csv(folder)
+        figures = [figure.save(folder).name for figure in change_figures(pairs)]
+        written = [f"{', '.join(['comparison.csv', *figures])} in {folder}"]
+    return "\n".join([*lines_of(table), "", *written, table.note, bits])
+
+
+def _bits(different: Sequence[str]) -> str:
+    """Sentence on the bits of two files: the same, or how many datasets and attributes differ."""
+    if not different:
+        return _SAME
+    named = ", ".join(different[:_MOST_NAMED])
+    more = ", ..." if len(different) > _MOST_NAMED else ""
+    return f"Datasets and attributes whose bits differ: {len(different)} ({named}{more})."
 
 
 def lines_of(table: Table) -> Iterator[str]:

@@ -32,7 +32,7 @@ module parallel_signals
 
 contains
 
-   !> From now on the first signal only sets a flag, and a second one ends the process at once.
+   !> Catches signals: from now on the first only sets a flag, and a second one ends the process.
    subroutine catch_stop_signals()
       integer(c_int), parameter :: wishes(*) = [sigterm, sigint, sigusr1, sighup, sigquit, sigxcpu]
       type(c_funptr) :: previous

@@ -93,6 +93,22 @@ def test_compare_tells_what_tighter_joints_change(results_of_scene, results_file
     assert "same bits" in capsys.readouterr().out
 
 
+def test_compare_without_a_folder_only_prints(results_of_scene, results_file, capsys):
+    """Files of processes alone have no cases: what is said of them is whether the bits agree."""
+    tighter = results_of_scene(SMALL_SCENE, "run", "--set", "chain%normal_load=30")
+    files = sorted(results_file.parent.iterdir())
+    assert main(["compare", str(results_file), str(tighter)]) == 0
+    said = capsys.readouterr().out
+    assert "mean time in slip [%]" in said
+    assert "Datasets and attributes whose bits differ" in said
+    assert sorted(results_file.parent.iterdir()) == files
+    processes = results_of_scene(
+        "&process correlation_length = 0.3 order = 2 mean = 1.0 std = 0.3 positive = f /"
+    )
+    assert main(["compare", str(processes), str(processes)]) == 0
+    assert capsys.readouterr().out.startswith("Both files have the same bits")
+
+
 def test_compare_wants_two_files(results_file, tmp_path, capsys):
     assert main(["compare", str(results_file), "--out", str(tmp_path)]) == 2
     assert "needs two results files or more" in capsys.readouterr().err

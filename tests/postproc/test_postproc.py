@@ -208,7 +208,7 @@ def test_axes_can_be_laid_beside_the_papers(process_file, tmp_path, capsys):
     with pytest.raises(SystemExit):
         main([*options, "--axes", "fig_08=1"])
     assert main([*options, "--axes", "fig_8=0,5,0,1"]) == 2
-    assert "fig_8: no figure has a name that starts so; there are fig_0" in capsys.readouterr().err
+    assert "fig_8: no name of a figure begins with it; there are fig_0" in capsys.readouterr().err
 
 
 def test_a_style_of_ones_own_is_laid_over(process_file, tmp_path, capsys):
