@@ -11,12 +11,21 @@ module config_groups
    use structure_model, only: structure_type
    implicit none(type, external)
    private
-   public :: group_doc, group_names, scene_type
+   public :: group_docs, group_names, scene_type
 
-   character(*), parameter :: group_names(9) = &
-                              [character(12) :: 'scene', 'process', 'structure', 'chain', &
-                                                 'excitation', 'integration', 'campaign', &
-                                                 'accuracy', 'output']
+   !> Groups of a scene, and the subject of each.
+   character(*), parameter :: &
+      group_names(*) = [character(12) :: 'scene', 'process', 'structure', 'chain', 'excitation', &
+                                         'integration', 'campaign', 'accuracy', 'output'], &
+      group_docs(*) = [character(80) :: 'title and seed of the study', &
+                      'maximum-entropy processes (Sec. 2); the group may be repeated', &
+                      'a structure from files with Jenkins joints, in place of &chain', &
+                      'a row of masses held by Jenkins elements (Sec. 3, Fig. 7); needs &excitation', &
+                      'the forces on the chain or structure', &
+                      'method and steps of the march through time', &
+                      'number of samples, estimator, time limit', &
+                      'wanted errors, and the audit of the numerical error', &
+                      'results to keep; others are not computed']
 
    !> A group that is absent has its defaults here.
    type :: scene_type
@@ -54,35 +63,6 @@ module config_groups
    end type scene_type
 
 contains
-
-   !> Subject of a group, for the template and the reference.
-   pure function group_doc(group) result(text)
-      character(*), intent(in) :: group
-      character(:), allocatable :: text
-
-      select case (group)
-      case ('scene')
-         text = 'title and seed of the study'
-      case ('process')
-         text = 'maximum-entropy processes (Sec. 2); the group may be repeated'
-      case ('structure')
-         text = 'a structure from files with Jenkins joints, in place of &chain'
-      case ('chain')
-         text = 'a row of masses held by Jenkins elements (Sec. 3, Fig. 7); needs &excitation'
-      case ('excitation')
-         text = 'the forces on the chain or structure'
-      case ('integration')
-         text = 'method and steps of the march through time'
-      case ('campaign')
-         text = 'number of samples, estimator, time limit'
-      case ('accuracy')
-         text = 'wanted errors, and the audit of the numerical error'
-      case ('output')
-         text = 'results to keep; others are not computed'
-      case default
-         error stop 'group_doc: no such group'
-      end select
-   end function group_doc
 
    !> Shows a visitor the table of one group.
    subroutine visit(self, group, number, visitor)

@@ -1,6 +1,6 @@
 !> Text made of the tables: a complete commented scene, and the scene reference.
 module config_template
-   use config_groups, only: group_doc, group_names, scene_type
+   use config_groups, only: group_docs, group_names, scene_type
    use config_text_lister, only: lister_type, row_type
    use config_text_value_table, only: entry_type
    use core_kinds, only: wp
@@ -28,7 +28,7 @@ contains
          lister = lister_type()
          call scene%visit(trim(group_names(i)), 1, lister)
          mark = trim(merge('! ', '  ', group_names(i) == 'structure'))   ! it excludes &chain
-         text = text//line_feed//'! '//group_doc(trim(group_names(i)))//line_feed//mark//'&'// &
+         text = text//line_feed//'! '//trim(group_docs(i))//line_feed//mark//'&'// &
                 trim(group_names(i))//line_feed
          do j = 1, size(lister%rows)
             associate (row => lister%rows(j))
@@ -55,7 +55,7 @@ contains
          lister = lister_type()
          call scene%visit(trim(group_names(i)), 1, lister)
          text = text//'## &'//trim(group_names(i))//line_feed//line_feed// &
-                capital(group_doc(trim(group_names(i))))//'.'//line_feed//line_feed// &
+                capital(trim(group_docs(i)))//'.'//line_feed//line_feed// &
                 '| name | type | default | unit | meaning |'//line_feed// &
                 '|---|---|---|---|---|'//line_feed
          do j = 1, size(lister%rows)
@@ -78,20 +78,28 @@ contains
       scene%excitation%variance = [3.7_wp, 41.1_wp]
    end subroutine example
 
-   !> Unit, meaning, choices and rule in one line.
+   !> Unit, meaning and what must be in one line.
    function description(row) result(text)
       type(row_type), intent(in) :: row
       character(:), allocatable :: text
 
       associate (entry => row%entry)
-         text = trim(entry%doc)
+         text = meaning_of(entry)
          if (entry%unit /= '') text = '['//trim(entry%unit)//'] '//text
-         if (entry%n_choices > 0) text = text//'; '//entry%choices_text()
-         if (len(entry%rule%text()) > 0) text = text//'; '//entry%rule%text()
          if (entry%default /= '') text = text//'; default '//trim(entry%default)
          if (entry%is_required) text = text//' (required)'
       end associate
    end function description
+
+   !> Meaning, choices and rule.
+   pure function meaning_of(entry) result(text)
+      type(entry_type), intent(in) :: entry
+      character(:), allocatable :: text
+
+      text = trim(entry%doc)
+      if (entry%n_choices > 0) text = text//'; '//entry%choices_text()
+      if (len(entry%rule%text()) > 0) text = text//'; '//entry%rule%text()
+   end function meaning_of
 
    !> The comment behind the value, going on below it where it is long.
    function with_comment(value, comment) result(text)
@@ -114,19 +122,16 @@ contains
 
    function reference_row(row) result(text)
       type(row_type), intent(in) :: row
-      character(:), allocatable :: text, default, meaning
+      character(:), allocatable :: text, default
 
       associate (entry => row%entry)
          default = '`'//row%value//'`'
          if (row%value == '') default = 'none'
          if (entry%default /= '') default = trim(entry%default)
          if (entry%is_required) default = '**must be given**'
-         meaning = trim(entry%doc)
-         if (entry%n_choices > 0) meaning = meaning//'; '//entry%choices_text()
-         if (len(entry%rule%text()) > 0) meaning = meaning//'; '//entry%rule%text()
          text = '| `'//trim(entry%name)//'` | '//trim(row%kind)// &
                 trim(merge(' list', '     ', row%is_list))//' | '//default//' | '// &
-                trim(entry%unit)//' | '//meaning//' |'
+                trim(entry%unit)//' | '//meaning_of(entry)//' |'
       end associate
    end function reference_row
 

@@ -61,23 +61,23 @@ contains
                     rule=between(1.0_wp, real(most_dofs, wp)))
       entry%default = 'length of the longest list, else 5'
       call visitor%visit(self%n_dof, entry)
-      entry = about('mass', 'one value, or one per dof', 'kg', positive())
+      entry = about('mass', 'one value, or one per dof', 'kg', positive)
       call visit_list(self%mass, [1.0_wp])
       entry = about('coupling_stiffness', &
                     'springs between the masses; the first one joins the wall', 'N/m', &
-                    not_negative())
+                    not_negative)
       call visit_list(self%coupling_stiffness, [25.0_wp])
       entry = about('contact_stiffness', 'springs of the Jenkins elements', 'N/m', &
-                    positive())
+                    positive)
       call visit_list(self%contact_stiffness, [50.0_wp])
-      entry = about('normal_load', 'normal loads of the sliders', 'N', not_negative())
+      entry = about('normal_load', 'normal loads of the sliders', 'N', not_negative)
       call visit_list(self%normal_load, [10.0_wp])
       entry = about('friction', 'friction coefficients of the deterministic cases', &
-                    rule=not_negative())
+                    rule=not_negative)
       entry%default = 'the mean that all &process share'
       call visit_list(self%friction, [real(wp) ::])
       entry = about('damping_ratio', 'ratio of critical damping of each mode, all joints stuck', &
-                    rule=not_negative())
+                    rule=not_negative)
       call visit_list(self%damping_ratio, [0.005_wp])
 
    contains
@@ -106,11 +106,11 @@ contains
       call visitor%visit_text(self%damping_matrix, about('damping_matrix', &
          'C as a Matrix Market file; or give one of the next two', 'N s/m', shapes_samples=.false.))
       call visitor%visit(self%rayleigh, about('rayleigh', &
-         'alpha [1/s], beta [s]: C = alpha M + beta K', rule=not_negative(), length=2), &
+         'alpha [1/s], beta [s]: C = alpha M + beta K', rule=not_negative, length=2), &
          default=[0.0_wp, 0.0_wp])
       call visitor%visit(self%damping_ratio, about('damping_ratio', &
          'ratio of critical damping: one value, or one per mode, all joints stuck', &
-         rule=not_negative()), default=[0.005_wp])
+         rule=not_negative), default=[0.005_wp])
       call visitor%visit_text(self%joints, about('joints', &
          'text file, one joint a line: dof_a dof_b stiffness normal_load friction '// &
          '[friction_point]; dof_b = 0 is the ground', shapes_samples=.false.))
@@ -132,13 +132,13 @@ contains
          'Gaussian noise with a flat or given spectrum, sines, or a force history from a file', &
          choices='band_limited psd sine file'))
       call visitor%visit(self%band, about('band', 'frequencies of the noise, from and to', 'Hz', &
-         not_negative(), length=2, used=self%kind == 'band_limited'), default=[0.0_wp, 2.5_wp])
+         not_negative, length=2, used=self%kind == 'band_limited'), default=[0.0_wp, 2.5_wp])
       call visitor%visit(self%variance, about('variance', &
-         'expected variance of the noise; one or several, each a case', 'N^2', positive()))
+         'expected variance of the noise; one or several, each a case', 'N^2', positive))
       call visitor%visit(self%frequency, about('frequency', &
-         'of sines; one or several, each a case', 'Hz', positive(), used=self%kind == 'sine'))
+         'of sines; one or several, each a case', 'Hz', positive, used=self%kind == 'sine'))
       call visitor%visit(self%amplitude, about('amplitude', &
-         'of sines; one or several, each with every frequency', 'N', positive(), &
+         'of sines; one or several, each with every frequency', 'N', positive, &
          used=self%kind == 'sine'))
       call visitor%visit_text(self%psd, about('psd', &
          'text file with the one-sided spectrum: Hz and N^2/Hz on a line, linear in between', &
@@ -147,10 +147,10 @@ contains
          'force history: text (force, or time and force) or HDF5, beside the scene '// &
          'or in the current folder', shapes_samples=.false.))
       call visitor%visit(self%factor, about('factor', &
-         'factor of the force of file or psd; one or several, each a case', rule=positive(), &
+         'factor of the force of file or psd; one or several, each a case', rule=positive, &
          used=self%kind == 'file' .or. self%kind == 'psd'), default=[1.0_wp])
       call visitor%visit(self%dof, about('dof', 'the forced dof; 0: the last', &
-         rule=not_negative()))
+         rule=not_negative))
       call visitor%visit(self%base, about('base', &
          'the force is a ground acceleration [m/s^2], of all dofs alike or of each by load; '// &
          'motion is relative to the ground'))
@@ -179,11 +179,11 @@ contains
 
       call visitor%visit(self%method, about('method', &
          'newmark: the scheme of Sec. 3; event: the exact march', choices='newmark event'))
-      call visitor%visit(self%dt, about('dt', 'time step', 's', positive()))
+      call visitor%visit(self%dt, about('dt', 'time step', 's', positive))
       call visitor%visit(self%n_steps, about('n_steps', &
          'time steps; 0: as many as a force file has', rule=between(0.0_wp, 2.0e9_wp)))
       call visitor%visit(self%n_discard, about('n_discard', &
-         'first steps, left out of all statistics', rule=not_negative()))
+         'first steps, left out of all statistics', rule=not_negative))
       call visitor%visit(self%max_halvings, about('max_halvings', &
          'newmark: steps with a transition are halved down to dt/2^max_halvings', &
          rule=between(0.0_wp, real(most_halvings, wp)), used=self%method == 'newmark'))

@@ -47,10 +47,10 @@ contains
       call visitor%visit(self%lengths, about('correlation_length', &
          'one or several; 0 gives independent values, 1e12 or more one value for all joints', &
          'points', &
-         not_negative(), required=has_law))
+         not_negative, required=has_law))
       call visitor%visit(self%shared%second_length, about('second_length', &
          "with correlation = 'both': the L1, beside L0 in correlation_length", 'points', &
-         not_negative(), &
+         not_negative, &
          used=self%shared%correlation == 'both'))
       entry = about('order', 'order M of the recursion; m_max of the direct method, where '// &
                     'it must be given; 0: chosen from the bounds', rule=between(0.0_wp, 2000.0_wp))
@@ -62,11 +62,11 @@ contains
          choices='zip product'))
       call visitor%visit(self%range_l0, about('bound_l0', &
          'with order = 0 and L1 imposed: bound on L0, or lower and upper bound; 0: none', &
-         'points', not_negative(), &
+         'points', not_negative, &
          used=any_zero(self%orders)), default=[0.0_wp])
       call visitor%visit(self%range_l1, about('bound_l1', &
          'with order = 0 and L0 imposed: bound on L1, or lower and upper bound; 0: none', &
-         'points', not_negative(), &
+         'points', not_negative, &
          used=any_zero(self%orders)), default=[0.0_wp])
       call visitor%visit(self%shared%bound_side, about('bound_side', &
          'side of a single bound; automatic: upper for L1, lower for L0, which gives the '// &
@@ -79,7 +79,7 @@ contains
          'mean of the process, the same at every point', required=has_law))
       call visitor%visit(self%stds, about('std', &
          'standard deviation; one or several, each with every pair of length and order', &
-         rule=positive(), required=has_law))
+         rule=positive, required=has_law))
       call visitor%visit(self%shared%positive, about('positive', &
          'with a positivity constraint (Sec. 2.4)'))
       call visitor%visit(self%shared%sampler, about('sampler', &
@@ -111,7 +111,7 @@ contains
          'joints', rule=at_least(1.0_wp), &
          shapes_samples=.false.))
       call visitor%visit(self%n_realizations, about('n_realizations', &
-         'realizations to write, the same in all &process', rule=not_negative(), &
+         'realizations to write, the same in all &process', rule=not_negative, &
          shapes_samples=.false.))
    end subroutine visit_process
 

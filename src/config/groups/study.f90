@@ -50,7 +50,7 @@ contains
       class(visitor_type), intent(inout) :: visitor
 
       call visitor%visit(self%n_samples, about('n_samples', &
-         'samples of each case with random friction; 0: no such case', rule=not_negative(), &
+         'samples of each case with random friction; 0: no such case', rule=not_negative, &
          shapes_samples=.false.))
       call visitor%visit(self%deterministic, about('deterministic', &
          'also one case without uncertainty per level of the force, before the others, with '// &
@@ -60,7 +60,7 @@ contains
          'over each case, or plain sampling', shapes_samples=.false., &
          choices='pooled regression plain'))
       call visitor%visit(self%walltime, about('walltime', &
-         'stop between samples after this time; 0: no limit', 'min', not_negative(), &
+         'stop between samples after this time; 0: no limit', 'min', not_negative, &
          shapes_samples=.false.))
    end subroutine visit_campaign
 
@@ -71,13 +71,13 @@ contains
 
       call visitor%visit(self%target_slip_points, about('target_slip_points', &
          'wanted numerical error of slip fractions, in percentage points; 0: no target', '%', &
-         not_negative(), shapes_samples=.false.))
+         not_negative, shapes_samples=.false.))
       call visitor%visit(self%target_band_ratio, about('target_band_ratio', &
-         'wanted relative numerical error of band ratios; 0: no target', rule=not_negative(), &
+         'wanted relative numerical error of band ratios; 0: no target', rule=not_negative, &
          shapes_samples=.false.))
       call visitor%visit(self%target_statistical, about('target_statistical', &
          'wanted standard error of mean slip fractions, in percentage points; 0: no target', '%', &
-         not_negative(), shapes_samples=.false.))
+         not_negative, shapes_samples=.false.))
       call visitor%visit(self%sample_until_met, about('sample_until_met', &
          'add n_samples at a time until target_statistical is met', &
          shapes_samples=.false.))
@@ -97,7 +97,7 @@ contains
          choices='slip spectrum energy history realizations transitions'), &
          default=[character(choice_length) :: 'slip', 'spectrum'])
       call visitor%visit(self%dofs, about('dofs', &
-         'dofs with spectra and histories, ascending; 0: all', rule=not_negative(), &
+         'dofs with spectra and histories, ascending; 0: all', rule=not_negative, &
          used=self%keeps('spectrum') .or. self%keeps('history')), default=[0])
       call visitor%visit(self%percentiles, about('percentiles', &
          'percentiles of all statistics over samples, ascending', '%', inside(0.0_wp, 100.0_wp), &
@@ -107,7 +107,7 @@ contains
          rule=between(8.0_wp, 1.0e8_wp), used=self%keeps('spectrum')))
       call visitor%visit(self%spectrum_every, about('spectrum_every', &
          'every n-th step enters the spectra; 0: n is chosen, and stated in the results', &
-         rule=not_negative(), used=self%keeps('spectrum')))
+         rule=not_negative, used=self%keeps('spectrum')))
       call visitor%visit(self%samples, about('samples', &
          'keep the spectra and slip series of every sample; '// &
          'else only their statistics, and no samples can be added later', &

@@ -22,6 +22,9 @@ module config_text_value_table
       procedure :: text => rule_text
    end type rule_type
 
+   type(rule_type), parameter :: positive = rule_type(lower=0.0_wp, excludes_lower=.true.), &
+                                 not_negative = rule_type(lower=0.0_wp)
+
    !> One value of a group: its name, meaning, unit, rule and choices.
    type :: entry_type
       character(name_length) :: name
@@ -155,18 +158,6 @@ contains
          text = text//"'"//trim(self%choices(i))//"'"
       end do
    end function choices_text
-
-   !> Zero does not belong to it.
-   pure type(rule_type) function positive()
-
-      positive = rule_type(lower=0.0_wp, excludes_lower=.true.)
-   end function positive
-
-   !> Zero belongs to it.
-   pure type(rule_type) function not_negative()
-
-      not_negative = rule_type(lower=0.0_wp)
-   end function not_negative
 
    !> The end belongs to it.
    elemental type(rule_type) function at_least(lower)
