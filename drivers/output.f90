@@ -16,10 +16,10 @@ module driver_output
    use driver_shards, only: share_list, verify_shards
    use io_earlier_results, only: check_replaceable, extract_shards, inspect_results
    use io_error_results, only: case_errors, read_errors
-   use io_files, only: remove_file
+   use io_files, only: exists, remove_file
    use io_gathering, only: finished_samples
    use io_lock, only: lock_type, take_lock
-   use io_shards, only: has_shard, list_shards, remove_covered, shard_type, verify_shard
+   use io_shards, only: list_shards, named_shard, remove_covered, shard_type, verify_shard
    use io_store, only: new_store, remove_leftovers, remove_store, shard_store
    use parallel_world, only: world_type
    implicit none(type, external)
@@ -302,8 +302,10 @@ contains
       type(block_range), intent(in) :: block
       logical :: is_stored
 
-      is_stored = has_shard(self%store, block%case_number, block%first, &
-                            block%last - block%first + 1)
+      associate (shard => named_shard(self%store, block%case_number, block%first, &
+                                      block%last - block%first + 1))
+         is_stored = exists(shard%path)
+      end associate
    end function is_stored
 
    !> Number of a block in the lock, the same for every run.

@@ -116,16 +116,16 @@ contains
       type(runner_type), intent(inout) :: runner
       type(output_type), intent(in) :: output
       type(error_type), allocatable, intent(out) :: error
-      type(block_result) :: result
+      type(block_result) :: result(1)
       real(wp), allocatable :: friction(:, :)
       logical :: is_abandoned
 
       call draw_friction(runner%plan, models, &
                          block_range(line%case_number, line%sample, line%sample), friction)
-      call run_block(runner, line%case_number, friction, line%sample, time_to_stop, result, &
+      call run_block(runner, line%case_number, friction, line%sample, time_to_stop, result(1), &
                      is_abandoned, error)
       if (allocated(error) .or. is_abandoned) return
-      result%first_sample = 1
+      result(1)%first_sample = 1
       call write_shard(output%store, result, error)
    end subroutine march_again
 

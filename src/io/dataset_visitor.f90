@@ -148,8 +148,8 @@ contains
 
       if (self%deed /= reads) call make(self, what, 0.0_wp, shape(values))
       if (.not. allocated(self%group%error)) &
-         call move_part(self%group%file, path_of(self, what), first_of(self, rank(values)), values, &
-                        self%deed /= reads, self%group%error)
+         call move_part(self%group%file, path_of(self, what), first_of(self, rank(values)), &
+                        values, self%deed /= reads, self%group%error)
    end subroutine act_on_reals
 
    subroutine act_on_integers(self, what, values)
@@ -159,8 +159,8 @@ contains
 
       if (self%deed /= reads) call make(self, what, 0, shape(values))
       if (.not. allocated(self%group%error)) &
-         call move_part(self%group%file, path_of(self, what), first_of(self, rank(values)), values, &
-                        self%deed /= reads, self%group%error)
+         call move_part(self%group%file, path_of(self, what), first_of(self, rank(values)), &
+                        values, self%deed /= reads, self%group%error)
    end subroutine act_on_integers
 
    subroutine act_on_longs(self, what, values)
@@ -170,8 +170,8 @@ contains
 
       if (self%deed /= reads) call make(self, what, 0_long, shape(values))
       if (.not. allocated(self%group%error)) &
-         call move_part(self%group%file, path_of(self, what), first_of(self, rank(values)), values, &
-                        self%deed /= reads, self%group%error)
+         call move_part(self%group%file, path_of(self, what), first_of(self, rank(values)), &
+                        values, self%deed /= reads, self%group%error)
    end subroutine act_on_longs
 
    !> Place in the file where the rows concerned begin.

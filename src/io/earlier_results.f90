@@ -110,14 +110,14 @@ contains
       type(shard_store), intent(in) :: store
       logical, intent(in) :: is_stored(:)   !! (sample)
       type(error_type), allocatable, intent(out) :: error
-      type(block_result) :: block
+      type(block_result) :: block(1)
       integer :: first, last
 
       do first = 1, size(is_stored), samples_per_shard
          last = min(first + samples_per_shard - 1, size(is_stored))
          if (all(is_stored(first:last))) cycle
-         call hold(block)
-         call read_block(file, group, block, first - 1, 0, block%n_samples, .false., error)
+         call hold(block(1))
+         call read_block(file, group, block(1), first - 1, 0, last - first + 1, .false., error)
          if (allocated(error)) return
          call write_shard(store, block, error)
          if (allocated(error)) return

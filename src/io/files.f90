@@ -1,6 +1,6 @@
 !> Files and folders. Failures carry the system's own words.
 module io_files
-   use, intrinsic :: iso_c_binding, only: c_associated, c_char, c_f_pointer, c_int, c_long, &
+   use, intrinsic :: iso_c_binding, only: c_associated, c_char, c_f_pointer, c_int, c_loc, c_long, &
                                                             c_null_char, c_null_ptr, c_ptr, c_size_t
    use core_error, only: error_type
    use core_kinds, only: long
@@ -66,17 +66,14 @@ contains
       type(error_type), allocatable, intent(out) :: error
       integer, parameter :: most = 40, longest = 4096   !! of Linux
       integer(c_int), parameter :: eloop = 40
-      character(kind=c_char) :: buffer(longest)
+      character(kind=c_char), target :: buffer(longest + 1)
       character(:), allocatable :: target
-      integer :: i, j, length
+      integer :: i
 
       do i = 1, most
-         length = int(c_readlink(path//c_null_char, buffer, size(buffer, kind=c_size_t)))
-         if (length < 0) return
-         allocate (character(length) :: target)
-         do j = 1, length
-            target(j:j) = buffer(j)
-         end do
+         buffer = c_null_char
+         if (c_readlink(path//c_null_char, buffer, int(longest, c_size_t)) < 0) return
+         target = text_at(c_loc(buffer))
          if (index(target, '/') /= 1 .and. index(path, '/') > 0) &
             target = path(:index(path, '/', back=.true.))//target
          call move_alloc(target, path)
@@ -242,16 +239,11 @@ contains
    !> Name of this machine.
    function host_name() result(name)
       character(:), allocatable :: name
-      character(kind=c_char) :: buffer(256)
-      integer :: i
+      character(kind=c_char), target :: buffer(256)
 
       buffer = c_null_char
       if (c_gethostname(buffer, size(buffer, kind=c_size_t) - 1) /= 0) buffer(1) = '?'
-      name = ''
-      do i = 1, size(buffer)
-         if (buffer(i) == c_null_char) exit
-         name = name//buffer(i)
-      end do
+      name = text_at(c_loc(buffer))
    end function host_name
 
    !> True if a person sees standard output as it comes. mpirun gives every rank a terminal of its

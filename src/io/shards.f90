@@ -1,26 +1,21 @@
 !> Finished blocks of samples as files of a store.
 module io_shards
-   use, intrinsic :: iso_c_binding, only: c_f_pointer, c_loc
    use campaign_results, only: block_result
    use core_error, only: error_type, exit_file, raise
    use io_blocks, only: read_block, write_blocks
-   use io_files, only: exists, remove_file
-   use io_hdf5, only: hdf5_file, read_attribute, write_attribute
+   use io_files, only: remove_file
+   use io_group, only: group_of, group_type
+   use io_hdf5, only: hdf5_file
    use io_lock, only: lock_type
    use io_process_shards, only: is_process_shard
    use io_store, only: finish_file, list_finished, open_own, remove_store, shard_store, start_file
    implicit none(type, external)
    private
    public :: shard_type
-   public :: has_shard, list_shards, named_shard, open_shard, read_shard, remove_covered, &
+   public :: list_shards, named_shard, open_shard, read_shard, remove_covered, &
              verify_shard, write_shard
 
    character(*), parameter :: advice = '; remove it to have its samples computed again'
-
-   !> One finished block, or several of a case, as a shard.
-   interface write_shard
-      module procedure write_one, write_several
-   end interface write_shard
 
    !> One shard, as its name tells it.
    type :: shard_type
@@ -32,20 +27,9 @@ module io_shards
 
 contains
 
-   !> Writes a finished block as a shard.
-   subroutine write_one(store, block, error)
-      type(shard_store), intent(in) :: store
-      type(block_result), intent(inout), target :: block   !! left as it was
-      type(error_type), allocatable, intent(out) :: error
-      type(block_result), pointer :: blocks(:)
-
-      call c_f_pointer(c_loc(block), blocks, [1])   ! a copy may be large
-      call write_several(store, blocks, error)
-   end subroutine write_one
-
    !> Writes finished blocks, consecutive samples of a case, as one shard. It is on the disk when
    !> this returns without error.
-   subroutine write_several(store, blocks, error)
+   subroutine write_shard(store, blocks, error)
       type(shard_store), intent(in) :: store
       type(block_result), intent(inout) :: blocks(:)   !! left as they were
       type(error_type), allocatable, intent(out) :: error
@@ -57,18 +41,19 @@ contains
       if (allocated(error)) return
       call fill_shard(file, blocks, error)
       call finish_file(store, name, file, error)
-   end subroutine write_several
+   end subroutine write_shard
 
    subroutine fill_shard(file, blocks, error)
       type(hdf5_file), intent(in) :: file
       type(block_result), intent(inout) :: blocks(:)
       type(error_type), allocatable, intent(out) :: error
+      type(group_type) :: root
 
-      call write_attribute(file, '/', 'case', blocks(1)%case_number, error)
-      if (.not. allocated(error)) &
-         call write_attribute(file, '/', 'first_sample', blocks(1)%first_sample, error)
-      if (.not. allocated(error)) &
-         call write_attribute(file, '/', 'n_samples', sum(blocks%n_samples), error)
+      root = group_of(file, '/')
+      call root%attribute('case', blocks(1)%case_number)
+      call root%attribute('first_sample', blocks(1)%first_sample)
+      call root%attribute('n_samples', sum(blocks%n_samples))
+      call root%take_error(error)
       if (.not. allocated(error)) call write_blocks(file, blocks, error)
    end subroutine fill_shard
 
@@ -83,15 +68,6 @@ contains
       shard%first_sample = first_sample
       shard%n_samples = n_samples
    end function named_shard
-
-   !> True if a block is there, by its name alone.
-   function has_shard(store, case_number, first_sample, n_samples)
-      type(shard_store), intent(in) :: store
-      integer, intent(in) :: case_number, first_sample, n_samples
-      logical :: has_shard
-
-      has_shard = exists(store%folder//'/'//shard_name(case_number, first_sample, n_samples))
-   end function has_shard
 
    !> Lists the shards of a store by their names; a file that is none is refused by name.
    subroutine list_shards(store, shards, error)
@@ -148,14 +124,15 @@ contains
       type(hdf5_file), intent(out) :: file
       type(block_result), intent(out) :: block
       type(error_type), allocatable, intent(out) :: error
+      type(group_type) :: root
 
       call open_own(store, shard%path, advice, file, error)
       if (allocated(error)) return
-      call read_attribute(file, '/', 'case', block%case_number, error)
-      if (.not. allocated(error)) &
-         call read_attribute(file, '/', 'first_sample', block%first_sample, error)
-      if (.not. allocated(error)) &
-         call read_attribute(file, '/', 'n_samples', block%n_samples, error)
+      root = group_of(file, '/')
+      call root%read('case', block%case_number)
+      call root%read('first_sample', block%first_sample)
+      call root%read('n_samples', block%n_samples)
+      call root%take_error(error)
       if (.not. allocated(error)) then
          if (any([block%case_number, block%first_sample, block%n_samples] /= &
                  [shard%case_number, shard%first_sample, shard%n_samples])) then

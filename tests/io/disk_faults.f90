@@ -6,10 +6,10 @@ program disk_faults
    use campaign_results, only: block_result
    use core_error, only: error_type
    use core_terminal, only: end_program
-   use io_campaign, only: ask_all, made_block, made_identity, made_model, write_made_results, &
+   use io_campaign, only: ask_all, keep_block, made_block, made_identity, made_model, write_made_results, &
       write_made_shards
    use io_process_shards, only: keep_process, read_kept
-   use io_shards, only: list_shards, shard_type, verify_shard, write_shard
+   use io_shards, only: list_shards, shard_type, verify_shard
    use io_store, only: new_store, shard_store
    use process_model, only: process_model_type
    implicit none(type, external)
@@ -45,7 +45,7 @@ contains
 
       do first = 1, 120, 2
          block = made_block(2, first, first + 1)
-         call write_shard(store, block, error)
+         call keep_block(store, block, error)
          if (allocated(error)) return
       end do
    end subroutine fill

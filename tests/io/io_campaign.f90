@@ -27,7 +27,7 @@ module io_campaign
    use structure_chain, only: build_chain
    implicit none(type, external)
    private
-   public :: ask_all, fresh_folder, made_audit_block, made_block, made_identity, made_model, &
+   public :: ask_all, fresh_folder, keep_block, made_audit_block, made_block, made_identity, made_model, &
              write_made_results, write_made_shards
 
    integer, parameter, public :: n_dof = 3, n_frequencies = 130, n_steps = 20
@@ -213,6 +213,17 @@ contains
       end do
    end subroutine ask_all
 
+   !> One block as a shard.
+   subroutine keep_block(store, block, error)
+      type(shard_store), intent(in) :: store
+      type(block_result), intent(in) :: block
+      type(error_type), allocatable, intent(out) :: error
+      type(block_result) :: blocks(1)
+
+      blocks(1) = block
+      call write_shard(store, blocks, error)
+   end subroutine keep_block
+
    !> Case 1 in one shard, case 2 in two.
    subroutine write_made_shards(store, error)
       type(shard_store), intent(in) :: store
@@ -224,7 +235,7 @@ contains
 
       do i = 1, 3
          block = made_block(case_number(i), first(i), last(i))
-         call write_shard(store, block, error)
+         call keep_block(store, block, error)
          if (allocated(error)) return
       end do
    end subroutine write_made_shards
@@ -301,7 +312,7 @@ contains
       type(numerical_error) :: errors
 
       block = made_audit_block()
-      call write_shard(store, block, error)
+      call keep_block(store, block, error)
       if (.not. allocated(error)) call list_shards(store, shards, error)
       if (.not. allocated(error)) &
          call read_samples(store, shards_of(shards, 4, 3), 4, 1, 3, block, error)

@@ -68,7 +68,7 @@ def test_estimates_of_more_samples_are_told_where_they_are_not_those_asked_for(
     assert done.returncode == 0, done.stderr
     assert "its estimator or percentiles are not those of the scene" in done.stdout
     assert "campaign%n_samples = 6 has them made anew" in done.stdout
-    again = entroslip("run", small_scene, "--output", "p.h5", *asked, "--set", "campaign%n_samples=6")
+    again = entroslip("run", small_scene, "--output", "p.h5", *asked)
     assert "14 of 14 samples are there" in again.stdout
 
 
