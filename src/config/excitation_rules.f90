@@ -3,7 +3,7 @@ module config_excitation_rules
    use config_force_file, only: check_force, force_label, is_hdf5_file, read_force_text
    use config_groups, only: scene_type
    use config_text_reader, only: reader_type
-   use core_kinds, only: wp
+   use core_kinds, only: long, wp
    use core_source, only: find_beside
    use core_table, only: read_table, table_type
    use core_text, only: rounded_text, to_text
@@ -63,8 +63,7 @@ contains
          logical :: belongs
 
          belongs = scene%excitation%kind == kind
-         call reader%require(.not. belongs .or. has_value .or. &
-                             reader%was_given(group, name), group, name, &
+         call reader%require(has_value .or. .not. belongs, group, name, &
                              "must be given with kind = '"//trim(scene%excitation%kind)//"'")
          call reader%require(belongs .or. .not. has_value, group, name, &
                              "must be absent with kind = '"//trim(scene%excitation%kind)//"'")
@@ -92,6 +91,7 @@ contains
    subroutine check_sines(scene, reader)
       type(scene_type), intent(inout) :: scene
       type(reader_type), intent(inout) :: reader
+      real(wp), parameter :: largest = 1.0e18_wp   ! steps that are told
       real(wp) :: highest, least
 
       call reader%require(.not. scene%excitation%per_sample, group, 'per_sample', &
@@ -101,6 +101,7 @@ contains
                                         scene%output%quantities /= 'spectrum')
       associate (frequency => scene%excitation%frequency, how => scene%integration)
          if (size(frequency) == 0 .or. .not. how%dt > 0.0_wp .or. how%n_steps < 1) return
+         if (.not. all(frequency > 0.0_wp)) return
          highest = 1.0_wp/(steps_per_period*how%dt)
          call reader%require(all(frequency <= highest*(1.0_wp + epsilon(1.0_wp))), group, &
                              'frequency', 'must be at most '// &
@@ -109,7 +110,8 @@ contains
                              ' steps of integration%dt or more')
          least = 2.0_wp*periods_of_window/(minval(frequency)*how%dt)
          call reader%require(how%n_steps - how%n_discard >= least + 64, 'integration', 'n_steps', &
-                             'must be at least '//to_text(ceiling(least) + 64 + how%n_discard)// &
+                             'must be at least '//to_text(ceiling(min(least, largest), long) + 64 + &
+                                                             how%n_discard)// &
                              ': twice '//to_text(periods_of_window)//' periods of the lowest '// &
                              'frequency behind n_discard, to see whether they repeat')
       end associate
