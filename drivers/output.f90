@@ -6,8 +6,9 @@ module driver_output
    use campaign_samples_needed, only: needs_more_samples, slip_error_of
    use campaign_study, only: block_range
    use config_scene, only: scene_type
-   use core_error, only: error_type, exit_file, raise
+   use core_error, only: error_type, exit_bad_input, exit_file, raise
    use core_kinds, only: long, wp
+   use core_memory, only: gives_memory
    use core_terminal, only: say_line => say
    use core_text, only: to_text
    use driver_campaign, only: find_output, tell_folder
@@ -65,6 +66,7 @@ contains
       else
          call find_output(line, '.h5', output%path, error)
       end if
+      if (.not. allocated(error)) call refuse_long_lists(plan, error)
       call world%stop_on(error)
       output%store = new_store(output%path, identity_of(scene, line%command))
       output%is_quiet = line%is_quiet .or. .not. world%is_root()
@@ -91,6 +93,22 @@ contains
       end if
       call share_finished(world, output)
    end subroutine open_output
+
+   !> Refuses more samples than a rank has memory to list.
+   subroutine refuse_long_lists(plan, error)
+      type(plan_type), intent(in) :: plan
+      type(error_type), allocatable, intent(out) :: error
+      real(wp), parameter :: of_sample = 12.0_wp   ! bytes: marks twice, and a number to tell them
+      real(wp) :: bytes
+      integer :: most
+
+      most = maxval([plan%cases%n_samples, 0])
+      bytes = of_sample*most*size(plan%cases)
+      if (.not. gives_memory(bytes)) &
+         call raise(error, exit_bad_input, 'campaign%n_samples = '//to_text(most)//': the lists '// &
+                    'of samples take '//to_text(nint(bytes/1.0e6_wp))//' MB on each rank, which '// &
+                    'the system does not give')
+   end subroutine refuse_long_lists
 
    !> Takes the lock, clears away what no run can use, and lists the shards that are there.
    subroutine find_finished(starts_anew, plan, output, shards, error)

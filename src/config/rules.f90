@@ -13,7 +13,8 @@ module config_rules
    private
    public :: check_rules
 
-   integer, parameter :: max_cases = 10000   !! processes, and cases, of one scene
+   integer, parameter :: max_cases = 10000          !! processes, and cases, of one scene
+   integer, parameter :: max_samples = 1000000000   !! of all cases; with audits they can be counted
 
 contains
 
@@ -225,6 +226,7 @@ contains
       end associate
    end subroutine check_statistics
 
+   !> Checks how many cases and samples all lists together make.
    subroutine check_number_of_cases(scene, reader)
       type(scene_type), intent(in) :: scene
       type(reader_type), intent(inout) :: reader
@@ -240,6 +242,10 @@ contains
                           trim(merge('amplitude', 'variance ', scene%excitation%kind == 'sine')), &
                           'the scene makes '//to_text(n)//' cases: must be at most '// &
                           to_text(max_cases))
+      if (n > max_cases .or. .not. scene%runs_samples()) return
+      n = (n - scene%excitation%n_levels())*scene%campaign%n_samples
+      call reader%require(n <= max_samples, 'campaign', 'n_samples', 'the scene makes '// &
+                          to_text(n)//' samples: must be at most '//to_text(max_samples))
    end subroutine check_number_of_cases
 
    !> Combinations that a group asks for.

@@ -121,3 +121,18 @@ def test_check_is_quick_and_a_run_without_memory_ends_in_one_line(program, tmp_p
         assert len(done.stderr.splitlines()) == (1 if code else 0)
     assert time.process_time() - began < 20
     assert sorted(path.name for path in tmp_path.iterdir()) == ["s.nml"]
+
+
+def test_more_samples_than_can_be_listed_are_refused(program, tmp_path):
+    """The run ended in the words of the Fortran runtime, with code 1."""
+    scene = SCENE.format(**USUAL | {"n_steps": 100, "n_samples": 700000000})
+    (tmp_path / "s.nml").write_text(scene)
+    done = subprocess.run(
+        [program, "run", "s.nml"], cwd=tmp_path, env=ENVIRONMENT | {"OMP_NUM_THREADS": "1"},
+        capture_output=True, text=True, timeout=100, check=False, preexec_fn=limited,
+    )  # fmt: skip
+    assert done.returncode == 2, done.stderr
+    said = "campaign%n_samples = 700000000: the lists of samples take 8400 MB on each rank"
+    assert said in done.stderr
+    assert len(done.stderr.splitlines()) == 1
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["s.nml"]
