@@ -27,7 +27,7 @@ def claims(n_blocks: int, n_ranks: int) -> list[int]:
     """Blocks of each claim, as campaign_study has them."""
     sizes = []
     while n_blocks > 0:
-        sizes.append(max(1, n_blocks // (2 * n_ranks)) if n_ranks > MOST_BLOCK_CLAIMERS else 1)
+        sizes.append(max(1, n_blocks // (3 * n_ranks)) if n_ranks > MOST_BLOCK_CLAIMERS else 1)
         n_blocks -= sizes[-1]
     return sizes
 

@@ -23,7 +23,8 @@ contains
 
    !> Samples that are still to be run, as ranks claim them, most first so that ranks end together.
    !> A claim is one block. For more than most_block_claimers ranks, whose shards would be too many,
-   !> it is up to 1/(2 n_ranks) of the blocks that are left (guided self-scheduling).
+   !> it is up to 1/(3 n_ranks) of the blocks that are left (guided self-scheduling): a rank of a third
+   !> of the others' speed does not end after them.
    pure function open_claims(plan, is_finished, n_ranks) result(claims)
       type(plan_type), intent(in) :: plan
       logical, intent(in) :: is_finished(:, :)   !! (sample, case)
@@ -44,7 +45,7 @@ contains
                cycle
             end if
             most = width
-            if (n_ranks > most_block_claimers) most = width*max(1, n_open/width/(2*n_ranks))
+            if (n_ranks > most_block_claimers) most = width*max(1, n_open/width/(3*n_ranks))
             last = first
             do while (last < min(plan%cases(c)%n_samples, first + most - 1))
                if (is_finished(last + 1, c)) exit

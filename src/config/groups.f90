@@ -20,7 +20,7 @@ module config_groups
       group_docs(*) = [character(80) :: 'title and seed of the study', &
                       'maximum-entropy processes (Sec. 2); the group may be repeated', &
                       'a structure from files with Jenkins joints, in place of &chain', &
-                      'a row of masses held by Jenkins joints (Sec. 3, Fig. 7); needs &excitation', &
+                      'a row of masses held by Jenkins joints (Sec. 3); needs &excitation', &
                       'the forces on the chain or structure', &
                       'method and steps of the march through time', &
                       'number of samples, estimator, time limit', &
