@@ -1,13 +1,12 @@
 !> The best estimates of all cases: regressions over pools of cases, shared out over the ranks, a
 !> joint or a dof at a time.
 module driver_regression
-   use, intrinsic :: iso_c_binding, only: c_f_pointer, c_loc
    use campaign_estimates, only: case_estimates
    use campaign_law, only: draw_law
    use campaign_plan, only: kept_dofs, plan_type
    use campaign_pooling, only: case_pool, estimators_of, find_points, find_pools, reason_for_plain
-   use campaign_results, only: block_result, case_statistics, joint_statistics, n_quantities, &
-      of_amplitude, of_dissipation, of_distance, of_slip
+   use campaign_results, only: block_result, case_statistics, list_statistics, listed_statistic, &
+                               n_quantities, of_amplitude, of_dissipation, of_distance, of_slip
    use core_error, only: error_type
    use core_kinds, only: wp
    use io_gathering, only: read_part, read_samples, shards_of
@@ -26,14 +25,14 @@ module driver_regression
    !> Data that the tasks of all pools read and fill.
    type :: workshop_type
       type(case_pool), allocatable :: pools(:)
-      type(case_statistics), allocatable :: plain(:)   !! (case) means, deviations and percentiles
+      type(case_statistics), pointer :: plain(:)       !! (case)
+      type(case_estimates), pointer :: found(:)        !! (case) by this rank, zeros elsewhere
       integer :: n_joints = 0
       integer, allocatable :: points(:), takers(:)     !! of the process; a joint that takes each
       integer, allocatable :: dofs(:)                  !! whose spectra are there
       real(wp) :: step = 0.0_wp                        !! between frequencies [Hz]
       real(wp), allocatable :: share_below(:)          !! (percentile)
       integer :: n_amplitudes = 0                      !! dofs under a sine, else 0
-      type(case_estimates), allocatable :: found(:)    !! (case) by this rank, zeros elsewhere
       integer :: at_hand = 0                           !! the pool of the next four
       type(pool_type) :: pool
       integer, allocatable :: drawn(:, :)              !! (process and samples fitted, case) of it
@@ -52,8 +51,8 @@ contains
       type(shard_store), intent(in) :: store
       type(shard_type), intent(in) :: shards(:)             !! of all cases
       real(wp), intent(in) :: frequency(:)                  !! [Hz]; empty: no spectra
-      type(case_statistics), intent(in) :: statistics(:)    !! (case) plain; on the root
-      type(case_estimates), intent(out) :: estimates(:)     !! (case); on the root
+      type(case_statistics), intent(in), target :: statistics(:)    !! (case) plain
+      type(case_estimates), intent(out), target :: estimates(:)     !! (case)
       type(error_type), allocatable, intent(out) :: error
       type(workshop_type) :: workshop
       type(work_counter) :: counter
@@ -66,8 +65,9 @@ contains
       end do
       workshop%pools = find_pools(plan)
       if (size(workshop%pools) == 0) return
-      workshop%found = estimates
-      call open_workshop(world, plan, frequency, statistics, workshop)
+      workshop%plain => statistics
+      workshop%found => estimates
+      call open_workshop(plan, frequency, workshop)
       n_tasks = workshop%n_joints + size(workshop%dofs) + workshop%n_amplitudes
       call new_counter(world, n_tasks*size(workshop%pools), counter)
       do
@@ -80,29 +80,21 @@ contains
       call counter%close()
       if (world%any_true(allocated(error))) return
       do p = 1, size(workshop%pools)
-         do c = 1, size(workshop%pools(p)%cases)
-            call add_up(world, workshop%found(workshop%pools(p)%cases(c)))
-         end do
-      end do
-      estimates = workshop%found
-      if (.not. world%is_root()) return
-      do p = 1, size(workshop%pools)
          associate (cases => workshop%pools(p)%cases)
             do c = 1, size(cases)
+               call add_up(world, estimates(cases(c)))
                call estimates(cases(c))%take_plain(statistics(cases(c)))
             end do
          end associate
       end do
    end subroutine find_estimates
 
-   !> Prepares the data that all ranks need; collective.
-   subroutine open_workshop(world, plan, frequency, statistics, workshop)
-      type(world_type), intent(in) :: world
+   !> Prepares the data that all tasks need.
+   subroutine open_workshop(plan, frequency, workshop)
       type(plan_type), intent(in) :: plan
       real(wp), intent(in) :: frequency(:)
-      type(case_statistics), intent(in) :: statistics(:)
       type(workshop_type), intent(inout) :: workshop
-      integer :: c, i, p, q
+      integer :: i, p
 
       workshop%share_below = plan%output%percentiles/100.0_wp
       workshop%n_joints = plan%structure%n_joints
@@ -113,41 +105,16 @@ contains
          workshop%dofs = kept_dofs(plan)
          workshop%step = frequency(2) - frequency(1)
       end if
-      allocate (workshop%plain(size(plan%cases)))
       do p = 1, size(workshop%pools)
          associate (cases => workshop%pools(p)%cases)
             do i = 1, size(cases)
-               c = cases(i)
-               workshop%plain(c) = statistics(c)
-               do q = 1, merge(of_amplitude, n_quantities, workshop%n_amplitudes > 0)
-                  call world%broadcast(workshop%plain(c)%numbers(q)%mean)
-                  call world%broadcast(workshop%plain(c)%numbers(q)%std)
-                  call world%broadcast(workshop%plain(c)%numbers(q)%percentiles)
-               end do
-               if (size(workshop%dofs) > 0) then
-                  call world%broadcast(workshop%plain(c)%psd_mean)
-                  call share_cube(workshop%plain(c)%psd_percentiles, &
-                                  [size(workshop%dofs), size(frequency), &
-                                   size(workshop%share_below)])
-               end if
-               call workshop%found(c)%start(workshop%plain(c), workshop%points)
-               workshop%found(c)%pooled_with = pack(cases, cases /= c)
+               associate (found => workshop%found(cases(i)))
+                  call found%start(workshop%plain(cases(i)), workshop%points)
+                  found%pooled_with = pack(cases, cases /= cases(i))
+               end associate
             end do
          end associate
       end do
-
-   contains
-
-      subroutine share_cube(values, extent)
-         real(wp), allocatable, intent(inout) :: values(:, :, :)   !! allocated at the root
-         integer, intent(in) :: extent(3)
-         real(wp), allocatable :: row(:)
-
-         if (world%is_root()) row = reshape(values, [size(values)])
-         call world%broadcast(row)
-         values = reshape(row, extent)
-      end subroutine share_cube
-
    end subroutine open_workshop
 
    !> Estimates the quantities of one joint, or the spectra or the amplitude of one dof, for all
@@ -218,7 +185,7 @@ contains
             end associate
             if (size(workshop%amplitudes) > 0) &
                workshop%amplitudes(first(i):first(i + 1) - 1, :) = &
-                  transpose(samples%harmonic_amplitude)
+               transpose(samples%harmonic_amplitude)
          end do
          workshop%at_hand = number
          n_samples = plan%cases(members%cases)%n_samples
@@ -315,57 +282,16 @@ contains
    !> Adds up the estimates of a case, of which each rank has some joints and dofs; collective.
    subroutine add_up(world, found)
       type(world_type), intent(in) :: world
-      type(case_estimates), intent(inout) :: found
+      type(case_estimates), intent(inout), target :: found
+      type(listed_statistic), allocatable :: list(:)
+      integer :: i
 
-      call add(found%sensitivity)
-      call add(found%sensitivity_error)
-      call add_statistics(found%best)
-      call add_statistics(found%error_ratio)
-
-   contains
-
-      subroutine add_statistics(of)
-         type(case_statistics), intent(inout) :: of
-         integer :: q
-
-         do q = of_slip, of_amplitude
-            call add_numbers(of%numbers(q))
-         end do
-         call add(of%psd_mean)
-         call add(of%psd_mean_error)
-         call add(of%psd_percentiles)
-         call add(of%psd_percentiles_low)
-         call add(of%psd_percentiles_high)
-         call add(of%pseudo_variance_mean)
-         call add(of%pseudo_variance_mean_error)
-         call add(of%pseudo_variance_percentiles)
-         call add(of%pseudo_variance_percentiles_error)
-         call add(of%band_ratio)
-         call add(of%band_ratio_low)
-         call add(of%band_ratio_high)
-      end subroutine add_statistics
-
-      subroutine add_numbers(of)
-         type(joint_statistics), intent(inout) :: of
-
-         call add(of%mean)
-         call add(of%mean_error)
-         call add(of%std)
-         call add(of%std_error)
-         call add(of%percentiles)
-         call add(of%low)
-         call add(of%high)
-      end subroutine add_numbers
-
-      subroutine add(values)
-         real(wp), intent(inout), contiguous, optional, target :: values(..)
-         real(wp), pointer :: row(:)
-
-         if (.not. present(values)) return
-         call c_f_pointer(c_loc(values), row, [size(values)])
-         call world%add_up(size(row), row)
-      end subroutine add
-
+      call world%add_up(size(found%sensitivity), found%sensitivity)
+      call world%add_up(size(found%sensitivity_error), found%sensitivity_error)
+      list = [list_statistics(found%best), list_statistics(found%error_ratio)]
+      do i = 1, size(list)
+         call world%add_up(size(list(i)%values), list(i)%values)
+      end do
    end subroutine add_up
 
 end module driver_regression

@@ -109,7 +109,7 @@ contains
       end do
    end subroutine take_items
 
-   !> Hands the root what all ranks have found. Collective.
+   !> Joins what all ranks have found, for every rank. Collective.
    subroutine close_case(self, world, plan, store, statistics, error)
       class(case_task), intent(inout) :: self
       type(world_type), intent(in) :: world
@@ -122,7 +122,7 @@ contains
       if (world%any_true(allocated(error)) .or. .not. self%has_numbers) return
       call join_joints(self, world, store, error)
       if (world%any_true(allocated(error))) return
-      if (world%is_root()) call finish_joints(self, plan, statistics)
+      call finish_joints(self, plan, statistics)
       if (.not. self%has_bands) return
       associate (bands => self%bands)
          call world%add_up(size(bands%percentiles%at), bands%percentiles%at)
@@ -134,7 +134,7 @@ contains
          if (bands%percentiles%has_selection()) &
             call select_percentiles(world, store, self%shards, self%number, .true., &
                                     size(bands%moments, 1), bands%percentiles, error)
-         if (world%is_root() .and. .not. allocated(error)) call bands%finish(statistics)
+         if (.not. allocated(error)) call bands%finish(statistics)
       end associate
    end subroutine close_case
 

@@ -1,6 +1,6 @@
 !> The best estimates of a case: those of a regression where there is one, else plain sampling's.
 module campaign_estimates
-   use campaign_results, only: case_statistics, joint_statistics, of_slip
+   use campaign_results, only: case_statistics, list_statistics, listed_statistic, of_slip
    use core_kinds, only: wp
    use statistics_scalars, only: scalar_type
    use statistics_spectra, only: spectrum_type
@@ -30,54 +30,37 @@ contains
 
    !> Makes room for the estimates of a regression in the place of plain ones: zeros, so that ranks
    !> that take some each can add up all.
-   pure subroutine start(self, plain, friction_points)
-      class(case_estimates), intent(inout) :: self
+   subroutine start(self, plain, friction_points)
+      class(case_estimates), intent(inout), target :: self
       type(case_statistics), intent(in) :: plain   !! whose extents the estimates have
       integer, intent(in) :: friction_points(:)    !! of the process, ascending
+      type(listed_statistic), allocatable :: list(:)
+      integer :: i, q
 
       self%friction_points = friction_points
       allocate (self%sensitivity(size(friction_points), size(plain%numbers(of_slip)%mean)), &
                 source=0.0_wp)
       allocate (self%sensitivity_error, source=self%sensitivity)
+      self%best = plain
+      list = list_statistics(self%best)
+      do i = 1, size(list)
+         list(i)%values = 0.0_wp
+      end do
       associate (best => self%best, ratio => self%error_ratio)
-         call start_numbers(plain%numbers, best%numbers, ratio%numbers)
-         if (.not. allocated(plain%psd_mean)) return
-         associate (n_dof => size(plain%psd_percentiles, 1), nf => size(plain%psd_percentiles, 2), &
-                    np => size(plain%psd_percentiles, 3))
-            allocate (ratio%psd_mean(n_dof, nf), ratio%psd_percentiles(n_dof, nf, np), &
-                      ratio%pseudo_variance_mean(n_dof), ratio%band_ratio(n_dof), &
-                      ratio%pseudo_variance_percentiles(n_dof, np), source=0.0_wp)
-         end associate
-         best%psd_mean = ratio%psd_mean
-         best%psd_mean_error = ratio%psd_mean
-         best%psd_percentiles = ratio%psd_percentiles
-         best%psd_percentiles_low = ratio%psd_percentiles
-         best%psd_percentiles_high = ratio%psd_percentiles
-         best%pseudo_variance_mean = ratio%band_ratio
-         best%pseudo_variance_mean_error = ratio%band_ratio
-         best%pseudo_variance_percentiles = ratio%pseudo_variance_percentiles
-         best%pseudo_variance_percentiles_error = ratio%pseudo_variance_percentiles
-         best%band_ratio = ratio%band_ratio
-         best%band_ratio_low = ratio%band_ratio
-         best%band_ratio_high = ratio%band_ratio
+         do q = 1, size(best%numbers)
+            if (.not. allocated(best%numbers(q)%mean)) cycle
+            ratio%numbers(q)%mean = best%numbers(q)%mean
+            ratio%numbers(q)%std = best%numbers(q)%std
+            ratio%numbers(q)%percentiles = best%numbers(q)%percentiles
+         end do
+         if (.not. allocated(best%psd_mean)) return
+         ratio%psd_mean = best%psd_mean
+         ratio%psd_percentiles = best%psd_percentiles
+         ratio%pseudo_variance_mean = best%pseudo_variance_mean
+         ratio%pseudo_variance_percentiles = best%pseudo_variance_percentiles
+         ratio%band_ratio = best%band_ratio
       end associate
    end subroutine start
-
-   elemental subroutine start_numbers(plain, best, ratio)
-      type(joint_statistics), intent(in) :: plain
-      type(joint_statistics), intent(inout) :: best, ratio
-
-      if (.not. allocated(plain%mean)) return
-      associate (n => size(plain%mean))
-         allocate (ratio%mean(n), ratio%std(n), ratio%percentiles(n, size(plain%percentiles, 2)), &
-                   source=0.0_wp)
-      end associate
-      best = ratio
-      best%mean_error = ratio%mean
-      best%std_error = ratio%mean
-      best%low = ratio%percentiles
-      best%high = ratio%percentiles
-   end subroutine start_numbers
 
    !> Replaces the plain estimates of a number of a joint or dof.
    pure subroutine take_scalar(self, quantity, place, scalar)
@@ -130,13 +113,15 @@ contains
       end associate
    end subroutine take_spectrum
 
-   !> Takes plain sampling's estimates of densities at the frequencies that no rank has taken.
+   !> Takes plain sampling's estimates where no rank has others: densities at frequencies without
+   !> power, and the bias of plain band ratios.
    pure subroutine take_plain(self, plain)
       class(case_estimates), intent(inout) :: self
       type(case_statistics), intent(in) :: plain
 
       if (.not. allocated(plain%psd_mean)) return
       associate (best => self%best, ratio => self%error_ratio)
+         best%band_ratio_bias = plain%band_ratio_bias
          where (.not. ratio%psd_mean > 0.0_wp)
             best%psd_mean = plain%psd_mean
             best%psd_mean_error = plain%psd_mean_error

@@ -1,11 +1,13 @@
 !> Results of samples, and statistics of a case. Index orders are Fortran's; the results file, read
 !> from Python, has them reversed.
 module campaign_results
+   use, intrinsic :: iso_c_binding, only: c_f_pointer, c_loc
    use core_kinds, only: long, wp
    use dynamics_response, only: transition_list
    implicit none(type, external)
    private
-   public :: block_result, case_statistics, joint_statistics, memory_of_block, spectrum_layout
+   public :: block_result, case_statistics, joint_statistics, memory_of_block, spectrum_layout, &
+             list_statistics, list_time_errors, listed_statistic
 
    !> Numbers of a sample that have statistics: of its joints, and of its dofs under a sine.
    integer, parameter, public :: of_slip = 1, of_distance = 2, of_dissipation = 3, of_amplitude = 4
@@ -85,6 +87,16 @@ module campaign_results
       real(wp), allocatable :: band_ratio_time_error(:)  !! (dof)
    end type case_statistics
 
+   !> A statistic, its values where a case_statistics has them.
+   type :: listed_statistic
+      character(40) :: name = ''
+      character(8) :: units = ''
+      character(32) :: axes = ''      !! Python's order; 'kept': of the dofs whose spectra are kept
+      character(128) :: about = ''
+      integer :: n_axes = 1
+      real(wp), pointer, contiguous :: values(:, :, :) => null()   !! of extent 1 behind its axes
+   end type listed_statistic
+
 contains
 
    !> Memory [byte] of what grows with the march.
@@ -106,5 +118,112 @@ contains
       values_of = 0
       if (present(values)) values_of = size(values, kind=long)
    end function values_of
+
+   !> Lists what the samples of a case tell of all: quantities of joints, amplitudes, bands; each
+   !> statistic that is there, as it is said once.
+   function list_statistics(statistics) result(list)
+      type(case_statistics), intent(in), target :: statistics
+      type(listed_statistic), allocatable :: list(:)
+      character(*), parameter :: by_dof = 'kept', by_percentile = 'percentile kept', &
+                                 by_frequency = 'frequency kept', &
+                                 by_both = 'percentile frequency kept'
+
+      allocate (list(0))
+      associate (s => statistics)
+         call add_numbers('slip', '1', 'slip_fraction', 'joint', s%numbers(of_slip))
+         call add_numbers('slip_distance', 'm', 'slip_distance', 'joint', &
+                          s%numbers(of_distance))
+         call add_numbers('dissipation', 'J', 'dissipation', 'joint', s%numbers(of_dissipation))
+         call add_numbers('harmonic_amplitude', 'm', 'harmonic_amplitude', 'dof', &
+                          s%numbers(of_amplitude))
+         call add(list, 'psd_mean', 'm^2/Hz', by_frequency, 'mean of psd', s%psd_mean)
+         call add(list, 'psd_mean_error', 'm^2/Hz', by_frequency, 'standard error of psd_mean', &
+                  s%psd_mean_error)
+         call add(list, 'psd_percentiles', 'm^2/Hz', by_both, 'percentiles of psd', &
+                  s%psd_percentiles)
+        call add(list, 'psd_percentiles_low', 'm^2/Hz', by_both, 'lower end of the 95 % interval', &
+                  s%psd_percentiles_low)
+       call add(list, 'psd_percentiles_high', 'm^2/Hz', by_both, 'upper end of the 95 % interval', &
+                  s%psd_percentiles_high)
+         call add(list, 'pseudo_variance_mean', 'm^2', by_dof, &
+                  'integral of psd_mean over frequency, Eq. (46)', s%pseudo_variance_mean)
+         call add(list, 'pseudo_variance_mean_error', 'm^2', by_dof, &
+                  'standard error of pseudo_variance_mean', s%pseudo_variance_mean_error)
+         call add(list, 'pseudo_variance_percentiles', 'm^2', by_percentile, &
+                  'integral of each percentile, Eq. (46)', s%pseudo_variance_percentiles)
+         call add(list, 'pseudo_variance_percentiles_error', 'm^2', by_percentile, &
+                  'standard error of pseudo_variance_percentiles', &
+                  s%pseudo_variance_percentiles_error)
+         call add(list, 'band_ratio', '1', by_dof, &
+                  'pseudo-variance of the last over the first percentile', s%band_ratio)
+         call add(list, 'band_ratio_low', '1', by_dof, &
+                  'lower end of the 95 % interval of band_ratio', s%band_ratio_low)
+         call add(list, 'band_ratio_high', '1', by_dof, &
+                  'upper end of the 95 % interval of band_ratio', s%band_ratio_high)
+         call add(list, 'band_ratio_bias', '1', by_dof, &
+                  'relative bias of band_ratio, by bootstrap', s%band_ratio_bias)
+      end associate
+
+   contains
+
+      !> Adds the statistics of a quantity of the joints or dofs with their errors.
+      subroutine add_numbers(name, units, quantity, axis, of)
+         character(*), intent(in) :: name, units
+         character(*), intent(in) :: quantity   !! dataset of the samples
+         character(*), intent(in) :: axis       !! 'joint' or 'dof'
+         type(joint_statistics), intent(in) :: of
+
+         call add(list, name//'_mean', units, axis, 'mean of '//quantity, of%mean)
+         call add(list, name//'_mean_error', units, axis, 'standard error of '//name//'_mean', &
+                  of%mean_error)
+         call add(list, name//'_std', units, axis, 'standard deviation of '//quantity, of%std)
+         call add(list, name//'_std_error', units, axis, 'standard error of '//name//'_std', &
+                  of%std_error)
+         call add(list, name//'_percentiles', units, 'percentile '//axis, &
+                  'percentiles of '//quantity, of%percentiles)
+         call add(list, name//'_percentiles_low', units, 'percentile '//axis, &
+                  'lower end of the 95 % interval', of%low)
+         call add(list, name//'_percentiles_high', units, 'percentile '//axis, &
+                  'upper end of the 95 % interval', of%high)
+      end subroutine add_numbers
+
+   end function list_statistics
+
+   !> Lists the errors that the finite length of the march adds, whatever the estimator.
+   function list_time_errors(statistics) result(list)
+      type(case_statistics), intent(in), target :: statistics
+      type(listed_statistic), allocatable :: list(:)
+      character(*), parameter :: not_lowered = ' that more samples do not lower: the march is '// &
+                                 'finite'
+
+      allocate (list(0))
+      associate (s => statistics)
+         call add(list, 'slip_mean_time_error', '1', 'joint', &
+                  'standard error of slip_mean'//not_lowered, s%slip_mean_time_error)
+         call add(list, 'slip_std_time_part', '1', 'joint', &
+                  'part of slip_std that the finite march adds', s%slip_std_time_part)
+         call add(list, 'pseudo_variance_mean_time_error', 'm^2', 'kept', &
+                  'standard error of pseudo_variance_mean'//not_lowered, &
+                  s%pseudo_variance_mean_time_error)
+         call add(list, 'pseudo_variance_percentiles_time_error', 'm^2', 'percentile kept', &
+                  'standard error of pseudo_variance_percentiles'//not_lowered, &
+                  s%pseudo_variance_percentiles_time_error)
+         call add(list, 'band_ratio_time_error', '1', 'kept', &
+                  'standard error of band_ratio'//not_lowered, s%band_ratio_time_error)
+      end associate
+   end function list_time_errors
+
+   !> Adds a statistic to a list, where it is there.
+   subroutine add(list, name, units, axes, about, values)
+      type(listed_statistic), allocatable, intent(inout) :: list(:)
+      character(*), intent(in) :: name, units, axes, about
+      real(wp), intent(in), contiguous, optional, target :: values(..)
+      type(listed_statistic) :: one
+
+      if (.not. present(values)) return
+      one = listed_statistic(name, units, axes, about, rank(values))
+      call c_f_pointer(c_loc(values), one%values, [shape(values), spread(1, 1, 3 - rank(values))])
+      list = [list, one]
+   end subroutine add
 
 end module campaign_results
