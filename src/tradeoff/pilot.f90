@@ -1,9 +1,10 @@
 !> A short march before the campaign: which steps the spectra need.
 !>
 !> Spectra of every k-th step cost a k-th, and fold what lies above the new Nyquist frequency onto
-!> what is kept. One sample of average friction under each excitation tells how much that is.
+!> what is kept. One sample of average friction under each excitation tells how much that is; cases
+!> that have both in common share it.
 module tradeoff_pilot
-   use campaign_plan, only: case_type, plan_type
+   use campaign_plan, only: have_same_force, plan_type
    use campaign_results, only: block_result
    use campaign_runner, only: prepare_runner, runner_type
    use campaign_sample, only: never, run_block
@@ -34,7 +35,7 @@ contains
       type(block_result) :: result
       real(wp), allocatable :: psd(:, :, :)   ! (dof, frequency, case)
       logical :: is_abandoned
-      integer :: c, n
+      integer :: c, n, twin
 
       short = shortened(plan)
       n = short%integration%n_steps
@@ -42,14 +43,15 @@ contains
       if (allocated(error)) return
       allocate (psd(plan%structure%n_dof, size(runner%layout%frequency), size(plan%cases)))
       do c = 1, size(short%cases)
-         if (short%cases(c)%audits > 0) then
-            psd(:, :, c) = psd(:, :, short%cases(c)%audits)
-            cycle
+         twin = first_alike(plan, c)
+         if (twin == c) then
+            call run_block(runner, c, average_friction(plan, c), 1, never, result, is_abandoned, &
+                           error)
+            if (allocated(error)) return
+            psd(:, :, c) = result%psd(:, :, 1)
+         else
+            psd(:, :, c) = psd(:, :, twin)
          end if
-         call run_block(runner, c, average_friction(plan, short%cases(c)), 1, never, result, &
-                        is_abandoned, error)
-         if (allocated(error)) return
-         psd(:, :, c) = result%psd(:, :, 1)
       end do
       every = plan%output%spectrum_every
       if (every == 0) every = sparsest_allowed(plan%output%segment_length, psd)
@@ -75,17 +77,31 @@ contains
       end associate
    end function shortened
 
-   !> One sample: the mean of the process that the friction is drawn from, or the friction given.
-   pure function average_friction(plan, which) result(friction)
+   !> The first case with the same force and average friction: itself, where there is none before.
+   pure integer function first_alike(plan, number)
       type(plan_type), intent(in) :: plan
-      type(case_type), intent(in) :: which
+      integer, intent(in) :: number
+
+      do first_alike = 1, number - 1
+         if (have_same_force(plan%cases(first_alike), plan%cases(number)) .and. &
+             .not. any(abs(average_friction(plan, first_alike) &
+                           - average_friction(plan, number)) > 0.0_wp)) return
+      end do
+   end function first_alike
+
+   !> One sample: the mean of the process that the friction is drawn from, or the friction given.
+   pure function average_friction(plan, number) result(friction)
+      type(plan_type), intent(in) :: plan
+      integer, intent(in) :: number   !! of the case
       real(wp) :: friction(plan%structure%n_joints, 1)
 
-      if (which%process == 0) then
-         friction(:, 1) = plan%friction
-      else
-         friction = plan%processes(which%process)%mean
-      end if
+      associate (process => plan%cases(number)%process)
+         if (process == 0) then
+            friction(:, 1) = plan%friction
+         else
+            friction = plan%processes(process)%mean
+         end if
+      end associate
    end function average_friction
 
    !> Share of the power above the Nyquist frequency that every k-th step leaves.
