@@ -21,10 +21,11 @@ module process_autoregressive_fit
    use process_autoregressive_model, only: coefficients_of, innovation_std
    use process_autoregressive_search, only: ar_rival, find_best
    use process_autoregressive_sums, only: correlation_sums, sum_correlation
+   use process_entropy, only: gaussian_entropy
    use process_model, only: process_model_type
    implicit none(type, external)
    private
-   public :: fit_ar, optimal_reflection
+   public :: fit_ar, nonnegative_reflection, optimal_reflection
 
    real(wp), parameter :: length_tolerance = 1.0e-10_wp      !! relative, of the length reached
    real(wp), parameter :: optimality_tolerance = 1.0e-8_wp   !! relative, of its conditions
@@ -60,6 +61,11 @@ contains
       if (correlation == 'both' .and. .not. (sums%is_nonnegative .and. &
                                              missed <= length_tolerance)) then
          call find_best(correlation_length, second_length, order, best)
+         associate (lower => nonnegative_reflection(correlation_length, second_length, order - 1))
+            if (size(lower) > 0) &   ! which every order contains
+               best%is_feasible = best%is_feasible .and. &
+                                  best%entropy > gaussian_entropy(innovation_std(lower, 1.0_wp))
+         end associate
          if (best%is_feasible) then
             kappa = best%kappa
             call sum_correlation(kappa, sums, error)
@@ -90,25 +96,37 @@ contains
       integer, intent(in) :: order
       real(wp), intent(in), optional :: second_length
       character(:), allocatable :: advice
-      type(correlation_sums) :: sums
-      type(error_type), allocatable :: error
-      real(wp), allocatable :: kappa(:)
-      integer :: lower
 
       advice = ''
       if (correlation /= 'both') return
-      do lower = order - 1, 2, -1
-         call optimal_reflection(correlation, length, lower, kappa, error, second_length)
+      associate (kappa => nonnegative_reflection(length, second_length, order - 1))
+         if (size(kappa) > 0) then
+            advice = '; order = '//to_text(size(kappa))//' has both with K(m) >= 0'
+         else if (second_length > order*length) then
+            advice = '; K(m) >= 0 needs L1 <= order*L0'
+         end if
+      end associate
+   end function lower_order
+
+   !> kappa_m of the maximum with K(m) >= 0 for both lengths, of the highest order up to one that has
+   !> it; none where no order has.
+   function nonnegative_reflection(length, second_length, highest) result(kappa)
+      real(wp), intent(in) :: length, second_length   !! L0 and L1 [lags]
+      integer, intent(in) :: highest
+      real(wp), allocatable :: kappa(:)
+      type(correlation_sums) :: sums
+      type(error_type), allocatable :: error
+      integer :: order
+
+      do order = highest, 2, -1
+         call optimal_reflection('both', length, order, kappa, error, second_length)
          if (.not. allocated(error)) call sum_correlation(kappa, sums, error)
          if (allocated(error)) exit
-         if (sums%is_nonnegative .and. distance_from(correlation, length, sums, second_length) &
-             <= length_tolerance) then
-            advice = '; order = '//to_text(lower)//' has both with K(m) >= 0'
-            return
-         end if
+         if (sums%is_nonnegative .and. distance_from('both', length, sums, second_length) &
+             <= length_tolerance) return
       end do
-      if (second_length > order*length) advice = '; K(m) >= 0 needs L1 <= order*L0'
-   end function lower_order
+      kappa = [real(wp) ::]
+   end function nonnegative_reflection
 
    !> Largest relative distance from the imposed lengths.
    pure function distance_from(correlation, length, sums, second_length) result(distance)

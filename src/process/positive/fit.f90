@@ -44,7 +44,7 @@ contains
       type(error_type), allocatable :: error
       logical :: is_far
 
-      call fit_far_from_zero(request, model, is_far, error)
+      call fit_far_from_zero(request, model, is_far)
       if (.not. is_far) call fit_near_zero(request, seed, model, error)
       model%is_solved = .not. allocated(error)
       if (allocated(error)) model%reason = error%message
@@ -89,8 +89,29 @@ contains
             if (request%method == 'direct') call name_multipliers(law, violation, model)
          end if
       end if
-      if (.not. allocated(error)) call look_beside(request, seed, model)
+      if (allocated(error)) return
+      if (request%correlation == 'both' .and. request%branch == 'any') &
+         call take_nonnegative(request, seed, model)
+      call look_beside(request, seed, model)
    end subroutine fit_near_zero
+
+   !> Takes the process with K(m) >= 0 of both lengths where the unconstrained optimum has led to one
+   !> of less entropy, whose K(m) change their sign.
+   recursive subroutine take_nonnegative(request, seed, model)
+      type(process_request), intent(in) :: request
+      integer(long), intent(in) :: seed
+      type(process_model_type), intent(inout) :: model
+      type(process_request) :: beside
+      type(process_model_type) :: other
+
+      if (model%branch == 'nonnegative') return
+      beside = request
+      beside%branch = 'nonnegative'
+      call fit_positive(beside, seed, other)
+      if (.not. other%is_solved .or. other%entropy <= model%entropy) return
+      model = other
+      model%request = request
+   end subroutine take_nonnegative
 
    !> Foresees a fit: fails where `fit_positive` would not even begin. Of the exact law it also
    !> fills what realizations are drawn by, roughly where it is sampled and found soon. A process of
@@ -110,7 +131,7 @@ contains
       real(wp) :: effort
       logical :: has_first_order, is_exact, is_far, is_feasible, is_inside
 
-      call fit_far_from_zero(request, model, is_far, error)
+      call fit_far_from_zero(request, model, is_far)
       if (is_far) return
       is_exact = request%sampler == 'exact'
       if (is_first_order(request)) then
@@ -147,20 +168,21 @@ contains
 
    !> Fits the process without sign constraint where its mean is so many std that none of its values
    !> is negative, to all digits: it has the largest entropy then. `is_far` is false, and nothing is
-   !> solved, nearer to zero, or where its K(m) have signs that are not wanted.
-   subroutine fit_far_from_zero(request, model, is_far, error)
+   !> solved, nearer to zero, or where it does not exist or its K(m) have signs that are not wanted.
+   subroutine fit_far_from_zero(request, model, is_far)
       type(process_request), intent(in) :: request
       type(process_model_type), intent(out) :: model
       logical, intent(out) :: is_far
-      type(error_type), allocatable, intent(out) :: error
       real(wp), parameter :: far = 9.0_wp   ! c phi(c), by which moments change, is below 1e-17
       type(process_model_type) :: unconstrained
+      type(error_type), allocatable :: error
 
       model%request = request
       is_far = request%std > 0.0_wp .and. request%mean >= far*request%std
       if (.not. is_far) return
       call solve_unconstrained(request, unconstrained, error)
-      if (allocated(error)) return
+      is_far = .not. allocated(error)
+      if (.not. is_far) return
       call describe_far_from_zero(request, unconstrained)
       is_far = request%branch == 'any' .or. unconstrained%branch == 'nonnegative'
       if (is_far) model = unconstrained

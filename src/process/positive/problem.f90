@@ -7,6 +7,7 @@ module process_positive_problem
    use core_random, only: stream_type
    use core_text, only: to_text
    use process_autoregressive_description, only: describe_ar
+   use process_autoregressive_fit, only: nonnegative_reflection
    use process_autoregressive_model, only: autocovariance_of, coefficients_of, innovation_std, &
       reflection_of
    use process_autoregressive_spectral_factor, only: symbol_of_process
@@ -43,6 +44,8 @@ module process_positive_problem
       real(wp) :: decay = 0.0_wp                     !! alternating: |K(m + 1)/K(m)| at order 1
    end type sampled_problem
 
+   real(wp), parameter :: zero = 1.0e-9_wp   !! of K(m)/K(0)
+
 contains
 
    !> Poses the problem of a request under the law of a sampler's name. Fails for bad numbers and
@@ -72,11 +75,13 @@ contains
       end if
       problem%is_exact = sampler == 'exact'
       call solve_unconstrained(request, unconstrained, error, sequence)
+      if (request%correlation == 'both') call take_lower_order(request, unconstrained, error)
       if (allocated(error)) return
       if (present(sequence)) problem%sequence = sequence
       kappa = reflection_of(unconstrained%a)
       call sum_correlation(kappa, sums, error)
       if (allocated(error)) return
+      kappa = [kappa, spread(0.0_wp, 1, request%order - size(kappa))]
       problem%name = positive_name(request)
       problem%correlation = trim(request%correlation)
       problem%ratio = request%std/request%mean
@@ -119,6 +124,35 @@ contains
       problem%n_single = min(max(request%order, problem%cut), problem%n_lags)
       if (any(rho(problem%n_single + 2:) < 0.0_wp)) problem%n_single = problem%n_lags
    end subroutine new_problem
+
+   !> Takes the process of the highest lower order that has both lengths with K(m) >= 0, where there
+   !> is none of the wanted order, or one with K(m) < 0 that is not wanted. Every order contains it.
+   subroutine take_lower_order(request, model, error)
+      type(process_request), intent(in) :: request
+      type(process_model_type), intent(inout) :: model
+      type(error_type), allocatable, intent(inout) :: error   !! of the wanted order
+      real(wp), allocatable :: kappa(:)
+
+      if (allocated(error)) then
+         if (error%exit_code /= exit_no_solution) return
+      else
+         if (request%branch /= 'nonnegative' .or. has_nonnegative(model)) return
+         call raise(error, exit_no_solution, positive_name(request)// &
+                    ': no order up to there has both lengths with K(m) >= 0')
+      end if
+      kappa = nonnegative_reflection(request%correlation_length, request%second_length, &
+                                     request%order - 1)
+      if (size(kappa) == 0) return
+      deallocate (error)
+      call describe_ar(coefficients_of(kappa), 1.0_wp, model, error)
+   end subroutine take_lower_order
+
+   !> True if no K(m) of a described process is negative, to rounding.
+   pure logical function has_nonnegative(model)
+      type(process_model_type), intent(in) :: model
+
+      has_nonnegative = all(model%autocovariance >= -zero*model%autocovariance(0))
+   end function has_nonnegative
 
    !> Solves for the process without sign constraint; that of given signs in units of b0.
    subroutine solve_unconstrained(request, model, error, sequence)
