@@ -59,7 +59,7 @@ def of_processes(results: Results) -> Iterator[Figure]:
             "fig_04", "Fig. 4. The correlation length that was not imposed",
             "With L0 imposed (full lines) L1 grows with the order; with L1 imposed (dashed) L0"
             " falls. Infinite sums. The paper reads off its figure that 6 is the largest order with"
-            " L0 = 0.3 and L1 at most 1; it is 5 here, at 6 L1 is 1.03.",
+            " L0 = 0.3 and L1 at most 1. Here it is 5: at order 6 L1 is 1.03.",
             _PROCESSES, (partial(process_figures.plot_achieved_lengths, processes=regressive),),
             ("S4", "S5"),
         )  # fmt: skip

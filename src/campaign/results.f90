@@ -193,23 +193,23 @@ contains
    function list_time_errors(statistics) result(list)
       type(case_statistics), intent(in), target :: statistics
       type(listed_statistic), allocatable :: list(:)
-      character(*), parameter :: not_lowered = ' that more samples do not lower: the march is '// &
-                                 'finite'
+      character(*), parameter :: of_time = 'time-average error, the same for any number of '// &
+                                 'samples, of '
 
       allocate (list(0))
       associate (s => statistics)
          call add(list, 'slip_mean_time_error', '1', 'joint', &
-                  'standard error of slip_mean'//not_lowered, s%slip_mean_time_error)
+                  of_time//'slip_mean', s%slip_mean_time_error)
          call add(list, 'slip_std_time_part', '1', 'joint', &
-                  'part of slip_std that the finite march adds', s%slip_std_time_part)
+                  'part of slip_std that the time average adds', s%slip_std_time_part)
          call add(list, 'pseudo_variance_mean_time_error', 'm^2', 'kept', &
-                  'standard error of pseudo_variance_mean'//not_lowered, &
+                  of_time//'pseudo_variance_mean', &
                   s%pseudo_variance_mean_time_error)
          call add(list, 'pseudo_variance_percentiles_time_error', 'm^2', 'percentile kept', &
-                  'standard error of pseudo_variance_percentiles'//not_lowered, &
+                  of_time//'pseudo_variance_percentiles', &
                   s%pseudo_variance_percentiles_time_error)
          call add(list, 'band_ratio_time_error', '1', 'kept', &
-                  'standard error of band_ratio'//not_lowered, s%band_ratio_time_error)
+                  of_time//'band_ratio', s%band_ratio_time_error)
       end associate
    end function list_time_errors
 

@@ -112,14 +112,14 @@ contains
       call w%visit(dataset_type('slip_fraction', '1', by_joint, 'fraction of time in slip'), &
                    block%slip_fraction)
       call w%visit(dataset_type('slip_fraction_error', '1', by_joint, &
-                                'standard error of slip_fraction: the march is finite'), &
+                                'time-average error of slip_fraction'), &
                    block%slip_fraction_error)
       call w%visit(dataset_type('slip_starts', '1', by_joint, &
                                 'number of transitions from stick to slip'), block%slip_starts)
       call w%visit(dataset_type('stick_starts', '1', by_joint, &
                                 'number of transitions from slip to stick'), block%stick_starts)
       call w%visit(dataset_type('slip_distance', 'm', by_joint, &
-                                'way of the joint while it slips'), block%slip_distance)
+                                'distance that the joint slips'), block%slip_distance)
       call w%visit(dataset_type('dissipation', 'J', by_joint, 'work that the joint dissipates'), &
                    block%dissipation)
       call w%visit(dataset_type('joint_displacement_max', 'm', by_joint, &
@@ -132,7 +132,7 @@ contains
                                 'phase of the fundamental against the force, negative: behind'), &
                    block%harmonic_phase)
       call w%visit(dataset_type('steady_since', 's', by_sample, 'time from which on the '// &
-                                'fundamentals of ten periods agree to 1e-3; not a number: never'), &
+                                'fundamentals of ten periods agree to 1e-3; NaN: never'), &
                    block%steady_since)
       call w%visit(dataset_type('steady', '1', by_sample, &
                                 '1: the last two windows of ten periods agree to 1e-3'), &

@@ -67,7 +67,7 @@ contains
       call group%column('max_halvings', rows%setting%max_halvings, 'newmark: halvings of a step')
       call group%column('tolerance', rows%setting%tolerance, '1', 'event: tolerance')
       call group%column('cost', rows%cost, 'ns', 'processor time of a sample-step of the scene')
-      call group%column('work', rows%work, 'ns', 'the same expected from counted work')
+      call group%column('work', rows%work, 'ns', 'processor time expected from counted work')
       call group%column('seconds', 1.0e-9_wp*sample_steps(plan)*rows%cost, 's', &
                         'processor time of the march of the scene')
       call group%column('slip', rows%slip, '%', 'rms error of a slip fraction, in points')
@@ -93,9 +93,9 @@ contains
       type(error_components), intent(in) :: errors
 
       call group%go_to('/tradeoff/parts')
-      call put_component('discretisation', errors%discretisation, 'error by the setting')
-      call put_component('time', errors%time, 'standard error for the length of the march')
-      call put_component('samples', errors%samples, 'standard error for the number of samples')
+      call put_component('discretisation', errors%discretisation, 'numerical error')
+      call put_component('time', errors%time, 'time-average error')
+      call put_component('samples', errors%samples, 'Monte Carlo error')
 
    contains
 
@@ -103,15 +103,15 @@ contains
          character(*), intent(in) :: name, what
          type(published_error), intent(in) :: of
 
-         call group%put_value(name//'_slip', of%slip, '%', what//', of mean slip fractions')
+         call group%put_value(name//'_slip', of%slip, '%', what//' of mean slip fractions')
          call group%put_value(name//'_slip_std', of%slip_std, '%', &
-                              what//', of their standard deviation')
+                              what//' of their standard deviation')
          call group%put_value(name//'_psd_mean', of%psd_mean, '1', &
-                              what//', of mean spectra: over frequency, relative')
+                              what//' of mean spectra, relative')
          call group%put_value(name//'_psd_percentiles', of%psd_percentiles, '1', &
-                              what//', of percentiles of spectra: over frequency, relative')
+                              what//' of percentiles of spectra, relative')
          call group%put_value(name//'_ratio', of%band_ratio, '1', &
-                              what//', of band ratios, relative')
+                              what//' of band ratios, relative')
       end subroutine put_component
 
    end subroutine write_errors
@@ -141,10 +141,10 @@ contains
       call group%column('n_samples', rows%n_samples, 'samples of the largest case')
       call group%column('n_steps', real(rows%n_steps, wp), '1', 'steps')
       call group%column('slip_mean', rows%slip_mean, '%', &
-                        'error of mean slip fractions, all together, in points')
-      call group%column('slip_std', rows%slip_std, '%', 'the same of their standard deviation')
+                        'total error of mean slip fractions, in points')
+      call group%column('slip_std', rows%slip_std, '%', 'total error of their std, in points')
       call group%column('band_ratio', rows%band_ratio, '1', &
-                        'relative error of band ratios, all together')
+                        'total relative error of band ratios')
       call group%column('seconds', rows%seconds, 's', 'processor time of the march')
    end subroutine write_sizes
 
