@@ -14,7 +14,7 @@ module core_numbers
 contains
 
    !> Parses digits with an optional sign; `rule` is allocated when the text is not a whole number
-   !> from -limit to limit.
+   !> from -limit to limit. The value of one beyond them is limit.
    pure subroutine parse_integer(text, limit, value, rule)
       character(*), intent(in) :: text
       integer(long), intent(in) :: limit
@@ -32,7 +32,8 @@ contains
       do i = first, len(text)
          digit = iachar(text(i:i)) - iachar('0')
          if (value > (limit - digit)/10) then
-            rule = 'is too large'
+            rule = 'must be from -'//to_text(limit)//' to '//to_text(limit)
+            value = limit
             return
          end if
          value = 10*value + digit
@@ -90,11 +91,10 @@ contains
       exponent = 0
       if (len(text) == 0) return
       call parse_integer(text(2:), limit, value, rule)
-      if (.not. allocated(rule)) then
-         exponent = int(value)
-      else if (rule == 'is too large') then
+      exponent = int(value)
+      if (.not. allocated(rule)) return
+      if (value == limit) then   ! out of range, whatever the sign
          deallocate (rule)
-         exponent = int(limit)   ! that of a value out of range, whatever its sign
       else
          rule = 'must be a number'
       end if

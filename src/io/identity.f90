@@ -56,7 +56,7 @@ contains
       character(:), allocatable :: theirs
       integer :: found
 
-      call require_program(file, error)
+      call require_command(file, identity%command, error)
       if (allocated(error)) return
       call read_attribute(file, '/', 'format_version', found, error)
       if (allocated(error)) then
@@ -67,8 +67,7 @@ contains
                     ', this program reads '//to_text(format_version))
          return
       end if
-      call require_command(file, identity%command, error)
-      if (.not. allocated(error)) call read_text('fingerprint', theirs)
+      call read_text('fingerprint', theirs)
       if (allocated(error)) return
       if (theirs /= identity%fingerprint) then
          call read_text('settings', theirs)
