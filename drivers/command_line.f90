@@ -134,6 +134,8 @@ contains
       select case (option)
       case ('--output')
          line%output = value
+         if (len(value) > len_trim(value)) &   ! Fortran and HDF5 do not see it
+            call raise(error, exit_bad_input, option//' '//value//': must not end in a blank')
       case ('--set')
          line%overrides = [character(len(line%overrides)) :: line%overrides, value]
       case ('--case')

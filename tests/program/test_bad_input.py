@@ -90,6 +90,7 @@ def test_all_mistakes_in_one_pass(entroslip, tmp_path):
         (("run", "x.nml", "--output"), "--output needs a value"),
         (("run", "x.nml", "--output="), "--output needs a value"),
         (("run", "x.nml", "--output", ""), "--output needs a value"),
+        (("run", "x.nml", "--output", "x.h5 "), "--output x.h5 : must not end in a blank"),
         (("run", "x.nml", "--fresh=yes"), "--fresh takes no value"),
         (("replay", "x.nml", "--case", "0", "--sample", "1"), "--case 0: needs a whole number"),
         (("replay", "x.nml", "--case=1", "--sample=b"), "--sample b: needs a whole number"),
