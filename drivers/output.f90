@@ -105,9 +105,9 @@ contains
       most = maxval([plan%cases%n_samples, 0])
       bytes = of_sample*most*size(plan%cases)
       if (.not. gives_memory(bytes)) &
-         call raise(error, exit_bad_input, 'campaign%n_samples = '//to_text(most)//': the lists '// &
-                    'of samples take '//to_text(nint(bytes/1.0e6_wp))//' MB on each rank, which '// &
-                    'the system does not give')
+         call raise(error, exit_bad_input, 'campaign%n_samples = '//to_text(most)// &
+                    ': the lists of samples take '//to_text(nint(bytes/1.0e6_wp, long))// &
+                    ' MB on each rank, which the system does not give')
    end subroutine refuse_long_lists
 
    !> Takes the lock, clears away what no run can use, and lists the shards that are there.

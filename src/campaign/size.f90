@@ -10,7 +10,7 @@ module campaign_size
    use campaign_time_average, only: count_spans, fewest_spans
    use core_chunks, only: frequencies_together, stored_bytes
    use core_error, only: error_type, exit_bad_input, raise
-   use core_kinds, only: wp
+   use core_kinds, only: long, wp
    use core_memory, only: gives_memory
    use core_text, only: to_text
    use numerics_correlated, only: n_batches
@@ -339,13 +339,19 @@ contains
       end associate
    end function memory_of_regression
 
-   !> Refuses a plan whose march needs more memory than the system gives; asks without using it.
+   !> Refuses a plan whose realizations or whose march need more memory than the system gives; asks
+   !> without using it.
    subroutine refuse_oversize(plan, error)
       type(plan_type), intent(in) :: plan
       type(error_type), allocatable, intent(out) :: error
       real(wp) :: bytes
 
-      if (.not. plan%has_structure) return
+      bytes = word*plan%n_points*real(plan%n_realizations, wp)
+      if (.not. gives_memory(bytes)) &
+         call raise(error, exit_bad_input, 'process%n_realizations = '// &
+                    to_text(plan%n_realizations)//': the realizations of a process take '// &
+                    to_text(nint(bytes/1.0e6_wp, long))//' MB, which the system does not give')
+      if (allocated(error) .or. .not. plan%has_structure) return
       bytes = memory_of_march(plan, plan%output%segment_length, 0.0_wp)
       if (.not. gives_memory(bytes)) call raise(error, exit_bad_input, 'integration%n_steps = '// &
                            to_text(plan%integration%n_steps)//': the force and what is kept of '// &

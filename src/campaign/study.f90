@@ -23,8 +23,8 @@ contains
 
    !> Samples that are still to be run, as ranks claim them, most first so that ranks end together.
    !> A claim is one block. For more than most_block_claimers ranks, whose shards would be too many,
-   !> it is up to 1/(3 n_ranks) of the blocks that are left (guided self-scheduling): a rank of a third
-   !> of the others' speed does not end after them.
+   !> it is up to 1/(3 n_ranks) of the blocks that are left (guided self-scheduling): a rank with a
+   !> third of the others' speed does not end after them.
    pure function open_claims(plan, is_finished, n_ranks) result(claims)
       type(plan_type), intent(in) :: plan
       logical, intent(in) :: is_finished(:, :)   !! (sample, case)

@@ -110,8 +110,8 @@ contains
                              ' steps of integration%dt or more')
          least = 2.0_wp*periods_of_window/(minval(frequency)*how%dt)
          call reader%require(how%n_steps - how%n_discard >= least + 64, 'integration', 'n_steps', &
-                             'must be at least '//to_text(ceiling(min(least, largest), long) + 64 + &
-                                                             how%n_discard)// &
+                             'must be at least '//to_text(how%n_discard + 64 + &
+                                                          ceiling(min(least, largest), long))// &
                              ': twice '//to_text(periods_of_window)//' periods of the lowest '// &
                              'frequency behind n_discard, to see whether they repeat')
       end associate

@@ -12,7 +12,7 @@ module io_shards
    implicit none(type, external)
    private
    public :: shard_type
-   public :: list_shards, named_shard, open_shard, read_shard, remove_covered, &
+   public :: list_shards, named_shard, read_shard, remove_covered, &
              verify_shard, write_shard
 
    character(*), parameter :: advice = '; remove it to have its samples computed again'

@@ -123,16 +123,23 @@ def test_check_is_quick_and_a_run_without_memory_ends_in_one_line(program, tmp_p
     assert sorted(path.name for path in tmp_path.iterdir()) == ["s.nml"]
 
 
-def test_more_samples_than_can_be_listed_are_refused(program, tmp_path):
-    """The run ended in the words of the Fortran runtime, with code 1."""
-    scene = SCENE.format(**USUAL | {"n_steps": 100, "n_samples": 700000000})
+@pytest.mark.parametrize(
+    ("name", "value", "said"),
+    [
+        ("campaign%n_samples", 700000000, "the lists of samples take 8400 MB on each rank"),
+        ("process%n_realizations", 2000000000, "the realizations of a process take 80000 MB"),
+    ],
+)
+def test_more_than_memory_holds_is_refused_in_one_line(program, tmp_path, name, value, said):
+    """The runs ended in the words of the Fortran runtime and in a segmentation fault."""
+    scene = SCENE.format(**USUAL | {"n_steps": 100})
     (tmp_path / "s.nml").write_text(scene)
     done = subprocess.run(
-        [program, "run", "s.nml"], cwd=tmp_path, env=ENVIRONMENT | {"OMP_NUM_THREADS": "1"},
-        capture_output=True, text=True, timeout=100, check=False, preexec_fn=limited,
+        [program, "run", "s.nml", "--set", f"{name}={value}"], cwd=tmp_path,
+        env=ENVIRONMENT | {"OMP_NUM_THREADS": "1"}, capture_output=True, text=True, timeout=100,
+        check=False, preexec_fn=limited,
     )  # fmt: skip
     assert done.returncode == 2, done.stderr
-    said = "campaign%n_samples = 700000000: the lists of samples take 8400 MB on each rank"
-    assert said in done.stderr
+    assert f"{name} = {value}: {said}, which the system does not give" in done.stderr
     assert len(done.stderr.splitlines()) == 1
     assert sorted(path.name for path in tmp_path.iterdir()) == ["s.nml"]
