@@ -341,15 +341,20 @@ contains
       tradeoff%cases = [(random(1 + ((i - 1)*size(random))/n), i=1, n)]
    end subroutine choose_cases
 
-   !> Samples whose scatter is that of a case: those of a block, or as many as have a record.
+   !> Samples whose scatter is that of a case: those of a block, or as many as have a record or given
+   !> values.
    pure integer function case_width(tradeoff, case_number)
       type(tradeoff_type), intent(in) :: tradeoff
       integer, intent(in) :: case_number
+      logical :: is_bounded
 
-      associate (plan => tradeoff%runner%plan)
+      associate (plan => tradeoff%runner%plan, &
+                 case => tradeoff%runner%plan%cases(case_number))
+         is_bounded = plan%excitation%kind == 'file' .and. plan%excitation%per_sample
+         if (case%process > 0) &
+            is_bounded = is_bounded .or. plan%processes(case%process)%method == 'values'
          case_width = block_width(plan)
-         if (plan%excitation%kind == 'file' .and. plan%excitation%per_sample) &
-            case_width = min(case_width, plan%cases(case_number)%n_samples)
+         if (is_bounded) case_width = min(case_width, case%n_samples)
       end associate
    end function case_width
 

@@ -8,6 +8,7 @@ module tradeoff_variants
    use campaign_plan, only: plan_type
    use core_kinds, only: wp
    use process_model, only: process_model_type, process_request
+   use process_reference, only: is_reference
    use tradeoff_process_settings, only: same_kind
    implicit none(type, external)
    private
@@ -24,7 +25,8 @@ module tradeoff_variants
 contains
 
    !> Lists, for the process of largest std over mean of every kind that friction is drawn from, its
-   !> orders ascending, then lengths of its fit ascending; the scene's own among either.
+   !> orders ascending, then lengths of its fit ascending; the scene's own among either. Laws of
+   !> reference, given values among them, have neither.
    pure subroutine list_variants(plan, models, variants)
       type(plan_type), intent(in) :: plan
       type(process_model_type), intent(in) :: models(:)   !! (process), solved
@@ -33,7 +35,7 @@ contains
 
       allocate (variants(0))
       do i = 1, size(models)
-         if (.not. any(plan%cases%process == i)) cycle
+         if (is_reference(plan%processes(i)) .or. .not. any(plan%cases%process == i)) cycle
          if (i /= representative(plan, i)) cycle
          call add_orders(plan, i, models(i)%order, variants)
          call add_fits(plan%processes(i), i, models(i)%order, variants)

@@ -61,6 +61,20 @@ def test_other_values_are_another_scene(entroslip, tmp_path):
     assert "process%values" in done.stderr
 
 
+def test_tradeoff_marches_the_given_samples_and_no_others(entroslip, tmp_path):
+    """The Monte Carlo error of six given samples is theirs, and they have no other orders."""
+    rows = [[0.1, 0.2, 0.3], [0.2, 0.2, 0.1], [0.3, 0.1, 0.2], [0.15, 0.25, 0.2]]
+    np.savetxt(tmp_path / "friction.txt", [*rows, [0.25, 0.3, 0.1], [0.1, 0.15, 0.25]])
+    assert run(entroslip, tmp_path, "values = 'friction.txt'").returncode == 0
+    done = entroslip("tradeoff", "s.nml")
+    assert done.returncode == 0, done.stderr
+    assert "other orders" not in done.stdout
+    with h5py.File(tmp_path / "s.h5") as ran, h5py.File(tmp_path / "s_tradeoff.h5") as measured:
+        stated = 100 * ran["campaign/c001/slip_mean_error"][()].max()
+        assert measured["tradeoff/parts/samples_slip"][()] == pytest.approx(stated, rel=1e-4)
+        assert "variants" not in measured["tradeoff"]
+
+
 def test_laws_of_reference_are_named_in_the_results(entroslip, tmp_path):
     """No correlation, and one value for all joints, beside the process between them."""
     lengths = "correlation_length = 0.0, 1.0, 1e12 mean = 0.2 std = 0.067"
