@@ -2,8 +2,7 @@
 !> and of several, and what a group of samples takes in the merge.
 program storage
    use campaign_bands, only: band_collector, start_bands
-   use campaign_group_percentiles, only: high, low, middle, percentile_collector
-   use campaign_joint_statistics, only: joint_collector, start_joints
+   use campaign_columns, only: column_collector, high, low, middle, start_columns
    use campaign_results, only: block_result
    use campaign_selection, only: selection_type
    use campaign_time_average, only: span_collector, start_spans
@@ -102,11 +101,11 @@ contains
       call random_number(psd)
       call start_bands(1000000, n_dof, [(real(i, wp), i=1, n_band)], percentiles, 1_long, 1, bands)
       call cpu_time(began)
-      call bands%add(1, 1, 1, psd(:, :, :bands%percentiles%group_first(2) - 1))
+      call bands%add(1, 1, 1, psd(:, :, :bands%columns%group_first(2) - 1))
       call tell('spectra_part', began, 1)
-      call repeat_group(bands%percentiles)
+      call repeat_group(bands%columns)
       call cpu_time(began)
-      call bands%percentiles%open_selection(1, n_dof*n_band, selection)
+      call bands%columns%open_selection(1, n_dof*n_band, selection)
       do f = 1, n_band
          do dof = 1, n_dof
             call selection%add(dof + n_dof*(f - 1), psd(dof, f, :))
@@ -118,7 +117,7 @@ contains
    !> Times the joints of a group: three quantities, their percentiles of all samples, the slip
    !> series.
    subroutine measure_joints()
-      type(joint_collector) :: joints
+      type(column_collector) :: joints
       type(selection_type) :: selection
       type(span_collector) :: spans
       real(wp), allocatable :: values(:, :), series(:, :, :)
@@ -128,13 +127,15 @@ contains
       allocate (values(3*n_dof, 16000), series(n_dof, n_spans, 16000))
       call random_number(values)
       call random_number(series)
-      call start_joints(1000000, 3*n_dof, percentiles, joints)
+      call start_columns(1000000, 3*n_dof, percentiles, joints)
       call cpu_time(began)
-      call joints%add(1, values)
+      do i = 1, size(values, 1)
+         call joints%add(i, 1, values(i, :))
+      end do
       call tell('joints_group', began, 1)
-      call repeat_group(joints%percentiles)
+      call repeat_group(joints)
       call cpu_time(began)
-      call joints%percentiles%open_selection(1, size(values, 1), selection)
+      call joints%open_selection(1, size(values, 1), selection)
       do i = 1, size(values, 1)
          call selection%add(i, values(i, :))
       end do
@@ -147,7 +148,7 @@ contains
 
    !> Finds the percentiles of uniform numbers, as if all groups were like the first.
    subroutine repeat_group(collector)
-      type(percentile_collector), intent(inout) :: collector
+      type(column_collector), intent(inout) :: collector
       integer :: p
 
       do p = 1, size(percentiles)

@@ -1,11 +1,10 @@
 !> The statistics of a case over its samples, in memory that does not grow with their number.
 module driver_statistics
    use campaign_bands, only: band_collector, start_bands
-   use campaign_group_percentiles, only: percentile_collector, sample_groups
-   use campaign_joint_statistics, only: joint_collector, start_joints
+   use campaign_columns, only: column_collector, sample_groups, start_columns
    use campaign_plan, only: kept_dofs, plan_type
    use campaign_results, only: block_result, case_statistics, n_quantities, of_amplitude, &
-      spectrum_layout
+                               spectrum_layout
    use campaign_selection, only: selection_type
    use campaign_time_average, only: count_spans, fewest_spans, span_collector, start_spans
    use core_chunks, only: frequencies_together
@@ -38,7 +37,7 @@ module driver_statistics
       integer, private :: width = 0              !! frequencies of a slice
       integer, private :: n_slices = 0           !! of all frequencies
       type(band_collector), private :: bands
-      type(joint_collector), private :: numbers  !! as numbers_of has them
+      type(column_collector), private :: numbers   !! as read_numbers has them
       type(span_collector), private :: spans
       type(work_counter), private :: counter
    contains
@@ -70,8 +69,8 @@ contains
          associate (structure => plan%structure)
             n_numbers = n_quantities*structure%n_joints
             if (plan%excitation%kind == 'sine') n_numbers = n_numbers + structure%n_dof
-            call start_joints(n_samples, n_numbers, plan%output%percentiles, task%numbers)
-            n_groups = task%numbers%percentiles%n_groups()
+            call start_columns(n_samples, n_numbers, plan%output%percentiles, task%numbers)
+            n_groups = task%numbers%n_groups()
             call start_spans(count_spans(plan%integration), structure%n_joints, n_groups, &
                              task%spans)
          end associate
@@ -120,53 +119,54 @@ contains
 
       call self%counter%close()
       if (world%any_true(allocated(error)) .or. .not. self%has_numbers) return
-      call join_joints(self, world, store, error)
+      call join_columns(world, store, self, .false., self%numbers, error)
       if (world%any_true(allocated(error))) return
+      call world%add_up(size(self%spans%common), self%spans%common)
+      call world%add_up(size(self%spans%autocovariance), self%spans%autocovariance)
       call finish_joints(self, plan, statistics)
       if (.not. self%has_bands) return
       associate (bands => self%bands)
-         call world%add_up(size(bands%percentiles%at), bands%percentiles%at)
-         call world%add_up(size(bands%moments), bands%moments)
          call world%add_up(size(bands%replicate), bands%replicate)
          call world%add_up(size(bands%integral), bands%integral)
          if (allocated(bands%batches%variance)) &
             call world%add_up(size(bands%batches%variance), bands%batches%variance)
-         if (bands%percentiles%has_selection()) &
-            call select_percentiles(world, store, self%shards, self%number, .true., &
-                                    size(bands%moments, 1), bands%percentiles, error)
-         if (.not. allocated(error)) call bands%finish(statistics)
       end associate
+      call join_columns(world, store, self, .true., self%bands%columns, error)
+      if (.not. allocated(error)) call self%bands%finish(statistics)
    end subroutine close_case
 
-   !> Selects the percentiles of all samples, of numbers of the joints or of spectra, as many ranges
-   !> of frequencies at once as keep all ranks busy. Collective.
-   subroutine select_percentiles(world, store, shards, number, are_spectra, n_columns, &
-                                 percentiles, error)
+   !> Joins what all ranks have of some columns, numbers of the joints or densities; where they come
+   !> in groups, selects the percentiles of all samples, of as many ranges of frequencies at once as
+   !> keep all ranks busy. Collective.
+   subroutine join_columns(world, store, task, are_densities, columns, error)
       type(world_type), intent(in) :: world
       type(shard_store), intent(in) :: store
-      type(shard_type), intent(in) :: shards(:)
-      integer, intent(in) :: number          !! of the case
-      logical, intent(in) :: are_spectra
-      integer, intent(in) :: n_columns       !! at a frequency, or all
-      type(percentile_collector), intent(inout) :: percentiles
+      class(case_task), intent(in) :: task
+      logical, intent(in) :: are_densities
+      type(column_collector), intent(inout) :: columns
       type(error_type), allocatable, intent(out) :: error
       type(selection_type) :: selection
-      integer :: first, last, n_frequencies, range, together
+      integer :: first, last, n_columns, n_frequencies, range, together
       logical :: is_done
 
-      n_frequencies = size(percentiles%at, 1)/n_columns
+      call world%add_up(size(columns%sums), columns%sums)
+      call world%add_up(size(columns%at), columns%at)
+      if (.not. columns%has_selection()) return
+      n_columns = size(columns%at, 1)
+      if (are_densities) n_columns = task%bands%n_dof
+      n_frequencies = size(columns%at, 1)/n_columns
       range = frequencies_together(n_columns, n_frequencies)
-      together = range*(1 + world%n_ranks/percentiles%n_groups())
+      together = range*(1 + world%n_ranks/columns%n_groups())
       do first = 1, n_frequencies, together
          last = min(first + together - 1, n_frequencies)
-         call percentiles%open_selection(n_columns*(first - 1) + 1, n_columns*last, selection)
+         call columns%open_selection(n_columns*(first - 1) + 1, n_columns*last, selection)
          is_done = .false.
          do while (.not. is_done)
             call add_all()
             if (world%any_true(allocated(error))) return
             call select_together(world, selection, is_done)
          end do
-         call percentiles%take_selection(n_columns*(first - 1) + 1, n_columns*last, selection)
+         call columns%take_selection(n_columns*(first - 1) + 1, n_columns*last, selection)
       end do
 
    contains
@@ -178,20 +178,21 @@ contains
          integer :: column, f, from, group, item, n_ranges
 
          n_ranges = (last - first)/range + 1
-         call new_counter(world, n_ranges*percentiles%n_groups(), counter)
+         call new_counter(world, n_ranges*columns%n_groups(), counter)
          do
             item = counter%next(stops=allocated(error))
             if (item == 0) exit
             call attend_to_others()
             group = (item - 1)/n_ranges + 1
             from = first + range*modulo(item - 1, n_ranges)
-            allocate (values(n_columns, min(range, last - from + 1), percentiles%group_size(group)))
-            associate (first_sample => percentiles%group_first(group))
-               if (are_spectra) then
-                  call read_part(store, shards, number, 'psd', [1, from, first_sample], values, &
-                                 error)
+            allocate (values(n_columns, min(range, last - from + 1), columns%group_size(group)))
+            associate (first_sample => columns%group_first(group))
+               if (are_densities) then
+                  call read_part(store, task%shards, task%number, 'psd', &
+                                 [1, from, first_sample], values, error)
                else
-                  call read_numbers(store, shards, number, first_sample, values(:, 1, :), error)
+                  call read_numbers(store, task%shards, task%number, first_sample, &
+                                    values(:, 1, :), error)
                end if
             end associate
             if (.not. allocated(error)) then
@@ -207,7 +208,7 @@ contains
          call counter%close()
       end subroutine add_all
 
-   end subroutine select_percentiles
+   end subroutine join_columns
 
    !> Finds the order statistics, unless all values have to be added once more. Collective.
    subroutine select_together(world, selection, is_done)
@@ -238,15 +239,17 @@ contains
       integer :: i, last
 
       call attend_to_others()
-      associate (percentiles => self%numbers%percentiles)
-         allocate (values(size(percentiles%at, 1), percentiles%group_size(group)))
-         call read_numbers(store, self%shards, self%number, percentiles%group_first(group), &
-                           values, error)
+      associate (numbers => self%numbers)
+         allocate (values(size(numbers%at, 1), numbers%group_size(group)))
+         call read_numbers(store, self%shards, self%number, numbers%group_first(group), values, &
+                           error)
          if (allocated(error)) return
-         call self%numbers%add(group, values)
+         do i = 1, size(values, 1)
+            call numbers%add(i, group, values(i, :))
+         end do
          if (.not. self%has_spans) return
-         last = percentiles%group_first(group + 1) - 1
-         do i = percentiles%group_first(group), last, samples_together
+         last = numbers%group_first(group + 1) - 1
+         do i = numbers%group_first(group), last, samples_together
             allocate (series(size(self%spans%common, 2), size(self%spans%common, 1), &
                              min(samples_together, last - i + 1)))
             call read_part(store, self%shards, self%number, 'slip_series', [1, 1, i], series, error)
@@ -278,24 +281,6 @@ contains
             values(n_quantities*n + 1:, :) = samples%harmonic_amplitude
       end associate
    end subroutine read_numbers
-
-   !> Joins what all ranks have of the joints; finds the percentiles of all samples. Collective.
-   subroutine join_joints(self, world, store, error)
-      class(case_task), intent(inout) :: self
-      type(world_type), intent(in) :: world
-      type(shard_store), intent(in) :: store
-      type(error_type), allocatable, intent(out) :: error
-
-      associate (numbers => self%numbers, percentiles => self%numbers%percentiles)
-         call world%add_up(size(numbers%sums), numbers%sums)
-         call world%add_up(size(percentiles%at), percentiles%at)
-         call world%add_up(size(self%spans%common), self%spans%common)
-         call world%add_up(size(self%spans%autocovariance), self%spans%autocovariance)
-         if (percentiles%has_selection()) &
-            call select_percentiles(world, store, self%shards, self%number, .false., &
-                                    size(percentiles%at, 1), percentiles, error)
-      end associate
-   end subroutine join_joints
 
    subroutine finish_joints(self, plan, statistics)
       class(case_task), intent(in) :: self
@@ -348,11 +333,11 @@ contains
       real(wp), allocatable :: power(:, :, :)   ! (dof, batch and range, sample)
       integer :: f, last, n_dof, n_samples, place, together
 
-      n_dof = size(self%bands%moments, 1)
-      n_samples = self%bands%percentiles%group_size(group)
-      together = frequencies_together(n_dof, size(self%bands%moments, 2))
-      last = min(slice*self%width, size(self%bands%moments, 2))
-      associate (bands => self%bands, first => self%bands%percentiles%group_first(group))
+      n_dof = self%bands%n_dof
+      n_samples = self%bands%columns%group_size(group)
+      together = frequencies_together(n_dof, self%bands%n_frequencies)
+      last = min(slice*self%width, self%bands%n_frequencies)
+      associate (bands => self%bands, first => self%bands%columns%group_first(group))
          do f = (slice - 1)*self%width + 1, last, together
             call attend_to_others()
             allocate (psd(n_dof, min(together, last - f + 1), n_samples))

@@ -10,18 +10,16 @@
 !> at a time. The bootstrap draws within groups, fewer times in each.
 !>
 !> Ranges of frequencies and groups may be taken by different ranks: sums over the ranks of
-!> percentiles%at, moments, replicate, integral and batches%variance, zero where nothing was
-!> added, make a collector that has all. Groups are joined in their order, so the sums have the same
-!> bits on any number of ranks; percentiles%at alone has not, before the selection.
+!> columns%sums, columns%at, replicate, integral and batches%variance, zero where nothing was added,
+!> make a collector that has all. Groups are joined in their order, so the sums have the same bits
+!> on any number of ranks; columns%at alone has not, before the selection.
 module campaign_bands
    use campaign_band_batches, only: batch_collector, not_a_number, start_batches
    use campaign_bootstrap, only: draw_again, find_again
-   use campaign_group_percentiles, only: high, low, middle, percentile_collector, &
-      start_percentiles
-   use campaign_results, only: case_statistics
+   use campaign_columns, only: column_collector, high, low, middle, start_columns
+   use campaign_results, only: case_statistics, joint_statistics
    use core_kinds, only: long, wp
    use numerics_correlated, only: n_batches
-   use numerics_sorting, only: sort_order
    use numerics_spectrum, only: last_of_ranges
    use numerics_statistics, only: error_of_mean
    implicit none(type, external)
@@ -33,9 +31,8 @@ module campaign_bands
 
    !> Collects the spectra of one case, by ranges of frequencies and groups of samples.
    type :: band_collector
-      type(percentile_collector) :: percentiles    !! of columns dof + n_dof (frequency - 1)
-      !> (dof, frequency, group, mean or sum of squared deviations)
-      real(wp), allocatable :: moments(:, :, :, :)
+      integer :: n_dof = 0, n_frequencies = 0
+      type(column_collector) :: columns            !! densities: dof + n_dof (frequency - 1)
       !> (dof, percentile, replicate, slice) pseudo-variances; the replicates of a group together
       real(wp), allocatable :: replicate(:, :, :, :)
       !> (dof, bin, slice, group) mean integral of densities; bins from the group's first on
@@ -67,15 +64,16 @@ contains
       integer :: g, n_groups, np, widest
 
       np = size(percentiles)
-      call start_percentiles(n_samples, n_dof*size(frequency), percentiles, collector%percentiles)
-      n_groups = collector%percentiles%n_groups()
+      collector%n_dof = n_dof
+      collector%n_frequencies = size(frequency)
+      call start_columns(n_samples, n_dof*size(frequency), percentiles, collector%columns)
+      n_groups = collector%columns%n_groups()
       collector%seed = seed
       collector%step = frequency(2) - frequency(1)
       collector%last_of_range = last_of_ranges(size(frequency))
       collector%n_drawn = max(2, (n_replicates - 1)/n_groups + 1)
       collector%bin_width = (n_samples - 1)/most_bins + 1
-      widest = maxval([(collector%percentiles%group_size(g), g=1, n_groups)])
-      allocate (collector%moments(n_dof, size(frequency), n_groups, 2), source=0.0_wp)
+      widest = maxval([(collector%columns%group_size(g), g=1, n_groups)])
       allocate (collector%replicate(n_dof, np, n_groups*collector%n_drawn, n_slices), source=0.0_wp)
       allocate (collector%integral(n_dof, (widest - 1)/collector%bin_width + 2, n_slices, &
                                    n_groups), source=0.0_wp)
@@ -94,26 +92,22 @@ contains
       real(wp), intent(in), optional :: power(:, :, :)
       integer :: times(self%n_drawn, size(psd, 3)), ranking(size(psd, 3))
       real(wp) :: sorted(size(psd, 3)), again(self%n_drawn), weight
-      real(wp) :: rank(self%percentiles%n_percentiles(), 3)
-      real(wp) :: in_group(self%percentiles%n_percentiles())
+      real(wp) :: rank(self%columns%n_percentiles(), 3)
+      real(wp) :: in_group(self%columns%n_percentiles())
       integer :: dof, f, p, before, place
 
-      weight = real(size(psd, 3), wp)/self%percentiles%n_samples
-      rank = self%percentiles%ranks_in_group(size(psd, 3))
+      weight = real(size(psd, 3), wp)/self%columns%n_samples
+      rank = self%columns%ranks_in_group(size(psd, 3))
       before = (group - 1)*self%n_drawn
       call draw_again(self%seed, before, times)
       do f = 1, size(psd, 2)
          place = self%first_of_power(first + f - 1) - self%first_of_power(first)
          do dof = 1, size(psd, 1)
-            call add_to_bins(self, self%percentiles%group_first(group), psd(dof, f, :), &
+            call add_to_bins(self, self%columns%group_first(group), psd(dof, f, :), &
                              self%integral(dof, :, slice, group))
-            ranking = sort_order(psd(dof, f, :))
+            call self%columns%add(dof + self%n_dof*(first + f - 2), group, psd(dof, f, :), &
+                                  in_group, ranking)
             sorted = psd(dof, f, ranking)
-            call self%percentiles%add(dof + size(psd, 1)*(first + f - 2), sorted, rank, in_group)
-            associate (moments => self%moments(dof, first + f - 1, group, :))
-               moments(1) = sum(sorted)/size(sorted)
-               moments(2) = sum((sorted - moments(1))**2)
-            end associate
             if (present(power)) &
                call add_power(self, (group - 1)*size(self%integral, 3) + slice, dof, weight, &
                               psd(dof, f, :), ranking, &
@@ -168,38 +162,17 @@ contains
       end do
    end subroutine add_to_bins
 
-   !> Joins mean and sum of squared deviations of the groups to those of all samples (Chan).
-   pure subroutine join_moments(self, dof, frequency, mean, square)
-      class(band_collector), intent(in) :: self
-      integer, intent(in) :: dof, frequency
-      real(wp), intent(out) :: mean, square
-      real(wp) :: apart
-      integer :: g, n, n_before
-
-      mean = 0.0_wp
-      square = 0.0_wp
-      do g = 1, self%percentiles%n_groups()
-         n_before = self%percentiles%group_first(g) - 1
-         n = self%percentiles%group_size(g)
-         associate (ours => self%moments(dof, frequency, g, :))
-            apart = ours(1) - mean
-            square = square + ours(2) + apart**2*(real(n, wp)*n_before/(n + n_before))
-            mean = merge(ours(1), mean + apart*n/(n + n_before), n_before == 0)
-         end associate
-      end do
-   end subroutine join_moments
-
    !> Integrals of the bins of all samples; the last samples are left out where they do not fill
    !> one.
    pure function join_integrals(self, dof) result(integral)
       class(band_collector), intent(in) :: self
       integer, intent(in) :: dof
-      real(wp) :: integral(self%percentiles%n_samples/self%bin_width)
+      real(wp) :: integral(self%columns%n_samples/self%bin_width)
       integer :: b, before, g
 
       integral = 0.0_wp
-      do g = 1, self%percentiles%n_groups()
-         before = (self%percentiles%group_first(g) - 1)/self%bin_width
+      do g = 1, self%columns%n_groups()
+         before = (self%columns%group_first(g) - 1)/self%bin_width
          do b = 1, min(size(self%integral, 2), size(integral) - before)
             integral(before + b) = integral(before + b) + sum(self%integral(dof, b, :, g))
          end do
@@ -212,24 +185,17 @@ contains
    pure subroutine finish(self, statistics)
       class(band_collector), intent(in) :: self
       type(case_statistics), intent(inout) :: statistics
-      real(wp) :: square
+      type(joint_statistics) :: densities
       integer :: dof, f
 
-      associate (n_dof => size(self%moments, 1), nf => size(self%moments, 2), &
-                 np => self%percentiles%n_percentiles(), n => real(self%percentiles%n_samples, wp))
-         allocate (statistics%psd_mean(n_dof, nf))
-         allocate (statistics%psd_mean_error, mold=statistics%psd_mean)
-         do f = 1, nf
-            do dof = 1, n_dof
-               call join_moments(self, dof, f, statistics%psd_mean(dof, f), square)
-               statistics%psd_mean_error(dof, f) = sqrt(square/(n - 1)/n)
-            end do
-         end do
-         associate (at => self%percentiles%at)
-            statistics%psd_percentiles = reshape(at(:, :, middle), [n_dof, nf, np])
-            statistics%psd_percentiles_low = reshape(at(:, :, low), [n_dof, nf, np])
-            statistics%psd_percentiles_high = reshape(at(:, :, high), [n_dof, nf, np])
-         end associate
+      call self%columns%finish(1, self%n_dof*self%n_frequencies, densities)
+      associate (n_dof => self%n_dof, nf => self%n_frequencies, &
+                 np => self%columns%n_percentiles())
+         statistics%psd_mean = reshape(densities%mean, [n_dof, nf])
+         statistics%psd_mean_error = reshape(densities%mean_error, [n_dof, nf])
+         statistics%psd_percentiles = reshape(densities%percentiles, [n_dof, nf, np])
+         statistics%psd_percentiles_low = reshape(densities%low, [n_dof, nf, np])
+         statistics%psd_percentiles_high = reshape(densities%high, [n_dof, nf, np])
          allocate (statistics%pseudo_variance_mean(n_dof), source=0.0_wp)
          allocate (statistics%pseudo_variance_percentiles(n_dof, np), source=0.0_wp)
          do f = 1, nf

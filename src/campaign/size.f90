@@ -2,7 +2,7 @@
 module campaign_size
    use campaign_audit, only: add_audits, kept_of
    use campaign_bands, only: n_replicates
-   use campaign_group_percentiles, only: largest_group
+   use campaign_columns, only: largest_group
    use campaign_plan, only: kept_dofs, output_settings, plan_type
    use campaign_pooling, only: case_pool, find_points, find_pools, plan_draws, reason_for_plain
    use campaign_results, only: n_quantities
@@ -15,6 +15,7 @@ module campaign_size
    use core_text, only: to_text
    use numerics_correlated, only: n_batches
    use numerics_spectrum, only: can_follow_power, count_segments, last_of_ranges
+   use numerics_statistics, only: n_sums
    use process_direct_sign_search, only: max_listed
    use process_model, only: process_model_type, process_request
    use statistics_law, only: most_kept, n_points
@@ -293,7 +294,7 @@ contains
       if (.not. plan%output%spectrum .or. n_group < 2) return
       associate (n_kept => size(kept_dofs(plan)), n_percentiles => size(plan%output%percentiles))
          together = frequencies_together(n_kept, n_frequencies(plan, every))
-         bytes = bytes + word*n_kept*n_frequencies(plan, every)*(6*n_percentiles + 2*n_groups &
+         bytes = bytes + word*n_kept*n_frequencies(plan, every)*(6*n_percentiles + n_sums*n_groups &
                                                                  + 3*(1 + n_percentiles)) &
                  + at_once*word*n_kept*parts*(n_percentiles*n_replicates + min(n_group, 512)) &
                  + word*n_group*n_kept*(together + min(n_powers(plan, every), 2*n_batches)) &

@@ -1,29 +1,33 @@
-!> Percentiles of many columns of numbers with the ends of their 95 % intervals, from samples that
-!> come in groups.
+!> Plain statistics of many columns of numbers, each one number of every sample, from samples that
+!> come in groups: moments, and percentiles with the ends of their 95 % intervals.
 !>
 !> Percentiles interpolate linearly between order statistics (Hyndman and Fan, type 7). Their
 !> intervals are order statistics (binomial, 95 %). Where there is more than one group, percentiles
 !> averaged over the groups are where those of all samples are looked for: `open_selection`, to
 !> which all values are added again, and `take_selection`.
 !>
-!> Groups may be taken by different ranks: sums of `at` over the ranks, which is zero where nothing
-!> was added, make a collector that has all. They have the same bits on any number of ranks only
-!> after the selection.
-module campaign_group_percentiles
+!> Groups may be taken by different ranks: sums over the ranks of `sums` and `at`, which are zero
+!> where nothing was added, make a collector that has all. `at` has the same bits on any number of
+!> ranks only after the selection.
+module campaign_columns
+   use campaign_results, only: joint_statistics
    use campaign_selection, only: selection_type, start_selection
    use core_kinds, only: long, wp
+   use numerics_sorting, only: sort_order
+   use numerics_statistics, only: moments_type, n_sums, sums_of
    use statistics_order, only: at_rank, interval_rank
    implicit none(type, external)
    private
-   public :: percentile_collector, start_percentiles, largest_group, sample_groups
+   public :: column_collector, start_columns, largest_group, sample_groups
 
    integer, parameter :: largest_group = 2**14    !! samples sorted together
    integer, parameter, public :: middle = 1, low = 2, high = 3   !! percentile, ends of its interval
 
-   !> Collects the percentiles of numbers of every sample.
-   type :: percentile_collector
+   !> Collects numbers of every sample.
+   type :: column_collector
       integer :: n_samples = 0
       integer, allocatable :: group_first(:)   !! (group + 1) first sample; behind the last: n + 1
+      real(wp), allocatable :: sums(:, :, :)   !! (sum, column, group) as sums_of has them
       real(wp), allocatable :: at(:, :, :)     !! (column, percentile; middle, low or high)
       real(wp), allocatable, private :: rank(:, :)  !! (percentile; middle, low or high) in 1..n
    contains
@@ -35,8 +39,9 @@ module campaign_group_percentiles
       procedure :: has_selection
       procedure :: open_selection
       procedure :: take_selection
+      procedure :: finish
       procedure, private :: below
-   end type percentile_collector
+   end type column_collector
 
 contains
 
@@ -51,10 +56,10 @@ contains
    end function sample_groups
 
    !> Prepares a collector; needs two samples or more.
-   pure subroutine start_percentiles(n_samples, n_columns, percentiles, collector)
+   pure subroutine start_columns(n_samples, n_columns, percentiles, collector)
       integer, intent(in) :: n_samples, n_columns
       real(wp), intent(in) :: percentiles(:)   !! [%]
-      type(percentile_collector), intent(out) :: collector
+      type(column_collector), intent(out) :: collector
       integer :: p
 
       collector%n_samples = n_samples
@@ -65,24 +70,25 @@ contains
          collector%rank(p, low) = interval_rank(n_samples, percentiles(p)/100.0_wp, .false.)
          collector%rank(p, high) = interval_rank(n_samples, percentiles(p)/100.0_wp, .true.)
       end do
-      allocate (collector%at(n_columns, size(percentiles), 3), source=0.0_wp)
-   end subroutine start_percentiles
+      allocate (collector%sums(n_sums, n_columns, collector%n_groups()), &
+                collector%at(n_columns, size(percentiles), 3), source=0.0_wp)
+   end subroutine start_columns
 
    pure integer function n_groups(self)
-      class(percentile_collector), intent(in) :: self
+      class(column_collector), intent(in) :: self
 
       n_groups = size(self%group_first) - 1
    end function n_groups
 
    pure integer function n_percentiles(self)
-      class(percentile_collector), intent(in) :: self
+      class(column_collector), intent(in) :: self
 
       n_percentiles = size(self%rank, 1)
    end function n_percentiles
 
    !> Number of a group's samples.
    pure integer function group_size(self, group)
-      class(percentile_collector), intent(in) :: self
+      class(column_collector), intent(in) :: self
       integer, intent(in) :: group
 
       group_size = self%group_first(group + 1) - self%group_first(group)
@@ -91,7 +97,7 @@ contains
    !> Ranks in a group of m samples that are expected at the same probability, rank/(m + 1), as the
    !> ranks among all samples.
    pure function ranks_in_group(self, m) result(rank)
-      class(percentile_collector), intent(in) :: self
+      class(column_collector), intent(in) :: self
       integer, intent(in) :: m
       real(wp) :: rank(size(self%rank, 1), 3)   !! (percentile; middle, low or high)
 
@@ -99,28 +105,35 @@ contains
       rank = max(1.0_wp, min(rank, real(m, wp)))
    end function ranks_in_group
 
-   !> Adds a group's values of one column; hands back their percentiles where wanted.
-   pure subroutine add(self, column, sorted, rank, in_group)
-      class(percentile_collector), intent(inout) :: self
-      integer, intent(in) :: column
-      real(wp), intent(in) :: sorted(:)      !! ascending
-      real(wp), intent(in) :: rank(:, :)     !! as ranks_in_group has them
+   !> Adds a group's values of one column; hands back their percentiles and order where wanted.
+   pure subroutine add(self, column, group, values, in_group, ranking)
+      class(column_collector), intent(inout) :: self
+      integer, intent(in) :: column, group
+      real(wp), intent(in) :: values(:)                !! (sample)
       real(wp), intent(out), optional :: in_group(:)   !! (percentile)
-      real(wp) :: values(size(rank, 1), 3)
-      integer :: p, which
+      integer, intent(out), optional :: ranking(:)     !! of the samples, ascending
+      integer :: ascending(size(values)), p, which
+      real(wp) :: percentile(size(self%rank, 1), 3), rank(size(self%rank, 1), 3)
+      real(wp) :: sorted(size(values))
 
+      ascending = sort_order(values)
+      sorted = values(ascending)
+      rank = self%ranks_in_group(size(values))
       do which = 1, 3
          do p = 1, size(rank, 1)
-            values(p, which) = at_rank(sorted, rank(p, which))
+            percentile(p, which) = at_rank(sorted, rank(p, which))
          end do
       end do
-      self%at(column, :, :) = self%at(column, :, :) + real(size(sorted), wp)/self%n_samples*values
-      if (present(in_group)) in_group = values(:, middle)
+      self%sums(:, column, group) = sums_of(values)
+      self%at(column, :, :) = self%at(column, :, :) &
+                              + real(size(values), wp)/self%n_samples*percentile
+      if (present(in_group)) in_group = percentile(:, middle)
+      if (present(ranking)) ranking = ascending
    end subroutine add
 
    !> True if the percentiles of all samples have to be selected: those of the groups are not them.
    pure logical function has_selection(self)
-      class(percentile_collector), intent(in) :: self
+      class(column_collector), intent(in) :: self
 
       has_selection = self%n_groups() > 1
    end function has_selection
@@ -129,7 +142,7 @@ contains
    !> sides of each percentile, and the ends of its interval. The groups know the interval to a
    !> third of its width; its bracket is three times as wide.
    pure subroutine open_selection(self, first, last, selection)
-      class(percentile_collector), intent(in) :: self
+      class(column_collector), intent(in) :: self
       integer, intent(in) :: first, last
       type(selection_type), intent(out) :: selection
       real(wp), parameter :: rounding = 1.0e-12_wp   ! of the mean over groups
@@ -150,7 +163,7 @@ contains
 
    !> Puts what was selected in the place of the groups' percentiles.
    pure subroutine take_selection(self, first, last, selection)
-      class(percentile_collector), intent(inout) :: self
+      class(column_collector), intent(inout) :: self
       integer, intent(in) :: first, last
       type(selection_type), intent(in) :: selection
       real(wp) :: above, below
@@ -168,12 +181,35 @@ contains
       end do
    end subroutine take_selection
 
+   !> Computes the statistics of columns first..last, once all groups are added and the percentiles
+   !> of all samples selected.
+   pure subroutine finish(self, first, last, statistics)
+      class(column_collector), intent(in) :: self
+      integer, intent(in) :: first, last
+      type(joint_statistics), intent(out) :: statistics
+      type(moments_type) :: moments(first:last)
+      integer :: group, i
+
+      do group = 1, self%n_groups()
+         do i = first, last
+            call moments(i)%join(self%sums(:, i, group))
+         end do
+      end do
+      statistics%mean = moments%mean
+      statistics%std = moments%standard_deviation()
+      statistics%mean_error = moments%error_of_mean()
+      statistics%std_error = moments%error_of_deviation()
+      statistics%percentiles = self%at(first:last, :, middle)
+      statistics%low = self%at(first:last, :, low)
+      statistics%high = self%at(first:last, :, high)
+   end subroutine finish
+
    !> Place of the order statistic below a percentile.
    pure integer function below(self, p)
-      class(percentile_collector), intent(in) :: self
+      class(column_collector), intent(in) :: self
       integer, intent(in) :: p
 
       below = min(int(self%rank(p, middle)), self%n_samples - 1)
    end function below
 
-end module campaign_group_percentiles
+end module campaign_columns
