@@ -135,8 +135,9 @@ contains
                                           + stored_bytes([n_kept, n_powers(plan, every), n_samples])
       end if
       if (kept%history) then
-         if (plan%excitation%per_sample) of_sample = of_sample + word*n_steps
-         once = once + (2.5_wp*word)*n_steps &
+         if (plan%excitation%per_sample) &
+            of_sample = of_sample + word*n_steps*plan%structure%n_forces
+         once = once + (1.5_wp + plan%structure%n_forces)*word*n_steps &
                 + 2*stored_bytes([n_kept, plan%integration%n_steps + 1, n_samples])
          n_datasets = n_datasets + 5
       end if
@@ -243,7 +244,8 @@ contains
                                                             + 2*n_powers(plan, every))
          if (plan%output%history) of_sample = of_sample + 2*word*n_kept*n_steps
          if (plan%output%transitions) of_sample = of_sample + 3*of_transition*transitions*n_steps
-         if (plan%excitation%per_sample) of_sample = of_sample + word*n_steps
+         if (plan%excitation%per_sample) &
+            of_sample = of_sample + word*n_steps*plan%structure%n_forces
       end associate
       bytes = record_memory(plan) + memory_of_matrices(plan) &
               + min(block_width(plan), maxval(plan%cases%n_samples))*of_sample
@@ -269,9 +271,10 @@ contains
       associate (how => plan%excitation)
          copies = 2.0_wp
          if (how%kind == 'band_limited') copies = min(2.0_wp, 6*how%band(2)*plan%integration%dt)
-         bytes = (1 + copies + plan%structure%n_forces)*word*(plan%integration%n_steps + 1.0_wp)
+         bytes = (copies + 2*plan%structure%n_forces)*word*(plan%integration%n_steps + 1.0_wp)
          if (how%kind == 'file' .and. how%per_sample) &
-            bytes = 2*word*(plan%integration%n_steps + 1.0_wp)*maxval(plan%cases%n_samples)
+            bytes = 2*word*(plan%integration%n_steps + 1.0_wp)*plan%structure%n_forces &
+                    *maxval(plan%cases%n_samples)
       end associate
    end function record_memory
 

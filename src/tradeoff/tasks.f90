@@ -176,7 +176,8 @@ contains
       wide_block = many_samples
       if (.not. plan%excitation%per_sample) return
       wide_block = block_width(plan)
-      if (plan%excitation%kind == 'file') wide_block = min(wide_block, size(file_force, 2))
+      if (plan%excitation%kind == 'file') &
+         wide_block = min(wide_block, size(file_force, 2)/plan%structure%n_forces)
    end function wide_block
 
    !> Draws friction, force and, where settings are compared, reference of every level.
@@ -341,7 +342,7 @@ contains
       tradeoff%cases = [(random(1 + ((i - 1)*size(random))/n), i=1, n)]
    end subroutine choose_cases
 
-   !> Samples whose scatter is that of a case: those of a block, or as many as have a record or given
+   !> Samples whose scatter is that of a case: a block of them, or as many as have a record or given
    !> values.
    pure integer function case_width(tradeoff, case_number)
       type(tradeoff_type), intent(in) :: tradeoff

@@ -327,3 +327,29 @@ def test_modes_that_a_reduction_would_save_are_counted(entroslip, tmp_path):
     assert re.search(r"parts a step, as 1[0-9] of 20 modes are above 1/\(2 dt\) = 1000 Hz", words)
     words = " ".join(entroslip("check", "beam.nml", "--set", "integration%dt=1e-5").stdout.split())
     assert "modes are above" not in words
+
+
+OWN_RECORDS = """\
+&process mean = 0.2 std = 0.05 correlation_length = 1.0 order = 1 /
+&structure mass_matrix = 'M.mtx' stiffness_matrix = 'K.mtx' joints = 'joints.txt'
+   load = 'load.txt' /
+&excitation kind = 'file' file = 'force.h5' per_sample = .true. /
+&integration method = 'event' n_steps = 4200 /
+&campaign n_samples = 3 /
+&output quantities = 'slip' /
+"""
+
+
+def test_tradeoff_takes_no_more_records_than_there_are(entroslip, tmp_path):
+    """Two forces, three samples: six records, and no march of a fourth sample."""
+    mmwrite(tmp_path / "M.mtx", np.eye(2))
+    mmwrite(tmp_path / "K.mtx", np.array([[60.0, -30.0], [-30.0, 40.0]]))
+    (tmp_path / "joints.txt").write_text("1 0 50.0 10.0 0.2\n2 1 50.0 10.0 0.2\n")
+    np.savetxt(tmp_path / "load.txt", [[1.0, 0.0], [0.5, 1.0]])
+    with h5py.File(tmp_path / "force.h5", "w") as file:
+        file["force"] = 6.0 * np.random.default_rng(3).normal(size=(6, 4201))
+    (tmp_path / "scene.nml").write_text(OWN_RECORDS)
+    done = entroslip("tradeoff", "scene.nml")
+    assert done.returncode == 0, done.stderr
+    with h5py.File(tmp_path / "scene_tradeoff.h5") as file:
+        assert file["tradeoff/variants"].attrs["n_samples"] == 3
