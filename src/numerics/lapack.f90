@@ -10,9 +10,9 @@ module numerics_lapack
    use core_text, only: to_text
    implicit none(type, external)
    private
-   public :: find_eigenvalues, invert_matrix, lapack_version, multiply, solve_linear_system, &
-      solve_positive_definite
-   public :: find_symmetric_eigenvectors, solve_symmetric_eigenproblem
+   public :: find_eigenvalues, find_eigenvectors, invert_matrix, lapack_version, multiply
+   public :: find_symmetric_eigenvectors, solve_linear_system, solve_positive_definite, &
+      solve_symmetric_eigenproblem
 
    !> The call that sets the number of threads of each threaded BLAS; a reference BLAS has none.
    character(*), parameter :: thread_setters(*) = [character(28) :: &
@@ -196,8 +196,31 @@ contains
       real(wp), intent(in) :: a(:, :)                         !! (n, n)
       complex(wp), allocatable, intent(out) :: eigenvalues(:) !! (n)
       type(error_type), allocatable, intent(out) :: error
+      real(wp) :: no_vectors(1, 1)
+
+      call call_dgeev(a, 'N', eigenvalues, no_vectors, error)
+   end subroutine find_eigenvalues
+
+   !> Finds all eigenvalues of a general matrix and their right eigenvectors. Of a pair, one after
+   !> another, the columns are the real and the imaginary part of the first one's.
+   subroutine find_eigenvectors(a, eigenvalues, eigenvectors, error)
+      real(wp), intent(in) :: a(:, :)                           !! (n, n)
+      complex(wp), allocatable, intent(out) :: eigenvalues(:)   !! (n)
+      real(wp), allocatable, intent(out) :: eigenvectors(:, :)  !! (n, column)
+      type(error_type), allocatable, intent(out) :: error
+
+      allocate (eigenvectors, mold=a)
+      call call_dgeev(a, 'V', eigenvalues, eigenvectors, error)
+   end subroutine find_eigenvectors
+
+   subroutine call_dgeev(a, form, eigenvalues, eigenvectors, error)
+      real(wp), intent(in) :: a(:, :)
+      character, intent(in) :: form   !! V: with vectors
+      complex(wp), allocatable, intent(out) :: eigenvalues(:)
+      real(wp), intent(inout), contiguous :: eigenvectors(:, :)
+      type(error_type), allocatable, intent(out) :: error
       real(wp), allocatable :: copy(:, :), re(:), im(:), work(:)
-      real(wp) :: no_left(1, 1), no_right(1, 1)
+      real(wp) :: no_left(1, 1)
       integer :: info, n
 
       n = size(a, 1)
@@ -205,15 +228,16 @@ contains
       allocate (re(n), im(n), work(34*n))
       call use_one_thread()
       info = -5   ! LAPACK's way to name its fifth argument
-      if (all(abs(a) <= huge(1.0_wp))) call dgeev('N', 'N', n, copy, n, re, im, no_left, 1, &
-                                                  no_right, 1, work, size(work), info)
+      if (all(abs(a) <= huge(1.0_wp))) call dgeev('N', form, n, copy, n, re, im, no_left, 1, &
+                                                  eigenvectors, size(eigenvectors, 1), work, &
+                                                  size(work), info)
       if (info /= 0) then
          call raise(error, exit_no_solution, 'eigenvalues of a matrix of order '//to_text(n)// &
                     ': LAPACK dgeev returned '//to_text(info))
          return
       end if
       eigenvalues = cmplx(re, im, wp)
-   end subroutine find_eigenvalues
+   end subroutine call_dgeev
 
    !> Finds x of A x = b, A general.
    subroutine solve_linear_system(a, b, x, error)

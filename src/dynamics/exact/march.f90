@@ -53,7 +53,7 @@ contains
       if (structure%has_lumped_mass()) call use_series(transitions, marcher)
       ! in modes, each of m joints reads n modes three times and pushes them as often, at least
       if (6.0_wp*structure%n_joints*structure%n_dof < marcher%work_series) &
-         call try_modes(transitions, marcher)
+         call try_modes(transitions, marcher, error)
    end subroutine new_exact_march
 
    !> Refuses what cannot be marched.
@@ -119,15 +119,17 @@ contains
    end subroutine use_series
 
    !> Chooses modes if they need less work than power series.
-   subroutine try_modes(transitions, marcher)
+   subroutine try_modes(transitions, marcher, error)
       real(wp), intent(in) :: transitions   !! of a sample in a step
       type(exact_march), intent(inout) :: marcher
+      type(error_type), allocatable, intent(out) :: error
       real(wp), parameter :: of_transition = 4500.0_wp   ! multiplications (11)
       type(modal_form), allocatable :: form
       type(march_work) :: work
 
       allocate (form)
-      call new_modal_form(marcher%structure, marcher%dt, marcher%tolerance, form)
+      call new_modal_form(marcher%structure, marcher%dt, marcher%tolerance, form, error)
+      if (allocated(error)) return
       if (form%operators%n_parts > most_parts) return
       work%step = form%operators%n_parts*form%operators%work()
       work%lanes = lanes

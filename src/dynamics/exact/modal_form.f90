@@ -15,7 +15,8 @@ module dynamics_exact_modal_form
    use dynamics_exact_modal_lane, only: lane_paths
    use dynamics_exact_modal_operators, only: modal_operators, new_modal_operators
    use dynamics_exact_modal_sliders, only: groups, lanes, moving_sliders
-   use dynamics_exact_modal_steps, only: put_free_paths, put_load, put_rest, rotate, take_motion
+   use dynamics_exact_modal_steps, only: put_free_paths, put_rest, rotate_modes, rotate_pairs, &
+                                         take_motion
    use dynamics_exact_modal_terms, only: path_degree
    use dynamics_exact_transitions, only: transition_group
    use dynamics_joint, only: enter_transition, slip_direction
@@ -32,17 +33,18 @@ module dynamics_exact_modal_form
       type(modal_operators) :: operators
       integer :: n_padded = 0, m_padded = 0
       integer :: n_groups = 0   !! that have samples
-      real(wp), pointer, contiguous :: now(:, :, :, :) => null()  !! (lane, mode, q q' f(0), group)
-      !> (lane, mode, 1:4, group) q, q' at 1; at 1/2 less those of the cubic through both ends
-      real(wp), pointer, contiguous :: ahead(:, :, :, :) => null()
-      real(wp), pointer, contiguous :: pushed(:, :, :) => null()     !! (lane, mode, group) S z
-      real(wp), pointer, contiguous :: taken(:, :, :, :) => null()   !! (.., 0:moment, group) S I
-      real(wp), pointer, contiguous :: value(:, :, :, :) => null()   !! (.., joint, 1:4, ..) G ahead
+      !> (lane, row, p p', group); from run_part to go_on those that the free motion has at the end
+      real(wp), pointer, contiguous :: now(:, :, :, :) => null()
+      !> Room for the group under way: (lane, row, 1:2) p, p' at 1/2 less those of the cubic through
+      !> both ends; (lane, row, 0:moment) S I; (lane, joint, 1:4) G p, G p' at 1 and of the middle
+      real(wp), pointer, contiguous, dimension(:, :, :) :: middle => null(), taken => null(), &
+                                                           value => null()
+      real(wp), pointer, contiguous :: pushed(:, :, :) => null()     !! (lane, row, group) S z
       type(moving_sliders) :: sliders
-      !> Where a ledger is kept: (lane, mode, 1:5, group), see its start_part; (.., q q', group),
-      !> see its add_part
+      !> With a ledger: (lane, row, 1:5, group), see its start_part; (lane, row, p p') of the group
+      !> under way, see its add_part
       real(wp), pointer, contiguous, private :: works(:, :, :, :) => null(), &
-                                                rest(:, :, :, :) => null()
+                                                rest(:, :, :) => null()
       type(aligned_memory), private :: memory
       type(lane_paths), private :: lane   !! room for redo
    contains
@@ -60,17 +62,19 @@ module dynamics_exact_modal_form
 contains
 
    !> Prepares as many parts a step as the tolerance needs, relative to the rms displacement.
-   subroutine new_modal_form(structure, dt, tolerance, form)
+   subroutine new_modal_form(structure, dt, tolerance, form, error)
       type(structure_type), intent(in) :: structure
       real(wp), intent(in) :: dt          !! [s]
       real(wp), intent(in) :: tolerance
       type(modal_form), intent(out) :: form
+      type(error_type), allocatable, intent(out) :: error
 
-      call new_modal_operators(structure, dt, tolerance, form%operators)
+      call new_modal_operators(structure, dt, tolerance, form%operators, error)
+      if (allocated(error)) return
       form%h = form%operators%h
       form%n_forces = structure%n_forces
       form%has_works_of_all = .true.
-      form%n_padded = padded_rows(structure%n_dof)
+      form%n_padded = padded_rows(form%operators%n_rows)
       form%m_padded = padded_rows(structure%n_joints)
    end subroutine new_modal_form
 
@@ -85,25 +89,25 @@ contains
       call self%paths%start(path_degree, [(0.0_wp, j=1, m)], [(j, j=1, self%operators%n_joints)], &
                             [(1.0_wp, j=1, self%operators%n_joints)])
       self%paths%keeps_slack = .true.
-      n_planes = 9 + self%operators%n_moments
+      n_planes = 3*groups + 3 + self%operators%n_moments
       if (self%keeps_ledger) then
-         n_planes = n_planes + 7
+         n_planes = n_planes + 5*groups + 2
          associate (for => self%operators)
             if (.not. for%ledger%is_ready) &
-               call for%ledger%prepare(self%h, for%rate, for%damping, for%load, for%half, &
-                                       for%velocity_at_half)
+               call for%ledger%prepare(self%h, for%rate, for%damping, for%modal_load, for%blocks, &
+                                       for%half)
          end associate
       end if
-      call self%memory%start(width*(n_planes*n + 4*m))
-      call take_planes(n, 3, self%now)
-      call take_planes(n, 4, self%ahead)
-      call take_planes(n, self%operators%n_moments + 1, self%taken)
-      self%taken(1:, 1:, 0:, 1:) => self%taken
+      call self%memory%start(lanes*(n_planes*n + 4*m))
+      call take_planes(n, 2, self%now)
       call self%memory%take([lanes, n, groups], self%pushed)
-      call take_planes(m, 4, self%value)
+      call self%memory%take([lanes, n, 2], self%middle)
+      call self%memory%take([lanes, n, self%operators%n_moments + 1], self%taken)
+      self%taken(1:, 1:, 0:) => self%taken
+      call self%memory%take([lanes, m, 4], self%value)
       if (.not. self%keeps_ledger) return
       call take_planes(n, 5, self%works)
-      call take_planes(n, 2, self%rest)
+      call self%memory%take([lanes, n, 2], self%rest)
 
    contains
 
@@ -126,7 +130,7 @@ contains
       real(wp) :: slider(self%operators%n_joints)
       integer :: e, g, l, m, n, w
 
-      n = self%operators%n_modes
+      n = self%operators%n_rows
       m = self%operators%n_joints
       self%n_groups = group_of(self%paths%n_samples)
       self%now = 0.0_wp
@@ -150,8 +154,9 @@ contains
                   cycle
                end if
                slider = state%slider(:, w)
-               self%now(e, :n, 1, g) = matmul(place, self%operators%momentum)
-               self%now(e, :n, 2, g) = matmul(speed, self%operators%momentum)*self%h
+               self%now(e, :n, :, g) = self%operators%blocks%numbers( &
+                                       matmul(place, self%operators%momentum), &
+                                       matmul(speed, self%operators%momentum)*self%h)
                self%pushed(e, :n, g) = matmul(self%operators%slider_push, slider)
                x(l, :m, layer(0)) = matmul(place, self%operators%direction)
                x(l, :m, layer(1)) = matmul(speed, self%operators%direction)*self%h
@@ -166,11 +171,11 @@ contains
 
          is_kept = .false.
          if (.not. allocated(state%modal)) return
-         associate (last => ubound(state%modal, 1))
-            if (last /= 5*n + 2*m) return
-            is_kept = all(abs(state%modal(last - 2*n + 1:last - n, sample) &
+         associate (last => ubound(state%modal, 1), n_dof => state%n_dof)
+            if (last /= 3*n + 2*m + 2*n_dof) return
+            is_kept = all(abs(state%modal(last - 2*n_dof + 1:last - n_dof, sample) &
                               - state%displacement(:, sample)) <= 0.0_wp) .and. &
-                      all(abs(state%modal(last - n + 1:, sample) &
+                      all(abs(state%modal(last - n_dof + 1:, sample) &
                               - state%velocity(:, sample)) <= 0.0_wp)
          end associate
       end function is_kept
@@ -189,15 +194,16 @@ contains
       class(modal_form), intent(in) :: self
       type(block_state), intent(inout) :: state
       real(wp), dimension(width, self%operators%n_modes) :: displacement, velocity
-      integer :: e, g, l, m, n, w
+      integer :: e, g, l, m, n, n_kept, w
 
-      n = self%operators%n_modes
+      n = self%operators%n_rows
       m = self%operators%n_joints
+      n_kept = 3*n + 2*m + 2*state%n_dof
       call self%put_state(displacement, velocity)
       if (allocated(state%modal)) then
-         if (size(state%modal, 1) /= 5*n + 2*m) deallocate (state%modal)
+         if (size(state%modal, 1) /= n_kept) deallocate (state%modal)
       end if
-      if (.not. allocated(state%modal)) allocate (state%modal(5*n + 2*m, state%n_samples), &
+      if (.not. allocated(state%modal)) allocate (state%modal(n_kept, state%n_samples), &
                                                   source=0.0_wp)
       associate (x => self%paths%x, layer => self%paths%layer)
          do l = 1, self%paths%n_samples
@@ -240,27 +246,30 @@ contains
 
       n = self%n_padded
       rows = size(self%paths%x, 2)
-      associate (now => self%now(:, :, :, g), ahead => self%ahead(:, :, :, g), &
-                 pushed => self%pushed(:, :, g), value => self%value(:, :, :, g), &
+      associate (now => self%now(:, :, :, g), pushed => self%pushed(:, :, g), &
                  for => self%operators, sliders => self%sliders, x => self%paths%x, &
                  u => self%paths%layer(0), v => self%paths%layer(1), &
                  regime => self%paths%regime)
-         if (.not. for%decouples) call put_load(n, for%load, force, pushed, now(:, :, 3))
          if (self%keeps_ledger) call for%ledger%start_part(g, n, force, now, pushed, &
                                                            self%works(:, :, :, g))
-         if (for%decouples) then
-            call rotate(n, for%first_read, for%rotation, for%load, force, now, pushed, ahead)
+         if (for%blocks%ports == 1) then
+            call rotate_modes(n, for%first_read, for%rotation, for%load, force, pushed, now, &
+                              self%middle)
          else
-            call for%propagator%find(now, force, ahead)
-            call for%middle%find(now, force, value(:, :, 3:))
+            call rotate_pairs(n, for%first_read, for%rotation, for%load, force, pushed, now, &
+                              self%middle)
          end if
+         if (self%keeps_ledger) &
+            self%works(:, :, 5, g) = self%works(:, :, 5, g) - 0.25_wp*now(:, :, 2)
          do i = 1, 4
-            associate (many => size(for%reads(i)%value, 2))
-               if (many > 0) call for%reads(i)%multiply(ahead(:, for%n_modes - many + 1:, i), &
-                                                        value(:, :, i))
+            associate (first => for%n_rows - size(for%reads(i)%value, 2) + 1)
+               if (first > for%n_rows) cycle
+               if (i <= 2) call for%reads(i)%multiply(now(:, :, i), self%value(:, :, i))
+               if (i > 2) call for%reads(i)%multiply(self%middle(:, first:, i - 2), &
+                                                     self%value(:, :, i))
             end associate
          end do
-         call put_free_paths(self%m_padded, rows, for%first_read(4) <= for%n_modes, value, &
+         call put_free_paths(self%m_padded, rows, for%first_read(4) <= for%n_modes, self%value, &
                              x(first, 1, u), x(first, 1, v), x(first, 1, 2))
          call sliders%follow(g, regime(first, 1, layer_side), regime(first, 1, layer_spring))
          call sliders%mask(g, 1, x(first, 1, v))
@@ -409,20 +418,13 @@ contains
       integer, intent(in) :: g
       integer :: k
 
-      associate (for => self%operators, last => self%operators%n_moments, &
-                 moments => self%sliders%moments(:, :, :, g), &
+      associate (for => self%operators, moments => self%sliders%moments(:, :, :, g), &
                  moved => self%sliders%moved(:self%sliders%n_moved(g), g))
-         do k = 0, merge(last, 0, for%decouples)
-            call for%push%multiply_some(moved, 1, moments(:, :, k + 1), self%taken(:, :, k, g))
+         do k = 0, for%n_moments
+            call for%push%multiply_some(moved, 1, moments(:, :, k + 1), self%taken(:, :, k))
          end do
-         if (for%decouples) then
-            call take_motion(self%n_padded, for%weight, self%ahead(:, :, :, g), &
-                             self%taken(:, :, :, g), self%now(:, :, :, g), self%pushed(:, :, g))
-         else
-            self%now(:, :, 1:2, g) = self%ahead(:, :, 1:2, g)
-            call for%kick%add_some(moved, last + 1, moments, 1, self%now(:, :, :, g))
-            self%pushed(:, :, g) = self%pushed(:, :, g) + self%taken(:, :, 0, g)
-         end if
+         call take_motion(self%n_padded, for%weight, self%taken, self%now(:, :, :, g), &
+                          self%pushed(:, :, g))
       end associate
    end subroutine take_sliders
 
@@ -431,7 +433,7 @@ contains
       class(modal_form), intent(in) :: self
       real(wp), intent(out) :: displacement(:, :)
       real(wp), intent(out) :: velocity(:, :)
-      real(wp) :: x(lanes, self%n_padded)
+      real(wp) :: x(lanes, padded_rows(self%operators%n_modes))
       integer :: g
 
       do g = 1, self%n_groups
@@ -452,21 +454,14 @@ contains
       real(wp) :: of_group(lanes, 2)
       integer :: g
 
-      associate (for => self%operators, sliders => self%sliders)
+      associate (for => self%operators)
          do g = 1, self%n_groups
             call take_sliders(self, g)
-            if (for%decouples) then
-               call put_rest(self%n_padded, for%weight, for%rotation, self%taken(:, :, :, g), &
-                             self%rest(:, :, :, g))
-            else
-               call for%rest%multiply_some(sliders%moved(:sliders%n_moved(g), g), &
-                                           for%n_moments + 1, sliders%moments(:, :, :, g), &
-                                           self%rest(:, :, :, g))
-            end if
+            call put_rest(self%n_padded, for%weight, for%rotation, self%taken, self%rest)
             of_group = 0.0_wp
             call for%ledger%add_part(g, self%n_padded, self%now(:, :, :, g), &
-                                     self%ahead(:, :, 2, g), self%taken(:, :, 0, g), &
-                                     self%rest(:, :, :, g), self%works(:, :, :, g), of_group)
+                                     self%taken(:, :, 0), self%rest, self%works(:, :, :, g), &
+                                     of_group)
             associate (first => lanes*(g - 1) + 1)
                work(first:first + lanes - 1, :) = work(first:first + lanes - 1, :) + of_group
             end associate

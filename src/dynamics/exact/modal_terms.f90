@@ -2,6 +2,7 @@
 !> of docs/exact_march.md.
 module dynamics_exact_modal_terms
    use core_kinds, only: two_pi, wp
+   use dynamics_exact_modal_blocks, only: modal_blocks
    use structure_model, only: structure_type
    implicit none(type, external)
    private
@@ -20,8 +21,8 @@ module dynamics_exact_modal_terms
       real(wp) :: h = 0.0_wp       !! of a part [s]
       integer :: n_parts = 1       !! of a step, a power of two
       integer :: n_moments = 4     !! integrals of a slider's motion that its modes need
-      !> first mode whose displacement (3) and velocity (4) at half the part joints read
-      integer :: first_read(3:4) = 1
+      !> first block whose displacement (3) and velocity (4) at half the part joints read; at 1 all
+      integer :: first_read(4) = 1
       !> (power of a path) least power of the sliders that adds to it; beyond power - 2: none does
       integer :: first_power(3:path_degree) = 1
    end type modal_terms
@@ -161,22 +162,30 @@ contains
 
    !> Leaves out what the tolerance does not need (M8): the velocity at half the part, integrals of
    !> the sliders' motion, terms of the answers.
-   pure subroutine choose_terms(joint_stiffness, joints, rate, damping, tolerance, terms)
+   pure subroutine choose_terms(joint_stiffness, joints, rate, damping, blocks, tolerance, terms)
       real(wp), intent(in) :: joint_stiffness(:)
       type(joint_feel), intent(in) :: joints
       real(wp), intent(in) :: rate(:)          !! omega h (mode)
       real(wp), intent(in) :: damping(:, :)    !! C^ (mode, mode)
+      type(modal_blocks), intent(in) :: blocks
       real(wp), intent(in) :: tolerance
       class(modal_terms), intent(inout) :: terms
       real(wp), parameter :: steps = 30.0_wp   ! for which the error of a part lives on, see (1)
       real(wp), parameter :: cubic_error = 2.6e-3_wp, quartic_error = 7.5e-5_wp   ! (M4)
       real(wp) :: answer(0:n_markov - 1), kernel(0:4), memory, path(5), share(size(rate))
       real(wp) :: on   ! errors of paths add up to while a joint slides on
-      integer :: d, k
+      real(wp) :: gain(size(joints%gain, 1), blocks%ports*size(rate))
+      integer :: d, k, r
 
-      share = shares(joints%gain, rate*terms%n_parts)
+      gain = blocks%reads(joints%gain)
+      do r = 1, size(rate)
+         associate (ports => gain(:, blocks%ports*(r - 1) + 1:blocks%ports*r))
+            ports(:, 1) = norm2(ports, 2)
+         end associate
+      end do
+      share = shares(gain(:, ::blocks%ports), blocks%rate*terms%n_parts)
       do k = 1, 5
-         path(k) = maxval(share*rate**k)   ! derivatives of the paths
+         path(k) = maxval(share*blocks%rate**k)   ! derivatives of the paths
       end do
       do k = 0, 4, 2
          kernel(k) = terms%h**2*max(0.0_wp, maxval(compliances(joint_stiffness, joints%gain, &
@@ -188,11 +197,9 @@ contains
       associate (decay => maxval(sum(abs(damping), 1)))
          answer = [kernel(0), kernel(0)*decay, kernel(2) + kernel(0)*decay**2]
       end associate
-      associate (fastest => max(rate, sum(abs(damping), 1)))
-         terms%first_read(3) = first_beyond(cubic_error*share*fastest**4)
-         terms%first_read(4) = max(terms%first_read(3), &
-                                   first_beyond(quartic_error*share*fastest**5))
-      end associate
+      terms%first_read(3) = first_beyond(cubic_error*share*blocks%fastest**4)
+      terms%first_read(4) = max(terms%first_read(3), &
+                                first_beyond(quartic_error*share*blocks%fastest**5))
       memory = steps*terms%n_parts
       terms%n_moments = 4
       if (memory*(kernel(2)*path(3) + kernel(4)*path(2))*1.0e-5_wp <= 0.2_wp*tolerance) &
@@ -209,9 +216,9 @@ contains
 
    contains
 
-      !> First mode whose error counts, or one behind the last.
+      !> First block whose error counts, or one behind the last.
       pure integer function first_beyond(error)
-         real(wp), intent(in) :: error(:)   !! (mode)
+         real(wp), intent(in) :: error(:)   !! (block)
 
          do first_beyond = 1, size(error)
             if (max(2.0_wp*term_safety, on)*error(first_beyond) > tolerance) return
