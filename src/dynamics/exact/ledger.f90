@@ -26,7 +26,8 @@ module dynamics_exact_ledger
    type :: ledger_type
       real(wp), allocatable :: node(:), weight(:)   !! Gauss and Legendre, on (0, 1)
       real(wp), allocatable :: mass(:)              !! (dof) m/h^2 [kg/s^2]
-      !> M C^/h^2 on and below its diagonal, what is below twice: v'Cv is the sum of v_i times rows
+      !> Diagonal of M C^/h^2, and twice what is below it: v'Cv is the sum of v_i times rows of both
+      real(wp), allocatable :: decay(:)             !! (dof)
       type(sparse_matrix) :: damping
       !> Transitions answered locally in the part
       integer :: n_answers = 0
@@ -56,14 +57,15 @@ contains
          if ((2.0_wp*series%rate)**(2*n)*gamma(n + 1.0_wp)**4 <= &
              1.0e-3_wp*tolerance*(2*n + 1)*gamma(2*n + 1.0_wp)**3) exit
       end do
-      allocate (ledger%node(n), ledger%weight(n), ledger%mass(series%n_dof))
+      allocate (ledger%node(n), ledger%weight(n))
+      allocate (ledger%mass(series%n_dof), ledger%decay(series%n_dof))
       call gauss_legendre(0.0_wp, 1.0_wp, ledger%node, ledger%weight)
       ledger%mass = structure%lumped_mass()/series%h**2
       call form_matrices(structure, series%h, damping, stiffness)
       do j = 1, series%n_dof
          damping(:, j) = 2.0_wp*ledger%mass*damping(:, j)
-         damping(j, j) = 0.5_wp*damping(j, j)
-         damping(:j - 1, j) = 0.0_wp
+         ledger%decay(j) = 0.5_wp*damping(j, j)
+         damping(:j, j) = 0.0_wp
       end do
       ledger%damping = sparse_of(damping)
       allocate (ledger%answer(1))
@@ -137,14 +139,13 @@ contains
          end do
          call add_answers(self, degree, t, velocity)
          do i = 1, size(self%mass)
-            e = self%damping%start(i + 1) - 1   ! the diagonal
             do l = 1, lanes
-               a1(l) = self%damping%value(e)*velocity(l, 1, i)
-               a2(l) = self%damping%value(e)*velocity(l, 2, i)
-               a3(l) = self%damping%value(e)*velocity(l, 3, i)
-               a4(l) = self%damping%value(e)*velocity(l, 4, i)
+               a1(l) = self%decay(i)*velocity(l, 1, i)
+               a2(l) = self%decay(i)*velocity(l, 2, i)
+               a3(l) = self%decay(i)*velocity(l, 3, i)
+               a4(l) = self%decay(i)*velocity(l, 4, i)
             end do
-            do e = self%damping%start(i), self%damping%start(i + 1) - 2
+            do e = self%damping%start(i), self%damping%start(i + 1) - 1
                j = self%damping%column(e)
                do l = 1, lanes
                   a1(l) = a1(l) + self%damping%value(e)*velocity(l, 1, j)
