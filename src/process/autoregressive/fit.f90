@@ -108,8 +108,8 @@ contains
       end associate
    end function lower_order
 
-   !> kappa_m of the maximum with K(m) >= 0 for both lengths, of the highest order up to one that has
-   !> it; none where no order has.
+   !> kappa_m of the maximum with K(m) >= 0 for both lengths, of the highest order up to one; none
+   !> where no order has it.
    function nonnegative_reflection(length, second_length, highest) result(kappa)
       real(wp), intent(in) :: length, second_length   !! L0 and L1 [lags]
       integer, intent(in) :: highest

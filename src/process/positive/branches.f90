@@ -14,7 +14,7 @@ module process_positive_branches
    use core_kinds, only: long, wp
    use core_random, only: label_of, new_stream
    use core_text, only: rounded_text, to_text
-   use numerics_constrained_maximum, only: maximize, search_result
+   use numerics_constrained_maximum, only: maximize, search_result, solve_along
    use process_model, only: process_request
    use process_positive_family, only: by_coefficients, by_precision, free, &
                                       parameter_family
@@ -26,7 +26,7 @@ module process_positive_branches
    use process_positive_signs, only: compare_signs
    implicit none(type, external)
    private
-   public :: adopt_signs, search_branches, sharpen
+   public :: adopt_signs, climb, search_branches, sharpen
 
    integer, parameter :: shape_steps = 128      !! of a batch during the search
    integer, parameter :: zero_steps = 1024      !! of a batch where some K(m) = 0
@@ -246,40 +246,47 @@ contains
       law%n_steps = shape_steps
    end subroutine begin_law
 
-   !> Climbs by maxima at larger and larger std/mean, from that of the start to the wanted one.
-   !> Where they end before, `found` is not converged.
+   !> Climbs by maxima at larger and larger std/mean, from that of the start to the wanted one. In a
+   !> given shape steps grow until one fails. Where maxima end before, `found` is not converged.
    subroutine climb(law, start, wanted, point, found, limit)
       type(sampled_objective), intent(inout) :: law
       real(wp), intent(in) :: start, wanted
       real(wp), allocatable, intent(inout) :: point(:)
       type(search_result), intent(inout) :: found
-      real(wp), intent(out) :: limit
+      real(wp), intent(out) :: limit   !! the largest std/mean that was met
+      type(search_result) :: before
       real(wp), allocatable :: reached(:)
-      real(wp) :: step
+      real(wp) :: growth, step
       integer, allocatable :: faces(:)
 
       law%problem%ratio = start
       limit = 0.0_wp
       step = 0.04_wp   ! relative
+      growth = merge(2.0_wp, 1.0_wp, law%family%has_given_shape())
       do
          reached = point
          faces = law%family%faces
+         before = found
          call find_maximum(law, point, found)
          if (found%is_converged) then
             limit = law%problem%ratio
             if (limit >= wanted) return
             call law%settle(point)
+            step = growth*step
          else
             point = reached
             law%family%faces = faces
+            growth = 1.0_wp
             step = 0.5_wp*step
             if (step < least_step .or. .not. limit > 0.0_wp .or. law%is_exhausted()) return
+            found = before
          end if
          law%problem%ratio = min(wanted, limit*(1.0_wp + step))
       end do
    end subroutine climb
 
-   !> Finds the maximum in the interior, or on the faces that the search runs into.
+   !> Finds the maximum in the interior, or on the faces that the search runs into. In a given shape
+   !> it is, once one has been found, the point nearby that meets the targets.
    subroutine find_maximum(law, point, found)
       type(sampled_objective), intent(inout) :: law
       real(wp), allocatable, intent(inout) :: point(:)
@@ -287,8 +294,18 @@ contains
       real(wp), parameter :: near = 0.05_wp
       real(wp), allocatable :: metric(:, :)
       real(wp), allocatable :: room(:)
+      integer, parameter :: max_steps = 8
+      real(wp), parameter :: farthest = 0.5_wp   ! beyond, it may be one of another branch
+      real(wp), allocatable :: start(:)
       integer :: i, p
 
+      if (law%family%has_given_shape() .and. allocated(found%jacobian)) then
+         start = point
+         call solve_along(law, point, found%jacobian, found%metric, acceptable, max_steps, &
+                          found%violation)
+         found%is_converged = found%violation <= acceptable .and. norm2(point - start) <= farthest
+         return
+      end if
       do
          if (allocated(metric)) deallocate (metric)
          if (allocated(found%metric)) then
@@ -296,7 +313,8 @@ contains
          end if
          call maximize(law, point, law%n_constraints, branch_difference, acceptable, &
                        max_iterations, found, metric)
-         if (found%is_converged .or. law%family%kind == free .or. law%is_exhausted() .or. &
+         if (found%is_converged .or. law%family%has_given_shape() .or. &
+             law%family%kind == free .or. law%is_exhausted() .or. &
              size(law%family%faces) == law%family%most_faces .or. &
              size(point) <= law%n_constraints) return
          room = law%family%room(point)

@@ -38,6 +38,7 @@ module process_positive_family
       integer, allocatable :: faces(:)
       integer :: most_faces = 1   !! that a search may take
    contains
+      procedure :: has_given_shape
       procedure :: room
       procedure :: unfold
    end type parameter_family
@@ -91,6 +92,13 @@ contains
       end select
       if (is_inside) law%g(:) = symbol_of_process(law%a, 1.0_wp)
    end subroutine unfold
+
+   !> True if the targets leave no freedom: a factor and the coordinate are all that moves.
+   pure logical function has_given_shape(self)
+      class(parameter_family), intent(in) :: self
+
+      has_given_shape = self%kind == by_shape .or. self%kind == by_symbol
+   end function has_given_shape
 
    !> a_q, or 2 G_m/G_0, lags 1..order: those of faces from the others.
    pure function couplings(family, point) result(all_lags)

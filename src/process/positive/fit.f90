@@ -95,8 +95,8 @@ contains
       call look_beside(request, seed, model)
    end subroutine fit_near_zero
 
-   !> Takes the process with K(m) >= 0 of both lengths where the unconstrained optimum has led to one
-   !> of less entropy, whose K(m) change their sign.
+   !> Takes the process with K(m) >= 0 of both lengths where it has more entropy than the one found,
+   !> whose K(m) change their sign.
    recursive subroutine take_nonnegative(request, seed, model)
       type(process_request), intent(in) :: request
       integer(long), intent(in) :: seed

@@ -1,22 +1,21 @@
 !> The search for a positive process of higher order, on simulated values: first the shape of the
 !> unconstrained optimum, then every coefficient free.
 !>
-!> Coefficients of that shape are made stronger and stronger, mu always such that the length is the
-!> wanted one: std/mean grows towards a limit, reached as mu runs away to minus infinity (without
-!> correlation it is the exponential law's, 1).
+!> Where that shape is not found at once it is followed from a smaller std/mean on, with the wanted
+!> length: coefficients grow and mu falls, towards a limit of std/mean that is reached as mu runs
+!> away to minus infinity (without correlation it is the exponential law's, 1).
 module process_positive_search
    use core_error, only: error_type, exit_no_solution, raise
    use core_kinds, only: long, wp
    use core_random, only: label_of, new_stream
    use core_text, only: rounded_text, to_text
    use numerics_constrained_maximum, only: maximize, search_result
-   use numerics_root_search, only: new_root_search, root_search
    use process_direct_sign_sequence, only: sequence_solution
    use process_model, only: process_request
-   use process_positive_branches, only: adopt_signs
-   use process_positive_family, only: by_symbol, free, law_estimate
+   use process_positive_branches, only: adopt_signs, climb
+   use process_positive_family, only: by_symbol, free
    use process_positive_objective, only: new_objective, sampled_objective
-   use process_positive_moments, only: estimate_autocovariance, positive_moments
+   use process_positive_moments, only: estimate_autocovariance
    use process_positive_problem, only: new_problem, sampled_problem
    use process_positive_refinement, only: refine, shape_spread
    use process_positive_signs, only: require_signs
@@ -26,16 +25,12 @@ module process_positive_search
    public :: approach, find_shape
 
    integer, parameter :: quick_steps = 128     !! of a batch on the way to a first solution
-   integer, parameter :: limit_steps = 1024    !! of a batch where std/mean may end
    integer, parameter :: shape_steps = 128     !! of a batch while the shape is sought
    real(wp), parameter :: farthest = 0.7_wp    !! ln factor, without following the family
    real(wp), parameter :: close_enough = 1.0e-5_wp  !! relative, of ratio and length on the way
    !> gradient of the entropy left: wanted, accepted, and over its largest component
    real(wp), parameter :: wanted = 1.0e-4_wp, acceptable = 1.0e-3_wp, stationary = 0.02_wp
    integer, parameter :: max_iterations = 60        !! of the search for the shape
-
-   !> relative, of the wanted length along the family
-   real(wp), parameter :: length_tolerance = 1.0e-3_wp
 
 contains
 
@@ -51,60 +46,81 @@ contains
       real(wp), intent(in), optional :: most_effort   !! see `sampled_objective`
       type(sequence_solution), intent(in), optional :: sequence   !! see `new_problem`
       real(wp), parameter :: steep = 0.9_wp   ! std/mean of a start
+      integer, parameter :: most_halvings = 3
       character(:), allocatable :: reason
       type(sampled_problem) :: problem
-      real(wp), allocatable :: state(:)
-      real(wp) :: b0, centre, coordinate, far_point(2), limit, mu, sigma, std
-      logical :: is_inside, is_reached
       type(search_result) :: far
+      real(wp) :: far_point(2), limit, ratio
+      real(wp), allocatable :: state(:)
+      integer :: i
+      logical :: is_inside
 
-      std = request%std
-      if (has_negative(sequence)) std = min(std, steep*request%mean)   ! it may exceed the mean
-      call fit_truncated_normal(request%mean, std, mu, sigma, error)
-      if (allocated(error) .and. request%mean > 0.0_wp) &
-         call raise(error, exit_no_solution, 'positive process with std/mean = '// &
-                    rounded_text(std/request%mean, 6)//': K(m) >= 0 needs std < mean')
+      ratio = request%std/request%mean
+      call begin(ratio)
       if (allocated(error)) return
-      call new_problem(request, request%sampler, new_stream(seed, label_of('positive process'), &
-                                                            0), problem, error, sequence=sequence)
-      if (allocated(error)) return
-      b0 = sigma/sqrt(problem%autocovariance(0))   ! a guess, with the companion's innovations
-      coordinate = mu/b0*(1.0_wp + sum(problem%companion))**merge(2, 1, problem%is_exact)
-      centre = request%mean/b0
-      call new_objective(problem, law)
-      if (present(most_effort)) law%most_effort = most_effort
-      law%centre = centre
-      point = [0.0_wp, asinh(coordinate)]
-      law%n_steps = quick_steps
-      call law%settle(point)
       call maximize(law, point, law%n_constraints, 1.0e-4_wp, close_enough, 12, found)
       ! far from the unconstrained optimum another branch may have the targets too: it is taken only
       ! where the family that is followed from there ends before them
       if (found%violation > close_enough .or. point(1) > farthest) then
          far = found
          far_point = point
-         point = [0.0_wp, asinh(coordinate)]
-         law%n_steps = limit_steps
-         call follow_family(law, point, limit, is_reached)
-         if (is_reached) then
+         do i = 1, most_halvings
+            call begin(0.5_wp**i*ratio)
+            found = search_result()
+            call climb(law, 0.5_wp**i*ratio, ratio, point, found, limit)
+            if (limit > 0.0_wp .or. law%is_exhausted()) exit
+         end do
+         law%problem%ratio = ratio
+         if (limit >= ratio) then
             call maximize(law, point, law%n_constraints, 1.0e-4_wp, close_enough, 20, found)
          else if (far%violation <= close_enough) then
+            call begin(ratio)
             point = far_point
             found = far
-            law%centre = centre   ! where the family's end has left it, chains begin far off
-            law%n_steps = quick_steps
             call law%evaluate(point, state, is_inside)
          else if (.not. law%is_exhausted()) then
             reason = ': nothing was found with the shape of the unconstrained optimum'
             if (limit > 0.0_wp) &
                reason = ': with the shape of the unconstrained optimum std/mean ends at '// &
                         to_text(floor(1.0e3_wp*limit)/1.0e3_wp)
-            call raise(error, exit_no_solution, problem%name//reason)
+            call raise(error, exit_no_solution, law%problem%name//reason)
             return
          end if
       end if
       found%is_converged = found%violation <= close_enough
       call require_converged(law, found, error)
+
+   contains
+
+      !> Begins at the unconstrained optimum, with the field of independent values of a std/mean.
+      subroutine begin(ratio_there)
+         real(wp), intent(in) :: ratio_there
+         real(wp) :: b0, mu, sigma, std
+
+         std = ratio_there*request%mean
+         if (has_negative(sequence)) std = min(std, steep*request%mean)   ! it may exceed the mean
+         call fit_truncated_normal(request%mean, std, mu, sigma, error)
+         if (allocated(error) .and. request%mean > 0.0_wp) &
+            call raise(error, exit_no_solution, 'positive process with std/mean = '// &
+                       rounded_text(ratio, 6)//': K(m) >= 0 needs std < mean')
+         if (allocated(error)) return
+         if (.not. allocated(point)) then
+            call new_problem(request, request%sampler, &
+                             new_stream(seed, label_of('positive process'), 0), problem, error, &
+                             sequence=sequence)
+            if (allocated(error)) return
+            call new_objective(problem, law)
+            if (present(most_effort)) law%most_effort = most_effort
+            law%n_steps = quick_steps
+         end if
+         b0 = sigma/sqrt(problem%autocovariance(0))   ! a guess, with the companion's innovations
+         point = [0.0_wp, &
+                  asinh(mu/b0*(1.0_wp + sum(problem%companion))**merge(2, 1, problem%is_exact))]
+         law%last%moments%std = 0.0_wp   ! nothing is known yet
+         law%centre = request%mean/b0
+         call law%settle(point)
+      end subroutine begin
+
    end subroutine approach
 
    pure logical function has_negative(sequence)
@@ -204,88 +220,5 @@ contains
                     to_text(found%residual)//' of the gradient left')
       end if
    end subroutine require_converged
-
-   !> Follows the family until it has the wanted ratio: `point` (ln factor, coordinate) is then near
-   !> the solution. Where it ends before, `limit` is the largest std/mean met, less its error; it
-   !> begins where the sample's noise leaves a mu for the wanted length.
-   subroutine follow_family(law, point, limit, is_reached)
-      type(sampled_objective), intent(inout) :: law   !! with a shape
-      real(wp), intent(inout) :: point(2)
-      real(wp), intent(out) :: limit
-      logical, intent(out) :: is_reached
-      integer, parameter :: max_doublings = 7
-      real(wp), parameter :: certainly = 3.0_wp   ! standard errors
-      real(wp), parameter :: nearest = 1.0e-3_wp
-      type(law_estimate) :: there
-      real(wp) :: inner(2), outer(2), ratio
-      integer :: i
-      logical :: has_begun, is_found, is_process
-
-      limit = 0.0_wp
-      has_begun = .false.
-      is_reached = .false.
-      point(1) = log(1.02_wp)
-      there%g = law%last%g
-      outer = point
-      do i = 1, max_doublings
-         inner = outer
-         if (i > 1) outer(1) = 2.0_wp*outer(1)
-         if (.not. has_begun) outer(2) = point(2)
-         do   ! a symbol that grows ends where it touches zero
-            call law%family%unfold(outer, there, is_process)
-            if (is_process .or. outer(1) - inner(1) <= nearest) exit
-            outer(1) = 0.5_wp*(inner(1) + outer(1))
-         end do
-         call match_length(law, outer, ratio, is_found)
-         if (.not. is_found .and. .not. has_begun) cycle
-         if (.not. is_found) exit
-         is_reached = ratio >= law%problem%ratio
-         if (is_reached .or. ratio < limit) exit   ! it grows to its limit, or has a maximum
-         limit = ratio - certainly*law%last%moments%ratio_error
-         has_begun = .true.
-      end do
-      if (.not. is_reached) return
-      do i = 1, merge(6, 0, has_begun)   ! halve the stretch in which the ratio is passed
-         point = 0.5_wp*(inner + outer)
-         call match_length(law, point, ratio, is_found)
-         if (ratio >= law%problem%ratio .or. .not. is_found) then
-            outer = point
-         else
-            inner = point
-         end if
-      end do
-      point = outer
-   end subroutine follow_family
-
-   !> Finds the coordinate that gives the wanted length at this factor, and std/mean there. The
-   !> length grows with mu, up to that of the Gaussian. Where there is none the moments stay those
-   !> of before, from which the next chains start.
-   subroutine match_length(law, point, ratio, is_found)
-      type(sampled_objective), intent(inout) :: law
-      real(wp), intent(inout) :: point(2)
-      real(wp), intent(out) :: ratio
-      logical, intent(out) :: is_found
-      integer, parameter :: max_steps = 20
-      type(root_search) :: search
-      type(positive_moments) :: before
-      real(wp), allocatable :: state(:)
-      logical :: is_inside
-      integer :: i
-
-      before = law%last%moments
-      call law%settle(point)
-      search = new_root_search(0.25_wp)
-      ratio = 0.0_wp
-      do i = 1, max_steps
-         call law%evaluate(point, state, is_inside)
-         if (.not. is_inside) exit
-         ratio = law%last%moments%ratio
-         is_found = abs(state(2)) <= length_tolerance
-         if (is_found) return
-         call search%advance(point(2), state(2))
-      end do
-      is_found = .false.
-      law%last%moments = before
-   end subroutine match_length
 
 end module process_positive_search

@@ -91,9 +91,9 @@ contains
       x = max(c + normal_quantile(u*factor, (1.0_wp - u) + u*rest), 0.0_wp)
    end subroutine draw_ordinary
 
-   !> The z with Q(z) = upper, to 2e-15 where both tails hold more than 4.9e-4: z/(lower - upper) is a
-   !> polynomial in ln(4 upper lower) (Giles, 2010; in double precision, times sqrt(2)), its even and
-   !> its odd part apart.
+   !> The z with Q(z) = upper, to 2e-15 where both tails hold more than 4.9e-4. z/(lower - upper) is
+   !> a polynomial in ln(4 upper lower) (Giles, 2010, double precision, times sqrt(2)); its even and
+   !> odd powers are summed apart.
    elemental function normal_quantile(upper, lower) result(z)
       real(wp), intent(in) :: upper, lower   !! masses on both sides; their sum is 1
       real(wp) :: z
