@@ -94,7 +94,7 @@ contains
    pure function findings(found) result(text)
       type(process_estimate_type), intent(in) :: found
       character(:), allocatable :: text, lags
-      integer :: m
+      integer :: n_lags, m
 
       text = labelled('values', counted(found%n_values, 'value', 'values')//' in '// &
                       counted(found%n_records, 'record', 'records')//', '// &
@@ -104,12 +104,13 @@ contains
              //labelled('L0', with_range(found%l0, found%l0_error, found%l0_range)) &
              //labelled('L1', with_range(found%l1, found%l1_error, found%l1_range)) &
              //labelled('order', to_text(found%request%order))
+      n_lags = min(size(found%correlation), found%n_points - 1)   ! of any two values
       lags = ''
-      do m = 1, size(found%correlation)
+      do m = 1, n_lags
          if (m > 1) lags = lags//', '
          lags = lags//brief(found%correlation(m))//' ('//brief(found%expected(m))//')'
       end do
-      text = text//labelled('correlation', 'at lags 1 to '//to_text(size(found%correlation))// &
+      text = text//labelled('correlation', 'at lags 1 to '//to_text(n_lags)// &
                             ' (of the process): '//lags) &
              //labelled('explained', judged('correlation', found%p_correlation)//'; '// &
                         judged('distribution', found%p_marginal))

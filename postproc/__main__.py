@@ -89,7 +89,8 @@ def _draw(files: list[Results], options: argparse.Namespace) -> str:
     report = options.out / "report.html"
     write_report(files, statements, tables, figures, report)
     n_tables = len(tables) + len(judged)
-    return f"{len(figures)} figures and {n_tables} tables in {options.out}; report: {report}"
+    drawn = "1 figure" if len(figures) == 1 else f"{len(figures)} figures"
+    return f"{drawn} and {n_tables} tables in {options.out}; report: {report}"
 
 
 def _figures(files: list[Results], options: argparse.Namespace) -> list[Figure]:

@@ -42,6 +42,12 @@ def test_a_column_is_one_record_and_the_group_is_printed(entroslip, data):
     assert entroslip("estimate", data, ranks=2).stdout == done.stdout  # the same on any ranks
 
 
+def test_correlations_end_with_the_longest_record(entroslip, data):
+    """Lags that no two values of a record have were printed as 0."""
+    data.write_text("0.31 0.29 0.33 0.30 0.28\n0.33 0.35 0.27 0.30 0.31\n")
+    assert "at lags 1 to 4 (of the process)" in entroslip("estimate", data).stdout
+
+
 @pytest.mark.parametrize(
     ("text", "message"),
     [
