@@ -13,9 +13,10 @@ from .table import Table, value_with_error
 
 _PERCENT = 100.0
 _NOTE = (
-    "Changes of means over samples; standard errors in brackets, in units of the last digits, over"
-    " the samples that both files have, sample by sample where the seeds agree. The force record"
-    " is the same in both; the scatter of the changes with it is not in the errors."
+    "Changes of means over the samples of both files, the largest fall of the rms first. Standard"
+    " errors are in brackets, in units of the last digits; they are those of the differences sample"
+    " by sample where the seeds agree. All files have the same force record: the scatter of the"
+    " changes with the record is not included."
 )
 
 
