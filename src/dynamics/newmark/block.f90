@@ -4,7 +4,7 @@
 !> that is marched: where a step begins and how long it may be are then whole numbers. A sample has
 !> two slots for its motion: one holds the present, the other takes the step that is being tried.
 module dynamics_newmark_block
-   use core_kinds, only: long, wp
+   use core_kinds, only: long, two_pi, wp
    use dynamics_alignment, only: aligned_memory, whole_registers
    use dynamics_joint, only: close_account, dissipate, enter_transition, slider_at
    use dynamics_newmark_frame, only: newmark_frame
@@ -31,6 +31,7 @@ module dynamics_newmark_block
       integer(long), allocatable :: tick(:)       !! (sample) now
       integer(long), allocatable :: ticks(:)      !! (sample) of the next step
       integer(long), allocatable :: until(:)      !! (sample) a transition is known to come by then
+      integer(long) :: smooth_ticks = 0           !! of a step of dt, at most 1/(4 omega)
       integer(long), allocatable :: slot(:)       !! (sample) 0 or 1: that of the present motion
       integer, allocatable :: pattern(:)          !! (sample) bit j-1: joint j is stuck; if short
       !> (coordinate; a, v, x; slot; sample)
@@ -48,12 +49,15 @@ module dynamics_newmark_block
       real(wp), allocatable :: change(:, :)    !! (try, force) in the step tried [N]
       integer, allocatable :: list(:)          !! (joint)
       real(wp), allocatable :: room(:, :), parts(:), paths(:), factor(:, :)
-      real(wp), allocatable, dimension(:, :) :: place, speed, margin   !! (joint, 0:1)
+      real(wp), pointer, contiguous :: path(:, :, :) => null()   !! (joint; w.a, w.v, w.x; 0:1)
+      real(wp), allocatable :: margin(:, :)                      !! (joint, 0:1)
       real(wp), private :: tick_size = 0.0_wp     !! [s]
       type(aligned_memory), private :: memory
    contains
+      procedure :: foresee_passage
       procedure :: switch_at_nearer_end
       procedure :: add_work
+      procedure, private :: measure_ends
       procedure, private :: slip
       procedure, private :: stick
       procedure, private :: set_regime
@@ -73,6 +77,7 @@ contains
       type(block_state), intent(in) :: state
       type(newmark_block), intent(inout) :: block
       real(wp), pointer, contiguous :: planes(:, :, :)
+      real(wp) :: fastest   ! omega [rad/s]
       integer :: j, joint_rows, m, n, rows, w, samples
 
       samples = state%n_samples
@@ -88,6 +93,8 @@ contains
       block%max_halvings = max_halvings
       block%dt = dt
       block%tick_size = 0.5_wp**max_halvings*dt
+      fastest = two_pi*maxval(frame%structure%frequencies_stuck)
+      block%smooth_ticks = int(2.0_wp**max_halvings/max(1.0_wp, 4.0_wp*fastest*dt), long)
       allocate (block%force(0:ubound(force, 1), size(force, 2)))
       block%force(:, :) = force
       block%column = [(min(block%n_forces*(w - 1), size(force, 2) - block%n_forces), &
@@ -101,9 +108,8 @@ contains
       allocate (block%work(2, samples), block%room(max(rows, joint_rows), 2), &
                 block%parts(2*n + m + block%n_forces), block%paths(2*joint_rows), &
                 block%factor(m, 0:m), block%change(samples, block%n_forces), &
-                block%place(joint_rows, 0:1), block%speed(joint_rows, 0:1), &
                 block%margin(joint_rows, 0:1), source=0.0_wp)
-      call block%memory%start((11*rows + 4*joint_rows)*samples)
+      call block%memory%start((11*rows + 4*joint_rows)*samples + 6*joint_rows)
       call block%memory%take([rows, 3, 2*samples], planes)
       block%motion(1:rows, 1:3, 0:1, 1:samples) => planes
       call block%memory%take([rows, samples, 1], planes)
@@ -111,6 +117,8 @@ contains
       call block%memory%take([4*rows, samples, 1], planes)
       block%stack => planes(:, :, 1)
       call block%memory%take([joint_rows, 4, samples], block%bounds)
+      call block%memory%take([joint_rows, 3, 2], planes)
+      block%path(1:joint_rows, 1:3, 0:1) => planes
       block%bounds(:, 2, :) = huge(1.0_wp)
       do w = 1, samples
          block%motion(:n, 2, 0, w) = frame%from_dofs(state%velocity(:, w))
@@ -150,6 +158,77 @@ contains
       call dissipate(structure, state)
    end subroutine store_block
 
+   !> Finds the tick by which a joint of sample w passes its limit, after a try that ended beyond.
+   !> Tries that end there or later would fail, so they are not made. The tick is found from mean
+   !> accelerations between that at the begin of the try and that of the whole try, and put a tick
+   !> and 2 omega h/15 of the time later. After a try of omega h > 1/4 it is the end of the try.
+   subroutine foresee_passage(self, w)
+      class(newmark_block), intent(inout) :: self
+      integer, intent(in) :: w
+      integer(long), parameter :: few = 8   ! halving finds the rest for less
+      real(wp) :: reserve, ticks
+      integer(long) :: new, old
+      integer :: j
+
+      self%until(w) = self%tick(w) + self%ticks(w)
+      if (self%ticks(w) <= few .or. self%ticks(w) > self%smooth_ticks) return
+      old = self%slot(w)
+      new = 1 - old
+      call self%measure_ends(w)
+      ticks = self%ticks(w)
+      reserve = ticks/(30.0_wp*self%smooth_ticks)
+      do j = 1, self%n_joints
+         if (.not. self%margin(j, new) < 0.0_wp) cycle
+         ticks = min(ticks, 1.0_wp + (1.0_wp + reserve)*latest_passage(j)/self%tick_size)
+      end do
+      self%until(w) = self%tick(w) + max(1_long, ceiling(ticks, long))
+
+   contains
+
+      !> Time [s] from the begin of the step by which joint j has passed its limit at the latest if
+      !> its mean acceleration is between that at the begin and that of the whole step.
+      pure real(wp) function latest_passage(j) result(time)
+         integer, intent(in) :: j
+         real(wp) :: acceleration, gap, root, side, speed
+
+         time = self%ticks(w)*self%tick_size
+         if (self%bounds(j, 4, w) > 0.0_wp) then
+            side = sign(1.0_wp, self%path(j, 3, new) - self%bounds(j, 1, w))
+            gap = self%bounds(j, 2, w) - side*(self%path(j, 3, old) - self%bounds(j, 1, w))
+            speed = side*self%path(j, 2, old)
+            acceleration = min(side*self%path(j, 1, old), 0.5_wp*side*sum(self%path(j, 1, :)))
+            root = speed**2 + 2.0_wp*acceleration*gap
+            if (root < 0.0_wp) return
+            root = speed + sqrt(root)
+            if (root > 0.0_wp) time = 2.0_wp*gap/root
+         else
+            side = self%bounds(j, 3, w)
+            acceleration = max(side*self%path(j, 1, old), 0.5_wp*side*sum(self%path(j, 1, :)))
+            if (acceleration < 0.0_wp) time = -self%margin(j, old)/acceleration
+         end if
+      end function latest_passage
+
+   end subroutine foresee_passage
+
+   !> Finds the paths of all joints and their margins at both ends of a step of sample w.
+   subroutine measure_ends(self, w)
+      class(newmark_block), intent(inout) :: self
+      integer, intent(in) :: w
+      integer :: end, part
+
+      if (self%frame%is_short) then
+         self%path(1:, 1:, 0:) => self%motion(:, :, :, w)
+      else
+         do end = 0, 1
+            do part = 1, 3
+               call self%frame%directions%multiply(self%motion(:, part, end, w), &
+                                                   self%path(:, part, end))
+            end do
+         end do
+      end if
+      call find_margins(size(self%bounds, 1), self%bounds(:, :, w), self%path, self%margin)
+   end subroutine measure_ends
+
    !> Puts a transition at the nearer end of a smallest step of sample w that has passed a joint's
    !> limit, the earliest deciding. The begin is nearer if less was missing there than is too much
    !> at the end (linear interpolation).
@@ -157,17 +236,12 @@ contains
       class(newmark_block), intent(inout) :: self
       type(block_state), intent(inout) :: state
       integer, intent(in) :: w
-      integer :: end, j, k, n_passed
+      integer :: j, k, n_passed
       integer(long) :: new, nearer, old
 
       old = self%slot(w)
       new = 1 - old
-      do end = 0, 1
-         call self%frame%directions%multiply(self%motion(:, 2, end, w), self%speed(:, end))
-         call self%frame%directions%multiply(self%motion(:, 3, end, w), self%place(:, end))
-         call find_margins(size(self%bounds, 1), self%bounds(:, :, w), self%place(:, end), &
-                           self%speed(:, end), self%margin(:, end))
-      end do
+      call self%measure_ends(w)
       n_passed = 0
       nearer = new
       do j = 1, self%n_joints
@@ -186,10 +260,10 @@ contains
          if (nearer == old .and. .not. is_nearer(j)) cycle
          if (.not. moves_on(j, nearer)) cycle
          if (state%direction(j, w) /= 0) then
-            call self%stick(state, j, w, self%place(j, nearer))
+            call self%stick(state, j, w, self%path(j, 3, nearer))
          else
-            call self%slip(state, j, w, self%place(j, nearer), &
-                           merge(1, -1, self%place(j, new) > self%bounds(j, 1, w)))
+            call self%slip(state, j, w, self%path(j, 3, nearer), &
+                           merge(1, -1, self%path(j, 3, new) > self%bounds(j, 1, w)))
          end if
       end do
       self%until(w) = 0
@@ -210,24 +284,27 @@ contains
          integer, intent(in) :: j
          integer(long), intent(in) :: slot
 
-         moves_on = self%speed(j, slot)*(self%place(j, new) - self%bounds(j, 1, w)) > 0.0_wp .or. &
-                    .not. self%bounds(j, 4, w) > 0.0_wp
+         moves_on = .not. self%bounds(j, 4, w) > 0.0_wp
+         if (.not. moves_on) moves_on = &
+            self%path(j, 2, slot)*(self%path(j, 3, new) - self%bounds(j, 1, w)) > 0.0_wp
       end function moves_on
 
    end subroutine switch_at_nearer_end
 
    !> Finds how far joints are from their limits: a stuck one by the extension that its spring may
    !> still gain [m], a slipping one by its velocity [m/s] (guards of dynamics_joint).
-   pure subroutine find_margins(rows, bounds, place, speed, margin)
+   pure subroutine find_margins(rows, bounds, path, margin)
       integer, intent(in) :: rows
-      real(wp), intent(in) :: bounds(rows, 4), place(rows), speed(rows)
-      real(wp), intent(out) :: margin(rows)
-      integer :: j
+      real(wp), intent(in) :: bounds(rows, 4), path(rows, 3, 0:1)
+      real(wp), intent(out) :: margin(rows, 0:1)
+      integer :: end, j
 
-      !$omp simd
-      do j = 1, rows
-         margin(j) = merge(bounds(j, 2) - abs(place(j) - bounds(j, 1)), bounds(j, 3)*speed(j), &
-                           bounds(j, 4) > 0.0_wp)
+      do end = 0, 1
+         !$omp simd
+         do j = 1, rows
+            margin(j, end) = merge(bounds(j, 2) - abs(path(j, 3, end) - bounds(j, 1)), &
+                                   bounds(j, 3)*path(j, 2, end), bounds(j, 4) > 0.0_wp)
+         end do
       end do
    end subroutine find_margins
 

@@ -122,17 +122,22 @@ contains
       !> Marches every sample to the end of a step of the force, in rounds of one trial each.
       subroutine march_to(step)
          integer, intent(in) :: step
-         integer, dimension(block%n_samples + 1) :: sample, due, switching
+         integer, dimension(block%n_samples + 1) :: sample, due, failed, switching
          integer(long), dimension(block%n_samples) :: has_passed, is_left, is_due, is_switching
          integer(long) :: last
-         integer :: k, n_active, n_due, n_switching, w
+         integer :: k, n_active, n_due, n_failed, n_switching, w
 
          last = shiftl(int(step, long), block%max_halvings)
          sample = [(w, w=1, block%n_samples + 1)]
          n_active = block%n_samples
          do while (n_active > 0)
+            has_passed = 0
             call self%steps%try(sample(:n_active), block, has_passed)
             if (state%keeps_ledger) call block%add_work(sample(:n_active), has_passed)
+            call list_marked(has_passed, failed, n_failed)
+            do k = 1, n_failed
+               call block%foresee_passage(failed(k))
+            end do
             call settle(block, last, has_passed, recorder%next_tick, is_left, is_due, is_switching)
             call list_marked(is_left, sample, n_active)
             call list_marked(is_due, due, n_due)
@@ -156,7 +161,7 @@ contains
    end subroutine advance
 
    !> Ends the trials of all samples that have not yet come to the last tick: a step without
-   !> transition stands, another is halved, and halved again without a trial if it ends where a
+   !> transition stands, another is halved, and halved again without a trial while it ends where a
    !> transition is known to come. Marked are those that must switch at the smallest step, those
    !> that have come to their next record, and the others that have not come to the last tick.
    !> Without branches, for nobody can guess which it will be.
@@ -173,16 +178,21 @@ contains
          !$omp simd
          do w = 1, block%n_samples
             block
-               integer(long) :: stands, fails, now, longest, next
+               integer(long) :: stands, fails, now, free, longest, next
 
                fails = merge(has_passed(w), 0_long, tick(w) < last)
                stands = merge(1_long - has_passed(w), 0_long, tick(w) < last)
                is_switching(w) = merge(fails, 0_long, ticks(w) == 1)
                now = tick(w) + stands*ticks(w)
-               until(w) = merge(now + ticks(w), until(w), fails == 1)
+               free = until(w) - now - 1
+               free = ior(free, shiftr(free, 1))   ! ones below the highest one
+               free = ior(free, shiftr(free, 2))
+               free = ior(free, shiftr(free, 4))
+               free = ior(free, shiftr(free, 8))
+               free = ior(free, shiftr(free, 16))
                longest = iand(ior(now, whole), -ior(now, whole))   ! a power of two that divides now
-               next = merge(longest, shiftr(ticks(w), fails), stands == 1)
-               next = merge(shiftr(next, stands), next, now + next == until(w))
+               next = merge(longest, ticks(w), stands == 1)
+               next = merge(min(next, free - shiftr(free, 1)), next, now < until(w))
                ticks(w) = max(next, 1_long)
                tick(w) = now
                slot(w) = ieor(slot(w), stands)

@@ -133,8 +133,8 @@ contains
       end do
    end subroutine fill_diagonals
 
-   !> Work of a step of dt, in multiplications of the exact march. A transition is sought by halves
-   !> and left by doubles, and made.
+   !> Work of a step of dt, in multiplications of the exact march. A transition is found and left by
+   !> three tries for every two halvings, and made.
    pure type(march_work) function work(self)
       class(newmark_steps), intent(in) :: self
       real(wp), parameter :: of_switch = 1800.0_wp, of_try = 160.0_wp   ! that are no products
@@ -144,7 +144,7 @@ contains
       else
          work%step = of_try + rows*(13 + 4*size(self%offset, 2) + size(self%solution, 2))
       end if
-      work%transition = (1 + 2*self%max_halvings)*work%step + of_switch
+      work%transition = (1.0_wp + 1.5_wp*self%max_halvings)*work%step + of_switch
    end function work
 
    !> Tries a step with each of the listed samples, at its own level. The new motion goes to the
