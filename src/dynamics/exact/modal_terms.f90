@@ -14,6 +14,8 @@ module dynamics_exact_modal_terms
    real(wp), parameter :: safety = 30.0_wp           !! of the estimate (M7)
    real(wp), parameter :: term_safety = 10.0_wp      !! of the estimates (M8)
    real(wp), parameter :: slide_safety = 3.0_wp      !! of (M7) for joints that slide on
+   real(wp), parameter :: damper_safety = 10.0_wp    !! of (M7) for dampers at joints
+   real(wp), parameter :: fit_gain = 20.0_wp         !! of the kernel's fit (M5)
    real(wp), parameter :: quintic_error = 2.7e-6_wp  !! max t^2 (t - 1/2)^2 (t - 1)^2/6!
 
    !> Parts and terms.
@@ -117,20 +119,25 @@ contains
    !> A mode of rate rho = omega h leaves the polynomial through its values by 2.7e-6 rho^6 of its
    !> amplitude. The answers of joints to sliders, kappa = h^2 W' M^-1 W k, are cut off at
    !> kappa^3/5040 of their velocity; the fit of their kernel gains 20, but where a joint slides on.
+   !> With a damper at the joint, gamma = c h, they are cut off at kappa (gamma^3 + 2 kappa gamma)/720.
    pure real(wp) function path_error(structure, joints, dt, n_parts)
       type(structure_type), intent(in) :: structure
       type(joint_feel), intent(in) :: joints
       real(wp), intent(in) :: dt   !! [s]
       integer, intent(in) :: n_parts
-      real(wp) :: kappa(structure%n_joints), rate(structure%n_dof)   ! omega dt (mode)
+      real(wp), dimension(structure%n_joints) :: damper, kappa   ! gamma, kappa
+      real(wp) :: rate(structure%n_dof)   ! omega dt (mode)
 
       path_error = 0.0_wp
       if (structure%n_joints == 0) return
       rate = two_pi*structure%frequencies_stuck*dt
       kappa = joints%reach*(dt/n_parts)**2
+      damper = joints%fading*(dt/n_parts)
       path_error = safety*(maxval(shares(joints%gain, rate) &
                                   *min(rate/n_parts, quintic_error*(rate/n_parts)**6)) &
-                           + maxval(kappa)**3/(20.0_wp*5040.0_wp)/n_parts) &
+                           + maxval(kappa)**3/(fit_gain*5040.0_wp)/n_parts) &
+                   + damper_safety*maxval(kappa*(damper**3 + 2.0_wp*kappa*damper)) &
+                   /(fit_gain*720.0_wp)/n_parts &
                    + maxval(kappa**3/5040.0_wp*sliding(joints, dt, n_parts))
    end function path_error
 
