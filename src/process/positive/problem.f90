@@ -138,7 +138,7 @@ contains
       else
          if (request%branch /= 'nonnegative' .or. has_nonnegative(model)) return
          call raise(error, exit_no_solution, positive_name(request)// &
-                    ': no order up to there has both lengths with K(m) >= 0')
+                    ': no order up to this one has both lengths with K(m) >= 0')
       end if
       kappa = nonnegative_reflection(request%correlation_length, request%second_length, &
                                      request%order - 1)
