@@ -119,7 +119,7 @@ contains
    !> A mode of rate rho = omega h leaves the polynomial through its values by 2.7e-6 rho^6 of its
    !> amplitude. The answers of joints to sliders, kappa = h^2 W' M^-1 W k, are cut off at
    !> kappa^3/5040 of their velocity; the fit of their kernel gains 20, but where a joint slides on.
-   !> With a damper at the joint, gamma = c h, they are cut off at kappa (gamma^3 + 2 kappa gamma)/720.
+   !> With a damper at the joint, gamma = c h, it is kappa (gamma^3 + 2 kappa gamma)/720.
    pure real(wp) function path_error(structure, joints, dt, n_parts)
       type(structure_type), intent(in) :: structure
       type(joint_feel), intent(in) :: joints
