@@ -14,7 +14,7 @@ module dynamics_exact_modal_terms
    real(wp), parameter :: safety = 30.0_wp           !! of the estimate (M7)
    real(wp), parameter :: term_safety = 10.0_wp      !! of the estimates (M8)
    real(wp), parameter :: slide_safety = 3.0_wp      !! of (M7) for joints that slide on
-   real(wp), parameter :: damper_safety = 10.0_wp    !! of (M7) for dampers at joints
+   real(wp), parameter :: damper_safety = 3.0_wp     !! of (M7) for dampers at joints
    real(wp), parameter :: fit_gain = 20.0_wp         !! of the kernel's fit (M5)
    real(wp), parameter :: quintic_error = 2.7e-6_wp  !! max t^2 (t - 1/2)^2 (t - 1)^2/6!
 
