@@ -81,7 +81,8 @@ contains
 
       block%case_number = 1
       block%n_samples = n_samples
-   allocate (block%friction(n_dof, n_samples), block%slip_fraction(n_dof, n_samples), source=0.1_wp)
+      allocate (block%friction(n_dof, n_samples), source=0.1_wp)
+      allocate (block%slip_fraction, source=block%friction)
       allocate (block%slip_starts(n_dof, n_samples), block%stick_starts(n_dof, n_samples), &
                 source=1_long)
       allocate (block%psd(n_dof, n_frequencies, n_samples))

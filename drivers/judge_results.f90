@@ -38,9 +38,10 @@ contains
       character(:), allocatable :: failures
       integer :: i, most(size(plan%cases)), n_own
 
+      if (.not. plan%has_structure) return
       associate (wanted => plan%accuracy)
-      if (.not. (plan%has_structure .and. max(wanted%target_slip_points, wanted%target_band_ratio, &
-                                                 wanted%target_statistical) > 0.0_wp)) return
+         if (.not. max(wanted%target_slip_points, wanted%target_band_ratio, &
+                       wanted%target_statistical) > 0.0_wp) return
       end associate
       n_own = count(plan%cases%audits == 0)
       call read_errors(path, n_own, errors, error)

@@ -302,7 +302,8 @@ contains
       type(error_type), allocatable :: error
 
       errors = ''
-    if (world%is_root() .and. plan%has_structure) call tell_errors(output%path, plan, errors, error)
+      if (world%is_root() .and. plan%has_structure) &
+         call tell_errors(output%path, plan, errors, error)
       call output%stop_on(world, error)
       if (errors /= '') errors = '; '//errors
       call output%say(summary(plan, output))

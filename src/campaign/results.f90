@@ -141,10 +141,10 @@ contains
                   s%psd_mean_error)
          call add(list, 'psd_percentiles', 'm^2/Hz', by_both, 'percentiles of psd', &
                   s%psd_percentiles)
-        call add(list, 'psd_percentiles_low', 'm^2/Hz', by_both, 'lower end of the 95 % interval', &
-                  s%psd_percentiles_low)
-       call add(list, 'psd_percentiles_high', 'm^2/Hz', by_both, 'upper end of the 95 % interval', &
-                  s%psd_percentiles_high)
+         call add(list, 'psd_percentiles_low', 'm^2/Hz', by_both, &
+                  'lower end of the 95 % interval', s%psd_percentiles_low)
+         call add(list, 'psd_percentiles_high', 'm^2/Hz', by_both, &
+                  'upper end of the 95 % interval', s%psd_percentiles_high)
          call add(list, 'pseudo_variance_mean', 'm^2', by_dof, &
                   'integral of psd_mean over frequency, Eq. (46)', s%pseudo_variance_mean)
          call add(list, 'pseudo_variance_mean_error', 'm^2', by_dof, &

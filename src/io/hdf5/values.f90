@@ -216,7 +216,8 @@ contains
       if (size(extents) == 0) then
          call h5screate_f(H5S_SCALAR_F, memory, status)
       else
-        call h5sselect_hyperslab_f(part, H5S_SELECT_SET_F, int(first, hsize_t) - 1, extents, status)
+         call h5sselect_hyperslab_f(part, H5S_SELECT_SET_F, int(first, hsize_t) - 1, extents, &
+                                    status)
          call h5screate_simple_f(size(extents), extents, memory, status)
       end if
       if (is_written) then
