@@ -43,8 +43,6 @@ module dynamics_newmark_block
       real(wp), allocatable :: reach(:, :)        !! (joint, sample) mu N/k [m]
       real(wp), allocatable :: work(:, :)         !! (input viscous, sample) [J]
       ! room for the steps to work in, and for a transition: w.x and w.v at both ends of a step
-      real(wp), pointer, contiguous :: loads(:, :) => null()   !! (row, try)
-      real(wp), pointer, contiguous :: stack(:, :) => null()   !! (row, try)
       type(newmark_try), allocatable :: tries(:)
       real(wp), allocatable :: change(:, :)    !! (try, force) in the step tried [N]
       integer, allocatable :: list(:)          !! (joint)
@@ -109,13 +107,9 @@ contains
                 block%parts(2*n + m + block%n_forces), block%paths(2*joint_rows), &
                 block%factor(m, 0:m), block%change(samples, block%n_forces), &
                 block%margin(joint_rows, 0:1), source=0.0_wp)
-      call block%memory%start((11*rows + 4*joint_rows)*samples + 6*joint_rows)
+      call block%memory%start((6*rows + 4*joint_rows)*samples + 6*joint_rows)
       call block%memory%take([rows, 3, 2*samples], planes)
       block%motion(1:rows, 1:3, 0:1, 1:samples) => planes
-      call block%memory%take([rows, samples, 1], planes)
-      block%loads => planes(:, :, 1)
-      call block%memory%take([4*rows, samples, 1], planes)
-      block%stack => planes(:, :, 1)
       call block%memory%take([joint_rows, 4, samples], block%bounds)
       call block%memory%take([joint_rows, 3, 2], planes)
       block%path(1:joint_rows, 1:3, 0:1) => planes
