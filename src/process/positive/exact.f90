@@ -69,7 +69,7 @@ contains
       integer, intent(in) :: ring_length     !! much longer than the memory, and than all lags
       integer, intent(in) :: n_burn_in       !! sweeps
       integer, intent(in) :: n_sweeps        !! of a batch
-      class(stream_type), intent(inout) :: stream
+      type(stream_type), intent(inout) :: stream
       type(batch_averages), intent(inout) :: batches   !! allocated; a multiple of `lanes` batches
       type(ring_type) :: ring
       real(wp) :: sums(lanes, -1:batches%n_single + 2, 2)
@@ -118,7 +118,7 @@ contains
       real(wp), intent(in) :: start         !! near the mean
       integer, intent(in) :: margin         !! steps beyond which nothing is felt
       integer, intent(in) :: n_sweeps
-      class(stream_type), intent(inout) :: stream
+      type(stream_type), intent(inout) :: stream
       real(wp), intent(out) :: values(:)
       type(ring_type) :: ring
       integer :: n, sweep
@@ -152,7 +152,7 @@ contains
    !> not see each other, so that all lanes move at once.
    subroutine redraw(ring, stream)
       type(ring_type), intent(inout) :: ring
-      class(stream_type), intent(inout) :: stream
+      type(stream_type), intent(inout) :: stream
       real(wp) :: u(lanes*ring%length)
 
       call stream%uniforms(u)
@@ -218,7 +218,7 @@ contains
       real(wp), intent(in) :: g(0:), field  !! see `sample_exact`
       integer, intent(in) :: ring_length
       integer, intent(in) :: n_burn_in, n_sweeps   !! sweeps at t = 1, and sweeps of a batch
-      class(stream_type), intent(inout) :: stream
+      type(stream_type), intent(inout) :: stream
       real(wp), intent(out) :: psi, standard_error
       integer, parameter :: n_nodes = 16
       real(wp), parameter :: wanted = 5.76_wp   ! ln(1e5)/2, of a start as in `sweeps_to_forget`
@@ -259,7 +259,7 @@ contains
       real(wp), intent(in) :: mu             !! not negative
       real(wp), intent(in) :: field          !! a further one, not positive
       integer, intent(in) :: ring_length, n_burn_in, n_sweeps
-      class(stream_type), intent(inout) :: stream
+      type(stream_type), intent(inout) :: stream
       real(wp), intent(out) :: slope, standard_error
       integer, parameter :: n_batches = 8*lanes
       type(batch_averages) :: batches

@@ -15,7 +15,7 @@ module process_positive_objective
    use process_positive_moments, only: estimate_autocovariance, estimate_moments, new_batches, &
       positive_moments
    use process_positive_problem, only: sampled_problem
-   use process_positive_sequential, only: numbers_needed, sample_sequential
+   use process_positive_sequential, only: sample_sequential
    use process_positive_truncated_normal, only: lanes
    implicit none(type, external)
    private
@@ -23,19 +23,6 @@ module process_positive_objective
 
    integer, parameter :: n_batches = 16*lanes
    real(wp), parameter :: largest_ratio = 20.0_wp   !! std/mean: beyond, chains run away
-
-   integer, parameter :: most_kept = 2**22   !! values, 32 MB; longer trials draw their own
-
-   !> A stream that begins again with each `rewind`.
-   type, extends(stream_type) :: shared_numbers
-      type(stream_type) :: origin                 !! where every trial begins
-      real(wp), allocatable, private :: kept(:)   !! the first numbers of the stream
-      integer, private :: n_read = 0
-      logical, private :: is_kept = .false.       !! the trial reads `kept`, else it draws
-   contains
-      procedure :: rewind => rewind_numbers
-      procedure :: uniforms => next_numbers
-   end type shared_numbers
 
    !> The problem, the way to its parameters, how long is simulated, and the last estimate.
    type, extends(objective_type) :: sampled_objective
@@ -54,7 +41,6 @@ module process_positive_objective
       !> values simulated so far, in units of those of low order, and how many at most: a bound
       !> that does not depend on the machine, some 30 s of a processor
       real(wp) :: effort = 0.0_wp, most_effort = 3.0e9_wp
-      type(shared_numbers) :: numbers
       type(law_estimate) :: last                     !! of the last evaluation
       !> (batch, component) what is left of each batch's deviation from its state: of multipliers
       !> that of the first one alone, by the mean
@@ -82,7 +68,6 @@ contains
       objective%known = problem%autocovariance
       allocate (objective%signs(0:problem%n_lags), source=sign(1.0_wp, problem%autocovariance))
       allocate (objective%zeros(0), objective%family%faces(0))
-      objective%numbers%origin = problem%stream
       allocate (objective%last%g(0:size(problem%companion)), source=0.0_wp)
       objective%last%batches = new_batches(problem%n_lags, problem%n_single, n_batches)
       if (allocated(problem%sequence)) then   ! which the companion need not have
@@ -200,27 +185,26 @@ contains
 
    subroutine simulate_sequential(self)
       class(sampled_objective), intent(inout) :: self
-      integer :: n_steps, n_stretches
+      type(stream_type) :: stream
+      integer :: n_steps
 
       n_steps = max(self%n_steps, self%problem%n_lags)
-      n_stretches = n_batches/lanes
-      call count_values(self, self%n_burn_in + n_stretches*n_steps)
-      call self%numbers%rewind(numbers_needed(self%n_burn_in, n_steps, n_stretches))
+      call count_values(self, self%n_burn_in + n_batches/lanes*n_steps)
+      stream = self%problem%stream   ! of every trial the same numbers
       call sample_sequential(self%last%a, self%last%coordinate, self%problem%companion, &
-                             self%centre, self%n_burn_in, n_steps, self%numbers, self%last%batches)
+                             self%centre, self%n_burn_in, n_steps, stream, self%last%batches)
    end subroutine simulate_sequential
 
    subroutine simulate_exact(self)
       class(sampled_objective), intent(inout) :: self
-      integer :: n_sweeps, n_values
+      type(stream_type) :: stream
+      integer :: n_sweeps
 
       n_sweeps = max(self%n_steps/ring_length(self), 2)
-      n_values = (self%n_burn_in + n_batches/lanes*n_sweeps)*ring_length(self)
-      call self%numbers%rewind(real(lanes, wp)*n_values)
-      call count_values(self, n_values)
+      call count_values(self, (self%n_burn_in + n_batches/lanes*n_sweeps)*ring_length(self))
+      stream = self%problem%stream   ! of every trial the same numbers
       call sample_exact(self%last%g, self%last%coordinate, self%problem%companion, self%centre, &
-                        ring_length(self), self%n_burn_in, n_sweeps, self%numbers, &
-                        self%last%batches)
+                        ring_length(self), self%n_burn_in, n_sweeps, stream, self%last%batches)
    end subroutine simulate_exact
 
    !> Exact law: values per ring; K has fallen below 1e-8 before it comes around.
@@ -311,15 +295,16 @@ contains
       class(sampled_objective), intent(inout) :: self
       real(wp), intent(out) :: entropy, standard_error
       integer, parameter :: enough = 8192   ! steps of a batch: each node has as many
+      type(stream_type) :: stream
       real(wp) :: psi, psi_error
 
       associate (last => self%last)
          entropy = last%moments%entropy + log(last%moments%std)
          standard_error = last%moments%entropy_error
          if (.not. self%problem%is_exact) return
-         call self%numbers%rewind(huge(1.0_wp))
+         stream = self%problem%stream
          call log_partition(last%g, last%coordinate, ring_length(self), self%n_burn_in, &
-                            max(min(self%n_steps, enough)/ring_length(self), 2), self%numbers, &
+                            max(min(self%n_steps, enough)/ring_length(self), 2), stream, &
                             psi, psi_error)
          entropy = entropy_of_exact_law(psi, last%coordinate, last%moments%mean)
          standard_error = norm2([psi_error, 0.5_wp*last%coordinate*last%moments%mean_error])
@@ -333,36 +318,5 @@ contains
       length_error = merge(self%last%moments%l1_error, self%last%moments%l0_error, &
                            self%problem%correlation == 'L1')
    end function length_error
-
-   !> Goes back to the first number, for a trial that reads this many.
-   pure subroutine rewind_numbers(self, n_values)
-      class(shared_numbers), intent(inout) :: self
-      real(wp), intent(in) :: n_values
-      integer :: n_kept
-
-      self%stream_type = self%origin
-      self%n_read = 0
-      self%is_kept = n_values <= most_kept
-      if (.not. self%is_kept) return
-      n_kept = 0
-      if (allocated(self%kept)) n_kept = size(self%kept)
-      if (n_kept >= n_values) return
-      if (allocated(self%kept)) deallocate (self%kept)
-      allocate (self%kept(ceiling(n_values)))
-      call self%stream_type%uniforms(self%kept)
-   end subroutine rewind_numbers
-
-   !> Reads the next numbers, kept or drawn anew: the same ones where each request is even.
-   pure subroutine next_numbers(self, values)
-      class(shared_numbers), intent(inout) :: self
-      real(wp), intent(out) :: values(:)
-
-      if (self%is_kept) then
-         values = self%kept(self%n_read + 1:self%n_read + size(values))
-         self%n_read = self%n_read + size(values)
-      else
-         call self%stream_type%uniforms(values)
-      end if
-   end subroutine next_numbers
 
 end module process_positive_objective

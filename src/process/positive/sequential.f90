@@ -11,7 +11,7 @@ module process_positive_sequential
       draw_truncated_lanes, lanes, scale_below, truncated_variance
    implicit none(type, external)
    private
-   public :: memory_of, march_chains, march_sequential, numbers_needed, sample_sequential
+   public :: memory_of, march_chains, march_sequential, sample_sequential
 
    integer, parameter :: block_steps = 128
    integer, parameter :: product_steps = 8   !! share one logarithm of their acceptances
@@ -30,7 +30,7 @@ contains
       real(wp), intent(in) :: centre         !! start of every chain, near the mean [b0]
       integer, intent(in) :: n_burn_in       !! steps until stationary
       integer, intent(in) :: n_steps         !! of a batch; rounded up to whole blocks
-      class(stream_type), intent(inout) :: stream
+      type(stream_type), intent(inout) :: stream
       type(batch_averages), intent(inout) :: batches   !! allocated; a multiple of `lanes` batches
       real(wp), allocatable :: d(:, :), y(:, :), sums(:, :, :)
       real(wp) :: acceptance(lanes, n_acceptance_sums)
@@ -65,22 +65,12 @@ contains
       end do
    end subroutine sample_sequential
 
-   !> Uniform numbers that `sample_sequential` reads.
-   pure function numbers_needed(n_burn_in, n_steps, n_stretches) result(n)
-      integer, intent(in) :: n_burn_in, n_steps   !! see there
-      integer, intent(in) :: n_stretches          !! batches over lanes
-      real(wp) :: n
-
-      n = real(lanes*block_steps, wp)*((n_burn_in + block_steps - 1)/block_steps + &
-                                       n_stretches*((n_steps + block_steps - 1)/block_steps))
-   end function numbers_needed
-
    !> Marches all lanes by one block of steps; the newest values become the history of the next
    !> block.
    subroutine march_block(a, offset, companion, centre, history, stream, d, y, acceptance)
       real(wp), intent(in) :: a(:), offset, companion(:), centre
       integer, intent(in) :: history
-      class(stream_type), intent(inout) :: stream
+      type(stream_type), intent(inout) :: stream
       real(wp), intent(inout) :: d(lanes, 1 - history:block_steps), &
          y(lanes, 1 - history:block_steps)
       real(wp), intent(inout) :: acceptance(lanes, n_acceptance_sums)
@@ -135,7 +125,7 @@ contains
       real(wp), intent(in) :: a(:), offset
       real(wp), intent(in) :: start         !! the chain's past, near the mean [b0]
       integer, intent(in) :: n_burn_in
-      class(stream_type), intent(inout) :: stream
+      type(stream_type), intent(inout) :: stream
       real(wp), intent(out) :: values(:)
       real(wp), allocatable :: u(:), x(:)
       real(wp) :: factor, hazard
@@ -156,7 +146,7 @@ contains
       real(wp), intent(in) :: a(:), offset
       real(wp), intent(in) :: start           !! each chain's past, near the mean [b0]
       integer, intent(in) :: n_burn_in
-      class(stream_type), intent(inout) :: stream
+      type(stream_type), intent(inout) :: stream
       real(wp), intent(out) :: values(:, :)   !! (lane, step), `lanes` of them
       real(wp), allocatable :: x(:, :)
       real(wp) :: c(lanes), factor(lanes), hazard(lanes), u(lanes)
