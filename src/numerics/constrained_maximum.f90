@@ -7,7 +7,7 @@ module numerics_constrained_maximum
    use core_kinds, only: wp
    implicit none(type, external)
    private
-   public :: objective_type, search_result, maximize, solve_along, step_to_maximum
+   public :: objective_type, search_result, maximize, rest_of_gradient, solve_along, step_to_maximum
 
    !> Function to be maximized; extend it with the data of the problem.
    !>

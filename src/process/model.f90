@@ -128,9 +128,10 @@ contains
       character(:), allocatable :: name
 
       name = 'positive process ('//trim(request%sampler)//' law) with std/mean = '// &
-             rounded_text(request%std/request%mean, 6)//', '//trim(request%correlation)//' = '// &
+             rounded_text(request%std/request%mean, 6)//', '// &
+             merge('L1', 'L0', request%correlation == 'L1')//' = '// &
              to_text(request%correlation_length)
-      if (request%correlation == 'both') name = name//', '//to_text(request%second_length)
+      if (request%correlation == 'both') name = name//', L1 = '//to_text(request%second_length)
       name = name//', order = '//to_text(request%order)
    end function positive_name
 

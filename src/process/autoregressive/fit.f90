@@ -9,17 +9,19 @@
 !> v_0 too, the optimality conditions are solved by Newton's method along a path of targets that
 !> starts where they are linear, or at the maximum for L0 alone. That K(m) >= 0 holds is checked on
 !> the result. Where no such process has both lengths, `process_autoregressive_search` looks for one
-!> of changing sign; the tests look for one that does better than the closed forms.
+!> whose K(m) change their sign or are 0; the tests look for one that does better than the closed
+!> forms.
 module process_autoregressive_fit
    use core_error, only: error_type, exit_bad_input, exit_no_solution, raise
    use core_kinds, only: wp
    use core_text, only: to_text
+   use numerics_constrained_maximum, only: rest_of_gradient
    use numerics_elementary, only: log_one_plus
    use numerics_lapack, only: solve_linear_system
    use process_autoregressive_description, only: describe_ar
    use process_autoregressive_gradient, only: length_gradient
    use process_autoregressive_model, only: coefficients_of, innovation_std
-   use process_autoregressive_search, only: ar_rival, find_best
+   use process_autoregressive_search, only: both_lengths_maximum, find_maximum
    use process_autoregressive_sums, only: correlation_sums, sum_correlation
    use process_entropy, only: gaussian_entropy
    use process_model, only: process_model_type
@@ -29,7 +31,8 @@ module process_autoregressive_fit
 
    real(wp), parameter :: length_tolerance = 1.0e-10_wp      !! relative, of the length reached
    real(wp), parameter :: optimality_tolerance = 1.0e-8_wp   !! relative, of its conditions
-   real(wp), parameter :: search_tolerance = 1.0e-4_wp       !! the same, of a search by NLopt
+   real(wp), parameter :: search_tolerance = 1.0e-2_wp       !! the same, of a smoothed maximum
+   real(wp), parameter :: entropy_tolerance = 1.0e-5_wp      !! of its entropy [nat]
    real(wp), parameter :: longest = 1.0e6_wp                 !! [lags]
 
 contains
@@ -44,9 +47,9 @@ contains
       type(error_type), allocatable, intent(out) :: error
       real(wp), intent(in), optional :: second_length   !! 'both': L1, the other one being L0
       type(correlation_sums) :: sums
-      type(ar_rival) :: best
+      type(both_lengths_maximum) :: best
       real(wp), allocatable :: kappa(:)
-      real(wp) :: missed, tolerance
+      real(wp) :: missed
 
       if (.not. (std > 0.0_wp .and. std <= huge(1.0_wp))) then
          call raise(error, exit_bad_input, 'std = '//to_text(std)//': must be finite and positive')
@@ -57,29 +60,33 @@ contains
       call sum_correlation(kappa, sums, error)
       if (allocated(error)) return
       missed = distance_from(correlation, correlation_length, sums, second_length)
-      tolerance = optimality_tolerance
       if (correlation == 'both' .and. .not. (sums%is_nonnegative .and. &
                                              missed <= length_tolerance)) then
-         call find_best(correlation_length, second_length, order, best)
+         call find_maximum(correlation_length, second_length, equal_reflection(correlation_length, &
+                                                                               order), best)
          associate (lower => nonnegative_reflection(correlation_length, second_length, order - 1))
             if (size(lower) > 0) &   ! which every order contains
                best%is_feasible = best%is_feasible .and. &
-                                  best%entropy > gaussian_entropy(innovation_std(lower, 1.0_wp))
+                                  best%entropy > gaussian_entropy(innovation_std(lower, 1.0_wp)) - &
+                                  entropy_tolerance
          end associate
          if (best%is_feasible) then
             kappa = best%kappa
             call sum_correlation(kappa, sums, error)
             if (allocated(error)) return
             missed = distance_from(correlation, correlation_length, sums, second_length)
-            tolerance = search_tolerance
          end if
       end if
       call describe_ar(coefficients_of(kappa), innovation_std(kappa, std), model, error, sums)
       if (allocated(error)) return
-      model%optimality = max(optimality_residual(correlation, kappa, sums), missed)
-      model%is_solved = (sums%is_nonnegative .or. best%is_feasible) .and. &
-                        model%optimality <= tolerance .and. &
-                        missed <= merge(tolerance, length_tolerance, best%is_feasible)
+      if (best%is_feasible) then
+         model%optimality = max(best%residual, missed)
+         model%is_solved = model%optimality <= search_tolerance
+      else
+         model%optimality = max(optimality_residual(correlation, kappa, sums), missed)
+         model%is_solved = sums%is_nonnegative .and. missed <= length_tolerance .and. &
+                           model%optimality <= optimality_tolerance
+      end if
       if (.not. model%is_solved) &
          call raise(error, exit_no_solution, 'autoregressive process of order '// &
                     to_text(order)//' with '// &
@@ -102,6 +109,8 @@ contains
       associate (kappa => nonnegative_reflection(length, second_length, order - 1))
          if (size(kappa) > 0) then
             advice = '; order = '//to_text(size(kappa))//' has both with K(m) >= 0'
+         else if (second_length*(1.0_wp + length) < length) then
+            advice = '; every process has L1 >= L0/(1 + L0)'
          else if (second_length > order*length) then
             advice = '; K(m) >= 0 needs L1 <= order*L0'
          end if
@@ -154,6 +163,15 @@ contains
          name = name//', L1 = '//to_text(second_length)
    end function name_of_lengths
 
+   !> kappa_m of the maximum for L0 alone: all are equal.
+   pure function equal_reflection(length, order) result(kappa)
+      real(wp), intent(in) :: length   !! L0 [lags]
+      integer, intent(in) :: order
+      real(wp) :: kappa(order)
+
+      kappa = -tanh(log_one_plus(2.0_wp*length)/(2*order))
+   end function equal_reflection
+
    !> Finds the kappa_m of the maximum by the closed forms, which are those of K(m) >= 0. Whether
    !> they reach the length, and whether K(m) >= 0, is for `fit_ar` to check.
    subroutine optimal_reflection(correlation, correlation_length, order, kappa, error, &
@@ -179,7 +197,7 @@ contains
       if (.not. correlation_length > 0.0_wp .and. correlation /= 'both') return   ! white noise
       select case (correlation)
       case ('L0')
-         kappa = -tanh(log_one_plus(2.0_wp*correlation_length)/(2*order))
+         kappa = equal_reflection(correlation_length, order)
       case ('L1')
          call follow_targets(correlation_length, kappa)
       case ('both')
@@ -320,18 +338,16 @@ contains
       real(wp), intent(in) :: kappa(:)
       type(correlation_sums), intent(in) :: sums   !! of this very process
       real(wp) :: residual
-      real(wp) :: other(size(kappa)), rest(size(kappa)), slope(size(kappa))
+      real(wp), allocatable :: slopes(:, :)   ! (length, variable)
 
       residual = 0.0_wp
       if (.not. any(abs(kappa) > 0.0_wp)) return
-      slope = length_gradient(merge('L1', 'L0', correlation == 'L1'), kappa, sums)
-      rest = kappa - slope*(dot_product(kappa, slope)/dot_product(slope, slope))
-      if (correlation == 'both') then
-         other = length_gradient('L1', kappa, sums)
-         other = other - slope*(dot_product(other, slope)/dot_product(slope, slope))
-         rest = rest - other*(dot_product(rest, other)/dot_product(other, other))
-      end if
-      residual = maxval(abs(rest))/maxval(abs(kappa))
+      slopes = reshape(length_gradient(merge('L1', 'L0', correlation == 'L1'), kappa, sums), &
+                       [1, size(kappa)])
+      if (correlation == 'both') &
+         slopes = reshape([slopes, length_gradient('L1', kappa, sums)], [2, size(kappa)], &
+                          order=[2, 1])
+      residual = maxval(abs(rest_of_gradient(kappa, slopes)))/maxval(abs(kappa))
    end function optimality_residual
 
 end module process_autoregressive_fit

@@ -9,7 +9,7 @@ module process_autoregressive_gradient
    use process_autoregressive_sums, only: correlation_sums, log_spectral_ratios, mirror
    implicit none(type, external)
    private
-   public :: length_gradient
+   public :: lag_sum_gradient, length_gradient
 
 contains
 
@@ -21,6 +21,7 @@ contains
       type(correlation_sums), intent(in) :: sums   !! of this very process
       real(wp) :: gradient(size(kappa))            !! d length/d atanh(kappa_m)
       real(wp) :: constant, folded(size(kappa)), slope
+      real(wp), allocatable :: rho(:)
 
       ! d L0 = sum d|rho|,  d L1 = sum (m - L1) d|rho|/(1 + L0)
       constant = 1.0_wp
@@ -31,8 +32,9 @@ contains
       end if
       folded = kappa
       if (sums%is_mirrored) folded = mirror(kappa)
-      gradient = march_back(folded, max(sums%n_lags, size(kappa)), sums%is_closed, constant, slope)
-      gradient = gradient*(1.0_wp - kappa)*(1.0_wp + kappa)
+      allocate (rho(0:max(sums%n_lags, size(kappa))))
+      rho(:) = autocovariance_of(folded, ubound(rho, 1))
+      gradient = lag_sum_gradient(folded, rho, weights_of(rho(1:), sums%is_closed, constant, slope))
       if (sums%is_closed) gradient = gradient + closed_gradient(folded, constant, slope)
       if (sums%is_mirrored) gradient = mirror(gradient)
    end function length_gradient
@@ -54,23 +56,35 @@ contains
       end do
    end function closed_gradient
 
-   !> Gradient in kappa of sum (constant + slope m) |rho(m)| over lags 1..n_lags, or of what the
-   !! negative ones of them add to closed forms.
-   pure function march_back(kappa, n_lags, is_closed, constant, slope) result(gradient)
-      real(wp), intent(in) :: kappa(:), constant, slope
-      integer, intent(in) :: n_lags
+   !> Weights of rho(m), m = 1.., in sum (constant + slope m) |rho(m)| or in what the negative ones
+   !! add to closed forms.
+   pure function weights_of(rho, is_closed, constant, slope) result(weights)
+      real(wp), intent(in) :: rho(:), constant, slope
       logical, intent(in) :: is_closed
+      real(wp) :: weights(size(rho))
+      integer :: m
+
+      weights = [(constant + slope*m, m=1, size(rho))]
+      if (is_closed) then
+         weights = merge(-2.0_wp*weights, 0.0_wp, rho < 0.0_wp)
+      else
+         weights = merge(-weights, weights, rho < 0.0_wp)
+      end if
+   end function weights_of
+
+   !> Gradient in atanh(kappa) of sum weights(m) rho(m).
+   pure function lag_sum_gradient(kappa, rho, weights) result(gradient)
+      real(wp), intent(in) :: kappa(:)
+      real(wp), intent(in) :: rho(0:)       !! K(m)/K(0) of this very process, to the order at least
+      real(wp), intent(in) :: weights(:)    !! m = 1.. of as many lags
       real(wp) :: gradient(size(kappa))
       real(wp) :: a(size(kappa), 0:size(kappa))      ! (q, order): predictors of all orders
       real(wp) :: a_bar(size(kappa))                 ! _bar: the sum's derivative by it
       real(wp) :: variance(0:size(kappa)), variance_bar
-      real(wp), allocatable :: rho(:), rho_bar(:)
-      integer :: last, m, order, q
+      real(wp), allocatable :: rho_bar(:)
+      integer :: m, order, q
 
       order = size(kappa)
-      gradient = 0.0_wp
-      allocate (rho(0:n_lags), rho_bar(0:n_lags))
-      rho(:) = autocovariance_of(kappa, n_lags)
       a = 0.0_wp
       variance(0) = 1.0_wp
       do m = 1, order
@@ -78,19 +92,9 @@ contains
          call step_up(a(:, m), m, kappa(m))
          variance(m) = variance(m - 1)*(1.0_wp - kappa(m)**2)
       end do
-      rho_bar = 0.0_wp
-      last = 0
-      do m = 1, n_lags
-         if (rho(m) < 0.0_wp) then
-            rho_bar(m) = -merge(2, 1, is_closed)*(constant + slope*m)
-            last = m
-         else if (.not. is_closed) then
-            rho_bar(m) = constant + slope*m
-            last = m
-         end if
-      end do
+      allocate (rho_bar(0:size(weights)), source=[0.0_wp, weights])
       a_bar = 0.0_wp
-      do m = last, order + 1, -1
+      do m = size(weights), order + 1, -1
          do q = 1, order
             a_bar(q) = a_bar(q) - rho_bar(m)*rho(m - q)
             rho_bar(m - q) = rho_bar(m - q) - rho_bar(m)*a(q, order)
@@ -104,6 +108,7 @@ contains
          variance_bar = variance_bar*(1.0_wp - kappa(m)**2) - kappa(m)*rho_bar(m)
          rho_bar(m - 1:1:-1) = rho_bar(m - 1:1:-1) - rho_bar(m)*a(:m - 1, m - 1)
       end do
-   end function march_back
+      gradient = gradient*(1.0_wp - kappa)*(1.0_wp + kappa)
+   end function lag_sum_gradient
 
 end module process_autoregressive_gradient

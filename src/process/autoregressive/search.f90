@@ -1,121 +1,153 @@
-!> Local maxima of the entropy among autoregressive processes with K(m) of any signs (Sec. 2.3).
+!> The autoregressive process of largest entropy with both correlation lengths, whatever the signs
+!> of K(m) (Sec. 2.3).
 !>
-!> `process_autoregressive_fit` knows the maximum among processes with K(m) >= 0. Here nothing is
-!> assumed: the infinite sums of |K(m)| are the constraints, one length or both, and NLopt searches
-!> in atanh(kappa) from starts of random signs. It meets many inferior maxima.
+!> `process_autoregressive_fit` knows the maximum where all K(m) > 0. Elsewhere it often has some
+!> K(m) = 0, where the lengths have a kink. With e the width of a smoothed kink, each |K(m)|/K(0) is
+!> replaced by
+!>    sqrt(rho_m^2 + e^2) - e,    whose slope s_m = rho_m/sqrt(rho_m^2 + e^2) lies in (-1, 1),
+!> and NLopt follows the maximum, in atanh(kappa), from a large width, where there is hardly a kink,
+!> to a negligible one. There the smoothed targets are moved until the lengths themselves are met.
 module process_autoregressive_search
    use core_error, only: error_type
-   use core_kinds, only: long, wp
-   use core_random, only: label_of, new_stream, stream_type
+   use core_kinds, only: wp
+   use numerics_constrained_maximum, only: rest_of_gradient, step_to_maximum
    use numerics_elementary, only: log_cosh
    use numerics_nlopt, only: minimization_problem, minimize
-   use process_autoregressive_gradient, only: length_gradient
-   use process_autoregressive_model, only: innovation_std
+   use process_autoregressive_gradient, only: lag_sum_gradient, length_gradient
+   use process_autoregressive_model, only: autocovariance_of, innovation_std
    use process_autoregressive_sums, only: correlation_sums, sum_correlation
    use process_entropy, only: gaussian_entropy
    implicit none(type, external)
    private
-   public :: ar_rival, find_rival, find_best
+   public :: both_lengths_maximum, find_maximum
 
-   !> Where one search ended.
-   type :: ar_rival
+   !> Where the search ended.
+   type :: both_lengths_maximum
       real(wp), allocatable :: kappa(:)    !! (order)
       real(wp) :: entropy = -huge(1.0_wp)  !! per point, of unit std [nat]
-      logical :: is_feasible = .false.     !! its length is the wanted one
-   end type ar_rival
+      real(wp) :: residual = huge(1.0_wp)  !! of the smoothed optimality conditions, relative
+      logical :: is_feasible = .false.     !! the lengths are the wanted ones
+   end type both_lengths_maximum
 
-   !> Minus the entropy under the lengths wanted; x = atanh(kappa).
-   type, extends(minimization_problem) :: length_problem
-      character(2), allocatable :: correlation(:)   !! (equality) 'L0' or 'L1'
-      real(wp), allocatable :: length(:)            !! (equality) [lags]
-      real(wp) :: scale = 1.0_wp   !! brings the entropy lost to order 1 for the search
+   !> Minus the entropy under smoothed lengths; x = atanh(kappa).
+   type, extends(minimization_problem) :: smoothed_problem
+      real(wp) :: lengths(2) = 0.0_wp   !! L0 and L1 [lags]
+      real(wp) :: width = 0.0_wp        !! of the kinks, over K(0)
+      real(wp) :: scale = 1.0_wp        !! brings the entropy lost to order 1 for the search
+      integer :: n_lags = 0             !! that are summed
    contains
       procedure :: objective => entropy_lost
       procedure :: equalities => length_defect
-   end type length_problem
+   end type smoothed_problem
 
-   real(wp), parameter :: farthest = 8.0_wp             !! atanh(kappa): kappa = 1 - 2e-7
-   real(wp), parameter :: out_of_reach = 1.0e3_wp       !! ln of a length that cannot be summed
-   integer, parameter :: least_reach = 2000             !! lags worth summing at any length
-   real(wp), parameter :: reach_per_length = 200.0_wp   !! and at great ones
+   real(wp), parameter :: close = 1.0e-6_wp   !! relative, of the lengths to the wanted ones
 
 contains
 
-   !> Finds the best of several searches for both lengths; not feasible where none of them has both,
-   !> or above order 10, where none ever did.
-   subroutine find_best(length, second_length, order, best)
+   !> Finds the maximum; not feasible where the search ends elsewhere, or lengths are too great to
+   !> be summed lag by lag.
+   subroutine find_maximum(length, second_length, start, best)
       real(wp), intent(in) :: length, second_length   !! L0 and L1 [lags], positive
-      integer, intent(in) :: order
-      type(ar_rival), intent(out) :: best
-      integer, parameter :: n_trials = 12, highest_order = 10
-      type(ar_rival) :: rival
-      integer :: trial
+      real(wp), intent(in) :: start(:)                !! kappa to begin with
+      type(both_lengths_maximum), intent(out) :: best
+      real(wp), parameter :: farthest = 8.0_wp       ! atanh(kappa): kappa = 1 - 2e-7
+      real(wp), parameter :: stationary = 1.0e-5_wp  ! relative, of the gradient
+      real(wp), parameter :: widest = 3.0e-2_wp, narrowest = 1.0e-5_wp, narrowing = 0.3_wp
+      real(wp), parameter :: longest = 1.0e3_wp      ! [lags]
+      integer, parameter :: max_evaluations = 400, max_passes = 12
+      type(smoothed_problem) :: problem
+      real(wp) :: defect(2), residual, settled(size(start)), unused(2, size(start)), x(size(start))
+      integer :: pass
+      logical :: is_met
 
-      do trial = 1, merge(n_trials, 0, order <= highest_order)
-         call find_rival('L0', length, order, 0_long, trial, rival, second_length)
-         if (rival%is_feasible .and. rival%entropy > best%entropy) best = rival
-      end do
-   end subroutine find_best
-
-   !> Finds a local maximum of the entropy from the start that belongs to (seed, trial).
-   subroutine find_rival(correlation, length, order, seed, trial, rival, second_length)
-      character(*), intent(in) :: correlation   !! 'L0' or 'L1'
-      real(wp), intent(in) :: length            !! [lags], positive
-      integer, intent(in) :: order
-      integer(long), intent(in) :: seed
-      integer, intent(in) :: trial              !! counts from 1
-      type(ar_rival), intent(out) :: rival
-      real(wp), intent(in), optional :: second_length   !! with 'L0': L1, imposed too
-      type(length_problem) :: problem
-      real(wp), parameter :: met = 1.0e-9_wp   ! relative, of a length
-      integer, parameter :: max_evaluations = 300
-      real(wp) :: x(order)
-
-      problem%correlation = [character(2) :: correlation]
-      problem%length = [length]
-      if (present(second_length)) then
-         problem%correlation = ['L0', 'L1']
-         problem%length = [length, second_length]
-      end if
-      problem%n_equalities = size(problem%length)
-      x = start_of(problem, order, seed, trial)
+      if (max(length, second_length) > longest) return
+      problem%n_equalities = 2
+      problem%lengths = [length, second_length]
+      problem%n_lags = 200 + 20*size(start) + ceiling(60.0_wp*max(length, second_length))
+      problem%width = widest
+      x = atanh(start)
       problem%scale = 1.0_wp/sum(log_cosh(x))
-      call minimize(problem, farthest, met, max_evaluations, x, rival%is_feasible)
-      rival%kappa = tanh(x)
-      rival%entropy = gaussian_entropy(innovation_std(rival%kappa, 1.0_wp))
-   end subroutine find_rival
-
-   !> Random signs and sizes, scaled until the length is about the wanted one.
-   function start_of(problem, order, seed, trial) result(x)
-      type(length_problem), intent(inout) :: problem
-      integer, intent(in) :: order, trial
-      integer(long), intent(in) :: seed
-      real(wp) :: x(order)
-      integer, parameter :: n_bisections = 12
-      real(wp), parameter :: largest = 3.0_wp   ! kappa = 0.995
-      type(stream_type) :: stream
-      real(wp) :: defect(problem%n_equalities), direction(order), high, low
-      integer :: i
-
-      stream = new_stream(seed, label_of('rival'), trial)
-      call stream%normals(direction)
-      direction = direction/maxval(abs(direction))
-      low = 0.0_wp
-      high = largest
-      do i = 1, n_bisections
-         x = 0.5_wp*(low + high)*direction
-         call problem%equalities(x, defect)
-         if (defect(1) > 0.0_wp) then
-            high = 0.5_wp*(low + high)
-         else
-            low = 0.5_wp*(low + high)
-         end if
+      do while (problem%width > narrowest)
+         call minimize(problem, farthest, close, max_evaluations, x, is_met)
+         problem%width = max(narrowing*problem%width, narrowest)
       end do
-   end function start_of
+      settled = x
+      do pass = 1, max_passes
+         call minimize(problem, farthest, close, max_evaluations, x, is_met)
+         call find_defect(x, length, second_length, defect, unused)
+         if (.not. maxval(abs(defect)) < 1.0_wp) exit
+         residual = residual_of(problem, x)
+         if (maxval(abs(defect)) <= close .and. residual < best%residual) then
+            best%residual = residual
+            settled = x
+         end if
+         if (best%residual <= stationary) exit
+         problem%lengths = problem%lengths*exp(-defect)
+      end do
+      call lead_to_lengths(length, second_length, settled, best%is_feasible)
+      best%kappa = tanh(settled)
+      best%entropy = gaussian_entropy(innovation_std(best%kappa, 1.0_wp))
+   end subroutine find_maximum
+
+   !> Leads x to the lengths themselves by the shortest steps.
+   subroutine lead_to_lengths(length, second_length, x, is_met)
+      real(wp), intent(in) :: length, second_length
+      real(wp), intent(inout) :: x(:)
+      logical, intent(out) :: is_met
+      real(wp), parameter :: met = 1.0e-9_wp   ! relative: where many K(m) are 0 less is reached
+      integer, parameter :: max_steps = 40
+      real(wp) :: change(size(x)), defect(2), gradients(2, size(x)), unused(2)
+      real(wp) :: unit(size(x), size(x))
+      integer :: i, step
+      logical :: is_regular
+
+      unit = 0.0_wp
+      do i = 1, size(x)
+         unit(i, i) = 1.0_wp
+      end do
+      do step = 1, max_steps
+         call find_defect(x, length, second_length, defect, gradients)
+         is_met = maxval(abs(defect)) <= close
+         if (maxval(abs(defect)) <= met .or. .not. maxval(abs(defect)) < 1.0_wp) return
+         call step_to_maximum(unit, gradients, 0.0_wp*x, defect, change, unused, is_regular)
+         if (.not. is_regular) return
+         x = x + change
+      end do
+   end subroutine lead_to_lengths
+
+   !> Computes ln(length/wanted length) of both, summed to infinity, and its gradients; huge where
+   !> too many lags count.
+   subroutine find_defect(x, length, second_length, defect, gradients)
+      real(wp), intent(in) :: x(:), length, second_length
+      real(wp), intent(out) :: defect(2), gradients(:, :)   !! (2, variable)
+      type(correlation_sums) :: sums
+      type(error_type), allocatable :: error
+
+      defect = huge(1.0_wp)
+      gradients = 0.0_wp
+      call sum_correlation(tanh(x), sums, error)
+      if (allocated(error)) return
+      if (.not. min(sums%l0, sums%l1) > 0.0_wp) return
+      defect = log([sums%l0, sums%l1]/[length, second_length])
+      gradients(1, :) = length_gradient('L0', tanh(x), sums)/sums%l0
+      gradients(2, :) = length_gradient('L1', tanh(x), sums)/sums%l1
+   end subroutine find_defect
+
+   !> Residual of the entropy's gradient, relative, without its parts along those of the smoothed
+   !> lengths are taken away.
+   function residual_of(problem, x) result(residual)
+      type(smoothed_problem), intent(inout) :: problem
+      real(wp), intent(in) :: x(:)
+      real(wp) :: residual
+      real(wp) :: gradients(size(x), 2), unused(2)
+
+      call problem%equalities(x, unused, gradients)
+      residual = maxval(abs(rest_of_gradient(tanh(x), transpose(gradients))))/maxval(abs(tanh(x)))
+   end function residual_of
 
    !> Computes - 0.5 sum ln(1 - kappa^2) = sum ln cosh x, scaled, and its gradient.
    subroutine entropy_lost(self, x, value, gradient)
-      class(length_problem), intent(inout) :: self
+      class(smoothed_problem), intent(inout) :: self
       real(wp), intent(in) :: x(:)
       real(wp), intent(out) :: value
       real(wp), optional, intent(out) :: gradient(:)
@@ -124,29 +156,29 @@ contains
       if (present(gradient)) gradient = self%scale*tanh(x)
    end subroutine entropy_lost
 
-   !> Computes ln(length/wanted length) for each imposed length, and its gradient; `out_of_reach`
-   !> where too many lags count.
+   !> Computes ln(smoothed length/wanted length) for both, and its gradient.
    subroutine length_defect(self, x, values, jacobian)
-      class(length_problem), intent(inout) :: self
+      class(smoothed_problem), intent(inout) :: self
       real(wp), intent(in) :: x(:)
       real(wp), intent(out) :: values(:)
       real(wp), optional, intent(out) :: jacobian(:, :)
-      type(correlation_sums) :: sums
-      type(error_type), allocatable :: error
-      real(wp) :: length
-      integer :: i
+      real(wp), dimension(self%n_lags) :: lag, modulus, slope
+      real(wp) :: kappa(size(x)), lengths(2), rho(0:self%n_lags)
+      integer :: m
 
-      values = out_of_reach
-      if (present(jacobian)) jacobian = 0.0_wp
-      call sum_correlation(tanh(x), sums, error, &
-                           most_lags=least_reach + int(reach_per_length*maxval(self%length)))
-      if (allocated(error)) return
-      do i = 1, size(values)
-         length = max(merge(sums%l0, sums%l1, self%correlation(i) == 'L0'), tiny(1.0_wp))
-         values(i) = log(length/self%length(i))
-         if (present(jacobian)) &
-            jacobian(:, i) = length_gradient(self%correlation(i), tanh(x), sums)/length
-      end do
+      kappa = tanh(x)
+      lag = [(real(m, wp), m=1, self%n_lags)]
+      rho = autocovariance_of(kappa, self%n_lags)
+      modulus = hypot(rho(1:), self%width)
+      slope = rho(1:)/modulus
+      modulus = rho(1:)**2/(modulus + self%width)   ! less the width, without cancellation
+      lengths(1) = max(sum(modulus), tiny(1.0_wp))
+      lengths(2) = max(sum(lag*modulus)/(1.0_wp + lengths(1)), tiny(1.0_wp))
+      values = log(lengths/self%lengths)
+      if (.not. present(jacobian)) return
+      jacobian(:, 1) = lag_sum_gradient(kappa, rho, slope)/lengths(1)
+      jacobian(:, 2) = lag_sum_gradient(kappa, rho, (lag - lengths(2))*slope) &
+                       /((1.0_wp + lengths(1))*lengths(2))
    end subroutine length_defect
 
 end module process_autoregressive_search

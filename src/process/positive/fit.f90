@@ -90,28 +90,8 @@ contains
          end if
       end if
       if (allocated(error)) return
-      if (request%correlation == 'both' .and. request%branch == 'any') &
-         call take_nonnegative(request, seed, model)
       call look_beside(request, seed, model)
    end subroutine fit_near_zero
-
-   !> Takes the process with K(m) >= 0 of both lengths where it has more entropy than the one found,
-   !> whose K(m) change their sign.
-   recursive subroutine take_nonnegative(request, seed, model)
-      type(process_request), intent(in) :: request
-      integer(long), intent(in) :: seed
-      type(process_model_type), intent(inout) :: model
-      type(process_request) :: beside
-      type(process_model_type) :: other
-
-      if (model%branch == 'nonnegative') return
-      beside = request
-      beside%branch = 'nonnegative'
-      call fit_positive(beside, seed, other)
-      if (.not. other%is_solved .or. other%entropy <= model%entropy) return
-      model = other
-      model%request = request
-   end subroutine take_nonnegative
 
    !> Foresees a fit: fails where `fit_positive` would not even begin. Of the exact law it also
    !> fills what realizations are drawn by, roughly where it is sampled and found soon. A process of

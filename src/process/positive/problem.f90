@@ -125,8 +125,8 @@ contains
       if (any(rho(problem%n_single + 2:) < 0.0_wp)) problem%n_single = problem%n_lags
    end subroutine new_problem
 
-   !> Takes the process of the highest lower order that has both lengths with K(m) >= 0, where there
-   !> is none of the wanted order, or one with K(m) < 0 that is not wanted. Every order contains it.
+   !> Takes the process of the highest lower order that has both lengths with K(m) >= 0, where that
+   !> of the wanted order has K(m) < 0 or was not found. Every order contains it.
    subroutine take_lower_order(request, model, error)
       type(process_request), intent(in) :: request
       type(process_model_type), intent(inout) :: model
@@ -135,16 +135,18 @@ contains
 
       if (allocated(error)) then
          if (error%exit_code /= exit_no_solution) return
-      else
-         if (request%branch /= 'nonnegative' .or. has_nonnegative(model)) return
-         call raise(error, exit_no_solution, positive_name(request)// &
-                    ': no order up to this one has both lengths with K(m) >= 0')
+      else if (has_nonnegative(model)) then
+         return
       end if
       kappa = nonnegative_reflection(request%correlation_length, request%second_length, &
                                      request%order - 1)
-      if (size(kappa) == 0) return
-      deallocate (error)
-      call describe_ar(coefficients_of(kappa), 1.0_wp, model, error)
+      if (size(kappa) > 0) then
+         if (allocated(error)) deallocate (error)
+         call describe_ar(coefficients_of(kappa), 1.0_wp, model, error)
+      else if (request%branch == 'nonnegative' .and. .not. allocated(error)) then
+         call raise(error, exit_no_solution, positive_name(request)// &
+                    ': no order up to this one has both lengths with K(m) >= 0')
+      end if
    end subroutine take_lower_order
 
    !> True if no K(m) of a described process is negative, to rounding.
