@@ -14,6 +14,7 @@ module numerics_harmonic
    integer, parameter :: periods_of_window = 10
    integer, parameter :: n_harmonics = 5
    integer, parameter :: n_terms = 1 + 2*n_harmonics
+   real(wp), parameter :: nearly = 1.0e-3_wp   !! of a value: ten periods that rounding made shorter
 
    !> A window of values at equal intervals.
    type :: harmonic_window
@@ -27,7 +28,8 @@ module numerics_harmonic
 
 contains
 
-   !> Prepares windows of ten periods, rounded to a whole number of values.
+   !> Prepares windows of ten periods, rounded down to a whole number of values: two of them fit
+   !> into twenty periods.
    subroutine new_harmonic_window(frequency, interval, window, error)
       real(wp), intent(in) :: frequency   !! [Hz], at most 1/(12 interval)
       real(wp), intent(in) :: interval    !! [s]
@@ -40,7 +42,7 @@ contains
 
       window%frequency = frequency
       window%interval = interval
-      window%n_values = nint(periods_of_window/(frequency*interval))
+      window%n_values = int(periods_of_window/(frequency*interval) + nearly)
       allocate (terms(window%n_values, n_terms))
       terms(:, 1) = 1.0_wp
       do i = 1, window%n_values

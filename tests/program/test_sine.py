@@ -39,6 +39,18 @@ def test_sines_are_told_to_be_steady_and_go_on_with_the_same_bits(entroslip, tmp
     assert scene_bits(tmp_path / "s.h5") == scene_bits(tmp_path / "at_once.h5")
 
 
+def test_the_fewest_steps_of_a_long_period_are_enough(entroslip, tmp_path):
+    """Windows of 313 values, 128 steps apart, were one value too long for two of them."""
+    (tmp_path / "s.nml").write_text(
+        "&chain n_dof = 1 friction = 1e6 damping_ratio = 0.6 /\n"
+        "&excitation kind = 'sine' frequency = 1 amplitude = 2 /\n"
+        "&integration method = 'event' dt = 2.5e-4 n_steps = 100063 n_discard = 20000 /\n"
+    )
+    assert "must be at least 100064: " in entroslip("run", "s.nml").stderr
+    done = entroslip("run", "s.nml", "--set", "integration%n_steps=100064")
+    assert "all samples are steady" in done.stdout, done.stdout + done.stderr
+
+
 def test_the_force_is_told(entroslip, tmp_path):
     (tmp_path / "s.nml").write_text(SINES)
     one = ("--set", "excitation%frequency=1.2")
