@@ -28,6 +28,7 @@ contains
                                             'must not exceed the number of dofs, '//to_text(n_dof))
          call reader%require(.not. (excitation%base .and. reader%was_given(group, 'dof')), group, &
                              'dof', 'must be absent with base = .true.: the ground moves')
+         if (excitation%kind == '') return   ! it was refused
          call check_presence(scene, reader)
          select case (excitation%kind)
          case ('file')

@@ -4,7 +4,7 @@ module config_force_file
    use core_kinds, only: long, wp
    use core_random, only: label_of
    use core_table, only: read_table, table_type
-   use core_text, only: to_text
+   use core_text, only: rounded_text, to_text
    use, intrinsic :: ieee_arithmetic, only: ieee_is_finite
    implicit none(type, external)
    private
@@ -54,16 +54,25 @@ contains
    end subroutine read_force_text
 
    !> Checks that every row has as many columns as the first, and that times are dt apart to a
-   !> tenth of it, as they may be rounded.
+   !> tenth of it, as they may be rounded. Even times of another step are one complaint.
    subroutine check_rows(table, n_columns, n_forces, dt, complaints)
       type(table_type), intent(in) :: table
       integer, intent(in) :: n_columns, n_forces
       real(wp), intent(in) :: dt   !! [s]
       type(complaint_list), intent(inout) :: complaints
       real(wp), parameter :: share = 0.1_wp
-      real(wp) :: time
+      real(wp) :: step, time
       integer :: i, n_bad
 
+      if (n_columns > n_forces .and. all(table%n_columns == n_columns) .and. table%n_rows > 1) then
+         step = (table%value(1, table%n_rows) - table%value(1, 1))/(table%n_rows - 1)
+         if (is_even(step) .and. .not. is_even(dt)) then
+            call complaints%add_general(table%path//': time between lines = '// &
+                                        rounded_text(step, 6)//': must be integration%dt = '// &
+                                        to_text(dt))
+            return
+         end if
+      end if
       n_bad = 0
       do i = 1, table%n_rows
          time = table%value(1, 1) + (i - 1)*dt
@@ -76,7 +85,7 @@ contains
             n_bad = n_bad + 1
             if (n_bad <= max_shown) &
                call table%refuse_row(i, 'time', to_text(table%value(1, i)), 'must be '// &
-                                     to_text(anint(1.0e6_wp*time)/1.0e6_wp)//', '// &
+                                     rounded_text(time, 12)//', '// &
                                      to_text(i - 1)//' times integration%dt = '//to_text(dt)// &
                                      ' behind the first', complaints)
          end if
@@ -84,6 +93,18 @@ contains
       if (n_bad > max_shown) &
          call complaints%add_general(table%path//': '//to_text(n_bad - max_shown)// &
                                      ' more bad lines')
+
+   contains
+
+      !> True if all times are multiples of a step behind the first.
+      pure logical function is_even(step)
+         real(wp), intent(in) :: step   !! [s]
+         integer :: i
+
+         is_even = all(abs(table%value(1, :) - table%value(1, 1) &
+                           - [(i*step, i=0, table%n_rows - 1)]) <= share*abs(step))
+      end function is_even
+
    end subroutine check_rows
 
    !> Checks a force record from any file: enough values, all finite, and enough records.

@@ -41,6 +41,7 @@ module config_groups
       type(accuracy_settings) :: accuracy
       type(output_group) :: output
       logical :: has_structure = .false., has_chain = .false., has_excitation = .false.
+      logical :: has_unknown_group = .false.       !! one of the others may be meant
       logical :: friction_is_mean = .false.        !! deterministic cases take process%mean
       type(structure_type) :: structure            !! that of &structure
       integer(long) :: structure_label = 0         !! fingerprint of what its files hold

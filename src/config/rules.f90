@@ -25,7 +25,7 @@ contains
       type(reader_type), intent(inout) :: reader
       integer :: i
 
-      if (.not. scene%moves() .and. size(scene%processes) == 0) &
+      if (.not. (scene%moves() .or. size(scene%processes) > 0 .or. scene%has_unknown_group)) &
          call reader%complaints%add_general(scene%path// &
                                             ': must have &process, &chain or &structure')
       do i = 1, size(scene%processes)
@@ -35,7 +35,7 @@ contains
       if (scene%has_structure) call check_structure(scene, reader)
       call check_values(scene, reader)
       if (.not. scene%moves()) return
-      if (.not. scene%has_structure) &
+      if (.not. (scene%has_structure .or. scene%has_unknown_group)) &
          call reader%require(scene%has_excitation, 'chain', 'n_dof', '&chain needs &excitation', &
                              to_text(scene%chain%n_dof))
       if (scene%has_excitation) call check_excitation(scene, reader)
@@ -161,7 +161,7 @@ contains
       if (.not. scene%runs_deterministic() .or. reader%was_given('chain', 'friction') .or. &
           scene%has_structure) return
       associate (means => scene%processes%shared%mean)
-         call reader%require(size(means) > 0, 'chain', 'friction', &
+         call reader%require(size(means) > 0 .or. scene%has_unknown_group, 'chain', 'friction', &
                              'must be given: there is no &process whose mean it could take')
          if (size(means) == 0) return
          call reader%require(all(abs(means - means(1)) <= 0.0_wp), 'chain', 'friction', &
@@ -230,6 +230,7 @@ contains
    subroutine check_number_of_cases(scene, reader)
       type(scene_type), intent(in) :: scene
       type(reader_type), intent(inout) :: reader
+      character(:), allocatable :: level
       integer(long) :: n
       integer :: i
 
@@ -238,10 +239,16 @@ contains
          n = n + n_processes(scene%processes(i))
       end do
       n = n*scene%excitation%n_levels()
-      call reader%require(n <= max_cases, 'excitation', &
-                          trim(merge('amplitude', 'variance ', scene%excitation%kind == 'sine')), &
-                          'the scene makes '//to_text(n)//' cases: must be at most '// &
-                          to_text(max_cases))
+      select case (scene%excitation%kind)
+      case ('band_limited')
+         level = 'variance'
+      case ('sine')
+         level = 'amplitude'
+      case default
+         level = 'factor'
+      end select
+      call reader%require(n <= max_cases, 'excitation', level, 'the scene makes '// &
+                          to_text(n)//' cases: must be at most '//to_text(max_cases))
       if (n > max_cases .or. .not. scene%runs_samples()) return
       n = (n - scene%excitation%n_levels())*scene%campaign%n_samples
       call reader%require(n <= max_samples, 'campaign', 'n_samples', 'the scene makes '// &

@@ -48,7 +48,7 @@ contains
       scene%path = source%name
       scene%text = with_options(source%text, overrides)
       call parse_document(source, overrides, reader%document, reader%complaints)
-      call check_groups(reader%document, reader%complaints)
+      call check_groups(reader%document, scene%has_unknown_group, reader%complaints)
       call read_groups(reader, scene)
       call check_rules(scene, reader)
       complaints = reader%complaints
@@ -88,17 +88,20 @@ contains
    end subroutine parse_document
 
    !> Complains of groups that are unknown, and of those that are there twice.
-   subroutine check_groups(document, complaints)
+   subroutine check_groups(document, has_unknown, complaints)
       type(document_type), intent(in) :: document
+      logical, intent(out) :: has_unknown   !! a group that may be meant for another
       type(complaint_list), intent(inout) :: complaints
       character(:), allocatable :: rule
       character(len(group_names)) :: nearest
       integer :: i, first
 
+      has_unknown = .false.
       do i = 1, size(document%blocks)
          associate (block => document%blocks(i))
             first = document%find_block(block%name, 1)
             if (all(group_names /= block%name)) then
+               has_unknown = .true.
                rule = 'unknown group'
                nearest = nearest_name(block%name, group_names)
                if (nearest /= '') rule = rule//', did you mean &'//trim(nearest)//'?'

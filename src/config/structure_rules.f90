@@ -24,7 +24,7 @@ contains
       integer :: n_before
 
       n_before = reader%complaints%n
-      call reader%require(scene%has_excitation, group, 'mass_matrix', &
+      call reader%require(scene%has_excitation .or. scene%has_unknown_group, group, 'mass_matrix', &
                           '&structure needs &excitation')
       call reader%require(.not. scene%has_chain, 'chain', 'n_dof', &
                           'must be absent with &structure: a scene has one structure')

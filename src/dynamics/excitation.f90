@@ -32,7 +32,7 @@ contains
       real(wp), allocatable :: power(:)
       integer :: first, i, last, n
 
-      call check_band(band, dt, error)
+      call check_band('excitation%band', band, dt, error)
       if (allocated(error)) return
       call choose_lines(band, dt, size(force), n, first, last)
       power = [(share_of_line(i, 1.0_wp/(n*dt), band), i=first, last)]
@@ -54,7 +54,7 @@ contains
       integer :: first, i, last, n
 
       band = [frequency(1), frequency(size(frequency))]
-      call check_band(band, dt, error)
+      call check_band('band of excitation%psd', band, dt, error)
       if (allocated(error)) return
       call choose_lines(band, dt, size(force), n, first, last)
       spacing = 1.0_wp/(n*dt)
@@ -153,12 +153,13 @@ contains
       share = max(high - low, 0.0_wp)/(band(2) - band(1))
    end function share_of_line
 
-   pure subroutine check_band(band, dt, error)
+   pure subroutine check_band(what, band, dt, error)
+      character(*), intent(in) :: what
       real(wp), intent(in) :: band(2), dt
       type(error_type), allocatable, intent(out) :: error
       character(:), allocatable :: name
 
-      name = 'excitation%band = '//to_text(band(1))//', '//to_text(band(2))//': '
+      name = what//' = '//to_text(band(1))//', '//to_text(band(2))//': '
       if (.not. dt > 0.0_wp) then
          call raise(error, exit_bad_input, 'integration%dt = '//to_text(dt)//': must be positive')
       else if (.not. (band(1) >= 0.0_wp .and. band(2) > band(1))) then

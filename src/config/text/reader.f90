@@ -27,7 +27,9 @@ module config_text_reader
       logical, private :: is_list = .false.   !! several values are usual in what is being read
       logical, allocatable, private :: is_known(:)     !! (assignment) some entry has its name
       logical, allocatable, private :: is_refused(:)   !! (assignment) complained of
+      logical, allocatable, private :: has_unknown(:)  !! (block) complained of a name in it
       character(name_length), allocatable, private :: known(:)   !! the group's names so far
+      character(name_length), allocatable, private :: missing(:) !! of them, must be and are not
    contains
       procedure :: begin_group
       procedure :: end_group
@@ -42,6 +44,7 @@ module config_text_reader
       procedure, private :: gather_one
       procedure, private :: refuse_slot
       procedure, private :: refuse_assignment
+      procedure, private :: refuse_group
    end type reader_type
 
 contains
@@ -54,14 +57,16 @@ contains
 
       self%block = self%document%find_block(group, number)
       self%known = [character(name_length) ::]
+      self%missing = self%known
       if (allocated(self%is_known)) return
       allocate (self%is_known(self%document%n_assignments), &
-                self%is_refused(self%document%n_assignments), source=.false.)
+                self%is_refused(self%document%n_assignments), &
+                self%has_unknown(size(self%document%blocks)), source=.false.)
       allocate (self%unused(0))
    end subroutine begin_group
 
    !> Complains of every name in the group that was given but not visited: the group does not know
-   !> it.
+   !> it. Else complains of names that must be given and are not: one of them may be misspelt.
    subroutine end_group(self)
       class(reader_type), intent(inout) :: self
       character(name_length) :: nearest
@@ -71,6 +76,7 @@ contains
       do i = 1, self%document%n_assignments
          associate (given => self%document%assignments(i))
             if (given%block /= self%block .or. self%is_known(i)) cycle
+            self%has_unknown(self%block) = .true.
             nearest = nearest_name(trim(given%name), self%known)
             rule = 'unknown name'
             if (nearest /= '') then
@@ -82,6 +88,9 @@ contains
                                       self%document%text_of(given%place), &
                                       self%document%values_text(given), rule, self%complaints)
          end associate
+      end do
+      do i = 1, size(self%missing)
+         call self%refuse_group(self%block, trim(self%missing(i)), '', 'must be given')
       end do
    end subroutine end_group
 
@@ -117,7 +126,8 @@ contains
    end function longest_list
 
    !> Complains, unless the condition holds, of `name` where it was given, else of its group. A
-   !> value that was refused already is not judged again.
+   !> value that was refused already is not judged again; nor is a default in a group with unknown
+   !> names.
    subroutine require(self, condition, group, name, rule, default, number)
       class(reader_type), intent(inout) :: self
       logical, intent(in) :: condition
@@ -139,16 +149,15 @@ contains
       value = ''
       if (present(default)) value = default
       if (block > 0) then
-         call self%document%refuse(block, self%document%blocks(block)%place, name, value, rule, &
-                                   self%complaints)
+         call self%refuse_group(block, name, value, rule)
       else
          call self%complaints%add_general(self%document%source(1)%name//': '//group//'%'//name// &
                                           ': '//rule)
       end if
    end subroutine require
 
-   !> Reads a single value. A refused whole number becomes 0, so that no other value is judged by
-   !> it.
+   !> Reads a single value. A refused whole number becomes 0 and a refused choice empty, so that no
+   !> other value is judged by it.
    subroutine visit_value(self, value, entry)
       class(reader_type), intent(inout) :: self
       class(*), intent(inout) :: value
@@ -175,6 +184,7 @@ contains
             choice = value
             call convert_choice(self%document, slot, entry, choice, rule)
             value = choice
+            if (allocated(rule)) value = ''
          end select
          if (allocated(rule)) call self%refuse_slot(slot, trim(entry%name), rule)
       end if
@@ -283,9 +293,7 @@ contains
       end do
       if (self%current == 0) then
          slots = spread(0, 1, default_size)
-         if (self%block == 0 .or. .not. entry%is_required) return
-         call self%document%refuse(self%block, self%document%blocks(self%block)%place, &
-                                   trim(entry%name), '', 'must be given', self%complaints)
+         if (self%block > 0 .and. entry%is_required) self%missing = [self%missing, entry%name]
          return
       end if
       n_before = self%complaints%n
@@ -327,6 +335,18 @@ contains
                                    self%document%values_text(given), rule, self%complaints)
       end associate
    end subroutine refuse_assignment
+
+   !> Complains of a name that a group does not give, unless it gives an unknown one, which may be
+   !> meant.
+   subroutine refuse_group(self, block, name, value, rule)
+      class(reader_type), intent(inout) :: self
+      integer, intent(in) :: block
+      character(*), intent(in) :: name, value, rule   !! value: of the default
+
+      if (.not. self%has_unknown(block)) &
+         call self%document%refuse(block, self%document%blocks(block)%place, name, value, rule, &
+                                   self%complaints)
+   end subroutine refuse_group
 
    !> name(i) in a list of several values.
    pure function element_name(entry, i, slots) result(text)
