@@ -43,7 +43,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
             read_process(options.process) if options.process else None,
         )  # fmt: skip
         if not options.force:
-            say(f"force: on dof {pair.labels[-1]}, the last; --force DOF for another")
+            say(f"force: on dof {pair.last()}, the last; --force DOF for another")
         written = write_scene(options.out, pair, joints, scene, options.replace)
         say(f"{options.out}: {', '.join(path.name for path in written)}")
         say(f"next: put your values into joints.txt, then entroslip check {written[-1]}")

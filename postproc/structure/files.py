@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 from zipfile import BadZipFile
@@ -45,28 +45,26 @@ def read_pair(mass: str, stiffness: str, damping: str | None = None) -> Pair:
     wanted = {"M": mass, "K": stiffness} | ({"C": damping} if damping else {})
     found = {letter: _read(source, letter) for letter, source in wanted.items()}
     named = [read for read in found.values() if read.dofs is not None]
-    held: frozenset[Dof] = frozenset()
     if not named:
-        matrices = _same_size(found)
-        labels = tuple(str(i + 1) for i in range(matrices["M"].shape[0]))
-    else:
-        if len(named) < len(found):
-            plain = next(read for read in found.values() if read.dofs is None)
-            raise InputError(
-                f"{plain.source}: does not name its dofs, {named[0].source} does: the order of"
-                " their dofs cannot be compared"
-            )
-        held = frozenset().union(*(read.held for read in named))
-        dofs = sorted({dof for read in named for dof in read.dofs or ()} - held)
-        matrices = {letter: _on(dofs, read) for letter, read in found.items()}
-        labels = tuple(name(dof) for dof in dofs)
+        found = _numbered(found)
+    elif len(named) < len(found):
+        plain = next(read for read in found.values() if read.dofs is None)
+        raise InputError(
+            f"{plain.source}: does not name its dofs, {named[0].source} does: the order of"
+            " their dofs cannot be compared"
+        )
+    held = frozenset().union(*(read.held for read in found.values()))
+    dofs = sorted({dof for read in found.values() for dof in read.dofs or ()} - held)
+    matrices = {letter: _on(dofs, read) for letter, read in found.items()}
+    labels = tuple(name(dof) for dof in dofs)
     for letter, matrix in matrices.items():
         matrices[letter] = symmetric_part(f"{found[letter].source}: {letter}", matrix, labels)
     notes = (f"left out, held in the model: {_listed(map(name, held))}",) if held else ()
     return Pair(matrices["M"], matrices["K"], labels, matrices.get("C"), notes)
 
 
-def _same_size(found: Mapping[str, _Read]) -> dict[str, Matrix]:
+def _numbered(found: Mapping[str, _Read]) -> dict[str, _Read]:
+    """Matrices without names of dofs, which then must be of one size: dofs are called 1, 2, ..."""
     sizes = {letter: read.matrix.shape[0] for letter, read in found.items()}
     for letter, size in sizes.items():
         if size != sizes["M"]:
@@ -74,7 +72,8 @@ def _same_size(found: Mapping[str, _Read]) -> dict[str, Matrix]:
                 f"{found[letter].source}: {letter} has {size} dofs, M of {found['M'].source} has"
                 f" {sizes['M']}"
             )
-    return {letter: read.matrix for letter, read in found.items()}
+    dofs = tuple((i + 1, 0) for i in range(sizes["M"]))
+    return {letter: replace(read, dofs=dofs) for letter, read in found.items()}
 
 
 def _on(dofs: list[Dof], read: _Read) -> Matrix:
@@ -140,7 +139,9 @@ def _as_matrix(values: Any, source: str) -> Matrix:  # noqa: ANN401  (what a rea
 
 
 def _of_entries(entries: Entries) -> _Read:
-    """Text with named dofs; of a symmetric matrix in one triangle the other is its mirror."""
+    """Text with named dofs; of a symmetric matrix that is given once the rest is its mirror."""
+    if entries.refusal:
+        raise InputError(entries.refusal)
     dofs = entries.dofs()
     is_plain = all(dof == 0 for _, dof in dofs)
     if is_plain:
@@ -153,11 +154,10 @@ def _of_entries(entries: Entries) -> _Read:
     matrix = sp.csc_array(
         (np.array(list(entries.values.values())), (row, column)), shape=(len(dofs), len(dofs))
     )
-    if entries.one_triangle:
+    if entries.is_half():
         matrix = sp.csc_array(matrix + matrix.T - sp.diags_array(matrix.diagonal()))
-    if is_plain:
-        return _Read(str(entries.path), matrix)
-    return _Read(str(entries.path), matrix, tuple(dofs), frozenset(held_dofs(entries)))
+    named = None if is_plain else tuple(dofs)
+    return _Read(str(entries.path), matrix, named, frozenset(held_dofs(entries)))
 
 
 def _npy(path: Path) -> dict[str, Any]:
@@ -211,8 +211,10 @@ def _of_hdf5(group: h5py.Group, before: str) -> dict[str, Any]:
                 found[f"{before}{key}"] = item[()].T
         elif "MATLAB_sparse" in item.attrs:
             n_rows = int(item.attrs["MATLAB_sparse"])
-            parts = (item["data"][()], item["ir"][()], item["jc"][()])
-            found[f"{before}{key}"] = sp.csc_array(parts, shape=(n_rows, parts[2].size - 1))
+            starts = item["jc"][()]
+            parts = [item[part][()] if part in item else [] for part in ("data", "ir")]
+            shape = (n_rows, starts.size - 1)
+            found[f"{before}{key}"] = sp.csc_array((*parts, starts), shape=shape)
         else:
             found |= _of_hdf5(item, f"{before}{key}.")
     return found

@@ -42,6 +42,10 @@ class Pair:
         found = {"M": self.mass, "K": self.stiffness}
         return found if self.damping is None else found | {"C": self.damping}
 
+    def last(self) -> str:
+        """The last dof that is none of a reduction's modes, which are called 'mode 1', ..."""
+        return next(label for label in reversed(self.labels) if not label.startswith("mode "))
+
     def position(self, label: str) -> int:
         """Where a dof stands, from 0."""
         try:

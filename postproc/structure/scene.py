@@ -178,7 +178,7 @@ def _scene_text(pair: Pair, joints: Sequence[Joint], options: SceneOptions) -> s
         f"variance = {variance:g}  ! [N^2] EXAMPLE",
     ]
     if _is_single(options):
-        label = options.forces[0][0] if options.forces else pair.labels[-1]
+        label = options.forces[0][0] if options.forces else pair.last()
         force.append(f"dof = {pair.position(label) + 1}")
     else:
         structure.append("load = 'load.txt'  ! factor of the force on each dof")

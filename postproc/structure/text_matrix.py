@@ -21,19 +21,21 @@ class Entries:
     """The entries of one matrix by the names of their dofs."""
 
     path: Path
-    one_triangle: bool = True  # until an entry of the other triangle shows up
+    is_whole: bool = False  # the file says that both triangles are given
+    refusal: str = ""  # why the matrix cannot be taken, with its place
     values: dict[tuple[Dof, Dof], float] = field(default_factory=dict)
-    _lower: bool = False
-    _upper: bool = False
 
     def add(self, row: Dof, column: Dof, value: float, line: int) -> None:
         """One entry; a second one at the same place is refused."""
         if (row, column) in self.values:
             raise InputError(f"{self.path}:{line}: entry {name(row)}, {name(column)} stands twice")
         self.values[row, column] = value
-        self._lower |= row > column
-        self._upper |= row < column
-        self.one_triangle = not (self._lower and self._upper)
+
+    def is_half(self) -> bool:
+        """True if no entry off the diagonal has its mirror: a symmetric matrix, given once."""
+        return not self.is_whole and not any(
+            row != column and (column, row) in self.values for row, column in self.values
+        )
 
     def dofs(self) -> list[Dof]:
         """All that an entry names, by node and dof."""
@@ -49,7 +51,7 @@ def read_abaqus(path: Path) -> Entries:
     """The text of *MATRIX OUTPUT: FORMAT=MATRIX INPUT (or LABELS), or FORMAT=COORDINATE.
 
     A line is `node, dof, node, dof, value` or `row, column, value`. Of a symmetric matrix Abaqus
-    writes one triangle in the first form and both in the second.
+    writes one half in the first form and all of it in the second.
     """
     entries = Entries(path)
     width = 0
@@ -84,21 +86,23 @@ def held_dofs(entries: Entries) -> set[Dof]:
 
 
 def read_dmig(path: Path) -> dict[str, Entries]:
-    """Every real, square DMIG of a punch file or bulk data, by name."""
+    """Every DMIG of a punch file or bulk data, by name; one that is not real and square says so."""
     found: dict[str, Entries] = {}
-    forms: dict[str, int] = {}
     for number, fields in _cards(path):
         label, rest = fields[1].strip(), fields[2:]
         if rest[0].strip() == "0":  # the header: form, types
             form, kind = (_whole(word, path, number) for word in rest[1:3])
+            refusal = ""
             if form not in (_SYMMETRIC, _SQUARE):
-                raise InputError(f"{path}:{number}: DMIG {label}: must be square, form 1 or 6")
-            if kind not in _REAL:
-                raise InputError(f"{path}:{number}: DMIG {label}: must be real, type 1 or 2")
-            found[label], forms[label] = Entries(path), form
+                refusal = f"{path}:{number}: DMIG {label}: must be square, form 1 or 6"
+            elif kind not in _REAL:
+                refusal = f"{path}:{number}: DMIG {label}: must be real, type 1 or 2"
+            found[label] = Entries(path, form == _SQUARE, refusal)
             continue
         if label not in found:
             raise InputError(f"{path}:{number}: DMIG {label}: its header must come first")
+        if found[label].refusal:
+            continue
         column = _dof(rest[0:2], path, number)
         groups = [rest[i : i + 4] for i in range(3, len(rest), 4)]
         for group in groups:
@@ -108,9 +112,6 @@ def read_dmig(path: Path) -> dict[str, Entries]:
             found[label].add(row, column, _real(group[2], path, number), number)
     if not found:
         raise InputError(f"{path}: has no DMIG")
-    for label, entries in found.items():
-        if forms[label] == _SQUARE:
-            entries.one_triangle = False  # all entries are given
     return found
 
 

@@ -168,6 +168,63 @@ def test_dmig_in_free_fields_is_read(tmp_path):
     np.testing.assert_array_equal(pair.stiffness.toarray(), [[4.0, -1.0], [-1.0, 3.0]])
 
 
+def test_dofs_held_in_abaqus_are_left_out_by_number_too(tmp_path):
+    """FORMAT=COORDINATE has 1e36 as well: it stayed, and all other modes were called rigid."""
+    (tmp_path / "M.mtx").write_text("1 1 1.0\n2 2 1.0\n3 3 2.0\n")
+    (tmp_path / "K.mtx").write_text("1 1 1.0e36\n2 2 3.0\n2 3 -1.0\n3 2 -1.0\n3 3 2.0\n")
+    pair = read_pair(str(tmp_path / "M.mtx"), str(tmp_path / "K.mtx"))
+    assert pair.labels == ("2", "3")
+    assert pair.notes == ("left out, held in the model: 1",)
+    np.testing.assert_array_equal(pair.stiffness.toarray(), [[3.0, -1.0], [-1.0, 2.0]])
+
+
+def test_entries_given_once_may_stand_in_either_triangle(tmp_path):
+    """Numbered otherwise inside of the program that wrote them, they were called asymmetric."""
+    (tmp_path / "M.mtx").write_text("1,1, 1,1, 2.0\n2,1, 2,1, 2.0\n3,1, 3,1, 2.0\n")
+    (tmp_path / "K.mtx").write_text(
+        "1,1, 1,1, 2.0\n1,1, 2,1, -1.0\n2,1, 2,1, 2.0\n3,1, 2,1, -1.0\n3,1, 3,1, 1.0\n"
+    )
+    pair = read_pair(str(tmp_path / "M.mtx"), str(tmp_path / "K.mtx"))
+    np.testing.assert_array_equal(
+        pair.stiffness.toarray(), [[2.0, -1.0, 0.0], [-1.0, 2.0, -1.0], [0.0, -1.0, 1.0]]
+    )
+
+
+def test_other_matrices_of_a_punch_file_do_not_matter(tmp_path, capsys):
+    """Loads and complex matrices beside M and K, as superelements have them, were refused."""
+    path = tmp_path / "super.pch"
+    path.write_text(
+        "DMIG,PAX,0,9,2,0,,,1\nDMIG,PAX,1,0,,1,1,5.0\n"
+        "DMIG,KAAX,0,6,2,0\nDMIG,KAAX,1,1,,1,1,3.0\n"
+        "DMIG,K4AAX,0,6,4,0\nDMIG,K4AAX,1,1,,1,1,3.0,1.0\n"
+        "DMIG,MAAX,0,6,2,0\nDMIG,MAAX,1,1,,1,1,2.0\n"
+    )
+    pair = read_pair(str(path), str(path))
+    assert (pair.mass[0, 0], pair.stiffness[0, 0], pair.n_dof) == (2.0, 3.0, 1)
+    assert main(["import", "--mass", str(path), "--stiffness", f"{path}:PAX"]) == 2
+    assert capsys.readouterr().err.endswith(":1: DMIG PAX: must be square, form 1 or 6\n")
+
+
+def test_a_sparse_matrix_without_entries_is_zero(tmp_path):
+    """MATLAB 7.3 then stores neither values nor rows; the whole file could not be read."""
+    path = tmp_path / "rod.mat"
+    matlab_7_3(path, M=sp.csc_array(ROD_M), K=ROD_K)
+    with h5py.File(path, "a") as file:
+        group = file.create_group("C")
+        group.attrs["MATLAB_sparse"] = np.uint64(3)
+        group["jc"] = np.zeros(4, dtype=np.uint64)
+    pair = read_pair(str(path), str(path), str(path))
+    assert pair.damping is not None
+    assert pair.damping.nnz == 0
+
+
+def test_the_force_of_a_reduced_model_acts_on_a_dof(beam_file, tmp_path):
+    """Without --force it acted on the last of the modes."""
+    command = ["import", "--mass", f"{beam_file}:M", "--stiffness", f"{beam_file}:K"]
+    assert main([*command, "--joint", "39", "--modes", "3", "--out", str(tmp_path)]) == 0
+    assert "dof = 1\n" in (tmp_path / "scene.nml").read_text()
+
+
 def test_op4_says_what_it_needs(tmp_path, monkeypatch, capsys):
     monkeypatch.setitem(sys.modules, "pyNastran.op4.op4", None)
     path = tmp_path / "rod.op4"
