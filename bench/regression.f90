@@ -18,7 +18,8 @@ program regression
    use io_hdf5, only: hdf5_file, open_hdf5, read_dataset, read_extent
    use numerics_sorting, only: sort_order
    use numerics_statistics, only: error_of_mean
-   use statistics_estimates, only: estimates_type, plain_percentile, two_sided
+   use statistics_estimates, only: end_beyond, estimates_type, plain_percentile, two_sided, &
+                                   upward_error
    use statistics_order, only: interval_rank
    use statistics_pool, only: new_pool, pool_type
    use statistics_scalars, only: estimate_scalars, scalar_type
@@ -135,7 +136,7 @@ contains
       integer :: f, p
 
       plain%mean = sum(y, 1)/size(y, 1)
-      plain%mean_error = [(error_of_mean(y(:, f)), f=1, size(y, 2))]
+      plain%mean_error = [(upward_error(plain%mean(f), error_of_mean(y(:, f))), f=1, size(y, 2))]
       plain%mean_ratio = 0.0_wp*plain%mean + 1.0_wp
       allocate (plain%percentile(size(y, 2), size(share_below)))
       allocate (plain%low, plain%high, mold=plain%percentile)
@@ -143,12 +144,25 @@ contains
          plain%percentile(:, p) = percentile(y, share_below(p))
          do f = 1, size(y, 2)
             sorted = y(sort_order(y(:, f)), f)
-            plain%low(f, p) = sorted(interval_rank(size(sorted), share_below(p), .false.))
-            plain%high(f, p) = sorted(interval_rank(size(sorted), share_below(p), .true.))
+            plain%low(f, p) = interval_end(sorted, share_below(p), .false.)
+            plain%high(f, p) = interval_end(sorted, share_below(p), .true.)
          end do
       end do
       plain%percentile_ratio = 0.0_wp*plain%percentile + 1.0_wp
    end function plain_spectrum
+
+   pure real(wp) function interval_end(sorted, p, is_upper)
+      real(wp), intent(in) :: sorted(:), p
+      logical, intent(in) :: is_upper
+      integer :: rank
+
+      rank = interval_rank(size(sorted), p, is_upper)
+      if (rank >= 1 .and. rank <= size(sorted)) then
+         interval_end = sorted(rank)
+      else
+         interval_end = end_beyond(sorted, p, is_upper)
+      end if
+   end function interval_end
 
    pure function percentile(y, p) result(values)
       real(wp), intent(in) :: y(:, :)   !! (sample, output)

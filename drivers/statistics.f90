@@ -3,7 +3,7 @@ module driver_statistics
    use campaign_bands, only: band_collector, start_bands
    use campaign_columns, only: column_collector, sample_groups, start_columns
    use campaign_plan, only: kept_dofs, plan_type
-   use campaign_results, only: block_result, case_statistics, n_quantities, of_amplitude, &
+   use campaign_results, only: block_result, case_statistics, n_quantities, of_amplitude, of_slip, &
                                spectrum_layout
    use campaign_selection, only: selection_type
    use campaign_time_average, only: count_spans, fewest_spans, span_collector, start_spans
@@ -293,6 +293,9 @@ contains
          do q = 1, n_quantities
             call self%numbers%finish((q - 1)*n + 1, q*n, statistics%numbers(q))
          end do
+         associate (high => statistics%numbers(of_slip)%high)
+            high = min(high, 1.0_wp)   ! an end beyond the samples knows no fraction
+         end associate
          if (plan%excitation%kind == 'sine') &
             call self%numbers%finish(n_quantities*n + 1, n_quantities*n + plan%structure%n_dof, &
                                      statistics%numbers(of_amplitude))

@@ -2,7 +2,8 @@
 !> come in groups: moments, and percentiles with the ends of their 95 % intervals.
 !>
 !> Percentiles interpolate linearly between order statistics (Hyndman and Fan, type 7). Their
-!> intervals are order statistics (binomial, 95 %). Where there is more than one group, percentiles
+!> intervals are order statistics (binomial, 95 %); where samples are too few for an end, it lies
+!> beyond them. Where there is more than one group, percentiles
 !> averaged over the groups are where those of all samples are looked for: `open_selection`, to
 !> which all values are added again, and `take_selection`.
 !>
@@ -15,6 +16,7 @@ module campaign_columns
    use core_kinds, only: long, wp
    use numerics_sorting, only: sort_order
    use numerics_statistics, only: moments_type, n_sums, sums_of
+   use statistics_estimates, only: end_beyond
    use statistics_order, only: at_rank, interval_rank
    implicit none(type, external)
    private
@@ -29,7 +31,9 @@ module campaign_columns
       integer, allocatable :: group_first(:)   !! (group + 1) first sample; behind the last: n + 1
       real(wp), allocatable :: sums(:, :, :)   !! (sum, column, group) as sums_of has them
       real(wp), allocatable :: at(:, :, :)     !! (column, percentile; middle, low or high)
-      real(wp), allocatable, private :: rank(:, :)  !! (percentile; middle, low or high) in 1..n
+      real(wp), allocatable, private :: share_below(:)   !! (percentile)
+      !> (percentile; middle, low or high) in 1..n; 0 or n + 1 of an end beyond the samples
+      real(wp), allocatable, private :: rank(:, :)
    contains
       procedure :: n_groups
       procedure :: n_percentiles
@@ -41,6 +45,7 @@ module campaign_columns
       procedure :: take_selection
       procedure :: finish
       procedure, private :: below
+      procedure, private :: is_beyond
    end type column_collector
 
 contains
@@ -64,11 +69,12 @@ contains
 
       collector%n_samples = n_samples
       collector%group_first = sample_groups(n_samples)
+      collector%share_below = percentiles/100.0_wp
       allocate (collector%rank(size(percentiles), 3))
       collector%rank(:, middle) = 1.0_wp + (n_samples - 1)*percentiles/100.0_wp
       do p = 1, size(percentiles)
-         collector%rank(p, low) = interval_rank(n_samples, percentiles(p)/100.0_wp, .false.)
-         collector%rank(p, high) = interval_rank(n_samples, percentiles(p)/100.0_wp, .true.)
+         collector%rank(p, low) = interval_rank(n_samples, collector%share_below(p), .false.)
+         collector%rank(p, high) = interval_rank(n_samples, collector%share_below(p), .true.)
       end do
       allocate (collector%sums(n_sums, n_columns, collector%n_groups()), &
                 collector%at(n_columns, size(percentiles), 3), source=0.0_wp)
@@ -105,6 +111,14 @@ contains
       rank = max(1.0_wp, min(rank, real(m, wp)))
    end function ranks_in_group
 
+   !> True if no sample is where an interval ends.
+   pure logical function is_beyond(self, p, which)
+      class(column_collector), intent(in) :: self
+      integer, intent(in) :: p, which   !! percentile; middle, low or high
+
+      is_beyond = self%rank(p, which) < 1.0_wp .or. self%rank(p, which) > self%n_samples
+   end function is_beyond
+
    !> Adds a group's values of one column; hands back their percentiles and order where wanted.
    pure subroutine add(self, column, group, values, in_group, ranking)
       class(column_collector), intent(inout) :: self
@@ -122,6 +136,8 @@ contains
       do which = 1, 3
          do p = 1, size(rank, 1)
             percentile(p, which) = at_rank(sorted, rank(p, which))
+            if (self%is_beyond(p, which)) &
+               percentile(p, which) = end_beyond(sorted, self%share_below(p), which == high)
          end do
       end do
       self%sums(:, column, group) = sums_of(values)
@@ -150,7 +166,8 @@ contains
       integer :: c, p, place(4, self%n_percentiles())
 
       do p = 1, self%n_percentiles()
-         place(:, p) = [self%below(p), self%below(p) + 1, nint(self%rank(p, [low, high]))]
+         place(:, p) = [self%below(p), self%below(p) + 1, &
+                        max(1, min(nint(self%rank(p, [low, high])), self%n_samples))]
          do c = first, last
             associate (ends => self%at(c, p, [low, high]))
                bracket(:, p, c - first + 1) = ends + ((ends(2) - ends(1)) + rounding*abs(ends)) &

@@ -6,8 +6,8 @@ module statistics_estimates
    use statistics_order, only: at_rank
    implicit none(type, external)
    private
-   public :: estimates_type, blank_estimates, inverse_density, plain_deviation, plain_mean, &
-             plain_percentile, stated_error, two_sided, upward_error
+   public :: estimates_type, blank_estimates, downward_error, end_beyond, inverse_density, &
+             plain_deviation, plain_mean, plain_percentile, stated_error, two_sided, upward_error
 
    real(wp), parameter :: two_sided = 1.959964_wp   !! standard errors of a 95 % interval
    real(wp), parameter :: least_stretch = 0.5_wp   !! where samples tie; a blend with a fit does not
@@ -103,6 +103,27 @@ contains
       end do
    end function plain_percentile
 
+   !> End of the interval of a percentile of numbers that are not negative where no order statistic
+   !> is far enough out: as many standard errors of the root away, with Student's factor.
+   pure function end_beyond(sorted, p, is_upper) result(value)
+      real(wp), intent(in) :: sorted(:)   !! ascending
+      real(wp), intent(in) :: p           !! share of the law below
+      logical, intent(in) :: is_upper
+      real(wp) :: value
+      type(estimates_type) :: root
+      real(wp) :: reach
+      integer :: i, n
+
+      n = size(sorted)
+      root = plain_percentile(reshape(sqrt(sorted), [n, 1]), p, reshape([(i, i=1, n)], [n, 1]))
+      reach = two_sided*stated_error(root%influence(:, 1), 0.0_wp, n)
+      if (is_upper) then
+         value = max(sorted(n), (root%value(1) + reach*root%stretch(2, 1))**2)
+      else
+         value = min(sorted(1), max(0.0_wp, root%value(1) - reach*root%stretch(1, 1))**2)
+      end if
+   end function end_beyond
+
    !> Mean difference of neighbouring order statistics between two ranks, as far as there are any.
    pure real(wp) function slope_between(sorted, low, high)
       real(wp), intent(in) :: sorted(:), low, high
@@ -184,6 +205,13 @@ contains
       relative = two_sided*min(error, largest_relative*value)/max(value, tiny(value))
       if (relative > 0.0_wp) upward_error = error*(exp(relative) - 1.0_wp)/relative
    end function upward_error
+
+   !> The same downwards: it is smaller.
+   elemental real(wp) function downward_error(value, error)
+      real(wp), intent(in) :: value, error   !! standard
+
+      downward_error = value*(1.0_wp - exp(-two_sided*error/max(value, tiny(value))))/two_sided
+   end function downward_error
 
    !> Two-sided 95 % point of Student's law, by the expansion of Cornish and Fisher to 1/v^3
    !> (Abramowitz and Stegun 26.7.5): 3 % low at v = 3.

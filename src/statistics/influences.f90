@@ -8,7 +8,7 @@ module statistics_influences
    use statistics_surrogate, only: fit_type, rows_of, surrogate_type
    implicit none(type, external)
    private
-   public :: view_type, divide_by_root, excess_of, find_influence, find_weights, kappa_of, &
+   public :: view_type, excess_of, find_influence, find_weights, kappa_of, scale_influences, &
              view_law, width_of
 
    real(wp), parameter :: widest = 3.0_wp   !! E that is allowed for
@@ -104,7 +104,7 @@ contains
       call find_weights(surrogate, fit, average, constant, estimate%influence)
       estimate%kappa = kappa_of(fit, estimate%influence)
       estimate%influence = fit%residual*estimate%influence
-      call divide_by_root(estimate)
+      call scale_influences(surrogate, estimate)
    end subroutine find_influence
 
    !> kappa of each output, from the weights of the samples' residuals: that of the last judged
@@ -120,15 +120,17 @@ contains
       end do
    end function kappa_of
 
-   !> Divides influences by kappa^(1/4).
-   pure subroutine divide_by_root(estimate)
+   !> Scales influences such that their squares are J/sqrt(kappa) n/(n - p).
+   pure subroutine scale_influences(surrogate, estimate)
+      type(surrogate_type), intent(in) :: surrogate
       type(estimates_type), intent(inout) :: estimate
       integer :: o
 
       do o = 1, size(estimate%kappa)
-         estimate%influence(:, o) = estimate%influence(:, o)/sqrt(sqrt(estimate%kappa(o)))
+         estimate%influence(:, o) = estimate%influence(:, o) &
+                                    *(surrogate%enlargement/sqrt(sqrt(estimate%kappa(o))))
       end do
-   end subroutine divide_by_root
+   end subroutine scale_influences
 
    !> 2P/J from the pairs of some samples with all: Q_ij is what leaving out both changes in
    !> w_i e_i + w_j e_j.

@@ -17,6 +17,8 @@ module statistics_kernel_choice
    integer, parameter :: middle = 3
    real(wp), parameter :: powers(*) = [0.5_wp, 1.0_wp]   !! of the weights
    real(wp), parameter :: least_weight = 0.03_wp         !! over the largest
+   real(wp), parameter :: n_others = 2.0_wp     !! constants beside the slopes: length, noise ratio
+   real(wp), parameter :: least_free = 0.1_wp   !! share (n - p)/n of the samples
 
 contains
 
@@ -26,16 +28,18 @@ contains
       real(wp), intent(in), contiguous :: outputs(:, :)   !! (sample, output)
       type(surrogate_type), intent(out) :: surrogate
       type(error_type), allocatable, intent(out) :: error
-      real(wp) :: proportion(size(x, 2)), best, best_power, power
+      real(wp) :: proportion(size(x, 2)), best, best_power, n_slopes, power
       real(wp) :: slope(size(x, 2), size(outputs, 2))
       real(wp), allocatable :: y(:, :), some_x(:, :), some_y(:, :)
       integer, allocatable :: chosen(:)
       integer :: best_length, i, k
 
       call standardise(outputs, y)
-      call find_slopes(x, y, slope, error)
+      call find_slopes(x, y, slope, n_slopes, error)
       if (.not. allocated(error)) call find_direction(slope, surrogate%direction, error)
       if (allocated(error)) return
+      surrogate%enlargement = &
+         1.0_wp/sqrt(max(1.0_wp - (n_slopes + n_others)/size(x, 1), least_free))
       proportion = sqrt(sum(slope**2, 2)/size(y, 2))
       proportion = max(proportion/max(maxval(proportion), tiny(1.0_wp)), least_weight)
       chosen = spread_out(size(x, 1), samples_of_choice)
@@ -90,20 +94,26 @@ contains
       end do
    end subroutine standardise
 
-   !> Finds the coefficients of a linear ridge regression.
-   subroutine find_slopes(x, y, slope, error)
+   !> Finds the coefficients of a linear ridge regression, and how many they are worth: the trace
+   !> of (X'X + ridge)^-1 X'X.
+   subroutine find_slopes(x, y, slope, n_slopes, error)
       real(wp), intent(in), contiguous :: x(:, :), y(:, :)   !! (sample, input or output)
       real(wp), intent(out), contiguous :: slope(:, :)       !! (input, output)
+      real(wp), intent(out) :: n_slopes
       type(error_type), allocatable, intent(out) :: error
-      real(wp) :: square(size(x, 2), size(x, 2))
+      real(wp), dimension(size(x, 2), size(x, 2)) :: square, shrunk, with_ridge
       integer :: j
 
       call multiply(x, x, square, transposes_a=.true.)
       call multiply(x, y, slope, transposes_a=.true.)
+      shrunk = square
       do j = 1, size(x, 2)
          square(j, j) = square(j, j) + size(x, 2)/5.0_wp   ! ridge: 1 for five inputs
       end do
+      with_ridge = square
       call solve_positive_definite(square, slope, error)
+      if (.not. allocated(error)) call solve_positive_definite(with_ridge, shrunk, error)
+      n_slopes = sum([(shrunk(j, j), j=1, size(x, 2))])
    end subroutine find_slopes
 
    !> Finds the first left singular vector of the slopes.

@@ -21,6 +21,7 @@ module statistics_law
    type :: draws_type
       real(wp), allocatable :: x(:, :)      !! (draw, input) standardised; some of all
       real(wp), allocatable :: mean(:)      !! (polynomial) over all
+      integer :: n_all = 0
       real(wp) :: n_independent = 0.0_wp    !! draws that all are worth
    end type draws_type
 
@@ -28,7 +29,8 @@ module statistics_law
    type :: law_type
       real(wp), allocatable :: x(:, :)      !! (point, input) standardised
       real(wp), allocatable :: weight(:)    !! (point), their sum is 1
-      real(wp) :: n_independent = 0.0_wp    !! draws that they stand for
+      integer :: n_all = 0                  !! draws that they stand for
+      real(wp) :: n_independent = 0.0_wp    !! what these are worth
       !> (point, polynomial) B; behind them D'D B, D taking differences between neighbours
       real(wp), allocatable, private :: polynomial(:, :)
       real(wp), allocatable, private :: square(:, :)       !! (polynomial, polynomial) B'B/M
@@ -47,6 +49,7 @@ contains
       integer :: first, last, n
 
       n = size(x, 1)
+      draws%n_all = n
       draws%n_independent = n_independent
       draws%x = x(1::(n - 1)/most_kept + 1, :)
       allocate (draws%mean(count_polynomials(size(x, 2))), source=0.0_wp)
@@ -82,6 +85,7 @@ contains
          ranking = ranking([(1 + int((m - 0.5_wp)*stride), m=1, n)])
       end associate
       law%x = draws%x(ranking, :)
+      law%n_all = draws%n_all
       law%n_independent = draws%n_independent
       call weigh(draws%mean, law, error)
    end subroutine choose_points
@@ -112,8 +116,9 @@ contains
       end do
    end function rough_order
 
-   !> Computes the standard errors that the points leave in the means of functions f. With the
-   !> slopes c of their polynomials, |D (f - B c)|^2 = |D f|^2 - c'(2 B'D'D f - B'D'D B c).
+   !> Computes the standard errors that the points leave in the means of functions f, and the draws
+   !> that they stand for. With the slopes c of their polynomials,
+   !> |D (f - B c)|^2 = |D f|^2 - c'(2 B'D'D f - B'D'D B c).
    subroutine error_of_points(law, values, stated, error)
       type(law_type), intent(in) :: law
       real(wp), intent(in), contiguous :: values(:, :)   !! (point, function) f
@@ -143,7 +148,7 @@ contains
          end do
          between = between - dot_product(slope(:, o), 2.0_wp*products(k + 1:, o) &
                                          - matmul(law%of_changes, slope(:, o)))
-         stated(o) = sqrt(max(between, 0.0_wp)/(2*(n - 1))/n &
+         stated(o) = sqrt(max(between, 0.0_wp)/(2*(n - 1))*(1.0_wp/n - 1.0_wp/law%n_all) &
                           + max(mean_square - mean**2, 0.0_wp)/law%n_independent)
       end do
    end subroutine error_of_points

@@ -18,7 +18,7 @@ contains
    end function at_rank
 
    !> Rank of the order statistic that ends the 95 % interval of the quantile at probability p: the
-   !> number of samples below it is binomial. Too few samples for a bound: the extreme sample.
+   !> number of samples below it is binomial. 0 or n + 1 where there are too few samples for an end.
    pure function interval_rank(n, p, is_upper) result(rank)
       integer, intent(in) :: n
       real(wp), intent(in) :: p
@@ -36,7 +36,6 @@ contains
          if (cumulated > probability) exit
       end do
       rank = merge(k + 1, k, is_upper)
-      rank = max(1, min(rank, n))
    end function interval_rank
 
 end module statistics_order

@@ -5,8 +5,8 @@ module statistics_regression
    use numerics_elementary, only: exponentiate
    use numerics_lapack, only: multiply
    use statistics_estimates, only: estimates_type
-   use statistics_influences, only: divide_by_root, excess_of, find_influence, find_weights, &
-                                    kappa_of, view_type, width_of
+   use statistics_influences, only: excess_of, find_influence, find_weights, kappa_of, &
+                                    scale_influences, view_type, width_of
    use statistics_percentiles, only: find_quantile
    use statistics_surrogate, only: average_features, fit_type, surrogate_type
    implicit none(type, external)
@@ -255,7 +255,7 @@ contains
          estimate%influence(:, o) = estimate%influence(:, o)*estimate%value(o)
       end do
       estimate%kappa = kappa_of(fit, weight)
-      call divide_by_root(estimate)
+      call scale_influences(surrogate, estimate)
       do o = 1, size(grown, 2)
          estimate%excess(:, o) = excess_of(width(:, o), estimate%kappa(o))
       end do

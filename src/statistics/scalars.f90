@@ -142,8 +142,9 @@ contains
             do i = 1, size(best)
                best(i)%percentile_ratio(p) = both%ratio(i)
                best(i)%percentile(p) = unbend(both%value(i), is_fraction(i))
-               ends = both%value(i) &
-                      + two_sided*both%stated(i)*[-1.0_wp, 1.0_wp]*both%stretch(:, i)
+               ends = both%stated(i)*both%stretch(:, i)
+               if (share_below(p) > 0.5_wp) ends(2) = upward_error(both%value(i), ends(2))
+               ends = both%value(i) + two_sided*[-ends(1), ends(2)]
                best(i)%low(p) = unbend(ends(1), is_fraction(i))
                best(i)%high(p) = unbend(ends(2), is_fraction(i))
                if (may_be_zero(y(view%first:view%last, i), share_below(p))) best(i)%low(p) = 0.0_wp

@@ -70,7 +70,8 @@ contains
             functional = fit%shrink(:, 1)*(matmul(b(:, 1), u(:, 2:)) + matmul(u(:, 1), b(:, 2:)))
          end associate
          do i = 1, size(step)
-            step(i) = fit%residual(i, 1)*dot_product(surrogate%feature(i, :), functional)/variance &
+            step(i) = surrogate%enlargement*fit%residual(i, 1) &
+                      *dot_product(surrogate%feature(i, :), functional)/variance &
                       - 2.0_wp*share(j)*of_pairs*deviation%influence(i, 1)/deviation%value(1)
          end do
          share_error(j) = stated_error(step, 0.0_wp, size(step))

@@ -7,8 +7,8 @@ module statistics_spectra
    use numerics_elementary, only: exponentiate
    use numerics_sorting, only: sort_order
    use statistics_blend, only: join, state_error
-   use statistics_estimates, only: estimates_type, inverse_density, plain_mean, plain_percentile, &
-                                   two_sided, upward_error
+   use statistics_estimates, only: downward_error, estimates_type, inverse_density, plain_mean, &
+                                   plain_percentile, two_sided, upward_error
    use statistics_influences, only: view_law, view_type
    use statistics_kernel_choice, only: learn_kernel
    use statistics_law, only: choose_points, error_of_points, law_type, n_points
@@ -210,17 +210,19 @@ contains
       end subroutine estimate_percentiles
 
       !> Computes the value of an integral, its error and its ratio of errors. The error is that of
-      !> the wider side of the interval.
+      !> the longer side of the logarithm's interval.
       pure subroutine close_integral(number, of_points, integral, value, stated, ratio)
          integer, intent(in) :: number
          real(wp), intent(in) :: of_points   !! standard error that they leave
          type(integral_type), intent(in) :: integral
          real(wp), intent(out) :: value, stated, ratio
+         real(wp) :: reach(2)   ! down, up
 
          value = integral%value
          call state_error(of_points, pool%n_samples(number), integral%influence, &
                           integral%bias, integral%plain_influence, 1.0_wp, stated, ratio)
-         stated = stated*max(1.0_wp, maxval(stretch_of(integral)))
+         reach = stated*stretch_of(integral)
+         stated = max(downward_error(value, reach(1)), upward_error(value, reach(2)))
       end subroutine close_integral
 
       !> Computes the ratio of the last percentile's integral to the first one's; errors are those

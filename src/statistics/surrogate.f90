@@ -27,6 +27,9 @@ module statistics_surrogate
       real(wp), allocatable :: feature(:, :)     !! (sample, feature) V
       real(wp), allocatable :: eigenvalue(:)     !! (feature)
       real(wp), allocatable :: direction(:)      !! (input) along which the outputs vary most
+      !> sqrt(n/(n - p)): leave-one-out residuals do not know that p constants of the kernel were
+      !> chosen on the same n samples
+      real(wp) :: enlargement = 1.0_wp
       real(wp), allocatable, private :: landmark(:, :)    !! (landmark, input) standardised
       !> (landmark, feature), (feature): phi(x) = sum of transform*k(x, landmark) - offset
       real(wp), allocatable, private :: transform(:, :), offset(:)
