@@ -83,7 +83,8 @@ contains
       self%moved = [integer ::]
       self%own = spread(spread(0.0_wp, 1, 4), 2, self%n_rows)
       allocate (self%first(self%n_rows + 1))
-     allocate (self%joint(self%n_rows + self%n_joints), self%joint_row(self%n_rows + self%n_joints))
+      allocate (self%joint(self%n_rows + self%n_joints))
+      allocate (self%joint_row, mold=self%joint)
       used = 0
       do rows = 1, self%n_rows
          self%first(rows) = used + 1

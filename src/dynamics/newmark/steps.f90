@@ -140,8 +140,8 @@ contains
             call try_woodbury(self%system, k, block, has_passed(sample(k)))
          end do
       else
-       call try_maps(size(sample), block%tries, self%weight, self%columns, self%map, block%change, &
-                       block%bounds, block%motion, has_passed)
+         call try_maps(size(sample), block%tries, self%weight, self%columns, self%map, &
+                       block%change, block%bounds, block%motion, has_passed)
       end if
    end subroutine try
 
