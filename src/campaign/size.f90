@@ -33,7 +33,6 @@ module campaign_size
    real(wp), parameter :: of_process = 20.5e3_wp   !! bytes of one beside its values (measured)
    real(wp), parameter :: of_refused = 2.6e3_wp    !! bytes of a process without a solution
    real(wp), parameter :: of_file = 6.0e3_wp       !! bytes of an empty results file (measured)
-   real(wp), parameter :: of_fit = 32.0e6_wp       !! bytes of a fit to sampled values (measured)
    real(wp), parameter :: with_march = 38.0e6_wp      !! resident bytes of libraries (measured)
    real(wp), parameter :: without_march = 30.0e6_wp   !! the same where nothing is marched
    real(wp), parameter :: of_transition = 20.0_wp  !! bytes of its time, sample, dof and kind
@@ -203,7 +202,7 @@ contains
          n_powers = n_batches*size(last_of_ranges(n_frequencies(plan, every)))
    end function n_powers
 
-   !> Largest resident memory of a rank [byte]: of fits and realizations, the march, or statistics.
+   !> Largest resident memory of a rank [byte]: of realizations, the march, or statistics.
    pure function memory_of_rank(plan, every, transitions) result(bytes)
       type(plan_type), intent(in) :: plan
       integer, intent(in) :: every
@@ -212,7 +211,6 @@ contains
       real(wp) :: n_samples
 
       bytes = without_march + word*plan%n_realizations*plan%n_points
-      if (any(is_fitted_to_values(plan%processes))) bytes = bytes + of_fit
       if (.not. plan%has_structure) return
       n_samples = maxval(plan%cases%n_samples)
       bytes = max(bytes, with_march + 4*n_samples*size(plan%cases) &
