@@ -24,7 +24,7 @@ module campaign_size
    use structure_sizes, only: matrices_alone => memory_of_matrices
    implicit none(type, external)
    private
-   public :: is_fitted_to_values, memory_of_rank, n_frequencies, refuse_oversize, results_size
+   public :: memory_of_rank, n_frequencies, refuse_oversize, results_size
 
    real(wp), parameter :: word = 8.0_wp            !! bytes of a number
    real(wp), parameter :: of_dataset = 775.0_wp    !! bytes beside its values (measured, HDF5 1.10)
@@ -218,13 +218,6 @@ contains
                   + max(memory_of_march(plan, every, transitions), &
                         memory_of_statistics(plan, every), memory_of_regression(plan, every)))
    end function memory_of_rank
-
-   !> True if a fit takes seconds, not milliseconds.
-   elemental logical function is_fitted_to_values(request)
-      type(process_request), intent(in) :: request
-
-      is_fitted_to_values = request%positive .and. request%order /= 1
-   end function is_fitted_to_values
 
    !> Memory of the force as it is drawn (or in a file, prepared, and in the march) and of a block
    !> of samples.

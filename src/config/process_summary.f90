@@ -10,12 +10,19 @@ module config_process_summary
    use process_reference, only: is_reference, law_name
    implicit none(type, external)
    private
-   public :: max_rows, process_table
+   public :: is_fitted_to_values, max_rows, process_table
 
    character(*), parameter :: line_feed = new_line('a')
    integer, parameter :: max_rows = 40   !! rows of a table
 
 contains
+
+   !> True if a fit takes seconds, not milliseconds.
+   elemental logical function is_fitted_to_values(request)
+      type(process_request), intent(in) :: request
+
+      is_fitted_to_values = request%positive .and. request%order /= 1
+   end function is_fitted_to_values
 
    !> 'L0 = 3'; 'both = 3, 2.5': L0 and L1; '-' of given values, which no length is imposed on.
    pure function length_text(request) result(text)

@@ -230,7 +230,6 @@ contains
    subroutine check_number_of_cases(scene, reader)
       type(scene_type), intent(in) :: scene
       type(reader_type), intent(inout) :: reader
-      character(:), allocatable :: level
       integer(long) :: n
       integer :: i
 
@@ -239,16 +238,9 @@ contains
          n = n + n_processes(scene%processes(i))
       end do
       n = n*scene%excitation%n_levels()
-      select case (scene%excitation%kind)
-      case ('band_limited')
-         level = 'variance'
-      case ('sine')
-         level = 'amplitude'
-      case default
-         level = 'factor'
-      end select
-      call reader%require(n <= max_cases, 'excitation', level, 'the scene makes '// &
-                          to_text(n)//' cases: must be at most '//to_text(max_cases))
+      call reader%require(n <= max_cases, 'excitation', scene%excitation%level_name(), &
+                          'the scene makes '//to_text(n)//' cases: must be at most '// &
+                          to_text(max_cases))
       if (n > max_cases .or. .not. scene%runs_samples()) return
       n = (n - scene%excitation%n_levels())*scene%campaign%n_samples
       call reader%require(n <= max_samples, 'campaign', 'n_samples', 'the scene makes '// &

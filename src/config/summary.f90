@@ -3,10 +3,10 @@ module config_summary
    use campaign_audit, only: add_audits, reference_for
    use campaign_plan, only: integration_settings, plan_type, strength_of
    use campaign_pooling, only: case_pool, estimators_of, find_pools
-   use campaign_size, only: is_fitted_to_values, memory_of_rank, results_size
+   use campaign_size, only: memory_of_rank, results_size
    use config_fingerprint, only: fingerprint
    use config_groups, only: scene_type
-   use config_process_summary, only: max_rows, process_table
+   use config_process_summary, only: is_fitted_to_values, max_rows, process_table
    use core_kinds, only: two_pi, wp
    use core_phrases, only: brief, counted, duration, joined, labelled, numbered, padded, &
       size_text
@@ -43,7 +43,8 @@ contains
       text = text//labelled('does not run', joined(activities(plan, wanted=.false.)))
       if (size(plan%processes) > 0) text = text//line_feed//process_table(plan, foreseen)
       if (plan%has_structure) then
-         text = text//line_feed//case_table(plan)//line_feed//motion_text(plan)
+         text = text//line_feed//case_table(plan, scene%excitation%level_name())//line_feed// &
+                motion_text(plan)
          text = text//labelled('work', work_text(plan, n_ranks, nanoseconds)// &
                          trim(merge(', and the fits', '              ', &
                                     any(is_fitted_to_values(plan%processes)))))
@@ -103,12 +104,13 @@ contains
    end function activities
 
    !> One row per process: its cases differ in the level of the force only.
-   function case_table(plan) result(text)
+   function case_table(plan, level) result(text)
       type(plan_type), intent(in) :: plan
+      character(*), intent(in) :: level   !! what levels of the force are called
       character(:), allocatable :: text, numbers, name
       integer :: first, last, n_rows
 
-      text = 'case       process  samples  '//level_name(plan)//line_feed
+      text = 'case       process  samples  '//level//line_feed
       n_rows = 0
       first = 1
       do while (first <= size(plan%cases))
@@ -154,21 +156,6 @@ contains
          end if
       end do
    end function levels_text
-
-   !> Name of the quantity by which levels of the force differ.
-   pure function level_name(plan) result(name)
-      type(plan_type), intent(in) :: plan
-      character(:), allocatable :: name
-
-      select case (plan%excitation%kind)
-      case ('band_limited')
-         name = 'variance'
-      case ('sine')
-         name = 'amplitude'
-      case default
-         name = 'factor'
-      end select
-   end function level_name
 
    !> The force, without where it acts.
    pure function force_text(plan) result(text)

@@ -47,6 +47,7 @@ module config_groups_motion
       real(wp), allocatable :: factor(:)
    contains
       procedure :: n_levels
+      procedure :: level_name
    end type excitation_group
 
 contains
@@ -171,6 +172,21 @@ contains
          n_levels = size(self%factor)
       end select
    end function n_levels
+
+   !> The value by which levels of the force differ.
+   pure function level_name(self) result(name)
+      class(excitation_group), intent(in) :: self
+      character(:), allocatable :: name
+
+      select case (self%kind)
+      case ('band_limited')
+         name = 'variance'
+      case ('sine')
+         name = 'amplitude'
+      case default
+         name = 'factor'
+      end select
+   end function level_name
 
    !> Visits the table of &integration.
    subroutine visit_integration(self, visitor)
