@@ -53,10 +53,8 @@ module dynamics_response
       real(wp) :: step = huge(1.0_wp)     !! without transitions
       integer :: lanes = 1                !! samples that are marched in one, be they there or not
       real(wp) :: transition = 0.0_wp     !! more for each transition
-      !> more for each part of the step that is begun anew; as many as transitions, by this share of
-      !> them, but not more than there are
-      real(wp) :: begin_anew = 0.0_wp, share_anew = 0.0_wp
-      integer :: n_parts = 1
+      real(wp) :: share_anew = 0.0_wp     !! of the transitions, that begin all series anew
+      integer :: n_parts = 1              !! of the step
    contains
       procedure :: with_transitions
    end type march_work
@@ -94,12 +92,13 @@ contains
       class(march_work), intent(in) :: self
       real(wp), intent(in) :: transitions
       integer, intent(in), optional :: n_samples
+      real(wp) :: anew   ! transitions of a sample in a part
 
-      work = self%step
+      anew = self%share_anew*transitions/self%n_parts
+      work = self%step*(1.0_wp + min(2.0_wp*self%lanes*anew, 2.0_wp + anew + 2.5_wp*sqrt(anew)))
       if (present(n_samples)) &
          work = work*self%lanes*((n_samples + self%lanes - 1)/self%lanes)/n_samples
-      work = work + self%transition*transitions &
-             + self%begin_anew*min(self%share_anew*transitions, real(self%n_parts, wp))
+      work = work + self%transition*transitions
    end function with_transitions
 
    !> Starts a block at rest, sliders at zero, all joints stuck; a joint with mu N = 0 slips from

@@ -18,7 +18,6 @@ module dynamics_exact_base_system
       integer :: n_forces = 1
       integer :: max_transitions = 1000   !! of one sample in one part; more are an error
       logical :: keeps_ledger = .false.
-      logical :: has_works_of_all = .false.   !! samples that redo marches again among them
       type(joint_paths) :: paths
    contains
       procedure(begin), deferred :: begin
@@ -71,14 +70,13 @@ module dynamics_exact_base_system
          integer, intent(in) :: entry
       end subroutine correct
 
-      !> Marches one lane through the part again, one transition after another, from the start and
-      !> the regimes in paths. Enters all transitions into regimes and account, and the works of the
-      !> force and of the dampers into a ledger that is kept.
-      subroutine redo(self, lane, begin, state, error)
+      !> Marches samples through the part again, one transition after another, from the start and
+      !> the regimes in paths. Enters all transitions into regimes and account.
+      subroutine redo(self, is_involved, begin, state, error)
          import :: base_system, block_state, error_type, wp
          class(base_system), intent(inout) :: self
-         integer, intent(in) :: lane
-         real(wp), intent(in) :: begin   !! of the part [parts]
+         logical, intent(in) :: is_involved(:)   !! (lane)
+         real(wp), intent(in) :: begin           !! of the part [parts]
          type(block_state), intent(inout) :: state
          type(error_type), allocatable, intent(out) :: error
       end subroutine redo
@@ -97,8 +95,8 @@ module dynamics_exact_base_system
          real(wp), intent(out) :: velocity(:, :)       !! (lane, dof) [m/s]; or size 0
       end subroutine put_state
 
-      !> Adds the works of the force and of the dampers over the part that run_part has run, of all
-      !> lanes. Called before go_on where a ledger is kept.
+      !> Adds the works of the force and of the dampers over the part, of all lanes. Called before
+      !> go_on where a ledger is kept.
       subroutine add_works(self, work)
          import :: base_system, wp
          class(base_system), intent(inout) :: self

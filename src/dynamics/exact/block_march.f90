@@ -104,7 +104,7 @@ contains
       if (.not. room%is_independent) room%is_involved = .false.
       if (found > 0) call make_transitions(base, found, begin, state, room, error)
       if (allocated(error)) return
-      if (state%keeps_ledger) call keep_ledger(base, room, state)
+      if (state%keeps_ledger) call keep_ledger(base, state)
       call base%go_on()
       do s = 1, size(room%sliding, 2)
          associate (l => room%sliding(1, s), j => room%sliding(2, s), &
@@ -129,7 +129,7 @@ contains
       type(march_room), intent(inout) :: room
       type(error_type), allocatable, intent(out) :: error
       type(transition_group), allocatable :: more(:)
-      integer :: g, l, n_groups
+      integer :: g, n_groups
 
       n_groups = (found + group_size - 1)/group_size
       if (room%is_independent) then
@@ -153,11 +153,7 @@ contains
          call enter_group(base, room%groups(g), begin, state, room, error)
          if (allocated(error)) return
       end do
-      do l = 1, base%paths%n_samples
-         if (.not. room%is_involved(l)) cycle
-         call base%redo(l, begin, state, error)
-         if (allocated(error)) return
-      end do
+      if (any(room%is_involved)) call base%redo(room%is_involved, begin, state, error)
 
    contains
 
@@ -288,20 +284,17 @@ contains
       call raise_too_many(base, one%joint(1), one%lane(1), begin, error)
    end subroutine follow_joint
 
-   !> Enters the works of a part into the ledgers of the samples that have not been marched again.
-   subroutine keep_ledger(base, room, state)
+   !> Enters the works of a part into the ledgers.
+   subroutine keep_ledger(base, state)
       class(base_system), intent(inout) :: base
-      type(march_room), intent(in) :: room
       type(block_state), intent(inout) :: state
       real(wp) :: work(width, 2)
 
       work = 0.0_wp
       call base%add_works(work)
       associate (n => base%paths%n_samples, w => base%paths%first_sample)
-         where (base%has_works_of_all .or. .not. room%is_involved(:n))
-            state%work_input(w:w + n - 1) = state%work_input(w:w + n - 1) + work(:n, 1)
-            state%work_viscous(w:w + n - 1) = state%work_viscous(w:w + n - 1) + work(:n, 2)
-         end where
+         state%work_input(w:w + n - 1) = state%work_input(w:w + n - 1) + work(:n, 1)
+         state%work_viscous(w:w + n - 1) = state%work_viscous(w:w + n - 1) + work(:n, 2)
       end associate
    end subroutine keep_ledger
 

@@ -7,13 +7,17 @@ module dynamics_exact_free_steps
    use dynamics_exact_joint_paths, only: joint_paths, layer_hold, layer_lift, layer_side, &
                                          layer_slider, width
    use dynamics_exact_powers, only: next_power, power_operator
-   use dynamics_exact_series, only: series_type
+   use dynamics_exact_series, only: most_degree, series_type
    implicit none(type, external)
    private
    public :: expand_block, finish_part, follow_links
 
-   integer, private :: b   ! of the constructor that follows
-   integer(long), parameter :: bit(width) = [(shiftl(1_long, b), b=0, width - 1)]
+   integer, parameter :: lanes = 8, vectors = width/lanes
+   integer, private :: b   ! of the constructors that follow
+   integer(long), parameter :: bit(lanes, vectors) = &
+                               reshape([(shiftl(1_long, b), b=0, width - 1)], [lanes, vectors])
+   real(wp), parameter :: order(most_degree) = [(b, b=1, most_degree)]
+   real(wp), parameter :: bend(most_degree) = 0.125_wp*order*(order - 1.0_wp)*(order - 2.0_wp)
 
 contains
 
@@ -103,34 +107,10 @@ contains
    end subroutine follow_links
 
    !> Ends of all paths, and a list of the suspects: joints whose guards may have a zero, as
-   !> 32 (joint - 1) + lane.
+   !> 32 (joint - 1) + lane. Rows are finished two at a time: their suspects are the bits of one
+   !> word.
    subroutine finish_part(paths, list, found)
       type(joint_paths), intent(inout) :: paths
-      integer, intent(inout) :: list(:)
-      integer, intent(out) :: found
-
-      associate (x => paths%x, start => paths%layer(0), finish => paths%finish(0))
-         select case (paths%degree)   ! a constant degree makes loops over powers straight
-         case (6)
-            call finish_rows(6, paths, x(1, 1, start), x(1, 1, 2), x(1, 1, finish), list, found)
-         case (7)
-            call finish_rows(7, paths, x(1, 1, start), x(1, 1, 2), x(1, 1, finish), list, found)
-         case (8)
-            call finish_rows(8, paths, x(1, 1, start), x(1, 1, 2), x(1, 1, finish), list, found)
-         case default
-            call finish_rows(paths%degree, paths, x(1, 1, start), x(1, 1, 2), x(1, 1, finish), &
-                             list, found)
-         end select
-      end associate
-   end subroutine finish_part
-
-   !> Finishes rows two at a time: their suspects are the bits of one word.
-   subroutine finish_rows(degree, paths, start, x, finish, list, found)
-      integer, value :: degree
-      type(joint_paths), intent(in) :: paths
-      real(wp), intent(in) :: start(width, paths%top, 0:1)   !! powers 0 and 1
-      real(wp), intent(in) :: x(width, paths%top, 2:degree)
-      real(wp), intent(inout) :: finish(width, paths%top, 0:1)
       integer, intent(inout) :: list(:)
       integer, intent(out) :: found
       integer(long) :: pair, word
@@ -138,64 +118,76 @@ contains
 
       found = 0
       last = paths%first(paths%n_rows + 1) - 1
-      do first = 1, last, 2
-         call finish_row(degree, paths, first, start, x, paths%regime, paths%slack, finish, pair)
-         if (first < last) then
-            call finish_row(degree, paths, first + 1, start, x, paths%regime, paths%slack, finish, &
-                            word)
-            pair = ior(pair, shiftl(word, width))
-         end if
-         do while (pair /= 0_long)
-            at = trailz(pair)
-            found = found + 1
-            e = first + at/width
-            list(found) = width*(paths%joint(e) - 1) + iand(at, width - 1) + 1
-            pair = ibclr(pair, at)
+      associate (x => paths%x, start => paths%layer(0), finish => paths%finish(0))
+         do first = 1, last, 2
+            call finish_row(paths%degree, paths, first, x(1, 1, start), x(1, 1, 2), paths%regime, &
+                            paths%slack, x(1, 1, finish), pair)
+            if (first < last) then
+               call finish_row(paths%degree, paths, first + 1, x(1, 1, start), x(1, 1, 2), &
+                               paths%regime, paths%slack, x(1, 1, finish), word)
+               pair = ior(pair, shiftl(word, width))
+            end if
+            do while (pair /= 0_long)
+               at = trailz(pair)
+               found = found + 1
+               e = first + at/width
+               list(found) = width*(paths%joint(e) - 1) + iand(at, width - 1) + 1
+               pair = ibclr(pair, at)
+            end do
          end do
-      end do
-   end subroutine finish_rows
+      end associate
+   end subroutine finish_part
 
    !> Finds the least values of a row's guards: a path leaves its chord by at most max |x''|/8 <=
    !> sum k (k - 1)/8 |x_k|, a velocity by sum k (k - 1)(k - 2)/8 |x_k| (3); the guards of the
-   !> chords have their least values at its ends.
+   !> chords have their least values at its ends. Sums stay in registers, as in
+   !> dynamics_exact_powers.
    subroutine finish_row(degree, paths, entry, start, x, regime, slack, finish, word)
-      integer, value :: degree
+      integer, intent(in) :: degree
       type(joint_paths), intent(in) :: paths
       integer, intent(in) :: entry
-      real(wp), intent(in) :: start(width, paths%top, 0:1)   !! powers 0 and 1
-      real(wp), intent(in) :: x(width, paths%top, 2:degree)
-      real(wp), intent(in) :: regime(width, paths%n_joints + 1, 6)
-      real(wp), intent(inout) :: finish(width, paths%top, 0:1)
-      real(wp), intent(inout) :: slack(width, paths%n_joints + 1)
+      real(wp), intent(in) :: start(lanes, vectors, paths%top, 0:1)   !! powers 0 and 1
+      real(wp), intent(in) :: x(lanes, vectors, paths%top, 2:degree)
+      real(wp), intent(in) :: regime(lanes, vectors, paths%n_joints + 1, 6)
+      real(wp), intent(inout) :: finish(lanes, vectors, paths%top, 0:1)
+      real(wp), intent(inout) :: slack(lanes, vectors, paths%n_joints + 1)
       integer(long), intent(out) :: word   !! a bit for every lane whose joint is suspect
-      real(wp) :: offset, path, turn, velocity
-      integer :: i, j, k, l
+      real(wp), dimension(lanes) :: guard, path, turn, velocity
+      integer(long) :: hits(lanes)
+      integer :: i, j, k, l, v
 
       i = paths%joint_row(entry)
       j = paths%joint(entry)
-      word = 0
-      do l = 1, width
-         path = x(l, i, degree)
-         velocity = degree*x(l, i, degree)
-         turn = (0.125_wp*degree*(degree - 1)*(degree - 2))*abs(x(l, i, degree))
-         do k = degree - 1, 3, -1
-            path = path + x(l, i, k)
-            velocity = velocity + k*x(l, i, k)
-            turn = turn + (0.125_wp*k*(k - 1)*(k - 2))*abs(x(l, i, k))
+      hits = 0
+      do v = 1, vectors
+         do l = 1, lanes
+            path(l) = x(l, v, i, degree)
+            velocity(l) = order(degree)*x(l, v, i, degree)
+            turn(l) = bend(degree)*abs(x(l, v, i, degree))
          end do
-         path = start(l, i, 0) + (start(l, i, 1) + (x(l, i, 2) + path))
-         velocity = start(l, i, 1) + (2.0_wp*x(l, i, 2) + velocity)
-         finish(l, i, 0) = path
-         finish(l, i, 1) = velocity
-         offset = max(abs(start(l, i, 0) - regime(l, j, layer_slider)), &
-                      abs(path - regime(l, j, layer_slider)))
-         offset = regime(l, j, layer_hold) - offset - 0.25_wp*abs(x(l, i, 2))
-         velocity = min(regime(l, j, layer_side)*start(l, i, 1), &
-                        regime(l, j, layer_side)*velocity) + regime(l, j, layer_lift)
-         offset = min(offset, velocity) - turn
-         if (paths%keeps_slack) slack(l, j) = offset
-         word = ior(word, merge(bit(l), 0_long, offset < 0.0_wp))
+         do k = degree - 1, 3, -1
+            do l = 1, lanes
+               path(l) = path(l) + x(l, v, i, k)
+               velocity(l) = velocity(l) + order(k)*x(l, v, i, k)
+               turn(l) = turn(l) + bend(k)*abs(x(l, v, i, k))
+            end do
+         end do
+         do l = 1, lanes
+            path(l) = start(l, v, i, 0) + (start(l, v, i, 1) + (x(l, v, i, 2) + path(l)))
+            velocity(l) = start(l, v, i, 1) + (2.0_wp*x(l, v, i, 2) + velocity(l))
+            finish(l, v, i, 0) = path(l)
+            finish(l, v, i, 1) = velocity(l)
+            guard(l) = max(abs(start(l, v, i, 0) - regime(l, v, j, layer_slider)), &
+                           abs(path(l) - regime(l, v, j, layer_slider)))
+            guard(l) = regime(l, v, j, layer_hold) - guard(l) - 0.25_wp*abs(x(l, v, i, 2))
+            velocity(l) = min(regime(l, v, j, layer_side)*start(l, v, i, 1), &
+                              regime(l, v, j, layer_side)*velocity(l)) + regime(l, v, j, layer_lift)
+            guard(l) = min(guard(l), velocity(l)) - turn(l)
+            hits(l) = ior(hits(l), iand(bit(l, v), shifta(transfer(guard(l), 0_long), 63)))   ! sign
+         end do
+         if (paths%keeps_slack) slack(:, v, j) = guard
       end do
+      word = iany(hits)
    end subroutine finish_row
 
 end module dynamics_exact_free_steps

@@ -36,7 +36,7 @@ module dynamics_exact_joint_paths
       real(wp), allocatable :: free_span(:)     !! (entry)
       real(wp), allocatable :: own(:, :)        !! (1:4, row) of a row that answers so (7)
       integer, allocatable :: layer(:)          !! (0:degree)
-      integer :: finish(0:1) = 0
+      integer :: finish(0:1) = 0, spare(0:1) = 0   !! spare: room for other ends
       real(wp), pointer, contiguous :: x(:, :, :) => null()          !! (lane, row, layer)
       !> (lane, joint, layer): z, mu N/k [m]; direction of slip, 0 stuck; weight of the spring in
       !> its row's equation, 0 without friction; what finish_part adds to the guards, see `watch`.
@@ -103,11 +103,12 @@ contains
       allocate (self%layer(0:degree))
       self%layer = [(j, j=0, degree)]
       self%finish = [degree + 1, degree + 2]
+      self%spare = [degree + 3, degree + 4]
 
       rows = self%n_rows + merge(1, 0, modulo(self%n_rows, 2) == 0)   ! layers not 4096 bytes apart
       self%top = rows
-      call self%memory%start(width*(rows*(degree + 5) + 7*(self%n_joints + 1)))
-      call self%memory%take([width, rows, degree + 3], self%x)
+      call self%memory%start(width*(rows*(degree + 7) + 7*(self%n_joints + 1)))
+      call self%memory%take([width, rows, degree + 5], self%x)
       self%x(1:, 1:, 0:) => self%x
       call self%memory%take([width, rows, 2], planes)
       self%stiffness => planes(:, :, 1)

@@ -36,7 +36,6 @@ module dynamics_exact_ledger
    contains
       procedure :: note_answer
       procedure :: add_part
-      procedure :: add_piece
    end type ledger_type
 
 contains
@@ -72,49 +71,58 @@ contains
       allocate (ledger%area(width, size(series%loaded)), source=0.0_wp)
    end function new_ledger
 
-   !> Adds the works of all lanes over one part. Answers to transitions are part of the velocities
-   !> of their own dofs, the others' are left out: they are below a hundredth of it. The force's
-   !> work on an answer is by parts f(1) d(1) - f' times the integral of d.
-   pure subroutine add_part(self, series, push, paths, work)
+   !> Adds the works of all lanes over spans of one part. Answers to transitions are part of the
+   !> velocities of their own dofs, the others' are left out: they are below a hundredth of it. The
+   !> force's work on an answer is by parts f(1) d(1) - f' times the integral of d. Spans other than
+   !> 1 have no answers.
+   pure subroutine add_part(self, series, push, paths, span, work)
       class(ledger_type), intent(inout) :: self
       type(series_type), intent(in) :: series
       real(wp), intent(in) :: push(width, size(series%loaded), 0:1)   !! (.., power) [m]
       type(joint_paths), intent(in) :: paths
+      real(wp), intent(in) :: span(width)           !! [parts]
       real(wp), intent(inout) :: work(width, 2)     !! input, viscous
       real(wp) :: added(width)   ! by transitions, to the end of a path
+      real(wp), dimension(width) :: power, term
       integer :: dof, i, k
 
       associate (x => paths%x, layer => paths%layer)
          do i = 1, size(series%loaded)
             dof = series%loaded(i)
             added = x(:, dof, paths%finish(0)) - x(:, dof, layer(0))
+            power = 1.0_wp
             do k = 1, series%degree
-               added = added - x(:, dof, layer(k))
-               work(:, 1) = work(:, 1) + self%mass(dof)*x(:, dof, layer(k)) &
-                            *(push(:, i, 0) + (real(k, wp)/(k + 1))*push(:, i, 1))
+               power = power*span
+               term = x(:, dof, layer(k))*power
+               added = added - term
+               work(:, 1) = work(:, 1) + self%mass(dof)*term &
+                            *(push(:, i, 0) + (real(k, wp)/(k + 1))*(span*push(:, i, 1)))
             end do
-            work(:, 1) = work(:, 1) + self%mass(dof)*(added*(push(:, i, 0) + push(:, i, 1)) &
+            work(:, 1) = work(:, 1) + self%mass(dof)*(added*(push(:, i, 0) + span*push(:, i, 1)) &
                                                       - self%area(:, i)*push(:, i, 1))
          end do
-         call add_viscous(self, series%degree, paths%top, x(1, 1, layer(1)), x(1, 1, 2), work(:, 2))
+         call add_viscous(self, series%degree, paths%top, span, x(1, 1, layer(1)), x(1, 1, 2), &
+                          work(:, 2))
       end associate
       self%n_answers = 0
       self%area = 0.0_wp
    end subroutine add_part
 
    !> Adds the work of the dampers. Sums stay in registers, as in dynamics_exact_powers.
-   pure subroutine add_viscous(self, degree, top, x1, x, work)
+   pure subroutine add_viscous(self, degree, top, span, x1, x, work)
       class(ledger_type), intent(in) :: self
       integer, intent(in) :: degree, top
+      real(wp), intent(in) :: span(lanes, vectors)
       real(wp), intent(in) :: x1(lanes, vectors, top), x(lanes, vectors, top, 2:degree)
       real(wp), intent(inout) :: work(lanes, vectors)
       real(wp) :: velocity(lanes, vectors, size(self%mass))
       real(wp), dimension(lanes) :: a1, a2, a3, a4
-      real(wp) :: t
+      real(wp), dimension(lanes, vectors) :: t, weight
       integer :: e, g, i, j, k, l
 
       do g = 1, size(self%node)
-         t = self%node(g)
+         t = self%node(g)*span
+         weight = self%weight(g)*span
          do i = 1, size(self%mass)
             do l = 1, lanes
                a1(l) = degree*x(l, 1, i, degree)
@@ -124,20 +132,20 @@ contains
             end do
             do k = degree - 1, 2, -1
                do l = 1, lanes
-                  a1(l) = a1(l)*t + k*x(l, 1, i, k)
-                  a2(l) = a2(l)*t + k*x(l, 2, i, k)
-                  a3(l) = a3(l)*t + k*x(l, 3, i, k)
-                  a4(l) = a4(l)*t + k*x(l, 4, i, k)
+                  a1(l) = a1(l)*t(l, 1) + k*x(l, 1, i, k)
+                  a2(l) = a2(l)*t(l, 2) + k*x(l, 2, i, k)
+                  a3(l) = a3(l)*t(l, 3) + k*x(l, 3, i, k)
+                  a4(l) = a4(l)*t(l, 4) + k*x(l, 4, i, k)
                end do
             end do
             do l = 1, lanes
-               velocity(l, 1, i) = a1(l)*t + x1(l, 1, i)
-               velocity(l, 2, i) = a2(l)*t + x1(l, 2, i)
-               velocity(l, 3, i) = a3(l)*t + x1(l, 3, i)
-               velocity(l, 4, i) = a4(l)*t + x1(l, 4, i)
+               velocity(l, 1, i) = a1(l)*t(l, 1) + x1(l, 1, i)
+               velocity(l, 2, i) = a2(l)*t(l, 2) + x1(l, 2, i)
+               velocity(l, 3, i) = a3(l)*t(l, 3) + x1(l, 3, i)
+               velocity(l, 4, i) = a4(l)*t(l, 4) + x1(l, 4, i)
             end do
          end do
-         call add_answers(self, degree, t, velocity)
+         call add_answers(self, degree, self%node(g), velocity)
          do i = 1, size(self%mass)
             do l = 1, lanes
                a1(l) = self%decay(i)*velocity(l, 1, i)
@@ -155,10 +163,10 @@ contains
                end do
             end do
             do l = 1, lanes
-               work(l, 1) = work(l, 1) + self%weight(g)*velocity(l, 1, i)*a1(l)
-               work(l, 2) = work(l, 2) + self%weight(g)*velocity(l, 2, i)*a2(l)
-               work(l, 3) = work(l, 3) + self%weight(g)*velocity(l, 3, i)*a3(l)
-               work(l, 4) = work(l, 4) + self%weight(g)*velocity(l, 4, i)*a4(l)
+               work(l, 1) = work(l, 1) + weight(l, 1)*velocity(l, 1, i)*a1(l)
+               work(l, 2) = work(l, 2) + weight(l, 2)*velocity(l, 2, i)*a2(l)
+               work(l, 3) = work(l, 3) + weight(l, 3)*velocity(l, 3, i)*a3(l)
+               work(l, 4) = work(l, 4) + weight(l, 4)*velocity(l, 4, i)*a4(l)
             end do
          end do
       end do
@@ -206,34 +214,5 @@ contains
          answer%power = power
       end associate
    end subroutine note_answer
-
-   !> Adds the works of one sample over a piece of a part.
-   pure subroutine add_piece(self, series, push, x, span, work)
-      class(ledger_type), intent(in) :: self
-      type(series_type), intent(in) :: series
-      real(wp), intent(in) :: push(:, 0:)      !! (loaded dof, power) now and its rise in a part [m]
-      real(wp), intent(in) :: x(:, 0:)         !! (row, power) about the beginning of the piece
-      real(wp), intent(in) :: span             !! [parts]
-      real(wp), intent(inout) :: work(:)       !! input, viscous
-      real(wp) :: velocity(series%n_dof)
-      integer :: g, i, k
-
-      do i = 1, size(series%loaded)
-         do k = 1, series%degree
-            work(1) = work(1) + self%mass(series%loaded(i))*x(series%loaded(i), k)*span**k &
-                      *(push(i, 0) + (real(k, wp)/(k + 1))*span*push(i, 1))
-         end do
-      end do
-      do g = 1, size(self%node)
-         velocity = 0.0_wp
-         do k = series%degree, 1, -1
-            velocity = velocity*(self%node(g)*span) + k*x(:series%n_dof, k)
-         end do
-         do i = 1, series%n_dof
-            work(2) = work(2) - 2.0_wp*span*self%weight(g)*self%mass(i)*velocity(i) &
-                      *series%damping(0)%row_times(i, velocity)
-         end do
-      end do
-   end subroutine add_piece
 
 end module dynamics_exact_ledger

@@ -73,7 +73,6 @@ contains
       if (allocated(error)) return
       form%h = form%operators%h
       form%n_forces = structure%n_forces
-      form%has_works_of_all = .true.
       form%n_padded = padded_rows(form%operators%n_rows)
       form%m_padded = padded_rows(structure%n_joints)
    end subroutine new_modal_form
@@ -298,21 +297,33 @@ contains
    end subroutine correct
 
    !> See base_system.
-   subroutine redo(self, lane, begin, state, error)
+   subroutine redo(self, is_involved, begin, state, error)
       class(modal_form), intent(inout) :: self
-      integer, intent(in) :: lane
+      logical, intent(in) :: is_involved(:)
       real(wp), intent(in) :: begin
       type(block_state), intent(inout) :: state
       type(error_type), allocatable, intent(out) :: error
       real(wp) :: first
-      integer :: round
+      integer :: lane
 
-      associate (paths => self%lane)
-         if (.not. allocated(paths%slack)) call paths%start(self%operators%n_joints, &
-                                                            self%operators%n_moments)
+      if (.not. allocated(self%lane%slack)) call self%lane%start(self%operators%n_joints, &
+                                                                 self%operators%n_moments)
+      do lane = 1, size(is_involved)
+         if (.not. is_involved(lane)) cycle
+         call march_again(self%lane)
+         if (allocated(error)) return
+      end do
+
+   contains
+
+      !> Marches one sample through the part.
+      subroutine march_again(paths)
+         type(lane_paths), intent(inout) :: paths
+         integer :: round
+
          call paths%begin(self%paths%slack(lane, :self%operators%n_joints), &
                           self%sliders%moves(lane - lanes*(group_of(lane) - 1), &
-                                            :self%operators%n_joints, group_of(lane)))
+                                             :self%operators%n_joints, group_of(lane)))
          do round = 0, self%max_transitions
             call adopt_suspects(paths)
             call paths%find_crossings()
@@ -327,9 +338,7 @@ contains
             return
          end if
          if (round > 0) call put_changes(paths)
-      end associate
-
-   contains
+      end subroutine march_again
 
       !> Adopts the joints whose guards may have a zero.
       subroutine adopt_suspects(paths)

@@ -36,8 +36,6 @@ module dynamics_exact_series
       integer, allocatable :: loaded(:)                 !! dofs with a load
       real(wp), allocatable :: load(:, :)               !! (loaded dof, force) h^2 b/m [m/N]
    contains
-      procedure :: expand
-      procedure :: follow_links
       procedure :: work
    end type series_type
 
@@ -48,7 +46,7 @@ contains
       class(series_type), intent(in) :: self
       integer :: k
 
-      work = 20.0_wp*self%n_rows + (self%degree - 1.0_wp)* &   ! guards; springs, links
+      work = 3.5_wp*self%degree*self%n_rows + (self%degree - 1.0_wp)* &   ! guards; springs, links
              (size(self%springs%value) + 2*self%n_dof + 2*size(self%end_dof))
       do k = 0, self%degree - 2
          work = work + size(self%damping(k)%value)
@@ -293,55 +291,5 @@ contains
          end associate
       end do
    end subroutine put_loads
-
-   !> Fills x_2 .. x_P of one sample from x_0, x_1.
-   pure subroutine expand(self, stiffness, pull, push, x)
-      class(series_type), intent(in) :: self
-      real(wp), intent(in) :: stiffness(:)   !! (row) K^_ii with the stuck joints of the row
-      real(wp), intent(in) :: pull(:)        !! (row) force of the joints at x = 0
-      real(wp), intent(in) :: push(:, 0:)    !! (loaded dof, power) force now and its rise
-      real(wp), intent(inout) :: x(:, 0:)    !! (row, power)
-      real(wp) :: force
-      integer :: e, g, i, k
-
-      call self%follow_links(x(:, 0))
-      call self%follow_links(x(:, 1))
-      do k = 0, self%degree - 2
-         do i = 1, self%n_dof
-            force = stiffness(i)*x(i, k)
-            if (k == 0) force = force - pull(i)
-            x(i, k + 2) = force + self%springs%row_times(i, x(:, k))
-         end do
-         do g = 1, self%n_links
-            associate (row => self%n_dof + g)
-               force = stiffness(row)*x(row, k)
-               if (k == 0) force = force - pull(row)
-            end associate
-            do e = self%first_end(g), self%first_end(g + 1) - 1
-               x(self%end_dof(e), k + 2) = x(self%end_dof(e), k + 2) + self%mobility(e)*force
-            end do
-         end do
-         if (k <= 1) x(self%loaded, k + 2) = x(self%loaded, k + 2) - push(:, k)
-         do i = 1, self%n_dof
-            x(i, k + 2) = self%damping(k)%row_times(i, x(:, k + 1)) &
-                          - x(i, k + 2)*(1.0_wp/((k + 1)*(k + 2)))
-         end do
-         call self%follow_links(x(:, k + 2))
-      end do
-   end subroutine expand
-
-   !> Forms the paths of the links from those of the dofs, one power of one sample.
-   pure subroutine follow_links(self, x)
-      class(series_type), intent(in) :: self
-      real(wp), intent(inout) :: x(:)   !! (row)
-      integer :: g
-
-      do g = 1, self%n_links
-         associate (first => self%first_end(g), last => self%first_end(g + 1) - 1)
-            x(self%n_dof + g) = dot_product(self%direction(first:last), &
-                                            x(self%end_dof(first:last)))
-         end associate
-      end do
-   end subroutine follow_links
 
 end module dynamics_exact_series

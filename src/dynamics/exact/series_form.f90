@@ -30,6 +30,8 @@ module dynamics_exact_series_form
       type(local_answers) :: answers
       type(power_operator), allocatable :: operators(:)   !! (0:degree - 2)
       real(wp), allocatable :: push(:, :, :)        !! (lane, loaded dof, value and rise)
+      logical :: has_works = .false.                !! counted by redo
+      real(wp) :: works(width, 2) = 0.0_wp          !! (lane, input viscous) of the part [J]
    contains
       procedure :: begin
       procedure :: take
@@ -60,22 +62,20 @@ contains
       call new_local_answers(structure, form%series, tolerance, form%answers)
    end subroutine new_series_form
 
-   !> Work of a step of so many parts (11). A transition that is not answered locally begins the
-   !> series of its sample anew, as does the part that it is found in; alone, without the samples
-   !> beside it, a multiplication takes as long as 45.
+   !> Work of a step of so many parts (11). A transition that is not answered locally begins all
+   !> series anew.
    pure type(march_work) function work(self, parts)
       class(series_form), intent(in) :: self
       integer, intent(in) :: parts
-      real(wp), parameter :: alone = 45.0_wp, local = 1500.0_wp
+      real(wp), parameter :: local = 1500.0_wp, anew = 6000.0_wp
 
       work%step = parts*self%series%work()
       work%lanes = width
       work%n_parts = parts
-      work%begin_anew = alone*self%series%work()
       associate (is_local => self%answers%is_local)
          work%share_anew = real(count(.not. is_local), wp)/max(1, size(is_local))
       end associate
-      work%transition = (1.0_wp - work%share_anew)*local + work%share_anew*work%begin_anew
+      work%transition = (1.0_wp - work%share_anew)*local + work%share_anew*anew
    end function work
 
    !> See base_system.
@@ -114,9 +114,8 @@ contains
                   x(l, i, layer(1)) = state%velocity_step(i, w)
             end do
          end do
-         call follow_links(size(x, 2), self%series, x(:, :, layer(0)))
-         call follow_links(size(x, 2), self%series, x(:, :, layer(1)))
       end associate
+      call follow_starts(self)
    end subroutine take
 
    !> See base_system.
@@ -236,133 +235,173 @@ contains
       end do
    end subroutine add_answer
 
-   !> See base_system. After a stick the joint stands at its limit and at rest, so that its guard is
-   !> not found at zero again.
-   subroutine redo(self, lane, begin, state, error)
+   !> See base_system. In each round the series of all samples begin anew where the marked ones have
+   !> come to, and those of them that have a transition on their way go on to it. After a stick the
+   !> joint stands at its limit and at rest, so that its guard is not found at zero again.
+   subroutine redo(self, is_involved, begin, state, error)
       class(series_form), intent(inout) :: self
-      integer, intent(in) :: lane
+      logical, intent(in) :: is_involved(:)
       real(wp), intent(in) :: begin
       type(block_state), intent(inout) :: state
       type(error_type), allocatable, intent(out) :: error
       real(wp), parameter :: same_instant = 4.0_wp*epsilon(1.0_wp)
-      real(wp) :: x(self%series%n_rows, 0:self%series%degree), push(size(self%series%loaded), 0:1)
-      real(wp) :: crossing(size(self%series%row)), first, now, span
-      logical :: has_stuck(size(self%series%row))
-      integer :: round
+      logical :: has_stuck(width, size(self%series%row)), is_on_way(width)
+      real(wp), dimension(width) :: first, now, span   ! [parts]
+      real(wp) :: crossing(width, size(self%series%row))
+      integer :: finish(0:1), found, l, list(width*size(self%series%row)), round
 
-      x = 0.0_wp
-      x(:, 0) = self%paths%x(lane, :self%series%n_rows, self%paths%layer(0))
-      x(:, 1) = self%paths%x(lane, :self%series%n_rows, self%paths%layer(1))
+      is_on_way = .not. is_involved
+      if (self%keeps_ledger) call count_works(self, spread(1.0_wp, 1, width), is_on_way)
+      finish = self%paths%finish
+      self%paths%finish = self%paths%spare
+      is_on_way = is_involved
       has_stuck = .false.
       now = 0.0_wp
       do round = 0, self%max_transitions
-         push(:, 0) = self%push(lane, :, 1) + now*self%push(lane, :, 2)
-         push(:, 1) = self%push(lane, :, 2)
-         call self%series%expand(self%paths%stiffness(lane, :self%series%n_rows), &
-                                 self%paths%pull(lane, :self%series%n_rows), push, x)
-         call find_crossings(1.0_wp - now)
-         first = minval(crossing)
+         call expand_block(self%series, self%operators, self%push, self%paths)
+         call finish_part(self%paths, list, found)
+         call find_crossings()
+         first = minval(crossing, 2)
          span = min(first, 1.0_wp - now)
-         if (state%keeps_ledger) call add_work(span)
-         call advance(span)
-         if (.not. first < no_crossing) exit
-         now = now + span
-         call switch_joints()
+         associate (x => self%paths%x, from => self%paths%layer(0), to => self%paths%finish(0))
+            call move_on(self%series%degree, size(x, 2), span, x(1, 1, from), x(1, 1, 2), &
+                         x(1, 1, to))
+         end associate
+         if (self%keeps_ledger) call count_works(self, span, is_on_way)
+         do l = 1, width
+            if (is_on_way(l)) call go_to_transition()
+         end do
+         if (.not. any(is_on_way)) exit
+         call follow_starts(self)
       end do
-      if (round > self%max_transitions) then
-         call raise_too_many(self, minloc(crossing, 1), lane, begin, error)
-         return
-      end if
-      self%paths%x(lane, :self%series%n_rows, self%paths%finish(0)) = x(:, 0)
-      self%paths%x(lane, :self%series%n_rows, self%paths%finish(1)) = x(:, 1)
+      self%paths%finish = finish
+      if (.not. any(is_on_way)) return
+      l = findloc(is_on_way, .true., 1)
+      call raise_too_many(self, minloc(crossing(l, :), 1), l, begin, error)
 
    contains
 
-      !> Finds the first zero of the guard of every joint within what is left of the part.
-      subroutine find_crossings(left)
-         real(wp), intent(in) :: left
+      !> Finds the first zeros of the guards of the suspects within what is left of the part.
+      subroutine find_crossings()
          real(wp) :: path(0:self%series%degree)
-         integer :: j
+         integer :: j, k, s
 
-         do j = 1, size(crossing)
-            associate (regime => self%paths%regime(lane, j, :))
-               path = x(self%series%row(j), :)
-               if (has_stuck(j)) path(1) = 0.0_wp
-               if (has_stuck(j)) path(0) = regime(layer_slider) + &
-                                           sign(regime(layer_reach), path(0) - regime(layer_slider))
-               crossing(j) = first_transition(path, regime(layer_side), regime(layer_slider), &
-                                              regime(layer_reach), left)
+         crossing = no_crossing
+         do s = 1, found
+            l = iand(list(s) - 1, width - 1) + 1
+            if (.not. is_on_way(l)) cycle
+            j = (list(s) - 1)/width + 1
+            associate (regime => self%paths%regime(l, j, :), layer => self%paths%layer)
+               path = [(self%paths%x(l, self%series%row(j), layer(k)), k=0, self%series%degree)]
+               if (has_stuck(l, j)) path(0:1) = [regime(layer_slider) + sign( &
+                                                 regime(layer_reach), &
+                                                 path(0) - regime(layer_slider)), 0.0_wp]
+               crossing(l, j) = first_transition(path, regime(layer_side), regime(layer_slider), &
+                                                 regime(layer_reach), 1.0_wp - now(l))
             end associate
          end do
       end subroutine find_crossings
 
-      !> Adds the works of the piece to those of the sample.
-      subroutine add_work(span)
-         real(wp), intent(in) :: span
-         real(wp) :: work(2)
+      !> Begins anew at the transition of a sample; without one it is at the end of the part.
+      subroutine go_to_transition()
+         integer :: to(0:1)
 
-         work = 0.0_wp
-         call self%ledger%add_piece(self%series, push, x, span, work)
-         associate (sample => self%paths%first_sample + lane - 1)
-            state%work_input(sample) = state%work_input(sample) + work(1)
-            state%work_viscous(sample) = state%work_viscous(sample) + work(2)
-         end associate
-      end subroutine add_work
+         is_on_way(l) = first(l) < no_crossing
+         to = merge(self%paths%layer(0:1), finish, is_on_way(l))
+         self%paths%x(l, :, to(0)) = self%paths%x(l, :, self%paths%finish(0))
+         self%paths%x(l, :, to(1)) = self%paths%x(l, :, self%paths%finish(1))
+         if (.not. is_on_way(l)) return
+         now(l) = now(l) + span(l)
+         self%push(l, :, 1) = self%push(l, :, 1) + span(l)*self%push(l, :, 2)
+         call switch_joints()
+      end subroutine go_to_transition
 
-      !> Moves the state on, from all powers to the first two.
-      subroutine advance(span)
-         real(wp), intent(in) :: span
-         real(wp), dimension(size(x, 1)) :: slope, value
-         integer :: k
-
-         value = x(:, self%series%degree)
-         slope = 0.0_wp
-         do k = self%series%degree - 1, 0, -1
-            slope = slope*span + value
-            value = value*span + x(:, k)
-         end do
-         x(:, 0) = value
-         x(:, 1) = slope
-      end subroutine advance
-
-      !> Switches all joints that cross now, in their order.
+      !> Switches all joints of a sample that cross now, in their order.
       subroutine switch_joints()
          integer :: direction, j, sample
          real(wp) :: time
 
-         sample = self%paths%first_sample + lane - 1
-         time = (begin + now)*self%h
-         do j = 1, size(crossing)
-            has_stuck(j) = .false.
-            if (crossing(j) > span + same_instant) cycle
-            associate (row => self%series%row(j), side => self%paths%regime(lane, j, layer_side))
-               if (abs(side) > 0.0_wp) then
-                  has_stuck(j) = .true.
-                  if (row <= self%series%n_dof) x(row, 1) = 0.0_wp
-                  call self%paths%switch(lane, j, nint(side), x(row, 0))
-                  call enter_transition(state, j, sample, time, x(row, 0), 0)
+         sample = self%paths%first_sample + l - 1
+         time = (begin + now(l))*self%h
+         do j = 1, size(crossing, 2)
+            has_stuck(l, j) = crossing(l, j) <= span(l) + same_instant .and. &
+                              abs(self%paths%regime(l, j, layer_side)) > 0.0_wp
+            if (crossing(l, j) > span(l) + same_instant) cycle
+            associate (row => self%series%row(j), side => self%paths%regime(l, j, layer_side), &
+                       place => self%paths%x(l, self%series%row(j), self%paths%layer(0)), &
+                       velocity => self%paths%x(l, self%series%row(j), self%paths%layer(1)))
+               direction = 0
+               if (has_stuck(l, j)) then
+                  if (row <= self%series%n_dof) velocity = 0.0_wp
+                  call self%paths%switch(l, j, nint(side), place)
                else
-                  direction = slip_direction(x(row, 1))
-                  call self%paths%switch(lane, j, direction, x(row, 0))
-                  call enter_transition(state, j, sample, time, x(row, 0), direction)
+                  direction = slip_direction(velocity)
+                  call self%paths%switch(l, j, direction, place)
                end if
+               call enter_transition(state, j, sample, time, place, direction)
             end associate
          end do
       end subroutine switch_joints
 
    end subroutine redo
 
+   !> Finds the ends of all paths after a span of their own.
+   pure subroutine move_on(degree, top, span, start, x, finish)
+      integer, intent(in) :: degree, top
+      real(wp), intent(in) :: span(width)            !! [parts]
+      real(wp), intent(in) :: start(width, top, 0:1)   !! powers 0 and 1
+      real(wp), intent(in) :: x(width, top, 2:degree)
+      real(wp), intent(inout) :: finish(width, top, 0:1)
+      real(wp), dimension(width) :: slope, value
+      integer :: i, k
+
+      do i = 1, top
+         value = x(:, i, degree)
+         slope = 0.0_wp
+         do k = degree - 1, 2, -1
+            slope = slope*span + value
+            value = value*span + x(:, i, k)
+         end do
+         do k = 1, 0, -1
+            slope = slope*span + value
+            value = value*span + start(:, i, k)
+         end do
+         finish(:, i, 0) = value
+         finish(:, i, 1) = slope
+      end do
+   end subroutine move_on
+
+   !> Counts the works of the marked samples over a span of their own from the start of the paths.
+   subroutine count_works(self, span, is_counted)
+      class(series_form), intent(inout) :: self
+      real(wp), intent(in) :: span(width)   !! [parts]
+      logical, intent(in) :: is_counted(width)
+      real(wp) :: work(width, 2)
+
+      work = 0.0_wp
+      call self%ledger%add_part(self%series, self%push, self%paths, span, work)
+      where (spread(is_counted, 2, 2)) self%works = self%works + work
+      self%has_works = .true.
+   end subroutine count_works
+
    !> See base_system.
    subroutine go_on(self)
       class(series_form), intent(inout) :: self
 
       call self%paths%exchange_ends()
+      call follow_starts(self)
+   end subroutine go_on
+
+   !> Forms the starts of the links' paths.
+   subroutine follow_starts(self)
+      class(series_form), intent(inout) :: self
+
       if (self%series%n_links == 0) return
       associate (x => self%paths%x, layer => self%paths%layer)
          call follow_links(size(x, 2), self%series, x(:, :, layer(0)))
          call follow_links(size(x, 2), self%series, x(:, :, layer(1)))
       end associate
-   end subroutine go_on
+   end subroutine follow_starts
 
    !> See base_system.
    subroutine put_state(self, displacement, velocity)
@@ -381,7 +420,11 @@ contains
       class(series_form), intent(inout) :: self
       real(wp), intent(inout) :: work(:, :)
 
-      call self%ledger%add_part(self%series, self%push, self%paths, work)
+      if (.not. self%has_works) &
+         call count_works(self, spread(1.0_wp, 1, width), spread(.true., 1, width))
+      work = work + self%works
+      self%works = 0.0_wp
+      self%has_works = .false.
    end subroutine add_works
 
 end module dynamics_exact_series_form
