@@ -6,8 +6,9 @@ module campaign_sample
    use campaign_results, only: block_result
    use campaign_runner, only: runner_type
    use campaign_time_average, only: count_spans, end_of_span, errors_of_averages, fewest_spans
-   use core_error, only: error_type
+   use core_error, only: error_type, exit_no_solution, raise
    use core_kinds, only: wp
+   use core_text, only: to_text
    use dynamics_joint, only: close_account
    use dynamics_response, only: block_state, start_block, stored_energy
    use structure_model, only: structure_type
@@ -75,6 +76,7 @@ contains
          end do
       end associate
       call collect(runner, march, result)
+      call check_range(result, error)
    end subroutine run_block
 
    !> True if a march is to stop: never, where it is short.
@@ -343,6 +345,20 @@ contains
       power = runner%spectra%power_series()
       result%power_series = by_sample(reshape(power, [size(power)/n_series, n_series]), n_dof)
    end subroutine collect_spectra
+
+   !> Refuses results whose squares would overflow, or that have overflown.
+   pure subroutine check_range(result, error)
+      type(block_result), intent(in) :: result
+      type(error_type), allocatable, intent(out) :: error
+      real(wp), parameter :: largest = 1.0e150_wp
+      logical :: is_within
+
+      is_within = all(result%slip_distance <= largest) .and. all(result%dissipation <= largest)
+      if (allocated(result%psd)) is_within = is_within .and. all(result%psd <= largest)
+      if (.not. is_within) call raise(error, exit_no_solution, 'case '// &
+                                      to_text(result%case_number)//': spectra or slip beyond '// &
+                                      '1e150: scale the units of the scene')
+   end subroutine check_range
 
    !> (place, dof and sample as one index) as (dof, place, sample)
    pure function by_sample(values, n_dof) result(swapped)

@@ -53,6 +53,27 @@ def test_a_force_file_that_never_ends_is_refused_at_once(entroslip, tmp_path):
         assert done.stderr.endswith(f"{name}: is empty, or a pipe or a device\n")
 
 
+@pytest.mark.parametrize("method", ["newmark", "event"])
+@pytest.mark.parametrize(("factor", "quantity"), [("1e1", "spectrum"), ("1e55", "slip")])
+def test_results_too_large_for_their_squares_are_refused(
+    entroslip, tmp_path, method, factor, quantity
+):
+    """Each value is in range, the response is not. At 1e152 m even lanes without a sample slip."""
+    (tmp_path / "force.txt").write_text("\n".join(f"{i % 7 - 3}e97" for i in range(4001)))
+    force = f"kind = 'file' file = 'force.txt' factor = {factor}"
+    scene = scene_with(tmp_path, "variance = 3.7, 41.1", force)
+    words = [f"integration%method='{method}'", f"output%quantities='{quantity}'"]
+    words = [word for setting in words for word in ("--set", setting)]
+    done = entroslip("run", scene, "--output", "large.h5", *words)
+    assert done.returncode == 4
+    assert re.fullmatch(
+        "entroslip: (case [12]: spectra or slip beyond 1e150: scale the units of the scene|"
+        "joint . of sample 1 of its block: more than 1000 transitions in the step .*)\n",
+        done.stderr,
+    )
+    assert not (tmp_path / "large.h5").exists()
+
+
 def test_a_logger_s_file_is_a_force_file(entroslip, tmp_path):
     """Byte order mark, comments of either kind, times; another sampling step is refused."""
     lines = [f"{0.01 * i:.4f} {i % 7} # value {i}" for i in range(1001)]

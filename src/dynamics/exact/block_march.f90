@@ -53,7 +53,7 @@ contains
       type(error_type), allocatable, intent(out) :: error
       type(march_room) :: room
       real(wp) :: push(width, base%n_forces, 0:1)
-      integer :: first, part, step
+      integer :: first, l, part, step
 
       base%keeps_ledger = state%keeps_ledger
       call base%begin()
@@ -66,6 +66,7 @@ contains
       samples: do first = 1, state%n_samples, width
          base%paths%first_sample = first
          base%paths%n_samples = min(width, state%n_samples - first + 1)
+         room%is_involved = [(l > base%paths%n_samples, l=1, width)]
          call base%take(state)
          call base%paths%take_in(structure%joint_stiffness, state)
          call list_sliding(base, state, room)
@@ -101,7 +102,7 @@ contains
       integer :: found, s
 
       call base%run_part(push, room%list, found)
-      if (.not. room%is_independent) room%is_involved = .false.
+      if (.not. room%is_independent) room%is_involved(:base%paths%n_samples) = .false.
       if (found > 0) call make_transitions(base, found, begin, state, room, error)
       if (allocated(error)) return
       if (state%keeps_ledger) call keep_ledger(base, state)
