@@ -1,15 +1,16 @@
 """Two designs side by side: differences sample by sample, with their errors.
 
-The same seed and the same process mean the same friction values, sample by sample, and the same
-force record. Then results differ by the design alone, and a difference has a far smaller error than
-either result. Where the seeds differ, the errors of the two results are added in squares.
+Samples of the same number are compared. The same seed and the same process mean the same friction
+values, and the same force. Then results differ by the design alone, and a difference has a far
+smaller error than either result. Where the seeds differ, the errors of the two results are added in
+squares.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
-from functools import partial
+from functools import cached_property, partial
 from pathlib import Path
 
 import numpy as np
@@ -52,25 +53,52 @@ class Pair:
     label: str
     is_paired: bool  # sample by sample
 
+    @cached_property
+    def rows(self) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
+        """Places of the samples that both have, by their numbers."""
+        numbers = [case.data["sample"].values for case in (self.before, self.after)]
+        return np.intersect1d(*numbers, assume_unique=True, return_indices=True)[1:]
+
     @property
     def n_samples(self) -> int:
         """Samples that both have."""
-        return min(self.before.n_samples, self.after.n_samples)
+        return len(self.rows[0])
 
     def samples(self, name: str) -> tuple[Values, Values] | None:
         """A dataset of every sample, before and after; None where either file has it not."""
+        return self._both(name, lambda case: case.data[name].values)
+
+    def powers(self) -> tuple[Values, Values] | None:
+        """Pseudo-variances (sample, dof), each by the frequencies of its own file."""
+        return self._both("psd", lambda case: case.data["psd"].values.sum(axis=1) * _step(case))
+
+    def spectra(self) -> tuple[Values, Values] | None:
+        """Spectra at the frequencies of both files; None where those are not equally far apart."""
+        if not (self.before.has("psd") and self.after.has("psd")):
+            return None
+        if not np.isclose(_step(self.before), _step(self.after), rtol=1e-9, atol=0.0):
+            return None
+        n = min(case.data.sizes["frequency"] for case in (self.before, self.after))
+        return self._both("psd", lambda case: case.data["psd"].values[:, :n])
+
+    def _both(self, name: str, read: Callable[[Case], Values]) -> tuple[Values, Values] | None:
         if not (self.before.has(name) and self.after.has(name)):
             return None
         first, second = (
-            np.asarray(case.data[name].values, dtype=float)[: self.n_samples]
-            for case in (self.before, self.after)
+            np.asarray(read(case), dtype=float)[rows]
+            for case, rows in zip((self.before, self.after), self.rows, strict=True)
         )
         if first.shape != second.shape:
             raise InputError(
                 f"{self.label}: {name} has the shape {first.shape} before and {second.shape} after:"
-                " only structures with the same joints and spectra can be compared"
+                " only structures with the same joints and dofs can be compared"
             )
         return first, second
+
+
+def _step(case: Case) -> float:
+    """Distance of the frequencies of the spectra [Hz]."""
+    return float(np.diff(case.data["frequency"].values[:2])[0])
 
 
 def pair_cases(before: Results, after: Results) -> list[Pair]:
@@ -86,7 +114,28 @@ def pair_cases(before: Results, after: Results) -> list[Pair]:
         raise InputError(
             f"{before.path} and {after.path}: no case of the same process under the same force"
         )
+    for pair in pairs:
+        if pair.n_samples == 0:
+            raise InputError(f"{before.path} and {after.path}: {pair.label}: no sample is in both")
     return pairs
+
+
+def in_common(before: Results, after: Results, pairs: Sequence[Pair]) -> str:
+    """Names of what the samples of two files with the same seed have in common."""
+    frictions = (pair.samples("friction") for pair in pairs)
+    shared = []
+    if all(values is not None and np.array_equal(*values) for values in frictions):
+        shared.append("friction values")
+    if _force_settings(before) == _force_settings(after):
+        shared.append("force")
+    return " and ".join(f"the same {word}" for word in shared or ["seed"])
+
+
+def _force_settings(results: Results) -> list[str]:
+    """Lines of the settings that shape the force."""
+    words = ("excitation%", "integration%dt ", "integration%n_steps ", "hash of the force file ")
+    lines = str(results.attrs.get("settings", "")).splitlines()
+    return [line for line in lines if line.startswith(words)]
 
 
 def _key(case: Case) -> tuple[object, ...]:
@@ -138,11 +187,9 @@ def _changes(pair: Pair) -> Iterator[tuple[str, float, Change]]:
         values = pair.samples(name)
         if values is not None:
             yield text, 1.0, mean_change(*values, pair.is_paired)
-    spectra = pair.samples("psd")
-    if spectra is not None:
-        step = float(np.diff(pair.before.data["frequency"].values[:2])[0])
-        first, second = (values.sum(axis=1) * step for values in spectra)
-        yield "pseudo-variance [m²]", 1.0, mean_change(first, second, pair.is_paired)
+    powers = pair.powers()
+    if powers is not None:
+        yield "pseudo-variance [m²]", 1.0, mean_change(*powers, pair.is_paired)
 
 
 def change_table(before: Results, after: Results, pairs: Sequence[Pair]) -> Table:
@@ -162,9 +209,9 @@ def change_table(before: Results, after: Results, pairs: Sequence[Pair]) -> Tabl
                     )
                 )  # fmt: skip
     how = (
-        "Samples have the same friction values and the same force in both files, so errors are"
-        " those of the differences sample by sample. 'gain' is how many times larger they would be"
-        " with other samples."
+        f"Samples have {in_common(before, after, pairs)} in both files, so errors are those of the"
+        " differences sample by sample. 'gain' is how many times larger they would be with other"
+        " samples."
         if pairs[0].is_paired
         else "The seeds differ: errors of the two results are added in squares."
     )
@@ -188,7 +235,7 @@ def change_figures(pairs: Sequence[Pair]) -> list[Figure]:
                 "The friction study", (partial(_draw_slip, slips),),
             )
         )  # fmt: skip
-    spectra = [pair for pair in pairs if pair.samples("psd") is not None and pair.n_samples > 1]
+    spectra = [pair for pair in pairs if pair.n_samples > 1 and pair.spectra() is not None]
     if spectra:
         figures.append(
             Figure(
@@ -218,7 +265,7 @@ def _draw_slip(pairs: Sequence[Pair], axes: Axes) -> None:
 
 
 def _draw_spectra(pair: Pair, axes: Axes) -> None:
-    spectra = pair.samples("psd")
+    spectra = pair.spectra()
     if spectra is None:
         return
     before, after = spectra

@@ -15,7 +15,7 @@ _PERCENT = 100.0
 _NOTE = (
     "Changes of means over the samples of both files, the largest fall of the rms first. Standard"
     " errors are in brackets, in units of the last digits; they are those of the differences sample"
-    " by sample where the seeds agree. All files have the same force record: the scatter of the"
+    " by sample where the seeds agree. Where all samples have one force record, the scatter of the"
     " changes with the record is not included."
 )
 
@@ -33,7 +33,7 @@ def table_designs(before: Results, afters: Sequence[Results]) -> Table:
             for pair in _pairs(before, after)
             if pair.label == label
         ]
-        own.sort(key=lambda row: row[0][0])
+        own.sort(key=lambda row: np.nan_to_num(row[0][0], nan=np.inf))
         rows += [(label, name, *_cells(rms, pair)) for rms, name, pair in own]
     header = (
         "case", "design", f"rms of {before.place} {_forced(before)} [%]", "time in slip [points]",
@@ -57,12 +57,11 @@ def _forced(results: Results) -> int:
 
 
 def _rms(before: Results, pair: Pair) -> tuple[float, float]:
-    """Change of the rms displacement of the forced dof, and its error [%]; 0 where unknown."""
-    spectra = pair.samples("psd")
-    if spectra is None:
-        return 0.0, 0.0
-    dof = _forced(before) - 1
-    first, second = (values[:, :, dof].sum(axis=1) for values in spectra)
+    """Change of the rms displacement of the forced dof, and its error [%]; NaN where unknown."""
+    powers = pair.powers()
+    if powers is None:
+        return np.nan, 0.0
+    first, second = (values[:, _forced(before) - 1] for values in powers)
     return _relative(pair, first, second, power=0.5)
 
 
@@ -71,7 +70,7 @@ def _relative(
 ) -> tuple[float, float]:
     """Change of a mean (sample), raised to a power, and its error [%]."""
     if not before.mean() > 0.0:
-        return 0.0, 0.0
+        return np.nan, 0.0
     ratio = float(after.mean() / before.mean())
     if not ratio > 0.0:
         return -_PERCENT, 0.0
@@ -81,7 +80,7 @@ def _relative(
 
 
 def _cells(rms: tuple[float, float], pair: Pair) -> Iterator[str]:
-    yield value_with_error(*rms) if pair.samples("psd") is not None else "-"
+    yield value_with_error(*rms)
     slip, work = pair.samples("slip_fraction"), pair.samples("dissipation")
     if slip is None or work is None:
         yield from ("-", "-")

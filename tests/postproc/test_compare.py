@@ -16,12 +16,16 @@ from entroslip.results import Case, Results
 from tests.conftest import SMALL_SCENE
 
 
-def design(slip, seed=7, variance=3.7):
-    """A file of one case with these slip fractions (sample, joint)."""
+def design(slip, seed=7, variance=3.7, first=1, psd=None, step=0.5):
+    """A file of one case with these slip fractions (sample, joint) of samples from first on."""
     data = xr.Dataset(
         {"slip_fraction": (("sample", "joint"), slip)},
+        coords={"sample": np.arange(first, first + len(slip))},
         attrs={"process": "p001", "std": 0.1, "correlation_length": 1.0, "variance": variance},
     )
+    if psd is not None:
+        data["psd"] = ("sample", "frequency", "dof"), psd
+        data["frequency"] = step * np.arange(psd.shape[1])
     return Results(Path("d.h5"), {"seed": seed, "title": "d"}, {}, None, [Case("c001", data)])
 
 
@@ -69,6 +73,27 @@ def test_only_cases_of_both_files_are_compared_and_none_is_refused(pair):
         pair_cases(before, design(pair[1], variance=41.1))
 
 
+def test_samples_are_paired_by_their_numbers(pair):
+    """A replay of sample 3 is compared with sample 3; files without common samples are refused."""
+    before = design(pair[0])
+    (found,) = pair_cases(before, design(pair[0][2:3], first=3))
+    assert found.n_samples == 1
+    assert np.array_equal(*found.samples("slip_fraction"))
+    with pytest.raises(InputError, match="no sample is in both"):
+        pair_cases(before, design(pair[0][:1], first=401))
+
+
+def test_each_pseudo_variance_is_by_the_frequencies_of_its_own_file(pair):
+    """A white spectrum on half the lines has the same power; other lines are not divided."""
+    psd = np.ones((400, 5, 3))
+    before = design(pair[0], psd=psd)
+    (found,) = pair_cases(before, design(pair[1], psd=psd[:, :3], step=5.0 / 6.0))
+    assert np.allclose(*found.powers())
+    assert found.spectra() is None
+    (found,) = pair_cases(before, design(pair[1], psd=psd[:, :3]))
+    assert [values.shape for values in found.spectra()] == [(400, 3, 3)] * 2
+
+
 def test_structures_with_other_joints_are_refused(pair):
     before, after = design(pair[0]), design(pair[1][:, :2])
     with pytest.raises(InputError, match=r"slip_fraction has the shape \(400, 3\) before"):
@@ -87,6 +112,7 @@ def test_compare_tells_what_tighter_joints_change(results_of_scene, results_file
     assert all(float(row["after"]) <= float(row["before"]) for row in slip)
     assert sum(float(row["before"]) for row in slip) > sum(float(row["after"]) for row in slip)
     assert (tmp_path / "comparison_slip.png").exists()
+    assert "the same friction values and the same force" in said
     assert main(["compare", str(results_file), str(results_file), "--out", str(tmp_path)]) == 0
     rows = list(csv.DictReader((tmp_path / "comparison.csv").open()))
     assert {row["change"] for row in rows} <= {"0", "-"}
@@ -107,6 +133,19 @@ def test_compare_without_a_folder_only_prints(results_of_scene, results_file, ca
     )
     assert main(["compare", str(processes), str(processes)]) == 0
     assert capsys.readouterr().out.startswith("Both files have the same bits")
+
+
+def test_the_note_says_what_samples_have_in_common(results_of_scene, results_file, capsys):
+    """Another mean is another friction, another method the same of both, another band no force."""
+    changes = {
+        "process%mean=0.25": "Samples have the same force in both files",
+        "integration%max_halvings=9": "the same friction values and the same force in both files",
+        "excitation%band=0.0, 2.4": "Samples have the same friction values in both files",
+    }
+    for change, words in changes.items():
+        other = results_of_scene(SMALL_SCENE, "run", "--set", change)
+        assert main(["compare", str(results_file), str(other)]) == 0
+        assert words in capsys.readouterr().out
 
 
 def test_compare_wants_two_files(results_file, tmp_path, capsys):
@@ -132,3 +171,16 @@ def test_several_designs_are_ranked_with_errors(results_of_scene, results_file, 
         }  # fmt: skip
         assert slip["load_15"] < slip["load_11"] < 0.0
     assert (tmp_path / "change_load_15.csv").exists()
+
+
+def test_designs_without_the_spectrum_of_the_forced_dof_have_no_rms(results_of_scene, capsys):
+    """A dash, not a change of zero."""
+    words = ["run", "--set", "output%dofs=2"]
+    files = [
+        results_of_scene(SMALL_SCENE, *words, "--set", f"chain%normal_load={load}")
+        for load in (10, 11, 12)
+    ]
+    assert main(["compare", *map(str, files)]) == 0
+    rows = [row for row in capsys.readouterr().out.splitlines() if row.startswith("std")]
+    assert len(rows) == 4
+    assert all(" -  " in row for row in rows)
