@@ -100,7 +100,7 @@ contains
       integer :: i, k
 
       if (world%is_root()) then
-         call write_structure(file, plan%structure, plan%integration, error)
+         call write_structure(file, plan, error)
          if (.not. allocated(error)) call list_shards(output%store, shards, error)
       end if
       if (world%any_true(allocated(error))) return

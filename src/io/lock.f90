@@ -17,7 +17,7 @@ module io_lock
    use core_terminal, only: write_all
    use core_text, only: to_text
    use io_files, only: exists, folder_of, host_name, make_folder, process_id, remove_file, &
-                       rename_file
+                       rename_file, unfinished_name
    use io_posix, only: c_fclose, c_fileno, c_fstat, c_link, c_lockf, c_lseek, c_pread, c_stat
    implicit none(type, external)
    private
@@ -65,10 +65,32 @@ contains
       lock%path = output//'.lock'
       if (present(is_shared)) lock%is_shared = is_shared
       call make_folder(folder_of(output), error, lock%n_folders)
+      if (.not. allocated(error)) call try_longest_name(output, error)
       if (.not. allocated(error)) call obtain(lock, error)
       if (allocated(error)) call remove_folders(lock)
       if (.not. allocated(error)) lock%content = content_of(output)
    end subroutine take_lock
+
+   !> Refuses an output beside which the file system does not take the longest name: that of the
+   !> file while it is filled, which else would fail behind the work.
+   subroutine try_longest_name(output, error)
+      character(*), intent(in) :: output
+      type(error_type), allocatable, intent(out) :: error
+      integer(c_int), parameter :: enametoolong = 36   !! Linux
+      character(:), allocatable :: path
+      type(c_ptr) :: stream
+      integer(c_int) :: number
+
+      path = unfinished_name(output)
+      stream = c_fopen(path//c_null_char, 'w'//c_null_char)
+      if (c_associated(stream)) then
+         number = c_fclose(stream)
+         call remove_file(path, error)
+      else
+         number = system_error()
+         if (number == enametoolong) call raise_system(number, path//': cannot be made', error)
+      end if
+   end subroutine try_longest_name
 
    recursive subroutine obtain(lock, error)
       type(lock_type), intent(inout) :: lock

@@ -1,7 +1,7 @@
 !> The results file, whole or not at all: its structure, and its end. Datasets are named as users
 !> know them; case data are in io_case_results, process data in io_process_results.
 module io_results
-   use campaign_plan, only: integration_settings
+   use campaign_plan, only: plan_type
    use core_error, only: error_type
    use core_kinds, only: wp
    use io_contents, only: check_contents, note_contents
@@ -24,23 +24,31 @@ contains
 
    !> Writes the structure, and how it was marched: M, C and K by their entries, the joints, the
    !> load.
-   subroutine write_structure(file, structure, how, error)
+   subroutine write_structure(file, plan, error)
       type(hdf5_file), intent(in) :: file
-      type(structure_type), intent(in) :: structure
-      type(integration_settings), intent(in) :: how
+      type(plan_type), intent(in) :: plan
       type(error_type), allocatable, intent(out) :: error
       type(group_type) :: group
 
       group = new_group(file, '/structure')
-      call group%attribute('method', trim(how%method))
-      call group%attribute('n_zero_modes', structure%n_zero_modes)
-      call group%put_value('dt', how%dt, 's', 'time step')
-      associate (n => structure%n_dof)
-         call group%put_axis('mode', n, 'mode, from the lowest')
-         call group%put_axis('dof', n, about_dofs)
-         call group%put_axis('joint', structure%n_joints, about_joints)
-         call group%put_axis('force', structure%n_forces, 'force, a column of the load')
-      end associate
+      call group%attribute('method', trim(plan%integration%method))
+      call group%attribute('n_zero_modes', plan%structure%n_zero_modes)
+      call group%put_value('dt', plan%integration%dt, 's', 'time step')
+      call write_matrices(group, plan%structure)
+      call group%put('load', plan%structure%load, trim(merge('kg', '1 ', plan%excitation%base)), &
+                     'factor of the force', 'force dof')
+      call group%take_error(error)
+   end subroutine write_structure
+
+   !> Writes the axes, the frequencies, M, C, K and the joints.
+   subroutine write_matrices(group, structure)
+      type(group_type), intent(inout) :: group
+      type(structure_type), intent(in) :: structure
+
+      call group%put_axis('mode', structure%n_dof, 'mode, from the lowest')
+      call group%put_axis('dof', structure%n_dof, about_dofs)
+      call group%put_axis('joint', structure%n_joints, about_joints)
+      call group%put_axis('force', structure%n_forces, 'force, a column of the load')
       call group%put('frequencies_stuck', structure%frequencies_stuck, 'Hz', &
                      'natural frequency with all joints stuck', 'mode')
       call group%put('frequencies_slip', structure%frequencies_slip, 'Hz', &
@@ -59,9 +67,7 @@ contains
       call group%put('friction_point', structure%friction_point, '1', &
                      'point of the process that gives the friction', 'joint')
       call group%put('directions', structure%direction, '1', 'direction of the joint', 'joint dof')
-      call group%put('load', structure%load, '1', 'factor of the force', 'force dof')
-      call group%take_error(error)
-   end subroutine write_structure
+   end subroutine write_matrices
 
    !> Writes the nonzero entries of a matrix, row by row.
    subroutine write_entries(group, name, unit, matrix)

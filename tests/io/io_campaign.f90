@@ -281,7 +281,7 @@ contains
       force = 1.0_wp
       plan = made_plan()
       call write_process(file, 1, made_model(), error, realizations=force)
-      if (.not. allocated(error)) call write_structure(file, plan%structure, plan%integration, error)
+      if (.not. allocated(error)) call write_structure(file, plan, error)
       do i = 1, 2
          if (allocated(error)) exit
          ours = shards_of(shards, i, plan%cases(i)%n_samples)
