@@ -22,31 +22,37 @@ MARKER = "<!-- generated below this line by docs/generate.py -->\n"
 PLUMBING = {"DIMENSION_LIST", "REFERENCE_LIST", "CLASS", "NAME", "units", "long_name", "contents"}
 
 MOTION = """\
-&process correlation_length = 0.3 order = 1 mean = 0.2 std = 0.02, 0.03 /
+&process correlation_length = 0.3 order = 1 mean = 0.2 std = 0.02, 0.03 n_realizations = 1 /
 &chain n_dof = 2 /
 &excitation variance = 41.1 /
 &integration method = 'event' n_steps = 1200 /
 &campaign n_samples = 20 /
-&output quantities = 'slip'{quantity} segment_length = 128 /
+&output quantities = {quantities} segment_length = 128 /
 """
+BAREST = MOTION.format(quantities="'realizations'")
+FORCES = """\
+&structure
+  mass_matrix = 'M.mtx'  stiffness_matrix = 'M.mtx'  joints = 'joints.txt'  load = 'load.txt'
+/"""
 PROCESS = "&process correlation_length = 0.3 order = 2 mean = 1.0 std = 0.3 {values} /\n"
 
 UNSOLVED = "no solution"
 
 # what a scene asks for -> the scene; what is in the results of all of a kind is there always
-MOTIONS = {"": MOTION.format(quantity="")} | {
-    f"'{name}'": MOTION.format(quantity=f", '{name}'")
-    for name in ("spectrum", "energy", "history", "transitions")
+MOTIONS = {"": BAREST} | {
+    f"'{name}'": MOTION.format(quantities=f"'{name}'")
+    for name in ("slip", "spectrum", "energy", "history", "transitions")
 }
-MOTIONS["'sine'"] = MOTION.format(quantity="").replace(
-    "variance = 41.1", "kind = 'sine' frequency = 2.5 amplitude = 3"
-)
-MOTIONS["'psd', 'file'"] = MOTION.format(quantity="").replace(
-    "variance = 41.1", "kind = 'psd' psd = 'psd.txt'"
-)
-MOTIONS["`deterministic`"] = MOTION.format(quantity="").replace(
-    "n_samples = 20", "n_samples = 20 deterministic = t"
-)
+MOTIONS["'sine'"] = BAREST.replace("variance = 41.1", "kind = 'sine' frequency = 2.5 amplitude = 3")
+MOTIONS["'psd', 'file'"] = BAREST.replace("variance = 41.1", "kind = 'psd' psd = 'psd.txt'")
+MOTIONS["`deterministic`"] = BAREST.replace("n_samples = 20", "n_samples = 20 deterministic = t")
+MOTIONS["fewer than 20 samples"] = BAREST.replace("n_samples = 20", "n_samples = 2")
+HISTORY = MOTIONS["'history'"]
+MOTIONS["'history', several forces"] = HISTORY.replace("&chain n_dof = 2 /", FORCES)
+MOTIONS |= {
+    f"{wish}, `per_sample`": MOTIONS[wish].replace("41.1", "41.1 per_sample = t")
+    for wish in ("'history'", "'history', several forces")
+}
 PROCESSES = {
     "'autoregressive'": PROCESS.format(values="positive = f"),
     "'direct'": PROCESS.format(values="positive = f method = 'direct' correlation = 'L1'"),
@@ -58,11 +64,23 @@ PROCESSES = {
     "`order = 0`": PROCESS.format(values="positive = f").replace(
         "order = 2", "order = 0 bound_l1 = 1.0"
     ),
+    "`order = 0`, a range": PROCESS.format(values="positive = f").replace(
+        "order = 2", "order = 0 bound_l1 = 0.1, 1.0"
+    ),
+    "`correlation = 'both'`": PROCESS.format(
+        values="positive = f correlation = 'both' second_length = 0.3"
+    ),
     UNSOLVED: PROCESS.format(values="").replace("std = 0.3", "std = 2.0, 0.3"),
 }
 
 AUDITS = {wish: scene + "&accuracy audit = 1.0 /\n" for wish, scene in MOTIONS.items()}
-TRADEOFF = {"": MOTION.format(quantity=", 'spectrum'")}
+TRADEOFF = {"": MOTION.format(quantities="'slip', 'spectrum'")}
+FILES = {
+    "psd.txt": "0.0 1.0\n2.5 2.0\n",
+    "load.txt": "1 0\n0 1\n",
+    "M.mtx": "%%MatrixMarket matrix array real general\n2 2\n1\n0\n0\n1\n",
+    "joints.txt": "1 0 50 10 0.2\n2 0 50 10 0.2\n",
+}
 
 # attributes have no long_name of their own; one that is not explained here stops the generator
 ATTRIBUTES = {
@@ -87,7 +105,6 @@ ATTRIBUTES = {
     "fingerprint": "fingerprint of all values of the scene that change a sample",
     "flags": "flags of the compiler",
     "folded_share": "largest share of the power that thinning folds below the highest frequency",
-    "forced_dof": "dof on which the force acts",
     "format_version": "version of the layout described here",
     "friction_from": "where the friction of a deterministic case comes from",
     "git_commit": "commit of the program's source",
@@ -112,7 +129,6 @@ ATTRIBUTES = {
     "sign_of_first_lag": "sign of K(1)",
     "overrides": "the --set options",
     "plain_reason": "why the estimates are those of plain sampling",
-    "pooled_with": "other cases whose samples the regression used",
     "positive": "1: with a positivity constraint",
     "process": "pNNN, or none where the friction is given",
     "program": "entroslip",
@@ -205,7 +221,8 @@ def groups_in(group: h5py.Group) -> list[tuple[str, h5py.Group]]:
 def run(program: Path, command: str, scene: str, folder: Path) -> Path:
     """The results file of a scene."""
     (folder / "scene.nml").write_text(scene)
-    (folder / "psd.txt").write_text("0.0 1.0\n2.5 2.0\n")
+    for name, text in FILES.items():
+        (folder / name).write_text(text)
     (folder / "results.h5").unlink(missing_ok=True)
     words = [program, command, "scene.nml", "--quiet", "--output", "results.h5"]
     done = subprocess.run(words, cwd=folder, capture_output=True, text=True, check=False)
@@ -234,7 +251,8 @@ def table(found: Found, n_scenes: int) -> str:
     lines = ["| name | shape | type | unit | meaning | there with |", "|---|---|---|---|---|---|"]
     for entry, wishes in sorted(found.items(), key=lambda item: item[0].order()):
         n_least = n_scenes if UNSOLVED in wishes else n_scenes - 1
-        when = "" if len(wishes) >= n_least or "" in wishes else ", ".join(wishes)
+        shortest = [one for one in wishes if not any(one.startswith(f"{two},") for two in wishes)]
+        when = "" if len(wishes) >= n_least or "" in wishes else ", ".join(shortest)
         cells = [f"`{entry.name}`", entry.shape, entry.kind, entry.unit, entry.meaning, when]
         lines.append("| " + " | ".join(cells) + " |")
     return "\n".join(lines) + "\n"

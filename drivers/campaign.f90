@@ -49,8 +49,9 @@ contains
       scene%n_force_values = size(scene%force, 1)
       scene%force_label = force_label(scene%force)
       call check_force(scene%force_path, scene%force, scene%integration%n_steps, &
-                       scene%n_forces()*merge(scene%campaign%n_samples, 1, &
-                                              scene%excitation%per_sample), complaints)
+                       scene%n_forces(), &
+                       merge(max(scene%campaign%n_samples, 1), 0, scene%excitation%per_sample), &
+                       complaints)
    end subroutine read_records
 
    !> Finds the path of the output: --output, else the scene's name in the current folder with an

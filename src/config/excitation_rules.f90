@@ -54,6 +54,9 @@ contains
          call settle('amplitude', 'sine', size(excitation%amplitude) > 0)
          call settle('psd', 'psd', excitation%psd /= '')
          call settle('file', 'file', excitation%file /= '')
+         call reader%require(all(abs(excitation%factor - 1.0_wp) <= 0.0_wp) .or. &
+                             any(excitation%kind == [character(4) :: 'file', 'psd']), group, &
+                             'factor', "must be absent with kind = '"//trim(excitation%kind)//"'")
       end associate
 
    contains
@@ -166,12 +169,13 @@ contains
 
       call reader%require(.not. scene%excitation%per_sample, group, 'per_sample', &
                           'needs an HDF5 file with one record per sample')
+      if (scene%n_forces() == 0) return
       n_before = reader%complaints%n
       call read_force_text(scene%force_path, scene%n_forces(), scene%integration%dt, scene%force, &
                            reader%complaints)
       if (reader%complaints%n > n_before) return
       call check_force(scene%force_path, scene%force, scene%integration%n_steps, &
-                       scene%n_forces(), reader%complaints)
+                       scene%n_forces(), 0, reader%complaints)
       scene%n_force_values = size(scene%force, 1)
       scene%force_label = force_label(scene%force)
    end subroutine check_force_file

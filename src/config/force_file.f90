@@ -2,6 +2,7 @@
 module config_force_file
    use core_complaints, only: complaint_list
    use core_kinds, only: long, wp
+   use core_phrases, only: counted
    use core_random, only: label_of
    use core_table, only: read_table, table_type
    use core_text, only: rounded_text, to_text
@@ -108,11 +109,12 @@ contains
    end subroutine check_rows
 
    !> Checks a force record from any file: enough values, all finite, and enough records.
-   subroutine check_force(path, force, n_steps, n_records, complaints)
+   subroutine check_force(path, force, n_steps, n_forces, n_samples, complaints)
       character(*), intent(in) :: path
       real(wp), intent(in) :: force(0:, :)   !! (step, record) [N]
       integer, intent(in) :: n_steps         !! 0: as many as there are
-      integer, intent(in) :: n_records       !! needed: one a force, and each sample if of its own
+      integer, intent(in) :: n_forces
+      integer, intent(in) :: n_samples       !! with a record of their own for each force; else 0
       type(complaint_list), intent(inout) :: complaints
 
       if (size(force, 1) < 2) then
@@ -122,10 +124,17 @@ contains
                                      ' values: must be integration%n_steps + 1 = '// &
                                      to_text(n_steps + 1_long))
       end if
-      if (size(force, 2) < n_records) &
-         call complaints%add_general(path//': holds '//to_text(size(force, 2))// &
-                                     ' records: must be '//to_text(n_records)// &
+      if (size(force, 2) < n_forces*n_samples) then
+         call complaints%add_general(path//': holds '//counted(size(force, 2), 'record', &
+                                                               'records')//': must be '// &
+                                     to_text(n_forces*n_samples)// &
                                      ', one for each force and sample')
+      else if (n_samples == 0 .and. size(force, 2) /= n_forces) then
+         call complaints%add_general(path//': holds '//counted(size(force, 2), 'record', &
+                                                               'records')//': must be '// &
+                                     to_text(n_forces)//', one for each force, without '// &
+                                     'excitation%per_sample')
+      end if
       if (.not. all(ieee_is_finite(force))) &
          call complaints%add_general(path//': every value must be finite')
    end subroutine check_force

@@ -125,7 +125,7 @@ contains
       n_dof = merge(self%structure%n_dof, self%chain%n_dof, self%has_structure)
    end function n_dof
 
-   !> Forces on the structure.
+   !> Forces on the structure; 0 while they are not known.
    pure integer function n_forces(self)
       class(scene_type), intent(in) :: self
 

@@ -173,6 +173,8 @@ contains
       if (scene%moves()) then
          if (reader%was_given('chain', 'friction') .and. .not. scene%runs_deterministic()) &
             call note('chain%friction')
+         if (any([(reader%was_given('process', 'n_points', i), i=1, size(scene%processes))])) &
+            call note('process%n_points')
          return
       end if
       do i = 1, size(of_motion)

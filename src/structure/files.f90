@@ -262,6 +262,7 @@ contains
          allocate (structure%load(structure%n_dof, 1), source=0.0_wp)
          i = merge(forced_dof, structure%n_dof, forced_dof > 0)
          if (i <= structure%n_dof) structure%load(i, 1) = 1.0_wp
+         structure%n_forces = 1
          return
       end if
       n_before = complaints%n

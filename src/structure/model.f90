@@ -16,7 +16,7 @@ module structure_model
 
    !> One structure. Matrices are full; has_lumped_mass says that M is diagonal.
    type :: structure_type
-      integer :: n_dof = 0, n_joints = 0, n_forces = 1
+      integer :: n_dof = 0, n_joints = 0, n_forces = 0
       integer :: n_points = 0                        !! of the process: largest friction_point
       real(wp), allocatable :: mass(:, :)            !! M (dof, dof) [kg]
       real(wp), allocatable :: stiffness(:, :)       !! K without the joints (dof, dof) [N/m]

@@ -148,8 +148,8 @@ contains
          'force history: text (force, or time and force) or HDF5, beside the scene '// &
          'or in the current folder', shapes_samples=.false.))
       call visitor%visit(self%factor, about('factor', &
-         'factor of the force of file or psd; one or several, each a case', rule=positive, &
-         used=self%kind == 'file' .or. self%kind == 'psd'), default=[1.0_wp])
+         'factor of the force, its square that of psd; one or several, each a case', &
+         rule=positive, used=self%kind == 'file' .or. self%kind == 'psd'), default=[1.0_wp])
       call visitor%visit(self%dof, about('dof', 'the forced dof; 0: the last', &
          rule=not_negative))
       call visitor%visit(self%base, about('base', &

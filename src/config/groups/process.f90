@@ -107,8 +107,8 @@ contains
          'from rest, or Eq. 38 (matrix)', &
          choices='stationary from_rest matrix', used=.not. self%shared%positive))
       call visitor%visit(self%n_points, about('n_points', &
-         'points of a realization, the same in all &process; with motion: the number of '// &
-         'joints', rule=at_least(1.0_wp), &
+         'points of a realization, the same in all &process; not used with motion: joints '// &
+         'settle it', rule=at_least(1.0_wp), &
          shapes_samples=.false.))
       call visitor%visit(self%n_realizations, about('n_realizations', &
          'realizations to write, the same in all &process', rule=not_negative, &
