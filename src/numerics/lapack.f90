@@ -43,14 +43,15 @@ module numerics_lapack
          integer, intent(out) :: major, minor, patch
       end subroutine ilaver
 
-      subroutine dsygv(itype, jobz, uplo, n, a, lda, b, ldb, w, work, lwork, info)
+      subroutine dsygvd(itype, jobz, uplo, n, a, lda, b, ldb, w, work, lwork, iwork, liwork, info)
          import :: wp
-         integer, intent(in) :: itype, n, lda, ldb, lwork
+         integer, intent(in) :: itype, n, lda, ldb, lwork, liwork
          character, intent(in) :: jobz, uplo
          real(wp), intent(inout) :: a(lda, *), b(ldb, *), work(*)
          real(wp), intent(out) :: w(*)
+         integer, intent(inout) :: iwork(*)
          integer, intent(out) :: info
-      end subroutine dsygv
+      end subroutine dsygvd
 
       subroutine dsyevd(jobz, uplo, n, a, lda, w, work, lwork, iwork, liwork, info)
          import :: wp
@@ -146,16 +147,18 @@ contains
       real(wp), allocatable, intent(out) :: eigenvectors(:, :)  !! (n, pair)
       type(error_type), allocatable, intent(out) :: error
       real(wp), allocatable :: factor(:, :), work(:)
+      integer, allocatable :: integer_work(:)
       integer :: info, n
 
       n = size(a, 1)
       allocate (eigenvectors, source=a)   ! not by =, which would read bounds it does not have yet
       allocate (factor, source=b)
-      allocate (eigenvalues(n), work(34*n))
+      allocate (eigenvalues(n), work(1 + 6*n + 2*n**2), integer_work(3 + 5*n))   ! as LAPACK asks
       call use_one_thread()
-      call dsygv(1, 'V', 'L', n, eigenvectors, n, factor, n, eigenvalues, work, size(work), info)
+      call dsygvd(1, 'V', 'L', n, eigenvectors, n, factor, n, eigenvalues, work, size(work), &
+                  integer_work, size(integer_work), info)
       if (info /= 0) call raise(error, exit_no_solution, 'symmetric eigenproblem of order '// &
-                                to_text(n)//': LAPACK dsygv returned '//to_text(info))
+                                to_text(n)//': LAPACK dsygvd returned '//to_text(info))
    end subroutine solve_symmetric_eigenproblem
 
    !> Finds all eigenvalues of a symmetric matrix and overwrites it by its unit eigenvectors.

@@ -7,7 +7,7 @@ module structure_model
    use core_error, only: error_type, exit_bad_input, raise
    use core_kinds, only: two_pi, wp
    use core_text, only: to_text
-   use numerics_lapack, only: solve_positive_definite, solve_symmetric_eigenproblem
+   use numerics_lapack, only: multiply, solve_positive_definite, solve_symmetric_eigenproblem
    implicit none(type, external)
    private
    public :: build_structure, damping_type, part_names, structure_type
@@ -213,23 +213,20 @@ contains
    end subroutine find_modes
 
    !> C = M Phi diag(2 zeta omega) Phi' M (dof, dof) [N s/m].
-   pure function modal_damping(mass, modes, ratio, frequencies) result(damping)
+   function modal_damping(mass, modes, ratio, frequencies) result(damping)
       real(wp), intent(in) :: mass(:, :), modes(:, :)      !! (dof, dof) [kg]; (dof, mode)
       real(wp), intent(in) :: ratio(:), frequencies(:)     !! zeta (mode), (mode) [Hz]
-      real(wp) :: damping(size(mass, 1), size(mass, 1))
-      real(wp) :: momentum(size(mass, 1), size(modes, 2))
-      integer :: i, j, r
+      real(wp), allocatable :: damping(:, :)
+      real(wp), allocatable :: momentum(:, :)   ! (mode, dof), by the root of its damping
+      integer :: r
 
-      momentum = matmul(mass, modes)
-      damping = 0.0_wp
-      do r = 1, size(modes, 2)
-         do j = 1, size(mass, 1)
-            do i = 1, size(mass, 1)
-               damping(i, j) = damping(i, j) + 2.0_wp*ratio(r)*two_pi*frequencies(r)* &
-                               momentum(i, r)*momentum(j, r)
-            end do
-         end do
+      allocate (momentum, damping, mold=mass)
+      call multiply(modes, mass, momentum, transposes_a=.true.)
+      do r = 1, size(ratio)
+         momentum(r, :) = sqrt(2.0_wp*ratio(r)*two_pi*frequencies(r))*momentum(r, :)
       end do
+      call multiply(momentum, momentum, damping, transposes_a=.true.)
+      damping = 0.5_wp*(damping + transpose(damping))
    end function modal_damping
 
 end module structure_model

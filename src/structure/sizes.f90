@@ -6,7 +6,8 @@ module structure_sizes
    private
    public :: memory_of_matrices, most_dofs, too_large
 
-   integer, parameter :: most_dofs = 46340   !! its square is the last that a default integer holds
+   !> LAPACK counts its workspace, 2 n^2 + 6 n + 1 numbers of an eigenproblem, by a default integer
+   integer, parameter :: most_dofs = 32766
    real(wp), parameter :: word = 8.0_wp      !! bytes of a number
 
 contains
