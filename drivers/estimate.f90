@@ -116,6 +116,10 @@ contains
                         judged('distribution', found%p_marginal))
       text = text//labelled('', 'errors are the scatter of the same estimates from '// &
                             'realizations of the process at the same points')
+      if (found%l0 >= found%longest) &
+         text = text//labelled('note', 'L0 is the longest that '//to_text(found%n_values)// &
+                               ' values tell: perhaps they have a trend or a period, or differ '// &
+                               'only from line to line (correlation_length = 1e12)')
    end function findings
 
    !> Commands that draw the values beside realizations of the process.

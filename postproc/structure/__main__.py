@@ -31,6 +31,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
     def work() -> None:
         options = _parser().parse_args(arguments)
         whole, pair, joints = options.make(options)
+        for dof, _ in options.force:
+            pair.position(dof)  # refuses a dof that is not there
         require_mass(pair)
         n_rigid = require_stiffness(pair)
         for line in _described(whole, pair, joints, n_rigid):

@@ -14,6 +14,7 @@ module process_estimate
    use, intrinsic :: ieee_arithmetic, only: ieee_is_nan
    use core_error, only: error_type, exit_bad_input, exit_no_solution, raise
    use core_kinds, only: long, wp
+   use core_phrases, only: counted
    use core_random, only: label_of, new_stream, stream_type
    use core_text, only: to_text
    use numerics_lapack, only: solve_positive_definite
@@ -51,6 +52,7 @@ module process_estimate
       real(wp) :: mean = 0.0_wp, mean_error = 0.0_wp
       real(wp) :: std = 0.0_wp, std_error = 0.0_wp
       real(wp) :: l0 = 0.0_wp, l0_error = 0.0_wp, l0_range(2) = 0.0_wp   !! [lags]
+      real(wp) :: longest = 0.0_wp              !! L0 of the candidates [lags]
       real(wp) :: l1 = 0.0_wp, l1_error = 0.0_wp, l1_range(2) = 0.0_wp   !! [lags]
       real(wp) :: correlation(lags_tested) = 0.0_wp   !! of the values, lags 1.. [1]
       real(wp) :: expected(lags_tested) = 0.0_wp      !! of the process [1]
@@ -101,6 +103,7 @@ contains
       if (allocated(error)) return
       call fit_columns(values, pieces, candidates, found, error)
       if (allocated(error)) return
+      estimate%longest = maxval(candidates%l0)
 
       estimate%mean = found%mean(1)
       estimate%std = found%std(1)
@@ -161,8 +164,8 @@ contains
       type(error_type), allocatable, intent(out) :: error
 
       if (size(values) < fewest_values) then
-         call raise(error, exit_bad_input, to_text(size(values))//' values: an estimate needs '// &
-                    to_text(fewest_values))
+         call raise(error, exit_bad_input, counted(size(values), 'value', 'values')// &
+                    ': an estimate needs '//to_text(fewest_values))
       else if (.not. maxval(values) > minval(values)) then
          call raise(error, exit_bad_input, 'all values are '//to_text(values(1))// &
                     ': they must scatter')

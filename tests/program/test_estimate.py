@@ -65,6 +65,16 @@ def test_data_that_say_nothing_are_refused(entroslip, data, text, message):
     assert not (data.parent / "joints.nml").exists()
 
 
+def test_a_length_that_is_the_longest_tried_is_noted(entroslip, data):
+    """A trend has no correlation length."""
+    note = "note         L0 is the longest that 40 values tell: perhaps they have a trend or"
+    for text, is_noted in (("\n".join(map(str, range(40))), True), (LINES, False)):
+        data.write_text(text)
+        done = entroslip("estimate", data)
+        assert done.returncode == 0
+        assert (note in done.stdout) == is_noted
+
+
 def test_a_file_that_is_there_is_left_alone(entroslip, data):
     done = entroslip("estimate", data, "--output", data)
     assert done.returncode == 3
