@@ -39,6 +39,7 @@ contains
       real(wp), intent(out), contiguous :: rows(:, :)     !! (point, sample)
       real(wp) :: a(size(x, 1), size(x, 2)), b(size(x, 2), size(x_prime, 1))
       real(wp) :: grown(size(x, 1), size(x, 2)), shrunk(size(x, 1), size(x, 2))
+      real(wp) :: grown_prime(size(x_prime, 1), size(x, 2))
       real(wp) :: square(size(x, 1)), s(size(x, 1)), decay(size(x, 1))
       real(wp) :: rate, share, square_prime
       integer :: i, j
@@ -49,7 +50,12 @@ contains
          b(j, :) = kernel%weight(j)*x_prime(:, j)
       end do
       square = sum(a**2, 2)
-      grown = exp(rate*x)
+      grown = rate*x
+      grown_prime = rate*x_prime
+      do j = 1, size(x, 2)
+         call exponentiate(grown(:, j))
+         call exponentiate(grown_prime(:, j))
+      end do
       shrunk = 1.0_wp/grown
       call multiply(a, b, rows)
       do i = 1, size(x_prime, 1)
@@ -63,23 +69,22 @@ contains
             share = kernel%weight(j)**2/sum_of_squares
             if (share < smallest) cycle
             call add_function_of_one(additive*share, x(:, j), grown(:, j), shrunk(:, j), &
-                                     x_prime(i, j), rate, rows(:, i))
+                                     x_prime(i, j), grown_prime(i, j), rate, rows(:, i))
          end do
       end do
    end subroutine kernel_rows
 
    !> Adds the part of one input. exp(-rate |x - x'|) is a product of a growing and a falling
    !> exponential.
-   pure subroutine add_function_of_one(share, x, grown, shrunk, x_prime, rate, row)
+   pure subroutine add_function_of_one(share, x, grown, shrunk, x_prime, grown_prime, rate, row)
       real(wp), intent(in) :: share
-      real(wp), intent(in) :: x(:)                   !! (point)
-      real(wp), intent(in) :: grown(:), shrunk(:)    !! (point) exp(rate x), exp(-rate x)
-      real(wp), intent(in) :: x_prime, rate
-      real(wp), intent(inout) :: row(:)
-      real(wp) :: decay, grown_prime, s, shrunk_prime
+      real(wp), intent(in), contiguous :: x(:)                  !! (point)
+      real(wp), intent(in), contiguous :: grown(:), shrunk(:)   !! (point) exp(rate x), exp(-rate x)
+      real(wp), intent(in) :: x_prime, grown_prime, rate
+      real(wp), intent(inout), contiguous :: row(:)
+      real(wp) :: decay, s, shrunk_prime
       integer :: m
 
-      grown_prime = exp(rate*x_prime)
       shrunk_prime = 1.0_wp/grown_prime
       do m = 1, size(x)
          decay = merge(grown(m)*shrunk_prime, shrunk(m)*grown_prime, x(m) < x_prime)

@@ -19,6 +19,7 @@ module statistics_kernel_choice
    real(wp), parameter :: least_weight = 0.03_wp         !! over the largest
    real(wp), parameter :: n_others = 2.0_wp     !! constants beside the slopes: length, noise ratio
    real(wp), parameter :: least_free = 0.1_wp   !! share (n - p)/n of the samples
+   real(wp), parameter :: least_variance = 1.0e-6_wp   !! along a second direction, over the first
 
 contains
 
@@ -36,7 +37,7 @@ contains
 
       call standardise(outputs, y)
       call find_slopes(x, y, slope, n_slopes, error)
-      if (.not. allocated(error)) call find_direction(slope, surrogate%direction, error)
+      if (.not. allocated(error)) call find_directions(slope, surrogate%direction, error)
       if (allocated(error)) return
       surrogate%enlargement = &
          1.0_wp/sqrt(max(1.0_wp - (n_slopes + n_others)/size(x, 1), least_free))
@@ -116,19 +117,23 @@ contains
       n_slopes = sum([(shrunk(j, j), j=1, size(x, 2))])
    end subroutine find_slopes
 
-   !> Finds the first left singular vector of the slopes.
-   subroutine find_direction(slope, direction, error)
+   !> Finds the first two left singular vectors of the slopes, one twice where there is no other.
+   subroutine find_directions(slope, direction, error)
       real(wp), intent(in), contiguous :: slope(:, :)   !! (input, output)
-      real(wp), allocatable, intent(out) :: direction(:)
+      real(wp), allocatable, intent(out) :: direction(:, :)   !! (input, 2)
       type(error_type), allocatable, intent(out) :: error
       real(wp) :: square(size(slope, 1), size(slope, 1)), eigenvalue(size(slope, 1))
       real(wp) :: of_output(size(slope, 2), size(slope, 1))
+      integer :: last, second
 
       of_output = transpose(slope)
       call multiply(of_output, of_output, square, transposes_a=.true.)
       call find_symmetric_eigenvectors(square, eigenvalue, error)
-      direction = square(:, size(eigenvalue))
-   end subroutine find_direction
+      last = size(eigenvalue)
+      second = max(1, last - 1)
+      if (eigenvalue(second) <= least_variance*eigenvalue(last)) second = last
+      direction = square(:, [last, second])
+   end subroutine find_directions
 
    !> Computes the score of a kernel: mean over outputs of log(least mean square of leave-one-out
    !> residuals).

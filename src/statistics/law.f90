@@ -1,8 +1,9 @@
 !> Points that stand for a law of which many draws are known: formula (6) of docs/regression.md.
 !>
 !> Some draws are kept, and the means of polynomials of the inputs (to the third degree, with
-!> products of two for few inputs) over all of them. The kept ones are sorted along a direction and
-!> every k-th is taken; weights give the polynomials the means that they have over all draws:
+!> products of two for few inputs) over all of them. The kept ones are sorted along a direction, in
+!> blocks of it along another one, and every k-th is taken; weights give the polynomials the means
+!> that they have over all draws:
 !> w = (1 + B (B'B/M)^-1 (mean over all of B - mean of B))/M.
 module statistics_law
    use core_error, only: error_type
@@ -14,7 +15,8 @@ module statistics_law
 
    integer, parameter :: most_with_products = 12   !! inputs
    integer, parameter, public :: most_kept = 2**15   !! draws
-   integer, parameter, public :: n_points = 4096     !! that stand for a law
+   integer, parameter, public :: n_points = 3072     !! that stand for a law
+   integer, parameter :: points_of_block = 16
    integer, parameter :: parts = 8   !! of a direction's largest component that others are whole
 
    !> Draws of a law.
@@ -31,9 +33,9 @@ module statistics_law
       real(wp), allocatable :: weight(:)    !! (point), their sum is 1
       integer :: n_all = 0                  !! draws that they stand for
       real(wp) :: n_independent = 0.0_wp    !! what these are worth
-      !> (point, polynomial) B; behind them D'D B, D taking differences between neighbours
-      real(wp), allocatable, private :: polynomial(:, :)
-      real(wp), allocatable, private :: square(:, :)       !! (polynomial, polynomial) B'B/M
+      !> (pair, polynomial) sums and differences D B of B in pairs of neighbours
+      real(wp), allocatable, private :: total(:, :), change(:, :)
+      real(wp), allocatable, private :: square(:, :)       !! (polynomial, polynomial) B'B
       real(wp), allocatable, private :: of_changes(:, :)   !! (polynomial, polynomial) B'D'D B
    end type law_type
 
@@ -61,26 +63,29 @@ contains
       draws%mean = draws%mean/n
    end subroutine keep_draws
 
-   !> Chooses at most n_points of the draws, evenly along a direction, in eighths of its largest
-   !> component: points that followed its last digits would change estimates by their error.
+   !> Chooses at most n_points of the draws: evenly along a direction, and evenly along a second one
+   !> within every block of them. Points that followed the last digits of a direction would change
+   !> estimates by their error.
    subroutine choose_points(draws, direction, n_points, law, error)
       type(draws_type), intent(in) :: draws
-      real(wp), intent(in) :: direction(:)      !! (input)
+      real(wp), intent(in) :: direction(:, :)   !! (input, first or second)
       integer, intent(in) :: n_points
       type(law_type), intent(out) :: law
       type(error_type), allocatable, intent(out) :: error
-      real(wp), allocatable :: along(:)
-      real(wp) :: largest
       integer, allocatable :: ranking(:)
-      integer :: j, m, n
+      integer :: first, k, last, m, n, n_blocks
 
       n = min(n_points, size(draws%x, 1))
-      largest = direction(maxloc(abs(direction), 1))
-      allocate (along(size(draws%x, 1)), source=0.0_wp)
-      do j = 1, size(direction)
-         along = along + nint(parts*direction(j)/largest)*draws%x(:, j)
+      ranking = rough_order(along(draws%x, direction(:, 1)))
+      n_blocks = max(1, n/points_of_block)
+      last = 0
+      do k = 1, n_blocks
+         first = last + 1
+         last = nint(k*real(size(ranking), wp)/n_blocks)
+         associate (block => ranking(first:last))   ! to and fro: neighbours in all blocks
+            block = block(rough_order((-1)**k*along(draws%x(block, :), direction(:, 2))))
+         end associate
       end do
-      ranking = rough_order(along)
       associate (stride => real(size(draws%x, 1), wp)/n)
          ranking = ranking([(1 + int((m - 0.5_wp)*stride), m=1, n)])
       end associate
@@ -90,16 +95,31 @@ contains
       call weigh(draws%mean, law, error)
    end subroutine choose_points
 
+   !> Places along a direction, in eighths of its largest component.
+   pure function along(x, direction) result(place)
+      real(wp), intent(in) :: x(:, :)        !! (draw, input)
+      real(wp), intent(in) :: direction(:)   !! (input)
+      real(wp) :: place(size(x, 1))
+      real(wp) :: largest
+      integer :: j
+
+      largest = direction(maxloc(abs(direction), 1))
+      place = 0.0_wp
+      do j = 1, size(direction)
+         place = place + nint(parts*direction(j)/largest)*x(:, j)
+      end do
+   end function along
+
    !> Positions in ascending order of values, to a fraction of their range: a bucket each, in which
    !> they stay as they came.
    pure function rough_order(values) result(ranking)
       real(wp), intent(in) :: values(:)
       integer :: ranking(size(values))
-      integer, parameter :: n_buckets = 2**14
-      integer :: bucket(size(values)), i
+      integer :: bucket(size(values)), i, n_buckets
       integer, allocatable :: last(:)
       real(wp) :: least, scale
 
+      n_buckets = max(1, size(values)/2)
       least = minval(values)
       scale = n_buckets/max(maxval(values) - least, n_buckets*tiny(least))
       allocate (last(0:n_buckets), source=0)
@@ -124,34 +144,64 @@ contains
       real(wp), intent(in), contiguous :: values(:, :)   !! (point, function) f
       real(wp), intent(out) :: stated(:)                 !! (function)
       type(error_type), allocatable, intent(out) :: error
-      real(wp) :: products(size(law%polynomial, 2), size(stated))
+      real(wp), dimension(size(law%change, 1), size(stated)) :: total, change
+      real(wp), dimension(size(law%square, 1), size(stated)) :: of_change, slope
       real(wp) :: square(size(law%square, 1), size(law%square, 1))
-      real(wp) :: slope(size(law%square, 1), size(stated)), between, mean, mean_square
-      integer :: k, m, n, o
+      real(wp) :: between, variance
+      integer :: n, o
 
       n = size(values, 1)
-      k = size(square, 1)
-      call multiply(law%polynomial, values, products, transposes_a=.true.)
-      slope = products(:k, :)/n
+      do o = 1, size(stated)
+         call pair_up(values(:, o), total(:, o), change(:, o))
+      end do
+      call multiply(law%change, change, of_change, transposes_a=.true.)
+      call multiply(law%total, total, slope, transposes_a=.true.)
+      slope = 0.5_wp*(slope + of_change)   ! a b + a' b' of a pair
       square = law%square
       call solve_positive_definite(square, slope, error)
       if (allocated(error)) return
       do o = 1, size(stated)
-         between = 0.0_wp
-         mean = law%weight(n)*values(n, o)
-         mean_square = law%weight(n)*values(n, o)**2
-         !$omp simd reduction(+:between, mean, mean_square)
-         do m = 1, n - 1
-            between = between + (values(m + 1, o) - values(m, o))**2
-            mean = mean + law%weight(m)*values(m, o)
-            mean_square = mean_square + law%weight(m)*values(m, o)**2
-         end do
-         between = between - dot_product(slope(:, o), 2.0_wp*products(k + 1:, o) &
-                                         - matmul(law%of_changes, slope(:, o)))
-         stated(o) = sqrt(max(between, 0.0_wp)/(2*(n - 1))*(1.0_wp/n - 1.0_wp/law%n_all) &
-                          + max(mean_square - mean**2, 0.0_wp)/law%n_independent)
+         call find_scatter(total(:, o), change(:, o), between, variance)
+         between = between - dot_product(slope(:, o), 2.0_wp*of_change(:, o) &
+                                         - matmul(law%of_changes, slope(:, o))) &
+                   /(2*size(change, 1))
+         stated(o) = sqrt(max(between, 0.0_wp)*(1.0_wp/n - 1.0_wp/law%n_all) &
+                          + max(variance, 0.0_wp)/law%n_independent)
       end do
    end subroutine error_of_points
+
+   !> Computes sums and differences in pairs of neighbours; an odd last value is in none.
+   pure subroutine pair_up(values, total, change)
+      real(wp), intent(in), contiguous :: values(:)              !! (point)
+      real(wp), intent(out), contiguous :: total(:), change(:)   !! (pair)
+      integer :: m
+
+      do m = 1, size(total)
+         total(m) = values(2*m - 1) + values(2*m)
+         change(m) = values(2*m - 1) - values(2*m)
+      end do
+   end subroutine pair_up
+
+   !> Computes variances from sums and differences in pairs.
+   pure subroutine find_scatter(total, change, between, variance)
+      real(wp), intent(in), contiguous :: total(:), change(:)   !! (pair)
+      real(wp), intent(out) :: between    !! half the mean square of the differences
+      real(wp), intent(out) :: variance   !! of all values
+      real(wp) :: mean, of_totals
+      integer :: m
+
+      between = 0.0_wp
+      mean = 0.0_wp
+      of_totals = 0.0_wp
+      !$omp simd reduction(+:between, mean, of_totals)
+      do m = 1, size(total)
+         between = between + change(m)**2
+         mean = mean + total(m)
+         of_totals = of_totals + total(m)**2
+      end do
+      variance = ((of_totals + between)/4 - (mean/2)**2/size(total))/size(total)
+      between = between/(2*size(total))
+   end subroutine find_scatter
 
    !> Computes the weights of the points that keep the means of the polynomials; equal weights
    !> unless all are positive.
@@ -167,27 +217,21 @@ contains
       k = size(b, 2)
       allocate (law%square(k, k), law%of_changes(k, k), law%weight(n), short(k, 1))
       call multiply(b, b, law%square, transposes_a=.true.)
-      law%square = law%square/n
       do i = 1, k   ! inputs may depend on each other
          law%square(i, i) = law%square(i, i)*(1.0_wp + 1.0e-10_wp)
       end do
-      short(:, 1) = mean - sum(b, 1)/n
+      short(:, 1) = n*mean - sum(b, 1)
       square = law%square
       call solve_positive_definite(square, short, error)
       if (allocated(error)) return
-      law%weight(:) = (1.0_wp + matmul(b, short(:, 1)))/n
+      law%weight(:) = 1.0_wp + matmul(b, short(:, 1))
       if (any(law%weight <= 0.0_wp)) law%weight = 1.0_wp
       law%weight = law%weight/sum(law%weight)
-      allocate (law%polynomial(n, 2*k))
-      law%polynomial(:, :k) = b
-      associate (change => law%polynomial(:, k + 1:))
-         do i = 1, k
-            change(1:n - 1, i) = b(1:n - 1, i) - b(2:, i)
-            change(n, i) = 0.0_wp
-            change(2:, i) = change(2:, i) - change(:n - 1, i)
-         end do
-         call multiply(b, change, law%of_changes, transposes_a=.true.)
-      end associate
+      allocate (law%total(n/2, k), law%change(n/2, k))
+      do i = 1, k
+         call pair_up(b(:, i), law%total(:, i), law%change(:, i))
+      end do
+      call multiply(law%change, law%change, law%of_changes, transposes_a=.true.)
    end subroutine weigh
 
    pure integer function count_polynomials(n_inputs)

@@ -78,7 +78,7 @@ contains
 
          associate (own => y(view%first:view%last, :), n => pool%n_samples(case_number), &
                     sampled => plain(:, case_number))
-            call predict(surrogate, fit, view%rows, values)
+            call predict(fit, view%rows, values)
             call law_mean(surrogate, fit, view, values, ours)
             theirs = among_all(pool, case_number, plain_mean(own), [sampled%mean])
             call join(law, values, n, ours, theirs, [(0.0_wp, i=1, size(best))], both, error)
@@ -117,7 +117,7 @@ contains
          integer :: i, n, p
 
          n = pool%n_samples(case_number)
-         call predict(surrogate, bent_fit, view%rows, values)
+         call predict(bent_fit, view%rows, values)
          values = max(0.0_wp, values)
          do i = 1, size(best)
             if (is_fraction(i)) values(:, i) = min(values(:, i), right_angle)

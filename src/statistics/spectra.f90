@@ -107,7 +107,7 @@ contains
          power = 0.0_wp
          do k = 1, size(fits)
             n = first_of(k + 1) - first_of(k)
-            call predict(surrogate, fits(k), view%rows, values(:, :n))
+            call predict(fits(k), view%rows, values(:, :n))
             call estimate_means(number, k, n, best, of_mean, power(:, 0))
             if (allocated(error)) return
             allocate (ranking(view%last - view%first + 1, n))

@@ -26,7 +26,7 @@ module statistics_surrogate
       type(kernel_type) :: kernel
       real(wp), allocatable :: feature(:, :)     !! (sample, feature) V
       real(wp), allocatable :: eigenvalue(:)     !! (feature)
-      real(wp), allocatable :: direction(:)      !! (input) along which the outputs vary most
+      real(wp), allocatable :: direction(:, :)   !! (input, 2) along which the outputs vary most
       !> sqrt(n/(n - p)): leave-one-out residuals do not know that p constants of the kernel were
       !> chosen on the same n samples
       real(wp) :: enlargement = 1.0_wp
@@ -40,6 +40,7 @@ module statistics_surrogate
       real(wp), allocatable :: mean(:)             !! (output)
       real(wp), allocatable :: shrink(:, :)        !! (feature, output) s
       real(wp), allocatable :: coefficient(:, :)   !! (feature, output) of phi
+      real(wp), allocatable, private :: of_row(:, :), constant(:)   !! G = of_row'k(x) + constant
       real(wp), allocatable :: residual(:, :)      !! (sample, output) leave-one-out
       real(wp), allocatable :: predicted(:, :)     !! (sample, output) y - residual
       integer, allocatable :: judged(:), some(:)   !! outputs and samples of the pairs
@@ -212,6 +213,9 @@ contains
          fit%shrink(:, o) = surrogate%eigenvalue/(surrogate%eigenvalue + noise_ratios(r))
       end do
       fit%coefficient = fit%shrink*projection
+      allocate (fit%of_row(size(surrogate%transform, 1), n_out))
+      call multiply(surrogate%transform, fit%coefficient, fit%of_row)
+      fit%constant = fit%mean - matmul(surrogate%offset, fit%coefficient)
       square = surrogate%feature**2
       call multiply(surrogate%feature, fit%coefficient, fit%residual)
       call multiply(square, fit%shrink, leverage)
@@ -292,19 +296,15 @@ contains
    end subroutine average_features
 
    !> Computes G at points of the law.
-   subroutine predict(surrogate, fit, rows, values)
-      type(surrogate_type), intent(in) :: surrogate
+   subroutine predict(fit, rows, values)
       type(fit_type), intent(in) :: fit
       real(wp), intent(in), contiguous :: rows(:, :)      !! (landmark, point), see rows_of
       real(wp), intent(out), contiguous :: values(:, :)   !! (point, output)
-      real(wp) :: of_row(size(rows, 1), size(values, 2))
       integer :: o
 
-      call multiply(surrogate%transform, fit%coefficient, of_row)
-      call multiply(rows, of_row, values, transposes_a=.true.)
+      call multiply(rows, fit%of_row, values, transposes_a=.true.)
       do o = 1, size(values, 2)
-         values(:, o) = values(:, o) &
-                        + (fit%mean(o) - dot_product(surrogate%offset, fit%coefficient(:, o)))
+         values(:, o) = values(:, o) + fit%constant(o)
       end do
    end subroutine predict
 
