@@ -38,7 +38,7 @@ SCENE = """\
 """
 CHAIN = {
     "lengths": "1.0", "orders": "5", "structure": "&chain n_dof = 5 /", "force": "3.7, 41.1",
-    "band": "", "std": "0.067, 0.10", "steps": 100000, "truth": 20000, "segment": 2048,
+    "band": "", "std": "0.067, 0.10", "steps": 100000, "truth": 2500, "segment": 2048,
 }  # fmt: skip
 RING = """\
 &structure
@@ -70,12 +70,12 @@ SCENES = {
     "ring": Scene(
         "Six blades in a ring, from matrices",
         CHAIN | {"structure": RING, "force": "16.0", "band": "band = 0.0, 1.8 dof = 6",
-                 "steps": 50000, "truth": 4000},
+                 "steps": 50000},
         [[1, 2]],
     ),
     "twenty": Scene(
         "20 masses, both std, both forces",
-        CHAIN | {"structure": "&chain n_dof = 20 /", "steps": 20000, "truth": 5000,
+        CHAIN | {"structure": "&chain n_dof = 20 /", "steps": 20000,
                  "segment": 1024},
         [[1, 3], [2, 4]],
     ),

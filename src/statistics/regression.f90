@@ -90,11 +90,12 @@ contains
 
    !> Estimates a percentile half way between that of G and that of G plus residuals of samples
    !> predicted near it; half of their difference is allowed for as bias.
-   subroutine law_percentile(surrogate, fit, view, values, p, estimate)
+   subroutine law_percentile(surrogate, fit, view, values, width, p, estimate)
       type(surrogate_type), intent(in) :: surrogate
       type(fit_type), intent(in) :: fit
       type(view_type), intent(in) :: view
       real(wp), intent(in), contiguous :: values(:, :)   !! (point, output) G
+      real(wp), intent(in) :: width(:, :)     !! (2, output) of G, by width_of
       real(wp), intent(in) :: p               !! share of the law below
       type(estimates_type), intent(out) :: estimate
       real(wp) :: average_row(size(view%rows, 1), size(values, 2))
@@ -104,6 +105,7 @@ contains
       integer, allocatable :: around(:)
 
       allocate (estimate%value(size(values, 2)), estimate%bias(size(values, 2)))
+      allocate (estimate%excess, mold=width)
       do o = 1, size(values, 2)
          call find_quantile(values(:, o), view%weight, p, window, bare, around)
          average_row(:, o) = mean_of_some(view%rows, around)
@@ -122,6 +124,7 @@ contains
          residual = fit%residual(near(:, o), o)
          residual = (residual - sum(residual)/size(residual))/(2*size(residual))
          estimate%influence(near(:, o), o) = estimate%influence(near(:, o), o) + residual
+         estimate%excess(:, o) = excess_of(width(:, o), estimate%kappa(o))
       end do
    end subroutine law_percentile
 

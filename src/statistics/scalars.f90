@@ -6,7 +6,7 @@ module statistics_scalars
    use statistics_blend, only: join
    use statistics_estimates, only: estimates_type, inverse_density, plain_deviation, plain_mean, &
                                    plain_percentile, two_sided, upward_error
-   use statistics_influences, only: view_law, view_type
+   use statistics_influences, only: view_law, view_type, width_of
    use statistics_kernel_choice, only: learn_kernel
    use statistics_law, only: choose_points, law_type, n_points
    use statistics_pool, only: among_all, pool_type, residual_share
@@ -114,6 +114,7 @@ contains
          type(estimates_type) :: ours, theirs, both
          real(wp), dimension(size(law%weight), size(y, 2)) :: of_point, values
          real(wp) :: least(size(y, 2)), at_plain(size(y, 2)), ends(2), inverse
+         real(wp) :: width(2, size(y, 2))
          integer :: i, n, p
 
          n = pool%n_samples(case_number)
@@ -121,6 +122,7 @@ contains
          values = max(0.0_wp, values)
          do i = 1, size(best)
             if (is_fraction(i)) values(:, i) = min(values(:, i), right_angle)
+            width(:, i) = width_of(view, values(:, i), bent_fit%predicted(:, i))
             allocate (best(i)%percentile(size(share_below)))
             allocate (best(i)%low, best(i)%high, best(i)%percentile_ratio, mold=best(i)%percentile)
          end do
@@ -130,7 +132,7 @@ contains
             do i = 1, size(best)
                at_plain(i) = bend(plain(i, case_number)%percentile(p), is_fraction(i))
             end do
-            call law_percentile(surrogate, bent_fit, view, values, share_below(p), ours)
+            call law_percentile(surrogate, bent_fit, view, values, width, share_below(p), ours)
             theirs = among_all(pool, case_number, plain_percentile(bent(view%first:view%last, :), &
                                                                    share_below(p)), at_plain)
             do i = 1, size(best)

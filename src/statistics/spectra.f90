@@ -9,7 +9,7 @@ module statistics_spectra
    use statistics_blend, only: join, state_error
    use statistics_estimates, only: downward_error, estimates_type, inverse_density, plain_mean, &
                                    plain_percentile, two_sided, upward_error
-   use statistics_influences, only: view_law, view_type
+   use statistics_influences, only: view_law, view_type, width_of
    use statistics_kernel_choice, only: learn_kernel
    use statistics_law, only: choose_points, error_of_points, law_type, n_points
    use statistics_pool, only: among_all, pool_type, residual_share
@@ -92,6 +92,7 @@ contains
          type(spectrum_type), intent(inout) :: best
          type(integral_type) :: of_mean, of_percentile(size(share_below))
          integer, allocatable :: ranking(:, :)   ! (rank, frequency) the case's samples
+         real(wp), allocatable :: width(:, :)    ! (2, frequency) of G
          !> of exp(G) at each point; influences of each point on those of percentiles, and on the
          !> logarithm of the last one's over the first one's
          real(wp) :: power(size(law%weight), 0:size(share_below) + 1)
@@ -110,16 +111,17 @@ contains
             call predict(fits(k), view%rows, values(:, :n))
             call estimate_means(number, k, n, best, of_mean, power(:, 0))
             if (allocated(error)) return
-            allocate (ranking(view%last - view%first + 1, n))
+            allocate (ranking(view%last - view%first + 1, n), width(2, n))
             do f = 1, n
+               width(:, f) = width_of(view, values(:, f), fits(k)%predicted(:, f))
                ranking(:, f) = sort_order(outputs(view%first:view%last, first_of(k) + f - 1))
             end do
             do p = 1, size(share_below)
-               call estimate_percentiles(number, k, p, ranking, best, of_percentile(p), &
+               call estimate_percentiles(number, k, p, ranking, width, best, of_percentile(p), &
                                          power(:, p))
                if (allocated(error)) return
             end do
-            deallocate (ranking)
+            deallocate (ranking, width)
          end do
          n = size(share_below)
          power(:, n + 1) = power(:, n)/of_percentile(n)%value - power(:, 1)/of_percentile(1)%value
@@ -166,8 +168,9 @@ contains
          integral%value = integral%value + step*sum(both%value)
       end subroutine estimate_means
 
-      subroutine estimate_percentiles(number, k, p, ranking, best, integral, power)
+      subroutine estimate_percentiles(number, k, p, ranking, width, best, integral, power)
          integer, intent(in) :: number, k, p, ranking(:, :)
+         real(wp), intent(in) :: width(:, :)
          type(spectrum_type), intent(inout) :: best
          type(integral_type), intent(inout) :: integral
          real(wp), intent(inout) :: power(:)   !! (point) influence of the regression's share
@@ -182,7 +185,8 @@ contains
             associate (own => outputs(view%first:view%last, first:last))
                theirs = among_all(pool, number, plain_percentile(own, share_below(p), ranking), &
                                   log(max(plain(number)%percentile(first:last, p), least_density)))
-               call law_percentile(surrogate, fits(k), view, values(:, :n), share_below(p), ours)
+               call law_percentile(surrogate, fits(k), view, values(:, :n), width, share_below(p), &
+                                   ours)
                do o = 1, n   ! leaving a point out moves a percentile by 1/density
                   reach = inverse_density(theirs%influence(:, o), n_samples, share_below(p))
                   grown(:, o) = merge(-reach, 0.0_wp, values(:, o) <= ours%value(o))
