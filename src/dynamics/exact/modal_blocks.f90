@@ -26,6 +26,7 @@ module dynamics_exact_modal_blocks
       !> With two ports, V (q q', number) and V^-1: numbers of a block stand one after another
       real(wp), allocatable :: state(:, :), inverse(:, :)
    contains
+      procedure :: metric
       procedure :: reads
       procedure :: pushes
       procedure :: numbers
@@ -212,6 +213,27 @@ contains
          end do
       end associate
    end subroutine pair_poles
+
+   !> N of the numbers of all blocks, p'N p = q'C^q + 2 q'q': zero between blocks of different poles
+   !> (M9).
+   pure function metric(self, damping)
+      class(modal_blocks), intent(in) :: self
+      real(wp), intent(in) :: damping(:, :)   !! C^ (mode, mode)
+      real(wp) :: metric(2*size(damping, 1), 2*size(damping, 1))
+      integer :: n, r
+
+      n = size(damping, 1)
+      if (self%ports == 2) then
+         associate (q => self%state(:n, :), v => self%state(n + 1:, :))
+            metric = matmul(transpose(q), matmul(damping, q) + v) + matmul(transpose(v), q)
+         end associate
+         return
+      end if
+      metric = 0.0_wp
+      do r = 1, n
+         metric(2*r - 1:2*r, 2*r - 1:2*r) = reshape([damping(r, r), 1.0_wp, 1.0_wp, 0.0_wp], [2, 2])
+      end do
+   end function metric
 
    !> Factors of the numbers of all ports in what is read from q.
    pure function reads(self, gain) result(factors)

@@ -13,10 +13,9 @@ module dynamics_exact_modal_form
    use dynamics_exact_guard_zeros, only: no_crossing
    use dynamics_exact_joint_paths, only: layer_reach, layer_side, layer_slider, layer_spring, width
    use dynamics_exact_modal_lane, only: lane_paths
-   use dynamics_exact_modal_operators, only: modal_operators, new_modal_operators
+   use dynamics_exact_modal_operators, only: kernel_fit, modal_operators, new_modal_operators
    use dynamics_exact_modal_sliders, only: groups, lanes, moving_sliders
-   use dynamics_exact_modal_steps, only: put_free_paths, put_rest, rotate_modes, rotate_pairs, &
-                                         take_motion
+   use dynamics_exact_modal_steps, only: put_free_paths, rotate_modes, rotate_pairs, take_motion
    use dynamics_exact_modal_terms, only: path_degree
    use dynamics_exact_transitions, only: transition_group
    use dynamics_joint, only: enter_transition, slip_direction
@@ -41,10 +40,8 @@ module dynamics_exact_modal_form
                                                            value => null()
       real(wp), pointer, contiguous :: pushed(:, :, :) => null()     !! (lane, row, group) S z
       type(moving_sliders) :: sliders
-      !> With a ledger: (lane, row, 1:5, group), see its start_part; (lane, row, p p') of the group
-      !> under way, see its add_part
-      real(wp), pointer, contiguous, private :: works(:, :, :, :) => null(), &
-                                                rest(:, :, :) => null()
+      !> With a ledger: (lane, number, block, group) p' at the start of the part
+      real(wp), pointer, contiguous, private :: rates(:, :, :, :) => null()
       type(aligned_memory), private :: memory
       type(lane_paths), private :: lane   !! room for redo
    contains
@@ -90,11 +87,11 @@ contains
       self%paths%keeps_slack = .true.
       n_planes = 3*groups + 3 + self%operators%n_moments
       if (self%keeps_ledger) then
-         n_planes = n_planes + 5*groups + 2
+         n_planes = n_planes + 2*groups
          associate (for => self%operators)
             if (.not. for%ledger%is_ready) &
-               call for%ledger%prepare(self%h, for%rate, for%damping, for%modal_load, for%blocks, &
-                                       for%half)
+               call for%ledger%prepare(self%h, for%damping, for%modal_load, for%blocks, &
+                                       kernel_fit(for%n_moments))
          end associate
       end if
       call self%memory%start(lanes*(n_planes*n + 4*m))
@@ -104,9 +101,7 @@ contains
       call self%memory%take([lanes, n, self%operators%n_moments + 1], self%taken)
       self%taken(1:, 1:, 0:) => self%taken
       call self%memory%take([lanes, m, 4], self%value)
-      if (.not. self%keeps_ledger) return
-      call take_planes(n, 5, self%works)
-      call self%memory%take([lanes, n, 2], self%rest)
+      if (self%keeps_ledger) call take_planes(2, self%operators%n_modes, self%rates)
 
    contains
 
@@ -209,6 +204,8 @@ contains
             w = self%paths%first_sample + l - 1
             g = group_of(l)
             e = l - lanes*(g - 1)
+            if (self%keeps_ledger) state%work_viscous(w) = &
+               state%work_viscous(w) + (square(state%velocity(:, w)) - square(velocity(l, :)))
             state%displacement(:, w) = displacement(l, :)
             state%velocity(:, w) = velocity(l, :)
             state%modal(:, w) = [self%now(e, :n, 1, g), self%now(e, :n, 2, g), &
@@ -216,6 +213,16 @@ contains
                                  x(l, :m, layer(1)), displacement(l, :), velocity(l, :)]
          end do
       end associate
+
+   contains
+
+      !> v'v [J], whose growth the ledger leaves out of the parts (M9).
+      pure real(wp) function square(velocity)
+         real(wp), intent(in) :: velocity(:)
+
+         square = sum(matmul(velocity, self%operators%momentum)**2)
+      end function square
+
    end subroutine give
 
    !> See base_system.
@@ -250,7 +257,7 @@ contains
                  u => self%paths%layer(0), v => self%paths%layer(1), &
                  regime => self%paths%regime)
          if (self%keeps_ledger) call for%ledger%start_part(g, n, force, now, pushed, &
-                                                           self%works(:, :, :, g))
+                                                           self%rates(:, :, :, g))
          if (for%blocks%ports == 1) then
             call rotate_modes(n, for%first_read, for%rotation, for%load, force, pushed, now, &
                               self%middle)
@@ -258,8 +265,6 @@ contains
             call rotate_pairs(n, for%first_read, for%rotation, for%load, force, pushed, now, &
                               self%middle)
          end if
-         if (self%keeps_ledger) &
-            self%works(:, :, 5, g) = self%works(:, :, 5, g) - 0.25_wp*now(:, :, 2)
          do i = 1, 4
             associate (first => for%n_rows - size(for%reads(i)%value, 2) + 1)
                if (first > for%n_rows) cycle
@@ -466,11 +471,9 @@ contains
       associate (for => self%operators)
          do g = 1, self%n_groups
             call take_sliders(self, g)
-            call put_rest(self%n_padded, for%weight, for%rotation, self%taken, self%rest)
             of_group = 0.0_wp
-            call for%ledger%add_part(g, self%n_padded, self%now(:, :, :, g), &
-                                     self%taken(:, :, 0), self%rest, self%works(:, :, :, g), &
-                                     of_group)
+            call for%ledger%add_part(g, self%n_padded, self%now(:, :, :, g), self%taken, &
+                                     self%rates(:, :, :, g), of_group)
             associate (first => lanes*(g - 1) + 1)
                work(first:first + lanes - 1, :) = work(first:first + lanes - 1, :) + of_group
             end associate

@@ -1,36 +1,33 @@
 !> Work of the force and of the dampers over a part of a step, in modes.
 !>
-!> Where the sliders move uniformly, by what they move in the part, the dampers' work is an exact
-!> quadratic form of the velocities and accelerations at the start and of the rise of what acts.
-!> The rest of the sliders' motion adds a t^2 + b t^3 to velocities. Numbers in brackets are
-!> formulas of docs/exact_march.md.
+!> Both are exact for the motion that the blocks make. The dampers take the integral of N(y') less
+!> what v'v grows by, N(y) = q'C^q + 2 q'q': block by block a quadratic form of the rates at the
+!> start and of what pushes. Numbers in brackets are formulas of docs/exact_march.md.
 module dynamics_exact_modal_ledger
    use core_kinds, only: wp
    use dynamics_exact_modal_blocks, only: modal_blocks
    use dynamics_exact_modal_sliders, only: groups, lanes
-   use numerics_dense_product, only: pack_matrix, packed_matrix, padded_rows
-   use numerics_lapack, only: multiply
+   use dynamics_exact_transitions, only: fall
    implicit none(type, external)
    private
    public :: modal_ledger
 
-   integer, parameter :: n_blocks = 12
-
-   !> Works are in J.
+   !> Works are in J. Numbers of a block are p' at the start and S I_0 .. S I_n by ports, the rise
+   !> of the force in them as a uniform motion (M9).
    type :: modal_ledger
       logical :: is_ready = .false.
+      integer, private :: ports = 1
       real(wp), private :: scale = 0.0_wp                !! 1/h^2 [1/s^2]
       real(wp), allocatable, private :: block(:, :, :)   !! A (2, 2, block)
       real(wp), allocatable, private :: load(:, :)       !! (row, force) h^2 Phi' b
       real(wp), allocatable, private :: reads(:, :)      !! (row, force) X, where a force acts
-      !> (row, v g a or p' g, force) integral of X - X(0)
+      !> (number, force, block) integral of X - X(0)
       real(wp), allocatable, private :: area(:, :, :)
-      real(wp), allocatable, private :: half(:, :)       !! (entry, row) p' at 1/2
-      !> With one port, (mode) C^_rr and (entry, mode) the form (M9): vv, va, aa, vg, ag, gg
-      real(wp), allocatable, private :: decay(:), loss(:, :)
-      !> With two, C^ and the form, block of rows by block, on and above its diagonal
-      type(packed_matrix), private :: damping, form(n_blocks)
-      integer, private :: block_rows = 0
+      !> (1:2, pair) blocks, each with itself and then with those that N couples it with; (number of
+      !> the first, number of the second, pair) the form, doubled but for the diagonal of a block
+      !> with itself
+      integer, allocatable, private :: pair(:, :)
+      real(wp), allocatable, private :: form(:, :, :)
       !> (lane, force, group) X(0) and (.., power, group) forces of the part under way
       real(wp), allocatable, private :: place(:, :, :), force(:, :, :, :)
    contains
@@ -41,240 +38,250 @@ module dynamics_exact_modal_ledger
 
 contains
 
-   !> Prepares the quadratic forms of all modes, each by itself where C^ is diagonal.
-   subroutine prepare(self, h, rate, damping, load, blocks, half)
+   !> Prepares the forms of all blocks, and of pairs of blocks whose poles are so near that N
+   !> couples them.
+   pure subroutine prepare(self, h, damping, load, blocks, fit)
       class(modal_ledger), intent(inout) :: self
-      real(wp), intent(in) :: h                            !! of a part [s]
-      real(wp), intent(in) :: rate(:), damping(:, :)       !! Omega (mode), C^ (mode, mode)
-      real(wp), intent(in) :: load(:, :)                   !! (mode, force) h^2 Phi' b
+      real(wp), intent(in) :: h                 !! of a part [s]
+      real(wp), intent(in) :: damping(:, :)     !! C^ (mode, mode)
+      real(wp), intent(in) :: load(:, :)        !! (mode, force) h^2 Phi' b
       type(modal_blocks), intent(in) :: blocks
-      real(wp), intent(in) :: half(:, :)                   !! see modal_operators
-      real(wp), allocatable :: area(:, :), w(:, :)
-      integer :: n, n_forces, r
+      real(wp), intent(in) :: fit(0:, 0:)       !! see kernel_fit of modal_operators
+      real(wp), parameter :: negligible = 1.0e-10_wp   !! of v'v
+      real(wp) :: metric(2*size(damping, 1), 2*size(damping, 1))
+      real(wp) :: largest(2*size(damping, 1))   ! number, of (q, q') of length 1
+      real(wp), allocatable :: area(:, :), form(:, :)
+      integer :: b, c, i, n, n_modes
 
-      n = size(rate)
-      n_forces = size(load, 2)
+      n_modes = size(damping, 1)
       self%is_ready = .true.
+      self%ports = blocks%ports
       self%scale = 1.0_wp/h**2
       self%block = blocks%block
       self%load = blocks%pushes(load)
       self%reads = transpose(blocks%reads(transpose(load)))
-      self%half = half
-      allocate (self%place(lanes, n_forces, groups), self%force(lanes, n_forces, 0:1, groups))
-      if (blocks%ports == 2) then
-         call find_loss(rate, damping, load, w, area)
-         call put_form(self, n, blocks%state, w, area)
-         call pack_matrix(matmul(transpose(blocks%state(:n, :)), blocks%reads(damping)), &
-                          self%damping)
-         return
-      end if
-      self%decay = [(damping(r, r), r=1, n)]
-      allocate (self%loss(6, n), self%area(n, 3, n_forces))
-      do r = 1, n
-         call find_loss(rate(r:r), damping(r:r, r:r), reshape([1.0_wp], [1, 1]), w, area)
-         self%loss(:, r) = [w(1, 1), 2.0_wp*w(1, 2), w(2, 2), 2.0_wp*w(1, 3), 2.0_wp*w(2, 3), &
-                            w(3, 3)]
-         self%area(r, :, :) = matmul(area([1, 3, 2], :), load(r:r, :))
+      allocate (self%place(lanes, size(load, 2), groups))
+      allocate (self%force(lanes, size(load, 2), 0:1, groups))
+      metric = blocks%metric(damping)
+      largest = 1.0_wp
+      if (blocks%ports == 2) largest = norm2(blocks%inverse, 2)
+      n = 2 + blocks%ports*size(fit, 1)
+      allocate (self%pair(2, 0), self%form(n, n, 0), self%area(n, size(load, 2), n_modes))
+      do b = 1, n_modes
+         do c = b, n_modes
+            associate (of_b => [2*b - 1, 2*b], of_c => [2*c - 1, 2*c])
+               if (c > b .and. maxval(abs(metric(of_b, of_c)))*maxval(largest(of_b)) &
+                   *maxval(largest(of_c)) <= negligible) cycle
+            end associate
+            call find_form(blocks, metric, [(i, i=b, c, max(1, c - b))], fit, form, area)
+            self%pair = reshape([self%pair, b, c], [2, size(self%pair, 2) + 1])
+            self%form = reshape([self%form, 2.0_wp*form], [n, n, size(self%pair, 2)])
+            if (c > b) cycle
+            do i = 1, n
+               self%form(i, i, size(self%form, 3)) = form(i, i)
+            end do
+            associate (reads => self%reads(self%ports*(b - 1) + 1:self%ports*b, :))
+               self%area(:, :, b) = matmul(area(:, :self%ports), reads)
+            end associate
+         end do
       end do
    end subroutine prepare
 
-   !> Puts the form and the areas for two ports: (v, a) = V p', and the second half of V gives g.
-   subroutine put_form(self, n, state, w, area)
-      type(modal_ledger), intent(inout) :: self
-      integer, intent(in) :: n
-      real(wp), intent(in) :: state(:, :)   !! V (q q', number)
-      real(wp), intent(in) :: w(:, :)       !! (v a g, v a g)
-      real(wp), intent(in) :: area(:, :)    !! (v a g, force)
-      real(wp), allocatable :: all(:, :), form(:, :)
-      integer :: first, i, last, rows
-
-      rows = padded_rows(2*n)
-      allocate (all(3*n, 2*rows), source=0.0_wp)
-      all(:2*n, :2*n) = state
-      all(2*n + 1:, rows + 1:rows + 2*n) = state(n + 1:, :)
-      form = matmul(transpose(all), matmul(w, all))
-      self%area = reshape(matmul(transpose(all), area), [rows, 2, size(area, 2)])
-      self%block_rows = padded_rows((2*rows + n_blocks - 1)/n_blocks)
-      do i = 1, n_blocks
-         first = min((i - 1)*self%block_rows, 2*rows)
-         last = min(i*self%block_rows, 2*rows)
-         call pack_matrix(2.0_wp*form(first + 1:last, first + 1:), self%form(i))
-         self%form(i)%value(:, :last - first, :) = 0.5_wp*self%form(i)%value(:, :last - first, :)
-      end do
-   end subroutine put_form
-
-   !> Finds W = integral of exp(A't) Q exp(A t) over a part, by its power series over 2^-s of it,
-   !> doubled: W(2t) = W(t) + exp(A't) W(t) exp(A t). With y = (v, a, g, P, R): v' = a, a' = g - C^
-   !> a - Omega^2 v, P' = load' v, R' = P, so that R is the area of X - X(0).
-   subroutine find_loss(rate, damping, load, w, area)
-      real(wp), intent(in) :: rate(:), damping(:, :), load(:, :)
-      real(wp), allocatable, intent(out) :: w(:, :)      !! (v a g, v a g)
-      real(wp), allocatable, intent(out) :: area(:, :)   !! (v a g, force)
-      integer, parameter :: n_terms = 16                 !! 0.25^16/16! = 1e-23
-      real(wp), allocatable, dimension(:, :) :: a, change, more, q, term
+   !> Finds the integral of exp(A't) N exp(At) over a part for one or two blocks, by its series over
+   !> 2^-s of it, doubled: W(2t) = W(t) + exp(A't) W(t) exp(At). What moves: p'' = A p' + B f', the
+   !> derivatives of the polynomial f that has the moments; of the first block P' = p', R' = P.
+   pure subroutine find_form(blocks, metric, chosen, fit, form, area)
+      type(modal_blocks), intent(in) :: blocks
+      real(wp), intent(in) :: metric(:, :)     !! N
+      integer, intent(in) :: chosen(:)
+      real(wp), intent(in) :: fit(0:, 0:)      !! see prepare
+      real(wp), allocatable, intent(out) :: form(:, :)   !! (number of the first, of the last block)
+      real(wp), allocatable, intent(out) :: area(:, :)   !! R (number of the first block, 1:2)
+      integer, parameter :: n_terms = 16       !! 0.25^16/16! = 1e-23
+      real(wp), allocatable, dimension(:, :) :: a, change, moments, q, term, w
       real(wp) :: t
-      integer :: f, i, k, m, n, n_doublings
+      integer :: b, d, i, k, m, n, n_doublings, p
 
-      n = size(rate)
-      m = 3*n + 2*size(load, 2)
-      allocate (a(m, m), q(m, m), term(m, m), w(m, m), source=0.0_wp)
-      allocate (more(m, m))
-      do i = 1, n
-         a(i, n + i) = 1.0_wp
-         a(n + i, i) = -rate(i)**2
-         a(n + i, n + 1:2*n) = -damping(i, :)
-         a(n + i, 2*n + i) = 1.0_wp
+      n = 2 + blocks%ports*size(fit, 1)
+      m = n*size(chosen)
+      allocate (a(m + 4, m + 4), q(m + 4, m + 4), term(m + 4, m + 4), w(m + 4, m + 4), &
+                moments(n, n), source=0.0_wp)
+      do b = 1, size(chosen)
+         associate (first => n*(b - 1))
+            a(first + 1:first + 2, first + 1:first + 2) = blocks%block(:, :, chosen(b))
+            do i = first + 3 - blocks%ports, first + n - blocks%ports   ! f' pushes the last numbers
+               a(i, i + blocks%ports) = 1.0_wp
+            end do
+         end associate
       end do
-      do f = 1, size(load, 2)
-         a(3*n + f, :n) = load(:, f)
-         a(m - size(load, 2) + f, 3*n + f) = 1.0_wp
+      do i = 1, 2
+         a(m + i, i) = 1.0_wp
+         a(m + 2 + i, m + i) = 1.0_wp
+         moments(i, i) = 1.0_wp
+      end do
+      associate (rates => [(n*(b - 1) + 1, n*(b - 1) + 2, b=1, size(chosen))], &
+                 of_blocks => [(2*chosen(b) - 1, 2*chosen(b), b=1, size(chosen))])
+         q(rates, rates) = metric(of_blocks, of_blocks)
+      end associate
+      do k = 0, ubound(fit, 1)   ! f'(t) = sum I_k fit(k, p) (-p) (1 - t)^(p - 1)
+         do d = 0, ubound(fit, 1)
+            do i = 3, 2 + blocks%ports
+               moments(i + blocks%ports*d, i + blocks%ports*k) = &
+                  (-1)**(d + 1)*sum([(fit(k, p)*gamma(p + 1.0_wp)/gamma(real(p - d, wp)), &
+                                      p=d + 1, ubound(fit, 2))])
+            end do
+         end do
       end do
       n_doublings = max(0, exponent(4.0_wp*maxval(sum(abs(a), 2))))
       t = 0.5_wp**n_doublings
-      q(:n, :n) = damping
-      do i = 1, m
+      do i = 1, size(a, 1)
          term(i, i) = 1.0_wp
       end do
       change = term
       do k = 1, n_terms
          q = q*(t/k)
          w = w + q
-         call multiply(q, a, more)
-         q = more + transpose(more)
-         call multiply(a, term, more)
-         term = more*(t/k)
+         q = matmul(q, a)
+         q = q + transpose(q)
+         term = matmul(a, term)*(t/k)
          change = change + term
       end do
       do k = 1, n_doublings
-         call multiply(w, change, q)
-         call multiply(change, q, more, .true.)
-         w = w + 0.5_wp*(more + transpose(more))
-         q = change
-         call multiply(q, q, change)
+         w = w + matmul(transpose(change), matmul(w, change))
+         change = matmul(change, change)
       end do
-      w = w(:3*n, :3*n)
-      area = transpose(change(m - size(load, 2) + 1:, :3*n))
-   end subroutine find_loss
+      form = matmul(transpose(moments), matmul(w(:n, m - n + 1:m), moments))
+      area = transpose(matmul(change(m + 3:, :n), moments))
+   end subroutine find_form
 
-   !> Keeps rates and displacements at the start of a part, and the rates of the free motion at its
-   !> half.
-   pure subroutine start_part(self, g, rows, force, now, pushed, y)
+   !> Keeps the rates and the displacements at the start of a part.
+   pure subroutine start_part(self, g, rows, force, now, pushed, rates)
       class(modal_ledger), intent(inout) :: self
       integer, intent(in) :: g, rows                     !! group of lanes
       real(wp), intent(in) :: force(lanes, size(self%load, 2), 0:1)   !! value and rise [N]
       real(wp), intent(in) :: now(lanes, rows, 2)        !! p, p'
       real(wp), intent(in) :: pushed(lanes, rows)        !! S z
-      real(wp), intent(inout) :: y(lanes, rows, 5)       !! v, g, a or p', g; room; p' at 1/2
+      real(wp), intent(inout) :: rates(lanes, 2, size(self%block, 3))
       real(wp) :: push(lanes, 2)   ! of both numbers of a block: of one port the first has none
-      integer :: f, i, port, ports, r, row
+      integer :: b, f, row
 
-      ports = size(self%half, 1)/2 - 1
       self%force(:, :, :, g) = force
-      self%place(:, :, g) = 0.0_wp
+      do f = 1, size(self%load, 2)
+         call multiply(size(self%load, 1), self%reads(:, f), now, self%place(:, f, g))
+      end do
       push = 0.0_wp
-      do r = 1, size(self%load, 1), ports
-         do row = r, r + ports - 1
-            i = row - r + 3 - ports
-            push(:, i) = pushed(:, row)
-            y(:, row, 2) = 0.0_wp
-            do f = 1, size(self%load, 2)
-               push(:, i) = push(:, i) + self%load(row, f)*force(:, f, 0)
-               y(:, row, 2) = y(:, row, 2) + self%load(row, f)*force(:, f, 1)
-               self%place(:, f, g) = self%place(:, f, g) + self%reads(row, f)*now(:, row, 1)
-            end do
-         end do
-         associate (a => self%block(:, :, 1 + (r - 1)/ports), first => now(:, r, 1), &
-                    second => now(:, r + ports - 1, 3 - ports), last => r + ports - 1)
-            y(:, r, 1) = (push(:, 1) + a(1, 1)*first) + a(1, 2)*second
-            y(:, last, 5 - 2*ports) = (push(:, 2) + a(2, 1)*first) + a(2, 2)*second
-            do row = r, last
-               y(:, row, 5) = self%half(1, row)*first + self%half(2, row)*second
-               do port = 1, ports
-                  y(:, row, 5) = y(:, row, 5) &
-                                 + (self%half(2 + port, row)*push(:, 2 + port - ports) &
-                                    + self%half(2 + ports + port, row)*y(:, r + port - 1, 2))
+      do b = 1, size(self%block, 3)
+         do row = self%ports*(b - 1) + 1, self%ports*b
+            associate (push => push(:, 2 + row - self%ports*b))
+               push = pushed(:, row)
+               do f = 1, size(self%load, 2)
+                  push = push + self%load(row, f)*force(:, f, 0)
                end do
-            end do
+            end associate
+         end do
+         associate (a => self%block(:, :, b), first => now(:, self%ports*(b - 1) + 1, 1), &
+                    second => now(:, self%ports*b, 3 - self%ports))
+            rates(:, 1, b) = push(:, 1) + (a(1, 1)*first + a(1, 2)*second)
+            rates(:, 2, b) = push(:, 2) + (a(2, 1)*first + a(2, 2)*second)
          end associate
       end do
    end subroutine start_part
 
-   !> Adds the works of a group over the part: input, of all forces, is by parts F(1) X(1) - F(0)
-   !> X(0) - F' times the integral of X. The rest of the sliders' motion adds a t^2 + b t^3 to v
-   !> (M9).
-   pure subroutine add_part(self, g, rows, now, turned, rest, y, work)
+   !> Adds the works of a group over the part, but for what v'v grows by (M9): input, of all forces,
+   !> is by parts F(1) X(1) - F(0) X(0) - F' times the integral of X.
+   pure subroutine add_part(self, g, rows, now, taken, rates, work)
       class(modal_ledger), intent(in) :: self
       integer, intent(in) :: g, rows
       real(wp), intent(in) :: now(lanes, rows, 2)    !! p, p' at the end
-      real(wp), intent(in) :: turned(lanes, rows)    !! S zeta(1)
-      real(wp), intent(in) :: rest(lanes, rows, 2)   !! p, p' at the end by the rest
-      !> See start_part; the free motion has taken a quarter of its p' at 1 from the last
-      real(wp), intent(inout) :: y(lanes, rows, 5)
+      real(wp), intent(in) :: taken(lanes, rows, 0:*)   !! S I
+      real(wp), intent(in) :: rates(lanes, 2, size(self%block, 3))            !! see start_part
       real(wp), intent(inout) :: work(lanes, 2)      !! input, viscous
-      real(wp), dimension(lanes) :: area, half, place, uniform   ! half, uniform: p' at 1/2 and 1
-      real(wp) :: c(6)
-      integer :: f, n, r
+      real(wp), dimension(lanes, size(self%area, 1)) :: first, second
+      real(wp), dimension(lanes) :: added, lost, place
+      real(wp), dimension(lanes, size(self%load, 2)) :: area
+      integer :: b, e, f, n
 
-      n = size(self%load, 1)
-      y(:, :n, 2) = y(:, :n, 2) + turned(:, :n)
+      n = size(self%area, 1)
+      area = self%place(:, :, g)
+      lost = 0.0_wp
+      do e = 1, size(self%pair, 2)
+         b = self%pair(1, e)
+         if (self%pair(2, e) == b) then
+            call put_numbers(b, first)
+            call add_form(n, .true., self%form(:, :, e), first, first, lost)
+            do f = 1, size(self%load, 2)
+               call multiply(n, self%area(:, f, b), first, added)
+               area(:, f) = area(:, f) + added
+            end do
+         else
+            call put_numbers(self%pair(2, e), second)
+            call add_form(n, .false., self%form(:, :, e), first, second, lost)
+         end if
+      end do
+      work(:, 2) = work(:, 2) + self%scale*lost
       do f = 1, size(self%load, 2)
-         area = self%place(:, f, g)
-         place = 0.0_wp
-         do r = 1, n
-            place = place + self%reads(r, f)*now(:, r, 1)
-            area = area + self%reads(r, f)*(0.4_wp*rest(:, r, 1) - 0.05_wp*rest(:, r, 2))
-            area = area + (self%area(r, 1, f)*y(:, r, 1) + self%area(r, 2, f)*y(:, r, 2))
-            if (size(self%area, 2) == 3) area = area + self%area(r, 3, f)*y(:, r, 3)
-         end do
+         call multiply(size(self%load, 1), self%reads(:, f), now, place)
          associate (before => self%force(:, f, 0, g), rise => self%force(:, f, 1, g))
             work(:, 1) = work(:, 1) + self%scale*((before + rise)*place &
-                                                  - before*self%place(:, f, g) - rise*area)
+                                                  - before*self%place(:, f, g) - rise*area(:, f))
          end associate
       end do
-      if (allocated(self%decay)) then
-         do r = 1, n
-            c = self%scale*self%loss(:, r)
-            associate (v => y(:, r, 1), g => y(:, r, 2), a => y(:, r, 3))
-               work(:, 2) = work(:, 2) + (v*(c(1)*v + c(2)*a + c(4)*g) + a*(c(3)*a + c(5)*g) &
-                                          + c(6)*g**2)
-            end associate
-            y(:, r, 3) = self%decay(r)*rest(:, r, 1)
-            y(:, r, 4) = self%decay(r)*rest(:, r, 2)
+
+   contains
+
+      !> Gathers the numbers of a block.
+      pure subroutine put_numbers(block, numbers)
+         integer, intent(in) :: block
+         real(wp), intent(inout) :: numbers(lanes, n)
+         real(wp) :: rise(lanes)
+         integer :: column, f, k, row
+
+         numbers(:, :2) = rates(:, :, block)
+         do row = self%ports*(block - 1) + 1, self%ports*block
+            rise = 0.0_wp
+            do f = 1, size(self%load, 2)
+               rise = rise + self%load(row, f)*self%force(:, f, 1, g)
+            end do
+            column = 2 + row - self%ports*(block - 1)
+            do k = 0, (n - 2)/self%ports - 1
+               numbers(:, column + self%ports*k) = taken(:, row, k) + fall(1, k)*rise
+            end do
          end do
-      else
-         call add_form(self, 2*rows, y, y(:, :, 4), work(:, 2))
-         call self%damping%multiply(rest(:, :, 1), y(:, :, 3))
-         call self%damping%multiply(rest(:, :, 2), y(:, :, 4))
-      end if
-      do r = 1, n
-         associate (q => rest(:, r, 1), v => rest(:, r, 2))
-            uniform = now(:, r, 2) - v
-            half = y(:, r, 5) + 0.25_wp*uniform
-            work(:, 2) = work(:, 2) + self%scale* &
-                         (y(:, r, 3)*((1.6_wp*half + 0.4_wp*uniform) + (48.0_wp/35.0_wp)*q) &
-                          + y(:, r, 4)*((5.0_wp*uniform - 4.0_wp*half - y(:, r, 1))/30.0_wp &
-                                        + (3.0_wp*v - 4.0_wp*q)/35.0_wp))
-         end associate
-      end do
+      end subroutine put_numbers
+
    end subroutine add_part
 
-   !> Adds the dampers' work in uniform motion, y' W y, where damping couples the modes.
-   pure subroutine add_form(self, rows, y, product, work)
-      class(modal_ledger), intent(in) :: self
-      integer, intent(in) :: rows
-      real(wp), intent(in) :: y(lanes, rows)
-      real(wp), intent(inout) :: product(lanes, self%block_rows)   !! room
-      real(wp), intent(inout) :: work(lanes)
-      integer :: b, first, r
+   !> Adds a form of the numbers of two blocks; of one with itself, its upper triangle.
+   pure subroutine add_form(n, is_own, form, first, second, total)
+      integer, intent(in) :: n
+      logical, intent(in) :: is_own
+      real(wp), intent(in) :: form(n, n), first(lanes, n), second(lanes, n)
+      real(wp), intent(inout) :: total(lanes)
+      real(wp), dimension(lanes) :: column, all
+      integer :: i, k
 
-      do b = 1, n_blocks
-         first = (b - 1)*self%block_rows
-         if (first >= rows) exit
-         call self%form(b)%multiply(y(1, first + 1), product)
-         do r = 1, min(self%block_rows, rows - first)
-            work = work + self%scale*(y(:, first + r)*product(:, r))
+      all = 0.0_wp
+      do k = 1, n
+         column = 0.0_wp
+         do i = 1, merge(k, n, is_own)
+            column = column + form(i, k)*first(:, i)
          end do
+         all = all + column*second(:, k)
       end do
+      total = total + all
    end subroutine add_form
+
+   !> Sums numbers with factors.
+   pure subroutine multiply(n, factor, number, total)
+      integer, intent(in) :: n
+      real(wp), intent(in) :: factor(n), number(lanes, *)
+      real(wp), intent(out) :: total(lanes)
+      integer :: i
+
+      total = 0.0_wp
+      do i = 1, n
+         total = total + factor(i)*number(:, i)
+      end do
+   end subroutine multiply
 
 end module dynamics_exact_modal_ledger

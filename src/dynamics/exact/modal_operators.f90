@@ -19,7 +19,7 @@ module dynamics_exact_modal_operators
    use structure_model, only: structure_type
    implicit none(type, external)
    private
-   public :: modal_operators, new_modal_operators
+   public :: kernel_fit, modal_operators, new_modal_operators
 
    !> Operators of one part of a step. A row of ports is a number of a block that loads push and
    !> joints read: a mode where C^ is diagonal.
@@ -32,8 +32,8 @@ module dynamics_exact_modal_operators
       real(wp), allocatable :: load(:, :)       !! h^2 Phi' b (row, force)
       real(wp), allocatable :: direction(:, :)  !! W (dof, joint)
       !> (entry, 1:4, row) from both numbers of the block, its pushes, their rises: p, p' at 1, both
-      !> at 1/2 less those of the cubic through both ends (M3), (M4); p' at 1/2, for the ledger
-      real(wp), allocatable :: rotation(:, :, :), half(:, :)
+      !> at 1/2 less those of the cubic through both ends (M3), (M4)
+      real(wp), allocatable :: rotation(:, :, :)
       real(wp), allocatable :: weight(:, :, :, :)   !! (0:moment, port, p or p', row) (M6)
       type(packed_matrix) :: reads(4), push, shape   !! G, of the blocks that are read; S, Phi
       type(packed_matrix) :: answer(3:path_degree)   !! power k of a path from the sliders' (M5)
@@ -132,7 +132,6 @@ contains
       ports = operators%blocks%ports
       n_entries = 2 + 2*ports
       allocate (operators%rotation(n_entries, 4, operators%n_rows), &
-                operators%half(n_entries, operators%n_rows), &
                 operators%weight(0:last, ports, 2, operators%n_rows), &
                 moved(operators%n_rows, operators%n_joints, n_markov))
       do r = 1, operators%n_modes
@@ -154,7 +153,6 @@ contains
                to(:, 2) = v
                to(:, 3) = half_p - 0.5_wp*(start_p + p) - 0.125_wp*(start_v - v)
                to(:, 4) = half_v - 1.5_wp*(p - start_p) + 0.25_wp*(start_v + v)
-               operators%half(:, row) = half_v
             end associate
             associate (push => operators%slider_push(row - port + 1:row - port + ports, :))
                do k = 1, n_markov

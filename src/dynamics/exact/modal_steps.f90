@@ -5,7 +5,7 @@ module dynamics_exact_modal_steps
    use dynamics_exact_modal_sliders, only: groups, lanes
    implicit none(type, external)
    private
-   public :: put_free_paths, put_rest, rotate_modes, rotate_pairs, take_motion
+   public :: put_free_paths, rotate_modes, rotate_pairs, take_motion
 
 contains
 
@@ -173,31 +173,5 @@ contains
       end do
       pushed(:, :size(weight, 4)) = pushed(:, :size(weight, 4)) + taken(:, :size(weight, 4), 0)
    end subroutine take_motion
-
-   !> Adds of the sliders' motion to the blocks at the end, less those of the uniform motion to its
-   !> end: what take_motion adds less what f' = S zeta(1) does.
-   pure subroutine put_rest(rows, weight, rotation, taken, rest)
-      integer, intent(in) :: rows
-      real(wp), intent(in) :: weight(0:, :, :, :)    !! (moment, port, p or p', row)
-      real(wp), intent(in) :: rotation(:, :, :)      !! (entry, layer, row)
-      real(wp), intent(in) :: taken(lanes, rows, 0:ubound(weight, 1))   !! S I
-      real(wp), intent(inout) :: rest(lanes, rows, 2)                   !! p, p'
-      integer :: i, k, other, port, ports, row
-
-      ports = size(weight, 2)
-      rest = 0.0_wp
-      do port = 1, ports
-         do i = 1, 2
-            do row = 1, size(weight, 4)
-               other = row - iand(row - 1, ports - 1) + port - 1   ! row of that port of the block
-               rest(:, row, i) = rest(:, row, i) + taken(:, other, 0)* &
-                                 (weight(0, port, i, row) - rotation(2 + ports + port, i, row))
-               do k = 1, ubound(weight, 1)
-                  rest(:, row, i) = rest(:, row, i) + weight(k, port, i, row)*taken(:, other, k)
-               end do
-            end do
-         end do
-      end do
-   end subroutine put_rest
 
 end module dynamics_exact_modal_steps
