@@ -20,7 +20,6 @@ module numerics_dense_product
    contains
       procedure :: multiply
       procedure :: multiply_some
-      procedure :: add_some
    end type packed_matrix
 
 contains
@@ -54,38 +53,17 @@ contains
       real(wp), intent(in) :: x(product_width, *)      !! (8, column)
       real(wp), intent(inout) :: y(product_width, *)   !! (8, padded row)
 
-      call go_over(self, self%all_columns, 1, .false., x, 1, y)
+      call self%multiply_some(self%all_columns, 1, .false., x, 1, y)
    end subroutine multiply
 
-   !> Finds y = A x with some columns of each layer: as many columns of A one after another.
-   pure subroutine multiply_some(self, columns, n_layers, x, y)
+   !> Finds A x, or adds it to y, with some columns of each layer (as many columns of A one after
+   !> another), in the first of every `stride` columns of y. Goes over the fours of rows.
+   pure subroutine multiply_some(self, columns, n_layers, is_added, x, stride, y)
       class(packed_matrix), intent(in) :: self
       integer, intent(in), contiguous :: columns(:)    !! of the first layer
-      integer, intent(in) :: n_layers
-      real(wp), intent(in) :: x(product_width, *)      !! (8, column)
-      real(wp), intent(inout) :: y(product_width, *)   !! (8, padded row)
-
-      call go_over(self, columns, n_layers, .false., x, 1, y)
-   end subroutine multiply_some
-
-   !> Finds y = y + A x in the same way, in the first of every `stride` columns of y.
-   pure subroutine add_some(self, columns, n_layers, x, stride, y)
-      class(packed_matrix), intent(in) :: self
-      integer, intent(in), contiguous :: columns(:)    !! of the first layer
-      integer, intent(in) :: n_layers, stride
-      real(wp), intent(in) :: x(product_width, *)      !! (8, column)
-      real(wp), intent(inout) :: y(product_width, *)
-
-      call go_over(self, columns, n_layers, .true., x, stride, y)
-   end subroutine add_some
-
-   !> Lists the columns of all layers and goes over the fours of rows.
-   pure subroutine go_over(self, columns, n_layers, is_added, x, stride, y)
-      type(packed_matrix), intent(in) :: self
-      integer, intent(in), contiguous :: columns(:)
       integer, intent(in) :: n_layers, stride
       logical, intent(in) :: is_added
-      real(wp), intent(in) :: x(product_width, *)
+      real(wp), intent(in) :: x(product_width, *)      !! (8, column)
       real(wp), intent(inout) :: y(product_width, stride, *)
       integer :: all_columns(n_layers*size(columns)), k, n
 
@@ -99,7 +77,7 @@ contains
       end do
       call multiply_fours(self%n_fours, size(self%value, 2), self%value, all_columns, is_added, x, &
                           stride, y)
-   end subroutine go_over
+   end subroutine multiply_some
 
    pure subroutine multiply_fours(n_fours, n_columns, a, columns, is_added, x, stride, y)
       integer, intent(in) :: n_fours, n_columns

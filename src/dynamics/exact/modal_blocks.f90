@@ -235,16 +235,20 @@ contains
       end do
    end function metric
 
-   !> Factors of the numbers of all ports in what is read from q.
-   pure function reads(self, gain) result(factors)
+   !> Factors of the numbers of all ports in what is read from q, or from q'; with one port q' is a
+   !> number itself.
+   pure function reads(self, gain, from_rate) result(factors)
       class(modal_blocks), intent(in) :: self
       real(wp), intent(in) :: gain(:, :)   !! (row, mode)
+      logical, intent(in) :: from_rate
       real(wp), allocatable :: factors(:, :)
+      integer :: first
 
       if (self%ports == 1) then
          factors = gain
       else
-         factors = matmul(gain, self%state(:size(gain, 2), :))
+         first = merge(size(gain, 2), 0, from_rate)
+         factors = matmul(gain, self%state(first + 1:first + size(gain, 2), :))
       end if
    end function reads
 
@@ -261,17 +265,16 @@ contains
       end if
    end function pushes
 
-   !> Numbers of all blocks, as the march keeps them: q and q', or p and zeros in place of p'.
+   !> Numbers of all blocks, as the march keeps them: q and q', or p.
    pure function numbers(self, q, velocity) result(p)
       class(modal_blocks), intent(in) :: self
       real(wp), intent(in) :: q(:), velocity(:)   !! q' (mode)
-      real(wp) :: p(self%ports*size(q), 2)
+      real(wp) :: p(self%ports*size(q), 3 - self%ports)
 
       if (self%ports == 1) then
-         p = reshape([q, velocity], [size(q), 2])
+         p = reshape([q, velocity], shape(p))
       else
          p(:, 1) = matmul(self%inverse, [q, velocity])
-         p(:, 2) = 0.0_wp
       end if
    end function numbers
 

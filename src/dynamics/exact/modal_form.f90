@@ -32,10 +32,11 @@ module dynamics_exact_modal_form
       type(modal_operators) :: operators
       integer :: n_padded = 0, m_padded = 0
       integer :: n_groups = 0   !! that have samples
-      !> (lane, row, p p', group); from run_part to go_on those that the free motion has at the end
+      !> (lane, row, plane, group) numbers of blocks: q and q', or p; from run_part to go_on those
+      !> that the free motion has at the end
       real(wp), pointer, contiguous :: now(:, :, :, :) => null()
       !> Room for the group under way: (lane, row, 1:2) p, p' at 1/2 less those of the cubic through
-      !> both ends; (lane, row, 0:moment) S I; (lane, joint, 1:4) G p, G p' at 1 and of the middle
+      !> both ends; (lane, row, 0:moment) S I; (lane, joint, 1:4) u, u' at 1 and of the middle
       real(wp), pointer, contiguous, dimension(:, :, :) :: middle => null(), taken => null(), &
                                                            value => null()
       real(wp), pointer, contiguous :: pushed(:, :, :) => null()     !! (lane, row, group) S z
@@ -77,7 +78,7 @@ contains
    !> See base_system.
    subroutine begin(self)
       class(modal_form), intent(inout) :: self
-      integer :: j, n, m, n_planes
+      integer :: j, n, m, n_planes, planes
 
       n = self%n_padded
       m = self%m_padded
@@ -85,7 +86,8 @@ contains
       call self%paths%start(path_degree, [(0.0_wp, j=1, m)], [(j, j=1, self%operators%n_joints)], &
                             [(1.0_wp, j=1, self%operators%n_joints)])
       self%paths%keeps_slack = .true.
-      n_planes = 3*groups + 3 + self%operators%n_moments
+      planes = 3 - self%operators%blocks%ports
+      n_planes = (planes + 1)*groups + 3 + self%operators%n_moments
       if (self%keeps_ledger) then
          n_planes = n_planes + 2*groups
          associate (for => self%operators)
@@ -95,7 +97,7 @@ contains
          end associate
       end if
       call self%memory%start(lanes*(n_planes*n + 4*m))
-      call take_planes(n, 2, self%now)
+      call take_planes(n, planes, self%now)
       call self%memory%take([lanes, n, groups], self%pushed)
       call self%memory%take([lanes, n, 2], self%middle)
       call self%memory%take([lanes, n, self%operators%n_moments + 1], self%taken)
@@ -122,10 +124,11 @@ contains
       class(modal_form), intent(inout) :: self
       type(block_state), intent(in) :: state
       real(wp) :: slider(self%operators%n_joints)
-      integer :: e, g, l, m, n, w
+      integer :: e, g, k, l, m, n, w
 
       n = self%operators%n_rows
       m = self%operators%n_joints
+      k = n*size(self%now, 3)
       self%n_groups = group_of(self%paths%n_samples)
       self%now = 0.0_wp
       self%pushed = 0.0_wp
@@ -139,11 +142,10 @@ contains
             associate (place => state%displacement(:, w), speed => state%velocity(:, w))
                if (is_kept(w)) then
                   associate (kept => state%modal(:, w))
-                     self%now(e, :n, 1, g) = kept(:n)
-                     self%now(e, :n, 2, g) = kept(n + 1:2*n)
-                     self%pushed(e, :n, g) = kept(2*n + 1:3*n)
-                     x(l, :m, layer(0)) = kept(3*n + 1:3*n + m)
-                     x(l, :m, layer(1)) = kept(3*n + m + 1:3*n + 2*m)
+                     self%now(e, :n, :, g) = reshape(kept(:k), [n, k/n])
+                     self%pushed(e, :n, g) = kept(k + 1:k + n)
+                     x(l, :m, layer(0)) = kept(k + n + 1:k + n + m)
+                     x(l, :m, layer(1)) = kept(k + n + m + 1:k + n + 2*m)
                   end associate
                   cycle
                end if
@@ -166,7 +168,7 @@ contains
          is_kept = .false.
          if (.not. allocated(state%modal)) return
          associate (last => ubound(state%modal, 1), n_dof => state%n_dof)
-            if (last /= 3*n + 2*m + 2*n_dof) return
+            if (last /= k + n + 2*m + 2*n_dof) return
             is_kept = all(abs(state%modal(last - 2*n_dof + 1:last - n_dof, sample) &
                               - state%displacement(:, sample)) <= 0.0_wp) .and. &
                       all(abs(state%modal(last - n_dof + 1:, sample) &
@@ -192,7 +194,7 @@ contains
 
       n = self%operators%n_rows
       m = self%operators%n_joints
-      n_kept = 3*n + 2*m + 2*state%n_dof
+      n_kept = n*size(self%now, 3) + n + 2*m + 2*state%n_dof
       call self%put_state(displacement, velocity)
       if (allocated(state%modal)) then
          if (size(state%modal, 1) /= n_kept) deallocate (state%modal)
@@ -208,9 +210,9 @@ contains
                state%work_viscous(w) + (square(state%velocity(:, w)) - square(velocity(l, :)))
             state%displacement(:, w) = displacement(l, :)
             state%velocity(:, w) = velocity(l, :)
-            state%modal(:, w) = [self%now(e, :n, 1, g), self%now(e, :n, 2, g), &
-                                 self%pushed(e, :n, g), x(l, :m, layer(0)), &
-                                 x(l, :m, layer(1)), displacement(l, :), velocity(l, :)]
+            state%modal(:, w) = [self%now(e, :n, :, g), self%pushed(e, :n, g), &
+                                 x(l, :m, layer(0)), x(l, :m, layer(1)), &
+                                 displacement(l, :), velocity(l, :)]
          end do
       end associate
 
@@ -249,6 +251,7 @@ contains
       integer, intent(in) :: g, first   !! group; its first lane
       real(wp), intent(in) :: force(lanes, self%n_forces, 0:1)   !! value and rise [N]
       integer :: i, k, n, rows
+      logical :: has_slope
 
       n = self%n_padded
       rows = size(self%paths%x, 2)
@@ -259,7 +262,7 @@ contains
          if (self%keeps_ledger) call for%ledger%start_part(g, n, force, now, pushed, &
                                                            self%rates(:, :, :, g))
          if (for%blocks%ports == 1) then
-            call rotate_modes(n, for%first_read, for%rotation, for%load, force, pushed, now, &
+            call rotate_modes(n, for%first_read(4), for%rotation, for%load, force, pushed, now, &
                               self%middle)
          else
             call rotate_pairs(n, for%first_read, for%rotation, for%load, force, pushed, now, &
@@ -268,22 +271,25 @@ contains
          do i = 1, 4
             associate (first => for%n_rows - size(for%reads(i)%value, 2) + 1)
                if (first > for%n_rows) cycle
-               if (i <= 2) call for%reads(i)%multiply(now(:, :, i), self%value(:, :, i))
+               if (i <= 2) call for%reads(i)%multiply(now(:, :, min(i, size(now, 3))), &
+                                                      self%value(:, :, i))
                if (i > 2) call for%reads(i)%multiply(self%middle(:, first:, i - 2), &
                                                      self%value(:, :, i))
             end associate
          end do
-         call put_free_paths(self%m_padded, rows, for%first_read(4) <= for%n_modes, self%value, &
-                             x(first, 1, u), x(first, 1, v), x(first, 1, 2))
+         has_slope = for%first_read(4) <= for%n_modes
+         call put_free_paths(self%m_padded, rows, has_slope, self%value, x(first, 1, u), &
+                             x(first, 1, v), x(first, 1, 2))
          call sliders%follow(g, regime(first, 1, layer_side), regime(first, 1, layer_spring))
          call sliders%mask(g, 1, x(first, 1, v))
          call sliders%mask(g, 2, x(first, 1, 2))
          do k = 3, path_degree
             associate (least => for%first_power(k))
                if (least <= k - 2) &
-                  call for%answer(k)%add_some(sliders%moved(:sliders%n_moved(g), g), &
-                                              k - 1 - least, sliders%motion(:, :, least:, g), &
-                                              groups, x(first, 1, k))
+                  call for%answer(k)%multiply_some( &
+                  sliders%moved(:sliders%n_moved(g), g), k - 1 - least, k < 5 .or. &
+                  (has_slope .and. k == 5), sliders%motion(:, :, least:, g), groups, &
+                  x(first, 1, k))
             end associate
             if (k <= 4) call sliders%mask(g, k, x(first, 1, k))
          end do
@@ -435,10 +441,11 @@ contains
       associate (for => self%operators, moments => self%sliders%moments(:, :, :, g), &
                  moved => self%sliders%moved(:self%sliders%n_moved(g), g))
          do k = 0, for%n_moments
-            call for%push%multiply_some(moved, 1, moments(:, :, k + 1), self%taken(:, :, k))
+            call for%push%multiply_some(moved, 1, .false., moments(:, :, k + 1), 1, &
+                                        self%taken(:, :, k))
          end do
-         call take_motion(self%n_padded, for%weight, self%taken, self%now(:, :, :, g), &
-                          self%pushed(:, :, g))
+         call take_motion(self%n_padded, for%n_modes, for%blocks%ports, for%n_moments, for%weight, &
+                          self%taken, self%now(:, :, :, g), self%pushed(:, :, g))
       end associate
    end subroutine take_sliders
 
@@ -452,10 +459,10 @@ contains
 
       do g = 1, self%n_groups
          associate (first => lanes*(g - 1) + 1, n => self%operators%n_modes)
-            call self%operators%shape%multiply(self%now(:, :, 1, g), x)
+            call self%operators%shape(1)%multiply(self%now(:, :, 1, g), x)
             displacement(first:first + lanes - 1, :) = x(:, :n)
             if (size(velocity) == 0) cycle
-            call self%operators%shape%multiply(self%now(:, :, 2, g), x)
+            call self%operators%shape(2)%multiply(self%now(:, :, size(self%now, 3), g), x)
             velocity(first:first + lanes - 1, :) = x(:, :n)/self%h
          end associate
       end do

@@ -245,25 +245,21 @@ contains
    pure subroutine end_changes(self)
       class(lane_paths), intent(inout) :: self
 
-      call find_ends(size(self%slack)/lanes, self%left, self%change, self%place, self%velocity)
+      call find_ends(size(self%slack), self%left, self%change, self%place, self%velocity)
    end subroutine end_changes
 
-   pure subroutine find_ends(blocks, t, change, place, velocity)
-      integer, intent(in) :: blocks
-      real(wp), intent(in) :: t, change(lanes, blocks, 0:path_degree)
-      real(wp), intent(inout), dimension(lanes, blocks) :: place, velocity
-      integer :: b, k, l
+   pure subroutine find_ends(n, t, c, place, velocity)
+      integer, intent(in) :: n
+      real(wp), intent(in) :: t, c(n, 0:path_degree)
+      real(wp), intent(inout), dimension(n) :: place, velocity
+      integer :: l
 
-      place = change(:, :, path_degree)
-      velocity = 0.0_wp
-      do k = path_degree - 1, 0, -1
-         do b = 1, blocks
-            !$omp simd
-            do l = 1, lanes
-               velocity(l, b) = velocity(l, b)*t + place(l, b)
-               place(l, b) = place(l, b)*t + change(l, b, k)
-            end do
-         end do
+      !$omp simd
+      do l = 1, n
+         place(l) = c(l, 0) + t*(c(l, 1) + t*(c(l, 2) + t*(c(l, 3) + t*(c(l, 4) + t*(c(l, 5) &
+                                                                            + t*c(l, 6))))))
+         velocity(l) = c(l, 1) + t*(2.0_wp*c(l, 2) + t*(3.0_wp*c(l, 3) + t*(4.0_wp*c(l, 4) &
+                                                        + t*(5.0_wp*c(l, 5) + t*6.0_wp*c(l, 6)))))
       end do
    end subroutine find_ends
 

@@ -59,7 +59,7 @@ contains
       self%scale = 1.0_wp/h**2
       self%block = blocks%block
       self%load = blocks%pushes(load)
-      self%reads = transpose(blocks%reads(transpose(load)))
+      self%reads = transpose(blocks%reads(transpose(load), .false.))
       allocate (self%place(lanes, size(load, 2), groups))
       allocate (self%force(lanes, size(load, 2), 0:1, groups))
       metric = blocks%metric(damping)
@@ -159,7 +159,7 @@ contains
       class(modal_ledger), intent(inout) :: self
       integer, intent(in) :: g, rows                     !! group of lanes
       real(wp), intent(in) :: force(lanes, size(self%load, 2), 0:1)   !! value and rise [N]
-      real(wp), intent(in) :: now(lanes, rows, 2)        !! p, p'
+      real(wp), intent(in) :: now(lanes, rows, 3 - self%ports)   !! numbers
       real(wp), intent(in) :: pushed(lanes, rows)        !! S z
       real(wp), intent(inout) :: rates(lanes, 2, size(self%block, 3))
       real(wp) :: push(lanes, 2)   ! of both numbers of a block: of one port the first has none
@@ -192,7 +192,7 @@ contains
    pure subroutine add_part(self, g, rows, now, taken, rates, work)
       class(modal_ledger), intent(in) :: self
       integer, intent(in) :: g, rows
-      real(wp), intent(in) :: now(lanes, rows, 2)    !! p, p' at the end
+      real(wp), intent(in) :: now(lanes, rows, 3 - self%ports)   !! numbers at the end
       real(wp), intent(in) :: taken(lanes, rows, 0:*)   !! S I
       real(wp), intent(in) :: rates(lanes, 2, size(self%block, 3))            !! see start_part
       real(wp), intent(inout) :: work(lanes, 2)      !! input, viscous

@@ -31,11 +31,13 @@ module dynamics_exact_modal_operators
       real(wp), allocatable :: slider_push(:, :)   !! S (row, joint)
       real(wp), allocatable :: load(:, :)       !! h^2 Phi' b (row, force)
       real(wp), allocatable :: direction(:, :)  !! W (dof, joint)
-      !> (entry, 1:4, row) from both numbers of the block, its pushes, their rises: p, p' at 1, both
-      !> at 1/2 less those of the cubic through both ends (M3), (M4)
+      !> (entry, end, block) from both numbers, the pushes and their rises to both numbers at 1, and
+      !> to p of the ports, then p', at 1/2 less those of the cubic through both ends (M3), (M4)
       real(wp), allocatable :: rotation(:, :, :)
-      real(wp), allocatable :: weight(:, :, :, :)   !! (0:moment, port, p or p', row) (M6)
-      type(packed_matrix) :: reads(4), push, shape   !! G, of the blocks that are read; S, Phi
+      real(wp), allocatable :: weight(:, :, :, :)   !! (0:moment, port, number, block) (M6)
+      !> G of displacements, velocities, and both at half the part, of the blocks that are read; S;
+      !> Phi of displacements and velocities
+      type(packed_matrix) :: reads(4), push, shape(2)
       type(packed_matrix) :: answer(3:path_degree)   !! power k of a path from the sliders' (M5)
       real(wp), allocatable :: rate(:), damping(:, :)   !! Omega (mode), C^ (mode, mode)
       real(wp), allocatable :: modal_load(:, :)         !! h^2 Phi' b (mode, force)
@@ -104,16 +106,19 @@ contains
                               operators%h**2*transpose(spread(structure%joint_stiffness, 2, &
                                                               structure%n_dof)*joints%gain))
       operators%n_rows = size(operators%slider_push, 1)
-      gain = operators%blocks%reads(joints%gain)
       call choose_terms(structure%joint_stiffness, joints, operators%rate, operators%damping, &
                         operators%blocks, tolerance, operators)
-      do i = 1, 4
+      do i = 4, 1, -1
+         gain = operators%blocks%reads(joints%gain, i == 2)
          associate (first => operators%blocks%ports*(operators%first_read(i) - 1) + 1)
             call pack_matrix(gain(:, first:), operators%reads(i))
          end associate
       end do
+      do i = 1, 2
+         call pack_matrix(operators%blocks%reads(structure%modes_stuck, i == 2), &
+                          operators%shape(i))
+      end do
       call pack_matrix(operators%slider_push, operators%push)
-      call pack_matrix(operators%blocks%reads(structure%modes_stuck), operators%shape)
       call put_rotations(operators, moved)
       call put_answers(gain, moved, operators)
    end subroutine new_modal_operators
@@ -125,14 +130,15 @@ contains
       type(exponential_type) :: half, full
       real(wp) :: a(2, 2), b(2, operators%blocks%ports), scale
       real(wp) :: fit(0:operators%n_moments, 0:operators%n_moments + 1)
-      integer :: k, last, n_entries, port, ports, r, row
+      real(wp), dimension(2, 2 + 2*operators%blocks%ports) :: at_0, at_half, at_1, middle, slope
+      integer :: i, k, last, n, ports, r
 
       last = operators%n_moments
       fit = kernel_fit(last)
       ports = operators%blocks%ports
-      n_entries = 2 + 2*ports
-      allocate (operators%rotation(n_entries, 4, operators%n_rows), &
-                operators%weight(0:last, ports, 2, operators%n_rows), &
+      n = 2 + 2*ports
+      allocate (operators%rotation(n, n, operators%n_modes), &
+                operators%weight(0:last, ports, 2, operators%n_modes), &
                 moved(operators%n_rows, operators%n_joints, n_markov))
       do r = 1, operators%n_modes
          scale = 1.0_wp   ! of the second number, so that the matrix is balanced
@@ -143,69 +149,52 @@ contains
          b(:, ports) = [0.0_wp, 1.0_wp/scale]
          if (ports == 2) b(:, 1) = [1.0_wp, 0.0_wp]
          call find_exponential(a, b, max(n_markov, last + 1), half, full)
-         do port = 1, ports
-            row = ports*(r - 1) + port
-            associate (p => number_at(1.0_wp, full), v => rate_at(1.0_wp, full), &
-                       half_p => number_at(0.5_wp, half), half_v => rate_at(0.5_wp, half), &
-                       start_p => number_at(0.0_wp), start_v => rate_at(0.0_wp), &
-                       to => operators%rotation(:, :, row))
-               to(:, 1) = p
-               to(:, 2) = v
-               to(:, 3) = half_p - 0.5_wp*(start_p + p) - 0.125_wp*(start_v - v)
-               to(:, 4) = half_v - 1.5_wp*(p - start_p) + 0.25_wp*(start_v + v)
-            end associate
-            associate (push => operators%slider_push(row - port + 1:row - port + ports, :))
-               do k = 1, n_markov
-                  moved(row, :, k) = matmul(full%moment(port, :, k), push)
-               end do
-            end associate
-            associate (weight => operators%weight(:, :, :, row))   ! its bounds start at 1
-               weight(:, :, 1) = matmul(fit, transpose(full%moment(port, :, 0:last + 1)))
-               weight(:, :, 2) = a(port, 1)*matmul(fit, transpose(full%moment(1, :, 0:last + 1))) &
-                                 + a(port, 2)*matmul(fit, transpose(full%moment(2, :, 0:last + 1)))
-               weight(1, :, 2) = weight(1, :, 2) + b(port, :)
-            end associate
+         at_0 = 0.0_wp
+         at_0(1, 1) = 1.0_wp
+         at_0(2, 2) = 1.0_wp/scale
+         at_half = numbers_at(0.5_wp, half)
+         at_1 = numbers_at(1.0_wp, full)
+         middle = at_half - 0.5_wp*(at_0 + at_1) &
+                  - 0.125_wp*(rates_at(0.0_wp, at_0) - rates_at(1.0_wp, at_1))
+         slope = rates_at(0.5_wp, at_half) - 1.5_wp*(at_1 - at_0) &
+                 + 0.25_wp*(rates_at(0.0_wp, at_0) + rates_at(1.0_wp, at_1))
+         at_1(2, :) = at_1(2, :)*scale
+         operators%rotation(:, :, r) = reshape([transpose(at_1), transpose(middle(:ports, :)), &
+                                                transpose(slope(:ports, :))], [n, n])
+         do i = 1, 2
+            operators%weight(:, :, i, r) = matmul(fit, transpose(full%moment(i, :, 0:last + 1))) &
+                                           *merge(scale, 1.0_wp, i == 2)
          end do
+         associate (push => operators%slider_push(ports*(r - 1) + 1:ports*r, :))
+            do k = 1, n_markov
+               moved(ports*(r - 1) + 1:ports*r, :, k) = matmul(full%moment(:ports, :, k), push)
+            end do
+         end associate
       end do
 
    contains
 
-      !> Factors of both numbers, their pushes and rises in the port's number after a time; at 0
-      !> without the exponential.
-      pure function number_at(time, of) result(factors)
+      !> Factors of both numbers, the pushes and their rises in both numbers after a time.
+      pure function numbers_at(time, of) result(factors)
          real(wp), intent(in) :: time
-         type(exponential_type), intent(in), optional :: of
-         real(wp) :: factors(n_entries), all(2, n_entries)
+         type(exponential_type), intent(in) :: of
+         real(wp) :: factors(2, n)
 
-         all = all_at(time, of)
-         factors = all(port, :)
-      end function number_at
-
-      !> The same of its rate.
-      pure function rate_at(time, of) result(factors)
-         real(wp), intent(in) :: time
-         type(exponential_type), intent(in), optional :: of
-         real(wp) :: factors(n_entries), all(2, n_entries)
-
-         all = all_at(time, of)
-         factors = a(port, 1)*all(1, :) + a(port, 2)*all(2, :) &
-                   + [0.0_wp, 0.0_wp, b(port, :), time*b(port, :)]
-      end function rate_at
-
-      pure function all_at(time, of) result(factors)
-         real(wp), intent(in) :: time
-         type(exponential_type), intent(in), optional :: of
-         real(wp) :: factors(2, n_entries)   !! (number, entry)
-
-         factors = 0.0_wp
-         factors(1, 1) = 1.0_wp
-         factors(2, 2) = 1.0_wp/scale
-         if (.not. present(of)) return
          factors(:, 1) = of%value(:, 1)
          factors(:, 2) = of%value(:, 2)/scale
          factors(:, 3:2 + ports) = of%moment(:, :, 0)
          factors(:, 3 + ports:) = time*of%moment(:, :, 0) - of%moment(:, :, 1)
-      end function all_at
+      end function numbers_at
+
+      !> The same of their rates.
+      pure function rates_at(time, numbers) result(factors)
+         real(wp), intent(in) :: time, numbers(2, n)
+         real(wp) :: factors(2, n)
+
+         factors = matmul(a, numbers)
+         factors(:, 3:2 + ports) = factors(:, 3:2 + ports) + b
+         factors(:, 3 + ports:) = factors(:, 3 + ports:) + time*b
+      end function rates_at
 
    end subroutine put_rotations
 

@@ -184,7 +184,7 @@ contains
       real(wp) :: gain(size(joints%gain, 1), blocks%ports*size(rate))
       integer :: d, k, r
 
-      gain = blocks%reads(joints%gain)
+      gain = blocks%reads(joints%gain, .false.)
       do r = 1, size(rate)
          associate (ports => gain(:, blocks%ports*(r - 1) + 1:blocks%ports*r))
             ports(:, 1) = norm2(ports, 2)
