@@ -300,7 +300,7 @@ contains
 
    !> Forms the block's result from the state at the end of the march.
    subroutine collect(runner, march, result)
-      type(runner_type), intent(in) :: runner
+      type(runner_type), intent(inout) :: runner
       type(march_type), intent(inout) :: march
       type(block_result), intent(inout) :: result
       real(wp) :: duration
@@ -329,7 +329,7 @@ contains
    end subroutine collect
 
    subroutine collect_spectra(runner, march, result)
-      type(runner_type), intent(in) :: runner
+      type(runner_type), intent(inout) :: runner
       type(march_type), intent(in) :: march
       type(block_result), intent(inout) :: result
       real(wp), allocatable :: power(:, :, :)   ! (batch, range, series)

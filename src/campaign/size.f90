@@ -29,7 +29,7 @@ module campaign_size
    real(wp), parameter :: word = 8.0_wp            !! bytes of a number
    real(wp), parameter :: of_dataset = 775.0_wp    !! bytes beside its values (measured, HDF5 1.10)
    real(wp), parameter :: margin = 1.01_wp         !! three digits are told, never too few bytes
-   real(wp), parameter :: of_entry = 16.0_wp       !! bytes of a matrix's row, column and value
+   real(wp), parameter :: of_entry = 20.0_wp       !! bytes: a matrix's row, column, value, number
    real(wp), parameter :: of_process = 20.5e3_wp   !! bytes of one beside its values (measured)
    real(wp), parameter :: of_refused = 2.6e3_wp    !! bytes of a process without a solution
    real(wp), parameter :: of_file = 6.0e3_wp       !! bytes of an empty results file (measured)
@@ -64,10 +64,10 @@ contains
       end do
       associate (structure => plan%structure)
          bytes = bytes + word*12*(structure%n_dof + structure%n_joints) + 20*of_dataset &
+                 + word*structure%n_dof*(structure%n_joints + structure%n_forces) &
                  + of_entry*(count(abs(structure%mass) > 0.0_wp) &
                              + count(abs(structure%damping) > 0.0_wp) &
-                             + count(abs(structure%stiffness) > 0.0_wp) &
-                             + count(abs(structure%direction) > 0.0_wp))
+                             + count(abs(structure%stiffness) > 0.0_wp))
       end associate
    end function results_size
 
@@ -202,7 +202,8 @@ contains
          n_powers = n_batches*size(last_of_ranges(n_frequencies(plan, every)))
    end function n_powers
 
-   !> Largest resident memory of a rank [byte]: of realizations, the march, or statistics.
+   !> Largest resident memory of a rank [byte]: of realizations, the march, or statistics. The
+   !> matrices stay to the end.
    pure function memory_of_rank(plan, every, transitions) result(bytes)
       type(plan_type), intent(in) :: plan
       integer, intent(in) :: every
@@ -215,6 +216,7 @@ contains
       n_samples = maxval(plan%cases%n_samples)
       bytes = max(bytes, with_march + 4*n_samples*size(plan%cases) &
                   + of_shard*size(plan%cases)*(1 + n_samples/block_width(plan)) &
+                  + memory_of_matrices(plan) &
                   + max(memory_of_march(plan, every, transitions), &
                         memory_of_statistics(plan, every), memory_of_regression(plan, every)))
    end function memory_of_rank
@@ -238,7 +240,7 @@ contains
          if (plan%excitation%per_sample) &
             of_sample = of_sample + word*n_steps*plan%structure%n_forces
       end associate
-      bytes = record_memory(plan) + memory_of_matrices(plan) &
+      bytes = record_memory(plan) &
               + min(block_width(plan), maxval(plan%cases%n_samples))*of_sample
    end function memory_of_march
 
@@ -347,7 +349,8 @@ contains
                     to_text(plan%n_realizations)//': the realizations of a process take '// &
                     to_text(nint(bytes/1.0e6_wp, long))//' MB, which the system does not give')
       if (allocated(error) .or. .not. plan%has_structure) return
-      bytes = memory_of_march(plan, plan%output%segment_length, 0.0_wp)
+      bytes = memory_of_matrices(plan) &
+              + memory_of_march(plan, plan%output%segment_length, 0.0_wp)
       if (.not. gives_memory(bytes)) call raise(error, exit_bad_input, 'integration%n_steps = '// &
                            to_text(plan%integration%n_steps)//': the force and what is kept of '// &
                                                 'a block take '//to_text(nint(bytes/1.0e6_wp))// &

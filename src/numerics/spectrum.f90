@@ -220,9 +220,10 @@ contains
       power = power + real(spectrum, wp)**2 + aimag(spectrum)**2
    end subroutine add_square
 
-   !> Finds the densities; values that fill no segment are left out. Needs one segment.
+   !> Finds the densities and gives the memory of the records back; values that fill no segment are
+   !> left out. Needs one segment.
    subroutine finish(self, psd)
-      class(welch_type), intent(in) :: self
+      class(welch_type), intent(inout) :: self
       !> (frequency, series) [unit^2/Hz], at 0..length/2 times 1/(length interval)
       real(wp), intent(out) :: psd(0:, :)
       integer :: series
@@ -230,6 +231,7 @@ contains
       do series = 1, size(psd, 2)
          psd(:, series) = densities(self, self%power(:, series), self%n_segments)
       end do
+      deallocate (self%segment, self%power)
    end subroutine finish
 
    !> Spectral densities of one record, from its power in a number of segments.

@@ -33,6 +33,7 @@ CASES = {
     "without_spectra": {"n_samples": 64, "kept": "'slip', 'spectrum' samples = .false."},
     "histories": {"n_steps": 40000, "kept": "'slip', 'history'"},
     "transitions": {"n_steps": 20000, "n_samples": 32, "kept": "'slip', 'transitions'"},
+    "many_masses": {"n_dof": 400},
     "long_march": {"n_dof": 1, "n_steps": 2000000, "n_samples": 1, "kept": "'slip', 'spectrum'"},
 }
 PROCESSES = {
