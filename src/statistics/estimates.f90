@@ -104,25 +104,55 @@ contains
    end function plain_percentile
 
    !> End of the interval of a percentile of numbers that are not negative where no order statistic
-   !> is far enough out: as many standard errors of the root away, with Student's factor.
+   !> is far enough out. Of their roots it is the farther of two: as many standard errors away, with
+   !> Student's factor; and the tolerance limit of a normal law.
    pure function end_beyond(sorted, p, is_upper) result(value)
       real(wp), intent(in) :: sorted(:)   !! ascending
       real(wp), intent(in) :: p           !! share of the law below
       logical, intent(in) :: is_upper
       real(wp) :: value
       type(estimates_type) :: root
-      real(wp) :: reach
+      real(wp) :: centre, limit, reach, scatter
       integer :: i, n
 
       n = size(sorted)
       root = plain_percentile(reshape(sqrt(sorted), [n, 1]), p, reshape([(i, i=1, n)], [n, 1]))
       reach = two_sided*stated_error(root%influence(:, 1), 0.0_wp, n)
+      centre = sum(sqrt(sorted))/n
+      scatter = sqrt(sum((sqrt(sorted) - centre)**2)/(n - 1))
+      limit = scatter*tolerance_factor(n, merge(p, 1.0_wp - p, is_upper))
       if (is_upper) then
-         value = max(sorted(n), (root%value(1) + reach*root%stretch(2, 1))**2)
+         value = max(sorted(n), max(root%value(1) + reach*root%stretch(2, 1), centre + limit)**2)
       else
-         value = min(sorted(1), max(0.0_wp, root%value(1) - reach*root%stretch(1, 1))**2)
+         value = min(sorted(1), max(0.0_wp, min(root%value(1) - reach*root%stretch(1, 1), &
+                                                centre - limit))**2)
       end if
    end function end_beyond
+
+   !> Standard deviations of n normal values from their mean to the limit below which the share p of
+   !> their law lies with probability 0.975 (Natrella 1963, 2-13); for n = 2 as for 3.
+   pure real(wp) function tolerance_factor(n, p)
+      integer, intent(in) :: n
+      real(wp), intent(in) :: p
+      real(wp) :: a, b, z
+
+      z = normal_point(p)
+      a = 1.0_wp - two_sided**2/(2*max(n - 1, 2))
+      b = z**2 - two_sided**2/n
+      tolerance_factor = (z + sqrt(z**2 - a*b))/a
+   end function tolerance_factor
+
+   !> The value below which the share p of the normal law lies, to 4.5e-4 (Abramowitz and Stegun
+   !> 26.2.23).
+   pure real(wp) function normal_point(p)
+      real(wp), intent(in) :: p
+      real(wp) :: t
+
+      t = sqrt(-2.0_wp*log(min(p, 1.0_wp - p)))
+      normal_point = t - (2.515517_wp + t*(0.802853_wp + t*0.010328_wp)) &
+                     /(1.0_wp + t*(1.432788_wp + t*(0.189269_wp + t*0.001308_wp)))
+      if (p < 0.5_wp) normal_point = -normal_point
+   end function normal_point
 
    !> Mean difference of neighbouring order statistics between two ranks, as far as there are any.
    pure real(wp) function slope_between(sorted, low, high)
