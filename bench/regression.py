@@ -3,9 +3,11 @@
 Campaigns of thousands of samples a case are the truth. From each of them N samples (25, 100 and
 400) are drawn TIMES times (400), with replacement; each time all statistics are estimated, and
 their errors compared with plain sampling's. The law of the friction is that of the campaign's
-samples. Every case is estimated by itself, and pooled with those of the same force. Prints a table
-for each scene (paper, stuck, ring, twenty): median gain over cases, masses (and frequencies),
-in brackets the least; mean coverage, in brackets the least and the largest of a case and a mass.
+samples. What 2500 of them scatter beyond friction limits pools of 100 samples a case and more:
+their coverage needs a larger `truth`. Every case is estimated by itself, and pooled with those of
+the same force. Prints a table for each scene (paper, stuck, ring, twenty): median gain over cases,
+masses (and frequencies), in brackets the least; mean coverage, in brackets the least and the
+largest of a case and a mass.
 What is left of the campaigns (`.thin.h5`: every fourth frequency, as far as there is power) and the
 draws (`.raw`) are kept in results/: more draws go on from there, and after a change of the
 estimators the draws are to be deleted, not the truth. Builds the target bench_regression.
