@@ -12,6 +12,8 @@ module dynamics_exact_modal_ledger
    private
    public :: modal_ledger
 
+   integer, parameter :: most_numbers = 12   !! of a block: two ports, I_0 .. I_4
+
    !> Works are in J. Numbers of a block are p' at the start and S I_0 .. S I_n by ports, the rise
    !> of the force in them as a uniform motion (M9).
    type :: modal_ledger
@@ -196,7 +198,7 @@ contains
       real(wp), intent(in) :: taken(lanes, rows, 0:*)   !! S I
       real(wp), intent(in) :: rates(lanes, 2, size(self%block, 3))            !! see start_part
       real(wp), intent(inout) :: work(lanes, 2)      !! input, viscous
-      real(wp), dimension(lanes, size(self%area, 1)) :: first, second
+      real(wp), dimension(lanes, most_numbers) :: first, second   ! a constant extent aligns them
       real(wp), dimension(lanes) :: added, lost, place
       real(wp), dimension(lanes, size(self%load, 2)) :: area
       integer :: b, e, f, n
