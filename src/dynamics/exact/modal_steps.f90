@@ -166,6 +166,7 @@ contains
                a = taken(l, row + port, 0)
                b = taken(l, row + port, 1)
                c = taken(l, row + port, 2)
+               pushed(l, row + port) = pushed(l, row + port) + a
                now(l, row + 1, 1) = now(l, row + 1, 1) &
                                     + (weight(0, port, 1, r)*a &
                                        + (weight(1, port, 1, r)*b + weight(2, port, 1, r)*c))
@@ -182,7 +183,6 @@ contains
             end do
          end do
       end do
-      pushed(:, :ports*n) = pushed(:, :ports*n) + taken(:, :ports*n, 0)
    end subroutine take_motion
 
 end module dynamics_exact_modal_steps
