@@ -214,7 +214,7 @@ contains
 
    !> C = M Phi diag(2 zeta omega) Phi' M (dof, dof) [N s/m].
    function modal_damping(mass, modes, ratio, frequencies) result(damping)
-      real(wp), intent(in) :: mass(:, :), modes(:, :)      !! (dof, dof) [kg]; (dof, mode)
+      real(wp), intent(in), contiguous :: mass(:, :), modes(:, :)   !! (dof, dof) [kg]; (dof, mode)
       real(wp), intent(in) :: ratio(:), frequencies(:)     !! zeta (mode), (mode) [Hz]
       real(wp), allocatable :: damping(:, :)
       real(wp), allocatable :: momentum(:, :)   ! (mode, dof), by the root of its damping
