@@ -56,8 +56,9 @@ class Pair:
     @cached_property
     def rows(self) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
         """Places of the samples that both have, by their numbers."""
-        numbers = [case.data["sample"].values for case in (self.before, self.after)]
-        return np.intersect1d(*numbers, assume_unique=True, return_indices=True)[1:]
+        before, after = (case.data["sample"].values for case in (self.before, self.after))
+        _, *places = np.intersect1d(before, after, assume_unique=True, return_indices=True)
+        return places[0], places[1]
 
     @property
     def n_samples(self) -> int:

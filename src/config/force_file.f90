@@ -124,13 +124,15 @@ contains
                                      ' values: must be integration%n_steps + 1 = '// &
                                      to_text(n_steps + 1_long))
       end if
-      if (size(force, 2) < n_forces*n_samples .or. &
-          n_samples == 0 .and. size(force, 2) /= n_forces) &
-         call complaints%add_general(path//': holds '//counted(size(force, 2), 'record', &
-                                                               'records')//': must be '// &
-                                     to_text(n_forces*max(1, n_samples))//', one for each force'// &
-                                     trim(merge(' and sample                    ', &
-                                                ', without excitation%per_sample', n_samples > 0)))
+      associate (held => path//': holds '//counted(size(force, 2), 'record', 'records'))
+         if (size(force, 2) < n_forces*n_samples) then
+            call complaints%add_general(held//': must be '//to_text(n_forces*n_samples)// &
+                                        ', one for each force and sample')
+         else if (n_samples == 0 .and. size(force, 2) /= n_forces) then
+            call complaints%add_general(held//': must be '//to_text(n_forces)// &
+                                        ', one for each force, without excitation%per_sample')
+         end if
+      end associate
       if (.not. all(ieee_is_finite(force))) &
          call complaints%add_general(path//': every value must be finite')
    end subroutine check_force
