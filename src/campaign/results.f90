@@ -217,10 +217,10 @@ contains
    subroutine add(list, name, units, axes, about, values)
       type(listed_statistic), allocatable, intent(inout) :: list(:)
       character(*), intent(in) :: name, units, axes, about
-      real(wp), intent(in), contiguous, optional, target :: values(..)
+      real(wp), intent(in), allocatable, target :: values(..)
       type(listed_statistic) :: one
 
-      if (.not. present(values)) return
+      if (.not. allocated(values)) return
       one = listed_statistic(name, units, axes, about, rank(values))
       call c_f_pointer(c_loc(values), one%values, [shape(values), spread(1, 1, 3 - rank(values))])
       list = [list, one]

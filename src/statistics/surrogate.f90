@@ -212,7 +212,7 @@ contains
          r = best_ratio(surrogate%eigenvalue, projection(:, o), sum(y(:, o)**2), n)
          fit%shrink(:, o) = surrogate%eigenvalue/(surrogate%eigenvalue + noise_ratios(r))
       end do
-      fit%coefficient = fit%shrink*projection
+      allocate (fit%coefficient, source=fit%shrink*projection)   ! not by =, which would read bounds
       allocate (fit%of_row(size(surrogate%transform, 1), n_out))
       call multiply(surrogate%transform, fit%coefficient, fit%of_row)
       fit%constant = fit%mean - matmul(surrogate%offset, fit%coefficient)

@@ -256,7 +256,7 @@ contains
    pure function pushes(self, load) result(factors)
       class(modal_blocks), intent(in) :: self
       real(wp), intent(in) :: load(:, :)   !! (mode, column)
-      real(wp), allocatable :: factors(:, :)
+      real(wp) :: factors(self%ports*size(load, 1), size(load, 2))
 
       if (self%ports == 1) then
          factors = load

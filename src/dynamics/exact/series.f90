@@ -77,7 +77,7 @@ contains
       error = 0.5_wp*tolerance/(parts*memory*max(count_levels(series), 5))
       series%degree = degree_for(series%rate, error)
       allocate (series%damping(0:series%degree - 2))
-      share = abs(damping)
+      allocate (share, source=abs(damping))   ! not by =, which would read bounds
       call weigh_by_motion(structure, dt, share)
       motion = 1.0_wp
       load = 1.0_wp
