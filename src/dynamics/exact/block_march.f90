@@ -53,7 +53,7 @@ contains
       type(error_type), allocatable, intent(out) :: error
       type(march_room) :: room
       real(wp) :: push(width, base%n_forces, 0:1)
-      integer :: first, l, part, step
+      integer :: first, part, step
 
       base%keeps_ledger = state%keeps_ledger
       call base%begin()
@@ -66,7 +66,6 @@ contains
       samples: do first = 1, state%n_samples, width
          base%paths%first_sample = first
          base%paths%n_samples = min(width, state%n_samples - first + 1)
-         room%is_involved = [(l > base%paths%n_samples, l=1, width)]
          call base%take(state)
          call base%paths%take_in(structure%joint_stiffness, state)
          call list_sliding(base, state, room)
@@ -102,7 +101,7 @@ contains
       integer :: found, s
 
       call base%run_part(push, room%list, found)
-      if (.not. room%is_independent) room%is_involved(:base%paths%n_samples) = .false.
+      if (.not. room%is_independent) room%is_involved = .false.
       if (found > 0) call make_transitions(base, found, begin, state, room, error)
       if (allocated(error)) return
       if (state%keeps_ledger) call keep_ledger(base, state)
@@ -300,6 +299,7 @@ contains
    end subroutine keep_ledger
 
    !> Sets the force of every lane at a share of a step, and its rise over the next part of it.
+   !> Lanes without a sample have none and stay at rest: their joints are never suspect.
    pure subroutine set_force(base, force, step, share, part, push)
       class(base_system), intent(in) :: base
       real(wp), intent(in) :: force(0:, :), share, part
@@ -308,17 +308,18 @@ contains
       real(wp) :: rise
       integer :: column, f, l, sample
 
+      push(base%paths%n_samples + 1:, :, :) = 0.0_wp
       do f = 1, base%n_forces
-         do l = 1, width
-            sample = base%paths%first_sample + min(l, base%paths%n_samples) - 1
+         do l = 1, base%paths%n_samples
+            sample = base%paths%first_sample + l - 1
             column = f
             if (size(force, 2) > base%n_forces) column = f + base%n_forces*(sample - 1)
             rise = force(step + 1, column) - force(step, column)
             push(l, f, 0) = force(step, column) + share*rise
             push(l, f, 1) = part*rise
             if (l == 1 .and. size(force, 2) == base%n_forces) then
-               push(:, f, 0) = push(1, f, 0)
-               push(:, f, 1) = push(1, f, 1)
+               push(:base%paths%n_samples, f, 0) = push(1, f, 0)
+               push(:base%paths%n_samples, f, 1) = push(1, f, 1)
                exit
             end if
          end do

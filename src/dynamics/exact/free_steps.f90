@@ -16,8 +16,8 @@ module dynamics_exact_free_steps
    integer, private :: b   ! of the constructors that follow
    integer(long), parameter :: bit(lanes, vectors) = &
                                reshape([(shiftl(1_long, b), b=0, width - 1)], [lanes, vectors])
-   real(wp), parameter :: order(most_degree) = [(b, b=1, most_degree)]
-   real(wp), parameter :: bend(most_degree) = 0.125_wp*order*(order - 1.0_wp)*(order - 2.0_wp)
+   real(wp), parameter :: power(most_degree) = [(b, b=1, most_degree)]
+   real(wp), parameter :: bend(most_degree) = 0.125_wp*power*(power - 1.0_wp)*(power - 2.0_wp)
 
 contains
 
@@ -162,13 +162,13 @@ contains
       do v = 1, vectors
          do l = 1, lanes
             path(l) = x(l, v, i, degree)
-            velocity(l) = order(degree)*x(l, v, i, degree)
+            velocity(l) = power(degree)*x(l, v, i, degree)
             turn(l) = bend(degree)*abs(x(l, v, i, degree))
          end do
          do k = degree - 1, 3, -1
             do l = 1, lanes
                path(l) = path(l) + x(l, v, i, k)
-               velocity(l) = velocity(l) + order(k)*x(l, v, i, k)
+               velocity(l) = velocity(l) + power(k)*x(l, v, i, k)
                turn(l) = turn(l) + bend(k)*abs(x(l, v, i, k))
             end do
          end do
