@@ -21,11 +21,14 @@ if(CMAKE_Fortran_COMPILER_VERSION VERSION_GREATER_EQUAL 14)
   list(APPEND release -fno-tree-loop-if-convert)
 endif()
 set(masked_loads -ftree-loop-if-convert)
-# Loops over eight lanes: at -O3 they are unrolled before they could be vector operations, and sums are spilled. Tuned for
-# Zen, gcc reads what eight multiplications share from memory eight times: a product takes twice as long.
+# Loops over lanes: at -O3 they are unrolled before they could be vector operations, and sums are spilled. Peeled
+# afterwards, loops over a few vectors leave sums in registers. Copies made by halves of a vector are read back slowly.
+# Tuned for Zen, gcc reads what eight multiplications share from memory eight times: a product takes twice as long.
 include(CheckFortranCompilerFlag)
 check_fortran_compiler_flag(-mtune=icelake-server CAN_TUNE)
-set(eight_lanes "$<$<CONFIG:Release>:-O2;-ftree-vectorize;$<$<BOOL:${CAN_TUNE}>:-mtune=icelake-server>>")
+set(lane_loops -O2 -ftree-vectorize -fpeel-loops -fno-tree-loop-distribute-patterns
+  "$<$<BOOL:${CAN_TUNE}>:-mtune=icelake-server>")
+set(lane_loops "$<$<CONFIG:Release>:${lane_loops}>")
 if(ENTROSLIP_SANITIZE)
   list(APPEND debug -fsanitize=address,undefined -fno-omit-frame-pointer)
   target_link_options(entroslip_flags INTERFACE -fsanitize=address,undefined)

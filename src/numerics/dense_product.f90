@@ -1,16 +1,15 @@
 !> Products of a matrix with eight columns side by side.
 !>
-!> The sums of four rows and eight columns are eight arrays of four numbers, which stay in
-!> registers; x is read once for the four rows. A matrix is packed by four rows and padded with rows
-!> of zeros. Columns with zero factors can be left out; y keeps its bits.
+!> The sums of four rows and eight columns stay in registers; x is read once for the four rows. A
+!> matrix is packed by four rows and padded with rows of zeros. Columns with zero factors can be
+!> left out; y keeps its bits.
 module numerics_dense_product
    use core_kinds, only: wp
    implicit none(type, external)
    private
    public :: packed_matrix, pack_matrix, padded_rows, product_width
 
-   integer, parameter :: lanes = 4, vectors = 2, rows_together = 4
-   integer, parameter :: product_width = lanes*vectors   !! 8
+   integer, parameter :: product_width = 8, rows_together = 4
 
    !> A matrix by fours of rows.
    type :: packed_matrix
@@ -85,67 +84,26 @@ contains
       integer, intent(in), contiguous :: columns(:)   !! not none
       integer, intent(in) :: stride
       logical, intent(in) :: is_added
-      real(wp), intent(in) :: x(lanes, vectors, *)
-      real(wp), intent(inout) :: y(lanes, vectors, stride, rows_together, *)
-      real(wp), dimension(lanes) :: a1, a2, b1, b2, c1, c2, d1, d2
-      real(wp) :: x1, x2
-      integer :: c, j, l, q
+      real(wp), intent(in) :: x(product_width, *)
+      real(wp), intent(inout) :: y(product_width, stride, rows_together, *)
+      real(wp) :: total(product_width, rows_together)
+      integer :: c, l, q, r
 
       do q = 1, n_fours
-         j = columns(1)
-         !$omp simd
-         do l = 1, lanes
-            x1 = x(l, 1, j)
-            x2 = x(l, 2, j)
-            a1(l) = a(1, j, q)*x1
-            a2(l) = a(1, j, q)*x2
-            b1(l) = a(2, j, q)*x1
-            b2(l) = a(2, j, q)*x2
-            c1(l) = a(3, j, q)*x1
-            c2(l) = a(3, j, q)*x2
-            d1(l) = a(4, j, q)*x1
-            d2(l) = a(4, j, q)*x2
+         do r = 1, rows_together
+            total(:, r) = a(r, columns(1), q)*x(:, columns(1))
          end do
          do c = 2, size(columns)
-            j = columns(c)
-            !$omp simd
-            do l = 1, lanes
-               x1 = x(l, 1, j)
-               x2 = x(l, 2, j)
-               a1(l) = a1(l) + a(1, j, q)*x1
-               a2(l) = a2(l) + a(1, j, q)*x2
-               b1(l) = b1(l) + a(2, j, q)*x1
-               b2(l) = b2(l) + a(2, j, q)*x2
-               c1(l) = c1(l) + a(3, j, q)*x1
-               c2(l) = c2(l) + a(3, j, q)*x2
-               d1(l) = d1(l) + a(4, j, q)*x1
-               d2(l) = d2(l) + a(4, j, q)*x2
+            do r = 1, rows_together
+               do l = 1, product_width
+                  total(l, r) = total(l, r) + a(r, columns(c), q)*x(l, columns(c))
+               end do
             end do
          end do
          if (is_added) then
-            !$omp simd
-            do l = 1, lanes
-               y(l, 1, 1, 1, q) = y(l, 1, 1, 1, q) + a1(l)
-               y(l, 2, 1, 1, q) = y(l, 2, 1, 1, q) + a2(l)
-               y(l, 1, 1, 2, q) = y(l, 1, 1, 2, q) + b1(l)
-               y(l, 2, 1, 2, q) = y(l, 2, 1, 2, q) + b2(l)
-               y(l, 1, 1, 3, q) = y(l, 1, 1, 3, q) + c1(l)
-               y(l, 2, 1, 3, q) = y(l, 2, 1, 3, q) + c2(l)
-               y(l, 1, 1, 4, q) = y(l, 1, 1, 4, q) + d1(l)
-               y(l, 2, 1, 4, q) = y(l, 2, 1, 4, q) + d2(l)
-            end do
+            y(:, 1, :, q) = y(:, 1, :, q) + total
          else
-            !$omp simd
-            do l = 1, lanes
-               y(l, 1, 1, 1, q) = a1(l)
-               y(l, 2, 1, 1, q) = a2(l)
-               y(l, 1, 1, 2, q) = b1(l)
-               y(l, 2, 1, 2, q) = b2(l)
-               y(l, 1, 1, 3, q) = c1(l)
-               y(l, 2, 1, 3, q) = c2(l)
-               y(l, 1, 1, 4, q) = d1(l)
-               y(l, 2, 1, 4, q) = d2(l)
-            end do
+            y(:, 1, :, q) = total
          end if
       end do
    end subroutine multiply_fours

@@ -12,10 +12,8 @@ module dynamics_exact_free_steps
    private
    public :: expand_block, finish_part, follow_links
 
-   integer, parameter :: lanes = 8, vectors = width/lanes
    integer, private :: b   ! of the constructors that follow
-   integer(long), parameter :: bit(lanes, vectors) = &
-                               reshape([(shiftl(1_long, b), b=0, width - 1)], [lanes, vectors])
+   integer(long), parameter :: bit(width) = [(shiftl(1_long, b), b=0, width - 1)]
    real(wp), parameter :: power(most_degree) = [(b, b=1, most_degree)]
    real(wp), parameter :: bend(most_degree) = 0.125_wp*power*(power - 1.0_wp)*(power - 2.0_wp)
 
@@ -140,53 +138,49 @@ contains
 
    !> Finds the least values of a row's guards: a path leaves its chord by at most max |x''|/8 <=
    !> sum k (k - 1)/8 |x_k|, a velocity by sum k (k - 1)(k - 2)/8 |x_k| (3); the guards of the
-   !> chords have their least values at its ends. Sums stay in registers, as in
-   !> dynamics_exact_powers.
+   !> chords have their least values at its ends.
    subroutine finish_row(degree, paths, entry, start, x, regime, slack, finish, word)
       integer, intent(in) :: degree
       type(joint_paths), intent(in) :: paths
       integer, intent(in) :: entry
-      real(wp), intent(in) :: start(lanes, vectors, paths%top, 0:1)   !! powers 0 and 1
-      real(wp), intent(in) :: x(lanes, vectors, paths%top, 2:degree)
-      real(wp), intent(in) :: regime(lanes, vectors, paths%n_joints + 1, 6)
-      real(wp), intent(inout) :: finish(lanes, vectors, paths%top, 0:1)
-      real(wp), intent(inout) :: slack(lanes, vectors, paths%n_joints + 1)
+      real(wp), intent(in) :: start(width, paths%top, 0:1)   !! powers 0 and 1
+      real(wp), intent(in) :: x(width, paths%top, 2:degree)
+      real(wp), intent(in) :: regime(width, paths%n_joints + 1, 6)
+      real(wp), intent(inout) :: finish(width, paths%top, 0:1)
+      real(wp), intent(inout) :: slack(width, paths%n_joints + 1)
       integer(long), intent(out) :: word   !! a bit for every lane whose joint is suspect
-      real(wp), dimension(lanes) :: guard, path, turn, velocity
-      integer(long) :: hits(lanes)
-      integer :: i, j, k, l, v
+      real(wp), dimension(width) :: guard, path, turn, velocity
+      integer(long) :: hits(width)
+      integer :: i, j, k, l
 
       i = paths%joint_row(entry)
       j = paths%joint(entry)
-      hits = 0
-      do v = 1, vectors
-         do l = 1, lanes
-            path(l) = x(l, v, i, degree)
-            velocity(l) = power(degree)*x(l, v, i, degree)
-            turn(l) = bend(degree)*abs(x(l, v, i, degree))
-         end do
-         do k = degree - 1, 3, -1
-            do l = 1, lanes
-               path(l) = path(l) + x(l, v, i, k)
-               velocity(l) = velocity(l) + power(k)*x(l, v, i, k)
-               turn(l) = turn(l) + bend(k)*abs(x(l, v, i, k))
-            end do
-         end do
-         do l = 1, lanes
-            path(l) = start(l, v, i, 0) + (start(l, v, i, 1) + (x(l, v, i, 2) + path(l)))
-            velocity(l) = start(l, v, i, 1) + (2.0_wp*x(l, v, i, 2) + velocity(l))
-            finish(l, v, i, 0) = path(l)
-            finish(l, v, i, 1) = velocity(l)
-            guard(l) = max(abs(start(l, v, i, 0) - regime(l, v, j, layer_slider)), &
-                           abs(path(l) - regime(l, v, j, layer_slider)))
-            guard(l) = regime(l, v, j, layer_hold) - guard(l) - 0.25_wp*abs(x(l, v, i, 2))
-            velocity(l) = min(regime(l, v, j, layer_side)*start(l, v, i, 1), &
-                              regime(l, v, j, layer_side)*velocity(l)) + regime(l, v, j, layer_lift)
-            guard(l) = min(guard(l), velocity(l)) - turn(l)
-            hits(l) = ior(hits(l), iand(bit(l, v), shifta(transfer(guard(l), 0_long), 63)))   ! sign
-         end do
-         if (paths%keeps_slack) slack(:, v, j) = guard
+      do l = 1, width
+         path(l) = x(l, i, degree)
+         velocity(l) = power(degree)*x(l, i, degree)
+         turn(l) = bend(degree)*abs(x(l, i, degree))
       end do
+      do k = degree - 1, 3, -1
+         do l = 1, width
+            path(l) = path(l) + x(l, i, k)
+            velocity(l) = velocity(l) + power(k)*x(l, i, k)
+            turn(l) = turn(l) + bend(k)*abs(x(l, i, k))
+         end do
+      end do
+      do l = 1, width
+         path(l) = start(l, i, 0) + (start(l, i, 1) + (x(l, i, 2) + path(l)))
+         velocity(l) = start(l, i, 1) + (2.0_wp*x(l, i, 2) + velocity(l))
+         finish(l, i, 0) = path(l)
+         finish(l, i, 1) = velocity(l)
+         guard(l) = max(abs(start(l, i, 0) - regime(l, j, layer_slider)), &
+                        abs(path(l) - regime(l, j, layer_slider)))
+         guard(l) = regime(l, j, layer_hold) - guard(l) - 0.25_wp*abs(x(l, i, 2))
+         velocity(l) = min(regime(l, j, layer_side)*start(l, i, 1), &
+                           regime(l, j, layer_side)*velocity(l)) + regime(l, j, layer_lift)
+         guard(l) = min(guard(l), velocity(l)) - turn(l)
+         hits(l) = iand(bit(l), shifta(transfer(guard(l), 0_long), 63))   ! sign
+      end do
+      if (paths%keeps_slack) slack(:, j) = guard
       word = iany(hits)
    end subroutine finish_row
 

@@ -1,7 +1,6 @@
 !> The next power of all paths: products with C^ and K^ whose sums stay in registers.
 !>
-!> The sums of a row fill four arrays of eight lanes, each one or two vector operations. A room by
-!> itself: inlined where powers are expanded, the sums do not stay in registers.
+!> A room by itself: inlined where powers are expanded, the sums of a row do not stay in registers.
 module dynamics_exact_powers
    use core_kinds, only: wp
    use dynamics_exact_joint_paths, only: width
@@ -9,8 +8,6 @@ module dynamics_exact_powers
    implicit none(type, external)
    private
    public :: power_operator, next_power, power_operators
-
-   integer, parameter :: lanes = 8, vectors = width/lanes
 
    !> Coefficients of power k + 2 by powers k and k + 1, entries of K^ and of C^ in one list. Places
    !> are those of rows in the paths, all layers one after another: those of powers 0 and 1 change
@@ -70,44 +67,31 @@ contains
    pure subroutine next_power(operator, turn, stiffness, pull, x)
       type(power_operator), intent(in) :: operator
       integer, intent(in) :: turn   !! 0 or 1: places of powers 0 and 1
-      real(wp), intent(in), dimension(lanes, vectors, *) :: stiffness, pull   !! (.., row)
-      real(wp), intent(inout) :: x(lanes, vectors, *)                         !! (.., place)
-      real(wp), dimension(lanes) :: a1, a2, a3, a4
-      real(wp) :: scale
+      real(wp), intent(in), dimension(width, *) :: stiffness, pull   !! (.., row)
+      real(wp), intent(inout) :: x(width, *)                         !! (.., place)
+      real(wp) :: force(width), scale
       integer :: e, from, i, j, l, to
 
       scale = operator%scale
       do i = 1, operator%n_rows
          from = operator%from(turn) + i
          to = operator%to + i
-         do l = 1, lanes
-            a1(l) = stiffness(l, 1, i)*x(l, 1, from)
-            a2(l) = stiffness(l, 2, i)*x(l, 2, from)
-            a3(l) = stiffness(l, 3, i)*x(l, 3, from)
-            a4(l) = stiffness(l, 4, i)*x(l, 4, from)
+         do l = 1, width
+            force(l) = stiffness(l, i)*x(l, from)
          end do
          if (operator%pulls) then
-            do l = 1, lanes
-               a1(l) = a1(l) - pull(l, 1, i)
-               a2(l) = a2(l) - pull(l, 2, i)
-               a3(l) = a3(l) - pull(l, 3, i)
-               a4(l) = a4(l) - pull(l, 4, i)
+            do l = 1, width
+               force(l) = force(l) - pull(l, i)
             end do
          end if
          do e = operator%start(i), operator%start(i + 1) - 1
             j = operator%place(e, turn)
-            do l = 1, lanes
-               a1(l) = a1(l) + operator%value(e)*x(l, 1, j)
-               a2(l) = a2(l) + operator%value(e)*x(l, 2, j)
-               a3(l) = a3(l) + operator%value(e)*x(l, 3, j)
-               a4(l) = a4(l) + operator%value(e)*x(l, 4, j)
+            do l = 1, width
+               force(l) = force(l) + operator%value(e)*x(l, j)
             end do
          end do
-         do l = 1, lanes
-            x(l, 1, to) = scale*a1(l)
-            x(l, 2, to) = scale*a2(l)
-            x(l, 3, to) = scale*a3(l)
-            x(l, 4, to) = scale*a4(l)
+         do l = 1, width
+            x(l, to) = scale*force(l)
          end do
       end do
    end subroutine next_power
