@@ -54,9 +54,8 @@ program bench_dynamics
    end if
    if (is_wanted('newmark')) then
       print '(a)', '# newmark, 15 halvings: dofs ns_per_sample_step transitions_per_sample_step'
-      print '(a)', '# up to 8 dofs by tables; beyond, each of some 26 tries per transition is a'
-      print '(a)', '# product with what counts of the inverse of the stuck chain: n times its width'
-      print '(a)', '# of up to 45 dofs'
+      print '(a)', '# each of some 26 tries per transition is a product: up to 8 dofs by the map'
+      print '(a)', '# of the pattern; beyond, by what counts of that of the stuck chain'
       call lengthen('newmark', [1, 2, 3, 5, 8, 9, 10, 20, 50, 100, 200])
    end if
    if (is_wanted('idle')) then

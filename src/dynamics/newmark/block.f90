@@ -5,7 +5,7 @@
 !> two slots for its motion: one holds the present, the other takes the step that is being tried.
 module dynamics_newmark_block
    use core_kinds, only: long, two_pi, wp
-   use dynamics_alignment, only: aligned_memory, whole_registers
+   use dynamics_alignment, only: aligned_memory
    use dynamics_joint, only: close_account, dissipate, enter_transition, slider_at
    use dynamics_newmark_frame, only: newmark_frame
    use dynamics_response, only: block_state
@@ -20,10 +20,10 @@ module dynamics_newmark_block
       integer :: entry = 0                         !! of a table
    end type newmark_try
 
-   !> Columns over the coordinates of the frame, and over joints, are padded to whole registers.
+   !> Arrays by rows are those of the frame, padded to whole registers.
    type :: newmark_block
       type(newmark_frame) :: frame
-      integer :: n_dof = 0, n_joints = 0, n_forces = 0, n_samples = 0
+      integer :: n_joints = 0, n_forces = 0, n_samples = 0
       integer :: max_halvings = 0
       real(wp) :: dt = 0.0_wp
       real(wp), allocatable :: force(:, :)        !! (0:step, force, or force and sample) [N]
@@ -34,28 +34,25 @@ module dynamics_newmark_block
       integer(long) :: smooth_ticks = 0           !! of a step of dt, at most 1/(4 omega)
       integer(long), allocatable :: slot(:)       !! (sample) 0 or 1: that of the present motion
       integer, allocatable :: pattern(:)          !! (sample) bit j-1: joint j is stuck; if short
-      !> (coordinate; a, v, x; slot; sample)
+      !> (row; a, v, x; slot; sample)
       real(wp), pointer, contiguous :: motion(:, :, :, :) => null()
-      !> (joint; slider, reach, way, stiffness; sample). Reach is huge for one that slips, way 0 for
+      !> (row; slider, reach, way, stiffness; sample). Reach is huge for one that slips, way 0 for
       !> one that is stuck (or slips for ever), stiffness 0 for one that slips.
       real(wp), pointer, contiguous :: bounds(:, :, :) => null()
-      real(wp), allocatable :: stiffness(:)       !! (joint) k [N/m]
       real(wp), allocatable :: reach(:, :)        !! (joint, sample) mu N/k [m]
       real(wp), allocatable :: work(:, :)         !! (input viscous, sample) [J]
-      ! room for the steps to work in, and for a transition: w.x and w.v at both ends of a step
+      ! room for the steps to work in, and for a transition
       type(newmark_try), allocatable :: tries(:)
       real(wp), allocatable :: change(:, :)    !! (try, force) in the step tried [N]
       integer, allocatable :: list(:)          !! (joint)
-      real(wp), allocatable :: room(:, :), parts(:), paths(:), factor(:, :)
-      real(wp), pointer, contiguous :: path(:, :, :) => null()   !! (joint; w.a, w.v, w.x; 0:1)
-      real(wp), allocatable :: margin(:, :)                      !! (joint, 0:1)
+      real(wp), allocatable :: factor(:, :)    !! (joint, 0:joint)
+      real(wp), allocatable :: margin(:, :)    !! (row, 0:1) at both ends of a step
       real(wp), private :: tick_size = 0.0_wp     !! [s]
       type(aligned_memory), private :: memory
    contains
       procedure :: foresee_passage
       procedure :: switch_at_nearer_end
       procedure :: add_work
-      procedure, private :: measure_ends
       procedure, private :: slip
       procedure, private :: stick
       procedure, private :: set_regime
@@ -76,15 +73,12 @@ contains
       type(newmark_block), intent(inout) :: block
       real(wp), pointer, contiguous :: planes(:, :, :)
       real(wp) :: fastest   ! omega [rad/s]
-      integer :: j, joint_rows, m, n, rows, w, samples
+      integer :: j, m, rows, samples, w
 
       samples = state%n_samples
-      n = state%n_dof
       m = state%n_joints
-      rows = whole_registers(n)
-      joint_rows = whole_registers(max(1, m))
+      rows = frame%n_padded
       block%frame = frame
-      block%n_dof = n
       block%n_joints = m
       block%n_forces = frame%structure%n_forces
       block%n_samples = samples
@@ -97,26 +91,21 @@ contains
       block%force(:, :) = force
       block%column = [(min(block%n_forces*(w - 1), size(force, 2) - block%n_forces), &
                        w=1, samples)]
-      block%stiffness = frame%structure%joint_stiffness
-      block%reach = state%slip_limit/spread(block%stiffness, 2, samples)
+      block%reach = state%slip_limit/spread(frame%structure%joint_stiffness, 2, samples)
       allocate (block%tick(samples), block%until(samples), block%slot(samples), source=0_long)
       allocate (block%ticks(samples), source=shiftl(1_long, max_halvings))
       allocate (block%pattern(samples), block%list(m + 1), source=0)
       allocate (block%tries(samples))
-      allocate (block%work(2, samples), block%room(max(rows, joint_rows), 2), &
-                block%parts(2*n + m + block%n_forces), block%paths(2*joint_rows), &
-                block%factor(m, 0:m), block%change(samples, block%n_forces), &
-                block%margin(joint_rows, 0:1), source=0.0_wp)
-      call block%memory%start((6*rows + 4*joint_rows)*samples + 6*joint_rows)
+      allocate (block%work(2, samples), block%change(samples, block%n_forces), &
+                block%factor(m, 0:m), block%margin(rows, 0:1), source=0.0_wp)
+      call block%memory%start(10*rows*samples)
       call block%memory%take([rows, 3, 2*samples], planes)
       block%motion(1:rows, 1:3, 0:1, 1:samples) => planes
-      call block%memory%take([joint_rows, 4, samples], block%bounds)
-      call block%memory%take([joint_rows, 3, 2], planes)
-      block%path(1:joint_rows, 1:3, 0:1) => planes
+      call block%memory%take([rows, 4, samples], block%bounds)
       block%bounds(:, 2, :) = huge(1.0_wp)
       do w = 1, samples
-         block%motion(:n, 2, 0, w) = frame%from_dofs(state%velocity(:, w))
-         block%motion(:n, 3, 0, w) = frame%from_dofs(state%displacement(:, w))
+         call frame%rows%multiply(state%velocity(:, w), block%motion(:frame%n_rows, 2, 0, w))
+         call frame%rows%multiply(state%displacement(:, w), block%motion(:frame%n_rows, 3, 0, w))
          do j = 1, m
             call block%set_regime(j, w, state%direction(j, w), state%slider(j, w))
          end do
@@ -125,31 +114,29 @@ contains
    end subroutine load_block
 
    !> Gives the samples back, all at the end of the piece, with the slips under way counted.
-   subroutine store_block(block, structure, state)
+   subroutine store_block(block, state)
       type(newmark_block), intent(in) :: block
-      type(structure_type), intent(in) :: structure   !! in its dofs
       type(block_state), intent(inout) :: state
       integer :: j, w
 
       do w = 1, block%n_samples
-         associate (motion => block%motion(:block%n_dof, :, block%slot(w), w))
-            state%velocity(:, w) = block%frame%to_dofs(motion(:, 2))
-            state%displacement(:, w) = block%frame%to_dofs(motion(:, 3))
+         associate (motion => block%motion(:, :, block%slot(w), w), row => block%frame%row)
+            state%velocity(:, w) = motion(:block%frame%n_dof, 2)
+            state%displacement(:, w) = motion(:block%frame%n_dof, 3)
+            do j = 1, block%n_joints
+               state%slider(j, w) = block%bounds(row(j), 1, w)
+               if (state%direction(j, w) /= 0) &
+                  state%slider(j, w) = slider_at(motion(row(j), 3), state%direction(j, w), &
+                                                 block%reach(j, w))
+            end do
          end associate
-         do j = 1, block%n_joints
-            state%slider(j, w) = block%bounds(j, 1, w)
-            if (state%direction(j, w) == 0) cycle
-            associate (place => dot_product(structure%direction(:, j), state%displacement(:, w)))
-               state%slider(j, w) = slider_at(place, state%direction(j, w), block%reach(j, w))
-            end associate
-         end do
       end do
       state%step = state%step + ubound(block%force, 1)
-      call close_account(structure, state%step*block%dt, state)
+      call close_account(block%frame%structure, state%step*block%dt, state)
       if (.not. state%keeps_ledger) return
       state%work_input = state%work_input + block%work(1, :)
       state%work_viscous = state%work_viscous + block%work(2, :)
-      call dissipate(structure, state)
+      call dissipate(block%frame%structure, state)
    end subroutine store_block
 
    !> Finds the tick by which a joint of sample w passes its limit, after a try that ended beyond.
@@ -162,66 +149,50 @@ contains
       integer(long), parameter :: few = 8   ! halving finds the rest for less
       real(wp) :: reserve, ticks
       integer(long) :: new, old
-      integer :: j
+      integer :: i
 
       self%until(w) = self%tick(w) + self%ticks(w)
       if (self%ticks(w) <= few .or. self%ticks(w) > self%smooth_ticks) return
       old = self%slot(w)
       new = 1 - old
-      call self%measure_ends(w)
+      call find_margins(size(self%bounds, 1), self%bounds(:, :, w), self%motion(:, :, :, w), &
+                        self%margin)
       ticks = self%ticks(w)
       reserve = ticks/(30.0_wp*self%smooth_ticks)
-      do j = 1, self%n_joints
-         if (.not. self%margin(j, new) < 0.0_wp) cycle
-         ticks = min(ticks, 1.0_wp + (1.0_wp + reserve)*latest_passage(j)/self%tick_size)
+      do i = 1, self%frame%n_rows   ! that of no joint never passes
+         if (.not. self%margin(i, new) < 0.0_wp) cycle
+         ticks = min(ticks, 1.0_wp + (1.0_wp + reserve)*latest_passage(i)/self%tick_size)
       end do
       self%until(w) = self%tick(w) + max(1_long, ceiling(ticks, long))
 
    contains
 
-      !> Time [s] from the begin of the step by which joint j has passed its limit at the latest if
-      !> its mean acceleration is between that at the begin and that of the whole step.
-      pure real(wp) function latest_passage(j) result(time)
-         integer, intent(in) :: j
+      !> Time [s] from the begin of the step by which the joint of row i has passed its limit at the
+      !> latest if its mean acceleration is between that at the begin and that of the whole step.
+      pure real(wp) function latest_passage(i) result(time)
+         integer, intent(in) :: i
          real(wp) :: acceleration, gap, root, side, speed
 
          time = self%ticks(w)*self%tick_size
-         if (self%bounds(j, 4, w) > 0.0_wp) then
-            side = sign(1.0_wp, self%path(j, 3, new) - self%bounds(j, 1, w))
-            gap = self%bounds(j, 2, w) - side*(self%path(j, 3, old) - self%bounds(j, 1, w))
-            speed = side*self%path(j, 2, old)
-            acceleration = min(side*self%path(j, 1, old), 0.5_wp*side*sum(self%path(j, 1, :)))
+         if (self%bounds(i, 4, w) > 0.0_wp) then
+            side = sign(1.0_wp, self%motion(i, 3, new, w) - self%bounds(i, 1, w))
+            gap = self%bounds(i, 2, w) - side*(self%motion(i, 3, old, w) - self%bounds(i, 1, w))
+            speed = side*self%motion(i, 2, old, w)
+            acceleration = min(side*self%motion(i, 1, old, w), &
+                               0.5_wp*side*sum(self%motion(i, 1, :, w)))
             root = speed**2 + 2.0_wp*acceleration*gap
             if (root < 0.0_wp) return
             root = speed + sqrt(root)
             if (root > 0.0_wp) time = 2.0_wp*gap/root
          else
-            side = self%bounds(j, 3, w)
-            acceleration = max(side*self%path(j, 1, old), 0.5_wp*side*sum(self%path(j, 1, :)))
-            if (acceleration < 0.0_wp) time = -self%margin(j, old)/acceleration
+            side = self%bounds(i, 3, w)
+            acceleration = max(side*self%motion(i, 1, old, w), &
+                               0.5_wp*side*sum(self%motion(i, 1, :, w)))
+            if (acceleration < 0.0_wp) time = -self%margin(i, old)/acceleration
          end if
       end function latest_passage
 
    end subroutine foresee_passage
-
-   !> Finds the paths of all joints and their margins at both ends of a step of sample w.
-   subroutine measure_ends(self, w)
-      class(newmark_block), intent(inout) :: self
-      integer, intent(in) :: w
-      integer :: end, part
-
-      if (self%frame%is_short) then
-         self%path(1:, 1:, 0:) => self%motion(:, :, :, w)
-      else
-         do end = 0, 1
-            do part = 1, 3
-               call self%frame%directions%multiply(self%motion(:, part, end, w), &
-                                                   self%path(:, part, end))
-            end do
-         end do
-      end if
-      call find_margins(size(self%bounds, 1), self%bounds(:, :, w), self%path, self%margin)
-   end subroutine measure_ends
 
    !> Puts a transition at the nearer end of a smallest step of sample w that has passed a joint's
    !> limit, the earliest deciding. The begin is nearer if less was missing there than is too much
@@ -230,19 +201,21 @@ contains
       class(newmark_block), intent(inout) :: self
       type(block_state), intent(inout) :: state
       integer, intent(in) :: w
-      integer :: j, k, n_passed
+      integer :: i, j, k, n_passed
       integer(long) :: new, nearer, old
 
       old = self%slot(w)
       new = 1 - old
-      call self%measure_ends(w)
+      call find_margins(size(self%bounds, 1), self%bounds(:, :, w), self%motion(:, :, :, w), &
+                        self%margin)
       n_passed = 0
       nearer = new
       do j = 1, self%n_joints
-         if (.not. self%margin(j, new) < 0.0_wp) cycle
+         i = self%frame%row(j)
+         if (.not. self%margin(i, new) < 0.0_wp) cycle
          n_passed = n_passed + 1
          self%list(n_passed) = j
-         if (is_nearer(j) .and. moves_on(j, old)) nearer = old
+         if (is_nearer(i) .and. moves_on(i, old)) nearer = old
       end do
       if (nearer == new) then
          if (state%keeps_ledger) call self%add_work([w], spread(0_long, 1, self%n_samples))
@@ -251,13 +224,14 @@ contains
       end if
       do k = 1, n_passed
          j = self%list(k)
-         if (nearer == old .and. .not. is_nearer(j)) cycle
-         if (.not. moves_on(j, nearer)) cycle
+         i = self%frame%row(j)
+         if (nearer == old .and. .not. is_nearer(i)) cycle
+         if (.not. moves_on(i, nearer)) cycle
          if (state%direction(j, w) /= 0) then
-            call self%stick(state, j, w, self%path(j, 3, nearer))
+            call self%stick(state, j, w, self%motion(i, 3, nearer, w))
          else
-            call self%slip(state, j, w, self%path(j, 3, nearer), &
-                           merge(1, -1, self%path(j, 3, new) > self%bounds(j, 1, w)))
+            call self%slip(state, j, w, self%motion(i, 3, nearer, w), &
+                           merge(1, -1, self%motion(i, 3, new, w) > self%bounds(i, 1, w)))
          end if
       end do
       self%until(w) = 0
@@ -265,39 +239,40 @@ contains
 
    contains
 
-      !> True if joint j was nearer to its limit at the begin than it is beyond it at the end.
-      pure logical function is_nearer(j)
-         integer, intent(in) :: j
+      !> True if the joint of row i was nearer to its limit at the begin than it is beyond it at the
+      !> end.
+      pure logical function is_nearer(i)
+         integer, intent(in) :: i
 
-         is_nearer = self%margin(j, old) < -self%margin(j, new)
+         is_nearer = self%margin(i, old) < -self%margin(i, new)
       end function is_nearer
 
-      !> True if joint j, beyond its limit at the end, may change its regime at this end of the
-      !> step: a slipping one always, a stuck one if it moves outward there.
-      pure logical function moves_on(j, slot)
-         integer, intent(in) :: j
+      !> True if the joint of row i, beyond its limit at the end, may change its regime at this end
+      !> of the step: a slipping one always, a stuck one if it moves outward there.
+      pure logical function moves_on(i, slot)
+         integer, intent(in) :: i
          integer(long), intent(in) :: slot
 
-         moves_on = .not. self%bounds(j, 4, w) > 0.0_wp
+         moves_on = .not. self%bounds(i, 4, w) > 0.0_wp
          if (.not. moves_on) moves_on = &
-            self%path(j, 2, slot)*(self%path(j, 3, new) - self%bounds(j, 1, w)) > 0.0_wp
+            self%motion(i, 2, slot, w)*(self%motion(i, 3, new, w) - self%bounds(i, 1, w)) > 0.0_wp
       end function moves_on
 
    end subroutine switch_at_nearer_end
 
    !> Finds how far joints are from their limits: a stuck one by the extension that its spring may
    !> still gain [m], a slipping one by its velocity [m/s] (guards of dynamics_joint).
-   pure subroutine find_margins(rows, bounds, path, margin)
+   pure subroutine find_margins(rows, bounds, motion, margin)
       integer, intent(in) :: rows
-      real(wp), intent(in) :: bounds(rows, 4), path(rows, 3, 0:1)
+      real(wp), intent(in) :: bounds(rows, 4), motion(rows, 3, 0:1)
       real(wp), intent(out) :: margin(rows, 0:1)
       integer :: end, j
 
       do end = 0, 1
          !$omp simd
          do j = 1, rows
-            margin(j, end) = merge(bounds(j, 2) - abs(path(j, 3, end) - bounds(j, 1)), &
-                                   bounds(j, 3)*path(j, 2, end), bounds(j, 4) > 0.0_wp)
+            margin(j, end) = merge(bounds(j, 2) - abs(motion(j, 3, end) - bounds(j, 1)), &
+                                   bounds(j, 3)*motion(j, 2, end), bounds(j, 4) > 0.0_wp)
          end do
       end do
    end subroutine find_margins
@@ -312,8 +287,9 @@ contains
       integer, intent(in) :: direction    !! +1 or -1
       real(wp) :: excess
 
-      excess = self%stiffness(j)*(direction*self%reach(j, w) - (place - self%bounds(j, 1, w)))
-      associate (a => self%motion(:self%n_dof, 1, self%slot(w), w))
+      associate (a => self%motion(:self%frame%n_rows, 1, self%slot(w), w), &
+                 bounds => self%bounds(self%frame%row(j), :, w))
+         excess = bounds(4)*(direction*self%reach(j, w) - (place - bounds(1)))
          a = a - self%frame%kick(:, j)*excess
       end associate
       call self%set_regime(j, w, direction, 0.0_wp)
@@ -329,8 +305,9 @@ contains
       real(wp), intent(in) :: place   !! w.x [m]
       real(wp) :: slider, speed
 
-      associate (motion => self%motion(:self%n_dof, :, self%slot(w), w), reach => self%reach(j, w))
-         speed = self%frame%directions%row_times(j, motion(:, 2))
+      associate (motion => self%motion(:self%frame%n_rows, :, self%slot(w), w), &
+                 reach => self%reach(j, w))
+         speed = motion(self%frame%row(j), 2)
          motion(:, 1) = motion(:, 1) + self%frame%relief(:, j)*speed
          motion(:, 2) = motion(:, 2) - self%frame%lost(:, j)*speed
          slider = slider_at(place, state%direction(j, w), reach)
@@ -349,17 +326,12 @@ contains
       integer, intent(in) :: j, w, direction
       real(wp), intent(in) :: slider
 
-      associate (bounds => self%bounds)
+      associate (bounds => self%bounds(self%frame%row(j), :, w))
          if (direction == 0) then
-            bounds(j, 1, w) = slider
-            bounds(j, 2, w) = self%reach(j, w)
-            bounds(j, 3, w) = 0.0_wp
-            bounds(j, 4, w) = self%stiffness(j)
+            bounds = [slider, self%reach(j, w), 0.0_wp, self%frame%structure%joint_stiffness(j)]
          else
-            bounds(j, 1, w) = 0.0_wp
-            bounds(j, 2, w) = huge(1.0_wp)
-            bounds(j, 3, w) = merge(direction, 0, self%reach(j, w) > 0.0_wp)
-            bounds(j, 4, w) = 0.0_wp
+            bounds = [0.0_wp, huge(1.0_wp), 0.0_wp, 0.0_wp]
+            if (self%reach(j, w) > 0.0_wp) bounds(3) = direction
          end if
       end associate
       if (self%frame%is_short) self%pattern(w) = &
@@ -371,21 +343,23 @@ contains
       class(newmark_block), intent(inout) :: self
       type(block_state), intent(in) :: state
       integer, intent(in) :: w
-      real(wp) :: pull, force(self%n_dof)
+      real(wp) :: pull
+      real(wp), allocatable :: force(:)   ! (dof) [N]
       integer :: j
 
-      associate (structure => self%frame%structure, directions => self%frame%directions, &
-                 motion => self%motion(:self%n_dof, :, self%slot(w), w))
+      associate (frame => self%frame, structure => self%frame%structure, &
+                 motion => self%motion(:, :, self%slot(w), w))
          force = matmul(structure%load, self%force_at(w, 0.0_wp)) &
-                 - matmul(structure%damping, motion(:, 2)) &
-                 - matmul(structure%stiffness, motion(:, 3))
+                 - matmul(structure%damping, motion(:frame%n_dof, 2)) &
+                 - matmul(structure%stiffness, motion(:frame%n_dof, 3))
          do j = 1, self%n_joints
             pull = state%direction(j, w)*state%slip_limit(j, w)
-            if (state%direction(j, w) == 0) pull = self%stiffness(j)* &
-                                      (directions%row_times(j, motion(:, 3)) - self%bounds(j, 1, w))
-            call directions%add_row(j, -pull, force)
+            if (state%direction(j, w) == 0) &
+               pull = structure%joint_stiffness(j) &
+                      *(motion(frame%row(j), 3) - self%bounds(frame%row(j), 1, w))
+            force = force - pull*structure%direction(:, j)
          end do
-         motion(:, 1) = matmul(self%frame%inverse_mass, force)
+         call frame%rows%multiply(matmul(frame%inverse_mass, force), motion(:frame%n_rows, 1))
       end associate
    end subroutine balance
 
@@ -396,15 +370,14 @@ contains
       class(newmark_block), intent(inout) :: self
       integer, intent(in) :: sample(:)                !! their numbers
       integer(long), intent(in) :: has_passed(:)      !! (all samples) 1: the step does not stand
-      real(wp) :: way(self%n_dof)
+      real(wp) :: way(self%frame%n_dof)
       integer :: k, w
 
-      associate (structure => self%frame%structure)
+      associate (structure => self%frame%structure, n => self%frame%n_dof)
          do k = 1, size(sample)
             w = sample(k)
             if (has_passed(w) == 1) cycle
-            way = self%motion(:self%n_dof, 3, 1 - self%slot(w), w) &
-                  - self%motion(:self%n_dof, 3, self%slot(w), w)
+            way = self%motion(:n, 3, 1 - self%slot(w), w) - self%motion(:n, 3, self%slot(w), w)
             self%work(1, w) = self%work(1, w) + dot_product( &
                               matmul(structure%load, self%force_at(w, 0.5_wp*self%ticks(w))), way)
             self%work(2, w) = self%work(2, w) + dot_product(way, matmul(structure%damping, way)) &

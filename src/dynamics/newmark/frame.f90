@@ -1,9 +1,9 @@
-!> Coordinates in which Newmark's scheme marches a structure, and the matrices that it needs where a
-!> joint changes its regime.
+!> Rows in which Newmark's scheme marches a structure, and what changes in them where a joint
+!> changes its regime.
 module dynamics_newmark_frame
    use core_error, only: error_type
    use core_kinds, only: wp
-   use dynamics_alignment, only: register_width
+   use dynamics_alignment, only: register_width, whole_registers
    use numerics_lapack, only: invert_matrix
    use numerics_sparse, only: sparse_matrix, sparse_of
    use structure_model, only: structure_type
@@ -11,22 +11,23 @@ module dynamics_newmark_frame
    private
    public :: newmark_frame, new_newmark_frame
 
-   !> One structure in the coordinates y of its march; arrays by (coordinate, joint).
+   !> One structure by rows: the dofs, then the paths w_j.x of all joints but those that are the
+   !> first to hold a dof to the ground, whose paths are those of their dofs.
    type :: newmark_frame
       type(structure_type) :: structure
-      !> w_j.x is coordinate j for every joint, of at most eight coordinates
-      logical :: is_short = .false.
-      real(wp), allocatable :: dofs(:, :)          !! x = dofs y; not allocated where y is x
-      real(wp), allocatable :: coordinates(:, :)   !! its inverse
-      type(sparse_matrix) :: directions            !! W'
-      real(wp), allocatable :: inverse_mass(:, :)  !! M^-1
-      real(wp), allocatable :: kick(:, :)          !! M^-1 W: acceleration by a unit of force
-      !> M^-1 W/(w'M^-1 w): velocity that a joint loses when it sticks, for a unit of w.v
+      integer :: n_dof = 0
+      integer :: n_rows = 0                        !! that are used
+      integer :: n_padded = 0                      !! whole registers
+      logical :: is_short = .false.                !! rows fill one register at most
+      integer, allocatable :: row(:)               !! (joint) of its path
+      type(sparse_matrix) :: rows                  !! Z (row, dof), the rows from the dofs
+      real(wp), allocatable :: inverse_mass(:, :)  !! M^-1 (dof, dof)
+      real(wp), allocatable :: kick(:, :)          !! Z M^-1 W: acceleration by a unit of force
+      !> Z M^-1 W/(w'M^-1 w) (row, joint): velocity lost for a unit of w.v where the joint sticks
       real(wp), allocatable :: lost(:, :)
-      real(wp), allocatable :: relief(:, :)        !! M^-1 C lost: acceleration that goes with it
+      real(wp), allocatable :: relief(:, :)        !! Z M^-1 C M^-1 W/(w'M^-1 w): acceleration then
    contains
-      procedure :: to_dofs
-      procedure :: from_dofs
+      procedure :: rows_of
    end type newmark_frame
 
 contains
@@ -36,111 +37,60 @@ contains
       type(structure_type), intent(in) :: structure
       type(newmark_frame), intent(out) :: frame
       type(error_type), allocatable, intent(out) :: error
+      real(wp) :: lost(structure%n_dof, structure%n_joints)
+      real(wp) :: rows(structure%n_dof + structure%n_joints, structure%n_dof)
       integer :: i, j, n
 
       n = structure%n_dof
       frame%structure = structure
-      call choose_coordinates(frame, error)
-      if (allocated(error)) return
-      associate (mass => frame%structure%mass, w => frame%structure%direction)
-         frame%directions = sparse_of(transpose(w))
-         if (frame%structure%has_lumped_mass()) then
-            allocate (frame%inverse_mass(n, n), source=0.0_wp)
-            do i = 1, n
-               frame%inverse_mass(i, i) = 1.0_wp/mass(i, i)
-            end do
-         else
-            call invert_matrix(mass, frame%inverse_mass, error)
-            if (allocated(error)) return
-         end if
-         frame%kick = matmul(frame%inverse_mass, w)
-         frame%lost = frame%kick
-         do j = 1, structure%n_joints
-            frame%lost(:, j) = frame%kick(:, j)/dot_product(w(:, j), frame%kick(:, j))
+      frame%n_dof = n
+      frame%n_rows = n
+      allocate (frame%row(structure%n_joints), source=0)
+      rows = 0.0_wp
+      do i = 1, n
+         rows(i, i) = 1.0_wp
+      end do
+      do j = 1, structure%n_joints
+         associate (w => structure%direction(:, j), row => frame%row(j))
+            row = maxloc(abs(w), 1)
+            if (all(abs(rows(row, :) - w) <= 0.0_wp) .and. all(frame%row(:j - 1) /= row)) cycle
+            frame%n_rows = frame%n_rows + 1
+            row = frame%n_rows
+            rows(row, :) = w
+         end associate
+      end do
+      frame%rows = sparse_of(rows(:frame%n_rows, :))
+      frame%n_padded = whole_registers(frame%n_rows)
+      frame%is_short = frame%n_padded == register_width
+
+      if (structure%has_lumped_mass()) then
+         allocate (frame%inverse_mass(n, n), source=0.0_wp)
+         do i = 1, n
+            frame%inverse_mass(i, i) = 1.0_wp/structure%mass(i, i)
          end do
-         frame%relief = matmul(frame%inverse_mass, matmul(frame%structure%damping, frame%lost))
-      end associate
+      else
+         call invert_matrix(structure%mass, frame%inverse_mass, error)
+         if (allocated(error)) return
+      end if
+      lost = matmul(frame%inverse_mass, structure%direction)
+      frame%kick = frame%rows_of(lost)
+      do j = 1, structure%n_joints
+         lost(:, j) = lost(:, j)/frame%kick(frame%row(j), j)
+      end do
+      frame%lost = frame%rows_of(lost)
+      frame%relief = frame%rows_of(matmul(frame%inverse_mass, matmul(structure%damping, lost)))
    end subroutine new_newmark_frame
 
-   !> Chooses coordinates: where n <= 8 and the directions are independent, y = [W'; U] x with as
-   !> many unit vectors U as are missing.
-   subroutine choose_coordinates(frame, error)
-      type(newmark_frame), intent(inout) :: frame
-      type(error_type), allocatable, intent(out) :: error
-      real(wp), parameter :: independent = 1.0e-3_wp   !! part of a direction that those before lack
-      real(wp), allocatable :: rest(:, :)      ! (joint, dof) W' less what the joints before have
-      logical, allocatable :: is_taken(:)      ! (dof)
-      integer :: i, j, k, m, n
-
-      n = frame%structure%n_dof
-      m = frame%structure%n_joints
-      if (n > register_width .or. m > n) return
-      allocate (frame%coordinates(n, n), source=0.0_wp)
-      frame%coordinates(:m, :) = transpose(frame%structure%direction)
-      rest = frame%coordinates(:m, :)
-      allocate (is_taken(n), source=.false.)
-      do j = 1, m
-         i = maxloc(abs(rest(j, :)), 1)
-         if (abs(rest(j, i)) < independent*maxval(abs(frame%structure%direction(:, j)))) then
-            deallocate (frame%coordinates)
-            return
-         end if
-         is_taken(i) = .true.
-         do k = j + 1, m
-            rest(k, :) = rest(k, :) - rest(k, i)/rest(j, i)*rest(j, :)
-         end do
-      end do
-      frame%is_short = .true.
-      do i = 1, n
-         if (is_taken(i)) cycle
-         m = m + 1
-         frame%coordinates(m, i) = 1.0_wp
-      end do
-      rest = frame%coordinates
-      do i = 1, n
-         rest(i, i) = rest(i, i) - 1.0_wp
-      end do
-      if (all(abs(rest) <= 0.0_wp)) then
-         deallocate (frame%coordinates)
-      else
-         call invert_matrix(frame%coordinates, frame%dofs, error)
-         if (.not. allocated(error)) call transform(frame%dofs, frame%structure)
-      end if
-   end subroutine choose_coordinates
-
-   !> Writes the structure in coordinates y, x = dofs y.
-   pure subroutine transform(dofs, structure)
-      real(wp), intent(in) :: dofs(:, :)
-      type(structure_type), intent(inout) :: structure
+   !> Z x of every column.
+   pure function rows_of(self, x) result(y)
+      class(newmark_frame), intent(in) :: self
+      real(wp), intent(in), contiguous :: x(:, :)   !! (dof, column)
+      real(wp) :: y(self%n_rows, size(x, 2))
       integer :: j
 
-      structure%mass = matmul(transpose(dofs), matmul(structure%mass, dofs))
-      structure%stiffness = matmul(transpose(dofs), matmul(structure%stiffness, dofs))
-      structure%damping = matmul(transpose(dofs), matmul(structure%damping, dofs))
-      structure%load = matmul(transpose(dofs), structure%load)
-      structure%direction = 0.0_wp
-      do j = 1, structure%n_joints
-         structure%direction(j, j) = 1.0_wp
+      do j = 1, size(x, 2)
+         call self%rows%multiply(x(:, j), y(:, j))
       end do
-   end subroutine transform
-
-   !> Displacements or velocities of the dofs.
-   pure function to_dofs(self, y) result(x)
-      class(newmark_frame), intent(in) :: self
-      real(wp), intent(in) :: y(:)
-      real(wp) :: x(size(y))
-
-      x = y
-      if (allocated(self%dofs)) x = matmul(self%dofs, y)
-   end function to_dofs
-
-   pure function from_dofs(self, x) result(y)
-      class(newmark_frame), intent(in) :: self
-      real(wp), intent(in) :: x(:)
-      real(wp) :: y(size(x))
-
-      y = x
-      if (allocated(self%coordinates)) y = matmul(self%coordinates, x)
-   end function from_dofs
+   end function rows_of
 
 end module dynamics_newmark_frame

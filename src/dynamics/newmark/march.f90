@@ -20,7 +20,6 @@ module dynamics_newmark_march
 
    !> The march by Newmark's scheme, prepared for one structure and step.
    type, extends(marcher_type) :: newmark_marcher
-      type(newmark_frame), private :: frame
       type(newmark_steps), private :: steps
    contains
       procedure :: advance
@@ -46,14 +45,15 @@ contains
       real(wp), intent(in) :: beta, gamma
       type(newmark_marcher), intent(out) :: marcher
       type(error_type), allocatable, intent(out) :: error
+      type(newmark_frame) :: frame
 
       call check_newmark(structure, dt, max_halvings, beta, gamma, error)
       if (allocated(error)) return
       marcher%structure = structure
       marcher%dt = dt
-      call new_newmark_frame(structure, marcher%frame, error)
+      call new_newmark_frame(structure, frame, error)
       if (allocated(error)) return
-      call new_newmark_steps(marcher%frame, dt, max_halvings, beta, gamma, marcher%steps, error)
+      call new_newmark_steps(frame, dt, max_halvings, beta, gamma, marcher%steps, error)
       if (.not. allocated(error)) marcher%work = marcher%steps%work()
    end subroutine new_newmark
 
@@ -110,12 +110,12 @@ contains
 
       n_steps = ubound(force, 1)
       if (n_steps == 0) return
-      call load_block(self%frame, self%dt, self%steps%max_halvings, force, state, block)
+      call load_block(self%steps%frame, self%dt, self%steps%max_halvings, force, state, block)
       call start_recorder(state, block, merge(every, 0, size(displacement) > 0), recorder)
       do step = 0, n_steps - 1, steps_apart
          call march_to(min(step + steps_apart, n_steps))
       end do
-      call store_block(block, self%structure, state)
+      call store_block(block, state)
 
    contains
 
@@ -252,9 +252,10 @@ contains
 
       self%n_records(w) = self%n_records(w) + 1
       self%next_tick(w) = self%next_tick(w) + self%ticks_apart
-      associate (motion => block%motion(:block%n_dof, :, block%slot(w), w), r => self%n_records(w))
-         displacement(r, :, w) = block%frame%to_dofs(motion(:, 3))
-         if (present(velocity)) velocity(r, :, w) = block%frame%to_dofs(motion(:, 2))
+      associate (motion => block%motion(:block%frame%n_dof, :, block%slot(w), w), &
+                 r => self%n_records(w))
+         displacement(r, :, w) = motion(:, 3)
+         if (present(velocity)) velocity(r, :, w) = motion(:, 2)
       end associate
    end subroutine record
 
