@@ -25,10 +25,11 @@ module dynamics_response
       integer(long) :: step = 0                         !! steps done
       real(wp), allocatable :: displacement(:, :)       !! x (dof, sample) [m]
       real(wp), allocatable :: velocity(:, :)           !! (dof, sample) [m/s]
-      !> (dof, sample) velocity per part of a step [m], as the exact march left it; see take there
-      real(wp), allocatable :: velocity_step(:, :)
-      !> (item, sample) modes as the exact march left them; see `give` of its modal form
-      real(wp), allocatable :: modal(:, :)
+      !> (item, sample) numbers from which a marcher goes on bit for bit, as it left them after so
+      !> many steps with parts of such a length [s]; see base_system of the exact march
+      real(wp), allocatable :: kept(:, :)
+      integer(long) :: kept_step = -1
+      real(wp) :: kept_h = 0.0_wp
       real(wp), allocatable :: slider(:, :)             !! z (joint, sample) [m]; force k (w.x - z)
       integer, allocatable :: direction(:, :)           !! (joint, sample) 0: stuck, +-1: slips so
       real(wp), allocatable :: slip_limit(:, :)         !! mu N (joint, sample) [N]
@@ -107,45 +108,26 @@ contains
       type(structure_type), intent(in) :: structure
       real(wp), intent(in) :: friction(:, :)   !! mu_S = mu_D (joint, sample), not negative
       type(block_state), intent(inout) :: state   !! keeps_ledger and keeps_transitions are kept
+      type(block_state) :: fresh
       integer :: m, n, w
 
       n = structure%n_dof
       m = structure%n_joints
       w = size(friction, 2)
+      fresh%keeps_ledger = state%keeps_ledger
+      fresh%keeps_transitions = state%keeps_transitions
+      state = fresh
       state%n_dof = n
       state%n_joints = m
       state%n_samples = w
-      state%step = 0
-      if (allocated(state%slip_limit)) deallocate (state%slip_limit, state%direction)
       allocate (state%slip_limit(m, w), source=friction*spread(structure%normal_load, 2, w))
-      call zeros(n, state%displacement)
-      call zeros(n, state%velocity)
-      if (allocated(state%velocity_step)) deallocate (state%velocity_step)
-      if (allocated(state%modal)) deallocate (state%modal)
-      call zeros(m, state%slider)
-      call zeros(m, state%slip_time)
-      call zeros(m, state%slip_distance)
-      call zeros(m, state%slip_since)
-      call zeros(m, state%slip_from)
       allocate (state%direction(m, w), source=merge(0, 1, state%slip_limit > 0.0_wp))
-      if (allocated(state%slip_starts)) deallocate (state%slip_starts, state%stick_starts)
+      allocate (state%displacement(n, w), state%velocity(n, w), state%slider(m, w), &
+                state%slip_time(m, w), state%slip_distance(m, w), state%slip_since(m, w), &
+                state%slip_from(m, w), source=0.0_wp)
       allocate (state%slip_starts(m, w), state%stick_starts(m, w), source=0_long)
-      if (allocated(state%work_input)) &
-         deallocate (state%work_input, state%work_viscous, state%work_friction)
       allocate (state%work_input(w), state%work_viscous(w), state%work_friction(w), source=0.0_wp)
-      if (allocated(state%transitions)) deallocate (state%transitions)
       allocate (state%transitions(w))
-
-   contains
-
-      pure subroutine zeros(rows, array)
-         integer, intent(in) :: rows
-         real(wp), allocatable, intent(inout) :: array(:, :)
-
-         if (allocated(array)) deallocate (array)
-         allocate (array(rows, w), source=0.0_wp)
-      end subroutine zeros
-
    end subroutine start_block
 
    !> Kinetic energy, and strain energy of the structure and of its joints [J], per sample.

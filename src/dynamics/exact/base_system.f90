@@ -18,6 +18,8 @@ module dynamics_exact_base_system
       integer :: n_forces = 1
       integer :: max_transitions = 1000   !! of one sample in one part; more are an error
       logical :: keeps_ledger = .false.
+      integer :: n_kept = 0        !! numbers of a sample that `give` keeps in the block
+      logical :: is_kept = .false. !! `take` finds them there
       type(joint_paths) :: paths
    contains
       procedure(begin), deferred :: begin
@@ -38,14 +40,15 @@ module dynamics_exact_base_system
          class(base_system), intent(inout) :: self
       end subroutine begin
 
-      !> Takes displacements and velocities of samples paths%first_sample, ... from the block.
+      !> Takes samples paths%first_sample, ... from the block: displacements and velocities, or what
+      !> has been kept of them.
       subroutine take(self, state)
          import :: base_system, block_state
          class(base_system), intent(inout) :: self
          type(block_state), intent(in) :: state
       end subroutine take
 
-      !> Gives displacements and velocities back, such that `take` restores them bit for bit.
+      !> Gives displacements and velocities back, and keeps what `take` restores bit for bit.
       subroutine give(self, state)
          import :: base_system, block_state
          class(base_system), intent(in) :: self

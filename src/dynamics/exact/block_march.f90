@@ -49,7 +49,8 @@ contains
       type(block_state), intent(inout) :: state
       real(wp), intent(in) :: force(0:, :)
       integer, intent(in) :: every
-      real(wp), intent(inout) :: displacement(:, :, :), velocity(:, :, :)   !! each may have size 0
+      real(wp), intent(inout) :: displacement(:, :, :)
+      real(wp), intent(inout), optional :: velocity(:, :, :)
       type(error_type), allocatable, intent(out) :: error
       type(march_room) :: room
       real(wp) :: push(width, base%n_forces, 0:1)
@@ -57,11 +58,12 @@ contains
 
       base%keeps_ledger = state%keeps_ledger
       call base%begin()
+      call find_kept(base, state)
       room%is_independent = all(base%paths%is_local) .and. size(base%paths%moved) == 0
       allocate (room%list(width*max(1, state%n_joints)), room%groups(1))
       allocate (room%displacement(width, state%n_dof, merge(records_together, 0, &
                                                             size(displacement) > 0)))
-      allocate (room%velocity(width, merge(state%n_dof, 0, size(velocity) > 0), &
+      allocate (room%velocity(width, merge(state%n_dof, 0, present(velocity)), &
                               size(room%displacement, 3)))
       samples: do first = 1, state%n_samples, width
          base%paths%first_sample = first
@@ -86,9 +88,23 @@ contains
          call base%give(state)
          call base%paths%hand_back(structure%direction, state)
       end do samples
+      state%kept_step = state%step + ubound(force, 1)
       if (state%keeps_ledger) call dissipate(structure, state)
       call base%paths%free()
    end subroutine march_block
+
+   !> Finds if the block holds what this march has kept, or makes room for it.
+   pure subroutine find_kept(base, state)
+      class(base_system), intent(inout) :: base
+      type(block_state), intent(inout) :: state
+
+      base%is_kept = state%kept_step == state%step .and. abs(state%kept_h - base%h) <= 0.0_wp
+      if (base%is_kept) base%is_kept = size(state%kept, 1) == base%n_kept
+      if (base%is_kept) return
+      if (allocated(state%kept)) deallocate (state%kept)
+      allocate (state%kept(base%n_kept, state%n_samples), source=0.0_wp)
+      state%kept_h = base%h
+   end subroutine find_kept
 
    !> Marches one part of a step of all lanes, transitions included.
    subroutine march_part(base, push, begin, state, room, error)
@@ -348,7 +364,8 @@ contains
 
    subroutine keep_record(base, displacement, velocity, room)
       class(base_system), intent(in) :: base
-      real(wp), intent(inout) :: displacement(:, :, :), velocity(:, :, :)
+      real(wp), intent(inout) :: displacement(:, :, :)
+      real(wp), intent(inout), optional :: velocity(:, :, :)
       type(march_room), intent(inout) :: room
 
       if (room%n_kept == records_together) call hand_on(base, displacement, velocity, room)
@@ -356,31 +373,34 @@ contains
       call base%put_state(room%displacement(:, :, room%n_kept), room%velocity(:, :, room%n_kept))
    end subroutine keep_record
 
-   !> Copies planes (lane, dof) to histories (record, dof, sample).
+   !> Hands all kept records on.
    subroutine hand_on(base, displacement, velocity, room)
       class(base_system), intent(in) :: base
-      real(wp), intent(inout) :: displacement(:, :, :), velocity(:, :, :)
+      real(wp), intent(inout) :: displacement(:, :, :)
+      real(wp), intent(inout), optional :: velocity(:, :, :)
       type(march_room), intent(inout) :: room
+
+      call copy_planes(base, room, room%displacement, displacement)
+      if (present(velocity)) call copy_planes(base, room, room%velocity, velocity)
+      room%n_records = room%n_records + room%n_kept
+      room%n_kept = 0
+   end subroutine hand_on
+
+   !> Copies planes (lane, dof) to a history (record, dof, sample).
+   pure subroutine copy_planes(base, room, planes, history)
+      class(base_system), intent(in) :: base
+      type(march_room), intent(in) :: room
+      real(wp), intent(in) :: planes(:, :, :)
+      real(wp), intent(inout) :: history(:, :, :)
       integer :: i, l, r
 
-      associate (n => room%n_kept, w => base%paths%first_sample - 1, done => room%n_records)
-         do i = 1, size(room%displacement, 2)
-            do l = 1, base%paths%n_samples
-               do r = 1, n
-                  displacement(done + r, i, w + l) = room%displacement(l, i, r)
-               end do
+      do i = 1, size(planes, 2)
+         do l = 1, base%paths%n_samples
+            do r = 1, room%n_kept
+               history(room%n_records + r, i, base%paths%first_sample + l - 1) = planes(l, i, r)
             end do
          end do
-         do i = 1, size(room%velocity, 2)
-            do l = 1, base%paths%n_samples
-               do r = 1, n
-                  velocity(done + r, i, w + l) = room%velocity(l, i, r)
-               end do
-            end do
-         end do
-         done = done + n
-         n = 0
-      end associate
-   end subroutine hand_on
+      end do
+   end subroutine copy_planes
 
 end module dynamics_exact_block_march

@@ -176,15 +176,9 @@ contains
       real(wp), intent(out) :: displacement(:, :, :)
       real(wp), intent(out), optional :: velocity(:, :, :)
       type(error_type), allocatable, intent(out) :: error
-      real(wp) :: no_velocity(0, 0, 0)
 
-      if (present(velocity)) then
-         call march_block(self%base, self%structure, self%parts, state, force, every, &
-                          displacement, velocity, error)
-      else
-         call march_block(self%base, self%structure, self%parts, state, force, every, &
-                          displacement, no_velocity, error)
-      end if
+      call march_block(self%base, self%structure, self%parts, state, force, every, displacement, &
+                       velocity, error)
       if (allocated(error)) return
       state%step = state%step + ubound(force, 1)
    end subroutine advance

@@ -73,6 +73,7 @@ contains
       form%n_forces = structure%n_forces
       form%n_padded = padded_rows(form%operators%n_rows)
       form%m_padded = padded_rows(structure%n_joints)
+      form%n_kept = (4 - form%operators%blocks%ports)*form%operators%n_rows + 2*structure%n_joints
    end subroutine new_modal_form
 
    !> See base_system.
@@ -119,11 +120,10 @@ contains
 
    end subroutine begin
 
-   !> Takes what `give` has kept where displacements, velocities and step are as it left them.
+   !> See base_system.
    subroutine take(self, state)
       class(modal_form), intent(inout) :: self
       type(block_state), intent(in) :: state
-      real(wp) :: slider(self%operators%n_joints)
       integer :: e, g, k, l, m, n, w
 
       n = self%operators%n_rows
@@ -133,49 +133,28 @@ contains
       self%now = 0.0_wp
       self%pushed = 0.0_wp
       self%sliders%has_switched = .true.   ! regimes are given
-      associate (x => self%paths%x, layer => self%paths%layer)
-         x = 0.0_wp
-         do l = 1, self%paths%n_samples
-            w = self%paths%first_sample + l - 1
-            g = group_of(l)
-            e = l - lanes*(g - 1)
-            associate (place => state%displacement(:, w), speed => state%velocity(:, w))
-               if (is_kept(w)) then
-                  associate (kept => state%modal(:, w))
-                     self%now(e, :n, :, g) = reshape(kept(:k), [n, k/n])
-                     self%pushed(e, :n, g) = kept(k + 1:k + n)
-                     x(l, :m, layer(0)) = kept(k + n + 1:k + n + m)
-                     x(l, :m, layer(1)) = kept(k + n + m + 1:k + n + 2*m)
-                  end associate
-                  cycle
-               end if
-               slider = state%slider(:, w)
-               self%now(e, :n, :, g) = self%operators%blocks%numbers( &
-                                       matmul(place, self%operators%momentum), &
-                                       matmul(speed, self%operators%momentum)*self%h)
-               self%pushed(e, :n, g) = matmul(self%operators%slider_push, slider)
-               x(l, :m, layer(0)) = matmul(place, self%operators%direction)
-               x(l, :m, layer(1)) = matmul(speed, self%operators%direction)*self%h
-            end associate
-         end do
-      end associate
-
-   contains
-
-      logical function is_kept(sample)
-         integer, intent(in) :: sample
-
-         is_kept = .false.
-         if (.not. allocated(state%modal)) return
-         associate (last => ubound(state%modal, 1), n_dof => state%n_dof)
-            if (last /= k + n + 2*m + 2*n_dof) return
-            is_kept = all(abs(state%modal(last - 2*n_dof + 1:last - n_dof, sample) &
-                              - state%displacement(:, sample)) <= 0.0_wp) .and. &
-                      all(abs(state%modal(last - n_dof + 1:, sample) &
-                              - state%velocity(:, sample)) <= 0.0_wp)
+      self%paths%x = 0.0_wp
+      do l = 1, self%paths%n_samples
+         w = self%paths%first_sample + l - 1
+         g = group_of(l)
+         e = l - lanes*(g - 1)
+         associate (place => state%displacement(:, w), speed => state%velocity(:, w), &
+                    kept => state%kept(:, w), u => self%paths%x(l, :m, self%paths%layer(0)), &
+                    v => self%paths%x(l, :m, self%paths%layer(1)), for => self%operators)
+            if (self%is_kept) then
+               self%now(e, :n, :, g) = reshape(kept(:k), [n, k/n])
+               self%pushed(e, :n, g) = kept(k + 1:k + n)
+               u = kept(k + n + 1:k + n + m)
+               v = kept(k + n + m + 1:)
+            else
+               self%now(e, :n, :, g) = for%blocks%numbers(matmul(place, for%momentum), &
+                                                          matmul(speed, for%momentum)*self%h)
+               self%pushed(e, :n, g) = matmul(for%slider_push, state%slider(:, w))
+               u = matmul(place, for%direction)
+               v = matmul(speed, for%direction)*self%h
+            end if
          end associate
-      end function is_kept
-
+      end do
    end subroutine take
 
    !> Group of a lane.
@@ -190,17 +169,11 @@ contains
       class(modal_form), intent(in) :: self
       type(block_state), intent(inout) :: state
       real(wp), dimension(width, self%operators%n_modes) :: displacement, velocity
-      integer :: e, g, l, m, n, n_kept, w
+      integer :: e, g, l, m, n, w
 
       n = self%operators%n_rows
       m = self%operators%n_joints
-      n_kept = n*size(self%now, 3) + n + 2*m + 2*state%n_dof
       call self%put_state(displacement, velocity)
-      if (allocated(state%modal)) then
-         if (size(state%modal, 1) /= n_kept) deallocate (state%modal)
-      end if
-      if (.not. allocated(state%modal)) allocate (state%modal(n_kept, state%n_samples), &
-                                                  source=0.0_wp)
       associate (x => self%paths%x, layer => self%paths%layer)
          do l = 1, self%paths%n_samples
             w = self%paths%first_sample + l - 1
@@ -210,9 +183,8 @@ contains
                state%work_viscous(w) + (square(state%velocity(:, w)) - square(velocity(l, :)))
             state%displacement(:, w) = displacement(l, :)
             state%velocity(:, w) = velocity(l, :)
-            state%modal(:, w) = [self%now(e, :n, :, g), self%pushed(e, :n, g), &
-                                 x(l, :m, layer(0)), x(l, :m, layer(1)), &
-                                 displacement(l, :), velocity(l, :)]
+            state%kept(:, w) = [self%now(e, :n, :, g), self%pushed(e, :n, g), &
+                                x(l, :m, layer(0)), x(l, :m, layer(1))]
          end do
       end associate
 

@@ -57,6 +57,7 @@ contains
 
       form%h = dt/parts
       form%n_forces = structure%n_forces
+      form%n_kept = structure%n_dof
       call new_series(structure, dt, parts, tolerance, form%series)
       form%ledger = new_ledger(form%series, structure, tolerance)
       call new_local_answers(structure, form%series, tolerance, form%answers)
@@ -93,26 +94,19 @@ contains
       self%push = spread(spread(spread(0.0_wp, 1, width), 2, size(self%series%loaded)), 3, 2)
    end subroutine begin
 
-   !> Takes samples over. Velocities are in m per part here, in m/s in the block: those that `give`
-   !> has left unchanged are taken as they were.
+   !> See base_system. Velocities are in m per part here, in m/s in the block.
    subroutine take(self, state)
       class(series_form), intent(inout) :: self
       type(block_state), intent(in) :: state
-      integer :: i, l, w
+      integer :: l, w
 
-      associate (x => self%paths%x, layer => self%paths%layer)
+      associate (x => self%paths%x, layer => self%paths%layer, n => self%series%n_dof)
          x = 0.0_wp
          do l = 1, self%paths%n_samples
             w = self%paths%first_sample + l - 1
-            do i = 1, self%series%n_dof
-               x(l, i, layer(0)) = state%displacement(i, w)
-               x(l, i, layer(1)) = state%velocity(i, w)*self%h
-            end do
-            if (.not. allocated(state%velocity_step)) cycle
-            do i = 1, self%series%n_dof
-               if (abs(state%velocity_step(i, w)/self%h - state%velocity(i, w)) <= 0.0_wp) &
-                  x(l, i, layer(1)) = state%velocity_step(i, w)
-            end do
+            x(l, :n, layer(0)) = state%displacement(:, w)
+            x(l, :n, layer(1)) = state%velocity(:, w)*self%h
+            if (self%is_kept) x(l, :n, layer(1)) = state%kept(:, w)
          end do
       end associate
       call follow_starts(self)
@@ -122,17 +116,14 @@ contains
    subroutine give(self, state)
       class(series_form), intent(in) :: self
       type(block_state), intent(inout) :: state
-      integer :: i, l, w
+      integer :: l, w
 
-      if (.not. allocated(state%velocity_step)) state%velocity_step = state%velocity*self%h
-      associate (x => self%paths%x, layer => self%paths%layer)
+      associate (x => self%paths%x, layer => self%paths%layer, n => self%series%n_dof)
          do l = 1, self%paths%n_samples
             w = self%paths%first_sample + l - 1
-            do i = 1, self%series%n_dof
-               state%displacement(i, w) = x(l, i, layer(0))
-               state%velocity_step(i, w) = x(l, i, layer(1))
-               state%velocity(i, w) = x(l, i, layer(1))/self%h
-            end do
+            state%displacement(:, w) = x(l, :n, layer(0))
+            state%velocity(:, w) = x(l, :n, layer(1))/self%h
+            state%kept(:, w) = x(l, :n, layer(1))
          end do
       end associate
    end subroutine give
