@@ -158,35 +158,33 @@ contains
       if (is_regular) change = change + back
    end subroutine lead_back
 
-   !> Moves `point` onto the constraints by the shortest steps in the metric. Each step updates the
-   !> Jacobian (Broyden).
-   subroutine solve_along(objective, point, jacobian, metric, tolerance, max_iterations, violation)
+   !> Moves `point` onto the constraints by the shortest steps in the metric of an earlier search.
+   !> Each step updates its Jacobian (Broyden).
+   subroutine solve_along(objective, point, tolerance, max_iterations, found)
       class(objective_type), intent(inout) :: objective
       real(wp), intent(inout) :: point(:)
-      real(wp), intent(inout) :: jacobian(:, :)
-      real(wp), intent(in) :: metric(:, :)
       real(wp), intent(in) :: tolerance
       integer, intent(in) :: max_iterations
-      real(wp), intent(out) :: violation
-      real(wp) :: change(size(point)), constraints(size(jacobian, 1)), direction(size(point))
+      type(search_result), intent(inout) :: found
+      real(wp) :: change(size(point)), constraints(size(found%jacobian, 1)), direction(size(point))
       real(wp), allocatable :: state(:)
       integer :: i
       logical :: is_inside, is_regular
 
-      violation = huge(1.0_wp)
+      found%violation = huge(1.0_wp)
       do i = 1, max_iterations
          call objective%evaluate(point, state, is_inside)
          if (.not. is_inside) return
          constraints = state(:size(constraints))
-         violation = maxval(abs(constraints))
+         found%violation = maxval(abs(constraints))
          if (i > 1) then   ! what the last step left over is the Jacobian's error along it
             direction = change/dot_product(change, change)
-            jacobian = jacobian + spread(constraints, 2, size(point))*spread(direction, 1, &
-                                                                             size(constraints))
+            found%jacobian = found%jacobian + spread(constraints, 2, size(point)) &
+                             *spread(direction, 1, size(constraints))
          end if
-         if (violation <= tolerance) return
+         if (found%violation <= tolerance) return
          change = 0.0_wp
-         call lead_back(metric, jacobian, constraints, change, is_regular)
+         call lead_back(found%metric, found%jacobian, constraints, change, is_regular)
          if (.not. is_regular) return
          point = point + change
       end do

@@ -14,7 +14,7 @@ module process_positive_branches
    use core_kinds, only: long, wp
    use core_random, only: label_of, new_stream
    use core_text, only: rounded_text, to_text
-   use numerics_constrained_maximum, only: maximize, search_result, solve_along
+   use numerics_constrained_maximum, only: search_result
    use process_model, only: process_request
    use process_positive_family, only: by_coefficients, by_precision, free, &
                                       parameter_family
@@ -42,17 +42,13 @@ contains
    !> failed: the maximum with K(m) >= 0 or, with branch = 'any' and where that has ended, the
    !> alternating one. Where some K(m) have changed their sign on the way, that of the larger
    !> entropy. Not by the direct method, whose orders do not contain each other.
-   subroutine search_branches(request, seed, law, point, found, error)
+   subroutine search_branches(request, seed, law, error)
       type(process_request), intent(in) :: request   !! of order 2 or more
       integer(long), intent(in) :: seed
       type(sampled_objective), intent(inout) :: law   !! that has failed; its effort is counted on
-      real(wp), allocatable, intent(inout) :: point(:)
-      type(search_result), intent(inout) :: found
       type(error_type), allocatable, intent(inout) :: error   !! of that search; or none
       type(error_type), allocatable :: failure
       type(sampled_objective) :: trial
-      type(search_result) :: trial_found
-      real(wp), allocatable :: trial_point(:)
       character(:), allocatable :: message
       integer :: branch
 
@@ -63,16 +59,13 @@ contains
       trial%most_effort = law%most_effort
       do branch = 1, merge(2, 1, request%branch == 'any')
          if (branch == 1 .and. request%std >= request%mean) cycle
-         call continue_first_order(request, seed, branch == 2, trial, trial_point, trial_found, &
-                                   failure)
+         call continue_first_order(request, seed, branch == 2, trial, failure)
          law%effort = trial%effort
          if (.not. allocated(failure)) then
             if (.not. allocated(error)) then
                if (relative_entropy(trial) < relative_entropy(law)) return
             end if
             law = trial
-            point = trial_point
-            found = trial_found
             if (allocated(error)) deallocate (error)
             if (branch == 2 .or. all(law%signs > 0.0_wp)) return
          else
@@ -95,13 +88,11 @@ contains
    end function relative_entropy
 
    !> Finds the maximum of one branch; fails with the std/mean at which it ends.
-   subroutine continue_first_order(request, seed, is_alternating, law, point, found, error)
+   subroutine continue_first_order(request, seed, is_alternating, law, error)
       type(process_request), intent(in) :: request   !! of order 2 or more
       integer(long), intent(in) :: seed
       logical, intent(in) :: is_alternating
       type(sampled_objective), intent(inout) :: law   !! at first its effort and bound alone
-      real(wp), allocatable, intent(out) :: point(:)
-      type(search_result), intent(out) :: found
       type(error_type), allocatable, intent(out) :: error
       real(wp), parameter :: inside = 0.97_wp   ! of the limit of order 1, beyond it
       real(wp), allocatable :: autocovariance(:), signs(:)
@@ -125,21 +116,21 @@ contains
       if (allocated(error)) return
       do attempt = 1, 2
          call rise_to_order(request, seed, first, merge(1, request%order, attempt == 1), law, &
-                            point, highest, error)
+                            highest, error)
          if (allocated(error)) return
-         call climb(law, one%std/request%mean, wanted, point, found, reached)
+         call climb(law, one%std/request%mean, wanted, reached)
          limit = max(limit, reached)
-         if (found%is_converged .or. attempt == 2 .or. .not. is_alternating .or. &
+         if (law%found%is_converged .or. attempt == 2 .or. .not. is_alternating .or. &
              law%is_exhausted()) exit
       end do
       decay = first%memory
       is_at_rest = .true.
       do pass = 1, max_passes
-         if (found%is_converged) then
-            call adopt_signs(law, point, found, autocovariance)
-            is_at_rest = found%is_converged
+         if (law%found%is_converged) then
+            call adopt_signs(law, autocovariance)
+            is_at_rest = law%found%is_converged
          end if
-         if (.not. found%is_converged) exit
+         if (.not. law%found%is_converged) exit
          if (.not. is_alternating .or. fades(law%signs*autocovariance)) return
          if (pass == max_passes) exit
          decay = sqrt(decay)   ! lags of twice the memory
@@ -149,8 +140,8 @@ contains
          if (allocated(error)) return
          law%signs(:size(signs) - 1) = signs
          call law%hold_at_zero(lags)
-         call law%settle(point)
-         call find_maximum(law, point, found)
+         call law%settle()
+         call find_maximum(law)
       end do
       signs_wanted = trim(merge('alternating K(m)', 'K(m) >= 0       ', is_alternating))
       if (law%is_exhausted()) then
@@ -169,31 +160,33 @@ contains
    end subroutine continue_first_order
 
    !> Raises the law of order 1 by maxima of order 2, 4, 8, .. to a start in the wanted order.
-   subroutine rise_to_order(request, seed, first, most_faces, law, point, highest, error)
+   subroutine rise_to_order(request, seed, first, most_faces, law, highest, error)
       type(process_request), intent(in) :: request
       integer(long), intent(in) :: seed
       type(first_order_law), intent(in) :: first
       integer, intent(in) :: most_faces   !! see `parameter_family`
       type(sampled_objective), intent(inout) :: law
-      real(wp), allocatable, intent(out) :: point(:)
       integer, intent(out) :: highest   !! order whose maximum was found
       type(error_type), allocatable, intent(out) :: error
       type(process_request) :: lower
       type(parameter_family) :: family
       type(positive_moments) :: moments
       type(search_result) :: found
-      real(wp), allocatable :: reached(:)
+      real(wp), allocatable :: start(:)
+      integer :: n
 
+      found = law%found   ! that an earlier search in the wanted order left is of use there
+      law%found = search_result()
       lower = request
       lower%order = 1
       highest = 1
       law%family%kind = free
       law%family%most_faces = most_faces
       law%family%faces = [integer ::]
-      point = [-atanh(first%r), asinh(first%field)]
+      law%point = [-atanh(first%r), asinh(first%field)]
       if (first%r < 0.0_wp) then
          law%family%kind = merge(by_precision, by_coefficients, request%sampler == 'exact')
-         point(1) = -first%r
+         law%point(1) = -first%r
       end if
       law%last%moments%mean = first%mean
       law%last%moments%std = first%std
@@ -202,23 +195,24 @@ contains
          call begin_law(lower, seed, merge(first%memory, 0.0_wp, first%r < 0.0_wp), &
                         first%std/first%mean, law, error)
          if (allocated(error)) return
-         point = [point(:size(point) - 1), &
-                  spread(0.0_wp, 1, lower%order + 1 - size(law%family%faces) - size(point)), &
-                  point(size(point))]
-         call law%settle(point)
-         if (lower%order == request%order) return
-         reached = point
+         n = size(law%point)
+         law%point = [law%point(:n - 1), &
+                      spread(0.0_wp, 1, lower%order + 1 - size(law%family%faces) - n), law%point(n)]
+         call law%settle()
+         if (lower%order == request%order) exit
+         start = law%point
          family = law%family
          moments = law%last%moments
-         call find_maximum(law, reached, found)
-         if (found%is_converged) then
-            point = reached
+         call find_maximum(law)
+         if (law%found%is_converged) then
             highest = lower%order
          else
+            law%point = start
             law%family = family
             law%last%moments = moments
          end if
       end do
+      law%found = found
    end subroutine rise_to_order
 
    !> Begins the law of a request in the family of another one, to be simulated from its moments;
@@ -239,6 +233,8 @@ contains
       problem%ratio = ratio
       before = law
       call new_objective(problem, law)
+      law%point = before%point
+      law%found = before%found
       law%effort = before%effort
       law%most_effort = before%most_effort
       law%family = before%family
@@ -247,12 +243,10 @@ contains
    end subroutine begin_law
 
    !> Climbs by maxima at larger and larger std/mean, from that of the start to the wanted one. In a
-   !> given shape steps grow until one fails. Where maxima end before, `found` is not converged.
-   subroutine climb(law, start, wanted, point, found, limit)
+   !> given shape steps grow until one fails. Where maxima end before, the last is not converged.
+   subroutine climb(law, start, wanted, limit)
       type(sampled_objective), intent(inout) :: law
       real(wp), intent(in) :: start, wanted
-      real(wp), allocatable, intent(inout) :: point(:)
-      type(search_result), intent(inout) :: found
       real(wp), intent(out) :: limit   !! the largest std/mean that was met
       type(search_result) :: before
       real(wp), allocatable :: reached(:)
@@ -264,22 +258,22 @@ contains
       step = 0.04_wp   ! relative
       growth = merge(2.0_wp, 1.0_wp, law%family%has_given_shape())
       do
-         reached = point
+         reached = law%point
          faces = law%family%faces
-         before = found
-         call find_maximum(law, point, found)
-         if (found%is_converged) then
+         before = law%found
+         call find_maximum(law)
+         if (law%found%is_converged) then
             limit = law%problem%ratio
             if (limit >= wanted) return
-            call law%settle(point)
+            call law%settle()
             step = growth*step
          else
-            point = reached
+            law%point = reached
             law%family%faces = faces
             growth = 1.0_wp
             step = 0.5_wp*step
             if (step < least_step .or. .not. limit > 0.0_wp .or. law%is_exhausted()) return
-            found = before
+            law%found = before
          end if
          law%problem%ratio = min(wanted, limit*(1.0_wp + step))
       end do
@@ -287,10 +281,8 @@ contains
 
    !> Finds the maximum in the interior, or on the faces that the search runs into. In a given shape
    !> it is, once one has been found, the point nearby that meets the targets.
-   subroutine find_maximum(law, point, found)
-      type(sampled_objective), intent(inout) :: law
-      real(wp), allocatable, intent(inout) :: point(:)
-      type(search_result), intent(inout) :: found   !! its metric is begun with, where it fits
+   subroutine find_maximum(law)
+      type(sampled_objective), intent(inout) :: law   !! begun with its metric, where that fits
       real(wp), parameter :: near = 0.05_wp
       real(wp), allocatable :: metric(:, :)
       real(wp), allocatable :: room(:)
@@ -299,32 +291,31 @@ contains
       real(wp), allocatable :: start(:)
       integer :: i, p
 
-      if (law%family%has_given_shape() .and. allocated(found%jacobian)) then
-         start = point
-         call solve_along(law, point, found%jacobian, found%metric, acceptable, max_steps, &
-                          found%violation)
-         found%is_converged = found%violation <= acceptable .and. norm2(point - start) <= farthest
+      if (law%family%has_given_shape() .and. allocated(law%found%jacobian)) then
+         start = law%point
+         call law%meet_constraints(acceptable, max_steps)
+         law%found%is_converged = law%found%violation <= acceptable .and. &
+                                  norm2(law%point - start) <= farthest
          return
       end if
       do
          if (allocated(metric)) deallocate (metric)
-         if (allocated(found%metric)) then
-            if (size(found%metric, 1) == size(point)) metric = found%metric
+         if (allocated(law%found%metric)) then
+            if (size(law%found%metric, 1) == size(law%point)) metric = law%found%metric
          end if
-         call maximize(law, point, law%n_constraints, branch_difference, acceptable, &
-                       max_iterations, found, metric)
-         if (found%is_converged .or. law%family%has_given_shape() .or. &
+         call law%move_to_maximum(branch_difference, acceptable, max_iterations, metric)
+         if (law%found%is_converged .or. law%family%has_given_shape() .or. &
              law%family%kind == free .or. law%is_exhausted() .or. &
              size(law%family%faces) == law%family%most_faces .or. &
-             size(point) <= law%n_constraints) return
-         room = law%family%room(point)
+             size(law%point) <= law%n_constraints) return
+         room = law%family%room(law%point)
          associate (faces => law%family%faces)
             room(faces) = huge(near)
             p = minloc(room, 1)
             if (room(p) > near) return
             i = count(faces < p)
          end associate
-         point = [point(:p - i - 1), point(p - i + 1:)]
+         law%point = [law%point(:p - i - 1), law%point(p - i + 1:)]
          law%family%faces = [law%family%faces(:i), p, law%family%faces(i + 1:)]
       end do
    end subroutine find_maximum
@@ -333,10 +324,8 @@ contains
    !> where they do not come to rest. Where K(m) >= 0 is wanted, or K(m) has the other sign with
    !> either one, K(m) = 0 is a constraint, as long as its multiplier does not pull K(m) to a side
    !> that is allowed.
-   subroutine adopt_signs(law, point, found, autocovariance)
+   subroutine adopt_signs(law, autocovariance)
       type(sampled_objective), intent(inout) :: law
-      real(wp), allocatable, intent(inout) :: point(:)
-      type(search_result), intent(inout) :: found
       real(wp), allocatable, intent(out) :: autocovariance(:)   !! (0:n_lags)
       integer, parameter :: max_passes = 12
       integer, parameter :: surer = 16   ! times as many steps tell the signs
@@ -344,38 +333,39 @@ contains
       integer, allocatable :: lags(:)
       logical, allocatable :: is_held(:), is_wrong(:)
       integer :: n_steps, pass
+      logical :: is_inside
 
       n_steps = law%n_steps
       allocate (is_held(size(law%signs)), source=law%problem%is_nonnegative)
       do pass = 1, max_passes
-         call compare_signs(law, point, surer*n_steps, autocovariance, is_wrong, &
-                            found%is_converged, state)
-         if (.not. found%is_converged) return
+         call compare_signs(law, surer*n_steps, autocovariance, is_wrong, is_inside, state)
+         law%found%is_converged = is_inside
+         if (.not. is_inside) return
          law%n_steps = n_steps
          is_wrong(law%zeros + 1) = .false.
-         pulls = pulls_of(law, found%multipliers)
+         pulls = pulls_of(law, law%found%multipliers)
          lags = pack(law%zeros, abs(pulls) <= acceptable)
          if (any(is_wrong .and. is_held)) &   ! the others may follow
             lags = [lags, minloc(law%signs*autocovariance, 1, is_wrong .and. is_held) - 1]
          if (.not. (any(is_wrong) .or. any(abs(pulls) > acceptable))) exit
-         found%is_converged = pass < max_passes
-         if (.not. found%is_converged) return
+         law%found%is_converged = pass < max_passes
+         if (.not. law%found%is_converged) return
          law%signs(law%zeros) = merge(sign(1.0_wp, pulls), law%signs(law%zeros), &
                                       abs(pulls) > acceptable)
          where (is_wrong .and. .not. is_held) law%signs = -law%signs
          is_held = is_held .or. is_wrong
          if (size(lags) > 0) law%n_steps = max(n_steps, zero_steps)
-         reached = point
+         reached = law%point
          do
             call law%hold_at_zero(lags)
             call law%keep_lags(merge(law%problem%n_single, law%problem%n_lags, &
                                      all(law%signs > 0.0_wp)))
-            call find_maximum(law, point, found)
-            if (found%is_converged .or. size(lags) < 2) exit
+            call find_maximum(law)
+            if (law%found%is_converged .or. size(lags) < 2) exit
             lags = lags(size(lags):)   ! the newest alone
-            point = reached
+            law%point = reached
          end do
-         if (.not. found%is_converged) return
+         if (.not. law%found%is_converged) return
       end do
       if (all(law%signs > 0.0_wp)) call law%keep_lags(law%problem%n_single)
    end subroutine adopt_signs
@@ -407,10 +397,8 @@ contains
    end function pulls_of
 
    !> Finds the maximum on more simulated values than before, with the signs that K(m) have there.
-   subroutine sharpen(law, point, found)
+   subroutine sharpen(law)
       type(sampled_objective), intent(inout) :: law
-      real(wp), allocatable, intent(inout) :: point(:)
-      type(search_result), intent(inout) :: found
       real(wp), parameter :: allowance = 2.0e9_wp   ! see `most_effort`
       real(wp), allocatable :: unused(:)
       real(wp) :: bound
@@ -418,9 +406,9 @@ contains
       bound = law%most_effort
       law%most_effort = law%effort + allowance
       law%n_steps = sharp_steps
-      call law%settle(point)
-      call find_maximum(law, point, found)
-      if (found%is_converged) call adopt_signs(law, point, found, unused)
+      call law%settle()
+      call find_maximum(law)
+      if (law%found%is_converged) call adopt_signs(law, unused)
       law%most_effort = bound
    end subroutine sharpen
 

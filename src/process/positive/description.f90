@@ -85,12 +85,9 @@ contains
    end function branch_of
 
    !> Describes the solution in the unit of X.
-   subroutine describe_sampled(request, law, point, multipliers, spread, model, error)
+   subroutine describe_sampled(request, law, spread, model, error)
       type(process_request), intent(in) :: request
       type(sampled_objective), intent(inout) :: law
-      real(wp), intent(in) :: point(:)
-      !> what the entropy of X/std gains as ratio and length exceed what is wanted, relatively
-      real(wp), intent(in) :: multipliers(:)
       type(shape_spread), intent(in) :: spread
       type(process_model_type), intent(inout) :: model
       type(error_type), allocatable, intent(out) :: error
@@ -101,14 +98,14 @@ contains
       by_shape = spread%length_errors()
       model%l0_error = hypot(model%l0_error, by_shape(1))
       model%l1_error = hypot(model%l1_error, by_shape(2))
-      model%entropy_error = error_of_maximum(law, multipliers, model%entropy_error)
+      model%entropy_error = error_of_maximum(law, model%entropy_error)
       if (allocated(law%last%a)) then
          call find_polynomial_roots(model%a, model%poles, error)
          if (allocated(error)) return
       else
          allocate (model%poles(0))
       end if
-      call describe_lags(law, point, spread, model, error)
+      call describe_lags(law, spread, model, error)
       if (allocated(error)) return
       m = min(request%order, law%problem%n_lags)
       model%l0_cut = correlation_length('L0', model%autocovariance(0:m))
@@ -118,9 +115,8 @@ contains
    !> Standard error of the largest entropy under the wanted ratio and length: that of this law's
    !> entropy, and that its ratio and length are the wanted ones on the sample only. Both come from
    !> the same runs.
-   function error_of_maximum(law, multipliers, entropy_error) result(standard_error)
+   function error_of_maximum(law, entropy_error) result(standard_error)
       type(sampled_objective), intent(in) :: law
-      real(wp), intent(in) :: multipliers(:)   !! see `describe_sampled`
       real(wp), intent(in) :: entropy_error    !! of this law's entropy
       real(wp) :: standard_error
       real(wp), allocatable :: rest(:)
@@ -135,7 +131,9 @@ contains
                    - from(:, 1)/moments%mean
          end if
       end associate
-      rest = rest - matmul(law%rests(:, :size(multipliers)), multipliers)
+      associate (multipliers => law%found%multipliers)   ! gain of x/std by the constraints
+         rest = rest - matmul(law%rests(:, :size(multipliers)), multipliers)
+      end associate
       rest = sum(reshape(rest, [lanes, size(rest)/lanes]), dim=2)/size(rest)
       standard_error = norm2([by_partition, error_of_runs(reshape(rest, [lanes, 1]))])
    end function error_of_maximum
@@ -153,9 +151,8 @@ contains
 
    !> Estimates the autocovariance lag by lag, on as many values as the number of lags allows. Fails
    !> where a K(m) clearly has not the sign by which the length was summed.
-   subroutine describe_lags(law, point, spread, model, error)
+   subroutine describe_lags(law, spread, model, error)
       type(sampled_objective), intent(in) :: law
-      real(wp), intent(in) :: point(:)
       type(shape_spread), intent(in) :: spread
       type(process_model_type), intent(inout) :: model
       type(error_type), allocatable, intent(out) :: error
@@ -167,7 +164,7 @@ contains
       longer = law
       longer%n_steps = min(law%n_steps, max(affordable/law%problem%n_lags, 512))
       call longer%keep_lags(law%problem%n_lags)
-      call longer%evaluate(point, state, is_inside)
+      call longer%evaluate(longer%point, state, is_inside)
       call estimate_autocovariance(longer%last%batches, law%known, law%problem%n_lags, &
                                    model%autocovariance, model%autocovariance_error)
       call require_signs(law, model%autocovariance, model%autocovariance_error, error)
@@ -182,17 +179,16 @@ contains
    !> both. The exact law is left out where it remembers more than its fits carry or forgets a start
    !> in too many sweeps, either where its mu is beyond what is sampled. Not for a law that is given
    !> by G alone.
-   subroutine compare_laws(request, law, point, model)
+   subroutine compare_laws(request, law, model)
       type(process_request), intent(in) :: request
       type(sampled_objective), intent(in) :: law
-      real(wp), intent(in) :: point(:)
       type(process_model_type), intent(inout) :: model
       integer, parameter :: moment_steps = 1024, entropy_steps = 256   ! of a batch
       integer, parameter :: most_sweeps = 10000   ! of a burn-in: some seconds
       type(error_type), allocatable :: error
       type(sampled_problem) :: problem
       type(sampled_objective) :: other
-      real(wp), allocatable :: state(:), there(:)
+      real(wp), allocatable :: state(:)
       real(wp) :: coordinate, other_error
       logical :: is_inside
 
@@ -205,11 +201,11 @@ contains
       other%signs = law%signs
       other%centre = law%centre
       coordinate = model%mu/model%b0*(1.0_wp + sum(model%a))**merge(2, 1, problem%is_exact)
-      there = [point(:size(point) - 1), asinh(coordinate)]
+      other%point = [law%point(:size(law%point) - 1), asinh(coordinate)]
       other%n_steps = moment_steps
-      call other%settle(there)
+      call other%settle()
       if (problem%is_exact .and. other%n_burn_in > most_sweeps) return
-      call other%evaluate(there, state, is_inside)
+      call other%evaluate(other%point, state, is_inside)
       if (.not. is_inside) return
       other%n_steps = entropy_steps
       call other%find_entropy(model%other_entropy, other_error)

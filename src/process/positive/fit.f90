@@ -8,7 +8,6 @@ module process_positive_fit
    use core_error, only: error_type, exit_no_solution, raise
    use core_kinds, only: long, wp
    use core_text, only: to_text
-   use numerics_constrained_maximum, only: search_result, solve_along
    use process_model, only: process_model_type, process_request, process_solution
    use process_positive_description, only: compare_laws, describe_far_from_zero, describe_sampled, &
       outline_sampled
@@ -58,35 +57,30 @@ contains
       type(error_type), allocatable, intent(out) :: error
       type(sampled_objective) :: law
       type(first_order_law) :: first_order
-      type(search_result) :: found
       type(shape_spread) :: spread
-      real(wp), allocatable :: point(:)
-      real(wp) :: violation
 
       if (is_first_order(request)) then
          call match_first_order(request, first_order, error)
          if (.not. allocated(error)) call describe_first_order(request, first_order, model, error)
       else
          if (request%method == 'direct') then
-            call search_signs(request, seed, law, point, found, model, error)
+            call search_signs(request, seed, law, model, error)
          else
-            call approach(request, seed, law, point, found, error)
-            if (.not. allocated(error)) call find_shape(law, point, found, error, spread)
+            call approach(request, seed, law, error)
+            if (.not. allocated(error)) call find_shape(law, spread, error)
          end if
-         if (.not. allocated(error)) &
-            call finish(request, law, point, found, spread, violation, model, error)
+         if (.not. allocated(error)) call finish(request, law, spread, model, error)
          if (allocated(error) .and. request%method /= 'direct') then
             ! this has ended, or more values do not have what few of them have
             law%effort = 0.0_wp
-            call search_branches(request, seed, law, point, found, error)
-            if (.not. allocated(error)) call refine(law, branch_difference, point, found, spread)
-            if (.not. allocated(error)) &
-               call finish(request, law, point, found, spread, violation, model, error)
+            call search_branches(request, seed, law, error)
+            if (.not. allocated(error)) call refine(law, branch_difference, spread)
+            if (.not. allocated(error)) call finish(request, law, spread, model, error)
          end if
          if (.not. allocated(error)) then
-            if (allocated(law%last%a)) call compare_laws(request, law, point, model)
-            model%optimality = found%residual
-            if (request%method == 'direct') call name_multipliers(law, violation, model)
+            if (allocated(law%last%a)) call compare_laws(request, law, model)
+            model%optimality = law%found%residual
+            if (request%method == 'direct') call name_multipliers(law, model)
          end if
       end if
       if (allocated(error)) return
@@ -105,9 +99,8 @@ contains
       type(sampled_objective) :: law
       type(first_order_law) :: first_order
       type(process_request) :: one
-      type(search_result) :: found
       real(wp), parameter :: quick_effort(2) = [1.0e8_wp, 4.0e7_wp]   ! sequential, exact: 1 s or 2
-      real(wp), allocatable :: point(:), unused(:)
+      real(wp), allocatable :: unused(:)
       real(wp) :: effort
       logical :: has_first_order, is_exact, is_far, is_feasible, is_inside
 
@@ -124,10 +117,10 @@ contains
          is_feasible = has_first_order .and. request%branch /= 'nonnegative'
          if (is_feasible .and. .not. is_exact) return
          effort = quick_effort(merge(2, 1, is_exact))
-         call approach(request, seed, law, point, found, error, effort)
+         call approach(request, seed, law, error, effort)
          law%most_effort = effort
          if (allocated(error) .and. .not. (law%is_exhausted() .or. has_first_order)) &
-            call search_branches(request, seed, law, point, found, error)
+            call search_branches(request, seed, law, error)
          if (allocated(error)) then
             if (.not. (law%is_exhausted() .or. has_first_order) .and. &
                 .not. has_other_signs(request, law)) return
@@ -136,7 +129,7 @@ contains
             return
          end if
          law%most_effort = huge(1.0_wp)
-         call law%evaluate(point, unused, is_inside)
+         call law%evaluate(law%point, unused, is_inside)
          if (is_exact .or. law%problem%decay > 0.0_wp) call outline_sampled(request, law, model)
       end if
       if (allocated(error)) return
@@ -196,14 +189,13 @@ contains
 
    !> Names signs and multipliers of Eq. (30), and the largest residual of the optimality
    !> conditions.
-   subroutine name_multipliers(law, violation, model)
+   subroutine name_multipliers(law, model)
       type(sampled_objective), intent(in) :: law
-      real(wp), intent(in) :: violation   !! of the targets, relative
       type(process_model_type), intent(inout) :: model
       type(process_solution) :: solution
 
       call multipliers_of(law, model%b0, solution, model%optimality)
-      model%optimality = max(model%optimality, violation)
+      model%optimality = max(model%optimality, law%found%violation)
       model%signs = solution%signs
       model%delta = solution%delta
       model%lambda_3 = solution%lambda_3
@@ -242,13 +234,10 @@ contains
 
    !> Matches the targets on many values and describes the law; where that fails, after a search on
    !> more values than before.
-   subroutine finish(request, law, point, found, spread, violation, model, error)
+   subroutine finish(request, law, spread, model, error)
       type(process_request), intent(in) :: request
       type(sampled_objective), intent(inout) :: law
-      real(wp), allocatable, intent(inout) :: point(:)
-      type(search_result), intent(inout) :: found
       type(shape_spread), intent(inout) :: spread
-      real(wp), intent(out) :: violation   !! of the targets, relative
       type(process_model_type), intent(inout) :: model
       type(error_type), allocatable, intent(out) :: error
       type(process_model_type) :: before
@@ -256,26 +245,22 @@ contains
 
       before = model
       do pass = 1, 2
-         call match_targets(law, request%fit_steps, found, point, violation, error)
-         if (.not. allocated(error)) &
-            call describe_sampled(request, law, point, found%multipliers, spread, model, error)
+         call match_targets(law, request%fit_steps, error)
+         if (.not. allocated(error)) call describe_sampled(request, law, spread, model, error)
          if (.not. allocated(error)) return
          model = before
-         if (request%method == 'direct' .or. .not. found%is_converged .or. pass == 2) return
-         call sharpen(law, point, found)
-         if (.not. found%is_converged) return
-         call refine(law, branch_difference, point, found, spread)
+         if (request%method == 'direct' .or. .not. law%found%is_converged .or. pass == 2) return
+         call sharpen(law)
+         if (.not. law%found%is_converged) return
+         call refine(law, branch_difference, spread)
       end do
    end subroutine finish
 
    !> Meets the targets once more, on as many values as were asked for or as the standard errors
    !> want; the shape stays.
-   subroutine match_targets(law, fit_steps, found, point, violation, error)
+   subroutine match_targets(law, fit_steps, error)
       type(sampled_objective), intent(inout) :: law
       integer, intent(in) :: fit_steps   !! of a batch; 0: as the errors want
-      type(search_result), intent(inout) :: found
-      real(wp), allocatable, intent(inout) :: point(:)
-      real(wp), intent(out) :: violation
       type(error_type), allocatable, intent(out) :: error
       real(wp) :: bound, excess
 
@@ -286,12 +271,12 @@ contains
       if (allocated(error)) return
       excess = max(law%last%moments%ratio_error/(ratio_goal*law%problem%ratio), &
                    law%length_error()/(length_goal*law%problem%length))
-      if (excess > 1.0_wp .and. fit_steps == 0 .and. violation <= missed) then
+      if (excess > 1.0_wp .and. fit_steps == 0 .and. law%found%violation <= missed) then
          law%n_steps = ceiling(final_steps*min(excess**2, real(most_refinement, wp)))
          call match()
          if (allocated(error)) return
       end if
-      if (violation <= missed) return
+      if (law%found%violation <= missed) return
       law%most_effort = bound
       call raise(error, exit_no_solution, law%problem%name// &
                  ': the solution meets the targets on few simulated values, not on '// &
@@ -302,9 +287,9 @@ contains
       subroutine match()
 
          if (law%family%kind == by_symbol) then
-            call settle_signs(law, point, found, violation, error)
+            call settle_signs(law, error)
          else
-            call solve_along(law, point, found%jacobian, found%metric, matched, 20, violation)
+            call law%meet_constraints(matched, 20)
          end if
       end subroutine match
 

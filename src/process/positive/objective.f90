@@ -6,7 +6,7 @@
 module process_positive_objective
    use core_kinds, only: wp
    use core_random, only: stream_type
-   use numerics_constrained_maximum, only: objective_type
+   use numerics_constrained_maximum, only: maximize, objective_type, search_result, solve_along
    use process_autoregressive_model, only: reflection_of
    use process_correlation, only: constraint_weights
    use process_positive_exact, only: entropy_of_exact_law, log_partition, sample_exact, &
@@ -24,7 +24,8 @@ module process_positive_objective
    integer, parameter :: n_batches = 16*lanes
    real(wp), parameter :: largest_ratio = 20.0_wp   !! std/mean: beyond, chains run away
 
-   !> The problem, the way to its parameters, how long is simulated, and the last estimate.
+   !> The problem, the way to its parameters, how long is simulated, the last estimate, and where
+   !> the search is.
    type, extends(objective_type) :: sampled_objective
       type(sampled_problem) :: problem
       type(parameter_family) :: family
@@ -45,9 +46,13 @@ module process_positive_objective
       !> (batch, component) what is left of each batch's deviation from its state: of multipliers
       !> that of the first one alone, by the mean
       real(wp), allocatable :: rests(:, :)
+      real(wp), allocatable :: point(:)              !! see `parameter_family`
+      type(search_result) :: found                   !! of the search that led there
    contains
       procedure :: evaluate
       procedure :: gain
+      procedure :: move_to_maximum
+      procedure :: meet_constraints
       procedure :: settle
       procedure :: keep_lags
       procedure :: hold_at_zero
@@ -230,12 +235,11 @@ contains
       is_exhausted = self%effort >= self%most_effort
    end function is_exhausted
 
-   !> Chooses the burn-in for points near this one. Sequential law: the companion's memory measures
-   !> that of every process of the wanted length. Exact law: by the variance of the last evaluation;
-   !> before the first one, by the companion's.
-   pure subroutine settle(self, point)
+   !> Chooses the burn-in for points near the search's. Sequential law: the companion's memory
+   !> measures that of every process of the wanted length. Exact law: by the variance of the last
+   !> evaluation; before the first one, by the companion's.
+   pure subroutine settle(self)
       class(sampled_objective), intent(inout) :: self
-      real(wp), intent(in) :: point(:)
       type(law_estimate) :: here
       real(wp) :: variance
       logical :: is_inside
@@ -248,11 +252,41 @@ contains
       self%n_burn_in = max(self%problem%memory, size(self%problem%companion))
       if (.not. self%problem%is_exact) return
       here%g = self%last%g
-      call self%family%unfold(point, here, is_inside)
+      call self%family%unfold(self%point, here, is_inside)
       self%n_burn_in = sweeps_to_forget(here%g(0)*variance, self%problem%l0, 1.0e-5_wp)
       if (self%problem%decay > 0.0_wp) &   ! as neighbours of a Markov process forget
          self%n_burn_in = max(self%n_burn_in, ceiling(12.0_wp/(1.0_wp - self%problem%decay)**2))
    end subroutine settle
+
+   !> Moves the point to the maximum.
+   subroutine move_to_maximum(self, step, tolerance, max_iterations, metric)
+      class(sampled_objective), intent(inout) :: self
+      real(wp), intent(in) :: step, tolerance          !! see `maximize`
+      integer, intent(in) :: max_iterations
+      real(wp), intent(in), optional :: metric(:, :)
+      type(search_result) :: found
+      real(wp) :: point(size(self%point))
+
+      point = self%point
+      call maximize(self, point, self%n_constraints, step, tolerance, max_iterations, found, metric)
+      self%point = point
+      self%found = found
+   end subroutine move_to_maximum
+
+   !> Moves the point onto the constraints, from a maximum nearby.
+   subroutine meet_constraints(self, tolerance, max_iterations)
+      class(sampled_objective), intent(inout) :: self
+      real(wp), intent(in) :: tolerance
+      integer, intent(in) :: max_iterations
+      type(search_result) :: found
+      real(wp) :: point(size(self%point))
+
+      point = self%point
+      found = self%found
+      call solve_along(self, point, tolerance, max_iterations, found)
+      self%point = point
+      self%found = found
+   end subroutine meet_constraints
 
    !> Keeps averages of the first lags one by one from now on: `n_single`, or as many as are held at
    !> zero.

@@ -6,7 +6,7 @@
 !> maximum (the sandwich formula, the metric of the search in place of the inverse curvature).
 module process_positive_refinement
    use core_kinds, only: wp
-   use numerics_constrained_maximum, only: search_result, step_to_maximum
+   use numerics_constrained_maximum, only: step_to_maximum
    use process_autoregressive_model, only: step_up
    use process_positive_objective, only: sampled_objective
    use process_positive_moments, only: estimate_autocovariance
@@ -35,31 +35,30 @@ contains
    !> Takes one step more, on more simulated values: as good as a whole search on them. Where a
    !> difference leaves the domain, or the maximum is too flat for the step to be a short one, the
    !> point stays, and its spread is not known.
-   subroutine refine(law, step, point, found, spread)
+   subroutine refine(law, step, spread)
       type(sampled_objective), intent(inout) :: law
       real(wp), intent(in) :: step               !! of the differences
-      real(wp), intent(inout) :: point(:)        !! the search's last
-      type(search_result), intent(inout) :: found
       type(shape_spread), intent(out) :: spread
       type(shape_spread) :: trial
       real(wp), allocatable :: moved_state(:), rests(:, :), state(:)
-      real(wp) :: gradient(size(point)), jacobian(law%n_constraints, size(point)), lengths(2), &
-         moved(size(point)), noise(lanes, size(point), 0:law%n_constraints)
-      real(wp) :: change(size(point)), multipliers(law%n_constraints), unused(law%n_constraints)
+      real(wp), dimension(size(law%point)) :: change, gradient, moved
+      real(wp) :: jacobian(law%n_constraints, size(moved)), lengths(2), &
+         noise(lanes, size(moved), 0:law%n_constraints)
+      real(wp) :: multipliers(law%n_constraints), unused(law%n_constraints)
       integer :: i, n
       logical :: is_inside, is_regular
 
-      n = size(point)
+      n = size(moved)
       law%n_steps = refinement_steps
-      call law%settle(point)
-      call law%evaluate(point, state, is_inside)
+      call law%settle()
+      call law%evaluate(law%point, state, is_inside)
       if (.not. is_inside) return
       rests = law%rests
       trial%correlation = correlation_of(law)
       lengths = [law%last%moments%l0, law%last%moments%l1]
       allocate (trial%by_correlation(0:size(trial%correlation) - 1, n), trial%by_length(2, n))
       do i = 1, n
-         moved = point
+         moved = law%point
          moved(i) = moved(i) + step
          call law%evaluate(moved, moved_state, is_inside)
          if (.not. is_inside) return
@@ -69,17 +68,17 @@ contains
          trial%by_correlation(:, i) = (correlation_of(law) - trial%correlation)/step
          trial%by_length(:, i) = ([law%last%moments%l0, law%last%moments%l1] - lengths)/step
       end do
-      call step_to_maximum(found%metric, jacobian, gradient, state(:law%n_constraints), change, &
-                           multipliers, is_regular)
+      call step_to_maximum(law%found%metric, jacobian, gradient, state(:law%n_constraints), &
+                           change, multipliers, is_regular)
       if (.not. is_regular) return
       if (norm2(change) > longest) return
-      point = point + change
-      found%jacobian = jacobian
-      found%multipliers = multipliers
+      law%point = law%point + change
+      law%found%jacobian = jacobian
+      law%found%multipliers = multipliers
       allocate (trial%shares(lanes, n))
       do i = 1, lanes
          noise(i, :, 0) = noise(i, :, 0) - matmul(noise(i, :, 1:), multipliers)
-         call step_to_maximum(found%metric, jacobian, noise(i, :, 0), 0.0_wp*multipliers, &
+         call step_to_maximum(law%found%metric, jacobian, noise(i, :, 0), 0.0_wp*multipliers, &
                               trial%shares(i, :), unused, is_regular)
       end do
       spread = trial

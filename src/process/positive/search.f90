@@ -9,11 +9,11 @@ module process_positive_search
    use core_kinds, only: long, wp
    use core_random, only: label_of, new_stream
    use core_text, only: rounded_text, to_text
-   use numerics_constrained_maximum, only: maximize, search_result
+   use numerics_constrained_maximum, only: search_result
    use process_direct_sign_sequence, only: sequence_solution
    use process_model, only: process_request
    use process_positive_branches, only: adopt_signs, climb
-   use process_positive_family, only: by_symbol, free
+   use process_positive_family, only: free
    use process_positive_objective, only: new_objective, sampled_objective
    use process_positive_moments, only: estimate_autocovariance
    use process_positive_problem, only: new_problem, sampled_problem
@@ -24,8 +24,7 @@ module process_positive_search
    private
    public :: approach, find_shape
 
-   integer, parameter :: quick_steps = 128     !! of a batch on the way to a first solution
-   integer, parameter :: shape_steps = 128     !! of a batch while the shape is sought
+   integer, parameter :: search_steps = 128    !! of a batch
    real(wp), parameter :: farthest = 0.7_wp    !! ln factor, without following the family
    real(wp), parameter :: close_enough = 1.0e-5_wp  !! relative, of ratio and length on the way
    !> gradient of the entropy left: wanted, accepted, and over its largest component
@@ -35,13 +34,11 @@ module process_positive_search
 contains
 
    !> Finds the unconstrained optimum of another length that has the targets under the law, on few
-   !> simulated values: `point` is (ln factor, coordinate). Fails where that family ends before.
-   subroutine approach(request, seed, law, point, found, error, most_effort, sequence)
+   !> simulated values: the point is (ln factor, coordinate). Fails where that family ends before.
+   subroutine approach(request, seed, law, error, most_effort, sequence)
       type(process_request), intent(in) :: request
       integer(long), intent(in) :: seed
       type(sampled_objective), intent(out) :: law
-      real(wp), allocatable, intent(out) :: point(:)
-      type(search_result), intent(out) :: found
       type(error_type), allocatable, intent(out) :: error
       real(wp), intent(in), optional :: most_effort   !! see `sampled_objective`
       type(sequence_solution), intent(in), optional :: sequence   !! see `new_problem`
@@ -51,33 +48,33 @@ contains
       type(sampled_problem) :: problem
       type(search_result) :: far
       real(wp) :: far_point(2), limit, ratio
-      real(wp), allocatable :: state(:)
+      real(wp), allocatable :: unused(:)
       integer :: i
       logical :: is_inside
 
       ratio = request%std/request%mean
       call begin(ratio)
       if (allocated(error)) return
-      call maximize(law, point, law%n_constraints, 1.0e-4_wp, close_enough, 12, found)
+      call law%move_to_maximum(1.0e-4_wp, close_enough, 12)
       ! far from the unconstrained optimum another branch may have the targets too: it is taken only
       ! where the family that is followed from there ends before them
-      if (found%violation > close_enough .or. point(1) > farthest) then
-         far = found
-         far_point = point
+      if (law%found%violation > close_enough .or. law%point(1) > farthest) then
+         far = law%found
+         far_point = law%point
          do i = 1, most_halvings
             call begin(0.5_wp**i*ratio)
-            found = search_result()
-            call climb(law, 0.5_wp**i*ratio, ratio, point, found, limit)
+            law%found = search_result()
+            call climb(law, 0.5_wp**i*ratio, ratio, limit)
             if (limit > 0.0_wp .or. law%is_exhausted()) exit
          end do
          law%problem%ratio = ratio
          if (limit >= ratio) then
-            call maximize(law, point, law%n_constraints, 1.0e-4_wp, close_enough, 20, found)
+            call law%move_to_maximum(1.0e-4_wp, close_enough, 20)
          else if (far%violation <= close_enough) then
             call begin(ratio)
-            point = far_point
-            found = far
-            call law%evaluate(point, state, is_inside)
+            law%point = far_point
+            law%found = far
+            call law%evaluate(law%point, unused, is_inside)
          else if (.not. law%is_exhausted()) then
             reason = ': nothing was found with the shape of the unconstrained optimum'
             if (limit > 0.0_wp) &
@@ -87,8 +84,8 @@ contains
             return
          end if
       end if
-      found%is_converged = found%violation <= close_enough
-      call require_converged(law, found, error)
+      law%found%is_converged = law%found%violation <= close_enough
+      call require_converged(law, error)
 
    contains
 
@@ -104,21 +101,21 @@ contains
             call raise(error, exit_no_solution, 'positive process with std/mean = '// &
                        rounded_text(ratio, 6)//': K(m) >= 0 needs std < mean')
          if (allocated(error)) return
-         if (.not. allocated(point)) then
+         if (.not. allocated(law%point)) then
             call new_problem(request, request%sampler, &
                              new_stream(seed, label_of('positive process'), 0), problem, error, &
                              sequence=sequence)
             if (allocated(error)) return
             call new_objective(problem, law)
             if (present(most_effort)) law%most_effort = most_effort
-            law%n_steps = quick_steps
+            law%n_steps = search_steps
          end if
          b0 = sigma/sqrt(problem%autocovariance(0))   ! a guess, with the companion's innovations
-         point = [0.0_wp, &
-                  asinh(mu/b0*(1.0_wp + sum(problem%companion))**merge(2, 1, problem%is_exact))]
+         law%point = [0.0_wp, &
+                      asinh(mu/b0*(1.0_wp + sum(problem%companion))**merge(2, 1, problem%is_exact))]
          law%last%moments%std = 0.0_wp   ! nothing is known yet
          law%centre = request%mean/b0
-         call law%settle(point)
+         call law%settle()
       end subroutine begin
 
    end subroutine approach
@@ -130,94 +127,86 @@ contains
       if (present(sequence)) has_negative = any(sequence%s < 0.0_wp)
    end function has_negative
 
-   !> Finds the maximum with every coefficient free. The direct method's form is that of the maximum
-   !> already.
-   subroutine find_shape(law, point, found, error, spread)
+   !> Finds the maximum with every coefficient free.
+   subroutine find_shape(law, spread, error)
       type(sampled_objective), intent(inout) :: law
-      real(wp), allocatable, intent(inout) :: point(:)
-      type(search_result), intent(inout) :: found
+      type(shape_spread), intent(out) :: spread
       type(error_type), allocatable, intent(out) :: error
-      type(shape_spread), intent(out), optional :: spread   !! wanted where the shape is to be used
-      logical :: is_near
 
-      law%n_steps = shape_steps
-      if (law%family%kind == by_symbol) return
-      is_near = point(1) <= farthest
+      law%n_steps = search_steps
       if (law%problem%correlation == 'both') law%n_constraints = 3   ! a shape of its own has room
-      law%family%factor = merge(exp(point(1)), 1.0_wp, is_near)
-      point = [exp(point(1))/law%family%factor*law%family%direction, point(2)]
+      associate (factor => exp(law%point(1)), is_near => law%point(1) <= farthest)
+         law%family%factor = merge(factor, 1.0_wp, is_near)
+         law%point = [factor/law%family%factor*law%family%direction, law%point(2)]
+      end associate
       law%family%kind = free
-      call free_shape(law, point, found, error, spread)
-      if (.not. allocated(error)) call require_converged(law, found, error)
+      call free_shape(law, spread, error)
+      if (.not. allocated(error)) call require_converged(law, error)
    end subroutine find_shape
 
    !> Finds the maximum from a point with every coefficient free. Where correlation is so weak that
    !> the entropy does not feel its shape above the noise of the sample, the shape of the
    !> unconstrained optimum is kept, with the residual it leaves.
-   subroutine free_shape(law, point, found, error, spread)
+   subroutine free_shape(law, spread, error)
       type(sampled_objective), intent(inout) :: law
-      real(wp), allocatable, intent(inout) :: point(:)
-      type(search_result), intent(out) :: found
+      type(shape_spread), intent(out) :: spread
       type(error_type), allocatable, intent(out) :: error
-      type(shape_spread), intent(out), optional :: spread
       real(wp), parameter :: weak = 0.02_wp, feeble = 0.001_wp   !! largest reflection coefficient
       real(wp), allocatable :: autocovariance(:), standard_error(:)
-      real(wp) :: family(size(point)), step, strength
+      real(wp) :: family(size(law%point)), step, strength
       integer :: order
       logical :: is_free
 
-      order = size(point) - 1
-      family = point
-      call law%settle(point)
-      strength = maxval(abs(tanh(point(:order))))
+      order = size(family) - 1
+      family = law%point
+      call law%settle()
+      strength = maxval(abs(tanh(family(:order))))
       step = min(1.0e-5_wp, 0.01_wp*strength)
       is_free = strength > feeble
       if (is_free) then
-         call maximize(law, point, law%n_constraints, step, min(wanted, stationary*strength), &
-                       max_iterations, found)
-         found%is_converged = max(found%violation, found%residual) &
-                              <= min(acceptable, stationary*strength)
+         call law%move_to_maximum(step, min(wanted, stationary*strength), max_iterations)
+         law%found%is_converged = max(law%found%violation, law%found%residual) &
+                                  <= min(acceptable, stationary*strength)
       end if
-      if (is_free .and. found%is_converged) then
+      if (is_free .and. law%found%is_converged) then
          call estimate_autocovariance(law%last%batches, law%known, order, &
                                       autocovariance, standard_error)
          if (strength > weak) call require_signs(law, autocovariance, standard_error, error)
          if (allocated(error)) then
             deallocate (error)
-            call adopt_signs(law, point, found, autocovariance)
-            if (.not. found%is_converged) return
+            call adopt_signs(law, autocovariance)
+            if (.not. law%found%is_converged) return
          end if
       end if
       if (is_free .and. strength <= weak) then
          call estimate_autocovariance(law%last%batches, law%known, order, &
                                       autocovariance, standard_error)
          associate (companion => law%known(0:order))
-            is_free = found%is_converged .and. &
+            is_free = law%found%is_converged .and. &
                       all(autocovariance*sign(1.0_wp, companion) > -4.0_wp*standard_error)
          end associate
       end if
       if (.not. is_free) then
-         point = family
-         call maximize(law, point, law%n_constraints, step, huge(1.0_wp), 1, found)
-      else if (found%is_converged .and. present(spread)) then
-         call refine(law, step, point, found, spread)
+         law%point = family
+         call law%move_to_maximum(step, huge(1.0_wp), 1)
+      else if (law%found%is_converged) then
+         call refine(law, step, spread)
       end if
    end subroutine free_shape
 
-   subroutine require_converged(law, found, error)
+   subroutine require_converged(law, error)
       type(sampled_objective), intent(in) :: law
-      type(search_result), intent(in) :: found
       type(error_type), allocatable, intent(out) :: error
 
-      if (found%is_converged) return
+      if (law%found%is_converged) return
       if (law%is_exhausted()) then
          call raise(error, exit_no_solution, law%problem%name// &
                     ': the search was given up after '//to_text(nint(1.0e-6_wp*law%effort))// &
                     ' million simulated values, its bound')
       else
          call raise(error, exit_no_solution, law%problem%name//': the search ended '// &
-                    to_text(found%violation)//' (relative) from its targets, with '// &
-                    to_text(found%residual)//' of the gradient left')
+                    to_text(law%found%violation)//' (relative) from its targets, with '// &
+                    to_text(law%found%residual)//' of the gradient left')
       end if
    end subroutine require_converged
 

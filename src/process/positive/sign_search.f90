@@ -7,7 +7,6 @@ module process_positive_sign_search
    use core_error, only: error_type, exit_no_solution, raise
    use core_kinds, only: long, wp
    use core_text, only: to_text
-   use numerics_constrained_maximum, only: search_result
    use numerics_sorting, only: sort_order
    use process_direct_constraint, only: constraint_of, length_constraint
    use process_direct_fit, only: mirror_image, mirrored
@@ -17,7 +16,7 @@ module process_positive_sign_search
    use process_model, only: process_model_type, process_request, process_solution
    use process_positive_objective, only: sampled_objective
    use process_positive_problem, only: solve_unconstrained
-   use process_positive_search, only: approach, find_shape
+   use process_positive_search, only: approach
    use process_positive_signs, only: adopt_far_signs, multipliers_of, settle_signs
    implicit none(type, external)
    private
@@ -30,8 +29,6 @@ module process_positive_sign_search
    !> Solution for one sequence.
    type :: sign_trial
       type(sampled_objective) :: law
-      real(wp), allocatable :: point(:)
-      type(search_result) :: found
       type(process_solution) :: solution
       real(wp) :: entropy_error = 0.0_wp   !! of its entropy, standard error [nat]
    end type sign_trial
@@ -41,12 +38,10 @@ contains
    !> Finds the signs of the largest entropy, with the search's own account in the model;
    !> `all_signs` solves and lists every sequence. Without a solution the error is that of the first
    !> sequence.
-   subroutine search_signs(request, seed, law, point, found, model, error)
+   subroutine search_signs(request, seed, law, model, error)
       type(process_request), intent(in) :: request
       integer(long), intent(in) :: seed
       type(sampled_objective), intent(out) :: law
-      real(wp), allocatable, intent(out) :: point(:)   !! (ln factor, free s_m, coordinate)
-      type(search_result), intent(out) :: found
       type(process_model_type), intent(inout) :: model
       type(error_type), allocatable, intent(out) :: error
       real(wp), parameter :: others = 15.0_wp   ! effort of all other sequences, of the first's
@@ -81,8 +76,6 @@ contains
          if (trial%solution%entropy <= best + max(negligible, certain*trial%entropy_error)) cycle
          best = trial%solution%entropy
          law = trial%law
-         point = trial%point
-         found = trial%found
       end do
       model%search = 'structured'
       if (is_whole .and. is_excluded) model%search = 'all sequences, some excluded by a bound'
@@ -160,16 +153,14 @@ contains
       type(error_type), allocatable, intent(out) :: error
       integer, parameter :: entropy_steps = 1024   ! of a batch
       real(wp), allocatable :: state(:)
-      real(wp) :: b0, unused, violation
+      real(wp) :: b0, unused
 
-      call approach(request, seed, trial%law, trial%point, trial%found, error, effort, sequence)
-      if (.not. allocated(error)) call find_shape(trial%law, trial%point, trial%found, error)
-      if (.not. allocated(error)) &
-         call settle_signs(trial%law, trial%point, trial%found, violation, error)
+      call approach(request, seed, trial%law, error, effort, sequence)
+      if (.not. allocated(error)) call settle_signs(trial%law, error)
       if (allocated(error)) return
       b0 = request%std/trial%law%last%moments%std
       call multipliers_of(trial%law, b0, trial%solution, unused)
-      call adopt_far_signs(trial%law, trial%point, state, error)
+      call adopt_far_signs(trial%law, state, error)
       if (allocated(error)) return
       if (request%branch == 'nonnegative' .and. any(trial%solution%signs < 0)) &
          call raise(error, exit_no_solution, trial%law%problem%name// &
@@ -179,7 +170,7 @@ contains
       call trial%law%find_entropy(trial%solution%entropy, trial%entropy_error)
       ! that of x/std, less what it gains by the targets' errors on these values
       trial%solution%entropy = trial%solution%entropy + log(b0) &
-                               - dot_product(trial%found%multipliers, &
+                               - dot_product(trial%law%found%multipliers, &
                                              state(:trial%law%n_constraints))
    end subroutine solve_signs
 

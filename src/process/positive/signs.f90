@@ -5,7 +5,6 @@ module process_positive_signs
    use core_error, only: error_type, exit_no_solution, raise
    use core_kinds, only: wp
    use core_text, only: to_text
-   use numerics_constrained_maximum, only: maximize, search_result, solve_along
    use process_correlation, only: constraint_weights
    use process_direct_fit, only: integer_signs
    use process_model, only: process_solution
@@ -46,9 +45,8 @@ contains
    end function is_opposite
 
    !> Compares the signs by which lengths are summed with those of K(m) on many values.
-   subroutine compare_signs(law, point, n_steps, autocovariance, is_wrong, is_inside, state)
+   subroutine compare_signs(law, n_steps, autocovariance, is_wrong, is_inside, state)
       type(sampled_objective), intent(inout) :: law   !! from now on with averages of every lag
-      real(wp), intent(in) :: point(:)
       integer, intent(in) :: n_steps    !! of a batch
       real(wp), allocatable, intent(out) :: autocovariance(:)   !! (0:n_lags)
       logical, allocatable, intent(out) :: is_wrong(:)          !! (0:n_lags)
@@ -59,7 +57,7 @@ contains
 
       call law%keep_lags(law%problem%n_lags)
       law%n_steps = n_steps
-      call law%evaluate(point, state, is_inside)
+      call law%evaluate(law%point, state, is_inside)
       if (.not. is_inside) return
       call estimate_autocovariance(law%last%batches, law%known, law%problem%n_lags, &
                                    autocovariance, standard_error)
@@ -67,9 +65,8 @@ contains
    end subroutine compare_signs
 
    !> Adopts the signs that K(m) have beyond the direct method's m_max, where no length is imposed.
-   subroutine adopt_far_signs(law, point, state, error)
+   subroutine adopt_far_signs(law, state, error)
       type(sampled_objective), intent(inout) :: law
-      real(wp), intent(in) :: point(:)
       real(wp), allocatable, intent(out) :: state(:)   !! of the law, on many values
       type(error_type), allocatable, intent(out) :: error
       integer, parameter :: sure_steps = 2048      ! of a batch
@@ -77,7 +74,7 @@ contains
       logical, allocatable :: is_wrong(:)
       logical :: is_inside
 
-      call compare_signs(law, point, sure_steps, unused, is_wrong, is_inside, state)
+      call compare_signs(law, sure_steps, unused, is_wrong, is_inside, state)
       if (.not. is_inside) then
          call raise(error, exit_no_solution, law%problem%name// &
                     ': the solution on few simulated values is lost on more')
@@ -120,11 +117,8 @@ contains
    !> would leave [-1, 1] is given that sign for good. Where a_m < 0 the entropy has its least value
    !> at K(m) = 0, not its largest: another sign there belongs to another sequence. The targets are
    !> met in the end.
-   subroutine settle_signs(law, point, found, violation, error)
-      type(sampled_objective), intent(inout) :: law
-      real(wp), allocatable, intent(inout) :: point(:)   !! (ln factor, free s_m, coordinate)
-      type(search_result), intent(inout) :: found
-      real(wp), intent(out) :: violation                 !! of the targets, relative
+   subroutine settle_signs(law, error)
+      type(sampled_objective), intent(inout) :: law   !! by_symbol
       type(error_type), allocatable, intent(out) :: error
       integer, parameter :: max_passes = 16
       real(wp), parameter :: inside = 1.0_wp - 1.0e-9_wp
@@ -134,16 +128,16 @@ contains
 
       is_free = abs(law%family%s) < inside
       do pass = 1, max_passes
-         call free_signs(law, is_free, point, found, violation)
+         call free_signs(law, is_free)
          associate (s => law%family%s)
             if (any(abs(s) > 1.0_wp)) then
                is_free = is_free .and. abs(s) <= 1.0_wp
                s = max(-1.0_wp, min(1.0_wp, s))
                cycle
             end if
-            if (.not. violation <= matched) then
+            if (.not. law%found%violation <= matched) then
                call raise(error, exit_no_solution, law%problem%name// &
-                          ': the search for s_m ended '//to_text(violation)// &
+                          ': the search for s_m ended '//to_text(law%found%violation)// &
                           ' (relative) from its targets')
                return
             end if
@@ -168,33 +162,29 @@ contains
    end subroutine settle_signs
 
    !> Solves for the targets and for K(m) = 0 at the free lags; s_m of these may leave [-1, 1].
-   subroutine free_signs(law, is_free, point, found, violation)
+   subroutine free_signs(law, is_free)
       type(sampled_objective), intent(inout) :: law
       logical, intent(in) :: is_free(:)
-      real(wp), allocatable, intent(inout) :: point(:)
-      type(search_result), intent(inout) :: found
-      real(wp), intent(out) :: violation   !! relative
       integer :: m
       logical :: was_free(size(is_free))
 
-      associate (family => law%family)
+      associate (family => law%family, n => size(law%point))
          was_free = .false.
          was_free(family%free) = .true.
          if (all(is_free .eqv. was_free)) then
-            call solve_along(law, point, found%jacobian, found%metric, matched, 20, violation)
+            call law%meet_constraints(matched, 20)
          else
             family%free = pack([(m, m=1, size(is_free))], is_free)
-            point = [point(1), family%s(family%free), point(size(point))]
+            law%point = [law%point(1), family%s(family%free), law%point(n)]
             call law%hold_at_zero(family%free)
             call law%keep_lags(law%problem%n_single)
             do m = 1, min(size(is_free), law%problem%n_lags)   ! summed by its own sign
                if (abs(law%known(m)) <= 1.0e-9_wp*law%known(0)) &
                   law%signs(m) = sign(1.0_wp, family%s(m))
             end do
-            call maximize(law, point, law%n_constraints, difference, matched, 20, found)
-            violation = found%violation
+            call law%move_to_maximum(difference, matched, 20)
          end if
-         family%s(family%free) = point(2:size(point) - 1)
+         family%s(family%free) = law%point(2:size(law%point) - 1)
       end associate
    end subroutine free_signs
 
