@@ -12,9 +12,9 @@ module process_direct_sign_sequence
    use core_error, only: error_type
    use core_kinds, only: long, wp
    use numerics_lapack, only: solve_linear_system
-   use process_direct_climb, only: begin_climb, climb_state, evaluate_climb, steepest, &
-      touching_multiplier, weak_multiplier
    use process_direct_constraint, only: length_constraint
+   use process_direct_reciprocal_symbol, only: evaluate_symbol, symbol_evaluation, &
+      touching_multiplier
    use process_direct_touching_symbol, only: solve_touching
    use process_entropy, only: gaussian_entropy
    implicit none(type, external)
@@ -34,6 +34,19 @@ module process_direct_sign_sequence
       real(wp), allocatable :: factor(:)       !! B, 0..m_max, where s and delta do not hold it
    end type sequence_solution
 
+   !> One concave maximization of D: which x_m move by themselves, and where they are. Derivatives of
+   !> D are a_m K(m) along such an x_m, and the left side of Eq. (11) along delta.
+   type :: climb_state
+      integer, allocatable :: free(:)            !! lags whose x_m moves by itself
+      real(wp), allocatable :: s(:)              !! (m_max) x_m = delta s_m of the others; else 0
+      !> (0:m_max, 0:n_free) symbols that grow with delta and with these x_m
+      real(wp), allocatable :: directions(:, :)
+      real(wp), allocatable :: x(:)              !! (0:n_free) delta, then these x_m
+      type(symbol_evaluation) :: value
+   end type climb_state
+
+   !> delta a_0 beyond this: no solution, or none that doubles can hold
+   real(wp), parameter :: steepest = 1.0e10_wp
    real(wp), parameter :: sign_rounding = 1.0e-12_wp   !! of K(m)/K(0)
    real(wp), parameter :: near = 1.0e-3_wp, beyond = 1.1_wp   !! decrement, |s_m|: outside for sure
    real(wp), parameter :: end_game = 1.0e-9_wp         !! Newton's decrement: D is nearly quadratic
@@ -91,26 +104,30 @@ contains
 
       call begin_climb(constraint, s, is_free, state)
       limit = huge(1.0_wp)
-      start = weak_multiplier(state%along)
+      associate (along => state%directions(:, 0))
+         ! in the limit of weak correlation
+         start = along(1)/(along(1)**2 + 2.0_wp*sum(along(2:)**2))
+      end associate
       if (size(state%free) == 0) then
-         limit = touching_multiplier(state%along)
+         limit = touching_multiplier(state%directions(:, 0))
          if (.not. limit < steepest/constraint%weights(0)) return
          start = min(start, 0.75_wp*limit)
       else
          start = min(start, 0.5_wp/sum(abs(constraint%weights)))
       end if
       if (delta > 0.0_wp) then
-         state%x = delta*[1.0_wp, s]
-         call evaluate_climb(constraint, state)
+         state%x(:) = delta*[1.0_wp, s(state%free)]
+         call evaluate_climb(state)
       end if
       delta = 0.0_wp
       if (.not. state%value%is_positive) then
-         state%x = start*[1.0_wp, state%s]
-         call evaluate_climb(constraint, state)
+         state%x(0) = start
+         state%x(1:) = 0.0_wp
+         call evaluate_climb(state)
       end if
       last_decrement = huge(1.0_wp)
       do iteration = 1, max_steps
-         s(state%free) = state%x(state%free)/state%x(0)
+         s(state%free) = state%x(1:)/state%x(0)
          if (.not. state%value%is_positive) return
          if (is_hopeless(constraint, state)) return
          call find_step(state, limit, step, decrement)
@@ -121,14 +138,42 @@ contains
          is_done = abs(decrement) <= end_game .and. &   ! rounding is left, or not even that
                    (decrement <= 1.0e-22_wp .or. decrement > 0.25_wp*last_decrement)
          last_decrement = decrement
-         call take_step(constraint, step, decrement, state, is_higher)
+         call take_step(step, decrement, state, is_higher)
          if (.not. is_higher) return
          if (is_done) exit
       end do
-      s(state%free) = state%x(state%free)/state%x(0)
+      s(state%free) = state%x(1:)/state%x(0)
       delta = state%x(0)
       if (is_done) call describe(constraint, state, solution)
    end subroutine solve_active_set
+
+   !> Prepares a maximization with given signs s and free lags; its x is still 0.
+   subroutine begin_climb(constraint, s, is_free, state)
+      type(length_constraint), intent(in) :: constraint
+      real(wp), intent(in) :: s(:)
+      logical, intent(in) :: is_free(:)
+      type(climb_state), intent(out) :: state
+      integer :: i, m, n
+
+      ! not by =, which would read bounds that these do not have yet
+      allocate (state%free, source=pack([(m, m=1, constraint%m_max)], is_free))
+      allocate (state%s, source=merge(0.0_wp, s, is_free))
+      n = size(state%free)
+      allocate (state%directions(0:constraint%m_max, 0:n), state%x(0:n), source=0.0_wp)
+      state%directions(:, 0) = constraint%weights*[1.0_wp, 0.5_wp*state%s]
+      do i = 1, n
+         state%directions(state%free(i), i) = 0.5_wp*constraint%weights(state%free(i))
+      end do
+   end subroutine begin_climb
+
+   !> Evaluates D at x, with its derivatives.
+   pure subroutine evaluate_climb(state)
+      type(climb_state), intent(inout) :: state
+
+      associate (along => matmul(state%directions, state%x))
+         call evaluate_symbol([1.0_wp + along(1), along(2:)], state%directions, state%value)
+      end associate
+   end subroutine evaluate_climb
 
    !> True if g stays positive however far x is followed, with free lags: then D has no maximum.
    pure function is_hopeless(constraint, state)
@@ -136,12 +181,11 @@ contains
       type(climb_state), intent(in) :: state
       logical :: is_hopeless
 
-      associate (weights => constraint%weights, x => state%x)
-         is_hopeless = size(state%free) > 0 .and. x(0)*weights(0) > 10.0_wp   ! it shows later
+      associate (growth => constraint%weights(0)*state%x(0))
+         is_hopeless = size(state%free) > 0 .and. growth > 10.0_wp   ! it shows later
          if (is_hopeless) &
-            is_hopeless = .not. touching_multiplier([weights(0)*x(0), &
-                                                     0.5_wp*weights(1:)*x(1:)]) &
-                          < steepest/(weights(0)*x(0))
+            is_hopeless = .not. touching_multiplier(matmul(state%directions, state%x)) &
+                          < steepest/growth
       end associate
    end function is_hopeless
 
@@ -180,7 +224,7 @@ contains
       real(wp), allocatable, intent(out) :: step(:)   !! (size(free) + 1)
       real(wp), intent(out) :: decrement
       type(error_type), allocatable :: error
-      real(wp) :: growth, slope, y
+      real(wp) :: growth, rate, slope, y
 
       if (size(state%free) > 0) then
          call solve_linear_system(state%value%curvature, state%value%gradient, step, error)
@@ -194,9 +238,9 @@ contains
       ! D' (1 + a_0 delta) is nearly linear in y = (1 - delta/limit)**(-1/2), all the way to the
       ! limit
       y = 1.0_wp/sqrt(1.0_wp - state%x(0)/limit)
-      growth = 1.0_wp + state%along(0)*state%x(0)
-      slope = (state%value%curvature(0, 0)*growth - &
-               state%along(0)*state%value%gradient(0))*2.0_wp*limit/y**3
+      rate = state%directions(0, 0)   ! a_0
+      growth = 1.0_wp + rate*state%x(0)
+      slope = (state%value%curvature(0, 0)*growth - rate*state%value%gradient(0))*2.0_wp*limit/y**3
       if (.not. slope > 0.0_wp) return
       y = max(y + state%value%gradient(0)*growth/slope, 0.5_wp*(1.0_wp + y))
       step = limit*(1.0_wp - 1.0_wp/y**2) - state%x(0)
@@ -205,28 +249,25 @@ contains
    !> Goes along the step as far as D rises, and no more than half of the way to where g touches
    !> zero: D is finite there, and steps along that edge are short. Not at all (`is_higher` false)
    !> where D does not rise.
-   subroutine take_step(constraint, step, decrement, state, is_higher)
-      type(length_constraint), intent(in) :: constraint
-      real(wp), intent(in) :: step(0:)
+   subroutine take_step(step, decrement, state, is_higher)
+      real(wp), intent(in) :: step(:)
       real(wp), intent(in) :: decrement
       type(climb_state), intent(inout) :: state
       logical, intent(out) :: is_higher
-      real(wp) :: direction(0:constraint%m_max), start(0:constraint%m_max), height, length
+      real(wp) :: start(size(step)), height, length
       integer :: i
       logical :: is_outside, was_outside
 
-      direction = step(0)*[1.0_wp, state%s]
-      direction(state%free) = step(1:)
       start = state%x
       height = state%value%log_mean
       length = 1.0_wp
       is_outside = .false.
       do i = 0, max_halvings
-         state%x = start + length*direction
+         state%x(:) = start + length*step
          was_outside = is_outside
          is_outside = .not. state%x(0) > 0.0_wp
          if (.not. is_outside) then
-            call evaluate_climb(constraint, state)
+            call evaluate_climb(state)
             is_outside = .not. state%value%is_positive
          end if
          is_higher = .not. is_outside
@@ -247,7 +288,7 @@ contains
          solution%delta = state%x(0)
          solution%lambda_3 = 0.5_wp*k(0)
          solution%s = state%s
-         solution%s(state%free) = state%x(state%free)/state%x(0)
+         solution%s(state%free) = state%x(1:)/state%x(0)
          where (.not. abs(constraint%weights(1:)) > 0.0_wp) solution%s = sign(1.0_wp, k(1:))
          allocate (solution%correlation(0:constraint%m_max))
          solution%correlation(:) = k/k(0)
