@@ -106,16 +106,13 @@ contains
       call group%attribute('max_order', request%max_order)
    end subroutine write_request
 
-   subroutine put_real(self, what, value, error, none)
+   subroutine put_real(self, what, value, error)
       class(writing_visitor), intent(inout) :: self
       type(component), intent(in) :: what
       real(wp), intent(inout) :: value
       real(wp), intent(inout), optional :: error
-      real(wp), intent(in), optional :: none
 
-      if (present(none)) then
-         if (.not. abs(value - none) > 0.0_wp) return
-      end if
+      if (what%is_optional .and. .not. abs(value) > 0.0_wp) return
       if (what%is_whole) then
          call self%group%attribute(trim(what%name), nint(value))
       else if (what%about == '') then
@@ -174,19 +171,18 @@ contains
       call self%group%put_axis(trim(axis%name), n, trim(axis%about), axis%first)
    end subroutine put_axis
 
-   subroutine take_real(self, what, value, error, none)
+   subroutine take_real(self, what, value, error)
       class(reading_visitor), intent(inout) :: self
       type(component), intent(in) :: what
       real(wp), intent(inout) :: value
       real(wp), intent(inout), optional :: error
-      real(wp), intent(in), optional :: none
 
       if (what%about == '') then
          call self%group%read(trim(what%name), value)
          return
       end if
-      if (present(none)) then
-         value = none
+      if (what%is_optional) then
+         value = 0.0_wp
          if (.not. self%group%has(trim(what%name))) return
       end if
       call self%group%get(trim(what%name), value)

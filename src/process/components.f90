@@ -24,40 +24,23 @@ module process_components
       type(axis_type) :: axis = axis_type()
       type(axis_type) :: rows = axis_type()   !! of a table: its first axis
       logical :: is_whole = .false.           !! whole numbers
+      logical :: is_optional = .false.        !! a number that is not there where it is 0
    end type component
 
    !> Acts on each component: reads it or sets it. An array or a text that is not allocated is not
-   !> there; nor is a number that is `none`. A standard error stands beside its number. Whole
-   !> numbers come as reals, a list as a table of one row.
+   !> there; nor is an optional number that is 0. A standard error stands beside its number. Whole
+   !> numbers come as reals, a list as a table of one row; so do a number with its error, and the
+   !> characters of a text, unless a visitor has a way of its own.
    type, abstract :: component_visitor
    contains
       generic :: visit => visit_real, visit_integer, visit_text, visit_reals, visit_integers, &
          visit_integer_table
-      procedure(act_on_real), deferred :: visit_real
-      procedure(act_on_text), deferred :: visit_text
       procedure(act_on_table), deferred :: visit_table
+      procedure :: visit_real, visit_text
       procedure, private :: visit_integer, visit_reals, visit_integers, visit_integer_table
    end type component_visitor
 
    abstract interface
-      subroutine act_on_real(self, what, value, error, none)
-         import :: component, component_visitor, wp
-         implicit none(type, external)
-         class(component_visitor), intent(inout) :: self
-         type(component), intent(in) :: what
-         real(wp), intent(inout) :: value
-         real(wp), intent(inout), optional :: error
-         real(wp), intent(in), optional :: none
-      end subroutine act_on_real
-
-      subroutine act_on_text(self, what, value)
-         import :: component, component_visitor
-         implicit none(type, external)
-         class(component_visitor), intent(inout) :: self
-         type(component), intent(in) :: what
-         character(:), allocatable, intent(inout) :: value
-      end subroutine act_on_text
-
       subroutine act_on_table(self, what, values)
          import :: component, component_visitor, wp
          implicit none(type, external)
@@ -77,6 +60,39 @@ module process_components
       by_inversion_lag = axis_type('inversion_lag', 'lag', 0)
 
 contains
+
+   subroutine visit_real(self, what, value, error)
+      class(component_visitor), intent(inout) :: self
+      type(component), intent(in) :: what
+      real(wp), intent(inout) :: value
+      real(wp), intent(inout), optional :: error
+      real(wp), allocatable :: numbers(:)
+
+      numbers = [value]
+      if (present(error)) numbers = [value, error]
+      call self%visit(what, numbers)
+      value = numbers(1)
+      if (present(error)) error = numbers(2)
+   end subroutine visit_real
+
+   subroutine visit_text(self, what, value)
+      class(component_visitor), intent(inout) :: self
+      type(component), intent(in) :: what
+      character(:), allocatable, intent(inout) :: value
+      integer, allocatable :: codes(:)
+      integer :: i
+
+      if (allocated(value)) then
+         codes = [(iachar(value(i:i)), i=1, len(value))]
+         deallocate (value)
+      end if
+      call self%visit(what, codes)
+      if (.not. allocated(codes)) return
+      allocate (character(size(codes)) :: value)
+      do i = 1, size(codes)
+         value(i:i) = achar(codes(i))
+      end do
+   end subroutine visit_text
 
    subroutine visit_integer(self, what, value)
       class(component_visitor), intent(inout) :: self
@@ -248,10 +264,10 @@ contains
          call visitor%visit(component('sign_of_first_lag'), first_sign)
          call visitor%visit(component('nonnegative_entropy', 'nat', &
                               'entropy per point of the other law''s process with K(m) >= 0, a '// &
-                                      'larger one'), model%nonnegative_entropy, none=0.0_wp)
+                                      'larger one', is_optional=.true.), model%nonnegative_entropy)
       end if
-      call visitor%visit(component('other_std', 'unit of x', 'standard deviation'//same), &
-                         model%other_std, none=0.0_wp)
+      call visitor%visit(component('other_std', 'unit of x', 'standard deviation'//same, &
+                                   is_optional=.true.), model%other_std)
       if (.not. model%other_std > 0.0_wp) return
       call visitor%visit(component('other_mean', 'unit of x', 'mean'//same), model%other_mean)
       call visitor%visit(component('other_L0', 'lag', 'correlation length'//same), model%other_l0)
@@ -317,7 +333,14 @@ contains
          if (.not. model%request%positive) &
             call visitor%visit(component('entropy_ceiling', 'nat', &
                           'entropy per point that no sign sequence exceeds'), model%entropy_ceiling)
-         call visit_solutions(visitor, model)
+         call visitor%visit(component('solutions_signs', '1', 'signs of each solution', &
+                                      by_solution, by_sign), model%solutions_signs)
+         call visitor%visit(component('solutions_delta', '1', 'delta of each', by_solution), &
+                            model%solutions_delta)
+         call visitor%visit(component('solutions_lambda_3', '1', 'lambda_3 of each', by_solution), &
+                            model%solutions_lambda_3)
+         call visitor%visit(component('solutions_entropy', 'nat', 'entropy per point of each', &
+                                      by_solution), model%solutions_entropy)
       end if
       if (model%request%inversion_half_width == 0) return
       associate (check => model%inversion)
@@ -332,42 +355,5 @@ contains
                          'largest pole to the power of twice the half-width'), check%expected_error)
       end associate
    end subroutine visit_direct
-
-   subroutine visit_solutions(visitor, model)
-      class(component_visitor), intent(inout) :: visitor
-      type(process_model_type), intent(inout) :: model
-      integer, allocatable :: signs(:, :)   ! (sign, solution)
-      real(wp), allocatable :: delta(:), entropy(:), lambda_3(:)
-      integer :: i, n
-
-      if (allocated(model%solutions)) then
-         n = size(model%solutions)
-         allocate (signs(size(model%signs), n))
-         do i = 1, n
-            signs(:, i) = model%solutions(i)%signs
-         end do
-         delta = model%solutions%delta
-         lambda_3 = model%solutions%lambda_3
-         entropy = model%solutions%entropy
-         deallocate (model%solutions)
-      end if
-      call visitor%visit(component('solutions_signs', '1', 'signs of each solution', by_solution, &
-                                   by_sign), signs)
-      call visitor%visit(component('solutions_delta', '1', 'delta of each', by_solution), delta)
-      call visitor%visit(component('solutions_lambda_3', '1', 'lambda_3 of each', by_solution), &
-                         lambda_3)
-      call visitor%visit(component('solutions_entropy', 'nat', 'entropy per point of each', &
-                                   by_solution), entropy)
-      if (.not. (allocated(signs) .and. allocated(delta) .and. allocated(lambda_3) .and. &
-                 allocated(entropy))) return
-      n = minval([size(signs, 2), size(delta), size(lambda_3), size(entropy)])
-      allocate (model%solutions(n))
-      do i = 1, n
-         model%solutions(i)%signs = signs(:, i)
-         model%solutions(i)%delta = delta(i)
-         model%solutions(i)%lambda_3 = lambda_3(i)
-         model%solutions(i)%entropy = entropy(i)
-      end do
-   end subroutine visit_solutions
 
 end module process_components

@@ -5,8 +5,8 @@ module process_model
    use core_text, only: rounded_text, to_text
    implicit none(type, external)
    private
-   public :: process_request, process_model_type, process_solution, inversion_check, &
-             branch_note, innovation_scale, positive_name, request_label
+   public :: process_request, process_model_type, inversion_check, branch_note, &
+             innovation_scale, positive_name, request_label
 
    !> A wanted process. Lengths are in lags; mean and std in the unit of X.
    type :: process_request
@@ -31,14 +31,6 @@ module process_model
       !> without sign: Eq. (39) from the 'stationary' law or 'from_rest', or Eq. (38), 'matrix'
       character(16) :: simulation = 'stationary'
    end type process_request
-
-   !> One consistent solution of the direct method's sign search.
-   type :: process_solution
-      integer, allocatable :: signs(:)   !! s_m, m = 1..m_max
-      real(wp) :: delta = 0.0_wp         !! lambda_2/lambda_3
-      real(wp) :: lambda_3 = 0.0_wp
-      real(wp) :: entropy = 0.0_wp       !! per point [nat]
-   end type process_solution
 
    !> The paper's own way to the autocovariance, the inverse of a finite matrix, as a check.
    type :: inversion_check
@@ -92,7 +84,9 @@ module process_model
       real(wp) :: other_mean = 0.0_wp, other_std = 0.0_wp, other_l0 = 0.0_wp, other_entropy = 0.0_wp
       integer, allocatable :: signs(:)           !! direct: s_m
       real(wp) :: delta = 0.0_wp, lambda_3 = 0.0_wp   !! direct
-      type(process_solution), allocatable :: solutions(:)   !! direct: the best, at most 100
+      !> direct: the best consistent solutions of the sign search, at most 100
+      integer, allocatable :: solutions_signs(:, :)   !! (m, solution)
+      real(wp), allocatable :: solutions_delta(:), solutions_lambda_3(:), solutions_entropy(:)
       integer :: n_examined = 0                  !! direct: sign sequences examined
       integer :: n_consistent = 0                !! direct: of them, solutions; 0: not counted
       real(wp) :: entropy_ceiling = 0.0_wp       !! direct: no sign sequence has more, proved

@@ -15,8 +15,7 @@ module process_packing
       real(wp), allocatable :: numbers(:)
       integer :: position = 0   !! numbers already read
    contains
-      procedure :: visit_real, visit_text, visit_table
-      procedure, private :: number, check_name
+      procedure :: visit_table
    end type tape
 
 contains
@@ -47,83 +46,30 @@ contains
       if (t%position /= size(numbers)) error stop 'unpack_model: the row is none of pack_model'
    end subroutine unpack_model
 
-   subroutine number(self, value)
-      class(tape), intent(inout) :: self
-      real(wp), intent(inout) :: value
-
-      if (self%is_writing) then
-         self%numbers = [self%numbers, value]
-      else
-         self%position = self%position + 1
-         value = self%numbers(self%position)
-      end if
-   end subroutine number
-
-   subroutine visit_real(self, what, value, error, none)
-      class(tape), intent(inout) :: self
-      type(component), intent(in) :: what
-      real(wp), intent(inout) :: value
-      real(wp), intent(inout), optional :: error
-      real(wp), intent(in), optional :: none
-
-      call self%check_name(what)
-      if (present(none) .and. .not. self%is_writing) value = none
-      call self%number(value)
-      if (present(error)) call self%number(error)
-   end subroutine visit_real
-
-   subroutine visit_text(self, what, value)
-      class(tape), intent(inout) :: self
-      type(component), intent(in) :: what
-      character(:), allocatable, intent(inout) :: value
-      integer, allocatable :: codes(:)
-      integer :: i
-
-      if (allocated(value)) then
-         codes = [(iachar(value(i:i)), i=1, len(value))]
-         deallocate (value)
-      end if
-      call self%visit(what, codes)
-      if (.not. allocated(codes)) return
-      allocate (character(size(codes)) :: value)
-      do i = 1, size(codes)
-         value(i:i) = achar(codes(i))
-      end do
-   end subroutine visit_text
-
-   !> Passes a table behind its extents; -1: not allocated.
+   !> Passes a table behind its name and its extents; -1: not allocated. Stops where another component
+   !> stands than this one.
    subroutine visit_table(self, what, values)
       class(tape), intent(inout) :: self
       type(component), intent(in) :: what
       real(wp), allocatable, intent(inout) :: values(:, :)
-      real(wp) :: extents(2)
+      real(wp) :: head(3)
       integer :: n
 
-      call self%check_name(what)
-      extents = -1.0_wp
-      if (allocated(values)) extents = shape(values)
-      call self%number(extents(1))
-      call self%number(extents(2))
-      if (extents(1) < 0.0_wp) return
-      n = nint(product(extents))
+      head = real([modulo(label_of(what%name), 2_long**30), -1_long, -1_long], wp)
       if (self%is_writing) then
-         self%numbers = [self%numbers, values]
-      else
-         values = reshape(self%numbers(self%position + 1:self%position + n), nint(extents))
-         self%position = self%position + n
+         if (allocated(values)) head(2:) = shape(values)
+         self%numbers = [self%numbers, head]
+         if (allocated(values)) self%numbers = [self%numbers, values]
+         return
       end if
+      if (abs(self%numbers(self%position + 1) - head(1)) > 0.0_wp) &
+         error stop 'unpack_model: the row is none of pack_model'
+      head = self%numbers(self%position + 1:self%position + 3)
+      self%position = self%position + 3
+      if (head(2) < 0.0_wp) return
+      n = nint(product(head(2:)))
+      values = reshape(self%numbers(self%position + 1:self%position + n), nint(head(2:)))
+      self%position = self%position + n
    end subroutine visit_table
-
-   !> Stops where another component stands than this one.
-   subroutine check_name(self, what)
-      class(tape), intent(inout) :: self
-      type(component), intent(in) :: what
-      real(wp) :: expected, found
-
-      expected = real(modulo(label_of(what%name), 2_long**30), wp)
-      found = expected
-      call self%number(found)
-      if (abs(found - expected) > 0.0_wp) error stop 'unpack_model: the row is none of pack_model'
-   end subroutine check_name
 
 end module process_packing

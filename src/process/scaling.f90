@@ -75,7 +75,6 @@ contains
       type(process_request), intent(in) :: request
       type(process_model_type), intent(inout) :: model
       real(wp) :: gain, unit
-      integer :: i
 
       model%request = request
       if (.not. model%is_solved) return
@@ -112,11 +111,10 @@ contains
       if (.not. request%positive) model%entropy_ceiling = model%entropy_ceiling + gain
       if (allocated(model%inversion%autocovariance)) &
          model%inversion%autocovariance(:) = unit**2*model%inversion%autocovariance
-      if (.not. allocated(model%solutions)) return
-      do i = 1, size(model%solutions)
-         model%solutions(i)%lambda_3 = model%solutions(i)%lambda_3/unit**2
-         model%solutions(i)%entropy = model%solutions(i)%entropy + gain
-      end do
+      if (allocated(model%solutions_lambda_3)) &
+         model%solutions_lambda_3(:) = model%solutions_lambda_3/unit**2
+      if (allocated(model%solutions_entropy)) &
+         model%solutions_entropy(:) = model%solutions_entropy + gain
    end subroutine carry_over
 
    !> True if the request can be met at all, as far as mean and std tell.

@@ -21,7 +21,7 @@ module process_direct_fit
    use process_direct_sign_search, only: count_sequences, is_all_plus_best, limit_of_entropy, &
       search_all_signs, search_result, search_structured
    use process_direct_sign_sequence, only: sequence_solution
-   use process_model, only: inversion_check, process_model_type, process_request, process_solution
+   use process_model, only: inversion_check, process_model_type, process_request
    implicit none(type, external)
    private
    public :: fit_direct, fit_unconstrained, count_parts, conclude_direct, check_by_inversion
@@ -306,16 +306,14 @@ contains
       type(sequence_solution) :: solution
       integer :: i
 
-      allocate (model%solutions(size(found)))
+      allocate (model%solutions_signs(request%order, size(found)))
       do i = 1, size(found)
-         associate (listed => model%solutions(i))
-            solution = mirrored(found(i))
-            listed%signs = integer_signs(solution%s)
-            listed%delta = solution%delta
-            listed%lambda_3 = solution%lambda_3/request%std**2
-            listed%entropy = solution%entropy + log(request%std)
-         end associate
+         solution = mirrored(found(i))
+         model%solutions_signs(:, i) = integer_signs(solution%s)
       end do
+      model%solutions_delta = found%delta
+      model%solutions_lambda_3 = found%lambda_3/request%std**2
+      model%solutions_entropy = found%entropy + log(request%std)
    end subroutine list_solutions
 
    !> Solves Eq. (35), the paper's own way to K(m): the inverse of a finite matrix G, of

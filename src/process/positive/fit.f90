@@ -8,7 +8,7 @@ module process_positive_fit
    use core_error, only: error_type, exit_no_solution, raise
    use core_kinds, only: long, wp
    use core_text, only: to_text
-   use process_model, only: process_model_type, process_request, process_solution
+   use process_model, only: process_model_type, process_request
    use process_positive_description, only: compare_laws, describe_far_from_zero, describe_sampled, &
       outline_sampled
    use process_positive_branches, only: branch_difference, search_branches, sharpen
@@ -20,7 +20,7 @@ module process_positive_fit
    use process_positive_refinement, only: refine, shape_spread
    use process_positive_search, only: approach, find_shape
    use process_positive_sign_search, only: search_signs
-   use process_positive_signs, only: multipliers_of, settle_signs
+   use process_positive_signs, only: multipliers_of, settle_signs, signs_solution
    implicit none(type, external)
    private
    public :: fit_positive, foresee_positive
@@ -192,7 +192,7 @@ contains
    subroutine name_multipliers(law, model)
       type(sampled_objective), intent(in) :: law
       type(process_model_type), intent(inout) :: model
-      type(process_solution) :: solution
+      type(signs_solution) :: solution
 
       call multipliers_of(law, model%b0, solution, model%optimality)
       model%optimality = max(model%optimality, law%found%violation)

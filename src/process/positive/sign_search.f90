@@ -13,11 +13,12 @@ module process_positive_sign_search
    use process_direct_sign_search, only: count_sequences, max_listed, search_structured, &
                                          sequence_signs
    use process_direct_sign_sequence, only: sequence_solution, solve_sequence
-   use process_model, only: process_model_type, process_request, process_solution
+   use process_model, only: process_model_type, process_request
    use process_positive_objective, only: sampled_objective
    use process_positive_problem, only: solve_unconstrained
    use process_positive_search, only: approach
-   use process_positive_signs, only: adopt_far_signs, multipliers_of, settle_signs
+   use process_positive_signs, only: adopt_far_signs, multipliers_of, settle_signs, &
+                                     signs_solution
    implicit none(type, external)
    private
    public :: search_signs
@@ -29,7 +30,7 @@ module process_positive_sign_search
    !> Solution for one sequence.
    type :: sign_trial
       type(sampled_objective) :: law
-      type(process_solution) :: solution
+      type(signs_solution) :: solution
       real(wp) :: entropy_error = 0.0_wp   !! of its entropy, standard error [nat]
    end type sign_trial
 
@@ -47,7 +48,7 @@ contains
       real(wp), parameter :: others = 15.0_wp   ! effort of all other sequences, of the first's
       real(wp), parameter :: certain = 4.0_wp   ! standard errors
       type(sequence_solution), allocatable :: sequences(:)
-      type(process_solution), allocatable :: solutions(:)
+      type(signs_solution), allocatable :: solutions(:)
       type(sign_trial) :: trial
       type(error_type), allocatable :: failure
       character(:), allocatable :: reason
@@ -176,15 +177,18 @@ contains
 
    !> Lists the best solutions by descending entropy.
    pure subroutine list_solutions(solutions, model)
-      type(process_solution), intent(in) :: solutions(:)
+      type(signs_solution), intent(in) :: solutions(:)
       type(process_model_type), intent(inout) :: model
-      integer :: i, order(size(solutions))
+      integer, allocatable :: best(:)
+      integer :: i
 
-      order = sort_order(-solutions%entropy)
-      allocate (model%solutions(min(size(order), max_listed)))
-      do i = 1, size(model%solutions)
-         model%solutions(i) = solutions(order(i))
-      end do
+      best = sort_order(-solutions%entropy)
+      best = best(:min(size(best), max_listed))
+      model%solutions_signs = reshape([(solutions(best(i))%signs, i=1, size(best))], &
+                                      [model%request%order, size(best)])
+      model%solutions_delta = solutions(best)%delta
+      model%solutions_lambda_3 = solutions(best)%lambda_3
+      model%solutions_entropy = solutions(best)%entropy
    end subroutine list_solutions
 
 end module process_positive_sign_search

@@ -7,12 +7,20 @@ module process_positive_signs
    use core_text, only: to_text
    use process_correlation, only: constraint_weights
    use process_direct_fit, only: integer_signs
-   use process_model, only: process_solution
    use process_positive_objective, only: sampled_objective
    use process_positive_moments, only: estimate_autocovariance
    implicit none(type, external)
    private
-   public :: adopt_far_signs, compare_signs, multipliers_of, require_signs, settle_signs
+   public :: adopt_far_signs, compare_signs, multipliers_of, require_signs, settle_signs, &
+             signs_solution
+
+   !> What the direct method tells of a process.
+   type :: signs_solution
+      integer, allocatable :: signs(:)   !! s_m, m = 1..m_max; 0 where |s_m| < 1
+      real(wp) :: delta = 0.0_wp         !! lambda_2/lambda_3
+      real(wp) :: lambda_3 = 0.0_wp
+      real(wp) :: entropy = 0.0_wp       !! per point [nat]
+   end type signs_solution
 
    real(wp), parameter :: matched = 1.0e-7_wp   !! relative, of the targets; of K(m)/K(0) that is 0
    real(wp), parameter :: difference = 1.0e-4_wp   !! step of a difference
@@ -90,7 +98,7 @@ contains
    subroutine multipliers_of(law, b0, solution, residual)
       type(sampled_objective), intent(in) :: law   !! of the direct method
       real(wp), intent(in) :: b0                   !! [unit of X]
-      type(process_solution), intent(out) :: solution
+      type(signs_solution), intent(out) :: solution
       !> largest one of G, relative, and of s_m K(m) >= 0 or, where |s_m| < 1, K(m) = 0, over K(0)
       real(wp), intent(out) :: residual
       real(wp), allocatable :: k(:), unused(:)
