@@ -7,7 +7,8 @@ module numerics_constrained_maximum
    use core_kinds, only: wp
    implicit none(type, external)
    private
-   public :: objective_type, search_result, maximize, rest_of_gradient, solve_along, step_to_maximum
+   public :: objective_type, search_result, maximize, solve_along
+   public :: rest_of_gradient, step_to_maximum, unit_matrix
 
    !> Function to be maximized; extend it with the data of the problem.
    !>
@@ -67,14 +68,11 @@ contains
       real(wp), dimension(size(point)) :: change, gradient, old_gradient
       real(wp) :: multipliers(n_constraints), old_jacobian(n_constraints, size(point)), weight
       real(wp), allocatable :: state(:)
-      integer :: i, iteration
+      integer :: iteration
       logical :: is_inside, is_regular
 
-      allocate (found%jacobian(n_constraints, size(point)), found%metric(size(point), size(point)))
-      found%metric = 0.0_wp
-      do i = 1, size(point)
-         found%metric(i, i) = 1.0_wp
-      end do
+      allocate (found%jacobian(n_constraints, size(point)))
+      found%metric = unit_matrix(size(point))
       if (present(metric)) found%metric = metric
       call objective%evaluate(point, state, is_inside)
       weight = 0.0_wp
@@ -258,32 +256,34 @@ contains
       end do
    end subroutine find_multipliers
 
-   !> The part of the gradient that is no combination of the constraints' gradients.
+   !> The part of the gradient that is no combination of the constraints' gradients; all of it where
+   !> these depend on each other.
    pure function rest_of_gradient(gradient, jacobian) result(rest)
       real(wp), intent(in) :: gradient(:), jacobian(:, :)
       real(wp) :: rest(size(gradient))
-      real(wp) :: along(size(jacobian, 1), size(gradient))   ! rows made orthogonal
-      integer :: i, j
+      real(wp) :: change(size(gradient)), multipliers(size(jacobian, 1)), zero(size(jacobian, 1))
+      integer :: pass
+      logical :: is_regular
 
       rest = gradient
-      along = jacobian
-      do i = 1, size(jacobian, 1)   ! Gram-Schmidt, twice: the rows are few
-         do j = 1, 2*(i - 1)
-            along(i, :) = along(i, :) - project(along(i, :), along(modulo(j - 1, i - 1) + 1, :))
-         end do
-         rest = rest - project(rest, along(i, :))
+      zero = 0.0_wp
+      do pass = 1, 2   ! the second frees it from the rounding of the first
+         call step_to_maximum(unit_matrix(size(rest)), jacobian, rest, zero, change, multipliers, &
+                              is_regular)
+         if (is_regular) rest = change
       end do
-
-   contains
-
-      pure function project(vector, onto) result(part)
-         real(wp), intent(in) :: vector(:), onto(:)
-         real(wp) :: part(size(vector))
-
-         part = onto*(dot_product(vector, onto)/max(dot_product(onto, onto), tiny(1.0_wp)))
-      end function project
-
    end function rest_of_gradient
+
+   pure function unit_matrix(n) result(matrix)
+      integer, intent(in) :: n
+      real(wp) :: matrix(n, n)
+      integer :: i
+
+      matrix = 0.0_wp
+      do i = 1, n
+         matrix(i, i) = 1.0_wp
+      end do
+   end function unit_matrix
 
    !> Updates the inverse Hessian by BFGS; a pair without positive curvature is skipped.
    pure subroutine update_metric(change, curvature, metric)

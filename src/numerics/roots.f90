@@ -3,6 +3,7 @@ module numerics_roots
    use core_error, only: error_type
    use core_kinds, only: wp
    use numerics_lapack, only: find_eigenvalues
+   use numerics_sorting, only: sort_order
    implicit none(type, external)
    private
    public :: find_polynomial_roots
@@ -33,7 +34,7 @@ contains
       call find_eigenvalues(companion, roots, error)
       if (allocated(error)) return
       call polish(coefficients, roots)
-      call sort_by_modulus(roots)
+      roots = roots(sort_order(-abs(roots)))   ! a pair has one modulus, and stays together
    end subroutine find_polynomial_roots
 
    !> Polishes roots by Newton steps while these lower |p|; of a conjugate pair the upper root,
@@ -75,23 +76,5 @@ contains
          value = value*x + coefficients(q)
       end do
    end subroutine evaluate
-
-   !> Sorts by insertion, stable: a conjugate pair has one modulus and stays together.
-   pure subroutine sort_by_modulus(roots)
-      complex(wp), intent(inout) :: roots(:)
-      complex(wp) :: moving
-      integer :: i, place
-
-      do i = 2, size(roots)
-         moving = roots(i)
-         place = i
-         do while (place > 1)
-            if (abs(roots(place - 1)) >= abs(moving)) exit
-            roots(place) = roots(place - 1)
-            place = place - 1
-         end do
-         roots(place) = moving
-      end do
-   end subroutine sort_by_modulus
 
 end module numerics_roots

@@ -33,37 +33,35 @@ contains
       integer, intent(out) :: order
       type(error_type), allocatable, intent(out) :: error
       type(process_model_type) :: higher, model
-      logical :: is_enough
+      logical :: is_bounded, is_found
+      integer :: trial
 
       order = request%order
       if (order /= 0) return
       call check_bounds(request, error)
       if (allocated(error)) return
-      call fit_lowest(request, order, model, error)
-      if (allocated(error)) return
-      do while (place_of(request, model) < 0 .and. order < request%max_order)
-         order = order + 1
-         call fit_order(request, order, model, error)
-         if (allocated(error)) return
-      end do
-      if (place_of(request, model) /= 0) call refuse_bound(request, order, model, error)
-      if (allocated(error)) return
-      if (bound_of(request) > 0.0_wp .and. .not. limits_drift(request)) return
-      do order = order, request%max_order - 1
-         call fit_order(request, order + 1, higher, error)
-         if (allocated(error) .and. request%correlation == 'both') then   ! lower ones may have both
-            deallocate (error)
-            return
+      is_bounded = bound_of(request) > 0.0_wp
+      is_found = .false.
+      do trial = lowest_order(request), request%max_order
+         call fit_order(request, trial, higher, error)
+         if (allocated(error) .and. order == 0 .and. &
+             (request%method == 'direct' .or. request%correlation == 'both')) cycle
+         if (allocated(error)) exit
+         if (is_found) then
+            if (is_bounded .and. place_of(request, higher) > 0) return
+            if (.not. is_bounded .and. higher%entropy - model%entropy < least_gain) return
          end if
-         if (allocated(error)) return
-         if (bound_of(request) > 0.0_wp) then
-            is_enough = place_of(request, higher) > 0
-         else
-            is_enough = higher%entropy - model%entropy < least_gain
-         end if
-         if (is_enough) return
          model = higher
+         order = trial
+         is_found = is_found .or. place_of(request, model) == 0
+         if (place_of(request, model) > 0) exit
+         if (is_found .and. is_bounded .and. .not. limits_drift(request)) return
       end do
+      if (is_found .and. request%correlation == 'both') then   ! lower ones may have both
+         if (allocated(error)) deallocate (error)
+      else if (.not. (is_found .or. allocated(error))) then
+         call refuse_bound(request, order, model, error)
+      end if
    end subroutine choose_order
 
    !> Fits a positive process whose order is to be found, from that of the process of any sign on:
@@ -103,25 +101,15 @@ contains
       end if
    end subroutine fit_positive_order
 
-   !> Fits the lowest order that has a process: from 1, from 2 with both lengths imposed, or from
-   !> the direct method's first m_max that is not certainly infeasible.
-   subroutine fit_lowest(request, order, model, error)
+   !> The lowest order to try: 1, 2 with both lengths imposed, or the direct method's first m_max
+   !> that is not certainly infeasible.
+   pure integer function lowest_order(request) result(lowest)
       type(process_request), intent(in) :: request
-      integer, intent(out) :: order
-      type(process_model_type), intent(out) :: model
-      type(error_type), allocatable, intent(out) :: error
-      integer :: first
 
-      first = 1
-      if (request%correlation == 'both') first = 2
-      if (request%method == 'direct') &
-         first = min(request%max_order, 1 + certainly_infeasible_m_max(request))
-      do order = first, request%max_order
-         call fit_order(request, order, model, error)
-         if (.not. (allocated(error) .and. (request%method == 'direct' .or. &
-                                            request%correlation == 'both'))) return
-      end do
-   end subroutine fit_lowest
+      lowest = merge(2, 1, request%correlation == 'both')
+      if (request%method == 'direct') lowest = 1 + certainly_infeasible_m_max(request)
+      lowest = min(lowest, request%max_order)   ! refused in its own words
+   end function lowest_order
 
    !> Fits the process of one order, std 1.
    subroutine fit_order(request, order, model, error)

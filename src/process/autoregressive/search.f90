@@ -10,7 +10,7 @@
 module process_autoregressive_search
    use core_error, only: error_type
    use core_kinds, only: wp
-   use numerics_constrained_maximum, only: rest_of_gradient, step_to_maximum
+   use numerics_constrained_maximum, only: rest_of_gradient, step_to_maximum, unit_matrix
    use numerics_elementary, only: log_cosh
    use numerics_nlopt, only: minimization_problem, minimize
    use process_autoregressive_gradient, only: lag_sum_gradient, length_gradient
@@ -97,19 +97,15 @@ contains
       real(wp), parameter :: met = 1.0e-9_wp   ! relative: where many K(m) are 0 less is reached
       integer, parameter :: max_steps = 40
       real(wp) :: change(size(x)), defect(2), gradients(2, size(x)), unused(2)
-      real(wp) :: unit(size(x), size(x))
-      integer :: i, step
+      integer :: step
       logical :: is_regular
 
-      unit = 0.0_wp
-      do i = 1, size(x)
-         unit(i, i) = 1.0_wp
-      end do
       do step = 1, max_steps
          call find_defect(x, length, second_length, defect, gradients)
          is_met = maxval(abs(defect)) <= close
          if (maxval(abs(defect)) <= met .or. .not. maxval(abs(defect)) < 1.0_wp) return
-         call step_to_maximum(unit, gradients, 0.0_wp*x, defect, change, unused, is_regular)
+         call step_to_maximum(unit_matrix(size(x)), gradients, 0.0_wp*x, defect, change, unused, &
+                              is_regular)
          if (.not. is_regular) return
          x = x + change
       end do
