@@ -84,7 +84,7 @@ contains
       allocate (block%friction(n_dof, n_samples), source=0.1_wp)
       allocate (block%slip_fraction, source=block%friction)
       allocate (block%slip_starts(n_dof, n_samples), block%stick_starts(n_dof, n_samples), &
-                source=1_long)
+                source=1.0_wp)
       allocate (block%psd(n_dof, n_frequencies, n_samples))
       call random_number(block%psd)
    end subroutine make_block

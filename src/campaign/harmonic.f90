@@ -117,7 +117,7 @@ contains
       result%harmonic_amplitude = abs(self%last)
       result%harmonic_phase = atan2(aimag(self%last), real(self%last, wp))
       result%steady_since = self%since
-      result%steady = merge(0, 1, ieee_is_nan(self%since))
+      result%steady = merge(0.0_wp, 1.0_wp, ieee_is_nan(self%since))
    end subroutine finish
 
 end module campaign_harmonic

@@ -32,8 +32,8 @@ module campaign_results
       real(wp), allocatable :: slip_fraction(:, :)       !! (joint, sample) of the time
       real(wp), allocatable :: slip_fraction_error(:, :)   !! (joint, sample) of a finite march
       real(wp), allocatable :: slip_series(:, :, :)      !! (joint, span, sample) of a span's time
-      integer(long), allocatable :: slip_starts(:, :)    !! (joint, sample)
-      integer(long), allocatable :: stick_starts(:, :)   !! (joint, sample)
+      real(wp), allocatable :: slip_starts(:, :)         !! (joint, sample) transitions, counted
+      real(wp), allocatable :: stick_starts(:, :)        !! (joint, sample)
       real(wp), allocatable :: slip_distance(:, :)       !! (joint, sample) [m]
       real(wp), allocatable :: dissipation(:, :)         !! (joint, sample) mu N times it [J]
       !> (joint, sample) largest abs(w_j.x) at the steps that enter the spectra [m]
@@ -45,7 +45,7 @@ module campaign_results
       !> (dof, sample) fundamental under a sine [m], and its phase against the force [rad]
       real(wp), allocatable :: harmonic_amplitude(:, :), harmonic_phase(:, :)
       real(wp), allocatable :: steady_since(:)   !! (sample) [s]; not a number: not steady
-      integer, allocatable :: steady(:)          !! (sample) 1: steady at the end
+      real(wp), allocatable :: steady(:)         !! (sample) 1: steady at the end
       real(wp), allocatable :: energy_input(:), energy_viscous(:), energy_friction(:)   !! [J]
       real(wp), allocatable :: energy_stored(:), energy_defect(:)                       !! (sample)
       real(wp), allocatable :: displacement(:, :, :)     !! (dof, 0:n_steps, sample) [m]

@@ -115,9 +115,11 @@ contains
                                 'time-average error of slip_fraction'), &
                    block%slip_fraction_error)
       call w%visit(dataset_type('slip_starts', '1', by_joint, &
-                                'number of transitions from stick to slip'), block%slip_starts)
+                                'number of transitions from stick to slip', 'long'), &
+                   block%slip_starts)
       call w%visit(dataset_type('stick_starts', '1', by_joint, &
-                                'number of transitions from slip to stick'), block%stick_starts)
+                                'number of transitions from slip to stick', 'long'), &
+                   block%stick_starts)
       call w%visit(dataset_type('slip_distance', 'm', by_joint, &
                                 'distance that the joint slips'), block%slip_distance)
       call w%visit(dataset_type('dissipation', 'J', by_joint, 'work that the joint dissipates'), &
@@ -135,7 +137,8 @@ contains
                                 'fundamentals of ten periods agree to 1e-3; NaN: never'), &
                    block%steady_since)
       call w%visit(dataset_type('steady', '1', by_sample, &
-                                '1: the last two windows of ten periods agree to 1e-3'), &
+                                '1: the last two windows of ten periods agree to 1e-3', &
+                                'integer'), &
                    block%steady)
       call w%visit(dataset_type('energy_input', 'J', by_sample, &
                                 'work of the force since n_discard'), &
@@ -184,16 +187,17 @@ contains
    !> Visits the columns of a list of transitions.
    subroutine visit_columns(w, sample, time, joint, kind)
       type(dataset_visitor), intent(inout) :: w
-      integer, allocatable, intent(inout) :: sample(:), joint(:), kind(:)
-      real(wp), allocatable, intent(inout) :: time(:)   !! [s]
+      real(wp), allocatable, intent(inout) :: sample(:), time(:), joint(:), kind(:)
       character(*), parameter :: by_row = 'transition'
 
-      call w%visit(dataset_type('transition_sample', '1', by_row, 'sample of the transition'), &
-                   sample)
+      call w%visit(dataset_type('transition_sample', '1', by_row, 'sample of the transition', &
+                                'integer'), sample)
       call w%visit(dataset_type('transition_time', 's', by_row, 'time of the transition'), time)
-      call w%visit(dataset_type('transition_joint', '1', by_row, 'joint of the transition'), joint)
+      call w%visit(dataset_type('transition_joint', '1', by_row, 'joint of the transition', &
+                                'integer'), joint)
       call w%visit(dataset_type('transition_kind', '1', by_row, &
-                                '+1, -1: slip starts in that direction; 0: sticks'), kind)
+                                '+1, -1: slip starts in that direction; 0: sticks', 'integer'), &
+                   kind)
    end subroutine visit_columns
 
    subroutine hand_on_transitions(w, block, first_number, rows, n_rows)
@@ -201,8 +205,7 @@ contains
       type(block_result), intent(in) :: block
       integer, intent(in), optional :: first_number, n_rows
       integer, intent(inout), optional :: rows
-      integer, allocatable :: sample(:), joint(:), kind(:)
-      real(wp), allocatable :: time(:)
+      real(wp), allocatable :: sample(:), time(:), joint(:), kind(:)
       integer :: first, i, last, number
 
       associate (lists => block%transitions(w%place + 1:w%place + w%n))
@@ -236,8 +239,7 @@ contains
       type(dataset_visitor), intent(inout) :: w
       type(block_result), intent(inout) :: block
       integer(long), allocatable :: n(:)
-      integer, allocatable :: sample(:), joint(:), kind(:)
-      real(wp), allocatable :: time(:)
+      real(wp), allocatable :: sample(:), time(:), joint(:), kind(:)
       integer :: i
 
       if (allocated(w%group%error)) return
@@ -252,10 +254,11 @@ contains
       if (allocated(w%group%error)) return
       allocate (block%transitions(block%n_samples))
       do i = 1, block%n_samples
-         associate (list => block%transitions(i), is_its => sample == block%first_sample + i - 1)
+         associate (list => block%transitions(i), &
+                    is_its => nint(sample) == block%first_sample + i - 1)
             list%time = pack(time, is_its)
-            list%joint = pack(joint, is_its)
-            list%kind = pack(kind, is_its)
+            list%joint = nint(pack(joint, is_its))
+            list%kind = nint(pack(kind, is_its))
             list%n = size(list%time)
          end associate
       end do

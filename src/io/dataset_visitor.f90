@@ -20,6 +20,7 @@ module io_dataset_visitor
       character(8) :: units    !! '1': a pure number
       character(24) :: axes    !! Python's order
       character(128) :: about
+      character(8) :: kind = 'real'   !! as label_type has it
    end type dataset_type
 
    !> Does one thing with each dataset that it visits.
@@ -32,14 +33,9 @@ module io_dataset_visitor
       integer :: n = 0                     !! rows concerned: samples, at last transitions
       integer :: n_all = 0                 !! rows of what is made: in the block, in the file
    contains
-      generic :: visit => visit_row, visit_integers, visit_matrix, visit_longs, visit_cube
-      procedure, private :: visit_row, visit_integers, visit_matrix, visit_longs, visit_cube
+      generic :: visit => visit_row, visit_matrix, visit_cube
+      procedure, private :: visit_row, visit_matrix, visit_cube
    end type dataset_visitor
-
-   !> The deed itself, on the rows concerned.
-   interface act
-      module procedure act_on_reals, act_on_integers, act_on_longs
-   end interface act
 
 contains
 
@@ -56,19 +52,6 @@ contains
          call act(self, what, values(self%place + 1:self%place + self%n))
    end subroutine visit_row
 
-   subroutine visit_integers(self, what, values)
-      class(dataset_visitor), intent(inout) :: self
-      type(dataset_type), intent(in) :: what
-      integer, allocatable, intent(inout) :: values(:)
-      integer(long) :: n(1)
-      integer :: status
-
-      if (.not. is_concerned(self, what, allocated(values), n, status)) return
-      if (.not. allocated(values)) allocate (values(self%n_all), stat=status)
-      if (fits(self, what, n, status)) &
-         call act(self, what, values(self%place + 1:self%place + self%n))
-   end subroutine visit_integers
-
    subroutine visit_matrix(self, what, values)
       class(dataset_visitor), intent(inout) :: self
       type(dataset_type), intent(in) :: what
@@ -81,19 +64,6 @@ contains
       if (fits(self, what, n, status)) &
          call act(self, what, values(:, self%place + 1:self%place + self%n))
    end subroutine visit_matrix
-
-   subroutine visit_longs(self, what, values)
-      class(dataset_visitor), intent(inout) :: self
-      type(dataset_type), intent(in) :: what
-      integer(long), allocatable, intent(inout) :: values(:, :)
-      integer(long) :: n(2)
-      integer :: status
-
-      if (.not. is_concerned(self, what, allocated(values), n, status)) return
-      if (.not. allocated(values)) allocate (values(n(1), self%n_all), stat=status)
-      if (fits(self, what, n, status)) &
-         call act(self, what, values(:, self%place + 1:self%place + self%n))
-   end subroutine visit_longs
 
    subroutine visit_cube(self, what, values)
       class(dataset_visitor), intent(inout) :: self
@@ -141,56 +111,27 @@ contains
                                  to_text(product(extents))//' values')
    end function fits
 
-   subroutine act_on_reals(self, what, values)
+   !> Does the deed on the rows concerned.
+   subroutine act(self, what, values)
       class(dataset_visitor), intent(inout) :: self
       type(dataset_type), intent(in) :: what
       real(wp), intent(inout), contiguous :: values(..)
-
-      if (self%deed /= reads) call make(self, what, 0.0_wp, shape(values))
-      if (.not. allocated(self%group%error)) &
-         call move_part(self%group%file, path_of(self, what), first_of(self, rank(values)), &
-                        values, self%deed /= reads, self%group%error)
-   end subroutine act_on_reals
-
-   subroutine act_on_integers(self, what, values)
-      class(dataset_visitor), intent(inout) :: self
-      type(dataset_type), intent(in) :: what
-      integer, intent(inout), contiguous :: values(..)
-
-      if (self%deed /= reads) call make(self, what, 0, shape(values))
-      if (.not. allocated(self%group%error)) &
-         call move_part(self%group%file, path_of(self, what), first_of(self, rank(values)), &
-                        values, self%deed /= reads, self%group%error)
-   end subroutine act_on_integers
-
-   subroutine act_on_longs(self, what, values)
-      class(dataset_visitor), intent(inout) :: self
-      type(dataset_type), intent(in) :: what
-      integer(long), intent(inout), contiguous :: values(..)
-
-      if (self%deed /= reads) call make(self, what, 0_long, shape(values))
-      if (.not. allocated(self%group%error)) &
-         call move_part(self%group%file, path_of(self, what), first_of(self, rank(values)), &
-                        values, self%deed /= reads, self%group%error)
-   end subroutine act_on_longs
-
-   !> Place in the file where the rows concerned begin.
-   pure function first_of(self, n_axes) result(first)
-      class(dataset_visitor), intent(in) :: self
-      integer, intent(in) :: n_axes
-      integer :: first(n_axes)
+      integer :: first(rank(values))
 
       first = 1
-      first(n_axes) = self%before + 1
-   end function first_of
+      first(rank(values)) = self%before + 1
+      if (self%deed /= reads) call make(self, what, shape(values))
+      if (.not. allocated(self%group%error)) &
+         call move_part(self%group%file, path_of(self, what), first, values, self%deed /= reads, &
+                        self%group%error)
+   end subroutine act
 
    !> Makes a dataset where it is not there yet. In a block's own file it has no axes, and spectra
    !> are cut into ranges of frequencies, which is how statistics read them. A chunk has the samples
    !> of one block: more would not fit into HDF5's cache of 1 MB.
-   subroutine make(self, what, mold, extents)
+   subroutine make(self, what, extents)
       class(dataset_visitor), intent(inout) :: self
       type(dataset_type), intent(in) :: what
-      class(*), intent(in) :: mold
       integer, intent(in) :: extents(:)   !! of the rows concerned
       type(label_type) :: label
       integer :: last
@@ -199,6 +140,7 @@ contains
       label%units = trim(what%units)
       label%long_name = trim(what%about)
       label%axes = ''
+      label%kind = what%kind
       if (self%deed == puts) then
          label%axes = trim(what%axes)
          last = index(label%axes, ' ', back=.true.)
@@ -206,8 +148,9 @@ contains
       else if (what%name == 'psd') then
          label%chunk = [extents(1), frequencies_together(extents(1), extents(2)), extents(3)]
       end if
-      call make_dataset(self%group%file, path_of(self, what), mold, &
-                        [extents(:size(extents) - 1), self%n_all], label, self%group%error)
+      call make_dataset(self%group%file, path_of(self, what), &
+                        int([extents(:size(extents) - 1), self%n_all], long), label, &
+                        self%group%error)
    end subroutine make
 
    !> Place of a dataset in the file.

@@ -54,7 +54,7 @@ contains
       type(error_type), allocatable, intent(out) :: error
       type(hdf5_file) :: file
       integer(long), allocatable :: n_rows(:)
-      integer, allocatable :: sample(:)
+      real(wp), allocatable :: sample(:)
       integer :: i
 
       n_transitions = 0
@@ -66,7 +66,7 @@ contains
              shards(i)%first_sample + shards(i)%n_samples - 1 > n_samples) then   ! it is cut
             allocate (sample(n_rows(1)))
             call read_dataset(file, '/transition_sample', sample, error)
-            n_rows = count(sample <= n_samples)
+            n_rows = count(nint(sample) <= n_samples)
             deallocate (sample)
          end if
          call file%abandon()

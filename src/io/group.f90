@@ -102,25 +102,26 @@ contains
    end subroutine attribute
 
    !> Writes a whole dataset of any rank, where `values` is there.
-   subroutine put_reals(self, name, values, units, long_name, axes)
+   subroutine put_reals(self, name, values, units, long_name, axes, kind)
       class(group_type), intent(inout) :: self
       character(*), intent(in) :: name, units, long_name
       real(wp), intent(in), contiguous, optional :: values(..)
-      character(*), intent(in) :: axes   !! in Python's order; '' of a scalar
+      character(*), intent(in) :: axes             !! in Python's order; '' of a scalar
+      character(*), intent(in), optional :: kind   !! as label_type has it
+      type(label_type) :: label
 
       if (.not. present(values) .or. allocated(self%error)) return
-      call write_dataset(self%file, self%at(name), values, &
-                         label_type(units, long_name, axes), self%error)
+      label = label_type(units, long_name, axes)
+      if (present(kind)) label%kind = kind
+      call write_dataset(self%file, self%at(name), values, label, self%error)
    end subroutine put_reals
 
    subroutine put_integers(self, name, values, units, long_name, axes)
       class(group_type), intent(inout) :: self
       character(*), intent(in) :: name, units, long_name, axes
-      integer, intent(in), contiguous :: values(..)
+      integer, intent(in) :: values(:)
 
-      if (allocated(self%error)) return
-      call write_dataset(self%file, self%at(name), values, &
-                         label_type(units, long_name, axes), self%error)
+      call self%put_reals(name, real(values, wp), units, long_name, axes, 'integer')
    end subroutine put_integers
 
    !> Writes a scalar, and beside it its standard error where it has one.

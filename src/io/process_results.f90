@@ -141,22 +141,19 @@ contains
       class(writing_visitor), intent(inout) :: self
       type(component), intent(in) :: what
       real(wp), allocatable, intent(inout) :: values(:, :)
-      character(:), allocatable :: axes
-      real(wp), allocatable :: row(:)
+      character(:), allocatable :: axes, kind
 
       if (.not. allocated(values)) return
-      if (what%rows%name /= '') call put_axis(self, what%rows, size(values, 1))
       call put_axis(self, what%axis, size(values, 2))
       axes = trim(what%axis%name)
-      row = reshape(values, [size(values)])
-      if (what%rows%name /= '') then
-         axes = axes//' '//trim(what%rows%name)
-         call self%group%put(trim(what%name), nint(values), trim(what%units), trim(what%about), &
-                             axes)
-      else if (what%is_whole) then
-         call self%group%put(trim(what%name), nint(row), trim(what%units), trim(what%about), axes)
+      kind = trim(merge('integer', 'real   ', what%is_whole))
+      if (what%rows%name == '') then
+         call self%group%put(trim(what%name), values(1, :), trim(what%units), trim(what%about), &
+                             axes, kind)
       else
-         call self%group%put(trim(what%name), row, trim(what%units), trim(what%about), axes)
+         call put_axis(self, what%rows, size(values, 1))
+         call self%group%put(trim(what%name), values, trim(what%units), trim(what%about), &
+                             axes//' '//trim(what%rows%name), kind)
       end if
    end subroutine put_table
 

@@ -164,7 +164,7 @@ contains
          if (allocated(error)) return
          cost%nanoseconds = min(cost%nanoseconds, 1.0e9_wp*(after - before)/sample_steps)
       end do
-      cost%transitions = real(sum(result%slip_starts + result%stick_starts), wp)/sample_steps
+      cost%transitions = sum(result%slip_starts + result%stick_starts)/sample_steps
       if (.not. allocated(result%psd)) return
       cost%share_powerful = maxval([(last_powerful(sum(result%psd(dof, :, :), 2)), &
                                      dof=1, size(result%psd, 1))])/real(size(result%psd, 2), wp)

@@ -208,7 +208,7 @@ contains
                              is_abandoned, error)
             if (allocated(error) .or. is_abandoned) return
             tradeoff%transitions(k) = &
-               real(sum(reference%slip_starts + reference%stick_starts), wp) &
+               sum(reference%slip_starts + reference%stick_starts) &
                /(real(plan%integration%n_steps, wp)*size(level%sample))
             measured = measured + nanoseconds
             expected = expected + expected_cost(counted, plan%structure%n_dof, &

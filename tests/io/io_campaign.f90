@@ -112,9 +112,9 @@ contains
       block%friction = reshape([((value(1, d, s), d=1, n_dof), s=first, last)], [n_dof, n])
       block%slip_fraction = reshape([((value(2, d, s), d=1, n_dof), s=first, last)], [n_dof, n])
       block%slip_series = reshape(0.5_wp*block%slip_fraction, [n_dof, 1, n])
-      block%slip_starts = reshape([((5000000000_long + 10*s + d, d=1, n_dof), s=first, last)], &
+      block%slip_starts = reshape([((5.0e9_wp + 10*s + d, d=1, n_dof), s=first, last)], &
                                   [n_dof, n])
-      block%stick_starts = block%slip_starts + 1
+      block%stick_starts = block%slip_starts + 1.0_wp
       block%slip_distance = 3.0_wp*block%slip_fraction
       block%dissipation = 0.25_wp*block%slip_distance
       block%energy_input = [(value(3, 1, s), s=first, last)]

@@ -1,5 +1,6 @@
-!> Values of datasets, moved between file and memory: numbers of any rank, whole or in parts. Arrays
-!> are Fortran's here; Python sees their axes reversed.
+!> Values of datasets, moved between file and memory: numbers of any rank, whole or in parts. In
+!> memory all are reals, which hold the whole numbers of a file exactly (below 2^53); HDF5 converts
+!> them. Arrays are Fortran's here; Python sees their axes reversed.
 module io_hdf5_values
    use, intrinsic :: iso_c_binding, only: c_loc, c_ptr
    use core_error, only: error_type, exit_file, raise
@@ -11,17 +12,6 @@ module io_hdf5_values
    implicit none(type, external)
    private
    public :: check_dataset, extents_of, move, move_part, read_dataset, read_extent, read_shape
-
-   !> Values from a dataset of just their shape.
-   interface read_dataset
-      module procedure read_real, read_integer
-   end interface read_dataset
-
-   !> Writes values into the part of a dataset that begins at `first` (counted from 1, Fortran's
-   !> order), or reads them from there.
-   interface move_part
-      module procedure move_reals, move_integers, move_longs
-   end interface move_part
 
 contains
 
@@ -63,41 +53,22 @@ contains
                  to_text(size(extents))//' axes where '//to_text(n_axes)//' are expected')
    end subroutine read_extent
 
-   subroutine read_real(file, path, values, error)
+   !> Reads values from a dataset of just their shape.
+   subroutine read_dataset(file, path, values, error)
       type(hdf5_file), intent(in) :: file
       character(*), intent(in) :: path
       real(wp), intent(out), target, contiguous :: values(..)
       type(error_type), allocatable, intent(out) :: error
-
-      call read_whole(file, path, H5T_NATIVE_DOUBLE, extents_of(values), c_loc(values), error)
-   end subroutine read_real
-
-   subroutine read_integer(file, path, values, error)
-      type(hdf5_file), intent(in) :: file
-      character(*), intent(in) :: path
-      integer, intent(out), target, contiguous :: values(..)
-      type(error_type), allocatable, intent(out) :: error
-
-      call read_whole(file, path, H5T_NATIVE_INTEGER, extents_of(values), c_loc(values), error)
-   end subroutine read_integer
-
-   subroutine read_whole(file, path, kind, extents, values, error)
-      type(hdf5_file), intent(in) :: file
-      character(*), intent(in) :: path
-      integer(hid_t), intent(in) :: kind
-      integer(long), intent(in) :: extents(:)
-      type(c_ptr), value :: values
-      type(error_type), allocatable, intent(out) :: error
       integer(long), allocatable :: found(:)
 
-      call read_extent(file, path, size(extents), found, error)
+      call read_extent(file, path, rank(values), found, error)
       if (allocated(error)) return
-      if (any(found /= extents)) then
+      if (any(found /= extents_of(values))) then
          call raise(error, exit_file, file%path//': '//path//': has another shape than expected')
       else
-         call move(file, path, kind, spread(1, 1, size(extents)), extents, values, .false., error)
+         call move(file, path, spread(1, 1, rank(values)), found, c_loc(values), .false., error)
       end if
-   end subroutine read_whole
+   end subroutine read_dataset
 
    !> Reads all of a dataset, a piece at a time, for HDF5 to see that its checksums are right.
    subroutine check_dataset(file, path, error)
@@ -127,7 +98,7 @@ contains
       do i = 1, int(extents(n)), rows
          first(n) = i
          count(n) = min(int(rows, hsize_t), extents(n) - i + 1)
-         call pass(file, path, H5T_NATIVE_DOUBLE, first, count, c_loc(values), .false.)
+         call pass(file, path, first, count, c_loc(values), .false.)
       end do
       call conclude(file%path//': '//path//': cannot be read back', error)
    end subroutine check_dataset
@@ -143,7 +114,9 @@ contains
       extents = [(max(size(values, i, hsize_t), 0_hsize_t), i=1, rank(values))]
    end function extents_of
 
-   subroutine move_reals(file, path, first, values, is_written, error)
+   !> Writes values into the part of a dataset that begins at `first` (counted from 1, Fortran's
+   !> order), or reads them from there.
+   subroutine move_part(file, path, first, values, is_written, error)
       type(hdf5_file), intent(in) :: file
       character(*), intent(in) :: path
       integer, intent(in) :: first(:)
@@ -151,39 +124,13 @@ contains
       logical, intent(in) :: is_written
       type(error_type), allocatable, intent(out) :: error
 
-      call move(file, path, H5T_NATIVE_DOUBLE, first, extents_of(values), c_loc(values), &
-                is_written, error)
-   end subroutine move_reals
+      call move(file, path, first, extents_of(values), c_loc(values), is_written, error)
+   end subroutine move_part
 
-   subroutine move_integers(file, path, first, values, is_written, error)
+   !> Writes or reads the values of a scalar or of a part of a dataset.
+   subroutine move(file, path, first, extents, values, is_written, error)
       type(hdf5_file), intent(in) :: file
       character(*), intent(in) :: path
-      integer, intent(in) :: first(:)
-      integer, intent(inout), target, contiguous :: values(..)
-      logical, intent(in) :: is_written
-      type(error_type), allocatable, intent(out) :: error
-
-      call move(file, path, H5T_NATIVE_INTEGER, first, extents_of(values), c_loc(values), &
-                is_written, error)
-   end subroutine move_integers
-
-   subroutine move_longs(file, path, first, values, is_written, error)
-      type(hdf5_file), intent(in) :: file
-      character(*), intent(in) :: path
-      integer, intent(in) :: first(:)
-      integer(long), intent(inout), target, contiguous :: values(..)
-      logical, intent(in) :: is_written
-      type(error_type), allocatable, intent(out) :: error
-
-      call move(file, path, h5kind_to_type(long, H5_INTEGER_KIND), first, extents_of(values), &
-                c_loc(values), is_written, error)
-   end subroutine move_longs
-
-   !> Writes or reads values of an HDF5 type, those of a scalar or of a part of a dataset.
-   subroutine move(file, path, kind, first, extents, values, is_written, error)
-      type(hdf5_file), intent(in) :: file
-      character(*), intent(in) :: path
-      integer(hid_t), intent(in) :: kind
       integer, intent(in) :: first(:)
       integer(hsize_t), intent(in) :: extents(:)
       type(c_ptr), value :: values
@@ -191,7 +138,7 @@ contains
       type(error_type), allocatable, intent(out) :: error
 
       if (any(extents <= 0)) return
-      call pass(file, path, kind, first, extents, values, is_written)
+      call pass(file, path, first, extents, values, is_written)
       if (is_written) then
          call conclude(file%path//': '//path//': cannot be written', error)
       else
@@ -200,10 +147,9 @@ contains
    end subroutine move
 
    !> Passes values to or from what begins at `first` (counted from 1, Fortran's order).
-   subroutine pass(file, path, kind, first, extents, values, is_written)
+   subroutine pass(file, path, first, extents, values, is_written)
       type(hdf5_file), intent(in) :: file
       character(*), intent(in) :: path
-      integer(hid_t), intent(in) :: kind
       integer, intent(in) :: first(:)
       integer(hsize_t), intent(in) :: extents(:)
       type(c_ptr), value :: values
@@ -221,9 +167,9 @@ contains
          call h5screate_simple_f(size(extents), extents, memory, status)
       end if
       if (is_written) then
-         call h5dwrite_f(dataset, kind, values, status, memory, part)
+         call h5dwrite_f(dataset, H5T_NATIVE_DOUBLE, values, status, memory, part)
       else
-         call h5dread_f(dataset, kind, values, status, memory, part)
+         call h5dread_f(dataset, H5T_NATIVE_DOUBLE, values, status, memory, part)
       end if
       call h5sclose_f(memory, status)
       call h5sclose_f(part, status)

@@ -3,7 +3,7 @@
 !> Arrays are Fortran's here; Python sees their axes reversed, and axis names are given in Python's
 !> order.
 module io_hdf5_writing
-   use, intrinsic :: iso_c_binding, only: c_loc, c_ptr
+   use, intrinsic :: iso_c_binding, only: c_loc
    use core_chunks, only: chunk_of
    use core_error, only: error_type
    use core_kinds, only: long, wp
@@ -23,83 +23,36 @@ module io_hdf5_writing
       character(:), allocatable :: long_name
       character(:), allocatable :: axes        !! 'sample dof': as Python sees them; '' for a scalar
       integer, allocatable :: chunk(:)         !! Fortran's order; unallocated: chosen
+      !> 'integer' or 'long' where the file has whole numbers, of 4 or 8 bytes
+      character(8) :: kind = 'real'
    end type label_type
-
-   !> A whole dataset of any rank, with its label; its groups are made where missing. A dataset that
-   !> bears the name of its only axis becomes that axis: write it before those that have the axis.
-   interface write_dataset
-      module procedure write_real, write_integer
-   end interface write_dataset
 
 contains
 
-   !> Creates a dataset of the type of `mold` without values, which move_part fills.
-   subroutine make_dataset(file, path, mold, extents, label, error)
-      type(hdf5_file), intent(in) :: file
-      character(*), intent(in) :: path
-      class(*), intent(in) :: mold        !! a real or an integer of either length
-      integer, intent(in) :: extents(:)   !! Fortran's order
-      type(label_type), intent(in) :: label
-      type(error_type), allocatable, intent(out) :: error
-      integer(hid_t) :: kind
-
-      kind = H5T_NATIVE_DOUBLE
-      select type (mold)
-      type is (integer)
-         kind = H5T_NATIVE_INTEGER
-      type is (integer(long))
-         kind = h5kind_to_type(long, H5_INTEGER_KIND)
-      end select
-      call create(file, path, kind, int(extents, hsize_t), label, error)
-   end subroutine make_dataset
-
-   subroutine write_real(file, path, values, label, error)
+   !> Writes a whole dataset of any rank with its label; groups are made where missing. One that
+   !> bears the name of its only axis becomes that axis: write it before those that have the axis.
+   subroutine write_dataset(file, path, values, label, error)
       type(hdf5_file), intent(in) :: file
       character(*), intent(in) :: path
       real(wp), intent(in), target, contiguous :: values(..)
       type(label_type), intent(in) :: label
       type(error_type), allocatable, intent(out) :: error
 
-      call write_whole(file, path, H5T_NATIVE_DOUBLE, extents_of(values), &
-                       c_loc(values), label, error)
-   end subroutine write_real
+      call make_dataset(file, path, extents_of(values), label, error)
+      if (.not. allocated(error)) call move(file, path, spread(1, 1, rank(values)), &
+                                            extents_of(values), c_loc(values), .true., error)
+   end subroutine write_dataset
 
-   subroutine write_integer(file, path, values, label, error)
+   !> Creates a dataset with its label, without values, which move_part fills: a scalar in the
+   !> object's header, an array in chunks, both under a checksum of HDF5's own.
+   subroutine make_dataset(file, path, extents, label, error)
       type(hdf5_file), intent(in) :: file
       character(*), intent(in) :: path
-      integer, intent(in), target, contiguous :: values(..)
-      type(label_type), intent(in) :: label
-      type(error_type), allocatable, intent(out) :: error
-
-      call write_whole(file, path, H5T_NATIVE_INTEGER, extents_of(values), &
-                       c_loc(values), label, error)
-   end subroutine write_integer
-
-   subroutine write_whole(file, path, kind, extents, values, label, error)
-      type(hdf5_file), intent(in) :: file
-      character(*), intent(in) :: path
-      integer(hid_t), intent(in) :: kind
-      integer(hsize_t), intent(in) :: extents(:)
-      type(c_ptr), value :: values
-      type(label_type), intent(in) :: label
-      type(error_type), allocatable, intent(out) :: error
-
-      call create(file, path, kind, extents, label, error)
-      if (.not. allocated(error)) &
-         call move(file, path, kind, spread(1, 1, size(extents)), extents, values, .true., error)
-   end subroutine write_whole
-
-   !> Creates a dataset with its label: a scalar in the object header, an array in chunks, both
-   !> under a checksum of HDF5's own.
-   subroutine create(file, path, kind, extents, label, error)
-      type(hdf5_file), intent(in) :: file
-      character(*), intent(in) :: path
-      integer(hid_t), intent(in) :: kind
-      integer(hsize_t), intent(in) :: extents(:)
+      integer(long), intent(in) :: extents(:)   !! Fortran's order
       type(label_type), intent(in) :: label
       type(error_type), allocatable, intent(out) :: error
       integer(hsize_t) :: chunk(size(extents))
-      integer(hid_t) :: dataset, properties, space
+      integer(hid_t) :: dataset, kind, properties, space
       integer :: n_axes, status
 
       n_axes = size(extents)
@@ -109,21 +62,29 @@ contains
          call h5screate_f(H5S_SCALAR_F, space, status)
          call h5pset_layout_f(properties, H5D_COMPACT_F, status)
       else
-         call h5screate_simple_f(n_axes, extents, space, status)
+         call h5screate_simple_f(n_axes, int(extents, hsize_t), space, status)
          if (all(extents > 0)) then
-            chunk = chunk_of(int(extents, long))
-            if (allocated(label%chunk)) chunk = int(label%chunk, hsize_t)
+            chunk = chunk_of(extents)
+            if (allocated(label%chunk)) chunk = label%chunk
             call h5pset_chunk_f(properties, n_axes, chunk, status)
             call h5pset_fletcher32_f(properties, status)
          end if
       end if
+      select case (label%kind)
+      case ('integer')
+         kind = H5T_NATIVE_INTEGER
+      case ('long')
+         kind = h5kind_to_type(long, H5_INTEGER_KIND)
+      case default
+         kind = H5T_NATIVE_DOUBLE
+      end select
       call h5dcreate_f(file%id, path, kind, space, dataset, status, dcpl_id=properties)
       call h5dclose_f(dataset, status)
       call h5sclose_f(space, status)
       call h5pclose_f(properties, status)
       call conclude(file%path//': '//path//': cannot be made', error)
       if (.not. allocated(error)) call describe(file, path, label, error)
-   end subroutine create
+   end subroutine make_dataset
 
    !> Writes units, long name and axes of a dataset.
    subroutine describe(file, path, label, error)
