@@ -8,7 +8,7 @@ program storage
    use campaign_time_average, only: span_collector, start_spans
    use core_error, only: error_type
    use core_kinds, only: long, wp
-   use io_gathering, only: read_part, read_samples
+   use io_gathering, only: order_shards, stored_samples
    use io_identity, only: identity_type
    use io_shards, only: list_shards, shard_type, verify_shard, write_shard
    use io_store, only: new_store, remove_store, shard_store
@@ -32,6 +32,7 @@ contains
       character(*), intent(in) :: ending   !! of the names
       type(shard_store) :: store
       type(shard_type), allocatable :: shards(:)
+      type(stored_samples) :: stored
       type(block_result), allocatable :: blocks(:)
       type(block_result) :: samples
       real(wp), allocatable :: psd(:, :, :)
@@ -63,13 +64,14 @@ contains
       call tell('verify_shard'//ending, began, n_shards)
 
       call cpu_time(began)
-      call read_samples(store, shards, 1, 1, n_shards*n_blocks*n_samples, samples, error)
+      call order_shards(store, shards, stored)
+      call stored%read(1, 1, n_shards*n_blocks*n_samples, samples, error)
       call check()
       call tell('read_samples'//ending, began, n_shards)
 
       allocate (psd(n_dof, n_band, n_shards*n_blocks*n_samples))
       call cpu_time(began)
-      call read_part(store, shards, 1, 'psd', [1, 1, 1], psd, error)
+      call stored%read_part(1, 'psd', [1, 1, 1], psd, error)
       call check()
       call tell('read_part'//ending, began, n_shards)
       call remove_store(store, error)

@@ -13,11 +13,10 @@ module driver_judge_results
    use core_text, only: to_text
    use driver_output, only: output_type
    use driver_regression, only: find_estimates
-   use driver_shards, only: share_list
+   use driver_shards, only: list_stored
    use driver_statistics, only: case_task, open_case
    use io_error_results, only: case_errors, read_errors
-   use io_gathering, only: shards_of
-   use io_shards, only: list_shards, shard_type
+   use io_gathering, only: stored_samples
    use parallel_world, only: world_type
    use process_model, only: process_model_type
    implicit none(type, external)
@@ -214,23 +213,21 @@ contains
       type(output_type), intent(in) :: output
       type(case_estimates), intent(out) :: estimates(:)   !! (case); on the root
       type(error_type), allocatable, intent(out) :: error
-      type(shard_type), allocatable :: shards(:)
+      type(stored_samples) :: stored
       type(case_statistics) :: statistics(size(plan%cases))
       type(case_task) :: task
       integer :: i
 
-      if (world%is_root()) call list_shards(output%store, shards, error)
+      call list_stored(world, output%store, stored, error)
       if (world%any_true(allocated(error))) return
-      call share_list(world, output%store, shards)
       do i = 1, size(plan%cases)
          if (plan%cases(i)%audits > 0 .or. plan%cases(i)%process == 0) cycle
-         call open_case(world, plan, i, shards_of(shards, i, plan%cases(i)%n_samples), task)
-         call task%take_items(output%store, error)
-         call task%close(world, plan, output%store, statistics(i), error)
+         call open_case(world, plan, i, task)
+         call task%take_items(stored, error)
+         call task%close(world, plan, stored, statistics(i), error)
          if (world%any_true(allocated(error))) return
       end do
-      call find_estimates(world, plan, models, output%store, shards, [real(wp) ::], statistics, &
-                          estimates, error)
+      call find_estimates(world, plan, models, stored, [real(wp) ::], statistics, estimates, error)
    end subroutine estimate_slip
 
    !> Chooses the number of samples that each case goes on to.

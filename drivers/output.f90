@@ -14,11 +14,11 @@ module driver_output
    use driver_campaign, only: find_output, tell_folder
    use driver_command_line, only: command_line
    use driver_provenance, only: identity_of
-   use driver_shards, only: share_list, verify_shards
+   use driver_shards, only: list_stored, verify_shards
    use io_earlier_results, only: check_replaceable, extract_shards, inspect_results
    use io_error_results, only: case_errors, read_errors
    use io_files, only: exists, remove_file
-   use io_gathering, only: finished_samples
+   use io_gathering, only: finished_samples, stored_samples
    use io_lock, only: lock_type, take_lock
    use io_shards, only: list_shards, named_shard, remove_covered, shard_type, verify_shard
    use io_store, only: new_store, remove_leftovers, remove_store, shard_store
@@ -58,7 +58,7 @@ contains
       type(plan_type), intent(in) :: plan
       type(output_type), intent(out) :: output
       character(*), intent(in), optional :: replay_ending
-      type(shard_type), allocatable :: shards(:)
+      type(stored_samples) :: stored
       type(error_type), allocatable :: error
 
       if (present(replay_ending)) then
@@ -79,16 +79,16 @@ contains
          if (.not. world%is_root()) &
             call take_lock(output%path, output%lock, error, is_shared=.true.)
       else if (world%is_root()) then
-         call find_finished(line%is_fresh .or. present(replay_ending), plan, output, shards, error)
+         call find_finished(line%is_fresh .or. present(replay_ending), plan, output, error)
       end if
       call output%stop_on(world, error)
       call tell_folder(output%path, output%lock%n_folders, output%is_quiet)
       output%is_complete = world%any_true(output%is_complete)   ! the root knows
       if (.not. (output%is_shared .or. output%is_complete)) then
-         call share_list(world, output%store, shards)
-         call verify_shards(world, output%store, shards, error)
+         call list_stored(world, output%store, stored, error)
+         if (.not. allocated(error)) call verify_shards(world, stored, error)
          call output%stop_on(world, error)
-         call mark_finished(plan, shards, output)
+         call mark_finished(plan, stored%shards, output)
          call say_continuing(plan, output)
       end if
       call share_finished(world, output)
@@ -110,12 +110,11 @@ contains
                     ' MB on each rank, which the system does not give')
    end subroutine refuse_long_lists
 
-   !> Takes the lock, clears away what no run can use, and lists the shards that are there.
-   subroutine find_finished(starts_anew, plan, output, shards, error)
+   !> Takes the lock, takes up what an earlier run left, and clears away what no run can use.
+   subroutine find_finished(starts_anew, plan, output, error)
       logical, intent(in) :: starts_anew
       type(plan_type), intent(in) :: plan
       type(output_type), intent(inout) :: output
-      type(shard_type), allocatable, intent(out) :: shards(:)
       type(error_type), allocatable, intent(out) :: error
 
       call take_lock(output%path, output%lock, error)
@@ -130,9 +129,8 @@ contains
       else
          call take_up_results(plan, output, error)
       end if
-      if (allocated(error) .or. output%is_complete) return
-      call remove_leftovers(output%store, error)
-      if (.not. allocated(error)) call list_shards(output%store, shards, error)
+      if (.not. (allocated(error) .or. output%is_complete)) &
+         call remove_leftovers(output%store, error)
    end subroutine find_finished
 
    !> Finds what is stored beside other runs: clears nothing away and leaves a results file as it

@@ -6,12 +6,10 @@ module driver_regression
    use campaign_plan, only: kept_dofs, plan_type
    use campaign_pooling, only: case_pool, estimators_of, find_points, find_pools, reason_for_plain
    use campaign_results, only: block_result, case_statistics, list_statistics, listed_statistic, &
-                               n_quantities, of_amplitude, of_dissipation, of_distance, of_slip
+                               numbers_of, of_amplitude, of_dissipation, of_distance, of_slip
    use core_error, only: error_type
    use core_kinds, only: wp
-   use io_gathering, only: read_part, read_samples, shards_of
-   use io_shards, only: shard_type
-   use io_store, only: shard_store
+   use io_gathering, only: stored_samples
    use parallel_work, only: new_counter, work_counter
    use parallel_world, only: attend_to_others, world_type
    use process_model, only: process_model_type
@@ -32,24 +30,20 @@ module driver_regression
       integer, allocatable :: dofs(:)                  !! whose spectra are there
       real(wp) :: step = 0.0_wp                        !! between frequencies [Hz]
       real(wp), allocatable :: share_below(:)          !! (percentile)
-      integer :: n_amplitudes = 0                      !! dofs under a sine, else 0
-      integer :: at_hand = 0                           !! the pool of the next four
+      integer :: at_hand = 0                           !! the pool of the next three
       type(pool_type) :: pool
       integer, allocatable :: drawn(:, :)              !! (process and samples fitted, case) of it
-      real(wp), allocatable :: responses(:, :, :)      !! (sample, quantity, joint)
-      real(wp), allocatable :: amplitudes(:, :)        !! (sample, dof) under a sine
+      real(wp), allocatable :: numbers(:, :)           !! (sample, number) as numbers_of has them
    end type workshop_type
 
 contains
 
    !> Computes the estimates of every case: by a pool's regression, or plain ones. Collective.
-   subroutine find_estimates(world, plan, models, store, shards, frequency, statistics, estimates, &
-                             error)
+   subroutine find_estimates(world, plan, models, stored, frequency, statistics, estimates, error)
       type(world_type), intent(in) :: world
       type(plan_type), intent(in) :: plan
       type(process_model_type), intent(in) :: models(:)
-      type(shard_store), intent(in) :: store
-      type(shard_type), intent(in) :: shards(:)             !! of all cases
+      type(stored_samples), intent(in) :: stored
       real(wp), intent(in) :: frequency(:)                  !! [Hz]; empty: no spectra
       type(case_statistics), intent(in), target :: statistics(:)    !! (case) plain
       type(case_estimates), intent(out), target :: estimates(:)     !! (case)
@@ -68,13 +62,14 @@ contains
       workshop%plain => statistics
       workshop%found => estimates
       call open_workshop(plan, frequency, workshop)
-      n_tasks = workshop%n_joints + size(workshop%dofs) + workshop%n_amplitudes
+      n_tasks = workshop%n_joints + size(workshop%dofs)
+      if (plan%excitation%kind == 'sine') n_tasks = n_tasks + plan%structure%n_dof
       call new_counter(world, n_tasks*size(workshop%pools), counter)
       do
          task = counter%next(stops=allocated(error))
          if (task == 0) exit
          call attend_to_others()
-         call do_task(plan, models, store, shards, (task - 1)/n_tasks + 1, &
+         call do_task(plan, models, stored, (task - 1)/n_tasks + 1, &
                       n_tasks - modulo(task - 1, n_tasks), workshop, error)   ! dofs take longest
       end do
       call counter%close()
@@ -98,7 +93,6 @@ contains
 
       workshop%share_below = plan%output%percentiles/100.0_wp
       workshop%n_joints = plan%structure%n_joints
-      if (plan%excitation%kind == 'sine') workshop%n_amplitudes = plan%structure%n_dof
       call find_points(plan%structure, workshop%points, workshop%takers)
       allocate (workshop%dofs(0))
       if (size(frequency) > 1) then
@@ -119,46 +113,40 @@ contains
 
    !> Estimates the quantities of one joint, or the spectra or the amplitude of one dof, for all
    !> cases of a pool.
-   subroutine do_task(plan, models, store, shards, number, part, workshop, error)
+   subroutine do_task(plan, models, stored, number, part, workshop, error)
       type(plan_type), intent(in) :: plan
       type(process_model_type), intent(in) :: models(:)
-      type(shard_store), intent(in) :: store
-      type(shard_type), intent(in) :: shards(:)
+      type(stored_samples), intent(in) :: stored
       integer, intent(in) :: number   !! of the pool
       integer, intent(in) :: part     !! a joint, or behind those a dof: of spectra, of amplitudes
       type(workshop_type), intent(inout) :: workshop
       type(error_type), allocatable, intent(inout) :: error
 
       if (workshop%at_hand /= number) then
-         call gather_pool(plan, models, store, shards, number, workshop, error)
+         call gather_pool(plan, models, stored, number, workshop, error)
          if (allocated(error)) return
       end if
       associate (dof => part - workshop%n_joints, n_spectra => size(workshop%dofs))
          if (dof <= 0) then
-            call estimate_numbers(workshop, [of_slip, of_distance, of_dissipation], part, &
-                                  workshop%responses(:, :, part), error)
+            call estimate_numbers(workshop, [of_slip, of_distance, of_dissipation], part, error)
          else if (dof <= n_spectra) then
-            call estimate_dof(store, shards, dof, workshop, error)
+            call estimate_dof(stored, dof, workshop, error)
          else
-            associate (place => dof - n_spectra)
-               call estimate_numbers(workshop, [of_amplitude], place, &
-                                     workshop%amplitudes(:, place:place), error)
-            end associate
+            call estimate_numbers(workshop, [of_amplitude], dof - n_spectra, error)
          end if
       end associate
    end subroutine do_task
 
    !> Gathers the samples of a pool that the regression uses, and draws each case's law. Under
    !> another force the same processes have the same friction values.
-   subroutine gather_pool(plan, models, store, shards, number, workshop, error)
+   subroutine gather_pool(plan, models, stored, number, workshop, error)
       type(plan_type), intent(in) :: plan
       type(process_model_type), intent(in) :: models(:)
-      type(shard_store), intent(in) :: store
-      type(shard_type), intent(in) :: shards(:)
+      type(stored_samples), intent(in) :: stored
       integer, intent(in) :: number   !! of the pool
       type(workshop_type), intent(inout) :: workshop
       type(error_type), allocatable, intent(out) :: error
-      real(wp), allocatable :: friction(:, :), draws(:, :)
+      real(wp), allocatable :: friction(:, :), draws(:, :), values(:, :)
       real(wp) :: n_independent
       type(block_result) :: samples
       integer, allocatable :: first(:), n_samples(:), wanted(:, :)
@@ -168,24 +156,15 @@ contains
          first = [1, (1 + sum(members%n_fitted(:i)), i=1, size(members%cases))]
          wanted = reshape([plan%cases(members%cases)%process, members%n_fitted], &
                           [2, size(members%cases)], order=[2, 1])
-         if (allocated(workshop%responses)) deallocate (workshop%responses)
+         if (allocated(workshop%numbers)) deallocate (workshop%numbers)
          allocate (friction(first(size(first)) - 1, size(workshop%points)))
-         allocate (workshop%responses(size(friction, 1), n_quantities, workshop%n_joints))
-         if (allocated(workshop%amplitudes)) deallocate (workshop%amplitudes)
-         allocate (workshop%amplitudes(size(friction, 1), workshop%n_amplitudes))
          do i = 1, size(members%cases)
-            call read_samples(store, shards_of(shards, members%cases(i), members%n_fitted(i)), &
-                              members%cases(i), 1, members%n_fitted(i), samples, error)
+            call stored%read(members%cases(i), 1, members%n_fitted(i), samples, error)
             if (allocated(error)) return
             friction(first(i):first(i + 1) - 1, :) = transpose(samples%friction(workshop%takers, :))
-            associate (ours => workshop%responses(first(i):first(i + 1) - 1, :, :))
-               ours(:, of_slip, :) = transpose(samples%slip_fraction)
-               ours(:, of_distance, :) = transpose(samples%slip_distance)
-               ours(:, of_dissipation, :) = transpose(samples%dissipation)
-            end associate
-            if (size(workshop%amplitudes) > 0) &
-               workshop%amplitudes(first(i):first(i + 1) - 1, :) = &
-               transpose(samples%harmonic_amplitude)
+            values = numbers_of(samples)
+            if (i == 1) allocate (workshop%numbers(size(friction, 1), size(values, 1)))
+            workshop%numbers(first(i):first(i + 1) - 1, :) = transpose(values)
          end do
          workshop%at_hand = number
          n_samples = plan%cases(members%cases)%n_samples
@@ -210,11 +189,10 @@ contains
    end subroutine gather_pool
 
    !> Estimates numbers of one joint or dof that follow the same inputs, for all cases at hand.
-   subroutine estimate_numbers(workshop, quantities, place, values, error)
+   subroutine estimate_numbers(workshop, quantities, place, error)
       type(workshop_type), intent(inout) :: workshop
       integer, intent(in) :: quantities(:)   !! of_slip and others
       integer, intent(in) :: place           !! joint or dof
-      real(wp), intent(in), contiguous :: values(:, :)   !! (sample, quantity)
       type(error_type), allocatable, intent(out) :: error
       type(scalar_type), allocatable :: plain(:, :), estimates(:, :)
       integer :: i, q
@@ -230,8 +208,9 @@ contains
                end associate
             end do
          end do
-         call estimate_scalars(workshop%pool, values, quantities == of_slip, &
-                               workshop%share_below, plain, estimates, error)
+         call estimate_scalars(workshop%pool, &
+                               workshop%numbers(:, place + (quantities - 1)*workshop%n_joints), &
+                               quantities == of_slip, workshop%share_below, plain, estimates, error)
          if (allocated(error)) return
          do i = 1, size(cases)
             do q = 1, size(quantities)
@@ -241,9 +220,8 @@ contains
       end associate
    end subroutine estimate_numbers
 
-   subroutine estimate_dof(store, shards, dof, workshop, error)
-      type(shard_store), intent(in) :: store
-      type(shard_type), intent(in) :: shards(:)
+   subroutine estimate_dof(stored, dof, workshop, error)
+      type(stored_samples), intent(in) :: stored
       integer, intent(in) :: dof   !! its place among those whose spectra are kept
       type(workshop_type), intent(inout) :: workshop
       type(error_type), allocatable, intent(out) :: error
@@ -264,8 +242,7 @@ contains
          allocate (density(size(pool%x, 1), n))
          do i = 1, size(cases)
             allocate (of_case(1, size(density, 2), n_fitted(i)))
-            call read_part(store, shards_of(shards, cases(i), n_fitted(i)), cases(i), 'psd', &
-                           [dof, 1, 1], of_case, error)
+            call stored%read_part(cases(i), 'psd', [dof, 1, 1], of_case, error)
             if (allocated(error)) return
             density(pool%first(i):pool%first(i + 1) - 1, :) = transpose(of_case(1, :, :))
             deallocate (of_case)

@@ -16,18 +16,18 @@ module driver_results
    use driver_output, only: output_type
    use driver_provenance, only: begin_results
    use driver_regression, only: find_estimates
-   use driver_shards, only: share_list, verify_shards
+   use driver_shards, only: list_stored, verify_shards
    use driver_statistics, only: case_task, open_case, write_short
    use io_audit_results, only: write_audit
    use io_case_results, only: begin_case, finish_case
    use io_case_statistics, only: write_estimates
-   use io_gathering, only: read_part, read_samples, shards_of
+   use io_gathering, only: stored_samples
    use io_group, only: group_type
    use io_hdf5, only: hdf5_file
    use io_process_results, only: write_process
    use io_results, only: finish_results, write_structure
-   use io_shards, only: list_shards, remove_covered, shard_type
-   use io_store, only: discard_file, shard_store
+   use io_shards, only: remove_covered
+   use io_store, only: discard_file
    use parallel_world, only: world_type
    use process_model, only: process_model_type, request_label
    use process_realization, only: draw_points
@@ -91,7 +91,7 @@ contains
       type(output_type), intent(in) :: output
       type(hdf5_file), intent(in) :: file
       type(error_type), allocatable, intent(out) :: error
-      type(shard_type), allocatable :: shards(:)
+      type(stored_samples) :: stored
       type(case_task) :: tasks(0:1)   ! in turn
       type(case_statistics) :: statistics(size(plan%cases))
       type(case_estimates) :: estimates(size(plan%cases))
@@ -99,14 +99,12 @@ contains
       integer, allocatable :: numbers(:)
       integer :: i, k
 
-      if (world%is_root()) then
-         call write_structure(file, plan, error)
-         if (.not. allocated(error)) call list_shards(output%store, shards, error)
-      end if
+      if (world%is_root()) call write_structure(file, plan, error)
       if (world%any_true(allocated(error))) return
-      call share_list(world, output%store, shards)
+      call list_stored(world, output%store, stored, error)
+      if (world%any_true(allocated(error))) return
       if (plan%output%spectrum .and. .not. plan%output%samples) then   ! else finish_case reads them
-         call verify_shards(world, output%store, shards, error)
+         call verify_shards(world, stored, error)
          if (world%any_true(allocated(error))) return
       end if
       numbers = pack([(i, i=1, size(plan%cases))], &
@@ -115,18 +113,18 @@ contains
       do k = 1, size(numbers)
          associate (task => tasks(modulo(k, 2)), number => numbers(k))
             if (world%is_root() .and. .not. allocated(error)) &
-               call begin(plan, task, runner, output%store, file, groups(number), error)
-            call task%take_items(output%store, error)
-            call task%close(world, plan, output%store, statistics(number), error)
+               call begin(plan, number, runner, stored, file, groups(number), error)
+            call task%take_items(stored, error)
+            call task%close(world, plan, stored, statistics(number), error)
             if (world%any_true(allocated(error))) return
             if (k < size(numbers)) call open_task(k + 1)
-            if (world%is_root()) call finish(plan, task, runner, output%store, shards, file, &
-                                             groups(number), error)
+            if (world%is_root()) &
+               call finish(plan, number, runner, stored, file, groups(number), error)
          end associate
       end do
       if (world%any_true(allocated(error))) return
-      call find_estimates(world, plan, models, output%store, shards, &
-                          kept_frequencies(plan, runner), statistics, estimates, error)
+      call find_estimates(world, plan, models, stored, kept_frequencies(plan, runner), statistics, &
+                          estimates, error)
       if (allocated(error) .or. .not. world%is_root()) return
       do k = 1, size(numbers)
          call write_estimates(groups(numbers(k)), plan, statistics(numbers(k)), &
@@ -139,11 +137,7 @@ contains
       subroutine open_task(place)
          integer, intent(in) :: place
 
-         associate (number => numbers(place))
-            call open_case(world, plan, number, &
-                           shards_of(shards, number, plan%cases(number)%n_samples), &
-                           tasks(modulo(place, 2)), runner%layout)
-         end associate
+         call open_case(world, plan, numbers(place), tasks(modulo(place, 2)), runner%layout)
       end subroutine open_task
 
    end subroutine write_cases
@@ -159,18 +153,18 @@ contains
    end function kept_frequencies
 
    !> Writes a case up to its spectra: its group, and its samples' small data.
-   subroutine begin(plan, task, runner, store, file, group, error)
+   subroutine begin(plan, number, runner, stored, file, group, error)
       type(plan_type), intent(in) :: plan
-      type(case_task), intent(in) :: task
+      integer, intent(in) :: number   !! of the case
       type(runner_type), intent(in) :: runner
-      type(shard_store), intent(in) :: store
+      type(stored_samples), intent(in) :: stored
       type(hdf5_file), intent(in) :: file
       type(group_type), intent(out) :: group
       type(error_type), allocatable, intent(out) :: error
       real(wp), allocatable :: folded_share(:)   ! (dof)
       real(wp), allocatable :: force(:, :)       ! (0:n_steps, 1 or sample) [N], with histories
 
-      associate (number => task%number, case => plan%cases(task%number))
+      associate (case => plan%cases(number))
          if (plan%output%history) then
             allocate (force(0:plan%integration%n_steps, plan%structure%n_forces &
                             *merge(case%n_samples, 1, plan%excitation%per_sample)))
@@ -180,26 +174,25 @@ contains
          folded_share = [real(wp) ::]
          if (plan%output%spectrum) folded_share = runner%folded_share(:, number)
          call begin_case(file, plan, number, runner%layout, folded_share, group, force)
-         call write_short(plan, task, store, group, error)
+         call write_short(plan, number, stored, group, error)
       end associate
    end subroutine begin
 
    !> Writes the rest of a case's samples: their long data, and their audit.
-   subroutine finish(plan, task, runner, store, shards, file, group, error)
+   subroutine finish(plan, number, runner, stored, file, group, error)
       type(plan_type), intent(in) :: plan
-      type(case_task), intent(in) :: task
+      integer, intent(in) :: number   !! of the case
       type(runner_type), intent(in) :: runner
-      type(shard_store), intent(in) :: store
-      type(shard_type), intent(in) :: shards(:)   !! of all cases
+      type(stored_samples), intent(in) :: stored
       type(hdf5_file), intent(in) :: file
       type(group_type), intent(inout) :: group
       type(error_type), allocatable, intent(out) :: error
       integer :: audit
 
-      call finish_case(group, plan, task%number, store, task%shards, error)
+      call finish_case(group, plan, number, stored, error)
       if (allocated(error)) return
-      audit = audit_of(plan, task%number)
-      if (audit > 0) call finish_audit(plan, audit, runner%layout, store, shards, file, error)
+      audit = audit_of(plan, number)
+      if (audit > 0) call finish_audit(plan, audit, runner%layout, stored, file, error)
    end subroutine finish
 
    !> Writes a process with the realizations that were asked for.
@@ -225,56 +218,50 @@ contains
    end subroutine write_process_of
 
    !> Compares the audit with the samples that it repeats, and writes it; for the root alone.
-   subroutine finish_audit(plan, audit, layout, store, shards, file, error)
+   subroutine finish_audit(plan, audit, layout, stored, file, error)
       type(plan_type), intent(in) :: plan
       integer, intent(in) :: audit   !! case number
       type(spectrum_layout), intent(in) :: layout
-      type(shard_store), intent(in) :: store
-      type(shard_type), intent(in) :: shards(:)
+      type(stored_samples), intent(in) :: stored
       type(hdf5_file), intent(in) :: file
       type(error_type), allocatable, intent(out) :: error
       type(block_result) :: tested, reference
       type(numerical_error) :: errors
 
       associate (audited => plan%cases(audit)%audits, n => plan%cases(audit)%n_samples)
-         call read_samples(store, shards_of(shards, audited, n), audited, 1, n, tested, error)
-         if (.not. allocated(error)) &
-            call read_samples(store, shards_of(shards, audit, n), audit, 1, n, reference, error)
+         call stored%read(audited, 1, n, tested, error)
+         if (.not. allocated(error)) call stored%read(audit, 1, n, reference, error)
          if (allocated(error)) return
          call compare_slip(tested%slip_fraction, reference%slip_fraction, &
                            plan%cases(audited)%n_samples, errors)
       end associate
       if (plan%output%spectrum) &
-         call compare_psd(plan, audit, size(layout%frequency), store, shards, errors, error)
+         call compare_psd(plan, audit, size(layout%frequency), stored, errors, error)
       if (allocated(error)) return
-      call write_audit(file, plan, audit, reference, layout, errors, store, shards, error)
+      call write_audit(file, plan, audit, reference, layout, errors, stored, error)
    end subroutine finish_audit
 
    !> Compares the spectra of a case with those of its audit, a range of frequencies at a time.
-   subroutine compare_psd(plan, audit, n_frequencies, store, shards, errors, error)
+   subroutine compare_psd(plan, audit, n_frequencies, stored, errors, error)
       type(plan_type), intent(in) :: plan
       integer, intent(in) :: audit   !! case number
       integer, intent(in) :: n_frequencies
-      type(shard_store), intent(in) :: store
-      type(shard_type), intent(in) :: shards(:)
+      type(stored_samples), intent(in) :: stored
       type(numerical_error), intent(inout) :: errors
       type(error_type), allocatable, intent(out) :: error
       type(spectrum_comparison) :: comparison
-      type(shard_type), allocatable :: audits(:), own(:)
       real(wp), allocatable :: tested(:, :, :), reference(:, :, :)   ! (dof, frequency, sample)
       integer :: f, n_dof, together
 
       n_dof = size(kept_dofs(plan))
       together = frequencies_together(n_dof, n_frequencies)
       associate (audited => plan%cases(audit)%audits, n => plan%cases(audit)%n_samples)
-         own = shards_of(shards, audited, n)
-         audits = shards_of(shards, audit, n)
          do f = 1, n_frequencies, together
             allocate (tested(n_dof, min(together, n_frequencies - f + 1), n))
             allocate (reference, mold=tested)
-            call read_part(store, own, audited, 'psd', [1, f, 1], tested, error)
+            call stored%read_part(audited, 'psd', [1, f, 1], tested, error)
             if (.not. allocated(error)) &
-               call read_part(store, audits, audit, 'psd', [1, f, 1], reference, error)
+               call stored%read_part(audit, 'psd', [1, f, 1], reference, error)
             if (allocated(error)) return
             call comparison%add(tested, reference, plan%output%percentiles)
             deallocate (tested, reference)

@@ -3,18 +3,16 @@ module driver_statistics
    use campaign_bands, only: band_collector, start_bands
    use campaign_columns, only: column_collector, sample_groups, start_columns
    use campaign_plan, only: kept_dofs, plan_type
-   use campaign_results, only: block_result, case_statistics, n_quantities, of_amplitude, of_slip, &
-                               spectrum_layout
+   use campaign_results, only: block_result, case_statistics, n_quantities, numbers_of, &
+                               of_amplitude, of_slip, spectrum_layout
    use campaign_selection, only: selection_type
    use campaign_time_average, only: count_spans, fewest_spans, span_collector, start_spans
    use core_chunks, only: frequencies_together
    use core_error, only: error_type
    use core_kinds, only: wp
    use io_blocks, only: put_short
-   use io_gathering, only: read_part, read_samples
+   use io_gathering, only: stored_samples
    use io_group, only: group_type
-   use io_shards, only: shard_type
-   use io_store, only: shard_store
    use numerics_correlated, only: n_batches
    use parallel_work, only: new_counter, work_counter
    use parallel_world, only: attend_to_others, world_type
@@ -29,15 +27,14 @@ module driver_statistics
    !> time, then `close`. An item is a slice of the frequencies of a group of samples, or the joints
    !> of a group.
    type :: case_task
-      integer :: number = 0                      !! of the case
-      type(shard_type), allocatable :: shards(:)
+      integer, private :: number = 0             !! of the case
       logical, private :: has_bands = .false.
       logical, private :: has_numbers = .false.   !! of the joints
       logical, private :: has_spans = .false.
       integer, private :: width = 0              !! frequencies of a slice
       integer, private :: n_slices = 0           !! of all frequencies
       type(band_collector), private :: bands
-      type(column_collector), private :: numbers   !! as read_numbers has them
+      type(column_collector), private :: numbers   !! as numbers_of has them
       type(span_collector), private :: spans
       type(work_counter), private :: counter
    contains
@@ -48,17 +45,15 @@ module driver_statistics
 contains
 
    !> Shares out the statistics of a case among the ranks. Collective.
-   subroutine open_case(world, plan, number, shards, task, layout)
+   subroutine open_case(world, plan, number, task, layout)
       type(world_type), intent(in) :: world
       type(plan_type), intent(in) :: plan
       integer, intent(in) :: number
-      type(shard_type), intent(in) :: shards(:)   !! of the case, as shards_of has them
       type(case_task), intent(out) :: task
       type(spectrum_layout), intent(in), optional :: layout   !! absent: without spectra
       integer :: n_dof, n_groups, n_numbers, n_samples
 
       task%number = number
-      task%shards = shards
       n_samples = plan%cases(number)%n_samples
       task%has_numbers = n_samples > 1
       task%has_spans = task%has_numbers .and. plan%output%slip .and. &
@@ -89,9 +84,9 @@ contains
    end subroutine open_case
 
    !> Takes items until none is left; an error keeps all ranks from going on.
-   subroutine take_items(self, store, error)
+   subroutine take_items(self, stored, error)
       class(case_task), intent(inout) :: self
-      type(shard_store), intent(in) :: store
+      type(stored_samples), intent(in) :: stored
       type(error_type), allocatable, intent(inout) :: error
       integer :: group, item, slice
 
@@ -101,25 +96,25 @@ contains
          slice = modulo(item - 1, self%n_slices + 1) + 1
          group = (item - 1)/(self%n_slices + 1) + 1
          if (slice > self%n_slices) then
-            call add_joints(self, store, group, error)
+            call add_joints(self, stored, group, error)
          else
-            call add_slice(self, store, group, slice, error)
+            call add_slice(self, stored, group, slice, error)
          end if
       end do
    end subroutine take_items
 
    !> Joins what all ranks have found, for every rank. Collective.
-   subroutine close_case(self, world, plan, store, statistics, error)
+   subroutine close_case(self, world, plan, stored, statistics, error)
       class(case_task), intent(inout) :: self
       type(world_type), intent(in) :: world
       type(plan_type), intent(in) :: plan
-      type(shard_store), intent(in) :: store
+      type(stored_samples), intent(in) :: stored
       type(case_statistics), intent(inout) :: statistics
       type(error_type), allocatable, intent(inout) :: error
 
       call self%counter%close()
       if (world%any_true(allocated(error)) .or. .not. self%has_numbers) return
-      call join_columns(world, store, self, .false., self%numbers, error)
+      call join_columns(world, stored, self, .false., self%numbers, error)
       if (world%any_true(allocated(error))) return
       call world%add_up(size(self%spans%common), self%spans%common)
       call world%add_up(size(self%spans%autocovariance), self%spans%autocovariance)
@@ -131,16 +126,16 @@ contains
          if (allocated(bands%batches%variance)) &
             call world%add_up(size(bands%batches%variance), bands%batches%variance)
       end associate
-      call join_columns(world, store, self, .true., self%bands%columns, error)
+      call join_columns(world, stored, self, .true., self%bands%columns, error)
       if (.not. allocated(error)) call self%bands%finish(statistics)
    end subroutine close_case
 
    !> Joins what all ranks have of some columns, numbers of the joints or densities; where they come
    !> in groups, selects the percentiles of all samples, of as many ranges of frequencies at once as
    !> keep all ranks busy. Collective.
-   subroutine join_columns(world, store, task, are_densities, columns, error)
+   subroutine join_columns(world, stored, task, are_densities, columns, error)
       type(world_type), intent(in) :: world
-      type(shard_store), intent(in) :: store
+      type(stored_samples), intent(in) :: stored
       class(case_task), intent(in) :: task
       logical, intent(in) :: are_densities
       type(column_collector), intent(inout) :: columns
@@ -188,11 +183,9 @@ contains
             allocate (values(n_columns, min(range, last - from + 1), columns%group_size(group)))
             associate (first_sample => columns%group_first(group))
                if (are_densities) then
-                  call read_part(store, task%shards, task%number, 'psd', &
-                                 [1, from, first_sample], values, error)
+                  call stored%read_part(task%number, 'psd', [1, from, first_sample], values, error)
                else
-                  call read_numbers(store, task%shards, task%number, first_sample, &
-                                    values(:, 1, :), error)
+                  call read_numbers(stored, task%number, first_sample, values(:, 1, :), error)
                end if
             end associate
             if (.not. allocated(error)) then
@@ -229,9 +222,9 @@ contains
    end subroutine select_together
 
    !> Adds the joints of a group of samples, and their slip series.
-   subroutine add_joints(self, store, group, error)
+   subroutine add_joints(self, stored, group, error)
       class(case_task), intent(inout) :: self
-      type(shard_store), intent(in) :: store
+      type(stored_samples), intent(in) :: stored
       integer, intent(in) :: group
       type(error_type), allocatable, intent(out) :: error
       real(wp), allocatable :: values(:, :)      ! (number, sample)
@@ -241,8 +234,7 @@ contains
       call attend_to_others()
       associate (numbers => self%numbers)
          allocate (values(size(numbers%at, 1), numbers%group_size(group)))
-         call read_numbers(store, self%shards, self%number, numbers%group_first(group), values, &
-                           error)
+         call read_numbers(stored, self%number, numbers%group_first(group), values, error)
          if (allocated(error)) return
          do i = 1, size(values, 1)
             call numbers%add(i, group, values(i, :))
@@ -252,7 +244,7 @@ contains
          do i = numbers%group_first(group), last, samples_together
             allocate (series(size(self%spans%common, 2), size(self%spans%common, 1), &
                              min(samples_together, last - i + 1)))
-            call read_part(store, self%shards, self%number, 'slip_series', [1, 1, i], series, error)
+            call stored%read_part(self%number, 'slip_series', [1, 1, i], series, error)
             if (allocated(error)) return
             call self%spans%add(group, series)
             deallocate (series)
@@ -260,26 +252,17 @@ contains
       end associate
    end subroutine add_joints
 
-   !> Reads slip fractions, slip distances and dissipations of the joints, and amplitudes of the
-   !> dofs under a sine, of some samples.
-   subroutine read_numbers(store, shards, number, first, values, error)
-      type(shard_store), intent(in) :: store
-      type(shard_type), intent(in) :: shards(:)
+   !> Reads the numbers of some samples that have statistics.
+   subroutine read_numbers(stored, number, first, values, error)
+      type(stored_samples), intent(in) :: stored
       integer, intent(in) :: number          !! of the case
       integer, intent(in) :: first           !! sample
-      real(wp), intent(out) :: values(:, :)  !! (number, sample)
+      real(wp), intent(out) :: values(:, :)  !! (number, sample) as numbers_of has them
       type(error_type), allocatable, intent(out) :: error
       type(block_result) :: samples
 
-      call read_samples(store, shards, number, first, first + size(values, 2) - 1, samples, error)
-      if (allocated(error)) return
-      associate (n => size(samples%slip_fraction, 1))
-         values(:n, :) = samples%slip_fraction
-         values(n + 1:2*n, :) = samples%slip_distance
-         values(2*n + 1:3*n, :) = samples%dissipation
-         if (allocated(samples%harmonic_amplitude)) &
-            values(n_quantities*n + 1:, :) = samples%harmonic_amplitude
-      end associate
+      call stored%read(number, first, first + size(values, 2) - 1, samples, error)
+      if (.not. allocated(error)) values = numbers_of(samples)
    end subroutine read_numbers
 
    subroutine finish_joints(self, plan, statistics)
@@ -306,30 +289,29 @@ contains
    end subroutine finish_joints
 
    !> Writes the small data of a case's samples to its group of a results file.
-   subroutine write_short(plan, task, store, group, error)
+   subroutine write_short(plan, number, stored, group, error)
       type(plan_type), intent(in) :: plan
-      type(case_task), intent(in) :: task
-      type(shard_store), intent(in) :: store
+      integer, intent(in) :: number   !! of the case
+      type(stored_samples), intent(in) :: stored
       type(group_type), intent(inout) :: group
       type(error_type), allocatable, intent(out) :: error
       type(block_result) :: samples
       integer, allocatable :: first(:)
       integer :: g
 
-      first = sample_groups(plan%cases(task%number)%n_samples)
+      first = sample_groups(plan%cases(number)%n_samples)
       do g = 1, size(first) - 1
          call attend_to_others()
-         call read_samples(store, task%shards, task%number, first(g), first(g + 1) - 1, samples, &
-                           error)
+         call stored%read(number, first(g), first(g + 1) - 1, samples, error)
          if (allocated(error)) return
          call put_short(group, plan, samples)
       end do
    end subroutine write_short
 
    !> Adds the spectra of a group of samples at a slice of the frequencies.
-   subroutine add_slice(self, store, group, slice, error)
+   subroutine add_slice(self, stored, group, slice, error)
       class(case_task), intent(inout) :: self
-      type(shard_store), intent(in) :: store
+      type(stored_samples), intent(in) :: stored
       integer, intent(in) :: group, slice
       type(error_type), allocatable, intent(out) :: error
       real(wp), allocatable :: psd(:, :, :)     ! (dof, frequency, sample)
@@ -344,13 +326,12 @@ contains
          do f = (slice - 1)*self%width + 1, last, together
             call attend_to_others()
             allocate (psd(n_dof, min(together, last - f + 1), n_samples))
-            call read_part(store, self%shards, self%number, 'psd', [1, f, first], psd, error)
+            call stored%read_part(self%number, 'psd', [1, f, first], psd, error)
             if (.not. allocated(error) .and. allocated(bands%batches%variance)) then
                place = bands%first_of_power(f)
                allocate (power(n_dof, bands%first_of_power(f + size(psd, 2) - 1) + n_batches &
                                - place, n_samples))
-               call read_part(store, self%shards, self%number, 'power_series', [1, place, first], &
-                              power, error)
+               call stored%read_part(self%number, 'power_series', [1, place, first], power, error)
             end if
             if (allocated(error)) return
             call bands%add(slice, f, group, psd, power)

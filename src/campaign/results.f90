@@ -7,7 +7,7 @@ module campaign_results
    implicit none(type, external)
    private
    public :: block_result, case_statistics, joint_statistics, memory_of_block, spectrum_layout, &
-             list_statistics, list_time_errors, listed_statistic
+             list_statistics, list_time_errors, listed_statistic, numbers_of
 
    !> Numbers of a sample that have statistics: of its joints, and of its dofs under a sine.
    integer, parameter, public :: of_slip = 1, of_distance = 2, of_dissipation = 3, of_amplitude = 4
@@ -118,6 +118,24 @@ contains
       values_of = 0
       if (present(values)) values_of = size(values, kind=long)
    end function values_of
+
+   !> Numbers of samples that have statistics, those of a quantity together: that of quantity q, of
+   !> joint or dof i, is number i + (q - 1) n_joints.
+   pure function numbers_of(samples) result(values)
+      type(block_result), intent(in) :: samples
+      real(wp), allocatable :: values(:, :)   !! (number, sample)
+      integer :: n_dof
+
+      n_dof = 0   ! with an amplitude
+      if (allocated(samples%harmonic_amplitude)) n_dof = size(samples%harmonic_amplitude, 1)
+      associate (n => size(samples%slip_fraction, 1))
+         allocate (values(n_quantities*n + n_dof, samples%n_samples))
+         values((of_slip - 1)*n + 1:of_slip*n, :) = samples%slip_fraction
+         values((of_distance - 1)*n + 1:of_distance*n, :) = samples%slip_distance
+         values((of_dissipation - 1)*n + 1:of_dissipation*n, :) = samples%dissipation
+         if (n_dof > 0) values(n_quantities*n + 1:, :) = samples%harmonic_amplitude
+      end associate
+   end function numbers_of
 
    !> Lists what the samples of a case tell of all: quantities of joints, amplitudes, bands; each
    !> statistic that is there, as it is said once.

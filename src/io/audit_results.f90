@@ -9,28 +9,25 @@ module io_audit_results
    use core_kinds, only: wp
    use io_blocks, only: kept_axis, put_short
    use io_case_results, only: case_group, finish_case, write_dofs, write_frequency
-   use io_gathering, only: shards_of
+   use io_gathering, only: stored_samples
    use io_group, only: group_type, new_group
    use io_hdf5, only: hdf5_file
-   use io_shards, only: shard_type
-   use io_store, only: shard_store
    implicit none(type, external)
    private
    public :: write_audit
 
 contains
 
-   !> Writes the group of an audit: `samples` as read_samples returns them, spectra from the
+   !> Writes the group of an audit: `samples` as they are read, spectra from the
    !> shards.
-   subroutine write_audit(file, plan, number, samples, layout, errors, store, shards, error)
+   subroutine write_audit(file, plan, number, samples, layout, errors, stored, error)
       type(hdf5_file), intent(in) :: file
       type(plan_type), intent(in) :: plan
       integer, intent(in) :: number   !! of the audit among the plan's cases
       type(block_result), intent(inout) :: samples   !! left as it was
       type(spectrum_layout), intent(in) :: layout
       type(numerical_error), intent(in) :: errors
-      type(shard_store), intent(in) :: store
-      type(shard_type), intent(in) :: shards(:)
+      type(stored_samples), intent(in) :: stored
       type(error_type), allocatable, intent(out) :: error
       type(group_type) :: group
       type(integration_settings) :: reference
@@ -53,8 +50,7 @@ contains
                         'percentile')
          call write_spectrum_errors(group, kept_axis(plan), errors)
       end if
-      call finish_case(group, plan, number, store, shards_of(shards, number, samples%n_samples), &
-                       error)
+      call finish_case(group, plan, number, stored, error)
    end subroutine write_audit
 
    !> Writes the differences of slip fractions, case less reference [percentage points].

@@ -9,12 +9,11 @@ module io_case_results
    use core_kinds, only: wp
    use core_phrases, only: numbered
    use io_blocks, only: kept_axis, put_long
-   use io_gathering, only: count_transitions
+   use io_gathering, only: stored_samples
    use io_group, only: group_type, new_group
    use io_hdf5, only: hdf5_file
    use io_results, only: about_dofs, about_joints
-   use io_shards, only: read_shard, shard_type
-   use io_store, only: shard_store
+   use io_shards, only: read_shard
    use numerics_correlated, only: n_batches
    use numerics_spectrum, only: error_of_density, last_of_ranges
    implicit none(type, external)
@@ -69,30 +68,31 @@ contains
 
    !> Puts the long datasets, shard by shard: memory does not grow with the number of samples. Takes
    !> the first error of all. Without output%samples no series and spectra are put.
-   subroutine finish_case(group, plan, number, store, shards, error)
+   subroutine finish_case(group, plan, number, stored, error)
       type(group_type), intent(inout) :: group
       type(plan_type), intent(in) :: plan
       integer, intent(in) :: number
-      type(shard_store), intent(in) :: store
-      type(shard_type), intent(in) :: shards(:)   !! of the case, as shards_of has them
+      type(stored_samples), intent(in) :: stored
       type(error_type), allocatable, intent(out) :: error
       type(output_settings) :: kept
       type(block_result) :: block
+      integer, allocatable :: places(:)
       integer :: i, n_rows, rows
       logical :: is_lean
 
       kept = kept_of(plan, number)
       is_lean = kept%spectrum .and. .not. kept%keeps_spectra(plan%cases(number)%n_samples)
+      places = stored%places(number, 1, plan%cases(number)%n_samples)
       n_rows = 0
       rows = 0
       if (kept%transitions .and. .not. allocated(group%error)) then
-         call count_transitions(shards, plan%cases(number)%n_samples, n_rows, group%error)
+         call stored%count_transitions(number, plan%cases(number)%n_samples, n_rows, group%error)
          call group%put_axis('transition', n_rows, 'transition')
       end if
-      do i = 1, size(shards)
+      do i = 1, size(places)
          if (is_lean .and. .not. (kept%transitions .or. kept%history)) exit
          if (allocated(group%error)) exit
-         call read_shard(store, shards(i), block, group%error)
+         call read_shard(stored%store, stored%shards(places(i)), block, group%error)
          if (allocated(group%error)) exit
          if (is_lean) then
             if (allocated(block%slip_series)) deallocate (block%slip_series)

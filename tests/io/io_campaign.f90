@@ -14,7 +14,7 @@ module io_campaign
    use io_blocks, only: put_short
    use io_case_statistics, only: write_estimates
    use io_files, only: make_folder, process_id
-   use io_gathering, only: read_samples, shards_of
+   use io_gathering, only: order_shards, stored_samples
    use io_group, only: group_type
    use io_identity, only: identity_type
    use io_lock, only: lock_type, take_lock
@@ -270,7 +270,7 @@ contains
       type(shard_type), intent(in) :: shards(:)
       type(error_type), allocatable, intent(out) :: error
       logical, intent(in), optional :: has_audit
-      type(shard_type), allocatable :: ours(:)
+      type(stored_samples) :: stored
       type(plan_type) :: plan
       type(block_result) :: samples
       type(group_type) :: group
@@ -280,16 +280,16 @@ contains
 
       force = 1.0_wp
       plan = made_plan()
+      call order_shards(store, shards, stored)
       call write_process(file, 1, made_model(), error, realizations=force)
       if (.not. allocated(error)) call write_structure(file, plan, error)
       do i = 1, 2
          if (allocated(error)) exit
-         ours = shards_of(shards, i, plan%cases(i)%n_samples)
          call begin_case(file, plan, i, made_layout(), [(0.001_wp, dof=1, n_dof)], group, force)
-         call read_samples(store, ours, i, 1, plan%cases(i)%n_samples, samples, error)
+         call stored%read(i, 1, plan%cases(i)%n_samples, samples, error)
          if (allocated(error)) exit
          call put_short(group, plan, samples)
-         call finish_case(group, plan, i, store, ours, error)
+         call finish_case(group, plan, i, stored, error)
          if (allocated(error)) exit
          estimates%best = made_statistics()
          estimates%reason = ''
@@ -308,19 +308,21 @@ contains
       type(shard_store), intent(in) :: store
       type(error_type), allocatable, intent(out) :: error
       type(shard_type), allocatable :: shards(:)
+      type(stored_samples) :: stored
       type(block_result) :: block
       type(numerical_error) :: errors
 
       block = made_audit_block()
       call keep_block(store, block, error)
       if (.not. allocated(error)) call list_shards(store, shards, error)
-      if (.not. allocated(error)) &
-         call read_samples(store, shards_of(shards, 4, 3), 4, 1, 3, block, error)
+      if (allocated(error)) return
+      call order_shards(store, shards, stored)
+      call stored%read(4, 1, 3, block, error)
       if (allocated(error)) return
       call compare_slip(samples%slip_fraction(:, :3), block%slip_fraction, 5, errors)
       call compare_spectra(made_audit_psd()/1.01_wp, made_audit_psd(), plan%output%percentiles, 5, &
                            errors)
-      call write_audit(file, plan, 4, block, made_layout(), errors, store, shards, error)
+      call write_audit(file, plan, 4, block, made_layout(), errors, stored, error)
 
    contains
 
