@@ -14,51 +14,45 @@ module campaign_comparison
    use statistics_order, only: at_rank
    implicit none(type, external)
    private
-   public :: numerical_error, spectrum_comparison, compare_slip, compare_spectra
-   public :: slip_error, band_ratio_error, band_ratios, ratio_replicates, change_of_ratio
+   public :: difference_type, numerical_error, spectrum_comparison, compare_slip, compare_spectra
+   public :: slip_error, band_ratio_error, band_ratios, ratio_replicates, change_of_ratios
 
    real(wp), parameter :: points = 100.0_wp   !! of percent in a fraction
 
-   !> Differences of the first march from the second. A difference that was not asked for, or needs
-   !> two samples and has one, is not allocated. Each `*_error` is the standard error of what stands
-   !> before it.
-   type :: numerical_error
-      real(wp), allocatable :: slip_mean(:)            !! (dof) of the mean slip fraction [points]
-      real(wp), allocatable :: slip_mean_error(:)
-      real(wp), allocatable :: slip_rms(:)             !! (dof) over samples, of one sample [points]
-      real(wp), allocatable :: slip_rms_error(:)
-      real(wp), allocatable :: slip_largest(:)         !! (dof) of one sample [points]
-      real(wp), allocatable :: slip_std(:)             !! (dof) of the std over samples [points]
-      real(wp), allocatable :: slip_std_error(:)
-      !> (dof) integral over frequency of the absolute difference of the mean densities, relative to
-      !> that of the density
-      real(wp), allocatable :: psd_mean(:)
-      real(wp), allocatable :: psd_mean_error(:)
-      !> (dof, percentile) the same for each percentile over samples
-      real(wp), allocatable :: psd_percentiles(:, :)
-      real(wp), allocatable :: psd_percentiles_error(:, :)
-      !> (dof) relative, of the ratio of the last to the first percentile's pseudo-variance; 0 for a
-      !> dof that does not move in that share of the samples
-      real(wp), allocatable :: band_ratio(:)
-      real(wp), allocatable :: band_ratio_error(:)
-   end type numerical_error
+   !> A difference of the first march from the second with its standard error, of which one sample
+   !> tells nothing. Not allocated: not asked for, or it needs two samples.
+   type :: difference_type
+      real(wp), allocatable :: value(:), error(:)   !! (joint or dof)
+   end type difference_type
 
-   !> Integrals over frequency of one dof, of all samples (0) and without sample i: replicate 0..n.
-   type :: spectrum_integrals
-      real(wp), allocatable :: reference(:, :)  !! (curve, replicate) of the second march
-      real(wp), allocatable :: tested(:, :)    !! (curve, replicate) of the first
-      real(wp), allocatable :: apart(:, :)     !! (curve, replicate) of the absolute difference
-   end type spectrum_integrals
+   !> Differences in what is published.
+   type :: numerical_error
+      type(difference_type) :: slip_mean           !! of the mean slip fraction [points]
+      type(difference_type) :: slip_rms            !! over samples, of one sample [points]
+      type(difference_type) :: slip_std            !! of the std over samples [points]
+      real(wp), allocatable :: slip_largest(:)     !! (joint) of one sample [points]
+      !> integral over frequency of the absolute difference of the mean densities, relative to that
+      !> of the density
+      type(difference_type) :: psd_mean
+      type(difference_type), allocatable :: psd_percentiles(:)   !! (percentile over samples) alike
+      !> relative, of the ratio of the last to the first percentile's pseudo-variance; 0 for a dof
+      !> that does not move in that share of the samples
+      type(difference_type) :: band_ratio
+   end type numerical_error
 
    !> Spectra that exist twice, compared range by range of their frequencies, in ascending order.
    type :: spectrum_comparison
       private
-      real(wp), allocatable :: percentiles(:)                 !! [%], ascending
-      type(spectrum_integrals), allocatable :: integrals(:)   !! (dof)
+      real(wp), allocatable :: percentiles(:)   !! [%], ascending
+      !> (mean (0) or percentile; all samples (0) or all but the i-th; which, dof) over frequency
+      real(wp), allocatable :: integral(:, :, :, :)
    contains
       procedure :: add
       procedure :: finish
    end type spectrum_comparison
+
+   !> Integrals of the densities of the first march, of the second, of their absolute difference.
+   integer, parameter :: of_tested = 1, of_reference = 2, of_difference = 3
 
 contains
 
@@ -69,7 +63,7 @@ contains
       type(numerical_error), intent(in) :: errors
       real(wp) :: largest
 
-      largest = maxval(errors%slip_rms)
+      largest = maxval(errors%slip_rms%value)
    end function slip_error
 
    !> The numerical error of the band ratios that counts against a target: the largest over the
@@ -79,7 +73,7 @@ contains
       real(wp) :: largest
 
       largest = 0.0_wp
-      if (allocated(errors%band_ratio)) largest = maxval(abs(errors%band_ratio))
+      if (allocated(errors%band_ratio%value)) largest = maxval(abs(errors%band_ratio%value))
    end function band_ratio_error
 
    !> Ratio of the last to the first percentile's pseudo-variance, Eq. (46); 0 for a dof that does
@@ -111,53 +105,58 @@ contains
       end do
    end function ratio_replicates
 
-   !> Computes the relative change of a band ratio and its standard error for a case of n_all
-   !> samples.
-   pure subroutine change_of_ratio(tested, reference, n_all, value, standard_error)
-      real(wp), intent(in) :: tested(0:), reference(0:)   !! (replicate) of ratio_replicates
+   !> Relative changes of band ratios, for a case of n_all samples.
+   pure function change_of_ratios(tested, reference, n_all) result(change)
+      real(wp), intent(in) :: tested(:, :), reference(:, :)   !! (replicate, dof)
       integer, intent(in) :: n_all
-      real(wp), intent(out) :: value, standard_error
+      type(difference_type) :: change
 
-      value = change(tested(0), reference(0))
-      standard_error = jackknife_error(change(tested(1:), reference(1:)), n_all)
-   end subroutine change_of_ratio
+      change = difference_of(relative_change(tested, reference), n_all)
+   end function change_of_ratios
+
+   !> A difference by its values of all samples (replicate 0) and of all but the i-th.
+   pure function difference_of(replicates, n_all) result(difference)
+      real(wp), intent(in) :: replicates(0:, :)   !! (replicate, joint or dof)
+      integer, intent(in) :: n_all                !! samples of the case
+      type(difference_type) :: difference
+      integer :: i
+
+      difference%value = replicates(0, :)
+      if (size(replicates, 1) > 1) &
+         difference%error = [(jackknife_error(replicates(1:, i), n_all), i=1, size(replicates, 2))]
+   end function difference_of
 
    !> Compares the slip fractions of samples that were marched twice, of n_all samples of the case.
    pure subroutine compare_slip(tested, reference, n_all, errors)
-      real(wp), intent(in) :: tested(:, :)      !! (dof, sample) slip fractions, first march
-      real(wp), intent(in) :: reference(:, :)   !! (dof, sample) second march
+      real(wp), intent(in) :: tested(:, :)      !! (joint, sample) slip fractions, first march
+      real(wp), intent(in) :: reference(:, :)   !! (joint, sample) second march
       integer, intent(in) :: n_all
       type(numerical_error), intent(inout) :: errors
-      real(wp) :: difference(size(tested, 2))
-      real(wp) :: of_mean(0:size(tested, 2)), of_rms(0:size(tested, 2)), of_std(0:size(tested, 2))
-      integer :: dof, i, n, n_dof
+      real(wp) :: difference(size(tested, 1), size(tested, 2))
+      real(wp), allocatable, dimension(:, :) :: of_mean, of_rms, of_std   ! (replicate, joint)
+      integer :: i, joint, last, n
 
-      n_dof = size(tested, 1)
       n = size(tested, 2)
-      allocate (errors%slip_mean(n_dof), errors%slip_rms(n_dof), errors%slip_largest(n_dof))
-      if (n > 1) allocate (errors%slip_mean_error(n_dof), errors%slip_rms_error(n_dof), &
-                           errors%slip_std(n_dof), errors%slip_std_error(n_dof))
-      do dof = 1, n_dof
-         difference = points*(tested(dof, :) - reference(dof, :))
-         errors%slip_mean(dof) = mean(difference)
-         errors%slip_rms(dof) = sqrt(mean(difference**2))
-         errors%slip_largest(dof) = maxval(abs(difference))
-         if (n == 1) cycle
-         do i = 0, n
+      last = merge(n, 0, n > 1)
+      allocate (of_mean(0:last, size(tested, 1)))
+      allocate (of_rms, of_std, mold=of_mean)
+      difference = points*(tested - reference)
+      do joint = 1, size(tested, 1)
+         do i = 0, last
             associate (kept => without(i, n))
-               of_mean(i) = mean(difference(kept))
-               of_rms(i) = sqrt(mean(difference(kept)**2))
-               of_std(i) = deviation(points*tested(dof, kept)) &
-                           - deviation(points*reference(dof, kept))
+               of_mean(i, joint) = mean(difference(joint, kept))
+               of_rms(i, joint) = sqrt(mean(difference(joint, kept)**2))
+               of_std(i, joint) = deviation(points*tested(joint, kept)) &
+                                  - deviation(points*reference(joint, kept))
             end associate
          end do
-         errors%slip_std(dof) = of_std(0)
-         errors%slip_mean_error(dof) = jackknife_error(of_mean(1:), n_all)
-         errors%slip_rms_error(dof) = jackknife_error(of_rms(1:), n_all)
-         errors%slip_std_error(dof) = jackknife_error(of_std(1:), n_all)
       end do
-      if (n > 1) errors%slip_rms_error(:) = not_alone(errors%slip_rms, errors%slip_rms_error, n, &
-                                                      n_all)
+      errors%slip_largest = maxval(abs(difference), 2)
+      errors%slip_mean = difference_of(of_mean, n_all)
+      errors%slip_rms = difference_of(of_rms, n_all)
+      if (n == 1) return
+      errors%slip_std = difference_of(of_std, n_all)
+      errors%slip_rms%error = not_alone(errors%slip_rms%value, errors%slip_rms%error, n, n_all)
    end subroutine compare_slip
 
    !> Standard errors of the rms of several dofs. A few samples seldom hold the largest errors, and
@@ -194,14 +193,24 @@ contains
       real(wp), intent(in) :: tested(:, :, :)      !! (dof, frequency, sample) densities
       real(wp), intent(in) :: reference(:, :, :)   !! (dof, frequency, sample)
       real(wp), intent(in) :: percentiles(:)       !! [%], ascending, the same for every range
-      integer :: dof
+      real(wp), dimension(0:size(percentiles), 0:size(tested, 3)) :: ours, theirs
+      integer :: dof, f
 
-      if (.not. allocated(self%integrals)) then
+      if (.not. allocated(self%integral)) then
          self%percentiles = percentiles
-         allocate (self%integrals(size(tested, 1)))
+         allocate (self%integral(0:size(percentiles), 0:size(tested, 3), of_tested:of_difference, &
+                                 size(tested, 1)), source=0.0_wp)
       end if
       do dof = 1, size(tested, 1)
-         call integrate(tested(dof, :, :), reference(dof, :, :), percentiles, self%integrals(dof))
+         associate (sums => self%integral(:, :, :, dof))
+            do f = 1, size(tested, 2)
+               ours = curves(tested(dof, f, :), percentiles)
+               theirs = curves(reference(dof, f, :), percentiles)
+               sums(:, :, of_tested) = sums(:, :, of_tested) + ours
+               sums(:, :, of_reference) = sums(:, :, of_reference) + theirs
+               sums(:, :, of_difference) = sums(:, :, of_difference) + abs(ours - theirs)
+            end do
+         end associate
       end do
    end subroutine add
 
@@ -210,57 +219,28 @@ contains
       class(spectrum_comparison), intent(in) :: self
       integer, intent(in) :: n_all
       type(numerical_error), intent(inout) :: errors
-      real(wp), allocatable :: relative(:)   ! (replicate)
-      integer :: dof, last, n, n_dof, p
+      integer :: last, n, p
 
-      n_dof = size(self%integrals)
       last = size(self%percentiles)
-      n = ubound(self%integrals(1)%reference, 2)
-      allocate (errors%psd_mean(n_dof), relative(0:n))
-      if (n > 1) allocate (errors%psd_mean_error(n_dof), errors%psd_percentiles(n_dof, last), &
-                           errors%psd_percentiles_error(n_dof, last), &
-                           errors%band_ratio(n_dof), errors%band_ratio_error(n_dof))
-      do dof = 1, n_dof
-         associate (integrals => self%integrals(dof))
-            relative(:) = share(integrals%apart(0, :), integrals%reference(0, :))
-            errors%psd_mean(dof) = relative(0)
-            if (n == 1) cycle
-            errors%psd_mean_error(dof) = jackknife_error(relative(1:), n_all)
-            do p = 1, last
-               relative(:) = share(integrals%apart(p, :), integrals%reference(p, :))
-               errors%psd_percentiles(dof, p) = relative(0)
-               errors%psd_percentiles_error(dof, p) = jackknife_error(relative(1:), n_all)
-            end do
-            call change_of_ratio(share(integrals%tested(last, :), integrals%tested(1, :)), &
-                                 share(integrals%reference(last, :), integrals%reference(1, :)), &
-                                 n_all, errors%band_ratio(dof), errors%band_ratio_error(dof))
-         end associate
-      end do
+      n = ubound(self%integral, 2)
+      associate (tested => self%integral(:, :, of_tested, :), &
+                 reference => self%integral(:, :, of_reference, :), &
+                 apart => self%integral(:, :, of_difference, :))   ! all from 1 on
+         if (n == 1) then
+            errors%psd_mean = difference_of(share(apart(1, :1, :), reference(1, :1, :)), n_all)
+            return
+         end if
+         errors%psd_mean = difference_of(share(apart(1, :, :), reference(1, :, :)), n_all)
+         allocate (errors%psd_percentiles(last))
+         do p = 1, last
+            errors%psd_percentiles(p) = &
+               difference_of(share(apart(1 + p, :, :), reference(1 + p, :, :)), n_all)
+         end do
+         errors%band_ratio = &
+            change_of_ratios(share(tested(1 + last, :, :), tested(2, :, :)), &
+                             share(reference(1 + last, :, :), reference(2, :, :)), n_all)
+      end associate
    end subroutine finish
-
-   !> Adds the frequencies of one dof's curves, the mean (0) and the percentiles (1..), for all
-   !> samples and without each of them.
-   pure subroutine integrate(tested, reference, percentiles, integrals)
-      real(wp), intent(in) :: tested(:, :), reference(:, :)   !! (frequency, sample)
-      real(wp), intent(in) :: percentiles(:)
-      type(spectrum_integrals), intent(inout) :: integrals
-      real(wp), dimension(0:size(percentiles), 0:size(tested, 2)) :: ours, theirs
-      integer :: f
-
-      if (.not. allocated(integrals%reference)) then
-         associate (last => size(percentiles), n => size(tested, 2))
-            allocate (integrals%reference(0:last, 0:n), integrals%tested(0:last, 0:n), &
-                      integrals%apart(0:last, 0:n), source=0.0_wp)
-         end associate
-      end if
-      do f = 1, size(tested, 1)
-         ours = curves(tested(f, :), percentiles)
-         theirs = curves(reference(f, :), percentiles)
-         integrals%reference = integrals%reference + theirs
-         integrals%tested = integrals%tested + ours
-         integrals%apart = integrals%apart + abs(ours - theirs)
-      end do
-   end subroutine integrate
 
    !> Mean (0) and percentiles (1..) of all values (0) and of all but the i-th (1..n); one value has
    !> its mean alone.
@@ -343,12 +323,12 @@ contains
    end function share
 
    !> Relative change of a positive value; zero where there is none.
-   elemental function change(tested, reference) result(value)
+   elemental function relative_change(tested, reference) result(value)
       real(wp), intent(in) :: tested, reference
       real(wp) :: value
 
       value = 0.0_wp
       if (reference > 0.0_wp) value = tested/reference - 1.0_wp
-   end function change
+   end function relative_change
 
 end module campaign_comparison

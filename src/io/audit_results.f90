@@ -2,7 +2,7 @@
 !> the reference marched them, and what the differences tell of the case's numerical error.
 module io_audit_results
    use campaign_audit, only: kept_of, reference_for
-   use campaign_comparison, only: band_ratio_error, numerical_error, slip_error
+   use campaign_comparison, only: band_ratio_error, difference_type, numerical_error, slip_error
    use campaign_plan, only: integration_settings, plan_type
    use campaign_results, only: block_result, spectrum_layout
    use core_error, only: error_type
@@ -59,28 +59,15 @@ contains
       type(numerical_error), intent(in) :: errors
 
       call group%attribute('slip_points', slip_error(errors))
-      call put('slip_mean_difference', errors%slip_mean, 'numerical error of slip_mean')
-      call put('slip_mean_difference_error', errors%slip_mean_error, &
-               'standard error of slip_mean_difference')
-      call put('slip_rms_difference', errors%slip_rms, &
-               'numerical error of slip_fraction, root mean square over samples')
-      call put('slip_rms_difference_error', errors%slip_rms_error, &
-               'standard error of slip_rms_difference')
-      call put('slip_largest_difference', errors%slip_largest, &
-               'numerical error of slip_fraction, largest of a sample')
-      call put('slip_std_difference', errors%slip_std, 'numerical error of slip_std')
-      call put('slip_std_difference_error', errors%slip_std_error, &
-               'standard error of slip_std_difference')
-
-   contains
-
-      subroutine put(name, values, meaning)
-         character(*), intent(in) :: name, meaning
-         real(wp), allocatable, intent(in) :: values(:)   !! (joint)
-
-         call group%put(name, values, '%', meaning, 'joint')
-      end subroutine put
-
+      call put_difference(group, 'slip_mean_difference', errors%slip_mean, '%', &
+                          'numerical error of slip_mean', 'joint')
+      call put_difference(group, 'slip_rms_difference', errors%slip_rms, '%', &
+                          'numerical error of slip_fraction, root mean square over samples', &
+                          'joint')
+      call group%put('slip_largest_difference', errors%slip_largest, '%', &
+                     'numerical error of slip_fraction, largest of a sample', 'joint')
+      call put_difference(group, 'slip_std_difference', errors%slip_std, '%', &
+                          'numerical error of slip_std', 'joint')
    end subroutine write_slip_errors
 
    !> Writes the relative differences of spectra, integrated over frequency.
@@ -88,21 +75,33 @@ contains
       type(group_type), intent(inout) :: group
       character(*), intent(in) :: dof   !! the axis
       type(numerical_error), intent(in) :: errors
+      integer :: p
 
       call group%attribute('band_ratio', band_ratio_error(errors))
-      call group%put('psd_mean_difference', errors%psd_mean, '1', 'numerical error of '// &
-                     'psd_mean, relative: integral of its absolute value', dof)
-      call group%put('psd_mean_difference_error', errors%psd_mean_error, '1', &
-                     'standard error of psd_mean_difference', dof)
-      call group%put('psd_percentiles_difference', errors%psd_percentiles, '1', &
-                     'numerical error of psd_percentiles, relative: integral of its '// &
-                     'absolute value', 'percentile '//dof)
-      call group%put('psd_percentiles_difference_error', errors%psd_percentiles_error, '1', &
-                     'standard error of psd_percentiles_difference', 'percentile '//dof)
-      call group%put('band_ratio_difference', errors%band_ratio, '1', &
-                     'numerical error of band_ratio, relative', dof)
-      call group%put('band_ratio_difference_error', errors%band_ratio_error, '1', &
-                     'standard error of band_ratio_difference', dof)
+      call put_difference(group, 'psd_mean_difference', errors%psd_mean, '1', 'numerical error '// &
+                          'of psd_mean, relative: integral of its absolute value', dof)
+      call put_difference(group, 'band_ratio_difference', errors%band_ratio, '1', &
+                          'numerical error of band_ratio, relative', dof)
+      if (.not. allocated(errors%psd_percentiles)) return
+      associate (of => errors%psd_percentiles, n_dof => size(errors%psd_mean%value))
+         call group%put('psd_percentiles_difference', &
+                        reshape([(of(p)%value, p=1, size(of))], [n_dof, size(of)]), '1', &
+                        'numerical error of psd_percentiles, relative: integral of its '// &
+                        'absolute value', 'percentile '//dof)
+         call group%put('psd_percentiles_difference_error', &
+                        reshape([(of(p)%error, p=1, size(of))], [n_dof, size(of)]), '1', &
+                        'standard error of psd_percentiles_difference', 'percentile '//dof)
+      end associate
    end subroutine write_spectrum_errors
+
+   !> Writes a difference, and its standard error beside it, as far as they are known.
+   subroutine put_difference(group, name, difference, units, about, axis)
+      type(group_type), intent(inout) :: group
+      character(*), intent(in) :: name, units, about, axis
+      type(difference_type), intent(in) :: difference
+
+      call group%put(name, difference%value, units, about, axis)
+      call group%put(name//'_error', difference%error, units, 'standard error of '//name, axis)
+   end subroutine put_difference
 
 end module io_audit_results

@@ -4,7 +4,7 @@
 !> random numbers and the force in common. Standard errors are those of the paired differences
 !> (jackknife over samples): what is left when the friction does not follow the same numbers.
 module tradeoff_effects
-   use campaign_comparison, only: change_of_ratio, compare_slip, numerical_error
+   use campaign_comparison, only: change_of_ratios, compare_slip, difference_type, numerical_error
    use core_kinds, only: wp
    use tradeoff_task_results, only: task_result
    use tradeoff_tasks, only: of_variant, tradeoff_type
@@ -78,31 +78,24 @@ contains
       type(variant_row), intent(inout) :: row
       integer, parameter :: endless = huge(1)   ! samples that are meant
       type(numerical_error) :: errors
-      real(wp) :: value, standard_error
-      integer :: dof, joint
 
       call compare_slip(tested%slip_fraction, reference%slip_fraction, endless, errors)
-      do joint = 1, size(errors%slip_mean)
-         call keep_largest(errors%slip_mean(joint), errors%slip_mean_error(joint), row%slip_mean, &
-                           row%slip_mean_error)
-         call keep_largest(errors%slip_std(joint), errors%slip_std_error(joint), row%slip_std, &
-                           row%slip_std_error)
-      end do
-      if (.not. allocated(tested%ratio_without)) return
-      do dof = 1, size(tested%ratio_without, 2)
-         call change_of_ratio(tested%ratio_without(:, dof), reference%ratio_without(:, dof), &
-                              endless, value, standard_error)
-         call keep_largest(value, standard_error, row%band_ratio, row%band_ratio_error)
-      end do
+      call keep_largest(errors%slip_mean, row%slip_mean, row%slip_mean_error)
+      call keep_largest(errors%slip_std, row%slip_std, row%slip_std_error)
+      if (allocated(tested%ratio_without)) &
+         call keep_largest(change_of_ratios(tested%ratio_without, reference%ratio_without, &
+                                            endless), row%band_ratio, row%band_ratio_error)
    end subroutine compare
 
-   pure subroutine keep_largest(value, standard_error, largest, error_of_largest)
-      real(wp), intent(in) :: value, standard_error
+   pure subroutine keep_largest(change, largest, error_of_largest)
+      type(difference_type), intent(in) :: change   !! (joint or dof)
       real(wp), intent(inout) :: largest, error_of_largest
+      integer :: place
 
-      if (abs(value) < abs(largest)) return
-      largest = value
-      error_of_largest = standard_error
+      place = maxloc(abs(change%value), 1, back=.true.)
+      if (abs(change%value(place)) < abs(largest)) return
+      largest = change%value(place)
+      error_of_largest = change%error(place)
    end subroutine keep_largest
 
 end module tradeoff_effects

@@ -66,16 +66,18 @@ contains
       type(block_result), intent(in) :: tested, reference
       type(setting_errors), intent(out) :: found
       type(numerical_error) :: errors
+      integer :: p
 
       call compare_cases(level, plan%cases%n_samples, tested%slip_fraction, &
                          reference%slip_fraction, found)
       if (.not. plan%output%spectrum) return
       call compare_spectra(tested%psd, reference%psd, plan%output%percentiles, level%n_all, errors)
-      found%psd_mean = maxval(errors%psd_mean)
+      found%psd_mean = maxval(errors%psd_mean%value)
       if (size(level%sample) == 1) return
-      found%psd_percentiles = maxval(errors%psd_percentiles)
+      found%psd_percentiles = maxval([(errors%psd_percentiles(p)%value, &
+                                       p=1, size(errors%psd_percentiles))])
       found%band_ratio = band_ratio_error(errors)
-      found%band_ratio_error = maxval(errors%band_ratio_error)
+      found%band_ratio_error = maxval(errors%band_ratio%error)
    end subroutine find_setting_errors
 
    !> Finds the largest errors of slip fractions over the cases of a level. One sample of many says
@@ -99,14 +101,14 @@ contains
          call compare_slip(tested(:, samples), reference(:, samples), n_samples(c), errors)
          scatter = 0.0_wp
          if (size(samples) > 1) then
-            scatter = maxval(errors%slip_rms_error)
-            found%slip_std = max(found%slip_std, maxval(abs(errors%slip_std)))
+            scatter = maxval(errors%slip_rms%error)
+            found%slip_std = max(found%slip_std, maxval(abs(errors%slip_std%value)))
          else if (n_samples(c) > 1) then
             scatter = slip_error(errors)
          end if
          surely = max(surely, slip_error(errors) + 2*scatter)
          found%slip = max(found%slip, slip_error(errors))
-         found%slip_mean = max(found%slip_mean, maxval(abs(errors%slip_mean)))
+         found%slip_mean = max(found%slip_mean, maxval(abs(errors%slip_mean%value)))
       end do
       found%slip_error = 0.5_wp*(surely - found%slip)
    end subroutine compare_cases
