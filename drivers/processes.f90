@@ -12,13 +12,13 @@ module driver_processes
    use numerics_sorting, only: sort_order
    use parallel_work, only: new_counter, work_counter
    use parallel_world, only: world_type
+   use process_components, only: component, component_visitor, forget_components, visit_components
    use process_direct_constraint, only: constraint_of
    use process_direct_fit, only: check_by_inversion, count_parts
    use process_direct_sign_search, only: add_search, pack_search, search_all_signs, &
                                          search_result, unpack_search
    use process_fit, only: fit_from_search, fit_process, resolve_order
    use process_model, only: process_model_type, process_request
-   use process_packing, only: pack_model, unpack_model
    use process_scaling, only: carry_over, first_of_fit, unit_request
    implicit none(type, external)
    private
@@ -29,6 +29,16 @@ module driver_processes
       integer :: process = 0
       integer :: part = 1, n_parts = 1
    end type share_type
+
+   !> Hands each component of a model to all ranks.
+   type, extends(component_visitor) :: sharing_visitor
+      type(world_type) :: world
+      integer :: from = 0   !! the rank that has it
+   contains
+      procedure :: visit_real => share_real
+      procedure :: visit_text => share_text
+      procedure :: visit_table => share_table
+   end type sharing_visitor
 
 contains
 
@@ -251,16 +261,50 @@ contains
       type(world_type), intent(in) :: world
       integer, intent(in) :: owner(:)   !! the rank that has the model, else -1
       type(process_model_type), intent(inout) :: models(:)
-      real(wp), allocatable :: numbers(:)
-      integer :: from, i
+      type(sharing_visitor) :: visitor
+      integer :: i
 
+      visitor%world = world
       do i = 1, size(models)
-         from = world%maximum(owner(i))
-         if (from < 0) cycle
-         if (from == world%rank) numbers = pack_model(models(i))
-         call world%broadcast(numbers, from=from)
-         call unpack_model(numbers, models(i))
+         visitor%from = world%maximum(owner(i))
+         if (visitor%from < 0) cycle
+         if (visitor%from /= world%rank) call forget_components(models(i))
+         call visit_components(visitor, models(i))
       end do
    end subroutine tell_all
+
+   !> Hands on a number. All ranks visit one list: they know what comes, and what stands for none.
+   subroutine share_real(self, what, value, error, none)
+      class(sharing_visitor), intent(inout) :: self
+      type(component), intent(in) :: what
+      real(wp), intent(inout) :: value
+      real(wp), intent(inout), optional :: error
+      real(wp), intent(in), optional :: none
+
+      associate (unused => what, unneeded => present(none))
+      end associate
+      call self%world%broadcast(value, self%from)
+      if (present(error)) call self%world%broadcast(error, self%from)
+   end subroutine share_real
+
+   subroutine share_text(self, what, value)
+      class(sharing_visitor), intent(inout) :: self
+      type(component), intent(in) :: what
+      character(:), allocatable, intent(inout) :: value
+
+      associate (unused => what)
+      end associate
+      call self%world%broadcast(value, self%from)
+   end subroutine share_text
+
+   subroutine share_table(self, what, values)
+      class(sharing_visitor), intent(inout) :: self
+      type(component), intent(in) :: what
+      real(wp), allocatable, intent(inout) :: values(:, :)
+
+      associate (unused => what)
+      end associate
+      call self%world%broadcast(values, self%from)
+   end subroutine share_table
 
 end module driver_processes

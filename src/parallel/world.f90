@@ -201,8 +201,8 @@ contains
       if (self%n_ranks > 1) call MPI_Allreduce(value, largest, 1, MPI_INTEGER, MPI_MAX, self%comm)
    end function maximum
 
-   !> Sends a value from one rank (the root, or `from`) to all; collective. Allocatable reals take
-   !> its shape, or are unallocated if it is.
+   !> Sends a value from one rank (the root, or `from`) to all; collective. Texts and allocatable
+   !> reals take its shape, or are unallocated if it is.
    subroutine broadcast_integer(self, value, from)
       class(world_type), intent(in) :: self
       integer, intent(inout) :: value
@@ -275,13 +275,12 @@ contains
       integer :: n
 
       if (self%n_ranks == 1) return
-      n = 0
-      if (self%rank == source(from)) n = len(text)
+      n = -1
+      if (self%rank == source(from) .and. allocated(text)) n = len(text)
       call self%broadcast(n, from)
-      if (self%rank /= source(from)) then
-         if (allocated(text)) deallocate (text)
-         allocate (character(n) :: text)
-      end if
+      if (self%rank /= source(from) .and. allocated(text)) deallocate (text)
+      if (n < 0) return
+      if (self%rank /= source(from)) allocate (character(n) :: text)
       call MPI_Bcast(text, n, MPI_CHARACTER, source(from), self%comm)
    end subroutine broadcast_text
 
