@@ -35,8 +35,6 @@ module driver_processes
       type(world_type) :: world
       integer :: from = 0   !! the rank that has it
    contains
-      procedure :: visit_real => share_real
-      procedure :: visit_text => share_text
       procedure :: visit_table => share_table
    end type sharing_visitor
 
@@ -274,29 +272,6 @@ contains
    end subroutine tell_all
 
    !> Hands on a number. All ranks visit one list: they know what comes, and what stands for none.
-   subroutine share_real(self, what, value, error, none)
-      class(sharing_visitor), intent(inout) :: self
-      type(component), intent(in) :: what
-      real(wp), intent(inout) :: value
-      real(wp), intent(inout), optional :: error
-      real(wp), intent(in), optional :: none
-
-      associate (unused => what, unneeded => present(none))
-      end associate
-      call self%world%broadcast(value, self%from)
-      if (present(error)) call self%world%broadcast(error, self%from)
-   end subroutine share_real
-
-   subroutine share_text(self, what, value)
-      class(sharing_visitor), intent(inout) :: self
-      type(component), intent(in) :: what
-      character(:), allocatable, intent(inout) :: value
-
-      associate (unused => what)
-      end associate
-      call self%world%broadcast(value, self%from)
-   end subroutine share_text
-
    subroutine share_table(self, what, values)
       class(sharing_visitor), intent(inout) :: self
       type(component), intent(in) :: what
