@@ -3,8 +3,7 @@
 Campaigns of thousands of samples a case are the truth. From each of them N samples (25, 100 and
 400) are drawn TIMES times (400), with replacement; each time all statistics are estimated, and
 their errors compared with plain sampling's. The law of the friction is that of the campaign's
-samples. What 2500 of them scatter beyond friction limits pools of 100 samples a case and more:
-their coverage needs a larger `truth`. Every case is estimated by itself, and pooled with those of
+samples. Every case is estimated by itself, and pooled with those of
 the same force. Prints a table for each scene (paper, stuck, ring, twenty): median gain over cases,
 masses (and frequencies), in brackets the least; mean coverage, in brackets the least and the
 largest of a case and a mass.
@@ -40,7 +39,7 @@ SCENE = """\
 """
 CHAIN = {
     "lengths": "1.0", "orders": "5", "structure": "&chain n_dof = 5 /", "force": "3.7, 41.1",
-    "band": "", "std": "0.067, 0.10", "steps": 100000, "truth": 2500, "segment": 2048,
+    "band": "", "std": "0.067, 0.10", "steps": 100000, "truth": 20000, "segment": 2048,
 }  # fmt: skip
 RING = """\
 &structure
