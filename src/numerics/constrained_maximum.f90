@@ -213,26 +213,15 @@ contains
       end do
    end subroutine differentiate
 
-   !> Finds the step H (g - J' lambda) of sequential quadratic programming, and its multipliers.
+   !> Finds the step H (g - J' lambda) of sequential quadratic programming, and the multipliers for
+   !> which it ends on the linearized constraints. Fails if these do not depend on the variables, or
+   !> one depends on the others.
    pure subroutine step_to_maximum(metric, jacobian, gradient, constraints, change, multipliers, &
                                    is_regular)
       real(wp), intent(in) :: metric(:, :)     !! H, inverse Hessian (variable, variable)
       real(wp), intent(in) :: jacobian(:, :)   !! J (constraint, variable)
       real(wp), intent(in) :: gradient(:), constraints(:)
       real(wp), intent(out) :: change(:), multipliers(:)
-      logical, intent(out) :: is_regular
-
-      change = 0.0_wp
-      call find_multipliers(metric, jacobian, gradient, constraints, multipliers, is_regular)
-      if (is_regular) change = matmul(metric, gradient - matmul(multipliers, jacobian))
-   end subroutine step_to_maximum
-
-   !> Finds the multipliers for which the step H (g - J' lambda) ends on the linearized constraints.
-   !> Fails if the constraints do not depend on the variables, or one depends on the others.
-   pure subroutine find_multipliers(metric, jacobian, gradient, constraints, multipliers, &
-                                    is_regular)
-      real(wp), intent(in) :: metric(:, :), jacobian(:, :), gradient(:), constraints(:)
-      real(wp), intent(out) :: multipliers(:)
       logical, intent(out) :: is_regular
       real(wp) :: matrix(size(constraints), size(constraints)), right(size(constraints))
       real(wp) :: scale(size(constraints))
@@ -241,7 +230,9 @@ contains
       matrix = matmul(jacobian, matmul(metric, transpose(jacobian)))
       right = matmul(jacobian, matmul(metric, gradient)) + constraints
       scale = [(matrix(i, i), i=1, size(right))]
+      change = 0.0_wp
       multipliers = 0.0_wp
+      is_regular = .true.
       do i = 1, size(right)   ! positive definite: no pivots needed
          is_regular = matrix(i, i) > max(epsilon(1.0_wp)*scale(i), tiny(1.0_wp))
          if (.not. is_regular) return
@@ -254,7 +245,8 @@ contains
          multipliers(i) = (right(i) - dot_product(matrix(i, i + 1:), &
                                                   multipliers(i + 1:)))/matrix(i, i)
       end do
-   end subroutine find_multipliers
+      change = matmul(metric, gradient - matmul(multipliers, jacobian))
+   end subroutine step_to_maximum
 
    !> The part of the gradient that is no combination of the constraints' gradients; all of it where
    !> these depend on each other.
@@ -274,6 +266,7 @@ contains
       end do
    end function rest_of_gradient
 
+   !> The unit matrix of n rows.
    pure function unit_matrix(n) result(matrix)
       integer, intent(in) :: n
       real(wp) :: matrix(n, n)

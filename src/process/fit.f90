@@ -6,10 +6,10 @@ module process_fit
    use process_direct_fit, only: conclude_direct, fit_unconstrained
    use process_direct_limits, only: certainly_feasible_m_max, find_complaint
    use process_direct_sign_search, only: search_result
-   use process_gaussian, only: burn_in_length, widest_margin
    use process_model, only: process_model_type, process_request
    use process_order, only: choose_order, fit_positive_order
    use process_positive_fit, only: fit_positive, foresee_positive
+   use process_realization, only: burn_in_length, widest_margin
    use process_reference, only: fit_reference, is_reference
    use process_scaling, only: carry_over, unit_request
    implicit none(type, external)

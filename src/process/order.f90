@@ -33,8 +33,9 @@ contains
       integer, intent(out) :: order
       type(error_type), allocatable, intent(out) :: error
       type(process_model_type) :: higher, model
+      type(process_request) :: trial   ! of one order, and std 1
+      integer :: lowest, n
       logical :: is_bounded, is_found
-      integer :: trial
 
       order = request%order
       if (order /= 0) return
@@ -42,8 +43,15 @@ contains
       if (allocated(error)) return
       is_bounded = bound_of(request) > 0.0_wp
       is_found = .false.
-      do trial = lowest_order(request), request%max_order
-         call fit_order(request, trial, higher, error)
+      lowest = merge(2, 1, request%correlation == 'both')
+      if (request%method == 'direct') lowest = 1 + certainly_infeasible_m_max(request)
+      lowest = min(lowest, request%max_order)   ! refused in its own words
+      trial = request
+      trial%std = 1.0_wp
+      trial%all_signs = .false.
+      do n = lowest, request%max_order
+         trial%order = n
+         call fit_unconstrained(trial, higher, error)
          if (allocated(error) .and. order == 0 .and. &
              (request%method == 'direct' .or. request%correlation == 'both')) cycle
          if (allocated(error)) exit
@@ -52,7 +60,7 @@ contains
             if (.not. is_bounded .and. higher%entropy - model%entropy < least_gain) return
          end if
          model = higher
-         order = trial
+         order = n
          is_found = is_found .or. place_of(request, model) == 0
          if (place_of(request, model) > 0) exit
          if (is_found .and. is_bounded .and. .not. limits_drift(request)) return
@@ -100,31 +108,6 @@ contains
          model%reason = error%message
       end if
    end subroutine fit_positive_order
-
-   !> The lowest order to try: 1, 2 with both lengths imposed, or the direct method's first m_max
-   !> that is not certainly infeasible.
-   pure integer function lowest_order(request) result(lowest)
-      type(process_request), intent(in) :: request
-
-      lowest = merge(2, 1, request%correlation == 'both')
-      if (request%method == 'direct') lowest = 1 + certainly_infeasible_m_max(request)
-      lowest = min(lowest, request%max_order)   ! refused in its own words
-   end function lowest_order
-
-   !> Fits the process of one order, std 1.
-   subroutine fit_order(request, order, model, error)
-      type(process_request), intent(in) :: request
-      integer, intent(in) :: order
-      type(process_model_type), intent(out) :: model
-      type(error_type), allocatable, intent(out) :: error
-      type(process_request) :: trial
-
-      trial = request
-      trial%order = order
-      trial%std = 1.0_wp
-      trial%all_signs = .false.
-      call fit_unconstrained(trial, model, error)
-   end subroutine fit_order
 
    !> Refuses a bound of a length that is imposed, bounds in the wrong order and max_order < 1.
    pure subroutine check_bounds(request, error)

@@ -49,10 +49,10 @@ contains
       logical :: is_same
 
       is_same = a%method == b%method .and. a%correlation == b%correlation .and. &
-                is_same_number([a%correlation_length, a%second_length, a%bound_l0, a%bound_l1, &
-                                a%upper_bound, a%mean, a%std], &
-                               [b%correlation_length, b%second_length, b%bound_l0, b%bound_l1, &
-                                b%upper_bound, b%mean, b%std]) &
+                .not. any(abs([a%correlation_length, a%second_length, a%bound_l0, a%bound_l1, &
+                               a%upper_bound, a%mean, a%std] - &
+                              [b%correlation_length, b%second_length, b%bound_l0, b%bound_l1, &
+                               b%upper_bound, b%mean, b%std]) > 0.0_wp) &
                 .and. a%order == b%order .and. a%max_order == b%max_order &
                 .and. a%bound_side == b%bound_side .and. (a%all_signs .eqv. b%all_signs) &
                 .and. a%inversion_half_width == b%inversion_half_width &
@@ -61,13 +61,6 @@ contains
          is_same = a%sampler == b%sampler .and. a%branch == b%branch &
                    .and. a%fit_steps == b%fit_steps
    end function is_same
-
-   pure function is_same_number(one, other) result(is_same)
-      real(wp), intent(in) :: one(:), other(:)
-      logical :: is_same
-
-      is_same = .not. any(one < other .or. one > other)
-   end function is_same_number
 
    !> Carries the process of the unit request over to the request itself. Entropies grow by the
    !> logarithm of the unit.

@@ -9,9 +9,9 @@ module random_search
    use core_random, only: label_of, new_stream, stream_type
    use numerics_elementary, only: log_cosh
    use numerics_nlopt, only: minimization_problem, minimize
-   use process_autoregressive_gradient, only: length_gradient
    use process_autoregressive_model, only: innovation_std
-   use process_autoregressive_sums, only: correlation_sums, sum_correlation
+   use process_autoregressive_sums, only: correlation_sums, length_gradient, &
+      sum_correlation
    use process_entropy, only: gaussian_entropy
    implicit none(type, external)
    private

@@ -46,8 +46,8 @@ contains
       if (t%position /= size(numbers)) error stop 'unpack_model: the row is none of pack_model'
    end subroutine unpack_model
 
-   !> Passes a table behind its name and its extents; -1: not allocated. Stops where another component
-   !> stands than this one.
+   !> Passes a table behind its name and its extents; -1: not allocated. Stops where another
+   !> component stands than this one.
    subroutine visit_table(self, what, values)
       class(tape), intent(inout) :: self
       type(component), intent(in) :: what

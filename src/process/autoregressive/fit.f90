@@ -19,10 +19,9 @@ module process_autoregressive_fit
    use numerics_elementary, only: log_one_plus
    use numerics_lapack, only: solve_linear_system
    use process_autoregressive_description, only: describe_ar
-   use process_autoregressive_gradient, only: length_gradient
    use process_autoregressive_model, only: coefficients_of, innovation_std
    use process_autoregressive_search, only: both_lengths_maximum, find_maximum
-   use process_autoregressive_sums, only: correlation_sums, sum_correlation
+   use process_autoregressive_sums, only: correlation_sums, length_gradient, sum_correlation
    use process_entropy, only: gaussian_entropy
    use process_model, only: process_model_type
    implicit none(type, external)

@@ -13,9 +13,9 @@ module process_autoregressive_search
    use numerics_constrained_maximum, only: rest_of_gradient, step_to_maximum, unit_matrix
    use numerics_elementary, only: log_cosh
    use numerics_nlopt, only: minimization_problem, minimize
-   use process_autoregressive_gradient, only: lag_sum_gradient, length_gradient
    use process_autoregressive_model, only: autocovariance_of, innovation_std
-   use process_autoregressive_sums, only: correlation_sums, sum_correlation
+   use process_autoregressive_sums, only: correlation_sums, lag_sum_gradient, length_gradient, &
+      sum_correlation
    use process_entropy, only: gaussian_entropy
    implicit none(type, external)
    private
@@ -56,7 +56,8 @@ contains
       real(wp), parameter :: longest = 1.0e3_wp      ! [lags]
       integer, parameter :: max_evaluations = 400, max_passes = 12
       type(smoothed_problem) :: problem
-      real(wp) :: defect(2), residual, settled(size(start)), unused(2, size(start)), x(size(start))
+      real(wp), dimension(size(start)) :: settled, x
+      real(wp) :: defect(2), gradients(size(start), 2), residual, unused(2, size(start))
       integer :: pass
       logical :: is_met
 
@@ -76,7 +77,10 @@ contains
          call minimize(problem, farthest, close, max_evaluations, x, is_met)
          call find_defect(x, length, second_length, defect, unused)
          if (.not. maxval(abs(defect)) < 1.0_wp) exit
-         residual = residual_of(problem, x)
+         ! of the entropy's gradient, without its parts along those of the smoothed lengths
+         call problem%equalities(x, unused(:, 1), gradients)
+         residual = maxval(abs(rest_of_gradient(tanh(x), transpose(gradients)))) &
+                    /maxval(abs(tanh(x)))
          if (maxval(abs(defect)) <= close .and. residual < best%residual) then
             best%residual = residual
             settled = x
@@ -128,18 +132,6 @@ contains
       gradients(1, :) = length_gradient('L0', tanh(x), sums)/sums%l0
       gradients(2, :) = length_gradient('L1', tanh(x), sums)/sums%l1
    end subroutine find_defect
-
-   !> Residual of the entropy's gradient, relative, without its parts along those of the smoothed
-   !> lengths are taken away.
-   function residual_of(problem, x) result(residual)
-      type(smoothed_problem), intent(inout) :: problem
-      real(wp), intent(in) :: x(:)
-      real(wp) :: residual
-      real(wp) :: gradients(size(x), 2), unused(2)
-
-      call problem%equalities(x, unused, gradients)
-      residual = maxval(abs(rest_of_gradient(tanh(x), transpose(gradients))))/maxval(abs(tanh(x)))
-   end function residual_of
 
    !> Computes - 0.5 sum ln(1 - kappa^2) = sum ln cosh x, scaled, and its gradient.
    subroutine entropy_lost(self, x, value, gradient)

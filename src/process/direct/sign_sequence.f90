@@ -34,8 +34,8 @@ module process_direct_sign_sequence
       real(wp), allocatable :: factor(:)       !! B, 0..m_max, where s and delta do not hold it
    end type sequence_solution
 
-   !> One concave maximization of D: which x_m move by themselves, and where they are. Derivatives of
-   !> D are a_m K(m) along such an x_m, and the left side of Eq. (11) along delta.
+   !> One concave maximization of D: which x_m move by themselves, and where they are. Derivatives
+   !> of D are a_m K(m) along such an x_m, and the left side of Eq. (11) along delta.
    type :: climb_state
       integer, allocatable :: free(:)            !! lags whose x_m moves by itself
       real(wp), allocatable :: s(:)              !! (m_max) x_m = delta s_m of the others; else 0

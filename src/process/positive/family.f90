@@ -61,8 +61,9 @@ contains
       type(law_estimate), intent(inout) :: law   !! its coefficients, G and coordinate
       logical, intent(out) :: is_inside          !! false: no process is there
       real(wp), parameter :: outside = 40.0_wp   ! of any process: nothing overflows
-      real(wp), allocatable :: s(:)
-      real(wp) :: kappa(size(law%g) - 1)
+      real(wp), allocatable :: a(:), s(:)
+      real(wp) :: kappa(size(law%g) - 1), unused
+      logical :: is_positive
 
       law%coordinate = sinh(max(-outside, min(point(size(point)), outside)))
       is_inside = abs(law%coordinate) < 1.0e6_wp
@@ -81,7 +82,10 @@ contains
          if (self%kind == by_symbol) then
             s = self%s
             s(self%free) = point(2:size(point) - 1)
-            kappa = reflection_of_symbol([1.0_wp, exp(min(point(1), outside))*self%direction*s])
+            call equivalent_process([1.0_wp, exp(min(point(1), outside))*self%direction*s], &
+                                    a, unused, is_positive)
+            kappa = 1.0_wp
+            if (is_positive) kappa = reflection_of(a)
          else if (self%kind == by_shape) then
             kappa = tanh(exp(min(point(1), outside))*self%direction)
          else
@@ -132,18 +136,6 @@ contains
          room = [(1.0_wp + sum(coupling(p::p)) - 0.5_wp*margin, p=1, size(coupling))]
       end associate
    end function room
-
-   pure function reflection_of_symbol(symbol) result(kappa)
-      real(wp), intent(in) :: symbol(0:)
-      real(wp) :: kappa(ubound(symbol, 1))
-      real(wp), allocatable :: a(:)
-      real(wp) :: unused
-      logical :: is_positive
-
-      call equivalent_process(symbol, a, unused, is_positive)
-      kappa = 1.0_wp
-      if (is_positive) kappa = reflection_of(a)
-   end function reflection_of_symbol
 
    !> True if x_n = max(0, - sum a_q x_(n-q)) does not grow: sequential law.
    pure function is_confined_sequence(a) result(is_so)

@@ -98,7 +98,8 @@ contains
       else
          call fit_truncated_normal(request%mean, request%std, mu, sigma, error)
          if (allocated(error)) return
-         family%outer = compressed(mu/sigma)
+         family%outer = mu/sigma
+         if (mu < 0.0_wp) family%outer = -log(1.0_wp - mu/sigma)   ! see `stretched`
          inner = log(family%length)
       end if
       search = new_root_search(merge(0.5_wp, 0.1_wp, is_alternating))
@@ -178,14 +179,6 @@ contains
       value = parameter
       if (parameter < 0.0_wp) value = 1.0_wp - exp(min(-parameter, 60.0_wp))
    end function stretched
-
-   elemental function compressed(value) result(parameter)
-      real(wp), intent(in) :: value
-      real(wp) :: parameter
-
-      parameter = value
-      if (value < 0.0_wp) parameter = -log(1.0_wp - value)
-   end function compressed
 
    !> Finds the member of a family that has its length.
    subroutine match_length(family, inner, law, error)

@@ -269,8 +269,11 @@ contains
       law%n_steps = merge(fit_steps, final_steps, fit_steps > 0)
       call match()
       if (allocated(error)) return
-      excess = max(law%last%moments%ratio_error/(ratio_goal*law%problem%ratio), &
-                   law%length_error()/(length_goal*law%problem%length))
+      associate (moments => law%last%moments, problem => law%problem)
+         excess = max(moments%ratio_error/(ratio_goal*problem%ratio), &
+                      merge(moments%l1_error, moments%l0_error, problem%correlation == 'L1') &
+                      /(length_goal*problem%length))
+      end associate
       if (excess > 1.0_wp .and. fit_steps == 0 .and. law%found%violation <= missed) then
          law%n_steps = ceiling(final_steps*min(excess**2, real(most_refinement, wp)))
          call match()

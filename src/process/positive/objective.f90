@@ -58,7 +58,6 @@ module process_positive_objective
       procedure :: hold_at_zero
       procedure :: is_exhausted
       procedure :: find_entropy
-      procedure :: length_error
    end type sampled_objective
 
 contains
@@ -117,11 +116,7 @@ contains
          call self%family%unfold(point, last, is_inside)
          is_inside = is_inside .and. .not. self%is_exhausted()
          if (.not. is_inside) return
-         if (problem%is_exact) then
-            call simulate_exact(self)
-         else
-            call simulate_sequential(self)
-         end if
+         call simulate(self)
          last%moments = estimate_moments(last%batches, self%known, ubound(last%g, 1), &
                                          problem%tail_l0, problem%tail_moment, self%signs)
          is_inside = last%moments%std > 0.0_wp .and. last%moments%ratio < largest_ratio
@@ -188,29 +183,25 @@ contains
 
    end subroutine describe_state
 
-   subroutine simulate_sequential(self)
+   !> Simulates the law, by the same numbers at every trial.
+   subroutine simulate(self)
       class(sampled_objective), intent(inout) :: self
       type(stream_type) :: stream
-      integer :: n_steps
+      integer :: n
 
-      n_steps = max(self%n_steps, self%problem%n_lags)
-      call count_values(self, self%n_burn_in + n_batches/lanes*n_steps)
-      stream = self%problem%stream   ! of every trial the same numbers
-      call sample_sequential(self%last%a, self%last%coordinate, self%problem%companion, &
-                             self%centre, self%n_burn_in, n_steps, stream, self%last%batches)
-   end subroutine simulate_sequential
-
-   subroutine simulate_exact(self)
-      class(sampled_objective), intent(inout) :: self
-      type(stream_type) :: stream
-      integer :: n_sweeps
-
-      n_sweeps = max(self%n_steps/ring_length(self), 2)
-      call count_values(self, (self%n_burn_in + n_batches/lanes*n_sweeps)*ring_length(self))
-      stream = self%problem%stream   ! of every trial the same numbers
-      call sample_exact(self%last%g, self%last%coordinate, self%problem%companion, self%centre, &
-                        ring_length(self), self%n_burn_in, n_sweeps, stream, self%last%batches)
-   end subroutine simulate_exact
+      stream = self%problem%stream
+      if (self%problem%is_exact) then
+         n = max(self%n_steps/ring_length(self), 2)   ! sweeps
+         call count_values(self, (self%n_burn_in + n_batches/lanes*n)*ring_length(self))
+         call sample_exact(self%last%g, self%last%coordinate, self%problem%companion, self%centre, &
+                           ring_length(self), self%n_burn_in, n, stream, self%last%batches)
+      else
+         n = max(self%n_steps, self%problem%n_lags)
+         call count_values(self, self%n_burn_in + n_batches/lanes*n)
+         call sample_sequential(self%last%a, self%last%coordinate, self%problem%companion, &
+                                self%centre, self%n_burn_in, n, stream, self%last%batches)
+      end if
+   end subroutine simulate
 
    !> Exact law: values per ring; K has fallen below 1e-8 before it comes around.
    pure integer function ring_length(self)
@@ -344,13 +335,5 @@ contains
          standard_error = norm2([psi_error, 0.5_wp*last%coordinate*last%moments%mean_error])
       end associate
    end subroutine find_entropy
-
-   !> Standard error of the imposed length, as an infinite sum [lags].
-   pure real(wp) function length_error(self)
-      class(sampled_objective), intent(in) :: self
-
-      length_error = merge(self%last%moments%l1_error, self%last%moments%l0_error, &
-                           self%problem%correlation == 'L1')
-   end function length_error
 
 end module process_positive_objective

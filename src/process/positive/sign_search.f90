@@ -103,6 +103,7 @@ contains
       type(sequence_solution), allocatable, intent(out) :: sequences(:)
       logical, intent(out) :: is_complete
       type(error_type), allocatable, intent(out) :: error
+      real(wp), parameter :: zero = 1.0e-9_wp   ! of K(m)/K(0)
       type(length_constraint) :: constraint
       type(process_model_type) :: unconstrained
       type(sequence_solution), allocatable :: found(:)
@@ -131,18 +132,12 @@ contains
       end do
       if (request%branch == 'nonnegative') &
          sequences = sequences(pack([(i, i=1, size(sequences))], &
-                                    [(is_nonnegative(sequences(i)), i=1, size(sequences))]))
+                                    [(all(sequences(i)%correlation >= -zero), &
+                                      i=1, size(sequences))]))
       if (size(sequences) == 0) &
          call raise(error, exit_no_solution, 'direct method: no signs with K(m) >= 0 have '// &
                     trim(request%correlation)//' = '//to_text(request%correlation_length))
    end subroutine list_sequences
-
-   pure logical function is_nonnegative(sequence)
-      type(sequence_solution), intent(in) :: sequence
-      real(wp), parameter :: zero = 1.0e-9_wp   ! of K(m)/K(0)
-
-      is_nonnegative = all(sequence%correlation >= -zero)
-   end function is_nonnegative
 
    !> Solves for the positive process of a sequence. Fails where a K(m) has another sign.
    subroutine solve_signs(request, seed, sequence, effort, trial, error)

@@ -14,7 +14,7 @@ module process_positive_signs
    public :: adopt_far_signs, compare_signs, multipliers_of, require_signs, settle_signs, &
              signs_solution
 
-   !> What the direct method tells of a process.
+   !> Signs, multipliers and entropy of a process of the direct method.
    type :: signs_solution
       integer, allocatable :: signs(:)   !! s_m, m = 1..m_max; 0 where |s_m| < 1
       real(wp) :: delta = 0.0_wp         !! lambda_2/lambda_3
