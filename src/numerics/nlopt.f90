@@ -5,15 +5,10 @@
 !> stopped; its own report is not used.
 module numerics_nlopt
    use, intrinsic :: ieee_exceptions, only: ieee_get_halting_mode, ieee_set_halting_mode, ieee_usual
-   use, intrinsic :: iso_c_binding, only: c_associated, c_double, c_f_pointer, c_funloc, c_int, &
-                                          c_loc, c_null_char, c_null_ptr, c_ptr
+   use, intrinsic :: iso_c_binding, only: c_associated, c_char, c_double, c_f_pointer, c_funloc, &
+                                          c_funptr, c_int, c_loc, c_null_char, c_null_ptr, c_ptr
    use core_kinds, only: long, wp
    use core_text, only: to_text
-   use numerics_nlopt_c, only: nlopt_add_equality_mconstraint, nlopt_algorithm_from_string, &
-                               nlopt_create, nlopt_destroy, nlopt_force_stop, nlopt_optimize, &
-                               nlopt_set_ftol_rel, nlopt_set_lower_bounds1, nlopt_set_maxeval, &
-                               nlopt_set_min_objective, nlopt_set_upper_bounds1, &
-                               nlopt_set_xtol_rel, nlopt_version
    implicit none(type, external)
    private
    public :: minimization_problem, minimize, nlopt_library
@@ -46,6 +41,80 @@ module numerics_nlopt
          real(wp), intent(out) :: values(:)                   !! (constraint)
          real(wp), optional, intent(out) :: jacobian(:, :)    !! (n, constraint): d values/d x
       end subroutine equalities_interface
+   end interface
+
+   abstract interface
+      !> Sets a bound or a tolerance.
+      function set_number(optimizer, number) result(code) bind(c)
+         import :: c_double, c_int, c_ptr
+         type(c_ptr), value :: optimizer
+         real(c_double), value :: number
+         integer(c_int) :: code
+      end function set_number
+   end interface
+   procedure(set_number), bind(c) :: nlopt_set_ftol_rel, nlopt_set_lower_bounds1, &
+                                     nlopt_set_upper_bounds1, nlopt_set_xtol_rel
+
+   !> NLopt's own procedures, as its C header declares them.
+   interface
+      subroutine nlopt_version(major, minor, bugfix) bind(c)
+         import :: c_int
+         integer(c_int), intent(out) :: major, minor, bugfix
+      end subroutine nlopt_version
+
+      function nlopt_algorithm_from_string(name) result(algorithm) bind(c)
+         import :: c_char, c_int
+         character(kind=c_char), intent(in) :: name(*)
+         integer(c_int) :: algorithm
+      end function nlopt_algorithm_from_string
+
+      function nlopt_create(algorithm, n) result(optimizer) bind(c)
+         import :: c_int, c_ptr
+         integer(c_int), value :: algorithm, n
+         type(c_ptr) :: optimizer
+      end function nlopt_create
+
+      subroutine nlopt_destroy(optimizer) bind(c)
+         import :: c_ptr
+         type(c_ptr), value :: optimizer
+      end subroutine nlopt_destroy
+
+      function nlopt_set_min_objective(optimizer, f, data) result(code) bind(c)
+         import :: c_funptr, c_int, c_ptr
+         type(c_ptr), value :: optimizer, data
+         type(c_funptr), value :: f
+         integer(c_int) :: code
+      end function nlopt_set_min_objective
+
+      function nlopt_add_equality_mconstraint(optimizer, m, f, data, tolerance) result(code) bind(c)
+         import :: c_double, c_funptr, c_int, c_ptr
+         type(c_ptr), value :: optimizer, data
+         integer(c_int), value :: m
+         type(c_funptr), value :: f
+         real(c_double), intent(in) :: tolerance(*)
+         integer(c_int) :: code
+      end function nlopt_add_equality_mconstraint
+
+      function nlopt_set_maxeval(optimizer, n) result(code) bind(c)
+         import :: c_int, c_ptr
+         type(c_ptr), value :: optimizer
+         integer(c_int), value :: n
+         integer(c_int) :: code
+      end function nlopt_set_maxeval
+
+      function nlopt_force_stop(optimizer) result(code) bind(c)
+         import :: c_int, c_ptr
+         type(c_ptr), value :: optimizer
+         integer(c_int) :: code
+      end function nlopt_force_stop
+
+      function nlopt_optimize(optimizer, x, value) result(code) bind(c)
+         import :: c_double, c_int, c_ptr
+         type(c_ptr), value :: optimizer
+         real(c_double), intent(inout) :: x(*)
+         real(c_double), intent(out) :: value
+         integer(c_int) :: code
+      end function nlopt_optimize
    end interface
 
    !> Data behind NLopt's void pointer.

@@ -58,7 +58,7 @@ def test_rooms_have_names_that_explain_themselves():
 
 
 #: procedures with more arguments than nine: libraries' own
-MANY_ARGUMENTS = {"numerics_lapack", "numerics_nlopt_c"}
+MANY_ARGUMENTS = {"numerics_lapack"}
 
 
 def test_docstrings_open_with_a_noun_a_verb_or_true_if():
