@@ -7,7 +7,7 @@ module numerics_fftw
    use core_kinds, only: wp
    implicit none(type, external)
    private
-   public :: forward_fft, inverse_fft, fftw_library, good_fft_length
+   public :: fftw_library, good_fft_length, real_fft
 
    include 'fftw3.f03'
 
@@ -18,49 +18,23 @@ module numerics_fftw
       end subroutine c_free
    end interface
 
-   !> Plans and aligned arrays of both directions, freed with the variable; never copy it.
-   type, abstract :: real_fft
+   !> Plan and aligned arrays of a transform, freed with the variable; never copy it. Forwards,
+   !> spectrum(k) = sum over j of signal(j) exp(-2 pi i j k/n), and the signal is kept; inversely,
+   !> signal(j) = sum over all k of spectrum(k) exp(2 pi i j k/n), not divided by n, and the spectrum
+   !> is destroyed.
+   type :: real_fft
       integer :: n = 0                                              !! length of the signal, 0: none
       real(wp), pointer, contiguous :: signal(:) => null()          !! (0:n-1)
       complex(wp), pointer, contiguous :: spectrum(:) => null()     !! (0:n/2), half of it
+      logical, private :: is_inverse = .false.
       type(c_ptr), private :: plan = c_null_ptr
       type(c_ptr), private :: signal_memory = c_null_ptr
       type(c_ptr), private :: spectrum_memory = c_null_ptr
    contains
-      procedure(prepare_transform), deferred :: prepare
-      procedure(execute_transform), deferred :: execute
-      procedure, private :: release, allocate_buffers
+      procedure :: prepare
+      procedure :: execute
+      final :: release
    end type real_fft
-
-   abstract interface
-      subroutine prepare_transform(self, n)
-         import :: real_fft
-         class(real_fft), intent(inout) :: self
-         integer, intent(in) :: n
-      end subroutine prepare_transform
-
-      subroutine execute_transform(self)
-         import :: real_fft
-         class(real_fft), intent(inout) :: self
-      end subroutine execute_transform
-   end interface
-
-   !> spectrum(k) = sum over j of signal(j) exp(-2 pi i j k/n)
-   type, extends(real_fft) :: forward_fft
-   contains
-      procedure :: prepare => prepare_forward
-      procedure :: execute => execute_forward
-      final :: finish_forward
-   end type forward_fft
-
-   !> signal(j) = sum over all k of spectrum(k) exp(2 pi i j k/n), not divided by n.
-   !> The spectrum is destroyed.
-   type, extends(real_fft) :: inverse_fft
-   contains
-      procedure :: prepare => prepare_inverse
-      procedure :: execute => execute_inverse
-      final :: finish_inverse
-   end type inverse_fft
 
 contains
 
@@ -103,72 +77,47 @@ contains
       end do
    end function good_fft_length
 
-   !> Plans transforms of length n and frees earlier plans.
-   subroutine prepare_forward(self, n)
-      class(forward_fft), intent(inout) :: self
-      integer, intent(in) :: n   !! positive
-
-      call self%allocate_buffers(n)
-      self%plan = fftw_plan_dft_r2c_1d(int(n, c_int), self%signal, self%spectrum, fftw_estimate)
-   end subroutine prepare_forward
-
-   subroutine prepare_inverse(self, n)
-      class(inverse_fft), intent(inout) :: self
-      integer, intent(in) :: n   !! positive
-
-      call self%allocate_buffers(n)
-      self%plan = fftw_plan_dft_c2r_1d(int(n, c_int), self%spectrum, self%signal, fftw_estimate)
-   end subroutine prepare_inverse
-
-   !> Goes from signal to spectrum; the signal is kept.
-   subroutine execute_forward(self)
-      class(forward_fft), intent(inout) :: self
-
-      if (.not. c_associated(self%plan)) error stop 'forward_fft: execute before prepare'
-      call fftw_execute_dft_r2c(self%plan, self%signal, self%spectrum)
-   end subroutine execute_forward
-
-   !> Goes from spectrum to signal; the spectrum is destroyed.
-   subroutine execute_inverse(self)
-      class(inverse_fft), intent(inout) :: self
-
-      if (.not. c_associated(self%plan)) error stop 'inverse_fft: execute before prepare'
-      call fftw_execute_dft_c2r(self%plan, self%spectrum, self%signal)
-   end subroutine execute_inverse
-
-   subroutine finish_forward(self)
-      type(forward_fft), intent(inout) :: self
-
-      call self%release()
-   end subroutine finish_forward
-
-   subroutine finish_inverse(self)
-      type(inverse_fft), intent(inout) :: self
-
-      call self%release()
-   end subroutine finish_inverse
-
-   !> Allocates aligned memory for a signal of n values and its spectrum.
-   subroutine allocate_buffers(self, n)
+   !> Plans transforms of length n, forwards unless told otherwise, and frees earlier plans.
+   subroutine prepare(self, n, is_inverse)
       class(real_fft), intent(inout) :: self
-      integer, intent(in) :: n
+      integer, intent(in) :: n   !! positive
+      logical, intent(in), optional :: is_inverse
       real(wp), pointer, contiguous :: signal(:)
       complex(wp), pointer, contiguous :: spectrum(:)
 
       if (n < 1) error stop 'real_fft: a length below 1'
-      call self%release()
+      call release(self)
       self%n = n
+      self%is_inverse = .false.
+      if (present(is_inverse)) self%is_inverse = is_inverse
       self%signal_memory = fftw_alloc_real(int(n, c_size_t))
       self%spectrum_memory = fftw_alloc_complex(int(n/2 + 1, c_size_t))
       call c_f_pointer(self%signal_memory, signal, [n])
       call c_f_pointer(self%spectrum_memory, spectrum, [n/2 + 1])
       self%signal(0:n - 1) => signal
       self%spectrum(0:n/2) => spectrum
-   end subroutine allocate_buffers
+      if (self%is_inverse) then
+         self%plan = fftw_plan_dft_c2r_1d(int(n, c_int), spectrum, signal, fftw_estimate)
+      else
+         self%plan = fftw_plan_dft_r2c_1d(int(n, c_int), signal, spectrum, fftw_estimate)
+      end if
+   end subroutine prepare
+
+   !> Goes from signal to spectrum, or back.
+   subroutine execute(self)
+      class(real_fft), intent(inout) :: self
+
+      if (.not. c_associated(self%plan)) error stop 'real_fft: execute before prepare'
+      if (self%is_inverse) then
+         call fftw_execute_dft_c2r(self%plan, self%spectrum, self%signal)
+      else
+         call fftw_execute_dft_r2c(self%plan, self%signal, self%spectrum)
+      end if
+   end subroutine execute
 
    !> Frees plans and buffers, if there are any.
    subroutine release(self)
-      class(real_fft), intent(inout) :: self
+      type(real_fft), intent(inout) :: self
 
       if (.not. c_associated(self%plan)) return
       call fftw_destroy_plan(self%plan)

@@ -9,7 +9,7 @@
 module numerics_spectrum
    use core_kinds, only: two_pi, wp
    use numerics_correlated, only: n_batches
-   use numerics_fftw, only: forward_fft
+   use numerics_fftw, only: real_fft
    implicit none(type, external)
    private
    public :: welch_type, count_segments, can_follow_power, error_of_density, last_of_ranges
@@ -25,7 +25,7 @@ module numerics_spectrum
       real(wp), allocatable, private :: window(:)
       real(wp), allocatable, private :: segment(:, :)       !! (place, series) the one being filled
       real(wp), allocatable, private :: power(:, :)         !! (frequency, series) sum of |X|^2
-      type(forward_fft), private :: transform
+      type(real_fft), private :: transform
       integer, private :: n_expected = 0                    !! segments, where power is followed
       integer, private :: n_ended = 0                       !! batches of them that are over
       !> (batch, range, series) mean square of the records in the segments up to the end of a batch,

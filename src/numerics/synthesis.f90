@@ -5,7 +5,7 @@
 !> exp(2 pi i k p/n). P short transforms, which stay in the cache, replace a long one.
 module numerics_synthesis
    use core_kinds, only: two_pi, wp
-   use numerics_fftw, only: inverse_fft
+   use numerics_fftw, only: real_fft
    implicit none(type, external)
    private
    public :: sum_lines
@@ -22,7 +22,7 @@ contains
       integer, intent(in) :: first                !! 0 or more; the last one at most n/2
       complex(wp), intent(in) :: line(first:)
       real(wp), intent(out) :: signal(0:)         !! at most n values
-      type(inverse_fft) :: transform
+      type(real_fft) :: transform
       complex(wp), allocatable :: turned(:), turn(:)   ! (first:last)
       real(wp), allocatable :: part(:, :)              ! (phase, value of it)
       integer :: i, k, last, n_phases, p, place, values, width
@@ -30,7 +30,7 @@ contains
       last = ubound(line, 1)
       n_phases = count_phases(n, last)
       values = n/n_phases
-      call transform%prepare(values)
+      call transform%prepare(values, is_inverse=.true.)
       if (n_phases == 1) then
          transform%spectrum = 0.0_wp
          transform%spectrum(first:last) = line
