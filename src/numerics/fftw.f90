@@ -20,8 +20,8 @@ module numerics_fftw
 
    !> Plan and aligned arrays of a transform, freed with the variable; never copy it. Forwards,
    !> spectrum(k) = sum over j of signal(j) exp(-2 pi i j k/n), and the signal is kept; inversely,
-   !> signal(j) = sum over all k of spectrum(k) exp(2 pi i j k/n), not divided by n, and the spectrum
-   !> is destroyed.
+   !> signal(j) = sum over all k of spectrum(k) exp(2 pi i j k/n), not divided by n, and the
+   !> spectrum is destroyed.
    type :: real_fft
       integer :: n = 0                                              !! length of the signal, 0: none
       real(wp), pointer, contiguous :: signal(:) => null()          !! (0:n-1)

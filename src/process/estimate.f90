@@ -191,6 +191,8 @@ contains
       integer, intent(in) :: n_values, n_lags
       type(candidate_type), allocatable, intent(out) :: candidates(:)
       type(error_type), allocatable, intent(out) :: error
+      type(correlation_sums) :: sums
+      real(wp), allocatable :: kappa(:)
       integer :: i, k, n_lengths
 
       n_lengths = 1 + nint(lengths_per_decade*log10(min(longest, n_values/3.0_wp)/shortest))
@@ -199,26 +201,16 @@ contains
       candidates%l0 = [0.0_wp, ((shortest*10.0_wp**(real(k, wp)/lengths_per_decade), &
                                  k=0, n_lengths - 1), i=1, size(orders))]
       do i = 1, size(candidates)
-         call describe_candidate(n_lags, candidates(i), error)
-         if (allocated(error)) return
+         associate (candidate => candidates(i))
+            call optimal_reflection('L0', candidate%l0, candidate%order, kappa, error)
+            if (.not. allocated(error)) call sum_correlation(kappa, sums, error)
+            if (allocated(error)) return
+            candidate%l1 = sums%l1
+            allocate (candidate%correlation(0:n_lags))
+            candidate%correlation(:) = autocovariance_of(kappa, n_lags)
+         end associate
       end do
    end subroutine list_candidates
-
-   !> Fills in what follows from the order and L0 of a candidate.
-   subroutine describe_candidate(n_lags, candidate, error)
-      integer, intent(in) :: n_lags
-      type(candidate_type), intent(inout) :: candidate
-      type(error_type), allocatable, intent(out) :: error
-      type(correlation_sums) :: sums
-      real(wp), allocatable :: kappa(:)
-
-      call optimal_reflection('L0', candidate%l0, candidate%order, kappa, error)
-      if (.not. allocated(error)) call sum_correlation(kappa, sums, error)
-      if (allocated(error)) return
-      candidate%l1 = sums%l1
-      allocate (candidate%correlation(0:n_lags))
-      candidate%correlation(:) = autocovariance_of(kappa, n_lags)
-   end subroutine describe_candidate
 
    !> Finds the best candidate of each column, Eq. (1), and the statistics of its tests.
    subroutine fit_columns(values, pieces, candidates, fit, error)

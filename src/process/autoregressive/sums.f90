@@ -221,7 +221,8 @@ contains
       type(correlation_sums), intent(in) :: sums   !! of this very process
       real(wp) :: gradient(size(kappa))            !! d length/d atanh(kappa_m)
       real(wp) :: constant, folded(size(kappa)), slope
-      real(wp), allocatable :: rho(:)
+      real(wp), allocatable :: rho(:), weights(:)
+      integer :: m
 
       ! d L0 = sum d|rho|,  d L1 = sum (m - L1) d|rho|/(1 + L0)
       constant = 1.0_wp
@@ -234,7 +235,13 @@ contains
       if (sums%is_mirrored) folded = mirror(kappa)
       allocate (rho(0:max(sums%n_lags, size(kappa))))
       rho(:) = autocovariance_of(folded, ubound(rho, 1))
-      gradient = lag_sum_gradient(folded, rho, weights_of(rho(1:), sums%is_closed, constant, slope))
+      weights = [(constant + slope*m, m=1, ubound(rho, 1))]   ! of |rho(m)|
+      if (sums%is_closed) then                                ! which negative ones add twice
+         weights = merge(-2.0_wp*weights, 0.0_wp, rho(1:) < 0.0_wp)
+      else
+         weights = merge(-weights, weights, rho(1:) < 0.0_wp)
+      end if
+      gradient = lag_sum_gradient(folded, rho, weights)
       if (sums%is_closed) gradient = gradient + closed_gradient(folded, constant, slope)
       if (sums%is_mirrored) gradient = mirror(gradient)
    end function length_gradient
@@ -255,22 +262,6 @@ contains
          gradient(j) = -exp(log_r(order))*(constant + slope*moment)
       end do
    end function closed_gradient
-
-   !> Weights of rho(m), m = 1.., in sum (constant + slope m) |rho(m)| or in what the negative ones
-   !! add to closed forms.
-   pure function weights_of(rho, is_closed, constant, slope) result(weights)
-      real(wp), intent(in) :: rho(:), constant, slope
-      logical, intent(in) :: is_closed
-      real(wp) :: weights(size(rho))
-      integer :: m
-
-      weights = [(constant + slope*m, m=1, size(rho))]
-      if (is_closed) then
-         weights = merge(-2.0_wp*weights, 0.0_wp, rho < 0.0_wp)
-      else
-         weights = merge(-weights, weights, rho < 0.0_wp)
-      end if
-   end function weights_of
 
    !> Gradient in atanh(kappa) of sum weights(m) rho(m).
    pure function lag_sum_gradient(kappa, rho, weights) result(gradient)

@@ -125,7 +125,7 @@ contains
       type(sequence_solution), intent(out) :: best   !! not feasible: none was found
       integer, parameter :: few = 16, many = 48, very_many = 200
       type(sequence_solution) :: solution
-      integer :: signs(size(constraint%rewarded)), i, n, n_rates, max_passes
+      integer :: signs(size(constraint%rewarded)), i, k, n, n_rates, max_passes
       logical :: is_large
 
       n = size(constraint%rewarded)
@@ -138,7 +138,8 @@ contains
       if (is_all_plus_best(constraint)) return
       if (constraint%m_max > 4*size(constraint%penalized) .and. best%is_feasible) return
       do i = merge(1, 0, is_large), n_rates
-         signs = quadratic_phases(n, 3.0_wp*i/n_rates)
+         ! quadratic phases
+         signs = [(merge(1, -1, cos(3.0_wp*i/n_rates*pi*real(k, wp)**2/n) >= 0.0_wp), k=0, n - 1)]
          if (i == 0) signs(n) = -1
          call make_consistent(constraint, signs, max_passes, solution)
          call take_better(solution, best)
@@ -217,16 +218,6 @@ contains
       end if
       best = solution
    end subroutine take_better
-
-   !> Signs of cos(rate pi k^2/n), k = 0..n-1.
-   pure function quadratic_phases(n, rate) result(signs)
-      integer, intent(in) :: n
-      real(wp), intent(in) :: rate
-      integer :: signs(n)
-      integer :: k
-
-      signs = [(merge(1, -1, cos(rate*pi*real(k, wp)**2/n) >= 0.0_wp), k=0, n - 1)]
-   end function quadratic_phases
 
    !> Positions among the rewarded lags whose sign is not fixed by the mirror.
    pure function searched_positions(constraint) result(positions)

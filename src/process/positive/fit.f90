@@ -58,6 +58,7 @@ contains
       type(sampled_objective) :: law
       type(first_order_law) :: first_order
       type(shape_spread) :: spread
+      type(signs_solution) :: solution
 
       if (is_first_order(request)) then
          call match_first_order(request, first_order, error)
@@ -80,7 +81,13 @@ contains
          if (.not. allocated(error)) then
             if (allocated(law%last%a)) call compare_laws(request, law, model)
             model%optimality = law%found%residual
-            if (request%method == 'direct') call name_multipliers(law, model)
+            if (request%method == 'direct') then
+               call multipliers_of(law, model%b0, solution, model%optimality)
+               model%optimality = max(model%optimality, law%found%violation)
+               model%signs = solution%signs
+               model%delta = solution%delta
+               model%lambda_3 = solution%lambda_3
+            end if
          end if
       end if
       if (allocated(error)) return
@@ -102,17 +109,25 @@ contains
       real(wp), parameter :: quick_effort(2) = [1.0e8_wp, 4.0e7_wp]   ! sequential, exact: 1 s or 2
       real(wp), allocatable :: unused(:)
       real(wp) :: effort
-      logical :: has_first_order, is_exact, is_far, is_feasible, is_inside
+      type(error_type), allocatable :: refusal
+      logical :: has_first_order, has_others, is_exact, is_far, is_feasible, is_inside
 
       call fit_far_from_zero(request, model, is_far)
       if (is_far) return
       is_exact = request%sampler == 'exact'
+      one = request
+      one%order = 1
       if (is_first_order(request)) then
          call match_first_order(request, first_order, error)
          if ((is_exact .or. first_order%r < 0.0_wp) .and. .not. allocated(error)) &
             call describe_first_order(request, first_order, model, error)
       else
-         has_first_order = first_order_has(request)
+         one%branch = 'nonnegative'
+         has_first_order = is_first_order(one)
+         if (has_first_order) then
+            call match_first_order(one, first_order, refusal)
+            has_first_order = .not. allocated(refusal)
+         end if
          ! with K(m) >= 0 alone the maximum may lie where some are 0, which a search may miss
          is_feasible = has_first_order .and. request%branch /= 'nonnegative'
          if (is_feasible .and. .not. is_exact) return
@@ -122,8 +137,10 @@ contains
          if (allocated(error) .and. .not. (law%is_exhausted() .or. has_first_order)) &
             call search_branches(request, seed, law, error)
          if (allocated(error)) then
-            if (.not. (law%is_exhausted() .or. has_first_order) .and. &
-                .not. has_other_signs(request, law)) return
+            ! when the direct method has tried the unconstrained optimum's signs others are left
+            has_others = request%method == 'direct' .and. request%branch == 'any' .and. &
+                         (law%effort > 0.0_wp .or. request%std >= request%mean)
+            if (.not. (law%is_exhausted() .or. has_first_order .or. has_others)) return
             deallocate (error)
             if (.not. is_feasible) model%branch = 'open'
             return
@@ -133,9 +150,8 @@ contains
          if (is_exact .or. law%problem%decay > 0.0_wp) call outline_sampled(request, law, model)
       end if
       if (allocated(error)) return
-      one = request   ! tells roughly
-      one%method = 'autoregressive'
-      one%order = 1
+      one%method = 'autoregressive'   ! tells roughly
+      one%branch = request%branch
       call look_beside(one, seed, model)
    end subroutine foresee_positive
 
@@ -160,46 +176,6 @@ contains
       is_far = request%branch == 'any' .or. unconstrained%branch == 'nonnegative'
       if (is_far) model = unconstrained
    end subroutine fit_far_from_zero
-
-   !> True if the direct method has sequences of signs left when that of the unconstrained optimum
-   !> has been tried.
-   pure logical function has_other_signs(request, law)
-      type(process_request), intent(in) :: request
-      type(sampled_objective), intent(in) :: law
-
-      has_other_signs = request%method == 'direct' .and. request%branch == 'any' .and. &
-                        (law%effort > 0.0_wp .or. request%std >= request%mean)
-   end function has_other_signs
-
-   !> True if order 1 has a process with K(m) >= 0 that meets a request of higher order.
-   logical function first_order_has(request)
-      type(process_request), intent(in) :: request
-      type(process_request) :: one
-      type(first_order_law) :: unused
-      type(error_type), allocatable :: refusal
-
-      one = request
-      one%order = 1
-      one%branch = 'nonnegative'
-      first_order_has = is_first_order(one)
-      if (.not. first_order_has) return
-      call match_first_order(one, unused, refusal)
-      first_order_has = .not. allocated(refusal)
-   end function first_order_has
-
-   !> Names signs and multipliers of Eq. (30), and the largest residual of the optimality
-   !> conditions.
-   subroutine name_multipliers(law, model)
-      type(sampled_objective), intent(in) :: law
-      type(process_model_type), intent(inout) :: model
-      type(signs_solution) :: solution
-
-      call multipliers_of(law, model%b0, solution, model%optimality)
-      model%optimality = max(model%optimality, law%found%violation)
-      model%signs = solution%signs
-      model%delta = solution%delta
-      model%lambda_3 = solution%lambda_3
-   end subroutine name_multipliers
 
    !> Fits, where K(m) alternates, the other law's process with K(m) >= 0; its entropy is noted
    !> where it is larger.

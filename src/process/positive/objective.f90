@@ -67,6 +67,7 @@ contains
    subroutine new_objective(problem, objective)
       type(sampled_problem), intent(in) :: problem
       type(sampled_objective), intent(out) :: objective
+      real(wp), allocatable :: weights(:)   ! a_m, m = 0..m_max
 
       objective%problem = problem
       objective%known = problem%autocovariance
@@ -81,28 +82,20 @@ contains
       end if
       if (allocated(problem%symbol)) then
          objective%family%kind = by_symbol
-         call split_symbol(problem, objective%family%direction, objective%family%s)
          allocate (objective%family%free(0))
+         weights = constraint_weights(problem%correlation, problem%length, size(problem%symbol))
+         ! some |s_m| are 1, and no other lag has a larger |G_m/a_m|; where a_m = 0 the sign does
+         ! not matter
+         associate (a => weights(2:), symbol => problem%symbol, family => objective%family)
+            family%direction = a*maxval(abs(symbol)/abs(a), abs(a) > 0.0_wp)
+            family%s = spread(1.0_wp, 1, size(a))
+            where (abs(a) > 0.0_wp) family%s = symbol/family%direction
+         end associate
       else
          objective%family%kind = by_shape
          objective%family%direction = atanh(reflection_of(problem%companion))
       end if
    end subroutine new_objective
-
-   !> Splits G_m/G_0, m = 1..m_max, into those of s_m = 1 and s_m. Some |s_m| are 1, and no other
-   !> lag has a larger |G_m/a_m|; where a_m = 0 the sign does not matter and is +.
-   pure subroutine split_symbol(problem, unit, s)
-      type(sampled_problem), intent(in) :: problem   !! of the direct method
-      real(wp), allocatable, intent(out) :: unit(:), s(:)
-      real(wp) :: weights(0:size(problem%symbol))
-
-      weights = constraint_weights(problem%correlation, problem%length, size(problem%symbol))
-      associate (a => weights(1:), symbol => problem%symbol)
-         unit = a*maxval(abs(symbol)/abs(a), abs(a) > 0.0_wp)
-         allocate (s(size(unit)), source=1.0_wp)
-         where (abs(unit) > 0.0_wp) s = symbol/unit
-      end associate
-   end subroutine split_symbol
 
    !> Evaluates ratio and length or lengths relative to what is wanted, then the features that
    !> `gain` needs.

@@ -75,7 +75,7 @@ contains
          y(lanes, 1 - history:block_steps)
       real(wp), intent(inout) :: acceptance(lanes, n_acceptance_sums)
       real(wp) :: u(lanes*block_steps)
-      real(wp) :: c(lanes), hazard(lanes), factor(lanes), x(lanes), product(lanes)
+      real(wp), dimension(lanes) :: alpha, c, factor, hazard, product, x
       integer :: lane, n, q
 
       d(:, 1 - history:0) = d(:, block_steps + 1 - history:block_steps)
@@ -99,26 +99,17 @@ contains
                y(lane, n) = y(lane, n) - companion(q)*y(lane, n - q)
             end do
          end do
-         call add_acceptance(c, hazard, factor, acceptance)
+         alpha = factor   ! of ln alpha this adds what the factor's logarithm lacks
+         if (minval(c) < 0.0_wp) call scale_below(c, alpha, acceptance(:, 3))
+         acceptance(:, 1) = acceptance(:, 1) + alpha
+         acceptance(:, 2) = acceptance(:, 2) + 1.0_wp/alpha
+         acceptance(:, 4) = acceptance(:, 4) + 0.5_wp*c*hazard
          product = product*factor
          if (modulo(n, product_steps) /= 0) cycle
          call add_logarithms(product, acceptance(:, 3))
          product = 1.0_wp
       end do
    end subroutine march_block
-
-   !> Adds the acceptance sums of one step, of ln alpha what the factor's logarithm lacks.
-   pure subroutine add_acceptance(c, hazard, factor, acceptance)
-      real(wp), intent(in) :: c(lanes), hazard(lanes), factor(lanes)   !! see `draw_truncated`
-      real(wp), intent(inout) :: acceptance(lanes, n_acceptance_sums)
-      real(wp) :: alpha(lanes)
-
-      alpha = factor
-      if (minval(c) < 0.0_wp) call scale_below(c, alpha, acceptance(:, 3))
-      acceptance(:, 1) = acceptance(:, 1) + alpha
-      acceptance(:, 2) = acceptance(:, 2) + 1.0_wp/alpha
-      acceptance(:, 4) = acceptance(:, 4) + 0.5_wp*c*hazard
-   end subroutine add_acceptance
 
    !> Draws consecutive values of one chain, after its burn-in [b0].
    subroutine march_sequential(a, offset, start, n_burn_in, stream, values)
