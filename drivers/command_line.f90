@@ -2,7 +2,7 @@
 module driver_command_line
    use core_error, only: error_type, exit_bad_input, raise
    use core_phrases, only: joined
-   use core_spelling, only: nearest_name
+   use core_text, only: nearest_name
    use io_files, only: exists
    implicit none(type, external)
    private

@@ -6,11 +6,9 @@ module config_measured
    use, intrinsic :: ieee_arithmetic, only: ieee_quiet_nan, ieee_value
    use core_complaints, only: complaint_list, printable
    use core_kinds, only: wp
-   use core_numbers, only: parse_real
    use core_source, only: read_source, source_type
-   use core_spelling, only: lowered
    use core_table, only: next_word
-   use core_text, only: to_text
+   use core_text, only: lowered, parse_real, to_text
    use process_estimate, only: measured_record
    implicit none(type, external)
    private

@@ -9,8 +9,7 @@ module config_scene
    use config_text_tokens, only: token_type, tokenize
    use core_complaints, only: complaint_list
    use core_source, only: new_source, read_source, source_type
-   use core_spelling, only: nearest_name
-   use core_text, only: to_text
+   use core_text, only: nearest_name, to_text
    use structure_sizes, only: most_dofs
    implicit none(type, external)
    private

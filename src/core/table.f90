@@ -2,9 +2,8 @@
 module core_table
    use core_complaints, only: complaint_list, printable
    use core_kinds, only: wp
-   use core_numbers, only: parse_real
    use core_source, only: byte_order_mark, read_source, source_type
-   use core_text, only: to_text
+   use core_text, only: parse_real, to_text
    implicit none(type, external)
    private
    public :: next_word, read_table, table_type

@@ -1,14 +1,18 @@
-!> Numbers in their shortest form, for messages.
+!> Numbers as text in their shortest form and back, and names, misspelt ones with them. Text that is
+!> not exactly a number of the wanted type is refused, with the rule that it breaks.
 module core_text
    use core_kinds, only: long, wp
    implicit none(type, external)
    private
-   public :: rounded_text, to_text
+   public :: lowered, nearest_name, parse_integer, parse_real, rounded_text, to_text
 
    !> Shortest usual form of a value, without blanks: 7, -2.0, 1.5E-9, T.
    interface to_text
       module procedure text_of_integer, text_of_long, text_of_real, text_of_logical
    end interface to_text
+
+   character(*), parameter :: digits = '0123456789'
+   integer, parameter :: largest_exponent = 100   !! of ten: products of a few values stay in range
 
 contains
 
@@ -92,5 +96,149 @@ contains
 
       text = trim(merge('.true. ', '.false.', value))
    end function text_of_logical
+
+   !> Parses digits with an optional sign; `rule` is allocated when the text is not a whole number
+   !> from -limit to limit. The value of one beyond them is limit.
+   pure subroutine parse_integer(text, limit, value, rule)
+      character(*), intent(in) :: text
+      integer(long), intent(in) :: limit
+      integer(long), intent(out) :: value
+      character(:), allocatable, intent(out) :: rule
+      integer :: first, i
+      integer(long) :: digit
+
+      value = 0
+      first = after_sign(text)
+      if (first > len(text) .or. verify(text(first:), digits) /= 0) then
+         rule = 'must be a whole number'
+         return
+      end if
+      do i = first, len(text)
+         digit = iachar(text(i:i)) - iachar('0')
+         if (value > (limit - digit)/10) then
+            rule = 'must be from -'//to_text(limit)//' to '//to_text(limit)
+            value = limit
+            return
+         end if
+         value = 10*value + digit
+      end do
+      if (text(1:1) == '-') value = -value
+   end subroutine parse_integer
+
+   !> Reads a finite decimal number, with an exponent after e or d.
+   pure subroutine parse_real(text, value, rule)
+      character(*), intent(in) :: text
+      real(wp), intent(out) :: value
+      character(:), allocatable, intent(out) :: rule
+      character(:), allocatable :: mantissa, decimal
+      integer :: first, letter, point, exponent, leading, status
+
+      value = 0.0_wp
+      first = after_sign(text)
+      letter = scan(text, 'eEdDqQ')
+      if (letter == 0) letter = len(text) + 1
+      mantissa = text(min(first, len(text) + 1):letter - 1)
+      if (verify(mantissa, digits//'.') /= 0 .or. scan(mantissa, digits) == 0 .or. &
+          index(mantissa, '.') /= index(mantissa, '.', back=.true.)) then
+         select case (lowered(text(min(first, len(text) + 1):)))
+         case ('nan', 'inf', 'infinity')
+            rule = 'must be finite'
+         case default
+            rule = 'must be a number'
+         end select
+         return
+      end if
+      call parse_exponent(text(letter:), exponent, rule)
+      if (allocated(rule)) return
+
+      leading = scan(mantissa, '123456789')
+      if (leading == 0) return
+      point = index(mantissa, '.')
+      if (point == 0) point = len(mantissa) + 1
+      if (abs(exponent + point - leading) > largest_exponent) then
+         rule = 'must be zero or of a magnitude from 1e-100 to 1e100'
+         return
+      end if
+      decimal = text(:letter - 1)//'e'//to_text(exponent)
+      read (decimal, *, iostat=status) value
+      if (status /= 0) rule = 'must be a number'
+   end subroutine parse_real
+
+   !> Parses the exponent after the mantissa: nothing, or a letter and a whole number.
+   pure subroutine parse_exponent(text, exponent, rule)
+      character(*), intent(in) :: text
+      integer, intent(out) :: exponent
+      character(:), allocatable, intent(out) :: rule
+      integer(long), parameter :: limit = 1000000_long
+      integer(long) :: value
+
+      exponent = 0
+      if (len(text) == 0) return
+      call parse_integer(text(2:), limit, value, rule)
+      exponent = int(value)
+      if (.not. allocated(rule)) return
+      if (value == limit) then   ! out of range, whatever the sign
+         deallocate (rule)
+      else
+         rule = 'must be a number'
+      end if
+   end subroutine parse_exponent
+
+   pure integer function after_sign(text)
+      character(*), intent(in) :: text
+
+      after_sign = 1
+      if (scan(text, '+-') == 1) after_sign = 2
+   end function after_sign
+
+   !> The text in lower case.
+   pure function lowered(text)
+      character(*), intent(in) :: text
+      character(len(text)) :: lowered
+      integer :: i
+
+      lowered = text
+      do i = 1, len(text)
+         if (text(i:i) >= 'A' .and. text(i:i) <= 'Z') lowered(i:i) = achar(iachar(text(i:i)) + 32)
+      end do
+   end function lowered
+
+   !> The known name nearest to `name`, in any case; blank if none is within a third of its letters.
+   pure function nearest_name(name, known) result(nearest)
+      character(*), intent(in) :: name
+      character(*), intent(in) :: known(:)
+      character(len(known)) :: nearest
+      integer :: i, distance, least
+
+      nearest = ''
+      if (len(name) > len(known)) return
+      least = max(1, len(name)/3) + 1
+      do i = 1, size(known)
+         distance = edit_distance(lowered(name), lowered(trim(known(i))))
+         if (distance >= least) cycle
+         least = distance
+         nearest = known(i)
+      end do
+   end function nearest_name
+
+   !> Distance of two names: letters to insert, delete, replace or swap with their neighbour.
+   pure integer function edit_distance(a, b) result(distance)
+      character(*), intent(in) :: a, b
+      integer :: d(0:len(a), 0:len(b)), i, j
+
+      d(:, 0) = [(i, i=0, len(a))]
+      d(0, :) = [(j, j=0, len(b))]
+      do j = 1, len(b)
+         do i = 1, len(a)
+            d(i, j) = min(d(i - 1, j) + 1, d(i, j - 1) + 1, &
+                          d(i - 1, j - 1) + merge(0, 1, a(i:i) == b(j:j)))
+            if (i > 1 .and. j > 1) then
+               if (a(i:i) == b(j - 1:j - 1) .and. a(i - 1:i - 1) == b(j:j)) &
+                  d(i, j) = min(d(i, j), d(max(i, 2) - 2, max(j, 2) - 2) + 1)
+            end if
+         end do
+      end do
+      distance = d(len(a), len(b))
+   end function edit_distance
 
 end module core_text

@@ -5,11 +5,9 @@ module structure_matrix_market
    use core_complaints, only: complaint_list, printable
    use core_kinds, only: long, wp
    use core_memory, only: gives_memory
-   use core_numbers, only: parse_integer, parse_real
    use core_source, only: read_source, source_type
-   use core_spelling, only: lowered
    use core_table, only: next_word
-   use core_text, only: to_text
+   use core_text, only: lowered, parse_integer, parse_real, to_text
    use structure_sizes, only: memory_of_matrices, most_dofs, too_large
    implicit none(type, external)
    private

@@ -5,8 +5,7 @@ module config_text_conversion
    use config_text_tokens, only: token_word
    use config_text_value_table, only: choice_length, entry_type
    use core_kinds, only: long, wp
-   use core_numbers, only: parse_integer, parse_real
-   use core_spelling, only: lowered, nearest_name
+   use core_text, only: lowered, nearest_name, parse_integer, parse_real
    implicit none(type, external)
    private
    public :: convert_choice, convert_integer, convert_real, convert_text, parse_logical, parse_text

@@ -3,8 +3,7 @@ module config_text_document
    use config_text_tokens, only: token_comma, token_type
    use core_complaints, only: complaint_list, printable
    use core_source, only: source_type
-   use core_spelling, only: lowered
-   use core_text, only: to_text
+   use core_text, only: lowered, to_text
    implicit none(type, external)
    private
    public :: assignment_type, block_type, document_type

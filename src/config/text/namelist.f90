@@ -8,7 +8,7 @@ module config_text_namelist
       token_end_of_line, token_equals, token_group, token_left, token_open_quote, token_right, &
       token_type, token_word
    use core_complaints, only: complaint_list
-   use core_spelling, only: lowered
+   use core_text, only: lowered
    implicit none(type, external)
    private
    public :: begins_assignment, parse_assignment, parse_count, parse_groups

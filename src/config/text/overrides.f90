@@ -4,7 +4,7 @@ module config_text_overrides
    use config_text_namelist, only: begins_assignment, parse_assignment, parse_count
    use config_text_tokens, only: token_end_of_line, token_left, token_right, token_type, token_word
    use core_complaints, only: complaint_list
-   use core_spelling, only: lowered
+   use core_text, only: lowered
    implicit none(type, external)
    private
    public :: override_text, parse_overrides

@@ -10,8 +10,7 @@ module config_text_reader
    use core_complaints, only: complaint_list
    use core_kinds, only: long, wp
    use core_phrases, only: joined
-   use core_spelling, only: nearest_name
-   use core_text, only: to_text
+   use core_text, only: nearest_name, to_text
    implicit none(type, external)
    private
    public :: reader_type

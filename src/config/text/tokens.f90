@@ -1,7 +1,7 @@
 !> Cuts namelist text into tokens that know where they stand.
 module config_text_tokens
    use core_source, only: byte_order_mark, source_type
-   use core_spelling, only: lowered
+   use core_text, only: lowered
    implicit none(type, external)
    private
    public :: token_type, tokenize, comment_rule
