@@ -19,13 +19,12 @@ module driver_results
    use driver_shards, only: list_stored, verify_shards
    use driver_statistics, only: case_task, open_case, write_short
    use io_audit_results, only: write_audit
-   use io_case_results, only: begin_case, finish_case
    use io_case_statistics, only: write_estimates
    use io_gathering, only: stored_samples
    use io_group, only: group_type
    use io_hdf5, only: hdf5_file
    use io_process_results, only: write_process
-   use io_results, only: finish_results, write_structure
+   use io_results, only: begin_case, finish_case, finish_results, write_structure
    use io_shards, only: remove_covered
    use io_store, only: discard_file
    use parallel_world, only: world_type

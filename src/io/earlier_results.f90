@@ -4,12 +4,12 @@ module io_earlier_results
    use campaign_results, only: block_result
    use core_error, only: error_type
    use io_blocks, only: read_block
-   use io_case_results, only: case_group
    use io_contents, only: check_contents
    use io_files, only: exists
    use io_gathering, only: finished_samples
    use io_hdf5, only: has_hdf5_signature, hdf5_file, open_hdf5, read_attribute
    use io_identity, only: identity_type, refuse_foreign, require_command, require_same
+   use io_results, only: case_group
    use io_shards, only: list_shards, shard_type, write_shard
    use io_store, only: shard_store
    implicit none(type, external)

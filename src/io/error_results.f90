@@ -3,9 +3,9 @@ module io_error_results
    use campaign_results, only: case_statistics, of_slip
    use core_error, only: error_type
    use core_kinds, only: wp
-   use io_case_results, only: case_group
    use io_group, only: group_of, group_type
    use io_hdf5, only: hdf5_file, open_hdf5
+   use io_results, only: case_group
    implicit none(type, external)
    private
    public :: case_errors, read_errors

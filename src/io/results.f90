@@ -1,22 +1,33 @@
-!> The results file, whole or not at all: its structure, and its end. Datasets are named as users
-!> know them; case data are in io_case_results, process data in io_process_results.
+!> The results file, whole or not at all: its structure, its cases, and its end. Datasets are named
+!> as users know them. Of a case here are the axes and attributes and what its samples handed back;
+!> its statistics are io_case_statistics'. Processes are in io_process_results.
 module io_results
-   use campaign_plan, only: plan_type
+   use campaign_audit, only: kept_of
+   use campaign_plan, only: kept_dofs, output_settings, plan_type
+   use campaign_results, only: block_result, spectrum_layout
+   use campaign_time_average, only: count_spans, fewest_spans, time_average_method
    use core_error, only: error_type
    use core_kinds, only: wp
+   use core_phrases, only: numbered
+   use io_blocks, only: kept_axis, put_long
    use io_contents, only: check_contents, note_contents
    use io_files, only: folder_of, sync_file
+   use io_gathering, only: stored_samples
    use io_group, only: group_type, new_group
    use io_hdf5, only: hdf5_file, open_hdf5, write_attribute
    use io_lock, only: lock_type
+   use io_shards, only: read_shard
    use io_store, only: discard_file
+   use numerics_correlated, only: n_batches
    use numerics_sparse, only: sparse_matrix, sparse_of
+   use numerics_spectrum, only: error_of_density, last_of_ranges
    use structure_model, only: structure_type
    implicit none(type, external)
    private
-   public :: finish_results, write_structure
+   public :: begin_case, case_group, finish_case, finish_results, write_dofs, write_frequency, &
+             write_structure
 
-   character(*), parameter, public :: &
+   character(*), parameter :: &
       about_dofs = 'degree of freedom; of a chain: mass, from the wall', &
       about_joints = 'joint; of a chain: that of the mass of this number'
 
@@ -84,6 +95,211 @@ contains
       call group%put(name//'_column', entries%column, '1', 'column', axis)
       call group%put(name//'_value', entries%value, unit, 'value', axis)
    end subroutine write_entries
+
+   !> Path of a case's group, without a last slash. The audits come after all cases, in the same
+   !> order, each in the group of the case that it repeats.
+   pure function case_group(number, n_own) result(group)
+      integer, intent(in) :: number
+      integer, intent(in) :: n_own   !! cases that are no audits
+      character(:), allocatable :: group
+
+      if (number <= n_own) then
+         group = '/campaign/'//numbered('c', number)
+      else
+         group = '/campaign/'//numbered('c', number - n_own)//'/audit'
+      end if
+   end function case_group
+
+   !> Creates the group of a case with its attributes and axes and room for its samples. `force` is
+   !> the record, or one for each sample, and belongs to histories; errors stay with the group.
+   subroutine begin_case(file, plan, number, layout, folded_share, group, force)
+      type(hdf5_file), intent(in) :: file
+      type(plan_type), intent(in) :: plan
+      integer, intent(in) :: number
+      type(spectrum_layout), intent(in) :: layout
+      !> (dof) of the pilot march; empty: none was made
+      real(wp), intent(in), contiguous :: folded_share(:)
+      type(group_type), intent(out) :: group
+      real(wp), intent(in), contiguous, optional :: force(:, :)   !! (step, 1 or sample) [N]
+
+      group = new_group(file, case_group(number, size(plan%cases)))
+      call write_attributes(group, plan, number)
+      associate (case => plan%cases(number))
+         call group%put_axis('sample', case%n_samples, 'sample', case%first_sample)
+      end associate
+      call write_dofs(group, plan)
+      if (plan%output%slip) then
+         call group%put_axis('span', count_spans(plan%integration), &
+                             'equal span of the time that is measured')
+         if (count_spans(plan%integration) >= fewest_spans) &
+            call group%attribute('time_average_method', time_average_method)
+      end if
+      call group%put('percentile', plan%output%percentiles, '%', 'percentile over samples', &
+                     'percentile')
+      if (plan%output%spectrum) call write_spectrum_axes(group, layout, folded_share)
+      if (plan%output%history) call write_history_axes(group, plan, force)
+   end subroutine begin_case
+
+   !> Puts the long datasets, shard by shard: memory does not grow with the number of samples. Takes
+   !> the first error of all. Without output%samples no series and spectra are put.
+   subroutine finish_case(group, plan, number, stored, error)
+      type(group_type), intent(inout) :: group
+      type(plan_type), intent(in) :: plan
+      integer, intent(in) :: number
+      type(stored_samples), intent(in) :: stored
+      type(error_type), allocatable, intent(out) :: error
+      type(output_settings) :: kept
+      type(block_result) :: block
+      integer, allocatable :: places(:)
+      integer :: i, n_rows, rows
+      logical :: is_lean
+
+      kept = kept_of(plan, number)
+      is_lean = kept%spectrum .and. .not. kept%keeps_spectra(plan%cases(number)%n_samples)
+      places = stored%places(number, 1, plan%cases(number)%n_samples)
+      n_rows = 0
+      rows = 0
+      if (kept%transitions .and. .not. allocated(group%error)) then
+         call stored%count_transitions(number, plan%cases(number)%n_samples, n_rows, group%error)
+         call group%put_axis('transition', n_rows, 'transition')
+      end if
+      do i = 1, size(places)
+         if (is_lean .and. .not. (kept%transitions .or. kept%history)) exit
+         if (allocated(group%error)) exit
+         call read_shard(stored%store, stored%shards(places(i)), block, group%error)
+         if (allocated(group%error)) exit
+         if (is_lean) then
+            if (allocated(block%slip_series)) deallocate (block%slip_series)
+            if (allocated(block%psd)) deallocate (block%psd)
+            if (allocated(block%power_series)) deallocate (block%power_series)
+         end if
+         call put_long(group, plan, block, rows, n_rows)
+      end do
+      call group%take_error(error)
+   end subroutine finish_case
+
+   !> Writes the axes of dofs and joints, and the dofs with spectra and histories where they are
+   !> not all.
+   subroutine write_dofs(group, plan)
+      type(group_type), intent(inout) :: group
+      type(plan_type), intent(in) :: plan
+      character(:), allocatable :: kept
+
+      call group%put_axis('dof', plan%structure%n_dof, about_dofs)
+      call group%put_axis('joint', plan%structure%n_joints, about_joints)
+      kept = kept_axis(plan)
+      if (kept /= 'dof') call group%put(kept, kept_dofs(plan), '1', &
+                                        'dof whose spectra and histories are kept', kept)
+   end subroutine write_dofs
+
+   subroutine write_attributes(group, plan, number)
+      type(group_type), intent(inout) :: group
+      type(plan_type), intent(in) :: plan
+      integer, intent(in) :: number
+
+      associate (case => plan%cases(number))
+         if (case%process > 0) then
+            call group%attribute('process', numbered('p', case%process))
+         else
+            call group%attribute('process', 'none')
+         end if
+         call group%attribute('variance', case%variance)
+         if (plan%excitation%kind == 'sine') then
+            call group%attribute('frequency', case%frequency)
+            call group%attribute('amplitude', case%amplitude)
+         else if (plan%excitation%kind /= 'band_limited') then
+            call group%attribute('factor', case%factor)
+         end if
+         call group%attribute('n_samples', case%n_samples)
+         call group%attribute('duration', plan%integration%dt* &
+                              (plan%integration%n_steps - plan%integration%n_discard))
+         if (case%process == 0) call group%attribute('friction_from', plan%friction_from)
+         if (case%process == 0) return
+         call group%attribute('std', plan%processes(case%process)%std)
+         call group%attribute('correlation_length', plan%processes(case%process)%correlation_length)
+      end associate
+   end subroutine write_attributes
+
+   subroutine write_spectrum_axes(group, layout, folded_share)
+      type(group_type), intent(inout) :: group
+      type(spectrum_layout), intent(in) :: layout
+      real(wp), intent(in), contiguous :: folded_share(:)   !! (dof)
+
+      call write_frequency(group, layout)
+      call group%attribute('window', 'periodic Hann')
+      call group%attribute('detrending', 'mean of each segment')
+      call group%attribute('segment_length', layout%segment_length)
+      call group%attribute('overlap', layout%overlap)
+      call group%attribute('n_segments', layout%n_segments)
+      call group%attribute('psd_time_error', error_of_density(layout%n_segments))
+      call group%attribute('every', layout%every)
+      call group%attribute('sided', 'one')
+      if (layout%follows_power) then
+         call group%put_axis('batch', size(batch_frequencies(layout)), &
+                             'batch of segments in a range of frequencies')
+         call group%put('batch_frequency', batch_frequencies(layout), 'Hz', &
+                        'highest frequency of its range', 'batch')
+      end if
+      if (size(folded_share) == 0) return
+      call group%attribute('folded_share', maxval(folded_share))
+      call group%put('folded_share', folded_share, '1', &
+                     'share of the power that thinning folds below the highest frequency, in a '// &
+                     'pilot march', 'dof')
+   end subroutine write_spectrum_axes
+
+   !> The highest frequency [Hz] of the range of each place in a power series.
+   pure function batch_frequencies(layout) result(highest)
+      type(spectrum_layout), intent(in) :: layout
+      real(wp), allocatable :: highest(:)
+      integer :: i
+
+      associate (last => last_of_ranges(size(layout%frequency)))
+         highest = [(spread(layout%frequency(last(i)), 1, n_batches), i=1, size(last))]
+      end associate
+   end function batch_frequencies
+
+   !> Writes the frequency axis of the spectra [Hz].
+   subroutine write_frequency(group, layout)
+      type(group_type), intent(inout) :: group
+      type(spectrum_layout), intent(in) :: layout
+
+      call group%put('frequency', layout%frequency, 'Hz', 'frequency', 'frequency')
+   end subroutine write_frequency
+
+   subroutine write_history_axes(group, plan, force)
+      type(group_type), intent(inout) :: group
+      type(plan_type), intent(in) :: plan
+      !> (step, force, or force and sample)
+      real(wp), intent(in), contiguous, optional :: force(:, :)
+      character(:), allocatable :: unit
+      integer :: i, n_forces
+
+      unit = trim(merge('m/s^2', 'N    ', plan%excitation%base))
+      n_forces = plan%structure%n_forces
+      call group%put('time', [(i*plan%integration%dt, i=0, plan%integration%n_steps)], 's', &
+                     'time', 'time')
+      if (.not. present(force)) return
+      if (n_forces > 1) call group%put_axis('force_number', n_forces, 'force, a column of the load')
+      if (size(force, 2) == 1) then
+         call group%put('force', force(:, 1), unit, 'force', 'time')
+      else if (n_forces == 1) then
+         call group%put('force', force, unit, 'force', 'sample time')
+      else if (size(force, 2) == n_forces) then
+         call group%put('force', force, unit, 'force', 'force_number time')
+      else
+         call group%put('force', by_sample(force, n_forces), unit, 'force', &
+                        'sample force_number time')
+      end if
+   end subroutine write_history_axes
+
+   !> (step, force and sample) as (step, force, sample)
+   pure function by_sample(force, n_forces) result(parted)
+      real(wp), intent(in) :: force(:, :)
+      integer, intent(in) :: n_forces
+      real(wp), allocatable :: parted(:, :, :)
+
+      parted = reshape(force, [size(force, 1), n_forces, size(force, 2)/n_forces])
+   end function by_sample
 
    !> Closes the file, reads it back, and gives it its name; before that there is nothing of that
    !> name, or still the earlier file. None is left after an error.

@@ -10,7 +10,6 @@ module io_campaign
    use core_kinds, only: long, wp
    use core_text, only: to_text
    use io_audit_results, only: write_audit
-   use io_case_results, only: begin_case, finish_case
    use io_blocks, only: put_short
    use io_case_statistics, only: write_estimates
    use io_files, only: make_folder, process_id
@@ -20,7 +19,7 @@ module io_campaign
    use io_lock, only: lock_type, take_lock
    use io_process_results, only: write_process
    use io_hdf5, only: hdf5_file, write_attribute
-   use io_results, only: finish_results, write_structure
+   use io_results, only: begin_case, finish_case, finish_results, write_structure
    use io_shards, only: list_shards, shard_type, write_shard
    use io_store, only: begin_file, discard_file, shard_store
    use process_model, only: process_model_type
