@@ -2,19 +2,19 @@
 module driver_campaign
    use campaign_plan, only: plan_type
    use config_force_file, only: check_force, force_label
-   use config_plan, only: build_plan, scene_name
+   use config_plan, only: build_plan
    use config_scene, only: complaint_list, read_scene, scene_type
    use core_error, only: error_type, exit_bad_input, exit_no_solution, raise
    use core_kinds, only: wp
    use core_terminal, only: say
    use core_text, only: to_text
    use driver_command_line, only: command_line
-   use io_files, only: folder_of, follow_links
+   use io_files, only: folder_of
    use io_force, only: read_force_hdf5
    use process_model, only: process_model_type
    implicit none(type, external)
    private
-   public :: find_output, load_plan, refuse_unsolved, tell_folder
+   public :: load_plan, refuse_unsolved, tell_folder
 
 contains
 
@@ -53,22 +53,6 @@ contains
                        merge(max(scene%campaign%n_samples, 1), 0, scene%excitation%per_sample), &
                        complaints)
    end subroutine read_records
-
-   !> Finds the path of the output: --output, else the scene's name in the current folder with an
-   !> ending; of a symbolic link its target.
-   subroutine find_output(line, ending, path, error)
-      type(command_line), intent(in) :: line
-      character(*), intent(in) :: ending   !! '.h5', '_c007_s0042.h5'
-      character(:), allocatable, intent(out) :: path
-      type(error_type), allocatable, intent(out) :: error
-
-      if (allocated(line%output)) then
-         path = line%output
-      else
-         path = scene_name(line%scene)//ending
-      end if
-      call follow_links(path, error)
-   end subroutine find_output
 
    !> Tells that the folder of an output was missing and has been made: its name may be a slip.
    subroutine tell_folder(output, n_made, is_quiet)

@@ -5,19 +5,20 @@ module driver_output
    use campaign_runner, only: block_width
    use campaign_samples_needed, only: needs_more_samples, slip_error_of
    use campaign_study, only: block_range
+   use config_plan, only: scene_name
    use config_scene, only: scene_type
    use core_error, only: error_type, exit_bad_input, exit_file, raise
    use core_kinds, only: long, wp
    use core_memory, only: gives_memory
    use core_terminal, only: say_line => say
    use core_text, only: to_text
-   use driver_campaign, only: find_output, tell_folder
+   use driver_campaign, only: tell_folder
    use driver_command_line, only: command_line
    use driver_provenance, only: identity_of
    use driver_shards, only: list_stored, verify_shards
    use io_earlier_results, only: check_replaceable, extract_shards, inspect_results
    use io_error_results, only: case_errors, read_errors
-   use io_files, only: exists, remove_file
+   use io_files, only: exists, follow_links, remove_file
    use io_gathering, only: finished_samples, stored_samples
    use io_lock, only: lock_type, take_lock
    use io_shards, only: list_shards, named_shard, remove_covered, shard_type, verify_shard
@@ -25,7 +26,7 @@ module driver_output
    use parallel_world, only: world_type
    implicit none(type, external)
    private
-   public :: output_type, open_output
+   public :: output_type, open_anew, open_output
 
    !> The results file of a run and the shards on the way to it.
    type :: output_type
@@ -49,27 +50,68 @@ module driver_output
 
 contains
 
-   !> Locks the output and finds what is finished; ends the run where it may not be written. A
-   !> replay, whose file has an ending of its own, starts anew. Collective.
-   subroutine open_output(world, line, scene, plan, output, replay_ending)
+   !> Locks the output of a command that starts anew, whose file has an ending of its own; ends the
+   !> run where it may not be written. What stands there stays until the new file is whole.
+   !> Collective.
+   subroutine open_anew(world, line, scene, ending, output)
+      type(world_type), intent(in) :: world
+      type(command_line), intent(in) :: line
+      type(scene_type), intent(in) :: scene
+      character(*), intent(in) :: ending   !! '_c007_s0042.h5'
+      type(output_type), intent(out) :: output
+      type(error_type), allocatable :: error
+
+      call name_output(world, line, scene, ending, output)
+      if (world%is_root()) call clear_place(output, error)
+      call output%stop_on(world, error)
+      call tell_folder(output%path, output%lock%n_folders, output%is_quiet)
+   end subroutine open_anew
+
+   !> Finds the path of the output: --output, else the scene's name in the current folder with an
+   !> ending; of a symbolic link its target. Collective.
+   subroutine name_output(world, line, scene, ending, output)
+      type(world_type), intent(in) :: world
+      type(command_line), intent(in) :: line
+      type(scene_type), intent(in) :: scene
+      character(*), intent(in) :: ending
+      type(output_type), intent(inout) :: output
+      type(error_type), allocatable :: error
+
+      output%path = scene_name(line%scene)//ending
+      if (allocated(line%output)) output%path = line%output
+      call follow_links(output%path, error)
+      call world%stop_on(error)
+      output%store = new_store(output%path, identity_of(scene, line%command))
+      output%is_quiet = line%is_quiet .or. .not. world%is_root()
+   end subroutine name_output
+
+   !> Takes the lock, and removes what an earlier run left beside the file.
+   subroutine clear_place(output, error)
+      type(output_type), intent(inout) :: output
+      type(error_type), allocatable, intent(out) :: error
+
+      call take_lock(output%path, output%lock, error)
+      if (allocated(error)) return
+      associate (command => output%store%identity%command)
+         call check_replaceable(output%path, command, command == 'run', error)
+      end associate
+      if (.not. allocated(error)) call remove_store(output%store, error)
+   end subroutine clear_place
+
+   !> Locks the output of a run and finds what is finished; ends the run where it may not be
+   !> written. Collective.
+   subroutine open_output(world, line, scene, plan, output)
       type(world_type), intent(in) :: world
       type(command_line), intent(in) :: line
       type(scene_type), intent(in) :: scene
       type(plan_type), intent(in) :: plan
       type(output_type), intent(out) :: output
-      character(*), intent(in), optional :: replay_ending
       type(stored_samples) :: stored
       type(error_type), allocatable :: error
 
-      if (present(replay_ending)) then
-         call find_output(line, replay_ending, output%path, error)
-      else
-         call find_output(line, '.h5', output%path, error)
-      end if
-      if (.not. allocated(error)) call refuse_long_lists(plan, error)
+      call name_output(world, line, scene, '.h5', output)
+      call refuse_long_lists(plan, error)
       call world%stop_on(error)
-      output%store = new_store(output%path, identity_of(scene, line%command))
-      output%is_quiet = line%is_quiet .or. .not. world%is_root()
       allocate (output%is_finished(maxval([plan%cases%n_samples, 0]), size(plan%cases)), &
                 source=.false.)
       output%is_shared = line%is_shared
@@ -79,7 +121,7 @@ contains
          if (.not. world%is_root()) &
             call take_lock(output%path, output%lock, error, is_shared=.true.)
       else if (world%is_root()) then
-         call find_finished(line%is_fresh .or. present(replay_ending), plan, output, error)
+         call find_finished(line%is_fresh, plan, output, error)
       end if
       call output%stop_on(world, error)
       call tell_folder(output%path, output%lock%n_folders, output%is_quiet)
@@ -117,17 +159,12 @@ contains
       type(output_type), intent(inout) :: output
       type(error_type), allocatable, intent(out) :: error
 
-      call take_lock(output%path, output%lock, error)
-      if (allocated(error)) return
       if (starts_anew) then
-         associate (command => output%store%identity%command)
-            call check_replaceable(output%path, command, command == 'run', error)
-         end associate
-         if (.not. allocated(error)) call remove_store(output%store, error)
-         if (allocated(error)) return
-         call remove_file(output%path, error)
+         call clear_place(output, error)
+         if (.not. allocated(error)) call remove_file(output%path, error)
       else
-         call take_up_results(plan, output, error)
+         call take_lock(output%path, output%lock, error)
+         if (.not. allocated(error)) call take_up_results(plan, output, error)
       end if
       if (.not. (allocated(error) .or. output%is_complete)) &
          call remove_leftovers(output%store, error)

@@ -15,7 +15,7 @@ module driver_replay
    use driver_choose_setting, only: keep_targets
    use driver_command_line, only: command_line
    use driver_deadline, only: start_watch, time_to_stop
-   use driver_output, only: open_output, output_type
+   use driver_output, only: open_anew, output_type
    use driver_processes, only: solve_processes
    use driver_results, only: write_results
    use driver_run, only: end_if_asked, prepare_march
@@ -50,7 +50,7 @@ contains
       if (.not. allocated(error)) call refuse_oversize(plan, error)
       call world%stop_on(error)
       call keep_targets(world, force, scene, plan, choice)
-      call open_output(world, line, scene, plan, output, ending_of(line))
+      call open_anew(world, line, scene, ending_of(line), output)
       call keep_everything(plan)
       call prepare_march(world, plan, force, runner, error)
       call output%stop_on(world, error)

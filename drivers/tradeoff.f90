@@ -6,17 +6,16 @@ module driver_tradeoff
    use core_kinds, only: wp
    use core_phrases, only: counted
    use core_terminal, only: say
-   use driver_campaign, only: find_output, load_plan, refuse_unsolved, tell_folder
+   use driver_campaign, only: load_plan, refuse_unsolved
    use driver_command_line, only: command_line
    use driver_deadline, only: seconds_so_far, set_limit, start_watch, time_to_stop
+   use driver_output, only: open_anew, output_type
    use driver_processes, only: solve_processes
    use driver_provenance, only: begin_results
    use driver_tradeoff_models, only: fits_text, orders_text, variants_text
    use driver_tradeoff_text, only: components_text, settings_text, sizes_text, spectra_text, &
       wanted_text
    use driver_trial_runs, only: measure_settings
-   use io_earlier_results, only: check_replaceable
-   use io_lock, only: lock_type, take_lock
    use io_hdf5, only: hdf5_file
    use io_results, only: finish_results
    use io_store, only: discard_file
@@ -46,7 +45,7 @@ contains
       type(plan_type) :: plan
       type(tradeoff_findings) :: found
       type(process_model_type), allocatable :: models(:)
-      type(lock_type) :: lock
+      type(output_type) :: output
       real(wp), allocatable :: force(:, :)
       type(error_type), allocatable :: error
       logical :: is_stopped
@@ -59,65 +58,36 @@ contains
                     "excitation%kind = 'sine' has no spectra to compare")
       call world%stop_on(error)
       call set_limit(plan%walltime)
-      if (world%is_root()) call open_place(line, lock, error)
-      call stop_unlocked(world, lock, error)
-      if (world%is_root()) call tell_folder(lock%output, lock%n_folders, line%is_quiet)
-      call solve_processes(world, plan, line%is_quiet .or. .not. world%is_root(), models)
+      call open_anew(world, line, scene, '_tradeoff.h5', output)
+      call solve_processes(world, plan, output%is_quiet, models)
       call refuse_unsolved(plan, models, error)
-      call stop_unlocked(world, lock, error)
+      call output%stop_on(world, error)
       is_stopped = world%any_true(time_to_stop())
       if (plan%has_structure .and. .not. is_stopped) &
-         call measure_march(world, line, plan, force, models, found, is_stopped, error)
-      call stop_unlocked(world, lock, error)
+         call measure_march(world, plan, force, models, output%is_quiet, found, is_stopped, error)
+      call output%stop_on(world, error)
       if (world%is_root() .and. .not. is_stopped) then
          call compare_orders(plan, found%orders)
-         if (.not. line%is_quiet) &
-            call say(text_of(scene, plan, models, found, world%n_ranks)//lock%output)
-         call write_findings(lock, line, scene, plan, found, world%n_ranks, error)
+         call output%say(text_of(scene, plan, models, found, world%n_ranks)//output%path)
+         call write_findings(output, line, scene, plan, found, world%n_ranks, error)
       end if
-      call stop_unlocked(world, lock, error)
-      call lock%release(error)
+      call output%stop_on(world, error)
+      call output%release()
       call stop_world(merge(exit_stopped, exit_done, is_stopped))
    end subroutine tradeoff
 
-   !> Locks the output; an earlier tradeoff there will be replaced, anything else is left alone.
-   subroutine open_place(line, lock, error)
-      type(command_line), intent(in) :: line
-      type(lock_type), intent(inout) :: lock
-      type(error_type), allocatable, intent(out) :: error
-      character(:), allocatable :: path
-
-      call find_output(line, '_tradeoff.h5', path, error)
-      if (.not. allocated(error)) call take_lock(path, lock, error)
-      if (.not. allocated(error)) &
-         call check_replaceable(path, line%command, .false., error)
-   end subroutine open_place
-
-   !> Ends on an error of any rank, the output unlocked first; collective.
-   subroutine stop_unlocked(world, lock, error)
-      type(world_type), intent(in) :: world
-      type(lock_type), intent(inout) :: lock
-      type(error_type), allocatable, intent(in) :: error
-      type(error_type), allocatable :: ignored   ! a lock file that stays behind locks nobody out
-
-      if (world%any_true(allocated(error))) call lock%release(ignored)
-      call world%stop_on(error)
-   end subroutine stop_unlocked
-
    !> Measures settings, spectra and the components of the error. Collective.
-   subroutine measure_march(world, line, plan, force, models, found, is_stopped, error)
+   subroutine measure_march(world, plan, force, models, is_quiet, found, is_stopped, error)
       type(world_type), intent(in) :: world
-      type(command_line), intent(in) :: line
       type(plan_type), intent(in) :: plan
       real(wp), intent(in) :: force(0:, :)   !! (step, 1 or sample) [N] of a file; else of size 0
       type(process_model_type), intent(in) :: models(:)
+      logical, intent(in) :: is_quiet
       type(tradeoff_findings), intent(inout) :: found
       logical, intent(out) :: is_stopped
       type(error_type), allocatable, intent(out) :: error
       type(scope_type) :: scope
-      logical :: is_quiet
 
-      is_quiet = line%is_quiet .or. .not. world%is_root()
       scope = scope_type(budget=budget, at_other_dt=.true., is_statistical=.true., models=models)
       call fit_variants(world, plan, is_quiet, scope)
       is_stopped = world%any_true(time_to_stop())
@@ -179,8 +149,8 @@ contains
    end function text_of
 
    !> Writes the file, whole or not at all.
-   subroutine write_findings(lock, line, scene, plan, found, n_ranks, error)
-      type(lock_type), intent(inout) :: lock   !! of the output
+   subroutine write_findings(output, line, scene, plan, found, n_ranks, error)
+      type(output_type), intent(inout) :: output
       type(command_line), intent(in) :: line
       type(scene_type), intent(in) :: scene
       type(plan_type), intent(in) :: plan
@@ -189,13 +159,13 @@ contains
       type(error_type), allocatable, intent(out) :: error
       type(hdf5_file) :: file
 
-      call begin_results(lock%output, scene, line, plan%title, n_ranks, file, error)
+      call begin_results(output%path, scene, line, plan%title, n_ranks, file, error)
       if (allocated(error)) return
       call write_tradeoff(file, plan, found, error)
       if (allocated(error)) then
          call discard_file(file)
       else
-         call finish_results(file, lock, seconds_so_far(), error)
+         call finish_results(file, output%lock, seconds_so_far(), error)
       end if
    end subroutine write_findings
 
