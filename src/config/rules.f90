@@ -121,14 +121,9 @@ contains
    subroutine check_realizations(scene, reader)
       type(scene_type), intent(inout) :: scene
       type(reader_type), intent(inout) :: reader
-      integer :: n_points(size(scene%processes)), n_realizations(size(scene%processes))
 
-      n_points = scene%processes%n_points
-      n_realizations = scene%processes%n_realizations
-      call check_same('n_points', n_points, reader)
-      call check_same('n_realizations', n_realizations, reader)
-      scene%processes%n_points = n_points
-      scene%processes%n_realizations = n_realizations
+      call check_same('n_points', scene%processes%n_points, reader)
+      call check_same('n_realizations', scene%processes%n_realizations, reader)
       if (.not. scene%output%keeps('realizations')) return
       call reader%require(any(scene%processes%n_realizations > 0), 'output', 'quantities', &
                           "'realizations' needs process%n_realizations")

@@ -98,7 +98,7 @@ contains
       has_unknown = .false.
       do i = 1, size(document%blocks)
          associate (block => document%blocks(i))
-            first = document%find_block(block%name, 1)
+            first = document%find_block(block%name)
             if (all(group_names /= block%name)) then
                has_unknown = .true.
                rule = 'unknown group'
@@ -121,10 +121,9 @@ contains
       type(scene_type), intent(inout) :: scene
       integer :: i, number, n_processes
 
-      n_processes = 0
-      do while (reader%document%find_block('process', n_processes + 1) > 0)
-         n_processes = n_processes + 1
-      end do
+      associate (blocks => reader%document%blocks)
+         n_processes = count([(blocks(i)%name == 'process', i=1, size(blocks))])
+      end associate
       allocate (scene%processes(n_processes))
       call count_masses(reader, scene)
       do i = 1, size(group_names)
@@ -144,7 +143,7 @@ contains
       pure logical function is_there(group)
          character(*), intent(in) :: group
 
-         is_there = reader%document%find_block(group, 1) > 0
+         is_there = reader%document%find_block(group) > 0
       end function is_there
 
    end subroutine read_groups
@@ -177,7 +176,7 @@ contains
          return
       end if
       do i = 1, size(of_motion)
-         if (reader%document%find_block(trim(of_motion(i)), 1) > 0) call note('&'//of_motion(i))
+         if (reader%document%find_block(trim(of_motion(i))) > 0) call note('&'//of_motion(i))
       end do
 
    contains

@@ -11,7 +11,11 @@ module config_values_rules
    private
    public :: check_values
 
-   character(*), parameter :: group = 'process', with_values = 'must be absent with values'
+   character(*), parameter :: group = 'process'
+   !> Values of the group that describe a law, which given values have not.
+   character(*), parameter :: of_law(*) = [character(18) :: 'method', 'correlation', &
+                                           'correlation_length', 'order', 'mean', 'std', &
+                                           'n_realizations']
 
 contains
 
@@ -19,32 +23,19 @@ contains
    subroutine check_values(scene, reader)
       type(scene_type), intent(inout) :: scene
       type(reader_type), intent(inout) :: reader
-      integer :: i
+      integer :: i, j
 
       do i = 1, size(scene%processes)
          if (scene%processes(i)%values == '') cycle
          call reader%require(scene%moves(), group, 'values', 'needs &chain or &structure', number=i)
          call reader%require(.not. allocated(scene%values), group, 'values', &
                              'must stand in one &process alone', number=i)
-         call refuse('method', i)
-         call refuse('correlation', i)
-         call refuse('correlation_length', i)
-         call refuse('order', i)
-         call refuse('mean', i)
-         call refuse('std', i)
-         call refuse('n_realizations', i)
+         do j = 1, size(of_law)
+            call reader%require(.not. reader%was_given(group, trim(of_law(j)), i), group, &
+                                trim(of_law(j)), 'must be absent with values', number=i)
+         end do
          if (scene%moves() .and. .not. allocated(scene%values)) call read_values(i, scene, reader)
       end do
-
-   contains
-
-      subroutine refuse(name, i)
-         character(*), intent(in) :: name
-         integer, intent(in) :: i
-
-         call reader%require(.not. reader%was_given(group, name, i), group, name, with_values, &
-                             number=i)
-      end subroutine refuse
 
    end subroutine check_values
 

@@ -44,6 +44,7 @@ module config_text_document
       procedure, private :: has_comma_inside
       procedure :: complain
       procedure :: refuse
+      procedure :: refuse_assignment
    end type document_type
 
 contains
@@ -63,17 +64,18 @@ contains
       call move_alloc(longer, self%blocks)
    end subroutine open_block
 
-   !> The number-th block of a name; 0: there is none.
+   !> The first block of a name, or the number-th; 0: there is none.
    pure integer function find_block(self, name, number) result(block)
       class(document_type), intent(in) :: self
       character(*), intent(in) :: name
-      integer, intent(in) :: number
-      integer :: n_found
+      integer, intent(in), optional :: number
+      integer :: n_missing
 
-      n_found = 0
+      n_missing = 1
+      if (present(number)) n_missing = number
       do block = 1, size(self%blocks)
-         if (self%blocks(block)%name == name) n_found = n_found + 1
-         if (n_found == number) return
+         if (self%blocks(block)%name == name) n_missing = n_missing - 1
+         if (n_missing == 0) return
       end do
       block = 0
    end function find_block
@@ -213,5 +215,16 @@ contains
       if (len_trim(value) > 0) what = what//' = '//value
       call self%complain(token, what, rule, complaints)
    end subroutine refuse
+
+   !> Adds a complaint at a name with all its values.
+   subroutine refuse_assignment(self, given, rule, complaints)
+      class(document_type), intent(in) :: self
+      type(assignment_type), intent(in) :: given
+      character(*), intent(in) :: rule
+      type(complaint_list), intent(inout) :: complaints
+
+      call self%refuse(given%block, given%place, self%name_text(given), self%values_text(given), &
+                       rule, complaints)
+   end subroutine refuse_assignment
 
 end module config_text_document

@@ -42,7 +42,6 @@ module config_text_reader
       procedure, private :: gather
       procedure, private :: gather_one
       procedure, private :: refuse_slot
-      procedure, private :: refuse_assignment
       procedure, private :: refuse_group
    end type reader_type
 
@@ -99,9 +98,7 @@ contains
       integer, intent(in), optional :: number   !! which of several groups, default 1
       integer :: block, i
 
-      i = 1
-      if (present(number)) i = number
-      block = self%document%find_block(group, i)
+      block = self%document%find_block(group, number)
       was_given = any([(self%document%is_for(i, block, name), i=1, self%document%n_assignments)])
    end function was_given
 
@@ -112,7 +109,7 @@ contains
       integer :: block, i, n
 
       longest = 0
-      block = self%document%find_block(group, 1)
+      block = self%document%find_block(group)
       do i = 1, self%document%n_assignments
          associate (given => self%document%assignments(i))
             if (given%block /= block .or. given%lower > 0) cycle
@@ -137,12 +134,12 @@ contains
       integer :: block, i
 
       if (condition) return
-      i = 1
-      if (present(number)) i = number
-      block = self%document%find_block(group, i)
+      block = self%document%find_block(group, number)
       do i = self%document%n_assignments, 1, -1
          if (.not. self%document%is_for(i, block, name)) cycle
-         if (.not. self%is_refused(i)) call self%refuse_assignment(block, i, rule)
+         if (.not. self%is_refused(i)) call self%document%refuse_assignment( &
+            self%document%assignments(i), rule, self%complaints)
+         self%is_refused(i) = .true.
          return
       end do
       value = ''
@@ -321,19 +318,6 @@ contains
                                    rule//hint, self%complaints)
       end associate
    end subroutine refuse_slot
-
-   !> Complains of a name with all its values.
-   subroutine refuse_assignment(self, block, assignment, rule)
-      class(reader_type), intent(inout) :: self
-      integer, intent(in) :: block, assignment
-      character(*), intent(in) :: rule
-
-      self%is_refused(assignment) = .true.
-      associate (given => self%document%assignments(assignment))
-         call self%document%refuse(block, given%place, self%document%name_text(given), &
-                                   self%document%values_text(given), rule, self%complaints)
-      end associate
-   end subroutine refuse_assignment
 
    !> Complains of a name that a group does not give, unless it gives an unknown one, which may be
    !> meant.

@@ -41,7 +41,8 @@ contains
             else if (size(values) > 0) then
                call place_values(given, entry, values, slots, rule)
             end if
-            if (allocated(rule)) call refuse(i)
+            if (allocated(rule)) call document%refuse_assignment(given, rule, complaints)
+            if (allocated(rule)) deallocate (rule)
             if (first == 0) first = i
             last = i
          end associate
@@ -52,22 +53,9 @@ contains
             if (slots(i) > 0) hint = document%comma_hint(slots(i))
             if (hint /= '') exit
          end do
-         rule = rule//hint
-         call refuse(last)
+         call document%refuse_assignment(document%assignments(last), rule//hint, complaints)
       end if
       if (complaints%n > n_before) slots = spread(0, 1, 0)
-
-   contains
-
-      subroutine refuse(i)
-         integer, intent(in) :: i
-
-         associate (given => document%assignments(i))
-            call document%refuse(block, given%place, document%name_text(given), &
-                                 document%values_text(given), rule, complaints)
-         end associate
-         deallocate (rule)
-      end subroutine refuse
 
    end subroutine find_slots
 
