@@ -24,9 +24,8 @@ module driver_tradeoff
    use process_model, only: process_model_type
    use tradeoff_effects, only: variant_rows_of
    use tradeoff_front, only: components_of, rows_of, size_rows_of, spectrum_rows_of
-   use tradeoff_process_settings, only: compare_orders
    use tradeoff_tasks, only: scope_type
-   use tradeoff_variants, only: list_variants
+   use tradeoff_variants, only: compare_orders, list_variants
    implicit none(type, external)
    private
    public :: tradeoff

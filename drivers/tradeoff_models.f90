@@ -6,8 +6,7 @@ module driver_tradeoff_models
    use core_text, only: to_text
    use process_model, only: process_model_type
    use tradeoff_effects, only: variant_row
-   use tradeoff_process_settings, only: order_row
-   use tradeoff_variants, only: variant_type
+   use tradeoff_variants, only: order_row, variant_type
    implicit none(type, external)
    private
    public :: fits_text, orders_text, variants_text

@@ -4,9 +4,8 @@ module config_rules
    use config_groups, only: scene_type
    use config_groups_motion, only: fewest_measured
    use config_groups_process, only: process_group
-   use config_structure_rules, only: check_structure
+   use config_structure_rules, only: check_structure, check_values
    use config_text_reader, only: reader_type
-   use config_values_rules, only: check_values
    use core_kinds, only: long, wp
    use core_text, only: to_text
    implicit none(type, external)

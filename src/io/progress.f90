@@ -132,13 +132,12 @@ contains
    end function duration_text
 
    pure function with_one_decimal(value) result(text)
-      real(wp), intent(in) :: value
+      real(wp), intent(in) :: value   !! not negative
       character(:), allocatable :: text
-      character(24) :: buffer
+      integer(long) :: tenths
 
-      write (buffer, '(f0.1)') value
-      text = trim(buffer)
-      if (text(1:1) == '.') text = '0'//text
+      tenths = nint(10*min(value, 1.0e15_wp), long)
+      text = to_text(tenths/10)//'.'//to_text(modulo(tenths, 10_long))
    end function with_one_decimal
 
 end module io_progress

@@ -192,18 +192,15 @@ contains
       character(*), intent(in) :: path
       type(shard_type), intent(out) :: shard
       type(error_type), allocatable, intent(out) :: error
-      character(:), allocatable :: name
-      integer :: case_number, dash, first, last, mark, status
+      character(:), allocatable :: name, numbers
+      integer :: case_number, first, i, last, status
 
       name = path(index(path, '/', back=.true.) + 1:)
-      mark = index(name, '_s')
-      dash = index(name, '-')
-      status = 1
-      if (name(1:1) == 'c' .and. mark > 2 .and. dash > mark + 2 .and. len(name) > dash + 3) then
-         read (name(2:mark - 1), *, iostat=status) case_number
-         if (status == 0) read (name(mark + 2:dash - 1), *, iostat=status) first
-         if (status == 0) read (name(dash + 1:len(name) - 3), *, iostat=status) last
-      end if
+      numbers = name
+      do i = 1, len(name)
+         if (verify(name(i:i), '0123456789') > 0) numbers(i:i) = ' '
+      end do
+      read (numbers, *, iostat=status) case_number, first, last
       if (status == 0) then
          if (shard_name(case_number, first, last - first + 1) == name) then
             shard = shard_type(path, case_number, first, last - first + 1)

@@ -8,9 +8,9 @@ module io_tradeoff_results
    use tradeoff_effects, only: variant_row
    use tradeoff_front, only: error_components, published_error, sample_steps, setting_row, &
       size_row, spectrum_row
-   use tradeoff_process_settings, only: order_row
    use tradeoff_settings, only: setting_dt
    use tradeoff_tasks, only: tradeoff_type
+   use tradeoff_variants, only: order_row
    implicit none(type, external)
    private
    public :: tradeoff_findings, write_tradeoff
