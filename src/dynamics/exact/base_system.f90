@@ -4,13 +4,14 @@ module dynamics_exact_base_system
    use core_error, only: error_type, exit_no_solution, raise
    use core_kinds, only: wp
    use core_text, only: to_text
-   use dynamics_exact_joint_paths, only: joint_paths
+   use dynamics_exact_joint_paths, only: joint_paths, layer_side
    use dynamics_exact_transitions, only: transition_group
+   use dynamics_joint, only: enter_transition, slip_direction
    use dynamics_response, only: block_state
    use structure_model, only: structure_type
    implicit none(type, external)
    private
-   public :: base_system, raise_too_many
+   public :: base_system, raise_too_many, switch_joint
 
    !> A form of the equations of motion, for parts of length h.
    type, abstract :: base_system
@@ -108,6 +109,23 @@ module dynamics_exact_base_system
    end interface
 
 contains
+
+   !> Switches a joint in the regimes of its lane and in the account of its sample.
+   subroutine switch_joint(base, lane, joint, time, place, velocity, state)
+      class(base_system), intent(inout) :: base
+      integer, intent(in) :: lane, joint
+      real(wp), intent(in) :: time       !! [parts]
+      real(wp), intent(in) :: place      !! w.x [m]
+      real(wp), intent(in) :: velocity   !! of any unit; where slip starts its sign counts
+      type(block_state), intent(inout) :: state
+      integer :: side, way   ! of the slip that ends or 0; of that which ends or starts
+
+      side = nint(base%paths%regime(lane, joint, layer_side))
+      way = merge(side, slip_direction(velocity), side /= 0)
+      call base%paths%switch(lane, joint, way, place)
+      call enter_transition(state, joint, base%paths%first_sample + lane - 1, time*base%h, place, &
+                            merge(0, way, side /= 0))
+   end subroutine switch_joint
 
    !> Says that a joint has switched too often in one part.
    pure subroutine raise_too_many(base, joint, lane, begin, error)

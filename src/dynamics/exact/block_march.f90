@@ -3,11 +3,11 @@
 module dynamics_exact_block_march
    use core_error, only: error_type
    use core_kinds, only: long, wp
-   use dynamics_exact_base_system, only: base_system, raise_too_many
+   use dynamics_exact_base_system, only: base_system, raise_too_many, switch_joint
    use dynamics_exact_joint_paths, only: width
    use dynamics_exact_transitions, only: clear, examine, find_next, group_size, plain, &
                                          take_answer, take_suspects, transition_group
-   use dynamics_joint, only: dissipate, enter_transition
+   use dynamics_joint, only: dissipate
    use dynamics_response, only: block_state
    use structure_model, only: structure_type
    implicit none(type, external)
@@ -267,16 +267,10 @@ contains
       integer, intent(in) :: entry
       real(wp), intent(in) :: begin   !! [parts]
       type(block_state), intent(inout) :: state
-      integer :: way
 
-      way = nint(group%way(entry))
-      associate (j => group%joint(entry), l => group%lane(entry), place => group%place(entry))
-         call base%correct(group, entry)
-         call base%paths%switch(l, j, way, place)
-         call enter_transition(state, j, base%paths%first_sample + l - 1, &
-                               (begin + group%time(entry))*base%h, place, &
-                               merge(0, way, abs(group%side(entry)) > 0.0_wp))
-      end associate
+      call base%correct(group, entry)
+      call switch_joint(base, group%lane(entry), group%joint(entry), begin + group%time(entry), &
+                        group%place(entry), group%way(entry), state)
    end subroutine make_transition
 
    !> Makes all transitions of a local joint in the part, one after another.

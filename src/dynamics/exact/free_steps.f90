@@ -73,8 +73,8 @@ contains
             force(l) = (stiffness(l, row)*x0(l, row) - pulls*pull(l, row)) &
                        *(1.0_wp/((k + 1)*(k + 2)))
          end do
-         do e = series%first_end(g), series%first_end(g + 1) - 1
-            associate (dof => series%end_dof(e))
+         do e = series%links%start(g), series%links%start(g + 1) - 1
+            associate (dof => series%links%column(e))
                do l = 1, width
                   x2(l, dof) = x2(l, dof) - series%mobility(e)*force(l)
                end do
@@ -93,9 +93,9 @@ contains
 
       do g = 1, series%n_links
          path = 0.0_wp
-         do e = series%first_end(g), series%first_end(g + 1) - 1
+         do e = series%links%start(g), series%links%start(g + 1) - 1
             do l = 1, width
-               path(l) = path(l) + series%direction(e)*x(l, series%end_dof(e))
+               path(l) = path(l) + series%links%value(e)*x(l, series%links%column(e))
             end do
          end do
          do l = 1, width

@@ -114,7 +114,7 @@ contains
          i = series%row(j)
          answers%first_moved(j:j + 1) = size(answers%moved) + 1
          if (i > series%n_dof .or. count(series%row == i) > 1) cycle
-         if (any(series%end_dof == i)) cycle
+         if (any(series%links%column == i)) cycle
          call compare_answers(answers, series%degree, damping, stiffness, i, series%spring(j), &
                               error, shift)
          associate (moves => shift > most_place*tolerance)

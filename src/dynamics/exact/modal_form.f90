@@ -8,7 +8,7 @@
 module dynamics_exact_modal_form
    use core_error, only: error_type
    use core_kinds, only: wp
-   use dynamics_exact_base_system, only: base_system, raise_too_many
+   use dynamics_exact_base_system, only: base_system, raise_too_many, switch_joint
    use dynamics_exact_free_steps, only: finish_part
    use dynamics_exact_guard_zeros, only: no_crossing
    use dynamics_exact_joint_paths, only: layer_reach, layer_side, layer_slider, layer_spring, width
@@ -18,7 +18,6 @@ module dynamics_exact_modal_form
    use dynamics_exact_modal_steps, only: put_free_paths, rotate_modes, rotate_pairs, take_motion
    use dynamics_exact_modal_terms, only: path_degree
    use dynamics_exact_transitions, only: transition_group
-   use dynamics_joint, only: enter_transition, slip_direction
    use dynamics_alignment, only: aligned_memory
    use dynamics_response, only: block_state
    use numerics_dense_product, only: padded_rows
@@ -343,26 +342,15 @@ contains
       subroutine switch_suspects(paths)
          type(lane_paths), intent(inout) :: paths
          real(wp), parameter :: same_instant = 1.0e-12_wp   ! rounding of sliders over velocity
-         real(wp) :: time
-         integer :: direction, e, i, sample
+         integer :: e, i
 
-         sample = self%paths%first_sample + lane - 1
-         time = (begin + 1.0_wp - paths%left)*self%h
          do e = 1, paths%n_suspects
             if (paths%crossing(e) > first + same_instant) cycle
             i = paths%suspect(e)
-            associate (place => paths%path(0, e))
-               if (abs(paths%side(e)) > 0.0_wp) then
-                  direction = nint(paths%side(e))
-                  call enter_transition(state, i, sample, time, place, 0)
-               else
-                  direction = slip_direction(paths%path(1, e))
-                  call enter_transition(state, i, sample, time, place, direction)
-               end if
-               call self%paths%switch(lane, i, direction, place)
-            end associate
+            call switch_joint(self, lane, i, begin + 1.0_wp - paths%left, paths%path(0, e), &
+                              paths%path(1, e), state)
             call self%sliders%switch(group_of(lane), i)
-            call paths%switch_slider(self%operators, e, real(direction, wp))
+            call paths%switch_slider(self%operators, e)
          end do
       end subroutine switch_suspects
 

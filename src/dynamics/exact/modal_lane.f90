@@ -13,6 +13,7 @@ module dynamics_exact_modal_lane
    use dynamics_exact_modal_operators, only: modal_operators
    use dynamics_exact_modal_terms, only: n_markov, path_degree
    use dynamics_exact_transitions, only: fall
+   use dynamics_joint, only: slip_direction
    implicit none(type, external)
    private
    public :: lane_paths
@@ -158,12 +159,11 @@ contains
       end do
    end subroutine shift
 
-   !> Changes a suspect's regime now: its slider begins to move with it (towards `way`), or stops.
-   pure subroutine switch_slider(self, operators, entry, way)
+   !> Changes a suspect's regime now: its slider begins to move with it, or stops.
+   pure subroutine switch_slider(self, operators, entry)
       class(lane_paths), intent(inout) :: self
       type(modal_operators), intent(in) :: operators
       integer, intent(in) :: entry
-      real(wp), intent(in) :: way   !! +1 or -1
       real(wp) :: power
       integer :: e, i, j, k, many, n, s
 
@@ -174,13 +174,13 @@ contains
          i = self%suspect(entry)
          if (abs(self%side(entry)) > 0.0_wp) then
             self%path(1, entry) = 0.0_wp
-            self%slider(entry) = self%path(0, entry) - way*self%reach(entry)
+            self%slider(entry) = self%path(0, entry) - self%side(entry)*self%reach(entry)
             motion(i, :) = -self%path(1:, entry)
             self%side(entry) = 0.0_wp
             self%follows(i) = 0.0_wp
          else
             motion(i, :) = self%path(1:, entry)
-            self%side(entry) = way
+            self%side(entry) = slip_direction(self%path(1, entry))
             self%follows(i) = 1.0_wp
          end if
          power = self%left

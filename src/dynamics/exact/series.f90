@@ -27,10 +27,8 @@ module dynamics_exact_series
       type(sparse_matrix), allocatable :: damping(:)    !! (0:degree-2) -C^/(k + 2), thinned (2)
       type(sparse_matrix) :: springs                    !! K^ without its diagonal
       real(wp), allocatable :: diagonal(:)              !! (row) K^_ii; 0 for a link
-      integer, allocatable :: first_end(:)              !! (link + 1) its entries of w
-      integer, allocatable :: end_dof(:)                !! (entry)
-      real(wp), allocatable :: direction(:)             !! (entry) w_i
-      real(wp), allocatable :: mobility(:)              !! (entry) w_i/m_i [1/kg]
+      type(sparse_matrix) :: links                      !! w (link, dof)
+      real(wp), allocatable :: mobility(:)              !! (entry of links) w_i/m_i [1/kg]
       integer, allocatable :: row(:)                    !! (joint) of its path
       real(wp), allocatable :: spring(:)                !! (joint) h^2 k; over m for a dof
       integer, allocatable :: loaded(:)                 !! dofs with a load
@@ -47,7 +45,7 @@ contains
       integer :: k
 
       work = 3.5_wp*self%degree*self%n_rows + (self%degree - 1.0_wp)* &   ! guards; springs, links
-             (size(self%springs%value) + 2*self%n_dof + 2*size(self%end_dof))
+             (size(self%springs%value) + 2*self%n_dof + 2*size(self%links%value))
       do k = 0, self%degree - 2
          work = work + size(self%damping(k)%value)
       end do
@@ -148,7 +146,8 @@ contains
             end associate
          end do
          do g = 1, series%n_links
-            associate (ends => series%end_dof(series%first_end(g):series%first_end(g + 1) - 1))
+            associate (ends => series%links%column( &
+                       series%links%start(g):series%links%start(g + 1) - 1))
                if (any(is_front(ends))) is_next(ends) = .true.
             end associate
          end do
@@ -232,11 +231,10 @@ contains
       type(structure_type), intent(in) :: structure
       type(series_type), intent(inout) :: series
       integer :: bearer(structure%n_joints)   ! (link) joint of the same direction
-      integer :: i, j, k, n, used
+      real(wp) :: mass(structure%n_dof)
+      integer :: i, j, k
 
-      n = structure%n_dof
       allocate (series%row(structure%n_joints))
-      used = 0
       do j = 1, structure%n_joints
          associate (w => structure%direction(:, j))
             i = findloc(abs(w) > 0.0_wp, .true., 1)
@@ -247,33 +245,19 @@ contains
             do k = 1, series%n_links
                if (all(abs(w - structure%direction(:, bearer(k))) <= 0.0_wp)) exit
             end do
-            if (k > series%n_links) then
-               series%n_links = k
-               bearer(k) = j
-               used = used + count(abs(w) > 0.0_wp)
-            end if
+            bearer(k) = j
+            series%n_links = max(k, series%n_links)
             series%row(j) = series%n_dof + k
          end associate
       end do
       series%n_rows = series%n_dof + series%n_links
-      allocate (series%first_end(series%n_links + 1), series%end_dof(used), &
-                series%direction(used), series%mobility(used))
-      used = 0
-      do k = 1, series%n_links
-         series%first_end(k) = used + 1
-         do i = 1, n
-            if (.not. abs(structure%direction(i, bearer(k))) > 0.0_wp) cycle
-            used = used + 1
-            series%end_dof(used) = i
-            series%direction(used) = structure%direction(i, bearer(k))
-            series%mobility(used) = structure%direction(i, bearer(k))/structure%mass(i, i)
-         end do
-      end do
-      series%first_end(series%n_links + 1) = used + 1
+      mass = structure%lumped_mass()
+      series%links = sparse_of(transpose(structure%direction(:, bearer(:series%n_links))))
+      series%mobility = series%links%value/mass(series%links%column)
       series%spring = series%h**2*structure%joint_stiffness
       do j = 1, structure%n_joints
          i = series%row(j)
-         if (i <= n) series%spring(j) = series%spring(j)/structure%mass(i, i)
+         if (i <= series%n_dof) series%spring(j) = series%spring(j)/mass(i)
       end do
       allocate (series%diagonal(series%n_rows), source=0.0_wp)
    end subroutine put_joints

@@ -7,7 +7,7 @@
 module dynamics_exact_series_form
    use core_error, only: error_type
    use core_kinds, only: wp
-   use dynamics_exact_base_system, only: base_system, raise_too_many
+   use dynamics_exact_base_system, only: base_system, raise_too_many, switch_joint
    use dynamics_exact_free_steps, only: expand_block, finish_part, follow_links
    use dynamics_exact_guard_zeros, only: first_transition, no_crossing
    use dynamics_exact_joint_paths, only: layer_reach, layer_side, layer_slider, width
@@ -16,7 +16,6 @@ module dynamics_exact_series_form
    use dynamics_exact_powers, only: power_operator, power_operators
    use dynamics_exact_series, only: new_series, series_type
    use dynamics_exact_transitions, only: n_near, transition_group
-   use dynamics_joint, only: enter_transition, slip_direction
    use dynamics_response, only: block_state, march_work
    use structure_model, only: structure_type
    implicit none(type, external)
@@ -309,27 +308,16 @@ contains
 
       !> Switches all joints of a sample that cross now, in their order.
       subroutine switch_joints()
-         integer :: direction, j, sample
-         real(wp) :: time
+         integer :: j
 
-         sample = self%paths%first_sample + l - 1
-         time = (begin + now(l))*self%h
          do j = 1, size(crossing, 2)
             has_stuck(l, j) = crossing(l, j) <= span(l) + same_instant .and. &
                               abs(self%paths%regime(l, j, layer_side)) > 0.0_wp
             if (crossing(l, j) > span(l) + same_instant) cycle
-            associate (row => self%series%row(j), side => self%paths%regime(l, j, layer_side), &
-                       place => self%paths%x(l, self%series%row(j), self%paths%layer(0)), &
-                       velocity => self%paths%x(l, self%series%row(j), self%paths%layer(1)))
-               direction = 0
-               if (has_stuck(l, j)) then
-                  if (row <= self%series%n_dof) velocity = 0.0_wp
-                  call self%paths%switch(l, j, nint(side), place)
-               else
-                  direction = slip_direction(velocity)
-                  call self%paths%switch(l, j, direction, place)
-               end if
-               call enter_transition(state, j, sample, time, place, direction)
+            associate (row => self%series%row(j), layer => self%paths%layer, x => self%paths%x)
+               call switch_joint(self, l, j, begin + now(l), x(l, row, layer(0)), &
+                                 x(l, row, layer(1)), state)
+               if (has_stuck(l, j) .and. row <= self%series%n_dof) x(l, row, layer(1)) = 0.0_wp
             end associate
          end do
       end subroutine switch_joints
