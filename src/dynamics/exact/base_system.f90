@@ -56,12 +56,11 @@ module dynamics_exact_base_system
          type(block_state), intent(inout) :: state
       end subroutine give
 
-      !> Fills the paths of all joints, their ends, and the ends of all else; makes the list of
-      !> suspects (dynamics_exact_free_steps: finish_part).
-      subroutine run_part(self, force, list, found)
-         import :: base_system, wp
+      !> Fills the paths of all joints, their ends, and the ends of all else, under the forces in
+      !> paths; makes the list of suspects (dynamics_exact_free_steps: finish_part).
+      subroutine run_part(self, list, found)
+         import :: base_system
          class(base_system), intent(inout) :: self
-         real(wp), intent(in) :: force(:, :, 0:)   !! (lane, force, power) value and rise [N]
          integer, intent(inout) :: list(:)
          integer, intent(out) :: found
       end subroutine run_part

@@ -53,7 +53,6 @@ contains
       real(wp), intent(inout), optional :: velocity(:, :, :)
       type(error_type), allocatable, intent(out) :: error
       type(march_room) :: room
-      real(wp) :: push(width, base%n_forces, 0:1)
       integer :: first, part, step
 
       base%keeps_ledger = state%keeps_ledger
@@ -74,9 +73,8 @@ contains
          room%n_records = 0
          do step = 0, ubound(force, 1) - 1
             do part = 0, parts - 1
-               call set_force(base, force, step, real(part, wp)/parts, 1.0_wp/parts, push)
-               call march_part(base, push, real((state%step + step)*parts + part, wp), state, &
-                               room, error)
+               call set_force(base, force, step, real(part, wp)/parts, 1.0_wp/parts)
+               call march_part(base, real((state%step + step)*parts + part, wp), state, room, error)
                if (allocated(error)) exit samples
             end do
             if (size(displacement) > 0) then
@@ -107,16 +105,15 @@ contains
    end subroutine find_kept
 
    !> Marches one part of a step of all lanes, transitions included.
-   subroutine march_part(base, push, begin, state, room, error)
+   subroutine march_part(base, begin, state, room, error)
       class(base_system), intent(inout) :: base
-      real(wp), intent(in) :: push(:, :, 0:)
       real(wp), intent(in) :: begin   !! [parts]
       type(block_state), intent(inout) :: state
       type(march_room), intent(inout) :: room
       type(error_type), allocatable, intent(out) :: error
       integer :: found, s
 
-      call base%run_part(push, room%list, found)
+      call base%run_part(room%list, found)
       if (.not. room%is_independent) room%is_involved = .false.
       if (found > 0) call make_transitions(base, found, begin, state, room, error)
       if (allocated(error)) return
@@ -310,30 +307,31 @@ contains
 
    !> Sets the force of every lane at a share of a step, and its rise over the next part of it.
    !> Lanes without a sample have none and stay at rest: their joints are never suspect.
-   pure subroutine set_force(base, force, step, share, part, push)
-      class(base_system), intent(in) :: base
+   pure subroutine set_force(base, force, step, share, part)
+      class(base_system), intent(inout) :: base
       real(wp), intent(in) :: force(0:, :), share, part
       integer, intent(in) :: step
-      real(wp), intent(out) :: push(:, :, 0:)   !! (lane, force, power)
       real(wp) :: rise
-      integer :: column, f, l, sample
+      integer :: column, f, l
 
-      push(base%paths%n_samples + 1:, :, :) = 0.0_wp
-      do f = 1, base%n_forces
-         do l = 1, base%paths%n_samples
-            sample = base%paths%first_sample + l - 1
-            column = f
-            if (size(force, 2) > base%n_forces) column = f + base%n_forces*(sample - 1)
-            rise = force(step + 1, column) - force(step, column)
-            push(l, f, 0) = force(step, column) + share*rise
-            push(l, f, 1) = part*rise
-            if (l == 1 .and. size(force, 2) == base%n_forces) then
-               push(:base%paths%n_samples, f, 0) = push(1, f, 0)
-               push(:base%paths%n_samples, f, 1) = push(1, f, 1)
-               exit
-            end if
+      associate (n => base%paths%n_samples, push => base%paths%force)
+         push(n + 1:, :, :) = 0.0_wp
+         do f = 1, base%n_forces
+            do l = 1, n
+               column = f
+               if (size(force, 2) > base%n_forces) &
+                  column = f + base%n_forces*(base%paths%first_sample + l - 2)
+               rise = force(step + 1, column) - force(step, column)
+               push(l, f, 0) = force(step, column) + share*rise
+               push(l, f, 1) = part*rise
+               if (l == 1 .and. size(force, 2) == base%n_forces) then
+                  push(:n, f, 0) = push(1, f, 0)
+                  push(:n, f, 1) = push(1, f, 1)
+                  exit
+               end if
+            end do
          end do
-      end do
+      end associate
    end subroutine set_force
 
    pure subroutine list_sliding(base, state, room)

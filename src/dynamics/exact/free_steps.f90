@@ -20,42 +20,22 @@ module dynamics_exact_free_steps
 contains
 
    !> Finds powers 2 .. P of all rows.
-   subroutine expand_block(series, operators, push, paths)
+   subroutine expand_block(series, operators, paths)
       type(series_type), intent(in) :: series
       type(power_operator), intent(in) :: operators(0:)
-      real(wp), intent(in) :: push(width, size(series%loaded), 0:1)   !! (.., power) value, rise
       type(joint_paths), intent(inout) :: paths
       integer :: k, turn
 
       turn = merge(0, 1, paths%layer(0) == 0)
       associate (x => paths%x)
          do k = 0, series%degree - 2
-            call next_power(operators(k), turn, paths%stiffness, paths%pull, x)
+            call next_power(operators(k), turn, paths%stiffness, paths%pull, paths%places)
             if (series%n_links > 0) call push_links(paths%top, series, k, x(1, 1, paths%layer(k)), &
                                                     paths%stiffness, paths%pull, x(1, 1, k + 2))
-            if (k <= 1) call push_loads(series, operators(k)%scale, push(:, :, k), paths%top, &
-                                        x(1, 1, k + 2))
             if (series%n_links > 0) call follow_links(paths%top, series, x(1, 1, k + 2))
          end do
       end associate
    end subroutine expand_block
-
-   !> Adds the loads to one power.
-   pure subroutine push_loads(series, scale, push, top, x)
-      type(series_type), intent(in) :: series
-      real(wp), intent(in) :: scale
-      real(wp), intent(in) :: push(width, size(series%loaded))
-      integer, intent(in) :: top
-      real(wp), intent(inout) :: x(width, top)
-      integer :: dof, i, l
-
-      do i = 1, size(series%loaded)
-         dof = series%loaded(i)
-         do l = 1, width
-            x(l, dof) = x(l, dof) - scale*push(l, i)
-         end do
-      end do
-   end subroutine push_loads
 
    !> Adds the forces of the links to x_(k+2) of the dofs that they join.
    subroutine push_links(top, series, k, x0, stiffness, pull, x2)

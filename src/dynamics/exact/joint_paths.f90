@@ -38,6 +38,9 @@ module dynamics_exact_joint_paths
       integer, allocatable :: layer(:)          !! (0:degree)
       integer :: finish(0:1) = 0, spare(0:1) = 0   !! spare: room for other ends
       real(wp), pointer, contiguous :: x(:, :, :) => null()          !! (lane, row, layer)
+      real(wp), pointer, contiguous :: force(:, :, :) => null()      !! (lane, force, 0:1) [N]
+      !> (lane, place): the rows of all layers of x, then value and rise of the forces in the part
+      real(wp), pointer, contiguous :: places(:, :) => null()
       !> (lane, joint, layer): z, mu N/k [m]; direction of slip, 0 stuck; weight of the spring in
       !> its row's equation, 0 without friction; what finish_part adds to the guards, see `watch`.
       !> The last joint is none: it is never suspect
@@ -64,9 +67,9 @@ module dynamics_exact_joint_paths
 contains
 
    !> Starts with all lanes at rest. base and spring may have any unit that their equation has.
-   subroutine start(self, degree, base, row, spring)
+   subroutine start(self, degree, n_forces, base, row, spring)
       class(joint_paths), intent(inout) :: self
-      integer, intent(in) :: degree
+      integer, intent(in) :: degree, n_forces
       real(wp), intent(in) :: base(:)     !! (row)
       integer, intent(in) :: row(:)       !! (joint) of its path
       real(wp), intent(in) :: spring(:)   !! (joint)
@@ -107,9 +110,11 @@ contains
 
       rows = self%n_rows + merge(1, 0, modulo(self%n_rows, 2) == 0)   ! layers not 4096 bytes apart
       self%top = rows
-      call self%memory%start(width*(rows*(degree + 7) + 7*(self%n_joints + 1)))
-      call self%memory%take([width, rows, degree + 5], self%x)
-      self%x(1:, 1:, 0:) => self%x
+      call self%memory%start(width*(rows*(degree + 7) + 2*n_forces + 7*(self%n_joints + 1)))
+      call self%memory%take([width, rows*(degree + 5) + 2*n_forces, 1], planes)
+      self%places => planes(:, :, 1)
+      self%x(1:width, 1:rows, 0:degree + 4) => self%places(:, :rows*(degree + 5))
+      self%force(1:width, 1:n_forces, 0:1) => self%places(:, rows*(degree + 5) + 1:)
       call self%memory%take([width, rows, 2], planes)
       self%stiffness => planes(:, :, 1)
       self%pull => planes(:, :, 2)

@@ -75,20 +75,25 @@ contains
    !> velocities of their own dofs, the others' are left out: they are below a hundredth of it. The
    !> force's work on an answer is by parts f(1) d(1) - f' times the integral of d. Spans other than
    !> 1 have no answers.
-   pure subroutine add_part(self, series, push, paths, span, work)
+   pure subroutine add_part(self, series, paths, span, work)
       class(ledger_type), intent(inout) :: self
       type(series_type), intent(in) :: series
-      real(wp), intent(in) :: push(width, size(series%loaded), 0:1)   !! (.., power) [m]
       type(joint_paths), intent(in) :: paths
       real(wp), intent(in) :: span(width)           !! [parts]
       real(wp), intent(inout) :: work(width, 2)     !! input, viscous
       real(wp) :: added(width)   ! by transitions, to the end of a path
       real(wp), dimension(width) :: power, term
-      integer :: dof, i, k
+      real(wp) :: push(width, 0:1)   ! h^2 M^-1 b F: value and rise over the span [m]
+      integer :: dof, f, i, k
 
       associate (x => paths%x, layer => paths%layer)
          do i = 1, size(series%loaded)
             dof = series%loaded(i)
+            push = 0.0_wp
+            do f = 1, size(series%load, 2)
+               push = push + series%load(i, f)*paths%force(:, f, :)
+            end do
+            push(:, 1) = span*push(:, 1)
             added = x(:, dof, paths%finish(0)) - x(:, dof, layer(0))
             power = 1.0_wp
             do k = 1, series%degree
@@ -96,10 +101,10 @@ contains
                term = x(:, dof, layer(k))*power
                added = added - term
                work(:, 1) = work(:, 1) + self%mass(dof)*term &
-                            *(push(:, i, 0) + (real(k, wp)/(k + 1))*(span*push(:, i, 1)))
+                            *(push(:, 0) + (real(k, wp)/(k + 1))*push(:, 1))
             end do
-            work(:, 1) = work(:, 1) + self%mass(dof)*(added*(push(:, i, 0) + span*push(:, i, 1)) &
-                                                      - self%area(:, i)*push(:, i, 1))
+            work(:, 1) = work(:, 1) + self%mass(dof)*(added*(push(:, 0) + push(:, 1)) &
+                                                      - self%area(:, i)*push(:, 1))
          end do
          call add_viscous(self, series%degree, paths%top, span, x(1, 1, layer(1)), x(1, 1, 2), &
                           work(:, 2))

@@ -83,7 +83,8 @@ contains
       n = self%n_padded
       m = self%m_padded
       call self%sliders%start(self%operators%n_joints, m, self%operators%n_moments)
-      call self%paths%start(path_degree, [(0.0_wp, j=1, m)], [(j, j=1, self%operators%n_joints)], &
+      call self%paths%start(path_degree, self%n_forces, [(0.0_wp, j=1, m)], &
+                            [(j, j=1, self%operators%n_joints)], &
                             [(1.0_wp, j=1, self%operators%n_joints)])
       self%paths%keeps_slack = .true.
       planes = 3 - self%operators%blocks%ports
@@ -199,9 +200,8 @@ contains
    end subroutine give
 
    !> See base_system.
-   subroutine run_part(self, force, list, found)
+   subroutine run_part(self, list, found)
       class(modal_form), intent(inout) :: self
-      real(wp), intent(in) :: force(:, :, 0:)
       integer, intent(inout) :: list(:)
       integer, intent(out) :: found
       real(wp) :: push(lanes, self%n_forces, 0:1)
@@ -209,7 +209,7 @@ contains
 
       do g = 1, self%n_groups
          associate (first => lanes*(g - 1) + 1)
-            push = force(first:first + lanes - 1, :, :)
+            push = self%paths%force(first:first + lanes - 1, :, :)
             call run_group(self, g, first, push)
          end associate
       end do

@@ -3,15 +3,15 @@
 !> A room by itself: inlined where powers are expanded, the sums of a row do not stay in registers.
 module dynamics_exact_powers
    use core_kinds, only: wp
-   use dynamics_exact_joint_paths, only: width
+   use dynamics_exact_joint_paths, only: joint_paths, width
    use dynamics_exact_series, only: series_type
    implicit none(type, external)
    private
    public :: power_operator, next_power, power_operators
 
-   !> Coefficients of power k + 2 by powers k and k + 1, entries of K^ and of C^ in one list. Places
-   !> are those of rows in the paths, all layers one after another: those of powers 0 and 1 change
-   !> from part to part, see exchange_ends of joint_paths.
+   !> Coefficients of power k + 2 by powers k and k + 1 and by the forces, entries of K^, C^ and of the
+   !> load in one list. Places are those of joint_paths: those of powers 0 and 1 change from part to
+   !> part, see exchange_ends there.
    type :: power_operator
       integer :: n_rows = 0
       integer :: from(0:1) = 0                  !! place before the first row of power k
@@ -20,18 +20,20 @@ module dynamics_exact_powers
       real(wp) :: scale = 0.0_wp                !! -1/((k + 1)(k + 2))
       integer, allocatable :: start(:)          !! (row + 1)
       integer, allocatable :: place(:, :)       !! (entry, 0:1)
-      real(wp), allocatable :: value(:)         !! (entry) of K^, of (k + 1) C^
+      real(wp), allocatable :: value(:)         !! (entry) of K^, of (k + 1) C^, of -h^2 M^-1 b
    end type power_operator
 
 contains
 
    !> Forms the operators of all powers.
-   subroutine power_operators(series, top, operators)
+   subroutine power_operators(series, paths, operators)
       type(series_type), intent(in) :: series
-      integer, intent(in) :: top   !! rows of a layer
+      type(joint_paths), intent(in) :: paths
       type(power_operator), allocatable, intent(out) :: operators(:)   !! (0:degree - 2)
-      integer :: e, i, k, layer(0:1, 0:1), n
+      integer :: e, f, i, k, layer(0:1, 0:1), loaded, n, n_forces, top
 
+      top = paths%top
+      n_forces = size(series%load, 2)
       allocate (operators(0:series%degree - 2))
       do k = 0, series%degree - 2
          layer(:, 0) = [k, k + 1]
@@ -42,7 +44,7 @@ contains
             to%to = top*(k + 2)
             to%pulls = k == 0
             to%scale = -1.0_wp/((k + 1)*(k + 2))
-            n = size(springs%value) + size(damping%value)
+            n = size(springs%value) + size(damping%value) + size(series%load)
             allocate (to%start(series%n_dof + 1), to%place(n, 0:1), to%value(n))
             n = 0
             do i = 1, series%n_dof
@@ -57,13 +59,20 @@ contains
                   to%place(n, :) = top*layer(1, :) + damping%column(e)
                   to%value(n) = damping%value(e)/to%scale
                end do
+               loaded = findloc(series%loaded, i, 1)
+               if (k > 1 .or. loaded == 0) cycle
+               do f = 1, n_forces
+                  n = n + 1
+                  to%place(n, :) = size(paths%x(1, :, :)) + n_forces*k + f
+                  to%value(n) = -series%load(loaded, f)
+               end do
             end do
             to%start(series%n_dof + 1) = n + 1
          end associate
       end do
    end subroutine power_operators
 
-   !> Finds x_(k+2) = -(K^ x_k + (k + 1) C^ x_(k+1))/((k + 1)(k + 2)) of the dofs.
+   !> Finds x_(k+2) = (f_k - K^ x_k - (k + 1) C^ x_(k+1))/((k + 1)(k + 2)) of the dofs.
    pure subroutine next_power(operator, turn, stiffness, pull, x)
       type(power_operator), intent(in) :: operator
       integer, intent(in) :: turn   !! 0 or 1: places of powers 0 and 1

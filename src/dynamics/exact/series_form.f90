@@ -28,7 +28,6 @@ module dynamics_exact_series_form
       type(ledger_type) :: ledger
       type(local_answers) :: answers
       type(power_operator), allocatable :: operators(:)   !! (0:degree - 2)
-      real(wp), allocatable :: push(:, :, :)        !! (lane, loaded dof, value and rise)
       logical :: has_works = .false.                !! counted by redo
       real(wp) :: works(width, 2) = 0.0_wp          !! (lane, input viscous) of the part [J]
    contains
@@ -82,15 +81,14 @@ contains
    subroutine begin(self)
       class(series_form), intent(inout) :: self
 
-      call self%paths%start(self%series%degree, self%series%diagonal, self%series%row, &
-                            self%series%spring)
-      call power_operators(self%series, self%paths%top, self%operators)
+      call self%paths%start(self%series%degree, self%n_forces, self%series%diagonal, &
+                            self%series%row, self%series%spring)
+      call power_operators(self%series, self%paths, self%operators)
       self%paths%is_local = self%answers%is_local
       self%paths%first_moved = self%answers%first_moved
       self%paths%moved = self%answers%moved
       self%paths%free_span = self%answers%free_span
       self%paths%own(:, :self%series%n_dof) = self%answers%own
-      self%push = spread(spread(spread(0.0_wp, 1, width), 2, size(self%series%loaded)), 3, 2)
    end subroutine begin
 
    !> See base_system. Velocities are in m per part here, in m/s in the block.
@@ -128,38 +126,14 @@ contains
    end subroutine give
 
    !> See base_system.
-   subroutine run_part(self, force, list, found)
+   subroutine run_part(self, list, found)
       class(series_form), intent(inout) :: self
-      real(wp), intent(in) :: force(:, :, 0:)
       integer, intent(inout) :: list(:)
       integer, intent(out) :: found
 
-      call form_push(self%series, self%n_forces, force, self%push)
-      call expand_block(self%series, self%operators, self%push, self%paths)
+      call expand_block(self%series, self%operators, self%paths)
       call finish_part(self%paths, list, found)
    end subroutine run_part
-
-   !> Forms the loads of the dofs that have one, and their rise.
-   pure subroutine form_push(series, n_forces, force, push)
-      type(series_type), intent(in) :: series
-      integer, intent(in) :: n_forces
-      real(wp), intent(in) :: force(width, n_forces, 0:1)
-      real(wp), intent(inout) :: push(width, size(series%loaded), 0:1)
-      integer :: f, i, k, l
-
-      do k = 0, 1
-         do i = 1, size(series%loaded)
-            do l = 1, width
-               push(l, i, k) = series%load(i, 1)*force(l, 1, k)
-            end do
-            do f = 2, n_forces
-               do l = 1, width
-                  push(l, i, k) = push(l, i, k) + series%load(i, f)*force(l, f, k)
-               end do
-            end do
-         end do
-      end do
-   end subroutine form_push
 
    !> See base_system.
    subroutine correct(self, group, entry)
@@ -248,7 +222,7 @@ contains
       has_stuck = .false.
       now = 0.0_wp
       do round = 0, self%max_transitions
-         call expand_block(self%series, self%operators, self%push, self%paths)
+         call expand_block(self%series, self%operators, self%paths)
          call finish_part(self%paths, list, found)
          call find_crossings()
          first = minval(crossing, 2)
@@ -302,7 +276,9 @@ contains
          self%paths%x(l, :, to(1)) = self%paths%x(l, :, self%paths%finish(1))
          if (.not. is_on_way(l)) return
          now(l) = now(l) + span(l)
-         self%push(l, :, 1) = self%push(l, :, 1) + span(l)*self%push(l, :, 2)
+         associate (force => self%paths%force(l, :, :))   ! from 1: value and rise
+            force(:, 1) = force(:, 1) + span(l)*force(:, 2)
+         end associate
          call switch_joints()
       end subroutine go_to_transition
 
@@ -358,7 +334,7 @@ contains
       real(wp) :: work(width, 2)
 
       work = 0.0_wp
-      call self%ledger%add_part(self%series, self%push, self%paths, span, work)
+      call self%ledger%add_part(self%series, self%paths, span, work)
       where (spread(is_counted, 2, 2)) self%works = self%works + work
       self%has_works = .true.
    end subroutine count_works
