@@ -167,7 +167,8 @@ contains
          reader%rule = 'ends before its sizes'
          return
       end if
-      call read_integers(reader, n, sizes(:n))
+      call read_numbers(reader, 'must be the '//to_text(n)//' sizes: rows, columns'// &
+                        trim(merge(', entries', '         ', reader%is_coordinate)), sizes(:n))
       if (allocated(reader%rule)) return
       reader%n_rows = sizes(1)
       reader%n_columns = sizes(2)
@@ -193,7 +194,7 @@ contains
       type(reader_type), intent(inout) :: reader
       type(matrix_file), intent(inout) :: matrix
       real(wp) :: value
-      integer :: i, j, n
+      integer :: i, j, n, place(2)
 
       deallocate (matrix%value)
       allocate (matrix%value(reader%n_rows, reader%n_columns), source=0.0_wp)
@@ -206,7 +207,9 @@ contains
             return
          end if
          if (reader%is_coordinate) then
-            call read_entry(reader, i, j, value)
+            call read_numbers(reader, 'must be row, column and value between blanks', place, value)
+            i = place(1)
+            j = place(2)
             if (.not. allocated(reader%rule)) call judge_place(reader, i, j, matrix%line)
          else
             i = i + 1   ! columns one behind the other; of a symmetric one from the diagonal down
@@ -214,7 +217,7 @@ contains
                j = j + 1
                i = merge(j, 1, reader%is_symmetric)
             end if
-            call read_value(reader, value)
+            call read_numbers(reader, 'must be one value', place(:0), value)
          end if
          if (allocated(reader%rule)) return
          matrix%value(i, j) = value
@@ -227,27 +230,6 @@ contains
       if (advance(reader)) reader%rule = shown(reader)//': stands behind the last of '// &
                                          to_text(reader%n_entries)//' entries'
    end subroutine read_entries
-
-   !> Reads row column value
-   subroutine read_entry(reader, i, j, value)
-      type(reader_type), intent(inout) :: reader
-      integer, intent(out) :: i, j
-      real(wp), intent(out) :: value
-      character(word_length) :: words(4)
-      integer :: n
-
-      i = 0
-      j = 0
-      value = 0.0_wp
-      call split(reader%source%line(reader%line), words, n)
-      if (n /= 3) then
-         reader%rule = shown(reader)//': must be row, column and value between blanks'
-         return
-      end if
-      call parse_index(reader, words(1), i)
-      if (.not. allocated(reader%rule)) call parse_index(reader, words(2), j)
-      if (.not. allocated(reader%rule)) call parse_value(reader, words(3), value)
-   end subroutine read_entry
 
    !> Requires a place within the matrix, in the lower triangle of a symmetric one, and not given
    !> before.
@@ -266,38 +248,26 @@ contains
       end if
    end subroutine judge_place
 
-   !> Reads one value alone on its line.
-   subroutine read_value(reader, value)
+   !> Reads whole numbers and, behind them, a value where one is wanted, which fill the line.
+   subroutine read_numbers(reader, rule, indices, value)
       type(reader_type), intent(inout) :: reader
-      real(wp), intent(out) :: value
-      character(word_length) :: words(2)
-      integer :: n
-
-      value = 0.0_wp
-      call split(reader%source%line(reader%line), words, n)
-      if (n == 1) then
-         call parse_value(reader, words(1), value)
-      else
-         reader%rule = shown(reader)//': must be one value'
-      end if
-   end subroutine read_value
-
-   subroutine read_integers(reader, wanted, values)
-      type(reader_type), intent(inout) :: reader
-      integer, intent(in) :: wanted
-      integer, intent(out) :: values(:)
+      character(*), intent(in) :: rule   !! of a line that holds more or fewer
+      integer, intent(out) :: indices(:)
+      real(wp), intent(out), optional :: value
       character(word_length) :: words(4)
-      integer :: i, n
+      integer :: i, n, wanted
 
-      values = 0
+      indices = 0
+      if (present(value)) value = 0.0_wp
+      wanted = size(indices) + merge(1, 0, present(value))
       call split(reader%source%line(reader%line), words, n)
-      if (n /= wanted) reader%rule = shown(reader)//': must be the '//to_text(wanted)// &
-                                     ' sizes: rows, columns'//trim(merge(', entries', '         ', &
-                                                                         reader%is_coordinate))
-      do i = 1, wanted
-         if (.not. allocated(reader%rule)) call parse_index(reader, words(i), values(i))
+      if (n /= wanted) reader%rule = shown(reader)//': '//rule
+      do i = 1, size(indices)
+         if (.not. allocated(reader%rule)) call parse_index(reader, words(i), indices(i))
       end do
-   end subroutine read_integers
+      if (present(value) .and. .not. allocated(reader%rule)) &
+         call parse_value(reader, words(wanted), value)
+   end subroutine read_numbers
 
    subroutine parse_index(reader, word, value)
       type(reader_type), intent(inout) :: reader
